@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from cspace import Workspace
-from cspace.support.arrays import Bools
+from cspace.support.arrays import Bools, Ints
 
 
 def boxes(
@@ -57,3 +57,27 @@ def real_map(name: str) -> Workspace | None:
 
 
 NO_DATA = "real maps skipped: CSPACE_TEST_DATA does not name the folder that holds them"
+
+
+def merge_cells(occupied: Bools) -> Ints:
+    """Merge cells into boxes (first, stop), shape (n, 2, 3)."""
+    steps = np.diff(np.pad(occupied.astype(np.int8), ((0, 0), (0, 0), (1, 1))), axis=2)
+    boxes = np.column_stack([np.argwhere(steps > 0), np.argwhere(steps < 0)])
+    boxes[:, 3:5] += 1
+    for axis in (1, 0):
+        # Merge boxes that are equal on the other axes and follow one another along this one.
+        others = [column for column in range(6) if column not in (axis, axis + 3)]
+        boxes = boxes[np.lexsort([boxes[:, axis], *(boxes[:, column] for column in others)])]
+        new = np.ones(len(boxes), dtype=np.bool_)
+        new[1:] = (boxes[1:, others] != boxes[:-1, others]).any(axis=1) | (
+            boxes[1:, axis] != boxes[:-1, axis + 3]
+        )
+        last = (
+            np.append(np.flatnonzero(new)[1:], len(boxes)) - 1
+            if len(boxes)
+            else np.empty(0, dtype=np.int64)
+        )
+        upper = boxes[last, axis + 3]
+        boxes = boxes[new]
+        boxes[:, axis + 3] = upper
+    return boxes.reshape(-1, 2, 3)

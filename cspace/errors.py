@@ -50,13 +50,14 @@ class CspaceError(Exception):
         rule: str = "",
         hint: str = "",
     ) -> None:
+        """Join argument, problem, rule and hint to the message."""
         message = argument
         if problem is not None:
             problem = " ".join(problem.split())  # arrays print in several lines
             if len(problem) > MAX_PROBLEM_CHARACTERS:
                 problem = f"{problem[:MAX_PROBLEM_CHARACTERS]} ..."
-            parts = f"{argument}{self.gap}{problem}", rule, hint
-            message = "; ".join(filter(None, parts))
+            clauses = f"{argument}{self.gap}{problem}", rule, hint
+            message = "; ".join(filter(None, clauses))
         super().__init__(message)
         self.argument = argument
         self.problem = problem
@@ -91,8 +92,12 @@ def import_optional(package: str, use: str, extra: str) -> Any:
     try:
         return import_module(package)
     except ImportError as error:
-        hint = f'run: pip install "cspace[{extra}]"'
-        raise MissingPackageError(package, "is not installed", use, hint) from error
+        raise MissingPackageError(
+            package,
+            "is not installed",
+            use,
+            f'run: pip install "cspace[{extra}]"',
+        ) from error
 
 
 class AngleWarning(UserWarning):
@@ -111,6 +116,7 @@ class UnitWarning(UserWarning):
 
 def warn_user(message: str, category: type[Warning] = UserWarning) -> None:
     """Warn at the line outside this library that called it."""
+    # Go up the stack to the first caller outside; ``warnings`` counts frames from 1.
     frame = inspect.currentframe()
     level = 1
     while frame is not None:
@@ -132,6 +138,7 @@ class ConfigurationError(InputError):
         with the nearest pose reached.
     """
 
-    def __init__(self, *parts: str, nearest: tuple[float, ...] | None = None) -> None:
-        super().__init__(*parts)
+    def __init__(self, *clauses: str, nearest: tuple[float, ...] | None = None) -> None:
+        """Make the message as :class:`CspaceError` does."""
+        super().__init__(*clauses)
         self.nearest = nearest

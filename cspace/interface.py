@@ -190,6 +190,7 @@ class Space(ABC):
 
     def interpolate(self, q0: Floats, q1: Floats, t: ArrayLike) -> Floats:
         """Return the configurations at shares ``t`` of motions, shape (..., 1)."""
+        # Steps have an entry for each degree of freedom, so starts get their shape but one axis.
         steps = np.asarray(t) * self.steps_between(q0, q1)
         starts = np.broadcast_to(q0, (*steps.shape[:-1], self.size))
         return self.rotations.add_steps(starts, steps)
@@ -220,6 +221,7 @@ class Space(ABC):
         size = self.size
 
         def check(*endpoints: float) -> bool:
+            """Test the motion between the configurations that the numbers give."""
             return bool(self.motion_is_free(endpoints[:size], endpoints[size:]))
 
         return check
@@ -228,6 +230,7 @@ class Space(ABC):
         """Return ``clearance(*q)``, a fast :meth:`clearance`; 0 beyond the limits of joints."""
 
         def clearance(*q: float) -> float:
+            """Return the clearance of the configuration that the numbers give."""
             try:
                 return float(self.clearance(q))
             except ConfigurationError:
@@ -272,6 +275,7 @@ class Space(ABC):
         canonical = self.rotations.make_canonical(self._check_one(q, name), name)
         canonical = wrapped(canonical, self.periodic_axes)
         point = tuple(canonical.tolist())
+        # Continuous joints have no bounds.
         position = canonical[: self.dim]
         lower, upper = self.check_bounds()
         is_bounded = ~np.array(self.periodic_axes)[: self.dim]
@@ -294,18 +298,24 @@ class Space(ABC):
         Raises errors as :meth:`check_endpoint`.
         """
         if isinstance(goal, Goal):
-            problem = f"is a {type(goal).__name__}"
-            rule = "the space of an arm is needed for that"
-            raise InputError("goal", problem, rule, "pass a configuration")
+            raise InputError(
+                "goal",
+                f"is a {type(goal).__name__}",
+                "the space of an arm is needed for that",
+                "pass a configuration",
+            )
         return [self.check_endpoint(cast("ArrayLike", goal), "goal", exact)]
 
     def _check_one(self, q: ArrayLike, name: str) -> Floats:
         """Check one configuration's length and finiteness; return it as an array."""
         point = check_finite(q, name)
         if point.shape != (self.size,):
-            rule = f"it must be one configuration of {self.size} numbers"
-            hint = f"pass ({', '.join(self.axes)}), in metres and radians"
-            raise InputError(name, f"has shape {point.shape}", rule, hint)
+            raise InputError(
+                name,
+                f"has shape {point.shape}",
+                f"it must be one configuration of {self.size} numbers",
+                f"pass ({', '.join(self.axes)}), in metres and radians",
+            )
         return point
 
 
@@ -315,14 +325,6 @@ class ConfigurationSpace(SpaceView, Space):
     :class:`cspace.CSpace` and :class:`cspace.TiledCSpace` read cells, :class:`cspace.ArmSpace`
     tests the geometry. Each has its own kernels for batches of configurations.
     """
-
-    @property
-    @abstractmethod
-    def units(self) -> tuple[str, ...]:
-        """Units of the coordinates of a configuration.
-
-        They are "m", "rad", or "1" for a quaternion.
-        """
 
     @property
     def dof(self) -> int:
@@ -499,10 +501,12 @@ class ConfigurationSpace(SpaceView, Space):
             first, second = check_pairs(edges, points).T
             return evaluate_rows(points[first], points[second], write)
         if points.ndim < 2 or points.shape[-2] == 0:
-            problem = f"has shape {points.shape}"
-            rule = "a path has at least one configuration"
-            hint = f"pass an array of shape (n, {self.size})"
-            raise InputError("path", problem, rule, hint)
+            raise InputError(
+                "path",
+                f"has shape {points.shape}",
+                "a path has at least one configuration",
+                f"pass an array of shape (n, {self.size})",
+            )
         starts = points[..., :-1, :]
         ends = points[..., 1:, :]
         rows = evaluate_rows(starts.reshape(-1, self.size), ends.reshape(-1, self.size), write)
@@ -519,6 +523,7 @@ class ConfigurationSpace(SpaceView, Space):
         size = self.size
 
         def check(*endpoints: float) -> bool:
+            """Test the motion between the configurations that the numbers give."""
             return self.motion_is_free(endpoints[:size], endpoints[size:], exact=exact)
 
         return check
@@ -530,19 +535,22 @@ class ConfigurationSpace(SpaceView, Space):
         return None
 
     def _state_of_motion(self, q0: tuple[Any, ...], q1: tuple[Any, ...]) -> int | None:
-        """Return FREE if a motion is proven free, else MIXED; None as for :meth:`_state_of_one`."""
+        """Return FREE if a motion is proven free, else MIXED; None if arrays decide."""
         return None
 
     # ---- what differs ----------------------------------------------------------------------------
 
     @abstractmethod
     def _write_states(self, rows: Floats, out: States) -> int:
-        """Write the states of rows; return the index of the first unusable one, or -1."""
+        """Write the states of rows, shape (n, size), to ``out``, shape (n,).
+
+        Returns the index of the first unusable row, or -1.
+        """
 
     @abstractmethod
     def _write_free(self, exact: bool, rows: Floats, out: Bools) -> int:
-        """Write whether rows are proven free; return as :meth:`_write_states`."""
+        """Write whether rows, shape (n, size), are free; return the first unusable one, or -1."""
 
     @abstractmethod
     def _write_motions(self, exact: bool, starts: Floats, ends: Floats, out: Bools) -> int:
-        """Write whether motions are proven free; return as :meth:`_write_states`."""
+        """Write whether motions, shapes (n, size), are free; return the first unusable, or -1."""

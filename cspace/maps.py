@@ -22,7 +22,7 @@ from cspace.queries.batches import Configuration, evaluate, evaluate_edges
 from cspace.record.states import read_only
 from cspace.robot import Robot
 from cspace.rotations import Rotations
-from cspace.rotations.base import angle_axes, warn_of_degrees
+from cspace.rotations.base import warn_of_degrees
 from cspace.support.arrays import BLOCKED, FREE, MIXED, STATE_NAMES, Bools, Floats, Ints
 from cspace.support.check import check_not_negative, check_rows
 
@@ -215,7 +215,8 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
             if known is not None:
                 return known
         write = partial(self._write_connections, apart)
-        return evaluate_edges(q0, q1, self.size, write, self._angles)
+        with self._at_one_moment():
+            return evaluate_edges(q0, q1, self.size, write, self._angles)
 
     def _connection_of_one(
         self, q0: tuple[Any, ...], q1: tuple[Any, ...], apart: bool
@@ -229,13 +230,9 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
     def _write_connections(self, apart: bool, starts: Floats, ends: Floats, out: Bools) -> int:
         """Write which pairs are proven connected, or with ``apart`` disconnected.
 
-        Returns the index of the first unusable pair, or -1.
+        ``starts`` and ``ends`` have shape (n, size). Returns the first unusable pair, or -1.
         """
-        with self._at_one_moment():
-            return self._find_connections(apart, starts, ends, out)
-
-    def _find_connections(self, apart: bool, starts: Floats, ends: Floats, out: Bools) -> int:
-        """Do the work of :meth:`_write_connections` while no update changes the cells."""
+        # The higher state of both ends: only FREE ends have a component of FREE cells.
         highest = np.zeros(len(out), dtype=np.uint8)
         for rows in (starts, ends):
             states = np.empty(len(out), dtype=np.uint8)
@@ -254,6 +251,7 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
             second = self._components.of(end_cells, mixed)
             return np.asarray(candidates & (first == second) & (first != -1))
 
+        # Pairs that FREE cells join are connected; those that not even MIXED cells join are apart.
         joined = find_joined(np.asarray(highest == FREE), mixed=False)
         if apart:
             joined |= find_joined(np.asarray((highest <= MIXED) & ~joined), mixed=True)
@@ -284,9 +282,9 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         -------
         bool or ndarray of bool, shape (...)
         """
-        reach = check_not_negative(distance, "distance")
-        turn = check_not_negative(angle, "angle", "pass it in radians")
-        write = partial(self._write_free_around, reach, turn)
+        metres = check_not_negative(distance, "distance")
+        radians = check_not_negative(angle, "angle", "pass it in radians")
+        write = partial(self._write_free_around, metres, radians)
         free: bool | Bools = evaluate(q, self.size, write, np.bool_, self._angles)
         return free
 
@@ -339,20 +337,25 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         Raises ConfigurationError unless the configuration lies in the grid and a motion that stays
         there is proven free; the error names the nearest FREE configuration.
         """
-        given = self._check_one(q, name)
-        point: Endpoint = tuple(self.rotations.make_canonical(given, name).tolist())
-        warn_of_degrees(given, angle_axes(self.axes, self.periodic_axes), name)
-        inside = self.grid.contains(np.array(point[: self.dim]))
-        if inside and self.edge_checker(exact=exact)(*point, *point):
+        values = self._check_one(q, name)
+        point: Endpoint = tuple(self.rotations.make_canonical(values, name).tolist())
+        warn_of_degrees(values, self._angles, name)
+        is_inside = bool(self.grid.contains(np.array(point[: self.dim])))
+        check = self.edge_checker(exact=exact)
+        if is_inside and check(*point, *point):
             return point
-        raise self._make_endpoint_error(point, name, bool(inside), exact)
+        raise self._make_endpoint_error(point, name, is_inside, exact)
 
     def _make_endpoint_error(
-        self, point: Endpoint, name: str, inside: bool, exact: bool
+        self, point: Endpoint, name: str, is_inside: bool, exact: bool
     ) -> ConfigurationError:
-        """Make the error for a refused start or goal."""
+        """Make the error for a start or goal that is refused.
+
+        ``name`` says which one it is, and ``is_inside`` whether it lies in the grid.
+        """
+        # Why it is refused.
         state = self.classify(point)
-        if not inside:
+        if not is_inside:
             lower = ", ".join(f"{x:.6g}" for x in self.grid.lower)
             upper = ", ".join(f"{x:.6g}" for x in self.grid.upper)
             problem = f"lies outside the map, which reaches from ({lower}) to ({upper})"
@@ -366,6 +369,7 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         else:
             problem = "is FREE but lies on the border of a cell that is not"
             rule = f"the {name} must lie inside a FREE cell, because motions touch both cells"
+        # What to do about it.
         nearest: Endpoint | None = None
         try:
             nearest = tuple(self.nearest_free(point).tolist())
@@ -405,14 +409,18 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
 
     @abstractmethod
     def _write_free_around(self, distance: float, angle: float, rows: Floats, out: Bools) -> int:
-        """Write whether all near configurations are free; return as :meth:`_write_states`."""
+        """Write whether all configurations within a distance and an angle of rows are free.
+
+        Returns the first unusable row, or -1.
+        """
 
     @abstractmethod
     def _write_clearances(self, rows: Floats, out: Floats) -> int:
-        """Write clearances; return as :meth:`_write_states`."""
+        """Write clearances of rows, shape (n, size); return the first unusable row, or -1."""
 
     def _write_free(self, exact: bool, rows: Floats, out: Bools) -> int:
-        states = out.view(np.uint8)
+        """Write whether rows, shape (n, size), are FREE; return the first unusable row, or -1."""
+        states = out.view(np.uint8)  # states and answers are bytes, so they share memory
         bad = self._write_states(rows, states)
         np.equal(states, FREE, out=out)
         return bad

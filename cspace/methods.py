@@ -1,4 +1,4 @@
-"""Methods that draw, view and export.
+"""Methods that draw, view, explain and export.
 
 They alone import packages above their own, when they are called.
 """
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from cspace.plot.arms import ArmPlotOptions
     from cspace.plot.picture import PlotOptions, WorkspaceOptions
+    from cspace.reasons import Explanation, Removals
     from cspace.record.contents import Contents
     from cspace.view.viewer import Viewer, ViewOptions
 
@@ -153,12 +154,101 @@ class SpaceView:
         return open_viewer(self, block, options)
 
 
+class MapReasons:
+    """Reasons why paths on a map in memory exist, or do not."""
+
+    def explain(self, start: ArrayLike, goal: ArrayLike, *, refine: bool = False) -> Explanation:
+        """Explain why a path between two configurations exists, or does not.
+
+        For maps in the plane and in space, with or without a yaw. It takes some seconds for a map
+        of ten million cells.
+
+        Parameters
+        ----------
+        start, goal : array-like, shape (size,)
+            Configurations in the grid, FREE or not; metres, and radians.
+        refine : bool
+            If the map leaves it undecided, build finer windows around the MIXED cells on the way,
+            until one decides.
+
+        Returns
+        -------
+        cspace.reasons.Explanation
+            ``print`` it for at most three sentences; it has the verdict, the cells and obstacles in
+            the way, where the way is narrowest, and by how much the robot may grow or must shrink.
+
+        Raises
+        ------
+        InputError
+            If the map is tiled or of SE(3), or a number is not finite.
+        ConfigurationError
+            If start or goal lies outside the grid.
+
+        Examples
+        --------
+        >>> import numpy as np, cspace
+        >>> occupied = np.zeros((80, 60), dtype=bool)
+        >>> occupied[40:42, :26] = occupied[40:42, 30:] = True
+        >>> space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), cspace.Robot.disc(0.3))
+        >>> space.explain((1.0, 1.0), (7.0, 1.0)).verdict
+        'disconnected'
+        """
+        from cspace.reasons.explain import explain
+
+        space: Any = self
+        return explain(space, start, goal, refine)
+
+    def removals(self, start: ArrayLike, goal: ArrayLike) -> Removals | None:
+        """Find the fewest named obstacles whose removal gives a path.
+
+        See :attr:`cspace.CSpace.obstacles`. The map itself does not change.
+
+        Parameters
+        ----------
+        start, goal : array-like, shape (size,)
+            Configurations in the grid; metres, and radians.
+
+        Returns
+        -------
+        cspace.reasons.Removals or None
+            A list of names; a map without them proves that a path exists. It is empty if one exists
+            already. No fewer obstacles give one, for up to 12 of them; for more, ``at_least`` is a
+            lower bound of their number. None if a path is not proven without all of them either.
+
+        Raises
+        ------
+        InputError
+            As :meth:`explain`, and if there are over 62 named obstacles.
+        ConfigurationError
+            If start or goal lies outside the grid.
+
+        References
+        ----------
+        K. Hauser, "The minimum constraint removal problem with three robotics applications", 2014.
+
+        Examples
+        --------
+        >>> import numpy as np, shapely, cspace
+        >>> workspace = cspace.Workspace.from_array(np.zeros((40, 20), dtype=bool), 0.1)
+        >>> space = cspace.build(workspace, cspace.Robot.disc(0.2))
+        >>> _ = space.add_obstacle("crate", shapely.box(2.0, 0.0, 2.2, 1.2))
+        >>> _ = space.add_obstacle("shelf", shapely.box(2.0, 1.2, 2.2, 2.0))
+        >>> space.removals((0.5, 0.5), (3.5, 0.5))
+        ['crate']
+        """
+        from cspace.reasons.explain import find_removals_between
+
+        space: Any = self
+        return find_removals_between(space, start, goal)
+
+
 class MapExport:
     """Files and messages of a map in memory."""
 
     _contents: Contents
     _write: Callable[..., None]
     _clearances_of_cells: Callable[[int | None], Any]
+    _distance_arrays: Callable[[], dict[str, Any]]
 
     def to_xarray(self) -> xarray.Dataset:
         """Return the map with named dimensions, coordinates and units.
@@ -169,10 +259,18 @@ class MapExport:
 
         return to_xarray(self._contents)
 
-    def save(self, path: str | Path, *, overwrite: bool = False, compress: bool = True) -> None:
+    def save(
+        self,
+        path: str | Path,
+        *,
+        overwrite: bool = False,
+        compress: bool = True,
+        clearance: bool = False,
+    ) -> None:
         """Save as a Zarr folder, complete or not at all.
 
-        :func:`cspace.open`, ``xarray.open_zarr`` and any other reader of Zarr version 3 open it.
+        :func:`cspace.open`, ``xarray.open_zarr``, any other reader of Zarr version 3, and the C++
+        header of :func:`cspace.get_include` open it.
 
         Parameters
         ----------
@@ -181,7 +279,10 @@ class MapExport:
         overwrite : bool
             True to replace an existing map; other folders are never replaced.
         compress : bool
-            True to compress the arrays by zstd; False to write raw bytes.
+            True to compress the arrays by zstd; False to write raw bytes, which C++ maps into
+            memory.
+        clearance : bool
+            True to add the distances of cells, four bytes a state, for clearances in C++.
 
         Raises
         ------
@@ -192,7 +293,11 @@ class MapExport:
         """
         from cspace.record.save import save
 
-        self._write(partial(save, path=path, overwrite=overwrite, compress=compress), exterior=True)
+        def write(contents: Contents) -> None:
+            derived = self._distance_arrays() if clearance else None
+            save(contents, path, overwrite, compress, derived)
+
+        self._write(write, exterior=True)
 
     def export(
         self, path: str | Path, *, overwrite: bool = False, rotation: ArrayLike | None = None

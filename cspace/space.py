@@ -19,7 +19,7 @@ from cspace.errors import ConfigurationError, InputError
 from cspace.interface import Endpoint, SearchOptions
 from cspace.limits import check_memory
 from cspace.maps import ConfigurationMap
-from cspace.methods import MapExport
+from cspace.methods import MapExport, MapReasons
 from cspace.queries.batches import (
     MIN_EDGES_PER_THREAD,
     Configuration,
@@ -65,7 +65,7 @@ if TYPE_CHECKING:
     from cspace.record.update import Update, Updater
 
 
-class CSpace(ConfigurationMap, MapExport):
+class CSpace(ConfigurationMap, MapReasons, MapExport):
     """Certified map of a robot's configurations.
 
     The configurations lie in R^2, R^3, SE(2), R^3 x SO(2) or SE(3). Configurations are ``(x, y)``
@@ -117,6 +117,7 @@ class CSpace(ConfigurationMap, MapExport):
         rasters: Sequence[tuple[Raster, Raster]] | None = None,
         layers: ObstacleLayers | None = None,
     ) -> None:
+        """Make a map of given states; everything else is computed when it is first needed."""
         if contents.workspace.live:  # updates of another map write to it
             contents = replace(contents, workspace=copy_workspace(contents.workspace))
         self._contents = contents
@@ -137,6 +138,7 @@ class CSpace(ConfigurationMap, MapExport):
 
     @property
     def _kept(self) -> Contents:
+        """The contents of the map."""
         return self._contents
 
     @property
@@ -196,6 +198,7 @@ class CSpace(ConfigurationMap, MapExport):
         rotations = self.rotations
         states = self._seen
         counts = self.overlap_counts
+        # The free area or volume; over all rotations, the mean by their share of all rotations.
         free_cells = count_states(states)[self._slice_of, FREE]
         mean_cells = float(free_cells @ rotations.volumes / rotations.volumes.sum())
         quantity = "area" if grid.dim == 2 else "volume"
@@ -267,10 +270,11 @@ class CSpace(ConfigurationMap, MapExport):
         """
         with self.lock:  # the sums are consistent only before and after an update
             sums = np.asarray(self._sum("inner", q))
-        slices = self._slice_of[self.rotations.find_cells(np.asarray(q, dtype=np.float64))]
+        # The robot lies inside if all its cells overlap inner cells.
+        rotation_cells = self.rotations.find_cells(np.asarray(q, dtype=np.float64))
         robot_cells = np.array([outer.count for outer, _ in self._rasters])
-        inside: Bools = sums == robot_cells[slices]
-        return inside if inside.ndim else bool(inside)
+        is_inside: Bools = sums == robot_cells[self._slice_of[rotation_cells]]
+        return is_inside if is_inside.ndim else bool(is_inside)
 
     def obstacle_distance(
         self, q: ArrayLike, lengths: ArrayLike = 0.0, turns: ArrayLike = 0.0
@@ -312,6 +316,7 @@ class CSpace(ConfigurationMap, MapExport):
         return 0.0 if extends and distance <= self.margin else distance
 
     def _state_of_one(self, q: tuple[Any, ...]) -> int | None:
+        """Return the state of one configuration, or None if the look-up of arrays decides."""
         try:
             state = self._look_up_state(*q)
         except (TypeError, ValueError):  # another number of entries, or none that are numbers
@@ -321,6 +326,7 @@ class CSpace(ConfigurationMap, MapExport):
         return state
 
     def _state_of_motion(self, q0: tuple[Any, ...], q1: tuple[Any, ...]) -> int | None:
+        """Return FREE if one motion is proven free, else MIXED; None if arrays decide."""
         try:
             state = self._look_up_motion(*q0, *q1)
         except (TypeError, ValueError):
@@ -332,6 +338,10 @@ class CSpace(ConfigurationMap, MapExport):
     def _connection_of_one(
         self, q0: tuple[Any, ...], q1: tuple[Any, ...], apart: bool
     ) -> bool | None:
+        """Return whether two configurations are proven connected, or with ``apart`` disconnected.
+
+        None if the look-up of arrays decides, as outside the grid.
+        """
         with self.lock:  # an update changes the components
             try:
                 places = self._look_up_place(*q0), self._look_up_place(*q1)
@@ -340,6 +350,7 @@ class CSpace(ConfigurationMap, MapExport):
             if -1 in places or self._is_suspect(q0) or self._is_suspect(q1):
                 return None
             joined = self._components.are_joined(*places)
+            # No component of FREE and MIXED cells may join them if they shall be apart.
             if apart:
                 joined = joined or self._components.are_joined(*places, mixed=True)
             return joined != apart
@@ -369,6 +380,7 @@ class CSpace(ConfigurationMap, MapExport):
         look_up = self._look_up_state
 
         def check(*q: float) -> bool:
+            """Return True if the configuration lies in a FREE cell."""
             return look_up(*q) == FREE
 
         return self._exact.point_checker(check) if exact else check
@@ -390,6 +402,7 @@ class CSpace(ConfigurationMap, MapExport):
         look_up = self._look_up_motion
 
         def check(*endpoints: float) -> bool:
+            """Return True if the motion lies in FREE cells."""
             return look_up(*endpoints) == FREE
 
         return self._exact.edge_checker(check) if exact else check
@@ -430,8 +443,9 @@ class CSpace(ConfigurationMap, MapExport):
         cost : callable
             Integrates it along an edge, given by the coordinates of two configurations.
         """
-        search = partial(self._cheapest_path, factor_at=factor_at, cost=cost)
-        return self._in_time(search, endpoints[0], endpoints[1], straight, time_limit)
+        search = partial(self._find_cheapest_path, factor_at=factor_at, cost=cost)
+        start, goal = endpoints
+        return self._run_in_time(search, start, goal, straight, time_limit)
 
     # ---- paths through FREE cells ----------------------------------------------------------------
 
@@ -457,7 +471,8 @@ class CSpace(ConfigurationMap, MapExport):
             If the configuration is not FREE, or not in the grid.
         """
         with self.lock:  # an update changes the components
-            first, last = self._components.box(self._cells_of(self._in_grid(q, "q", free=True)))
+            cell = self._cells_of(self._check_in_grid(q, "q", free=True))
+            first, last = self._components.box(cell)
         lower = np.asarray(self.grid.lower)
         return lower + self.grid.spacing * first, lower + self.grid.spacing * (last + 1)
 
@@ -507,8 +522,8 @@ class CSpace(ConfigurationMap, MapExport):
             a map without geometry.
         """
         check_flag(exact, "exact")
-        search = self._exact_path if exact else self._free_path
-        return self._in_time(search, q0, q1, straight, time_limit)
+        search = self._find_exact_path if exact else self._find_free_path
+        return self._run_in_time(search, q0, q1, straight, time_limit)
 
     def search(self, name: str, endpoints: Sequence[Endpoint], options: SearchOptions) -> Floats:
         """Run :meth:`find_path` as "Grid", or :meth:`find_widest_path` as "MaxClearance"."""
@@ -521,7 +536,7 @@ class CSpace(ConfigurationMap, MapExport):
             start, goal, straight=straight, exact=options.exact, time_limit=seconds
         )
 
-    def _in_time(
+    def _run_in_time(
         self,
         search: Callable[[ArrayLike, ArrayLike, bool, float], Floats],
         q0: ArrayLike,
@@ -529,7 +544,10 @@ class CSpace(ConfigurationMap, MapExport):
         straight: bool,
         time_limit: float | None,
     ) -> Floats:
-        """Return the path of a search with a time limit; its length is 0 if time runs out."""
+        """Run a search of a path, shape (n, size), with a time limit; n is 0 if time runs out.
+
+        ``search`` takes start, goal, ``straight`` and seconds; it raises TimeoutError.
+        """
         seconds = math.inf
         if time_limit is not None:
             seconds = check_positive(time_limit, "time_limit", "seconds")
@@ -538,9 +556,14 @@ class CSpace(ConfigurationMap, MapExport):
         except TimeoutError:
             return self._no_path()
 
-    def _free_path(self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float) -> Floats:
-        """Find a path as :meth:`find_path`; raise TimeoutError if time runs out."""
-        endpoints = self._ends(q0, q1, free=True)
+    def _find_free_path(
+        self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float
+    ) -> Floats:
+        """Find a path through FREE cells, shape (n, size); raise TimeoutError if time runs out.
+
+        It is one straight edge if possible, and otherwise follows a chain of cells.
+        """
+        endpoints = self._check_ends(q0, q1, free=True)
         start, goal = endpoints
         dim = self.grid.dim
         if not self.rotations.steps_between(start, goal)[dim:].any():
@@ -550,14 +573,17 @@ class CSpace(ConfigurationMap, MapExport):
             return endpoints
         return self._path_along_chain(endpoints, straight, seconds)
 
-    def _exact_path(self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float) -> Floats:
-        """Find a path as :meth:`find_path` with ``exact``.
+    def _find_exact_path(
+        self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float
+    ) -> Floats:
+        """Find a path that geometry proves, shape (n, size): the shortest of two searches.
 
-        Raises TimeoutError if time runs out before any is found.
+        One search keeps to FREE cells, the other one crosses MIXED cells. Raises TimeoutError if
+        time runs out before any path is found.
         """
         from cspace.queries.paths import in_time, path_length, pulled_straight
 
-        endpoints = self._ends(q0, q1, free=True, exact=True)
+        endpoints = self._check_ends(q0, q1, free=True, exact=True)
         start, goal = endpoints
         until = clock() + seconds
         check = self.edge_checker(exact=True)
@@ -567,19 +593,26 @@ class CSpace(ConfigurationMap, MapExport):
         paths = list[Floats]()
         max_length = math.inf
         if np.all(self.is_free(endpoints)):
-            paths.append(self._free_path(start, goal, straight, seconds))
-            max_length = measure(paths[0]) if len(paths[0]) else math.inf
-        paths.append(self._path_through_mixed(endpoints, check, max_length, until))
-        paths = [path for path in paths if len(path)]
+            free_path = self._find_free_path(start, goal, straight, seconds)
+            if len(free_path):
+                paths.append(free_path)
+                max_length = measure(free_path)
+        mixed_path = self._find_path_through_mixed(endpoints, check, max_length, until)
+        if len(mixed_path):
+            paths.append(mixed_path)
         if straight:
             in_time_check = in_time(check, until)
             paths = [pulled_straight(path, self.rotations, in_time_check) for path in paths]
         return min(paths, key=measure, default=self._no_path())
 
-    def _path_through_mixed(
+    def _find_path_through_mixed(
         self, endpoints: Floats, check: Callable[..., bool], max_length: float, until: float
     ) -> Floats:
-        """Return the path of :class:`cspace.queries.undecided.Undecided`; edges pass ``check``."""
+        """Find a path through FREE and MIXED cells, whose edges pass ``check``.
+
+        ``endpoints`` has shape (2, size), the path (n, size). It is empty if no path promises to be
+        shorter than ``max_length``, or after the clock's time ``until``.
+        """
         from cspace.queries.undecided import UNDECIDED_BYTES_PER_CELL, Undecided
 
         needed = UNDECIDED_BYTES_PER_CELL * self.grid.size * len(self.rotations)
@@ -604,7 +637,7 @@ class CSpace(ConfigurationMap, MapExport):
         factors: Costs | None = None,
         cost: Callable[..., float] | None = None,
     ) -> Floats:
-        """Return a path along a short chain of cells.
+        """Find a path along a short chain of cells, shape (n, size); n is 0 if there is none.
 
         It is shortened if ``straight``. With ``factors`` of cells, shape (slices, ...), the length
         of a move is multiplied by those of its cells, and ``cost`` is that of an edge.
@@ -612,6 +645,7 @@ class CSpace(ConfigurationMap, MapExport):
         from cspace.queries.paths import in_time, pulled_straight, waypoints
         from cspace.queries.search import NO_FACTORS, find_chain
 
+        # If components are known already, they save a search that cannot succeed.
         if "_components" in vars(self) and not self.is_connected(*endpoints):
             return self._no_path()
         until = clock() + seconds
@@ -624,10 +658,12 @@ class CSpace(ConfigurationMap, MapExport):
             return self._no_path()
         path = waypoints(self.grid, rotations, endpoints, cells)
         start_rotation, goal_rotation = endpoints[:, self.grid.dim :]
-        stays_in_cell = (cells[:, 0] == cells[0, 0]).all()
+        rotation_cells = cells[:, 0]
+        stays_in_cell = (rotation_cells == rotation_cells[0]).all()
         if stays_in_cell and (start_rotation == goal_rotation).all():
             # Do not turn to the center of the rotation cell and back.
             path[:, self.grid.dim :] = start_rotation
+        # Only the edges to the first and from the last center may fail, beside cells not FREE.
         check = self.edge_checker()
         edges = itertools.pairwise(path.tolist())
         if not all(check(*start, *end) for start, end in edges):
@@ -640,7 +676,7 @@ class CSpace(ConfigurationMap, MapExport):
         """Return a path without waypoints, which stands for none."""
         return np.empty((0, self.size))
 
-    def _cheapest_path(
+    def _find_cheapest_path(
         self,
         q0: ArrayLike,
         q1: ArrayLike,
@@ -649,13 +685,19 @@ class CSpace(ConfigurationMap, MapExport):
         factor_at: Callable[[Distances], Costs],
         cost: Callable[..., float],
     ) -> Floats:
-        """Find a path as :meth:`find_cheap_path`; raise TimeoutError if time runs out."""
+        """Find a path of low cost, the cheapest of up to three; see :meth:`find_cheap_path`.
+
+        Raises TimeoutError if time runs out before any is found.
+        """
         from cspace.queries.paths import edge_costs, in_time, pulled_straight
 
-        endpoints = self._ends(q0, q1, free=True)
-        factors = factor_at(self._search_distances() * np.float32(self.grid.spacing))
+        endpoints = self._check_ends(q0, q1, free=True)
+        start, goal = endpoints
+        clearances = self._search_distances() * np.float32(self.grid.spacing)
+        factors = factor_at(clearances)
         until = clock() + seconds
-        short_path = self._free_path(endpoints[0], endpoints[1], straight, seconds)
+        # A short path, the same path changed to cost less, and the path of a search by cost.
+        short_path = self._find_free_path(start, goal, straight, seconds)
         paths = [short_path]
         if straight and len(short_path):
             check = in_time(self.edge_checker(), until)
@@ -667,6 +709,7 @@ class CSpace(ConfigurationMap, MapExport):
         paths = [path for path in paths if len(path)]
 
         def measure(path: Floats) -> float:
+            """Return the cost of a path."""
             return float(edge_costs(path, cost).sum())
 
         return min(paths, key=measure, default=self._no_path())
@@ -700,7 +743,9 @@ class CSpace(ConfigurationMap, MapExport):
         from cspace.queries.lower_bound import min_length
 
         grid = self.grid
-        start, goal = (self._ends(q0, q1)[:, : grid.dim] - grid.lower) / grid.spacing
+        # Positions in cells, and the cells that are not BLOCKED at every rotation.
+        positions = self._check_ends(q0, q1)[:, : grid.dim]
+        start, goal = (positions - grid.lower) / grid.spacing
         passable = self._seen.min(axis=0) < BLOCKED
         is_open = not self._exterior.is_all_blocked(grid.shape).all()
         return grid.spacing * min_length(passable, is_open, start, goal)
@@ -750,13 +795,18 @@ class CSpace(ConfigurationMap, MapExport):
             If a coordinate is not finite, the time limit is not above zero, or the search does not
             fit into memory.
         """
-        return self._in_time(self._widest_path, q0, q1, straight, time_limit)
+        return self._run_in_time(self._search_widest_path, q0, q1, straight, time_limit)
 
-    def _widest_path(self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float) -> Floats:
-        """Find a path as :meth:`find_widest_path`; raise TimeoutError if time runs out."""
+    def _search_widest_path(
+        self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float
+    ) -> Floats:
+        """Find a path of the largest clearance, shape (n, size), empty if edges are unproven.
+
+        Raises TimeoutError if time runs out.
+        """
         from cspace.queries.widest import WidthMap, find_widest_path
 
-        endpoints = self._ends(q0, q1, free=True)
+        endpoints = self._check_ends(q0, q1, free=True)
         widths = WidthMap(
             self._search_distances(), self._slice_of, self.rotations, self._turn_costs
         )
@@ -809,7 +859,7 @@ class CSpace(ConfigurationMap, MapExport):
         generator = check_rng(rng)
         free = self._free_cells
         if not free.counts.any():
-            raise self._nothing_free()
+            raise self._make_nothing_free_error()
         samples = sample(free, self._slice_of, self.rotations, self.grid, count, generator)
         return samples[0] if n is None else samples
 
@@ -836,17 +886,19 @@ class CSpace(ConfigurationMap, MapExport):
 
         point = self._check_configurations(q, "q")
         if point.ndim != 1:
-            rule = f"it must be one configuration, shape ({self.size},)"
             raise InputError(
-                "q", f"has shape {point.shape}", rule, "pass one configuration at a time"
+                "q",
+                f"has shape {point.shape}",
+                f"it must be one configuration, shape ({self.size},)",
+                "pass one configuration at a time",
             )
         center = nearest(self._seen, self._slice_of, self.rotations, self.grid, point)
         if center is None:
-            raise self._nothing_free()
+            raise self._make_nothing_free_error()
         return center
 
-    def _nothing_free(self) -> ConfigurationError:
-        """Return the error for a map without FREE cells."""
+    def _make_nothing_free_error(self) -> ConfigurationError:
+        """Make the error for a map without FREE cells."""
         more = "" if self.rotations.preserve(self.robot.shape) else "more rotations, "
         hint = f"use a smaller robot, a finer spacing, {more}or unknown='free' for a sensor map"
         rule = "no configuration can be drawn"
@@ -979,9 +1031,12 @@ class CSpace(ConfigurationMap, MapExport):
         obstacle = as_shape(shape, radius, "shape")
         if obstacle.dim != self.grid.dim:
             place = "the plane" if self.grid.dim == 2 else "space"
-            problem = f"is in {obstacle.place}"
-            rule = f"it must be in {place}, as the map is"
-            raise InputError("shape", problem, rule, "pass another shape")
+            raise InputError(
+                "shape",
+                f"is in {obstacle.place}",
+                f"it must be in {place}, as the map is",
+                "pass another shape",
+            )
         with self.lock:
             return self._updates.set_obstacle(name, obstacle)
 
@@ -1007,8 +1062,12 @@ class CSpace(ConfigurationMap, MapExport):
                 rule = "there is no named obstacle"
                 if named:
                     rule = f"it must be one of {', '.join(map(repr, named))}"
-                hint = "see space.obstacles for the names"
-                raise InputError("name", f"is {name!r}", rule, hint)
+                raise InputError(
+                    "name",
+                    f"is {name!r}",
+                    rule,
+                    "see space.obstacles for the names",
+                )
             return self._updates.set_obstacle(name, None)
 
     @property
@@ -1030,9 +1089,12 @@ class CSpace(ConfigurationMap, MapExport):
     def _check_whole(self) -> None:
         """Raise ConfigurationError if the map is a window of a larger one."""
         if self.outside == UNKNOWN:
-            rule = "the cells around it matter too"
-            hint = "update the larger map and open the window again"
-            raise ConfigurationError("the map", "is a window of a larger one", rule, hint)
+            raise ConfigurationError(
+                "the map",
+                "is a window of a larger one",
+                "the cells around it matter too",
+                "update the larger map and open the window again",
+            )
 
     def _drop_derived(self, workspace: Workspace, layers: ObstacleLayers | None) -> None:
         """Drop all data that depend on the cells, and take over the workspace of an update."""
@@ -1042,10 +1104,10 @@ class CSpace(ConfigurationMap, MapExport):
             # Overlap counts belong to the obstacles before the update.
             self._contents = replace(contents, workspace=workspace, overlap_counts=None)
         derived.drop(self)
-        # Checkers of planners hold these two objects.
-        for part in ("distances", "_exact"):
-            if part in vars(self):
-                vars(self)[part].drop()
+        # Checkers of planners hold these two objects, so these drop what they hold.
+        for name in ("distances", "_exact"):
+            if name in vars(self):
+                vars(self)[name].drop()
 
     # ---- for files and messages ------------------------------------------------------------------
 
@@ -1059,6 +1121,11 @@ class CSpace(ConfigurationMap, MapExport):
             if exterior:
                 contents = replace(contents, exterior=self._exterior)
             write(contents)
+
+    def _distance_arrays(self) -> dict[str, NDArray[Any]]:
+        """Return the distances of cells by the names of a saved map's arrays."""
+        boxes = self.distances.whole().boxes
+        return {"distances": self.distances.array(), "distance_boxes": boxes}
 
     def _clearances_of_cells(self, number: int | None) -> Floats:
         """Return the clearance at each cell's center, in metres, for a slice or the best of all."""
@@ -1074,10 +1141,12 @@ class CSpace(ConfigurationMap, MapExport):
 
     @lazy
     def _rasters(self) -> list[tuple[Raster, Raster]]:
+        """Outer and inner raster of the robot in each slice."""
         return slice_rasters(self.robot, self.grid.spacing, self.margin, self.rotations)
 
     @lazy
     def _exterior(self) -> Exterior:
+        """States of the cells outside the grid."""
         return self._contents.exterior or Exterior.of(
             self.workspace.outer, self._rasters, self.outside
         )
@@ -1186,6 +1255,7 @@ class CSpace(ConfigurationMap, MapExport):
     # ---- queries of rows -------------------------------------------------------------------------
 
     def _at_one_moment(self) -> AbstractContextManager[Any]:
+        """Return the lock that updates hold."""
         return self.lock
 
     def find_unusable(self, rows: Floats) -> int:
@@ -1193,16 +1263,19 @@ class CSpace(ConfigurationMap, MapExport):
         return self._write_states(rows, np.empty(len(rows), dtype=np.uint8))
 
     def _write_states(self, rows: Floats, out: States) -> int:
+        """Write the states of configurations (n, size); return the first unusable row, or -1."""
         from cspace.queries.points import classify
 
         return write_in_threads(partial(classify, self.kernel_map), rows, out)
 
     def _write_free(self, exact: bool, rows: Floats, out: Bools) -> int:
+        """Write whether configurations (n, size) are free; return the first unusable row, or -1."""
         if exact:
             return write_in_threads(partial(self._exact.points, self.kernel_map), rows, out)
         return super()._write_free(exact, rows, out)
 
     def _write_motions(self, exact: bool, starts: Floats, ends: Floats, out: Bools) -> int:
+        """Write whether motions, shapes (n, size), are free; return the first unusable, or -1."""
         from cspace.queries.edges import edges_are_free
 
         test_edges = self._exact.edges if exact else edges_are_free
@@ -1210,15 +1283,20 @@ class CSpace(ConfigurationMap, MapExport):
         return write_in_threads(write, starts, ends, out, min_items=MIN_EDGES_PER_THREAD)
 
     def _write_free_around(self, distance: float, angle: float, rows: Floats, out: Bools) -> int:
+        """Write whether all configurations within a distance and an angle of rows are free.
+
+        Returns the first unusable row, or -1.
+        """
         from cspace.queries.points import boxes_are_free
 
         write = partial(boxes_are_free, self.kernel_map, distance, angle)
         return write_in_threads(write, rows, out)
 
     def _write_clearances(self, rows: Floats, out: Floats) -> int:
-        """Write clearances; compute the distances of the slices of the rows first."""
+        """Write clearances of rows, shape (n, size); return the first unusable row, or -1."""
         from cspace.queries.distance import clearances
 
+        # Unless all distances are known, compute those of the slices that contain rows.
         table = self.distances.known
         if table is None:
             bad = self.find_unusable(rows)
@@ -1229,7 +1307,7 @@ class CSpace(ConfigurationMap, MapExport):
         return write_in_threads(partial(clearances, self.kernel_map, table), rows, out)
 
     def _sum(self, side: Literal["outer", "inner"], q: ArrayLike) -> int | Ints:
-        """Count the overlaps of the robot with outer or inner cells."""
+        """Count the outer or inner cells that the robot overlaps at configurations (..., size)."""
         from cspace.queries.overlaps import count_overlaps
 
         # An unknown exterior counts as occupied in the outer sum and as free in the inner sum.
@@ -1243,22 +1321,23 @@ class CSpace(ConfigurationMap, MapExport):
         counts: int | Ints = evaluate(q, self.size, write, np.int64, self._angles)
         return counts
 
-    def _ends(self, q0: ArrayLike, q1: ArrayLike, **options: bool) -> Floats:
-        """Return two configurations in the grid, shape (2, size); see :meth:`_in_grid`."""
-        return np.stack([self._in_grid(q0, "q0", **options), self._in_grid(q1, "q1", **options)])
+    def _check_ends(self, q0: ArrayLike, q1: ArrayLike, **options: bool) -> Floats:
+        """Check start and goal, which must be in the grid; return them, shape (2, size)."""
+        start = self._check_in_grid(q0, "q0", **options)
+        return np.stack([start, self._check_in_grid(q1, "q1", **options)])
 
-    def _in_grid(
+    def _check_in_grid(
         self, q: ArrayLike, name: str, *, free: bool = False, exact: bool = False
     ) -> Floats:
-        """Return one configuration in the grid, its yaw in [-pi, pi).
+        """Check one configuration, which must be in the grid; return it with yaw in [-pi, pi).
 
         With ``free`` it must be FREE, or with ``exact`` proven free by geometry. Raises
         ConfigurationError otherwise.
         """
-        given = check_points(q, name, self.size)
-        if given.ndim == 1:
-            warn_of_degrees(given, self._angles, name)
-        point = self.rotations.make_canonical(given, name)
+        values = check_points(q, name, self.size)
+        if values.ndim == 1:
+            warn_of_degrees(values, self._angles, name)
+        point = self.rotations.make_canonical(values, name)
         is_valid = bool(point.ndim == 1 and self.grid.contains(point[: self.grid.dim]))
         required = "configuration"
         hint = "ask grid.lower and grid.upper"
@@ -1267,15 +1346,26 @@ class CSpace(ConfigurationMap, MapExport):
             required = "free configuration" if exact else "FREE configuration"
             hint = "ask nearest_free for one"
         if not is_valid:
-            rule = f"it must be one {required} in the grid"
-            raise ConfigurationError(name, f"is {q!r}", rule, hint)
+            raise ConfigurationError(
+                name,
+                f"is {q!r}",
+                f"it must be one {required} in the grid",
+                hint,
+            )
         return point
 
 
 def _spread_spans(values: ArrayLike, name: str, shape: tuple[int, ...]) -> Floats:
-    """Return lengths or angles of pieces, one for each configuration of a batch, in a row."""
+    """Return lengths or angles of pieces, one for each configuration of a batch of a shape.
+
+    One number is for all pieces. The result has shape (n,).
+    """
     spans = check_finite(values, name)
     if spans.shape not in ((), shape) or (spans < 0.0).any():
-        hint = "pass one number, or one per configuration"
-        raise InputError(name, f"is {values!r}", "it must be zero or above", hint)
+        raise InputError(
+            name,
+            f"is {values!r}",
+            "it must be zero or above",
+            "pass one number, or one per configuration",
+        )
     return np.full(shape, spans).ravel()

@@ -45,6 +45,7 @@ class StateValidityChecker(ob.StateValidityChecker):
     """
 
     def __init__(self, si: ob.SpaceInformation, space: Space, *, exact: bool = False) -> None:
+        """Make the test of a state from that of a configuration."""
         check_information(si, space)
         check_flag(exact, "exact")
         super().__init__(si)
@@ -134,6 +135,7 @@ class MotionValidator(ob.MotionValidator):
         turning_radius: float | None = None,
         bidirectional: bool = False,
     ) -> None:
+        """Make the proof of an edge by the robot's drive."""
         check_information(si, space)
         super().__init__(si)
         edges = local_planner(space, exact, drive, turning_radius, bidirectional)
@@ -166,6 +168,7 @@ class FreeStateSampler(ob.ValidStateSampler):
     def __init__(
         self, si: ob.SpaceInformation, space: CSpace, rng: np.random.Generator | None = None
     ) -> None:
+        """Seed the draws; raise InputError unless the space is a map in memory."""
         check_information(si, space)
         if not (space.has_cells and space.in_memory):
             raise InputError(
@@ -209,6 +212,7 @@ class FreeStateSampler(ob.ValidStateSampler):
         center_rotation = center[len(self._box) :]
         max_turn = min(distance, math.pi)
         numbers = self._numbers
+        # Positions within the distance, as far as they are in the grid.
         box = [
             (max(low, x - distance), min(high, x + distance))
             for (low, high), x in zip(self._box, center, strict=False)

@@ -84,6 +84,9 @@ HAS_WAY_BACK = np.array([form.has_way_back for form in FORMS])
 DUBINS_FORMS = 4
 """Number of forms, the first ones, that a car without reverse can drive."""
 
+MAX_SEGMENTS = 5
+"""Segments of a word; unused ones have no length."""
+
 MAX_WORDS = 48
 """Words to one goal: nine forms, mirrored and reversed, and three of them backwards, as (9 + 3) *
 4."""
@@ -126,7 +129,7 @@ def prove_length(
     y1: float,
     yaw1: float,
 ) -> float:
-    """Return the length of the shortest curve in metres; -1 if unproven.
+    """Prove the shortest curve between two poses free; return its metres, or -1 if unproven.
 
     A curve is proven if it lies in FREE cells of the grid. If the lengths of several curves differ
     by at most ``TIE_TOLERANCE``, all must lie in FREE cells, because the robot may drive any one.
@@ -152,9 +155,10 @@ def prove_length(
     for end in (start, goal):
         if not pose_is_free(map_, end, spare * radius, spare):
             return -1.0
+    # Prove all curves that are equally short, segment by segment.
     for row in range(count):
         pose = (0.0, 0.0, yaw0)
-        for k in range(5):
+        for k in range(MAX_SEGMENTS):
             steer = words.steering[row, k]
             length = words.lengths[row, k]
             if not segment_is_free(map_, radius, start, pose, steer, length, spare):
@@ -179,9 +183,10 @@ def curve_cost(
     kind, radius = curve
     x0, y0, yaw0, x1, y1, yaw1 = numbers[-6:]
     words = find_shortest_words(kind, radius, (x0, y0, yaw0), (x1, y1, yaw1), 0.0)
+    # Poses are in turning radii from the start; row 0 has the shortest word.
     pose = (0.0, 0.0, yaw0)
     total = 0.0
-    for k in range(5):
+    for k in range(MAX_SEGMENTS):
         steer = words.steering[0, k]
         length = words.lengths[0, k]
         metres = radius * abs(length)
@@ -189,6 +194,7 @@ def curve_cost(
         if steer != 0:
             longest_step = min(map_.spacing, MAX_RADIANS_PER_STEP * radius)
         steps = math.ceil(metres / longest_step)
+        # Sum the cost at the middle of each step.
         for step in range(steps):
             u, v, yaw = advance(pose, steer, length * (step + 0.5) / steps)
             position = position_in_plane(map_, x0 + radius * u, y0 + radius * v)
@@ -217,6 +223,7 @@ def segment_is_free(
     size around the center contains it. If the box is not free, the piece is halved, until its
     center is not free or the piece is shorter than ``MIN_PIECE_CELLS``.
     """
+    # Lengths are in turning radii, in which an arc is as long as its angle.
     longest = MAX_PIECE_CELLS * map_.spacing / radius
     shortest = MIN_PIECE_CELLS * map_.spacing / radius
     total = abs(length)
@@ -224,14 +231,15 @@ def segment_is_free(
     proven = 0.0
     step = longest
     while proven < total:
-        left = total - proven
-        is_last = step >= left
-        piece = min(step, left)
+        rest = total - proven
+        is_last = step >= rest
+        piece = min(step, rest)
         half = 0.5 * piece
-        turned = half if steer != 0 else 0.0
+        turn = half if steer != 0 else 0.0
         u, v, yaw = advance(begin, steer, sign * (proven + half))
         center = (origin[0] + radius * u, origin[1] + radius * v, yaw)
-        if pose_is_free(map_, center, (half + spare) * radius, turned + spare):
+        if pose_is_free(map_, center, (half + spare) * radius, turn + spare):
+            # Go on with a longer piece.
             if is_last:
                 return True
             proven += piece
@@ -251,61 +259,70 @@ def find_shortest_words(kind: int, radius: float, q0: Pose, q1: Pose, tie: float
     Each word is driven and counts only if it reaches the goal, so that no form needs a separate
     proof.
     """
-    dx = (q1[0] - q0[0]) / radius
-    dy = (q1[1] - q0[1]) / radius
-    cos = math.cos(q0[2])
-    sin = math.sin(q0[2])
-    goal = (dx * cos + dy * sin, dy * cos - dx * sin, q1[2] - q0[2])
-    made_steering = np.zeros((MAX_WORDS, 5), np.int64)
-    made_lengths = np.zeros((MAX_WORDS, 5))
-    candidates = write_candidates(kind, goal, made_steering, made_lengths)
+    # The goal as seen from the start, in turning radii.
+    x0, y0, yaw0 = q0
+    x1, y1, yaw1 = q1
+    dx = (x1 - x0) / radius
+    dy = (y1 - y0) / radius
+    cos = math.cos(yaw0)
+    sin = math.sin(yaw0)
+    goal = (dx * cos + dy * sin, dy * cos - dx * sin, yaw1 - yaw0)
+    all_steering = np.zeros((MAX_WORDS, MAX_SEGMENTS), np.int64)
+    all_lengths = np.zeros((MAX_WORDS, MAX_SEGMENTS))
+    candidates = write_candidates(kind, goal, all_steering, all_lengths)
     totals = np.full(candidates, np.inf)  # of the words that reach the goal and may be shortest
     best = 0
     shortest = math.inf
     shortest_gap = math.inf
     for row in range(candidates):
         total = 0.0
-        for k in range(5):
-            total += abs(made_lengths[row, k])
+        for k in range(MAX_SEGMENTS):
+            total += abs(all_lengths[row, k])
         # Driving a word takes longer than making it, so only the shortest ones are driven.
         if not total <= shortest + tie:
             continue
-        gap = measure_gap(goal, made_steering, made_lengths, row)
+        gap = measure_gap(goal, all_steering, all_lengths, row)
         if gap <= MAX_GAP:
             totals[row] = total
             if total < shortest:
                 best = row
                 shortest = total
                 shortest_gap = gap
-    steering = np.zeros((2 * MAX_WORDS, 5), np.int64)
-    lengths = np.zeros((2 * MAX_WORDS, 5))
+    # Copy the shortest word, then those that are as short.
+    steering = np.zeros((2 * MAX_WORDS, MAX_SEGMENTS), np.int64)
+    lengths = np.zeros((2 * MAX_WORDS, MAX_SEGMENTS))
     count = 0
     if shortest < math.inf:
-        steering[0] = made_steering[best]
-        lengths[0] = made_lengths[best]
+        steering[0] = all_steering[best]
+        lengths[0] = all_lengths[best]
         count = 1
         for row in range(candidates):
             if totals[row] <= shortest + tie:
-                steering[count] = made_steering[row]
-                lengths[count] = made_lengths[row]
+                steering[count] = all_steering[row]
+                lengths[count] = all_lengths[row]
                 count += is_new(steering, lengths, count)
     return Words(steering, lengths, count, shortest_gap, shortest)
 
 
 @kernel
 def measure_gap(goal: Pose, steering: Ints, lengths: Floats, row: int) -> float:
-    """Drive a word from the origin; return its gap at the goal."""
+    """Drive a word, a row of two arrays, from the origin; return its gap at the goal.
+
+    The gap is the larger of the distance, in turning radii, and the angle, in radians.
+    """
     pose = (0.0, 0.0, 0.0)
-    for k in range(5):
+    for k in range(MAX_SEGMENTS):
         pose = advance(pose, steering[row, k], lengths[row, k])
-    turn = pose[2] - goal[2]
+    x, y, yaw = pose
+    goal_x, goal_y, goal_yaw = goal
+    turn = yaw - goal_yaw
     turn -= TWO_PI * math.floor((turn + math.pi) / TWO_PI)
-    return max(math.hypot(pose[0] - goal[0], pose[1] - goal[1]), abs(turn))
+    return max(math.hypot(x - goal_x, y - goal_y), abs(turn))
 
 
 @kernel
 def advance(pose: Pose, steer: int, length: float) -> Pose:
-    """Return the pose, in turning radii, after a segment."""
+    """Return the pose, in turning radii, after driving a segment from a pose."""
     x, y, yaw = pose
     if steer == 0:
         return x + length * math.cos(yaw), y + length * math.sin(yaw), yaw
@@ -323,7 +340,7 @@ def is_new(steering: Ints, lengths: Floats, count: int) -> int:
     """
     for row in range(count):
         is_equal = True
-        for k in range(5):
+        for k in range(MAX_SEGMENTS):
             known = lengths[row, k]
             length = lengths[count, k]
             is_empty = max(abs(known), abs(length)) < EQUAL_LENGTHS
@@ -348,6 +365,7 @@ def write_candidates(kind: int, goal: Pose, steering: Ints, lengths: Floats) -> 
         for sign in (1, -1):
             if kind == DUBINS and sign < 0:
                 continue
+            # The goal of the word that, mirrored or reversed, reaches the given goal.
             x = sign * goal[0]
             y = mirror * goal[1]
             phi = sign * mirror * goal[2]
@@ -356,6 +374,7 @@ def write_candidates(kind: int, goal: Pose, steering: Ints, lengths: Floats) -> 
             back_y = x * math.sin(phi) - y * math.cos(phi)
             for form in range(forms):
                 arcs = solve_form(form, x, y, phi)
+                # The second word goes backwards; for Dubins it has other arcs just below 2 pi.
                 for is_first in (True, False):
                     if kind == REEDS_SHEPP and not is_first:
                         if not HAS_WAY_BACK[form]:
@@ -387,12 +406,13 @@ def write_word(
     segments = SEGMENTS[form]
     goes_back = kind == REEDS_SHEPP and not is_first
     lowest = -math.pi if kind == REEDS_SHEPP else 0.0
-    for k in range(5):
+    for k in range(MAX_SEGMENTS):
         source = k
         if goes_back and k < segments:
             source = segments - 1 - k
         steer = STEERING[form, source]
         length = arcs[source]
+        # A straight segment has one length, an arc is the same after a whole turn.
         if steer != 0:
             length -= TWO_PI * math.floor((length - lowest) / TWO_PI)
             if kind == DUBINS and is_first and length > TWO_PI - SNAP_RADIANS:

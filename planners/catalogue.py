@@ -123,6 +123,7 @@ def planner_named(
         return "RRT" if drive == "dubins" else "RRTConnect"
     known = {word.lower(): word for word in (*_list_planners(), *BUILT_IN_SEARCHES, *searches)}
     if not isinstance(name, str) or name.lower() not in known:
+        # Users of OMPL's documentation may write RRT*.
         hint = f"choose one of {', '.join(planner_names())}"
         spelling = str(name).lower().replace("*", "star")
         for similar in difflib.get_close_matches(spelling, known, n=1):

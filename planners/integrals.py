@@ -58,7 +58,7 @@ class CostDensity(NamedTuple):
 def cost_at(
     map_: Map, values: Values, density: CostDensity, position: Row, rotation: Numbers
 ) -> float:
-    """Return the cost of a metre at a configuration."""
+    """Return the cost of a metre at a configuration, from the value of the field there."""
     value = 0.0
     if values.kind == CLEARANCES:
         value = clearance_at(map_, values.distances, position, rotation)
@@ -80,6 +80,7 @@ def integrate_straight_edge(
     end = 2 * MAX_SIZE
     p0, r0 = configuration_before(map_, numbers, end - size)
     p1, r1 = configuration_before(map_, numbers, end)
+    # Length and rotation of the edge decide the number of steps.
     metres = math.hypot(p1[0] - p0[0], math.hypot(p1[1] - p0[1], p1[2] - p0[2]))
     radians, _ = arc_angle_and_error(r0, r1, 0)
     cells = metres / map_.spacing
@@ -101,6 +102,7 @@ def bind_cost(kernel: Any, space: CSpace, field: Field, *fixed: Any) -> Callable
 
     The numbers are zeros and then both configurations. The function follows changes of the map.
     """
+    # Kernels take one type of record, so what a field does not need is empty.
     no_distances = DistanceTable(np.empty(0, dtype=np.float32), np.empty((0, 2, space.grid.dim)))
     zeros = (0.0,) * (2 * MAX_SIZE)
     padding = zeros[2 * space.size :]

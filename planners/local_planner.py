@@ -204,6 +204,7 @@ class LocalPlanner:
         dim = self.space.dim
         metres = np.linalg.norm(change[:dim])
         radians = np.linalg.norm(change[dim:])
+        # As many pieces as the longer of both needs, at least one.
         count = max(math.ceil(max(metres / step, radians / rotation)), 1)
         shares = (np.arange(count) + share) / count
         points = self.space.interpolate(first, last, shares[:, None])
@@ -218,31 +219,37 @@ class LocalPlanner:
         if len(path) == 1:
             return Pieces(path, np.zeros(1), np.zeros(1))
         edges = itertools.pairwise(path)
-        pieces = [self.split_edge(first, last, step, rotation, 0.5) for first, last in edges]
+        at_center = 0.5
+        pieces = [self.split_edge(*ends, step, rotation, at_center) for ends in edges]
         centers, lengths, rotations = map(np.concatenate, zip(*pieces, strict=True))
         return Pieces(centers, np.abs(lengths), np.abs(rotations))
 
     def resample(self, path: Floats) -> Floats:
         """Add rows to curves and edges that turn, at most a cell and 5 degrees apart."""
         path = self.insert_breakpoints(path)
-        step = 2.0 * self.space.resolution
-        parts = [path[:1]]
+        cell = 2.0 * self.space.resolution
+        at_end = 1.0
+        rows = [path[:1]]
         for first, last in itertools.pairwise(path):
-            whole = self.split_edge(first, last, math.inf, math.inf, 1.0)
-            if whole.rotations.any() or self.drive in CURVES:
-                points = self.split_edge(first, last, step, MAX_RADIANS, 1.0).points
-                parts.append(self.space.rotations.make_canonical(points[:-1]))
-            parts.append(last[None])
-        return np.concatenate(parts)
+            edge = self.split_edge(first, last, math.inf, math.inf, at_end)
+            if edge.rotations.any() or self.drive in CURVES:
+                points = self.split_edge(first, last, cell, MAX_RADIANS, at_end).points
+                rows.append(self.space.rotations.make_canonical(points[:-1]))
+            rows.append(last[np.newaxis])
+        return np.concatenate(rows)
 
     def find_directions(self, rows: Floats) -> NDArray[np.int8] | None:
-        """Return the :attr:`planners.Plan.direction` of resampled rows."""
+        """Return whether resampled rows, shape (n, 3), are reached ahead (1), back (-1) or neither.
+
+        None for a holonomic robot; see :attr:`planners.Plan.direction`.
+        """
         if self.drive == HOLONOMIC:
             return None
         if len(rows) < 2:
             return np.ones(len(rows), dtype=np.int8)
         dx, dy = np.diff(rows[:, :2], axis=0).T
         yaws = rows[1:, 2]
+        # The sign of the step along the heading; the first row has that of the second.
         signs = np.sign(dx * np.cos(yaws) + dy * np.sin(yaws)).astype(np.int8)
         return np.concatenate([signs[:1], signs])
 
@@ -286,6 +293,7 @@ class LocalPlanner:
         bounds the piece.
         """
         if self.space.has_cells and self.space.in_memory:
+            # Translation and rotation of a piece move a point by a quarter of a cell each.
             step = 0.5 * self.space.resolution
             pieces = self.split_path(path, step, step / max(self.cells.robot.span, step))
             try:
@@ -320,8 +328,8 @@ class TurnDriveTurn(LocalPlanner):
     """Edges of a differential drive: turn, drive straight, turn.
 
     It turns on the spot, the shorter way, and drives with its x axis ahead. If it reverses, it
-    drives backwards when that takes less rotation. Each of the three parts is proven as a straight
-    edge; :meth:`breakpoints` gives their endpoints.
+    drives backwards when that takes less rotation. Each of the three motions is proven as a
+    straight edge; :meth:`insert_breakpoints` gives their endpoints.
 
     OMPL gets curves with a turning radius of almost zero (:data:`PIVOT_RADIUS_PER_SIDE`). Its
     interpolation stays within 1e-8 of the map's side of the line, and its distance counts metres
@@ -335,21 +343,21 @@ class TurnDriveTurn(LocalPlanner):
         return _CURVE_SPACES[self.drive](PIVOT_RADIUS_PER_SIDE * longest_side)
 
     def edge_checker(self) -> Callable[..., bool]:
-        """Make ``check(*q0, *q1)``, which proves all three parts free."""
+        """Make ``check(*q0, *q1)``, which proves both turns and the drive free."""
         is_free = super().edge_checker()
-        return lambda *ends: all(is_free(*part) for part in self.find_parts(*ends))
+        return lambda *ends: all(is_free(*motion) for motion in self.find_motions(*ends))
 
     def edge_cost(self, field: Field, density: CostDensity) -> Callable[..., float]:
-        """Make ``cost(*q0, *q1)``, the cost of all three parts."""
+        """Make ``cost(*q0, *q1)``, the cost of both turns and the drive."""
         cost = super().edge_cost(field, density)
-        return lambda *ends: sum(cost(*part) for part in self.find_parts(*ends))
+        return lambda *ends: sum(cost(*motion) for motion in self.find_motions(*ends))
 
-    def find_parts(
+    def find_motions(
         self, x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float
     ) -> tuple[Endpoint, Endpoint, Endpoint]:
         """Return the drive, the turn before and the turn after, each by its two ends.
 
-        The drive comes first: it is the longest part and the likeliest to meet an obstacle.
+        The drive comes first: it is the longest motion and the likeliest to meet an obstacle.
         """
         yaw = self.choose_yaw(x0, y0, yaw0, x1, y1, yaw1)
         drive = (x0, y0, yaw, x1, y1, yaw)
@@ -361,14 +369,16 @@ class TurnDriveTurn(LocalPlanner):
         """Return the metres of edges plus half their radians, shape (n,)."""
         edges = zip(starts.tolist(), ends.tolist(), strict=True)
         yaws = [self.choose_yaw(*first, *last) for first, last in edges]
-        radians = np.abs(wrapped(yaws - starts[:, 2])) + np.abs(wrapped(ends[:, 2] - yaws))
+        turns_before = wrapped(yaws - starts[:, 2])
+        turns_after = wrapped(ends[:, 2] - yaws)
+        radians = np.abs(turns_before) + np.abs(turns_after)
         metres: Floats = np.linalg.norm(ends[:, :2] - starts[:, :2], axis=1)
         return metres + self.rotation_weight * radians
 
     def choose_yaw(
         self, x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float
     ) -> float:
-        """Choose the yaw for driving an edge; ``yaw0`` for a pure turn."""
+        """Choose the yaw for driving an edge, ahead or backwards; ``yaw0`` for a pure turn."""
         if x0 == x1 and y0 == y1:
             return yaw0
         ahead = _wrap_yaw(math.atan2(y1 - y0, x1 - x0))
@@ -388,8 +398,9 @@ class TurnDriveTurn(LocalPlanner):
         waypoints = rows[:1]
         for first, last in itertools.pairwise(rows):
             yaw = self.choose_yaw(*first, *last)
-            drive_start = [first[0], first[1], yaw]
-            drive_end = [last[0], last[1], yaw]
+            drive_start = [*first[:2], yaw]
+            drive_end = [*last[:2], yaw]
+            # Turns of zero add no row.
             for q in (drive_start, drive_end, last):
                 if q != waypoints[-1]:
                     waypoints.append(q)
@@ -453,6 +464,7 @@ class CarCurves(LocalPlanner):
         tolerance = 1e-6 * self.radius
 
         def check(first: ob.State, second: ob.State) -> bool:
+            """Prove our shortest curves free, and OMPL's curve as short as those."""
             length = prove(first, second)
             return length >= 0.0 and bool(states.distance(first, second) <= length + tolerance)
 
@@ -467,7 +479,9 @@ class CarCurves(LocalPlanner):
             fixed = (self.bounded_map(), self.kind, self.radius)
             return bind_kernel(prove_length, fixed, *[0.0] * 6)
 
+        # A map in tiles has no array for kernels, so each edge opens the part around it.
         def prove_in_window(*ends: float) -> float:
+            """Prove a curve in a part of the map, in memory."""
             window = self._window_around(np.reshape(ends, (2, 3)))
             return window.length_prover()(*ends)
 
@@ -497,11 +511,13 @@ class CarCurves(LocalPlanner):
         """
         start = tuple(first.tolist())
         goal = tuple(last.tolist())
+        # The first word is the shortest; its lengths are in turning radii.
         words = find_shortest_words(self.kind, self.radius, start, goal, 0.0)
         word = words.lengths[0]
         longest_segment = int(np.argmax(np.abs(word)))
         segments = zip(words.steering[0].tolist(), word.tolist(), strict=True)
-        pose = (0.0, 0.0, start[2])
+        x0, y0, yaw0 = start
+        pose = (0.0, 0.0, yaw0)
         points = []
         lengths = []
         rotations = []
@@ -513,7 +529,7 @@ class CarCurves(LocalPlanner):
                 count = max(math.ceil(abs(length) / longest_piece), 1)
                 for index in range(count):
                     u, v, yaw = advance(pose, steer, length * (index + share) / count)
-                    points.append((first[0] + self.radius * u, first[1] + self.radius * v, yaw))
+                    points.append((x0 + self.radius * u, y0 + self.radius * v, yaw))
                 lengths += [self.radius * length / count] * count
                 rotations += [steer * length / count] * count
             pose = advance(pose, steer, length)
@@ -553,9 +569,9 @@ def has_drives(space: Space) -> bool:
 def _check_drive(
     space: Space, drive: Drive, turning_radius: float | None, exact: bool
 ) -> float | None:
-    """Check a drive and return its turning radius, metres, or None.
+    """Check a drive and its turning radius; return the radius, metres, or None without curves.
 
-    Drives without curves have no radius. Raises InputError as :func:`local_planner`.
+    Raises InputError if the drive is not for the space, or the radius does not fit the drive.
     """
     check_word(drive, "drive", DRIVES)
     if drive != HOLONOMIC and not has_drives(space):
@@ -589,6 +605,7 @@ def _check_drive(
             "curves are proven by FREE cells alone",
             "leave exact out, or build the map with a finer spacing or more rotations",
         )
+    # Rounding errors of curves grow with the radius in cells, and with its inverse.
     spacing = 2.0 * space.resolution
     lowest = MIN_RADIUS_CELLS * spacing
     highest = MAX_RADIUS_CELLS * spacing

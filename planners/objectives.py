@@ -82,6 +82,7 @@ class WeightedLength(ob.OptimizationObjective):
         drive: Drive = HOLONOMIC,
         turning_radius: float | None = None,
     ) -> None:
+        """Make the cost of an edge by the robot's drive."""
         check_information(si, space)
         super().__init__(si)
         weight = check_not_negative(weight, "weight", "pass 10.0")
@@ -91,10 +92,11 @@ class WeightedLength(ob.OptimizationObjective):
         self._density = CostDensity(offset, slope, weight, edges.rotation_weight)
         self._kind = find_state_kind(space)
         self._space = space
+        # Positions of both ends among their numbers.
         dim = space.dim
-        end = space.size
+        size = space.size
         self._measure_line = self._kind.of_states(
-            lambda *ends: math.dist(ends[:dim], ends[end : end + dim])
+            lambda *ends: math.dist(ends[:dim], ends[size : size + dim])
         )
         self.edge_cost = self._kind.of_states(edges.edge_cost(field, self._density))
 
@@ -154,6 +156,7 @@ class ClearanceObjective(WeightedLength):
         drive: Drive = HOLONOMIC,
         turning_radius: float | None = None,
     ) -> None:
+        """Choose the threshold; the penalty falls from one at clearance zero to zero there."""
         check_information(si, space)
         if clearance_threshold is None:
             clearance_threshold = default_clearance_threshold(space)
@@ -204,6 +207,7 @@ class OverlapObjective(WeightedLength):
         drive: Drive = HOLONOMIC,
         turning_radius: float | None = None,
     ) -> None:
+        """Choose the saturation; the penalty is the overlap divided by it."""
         check_information(si, space)
         if not isinstance(field, OverlapField) or field.space is not space:
             raise InputError(
@@ -229,7 +233,10 @@ class OverlapObjective(WeightedLength):
 
 
 def default_clearance_threshold(space: CSpace) -> float:
-    """Return the robot's longest side, metres, at least one cell."""
+    """Return the default clearance from which a metre costs a metre: the robot's longest side.
+
+    It is in metres, and at least one cell.
+    """
     lower, upper = space.robot.shape.outer.bounds
     return max(float((upper - lower).max()), space.grid.spacing)
 

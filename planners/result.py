@@ -17,6 +17,7 @@ from cspace.files.access import replacing
 from cspace.interface import Space, format_configuration, has_pose_names
 from cspace.rotations.base import METRES_PER_RADIAN
 from cspace.support.arrays import Bools, Floats
+from cspace.support.check import check_flag
 from cspace.support.words import Drive
 from planners.catalogue import PlannerName
 from planners.local_planner import CURVES, HOLONOMIC, LocalPlanner, local_planner
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 
     from cspace.plot.animation import AnimationOptions
     from cspace.plot.picture import PlotOptions
+    from cspace.reasons import Explanation
     from cspace.tiles.space import TiledCSpace
 
 
@@ -320,8 +322,37 @@ class Plan:
             )
         return self._edges_on(space).edges_are_free(self.waypoints)
 
+    def explain(self, *, refine: bool = False) -> Explanation:
+        """Explain why a path between start and goal exists, or does not.
+
+        See :meth:`cspace.CSpace.explain`, which this calls. It is about a holonomic robot.
+
+        Parameters
+        ----------
+        refine : bool
+            Build finer windows where the map does not decide.
+
+        Returns
+        -------
+        cspace.reasons.Explanation
+
+        Raises
+        ------
+        InputError
+            If the plan has no map in memory of positions, with or without a yaw.
+        """
+        space: Any = self._map("call space.explain(plan.start, plan.goal)")
+        if not hasattr(space, "explain"):
+            problem = f"is in {space!r}"
+            hint = "ask space.window(lower, upper) of a tiled map"
+            raise InputError("plan", problem, "only maps in memory explain", hint)
+        return cast("Explanation", space.explain(self.start, self.goal, refine=refine))
+
     def __repr__(self) -> str:
-        """Return a summary in a few lines."""
+        """Return a summary in a few lines.
+
+        Without a path it has the reason, which may take some seconds for a large map.
+        """
         return "Plan(" + "\n     ".join(self._lines()) + ")"
 
     def _lines(self) -> list[str]:
@@ -332,7 +363,7 @@ class Plan:
         between = " to ".join(map(format_configuration, ends.tolist()))
         if not self.solved:
             hints = [f"try {self.hint}"] if self.hint else []
-            return [result, f"from {between} ({axes})", *hints]
+            return [result, f"from {between} ({axes})", *self._reasons, *hints]
         measures = [f"{self.length:.3f} {self.length_unit}"]
         if self.total_rotation:
             measures.append(f"total rotation {self.total_rotation:.2f} rad")
@@ -349,6 +380,15 @@ class Plan:
             f"set up in {_format_seconds(times.setup)}, "
             f"checked in {_format_seconds(times.checking)}",
         ]
+
+    @property
+    def _reasons(self) -> list[str]:
+        """First sentence of the explanation, if the map knows why there is no path."""
+        try:
+            explanation = self.explain()
+        except InputError:  # the space explains nothing
+            return []
+        return [] if explanation.verdict == "connected" else explanation.sentences[:1]
 
     @property
     def _proof(self) -> str:
@@ -466,12 +506,19 @@ class Plan:
         max_lateral_acceleration: float | None = None,
         duration: float | None = None,
         time_step: float = 0.1,
+        blend: bool = True,
     ) -> Trajectory:
         """Compute the fastest motion along the path within limits.
 
-        It begins and ends at rest. The robot stays on the proven edges, so it stops at corners, at
-        cusps, and before and after turns on the spot. It does not stop between edges of the same
-        direction, nor between the arcs and straights of a car.
+        It begins and ends at rest. Corners become curves, as large as the map proves them free: a
+        parabola (T. Kunz and M. Stilman, 2012), or for a differential drive a turn while it drives.
+        On the way, corners move outward. The robot stops at corners whose blends are not proven, at
+        cusps, and before and after other turns on the spot. It does not stop between edges of the
+        same direction, nor between the arcs and straights of a car.
+
+        Blends are proven by FREE cells alone, even if the plan is ``exact``, or by the hulls of an
+        arm. Without a proof, as in a space of your own or after pickling, all corners stop the
+        robot; so do those of quaternions beside an edge that rotates.
 
         Parameters
         ----------
@@ -486,11 +533,14 @@ class Plan:
             largest angular acceleration stops to steer, since its yaw rate cannot jump; by default
             its steering is instant.
         max_lateral_acceleration : float, optional
-            Of a car on its arcs, m/s^2; by default ``max_acceleration``.
+            Of a car or differential drive on its curves, m/s^2; by default ``max_acceleration``.
         duration : float, optional
             Seconds of the whole trajectory, to which the fastest one is slowed down evenly.
         time_step : float
             Largest time between rows, seconds. Each change of acceleration adds a row.
+        blend : bool
+            Whether corners become curves. If False, the robot stays on the edges of the path, and
+            stops at corners.
 
         Raises
         ------
@@ -516,14 +566,18 @@ class Plan:
             max_angular_acceleration,
             max_lateral_acceleration,
         )
+        check_flag(blend, "blend")
         path = DrivenPath(
-            self.space,
-            self.waypoints,
-            self.axes,
-            self.units,
-            self._moves_joints,
-            self.drive,
-            self.turning_radius,
+            space=self.space,
+            waypoints=self.waypoints,
+            axes=self.axes,
+            units=self.units,
+            moves_joints=self._moves_joints,
+            drive=self.drive,
+            turning_radius=self.turning_radius,
+            exact=self.exact,
+            certified=self.certified,
+            blend=bool(blend),
         )
         return make_trajectory(path, limits, duration, time_step)
 

@@ -87,7 +87,7 @@ def make_bounded_states(edges: LocalPlanner) -> ob.StateSpace:
 
 
 def _choose_checking_share(space: Space, states: ob.StateSpace) -> float:
-    """Return the checking step as a share of the space's extent, within OMPL's bounds."""
+    """Choose the step at which OMPL checks motions, as a share of the space's extent."""
     extent = max(states.getMaximumExtent(), sys.float_info.epsilon)
     share: float = space.resolution / extent
     return min(max(share, MIN_CHECKING_SHARE), MAX_CHECKING_SHARE)
@@ -95,10 +95,10 @@ def _choose_checking_share(space: Space, states: ob.StateSpace) -> float:
 
 def _check_extent(space: Space, states: ob.StateSpace) -> None:
     """Raise InputError if OMPL takes the checking step in a part of the state space for zero."""
-    parts = [states]
+    subspaces = [states]
     if states.isCompound():
-        parts = [states.getSubspace(k) for k in range(states.getSubspaceCount())]
-    extent = min(part.getMaximumExtent() for part in parts)
+        subspaces = [states.getSubspace(k) for k in range(states.getSubspaceCount())]
+    extent = min(subspace.getMaximumExtent() for subspace in subspaces)
     # Until the share is set, OMPL uses its own, for example when it prints a space.
     share = min(_choose_checking_share(space, states), states.getLongestValidSegmentFraction())
     if extent * share < sys.float_info.epsilon:
@@ -174,7 +174,7 @@ def make_setup(
     rng: np.random.Generator | None = None,
     sampler: MakeSampler | None = None,
 ) -> og.SimpleSetup:
-    """Make the set-up of :func:`simple_setup` for a local planner."""
+    """Make OMPL's SimpleSetup for a local planner; see :func:`simple_setup` for the arguments."""
     space = edges.space
     setup = og.SimpleSetup(make_bounded_states(edges))
     si = setup.getSpaceInformation()
@@ -194,8 +194,8 @@ def make_setup(
     si.setStateValidityCheckingResolution(share)
     si.setValidStateSamplerAllocator(_choose_sampler(si, edges, rng, sampler))
     if objective is not None:
-        made = _make_checked(objective, si, ob.OptimizationObjective, "objective")
-        setup.setOptimizationObjective(made)
+        checked = _make_checked(objective, si, ob.OptimizationObjective, "objective")
+        setup.setOptimizationObjective(checked)
     elif not setup.getStateSpace().getType():
         # OMPL's length draws informed samples and fails in a state space of unknown type. A sum of
         # one objective does not draw them.
@@ -211,7 +211,7 @@ def _choose_sampler(
     rng: np.random.Generator | None,
     sampler: MakeSampler | None,
 ) -> MakeSampler:
-    """Return the function that makes valid state samplers.
+    """Choose the function that makes valid state samplers, and check that it can.
 
     It must not hold ``si``, because ``si`` holds it.
     """
@@ -227,12 +227,13 @@ def _choose_sampler(
                 "it is for FreeStateSampler",
                 "leave one of the two out",
             )
+    # FREE cells give samples without rejection, unless geometry decides other cells too.
     if sampler is None:
         if space.has_cells and space.in_memory and not exact:
             return lambda info: FreeStateSampler(info, edges.cells, rng)
         return lambda info: ob.UniformValidStateSampler(info)
-    made = _make_checked(sampler, si, ob.ValidStateSampler, "valid_state_sampler")
-    if isinstance(made, ob.ObstacleBasedValidStateSampler):
+    checked = _make_checked(sampler, si, ob.ValidStateSampler, "valid_state_sampler")
+    if isinstance(checked, ob.ObstacleBasedValidStateSampler):
         raise InputError(
             "valid_state_sampler",
             "makes an ObstacleBasedValidStateSampler",
@@ -245,13 +246,16 @@ def _choose_sampler(
 def _make_checked(
     make: Callable[[ob.SpaceInformation], object], si: ob.SpaceInformation, kind: type, name: str
 ) -> object:
-    """Call a user's function, and check the result's type."""
-    made = make(si)
-    if not isinstance(made, kind):
+    """Call a user's function with the space information, and check the type of its result.
+
+    Raises InputError, which blames the argument ``name``, if it is not of OMPL's ``kind``.
+    """
+    result = make(si)
+    if not isinstance(result, kind):
         raise InputError(
             name,
-            f"returned {made!r}",
+            f"returned {result!r}",
             f"it must return an ompl.base.{kind.__name__}",
             "pass a function that takes the space information",
         )
-    return made
+    return result

@@ -39,31 +39,34 @@ class StateKind(NamedTuple):
 
     def set_bounds(self, states: ob.StateSpace, lower: Floats, upper: Floats) -> None:
         """Set the bounds of positions, or of joints that are not continuous."""
-        limited = ~np.array(self.periodic_axes[: len(lower)])
-        bounds = ob.RealVectorBounds(int(limited.sum()))
-        for axis, (low, high) in enumerate(zip(lower[limited], upper[limited], strict=True)):
+        is_limited = ~np.array(self.periodic_axes[: len(lower)])
+        bounds = ob.RealVectorBounds(int(is_limited.sum()))
+        for axis, (low, high) in enumerate(zip(lower[is_limited], upper[is_limited], strict=True)):
             bounds.setLow(axis, float(low))
             bounds.setHigh(axis, float(high))
-        if limited.any():
+        if is_limited.any():
+            # In a compound space, the vector is the first subspace.
             if not hasattr(states, "setBounds"):
                 states = states.getSubspace(0)
             states.setBounds(bounds)
 
     def of_state(self, query: Callable[..., Value]) -> Callable[[ob.State], Value]:
-        """Let a function of a configuration take a state."""
+        """Make a function of a state from one of a configuration's numbers."""
         read = self.read
         return lambda state: query(*read(state))
 
     def of_states(self, query: Callable[..., Value]) -> Callable[[ob.State, ob.State], Value]:
-        """Let a function of two configurations take two states."""
+        """Make a function of two states from one of two configurations' numbers."""
         read = self.read
         return lambda first, second: query(*read(first), *read(second))
 
     def unwind(self, path: Floats) -> Floats:
-        """Unwrap a path's continuous joints, to move the shorter way."""
+        """Unwrap the continuous joints of a path, shape (n, size), to move the shorter way."""
         unwound = path.copy()
         steps = np.diff(path, axis=0)
-        unwound[1:] += np.cumsum(shorter(steps, self.periodic_axes) - steps, axis=0)
+        # Whole turns add up along the path.
+        whole_turns = shorter(steps, self.periodic_axes) - steps
+        unwound[1:] += np.cumsum(whole_turns, axis=0)
         return unwound
 
     def are_equal(self, first: Floats, second: Floats) -> bool:
@@ -172,7 +175,7 @@ def _make_compound_kind(periodic_axes: tuple[bool, ...], weight: float) -> State
     circles = np.flatnonzero(periodic_axes).tolist()
     limited = np.flatnonzero(~np.array(periodic_axes)).tolist()
     # The joints with limits, if any, share subspace 0; the circles follow.
-    parts = dict(enumerate(circles, 1 if limited else 0))
+    axis_of_circle = dict(enumerate(circles, 1 if limited else 0))
 
     def make() -> ob.StateSpace:
         """Make the state space, without bounds."""
@@ -192,16 +195,16 @@ def _make_compound_kind(periodic_axes: tuple[bool, ...], weight: float) -> State
             vector = state[0]
             for index, axis in enumerate(limited):
                 q[axis] = vector[index]
-        for part, axis in parts.items():
-            q[axis] = state[part].value
+        for subspace, axis in axis_of_circle.items():
+            q[axis] = state[subspace].value
         return tuple(q)
 
     def write(state: ob.State, *q: float) -> None:
         """Write numbers to a state."""
         if limited:
             _write_vector(state[0], *(q[axis] for axis in limited))
-        for part, axis in parts.items():
-            state[part].value = q[axis]
+        for subspace, axis in axis_of_circle.items():
+            state[subspace].value = q[axis]
 
     return StateKind(make, read, write)
 

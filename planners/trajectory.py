@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import csv
 import itertools
+import math
 import os
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol, cast
 
 import numpy as np
@@ -21,7 +22,32 @@ from cspace.rotations.quaternion import multiply
 from cspace.support.arrays import Bools, Floats, Ints, frozen
 from cspace.support.check import check_finite, check_positive
 from cspace.support.words import Drive
-from planners.local_planner import CURVES, HOLONOMIC, CarCurves, Pieces
+from planners.local_planner import (
+    CURVES,
+    HOLONOMIC,
+    ON_THE_SPOT,
+    CarCurves,
+    Pieces,
+    local_planner,
+)
+from planners.segments import (
+    Segments,
+    align_quaternions,
+    can_prove_curves,
+    make_lines,
+    place_along,
+    prove_segments,
+)
+from planners.smoothing import (
+    PEG_CELLS,
+    Layout,
+    LimitRates,
+    Smoother,
+    find_course,
+    find_driven_course,
+    smooth_path,
+)
+from planners.timing import MotionBounds, Phases, find_passes, find_phases, slow_down
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -44,38 +70,12 @@ which are skipped."""
 MAX_ROWS: Final = 10**6
 """Largest number of rows of a trajectory."""
 
-MIN_PHASE_SHARE: Final = 1e-12
-"""Smallest share of the duration that a phase takes; shorter ones are rounding errors, and skipped.
-"""
-
 
 class Line(Protocol):
     """A motion along straight lines, as :meth:`cspace.ArmSpace.follow_line` makes it."""
 
     waypoints: Floats
     certified: bool
-
-
-class Segments(NamedTuple):
-    """The m straight parts and arcs of a path."""
-
-    starts: Floats  # (m, size), configurations
-    rates: Floats  # (m, k), translation and rotation vector, or joints, per unit of length
-    lengths: Floats  # (m,), metres of a car, otherwise norms of the whole rates
-    curvatures: Floats  # (m,), radians per metre by which a car turns left
-
-
-class Phases(NamedTuple):
-    """Parts of a motion with constant acceleration.
-
-    Each is on one segment; in the last part the robot rests.
-    """
-
-    times: Floats  # seconds at which they start
-    segments: Ints
-    positions: Floats  # length along the segment at that time, and its derivatives by time
-    speeds: Floats
-    accelerations: Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -96,6 +96,9 @@ class Trajectory:
         after its time.
     axes, units : tuple of str
         Names and units of the columns, as of the plan.
+    certified : bool
+        Whether every part was proven free when the trajectory was made: edges as
+        :meth:`planners.Plan.recheck` proves them, and curves. Without a map, as the plan says.
     """
 
     times: Floats
@@ -104,7 +107,8 @@ class Trajectory:
     accelerations: Floats
     axes: tuple[str, ...]
     units: tuple[str, ...]
-    _moves_joints: bool
+    certified: bool
+    _route: DrivenPath
     _rotations: Rotations
     _segments: Segments
     _phases: Phases
@@ -189,7 +193,18 @@ class Trajectory:
                 "a trajectory follows proven motions",
                 "plan again",
             )
-        driven = DrivenPath(space, waypoints, space.axes, space.units, True, HOLONOMIC, None)
+        driven = DrivenPath(
+            space=space,
+            waypoints=waypoints,
+            axes=space.axes,
+            units=space.units,
+            moves_joints=True,
+            drive=HOLONOMIC,
+            turning_radius=None,
+            exact=True,
+            certified=True,
+            blend=False,
+        )
         limits = MotionLimits(max_velocity, max_acceleration)
         return make_trajectory(driven, limits, duration, time_step)
 
@@ -200,8 +215,41 @@ class Trajectory:
 
     @property
     def path(self) -> Floats:
-        """The positions, which pictures draw as a path."""
+        """The positions: rows of the curve that was proven, which pictures draw as a path."""
         return self.positions
+
+    def recheck(self, space: Space) -> Bools:
+        """Prove each part of the curve again, among the present obstacles of a map.
+
+        Parameters
+        ----------
+        space : Space
+            A map of the same robot, such as ``plan.space``.
+
+        Returns
+        -------
+        ndarray of bool, shape (m,)
+            True if a part is proven free now. The parts of a smooth path are its straight lines,
+            its turns on the spot, and the spans of its curves. Without curves they are those of
+            :meth:`planners.Plan.recheck`.
+
+        Raises
+        ------
+        InputError
+            If ``space`` is no :class:`cspace.Space`, or has other axes.
+        """
+        route = self._route
+        edges = local_planner(space, route.exact, route.drive, route.turning_radius)
+        if space.axes != self.axes:
+            raise InputError(
+                "space",
+                f"has the axes {', '.join(space.axes)}",
+                f"the trajectory has {', '.join(self.axes)}",
+                "pass a map of the same robot",
+            )
+        if route.blend:
+            return prove_segments(space, route.exact, self._segments)
+        return edges.edges_are_free(route.waypoints)
 
     def __repr__(self) -> str:
         """Return the duration and the number of rows."""
@@ -232,6 +280,113 @@ class Trajectory:
         positions, velocities, accelerations = (values.reshape(shape) for values in rows)
         return positions, velocities, accelerations
 
+    def sample_uniform(self, rate: float) -> Trajectory:
+        """Return the same motion with rows at a controller's rate.
+
+        Parameters
+        ----------
+        rate : float
+            Rows a second. The last row is the first one at which the robot rests at the goal.
+
+        Returns
+        -------
+        Trajectory
+            Its rows are also those of :meth:`to_csv`, of messages, and of ``v`` and ``omega``.
+
+        Raises
+        ------
+        InputError
+            If the rate is not above zero, or makes a million rows.
+
+        Examples
+        --------
+        >>> import numpy as np, cspace, planners
+        >>> workspace = cspace.Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
+        >>> space = cspace.build(workspace, cspace.Robot.disc(0.3))
+        >>> plan = planners.plan(space, (0.5, 1.5), (3.5, 1.5))
+        >>> trajectory = plan.trajectory(max_velocity=1.0, max_acceleration=0.5)
+        >>> trajectory.sample_uniform(20.0).times[:3].tolist()
+        [0.0, 0.05, 0.1]
+        """
+        checked = check_positive(rate, "rate", "rows a second")
+        # Rounding must not add a row.
+        rows = math.ceil(self.duration * checked * (1.0 - 1e-12))
+        if rows >= MAX_ROWS:
+            raise InputError(
+                "rate",
+                f"is {rate:g}",
+                f"it makes {rows} rows; at most {MAX_ROWS} are possible",
+                "lower it",
+            )
+        times = np.arange(rows + 1) / checked
+        positions, velocities, accelerations = self.sample(times)
+        return replace(
+            self,
+            times=frozen(times),
+            positions=frozen(positions),
+            velocities=frozen(velocities),
+            accelerations=frozen(accelerations),
+        )
+
+    @property
+    def v(self) -> Floats:
+        """Velocities ahead of a robot that drives, m/s, shape (n,); negative in reverse.
+
+        InputError if the robot is holonomic or an arm, whose ``velocities`` a controller takes.
+        """
+        self._check_drives()
+        return self._project_ahead(self.velocities)
+
+    @property
+    def omega(self) -> Floats:
+        """Yaw rates of a robot that drives, rad/s, shape (n,); as for :attr:`v`."""
+        self._check_drives()
+        return self.velocities[:, 2]
+
+    def steering(self, wheelbase: float) -> Floats:
+        """Return a car's steering angles, radians, shape (n,).
+
+        The angle of the front wheels is ``atan(wheelbase * curvature)``, to the left if positive,
+        for a reference point in the middle of the rear axle. It is also defined at rest.
+
+        Parameters
+        ----------
+        wheelbase : float
+            Distance of the axles, metres.
+
+        Raises
+        ------
+        InputError
+            If the robot is no car, or the wheelbase is not above zero.
+        """
+        if self._route.drive not in CURVES:
+            raise InputError(
+                "trajectory",
+                f"is of a robot with drive {self._route.drive!r}",
+                "a car steers",
+                "use v and omega",
+            )
+        metres = check_positive(wheelbase, "wheelbase")
+        segments, lengths, _ = _locate(self._phases, self.times)
+        parts = self._segments.select(segments)
+        slopes = place_along(parts, self._rotations, lengths)[1]
+        return np.arctan(metres * slopes[:, 2] / self._project_ahead(slopes))
+
+    def _check_drives(self) -> None:
+        """Raise InputError if the robot does not drive along its x axis."""
+        if self._route.drive == HOLONOMIC:
+            raise InputError(
+                "trajectory",
+                "is of a robot without a drive",
+                "only a robot that drives has v and omega",
+                "use velocities, or plan with drive='differential'",
+            )
+
+    def _project_ahead(self, rates: Floats) -> Floats:
+        """Return the parts of rates along the robot's x axis, shape (n,)."""
+        yaw = self.positions[:, 2]
+        return np.cos(yaw) * rates[:, 0] + np.sin(yaw) * rates[:, 1]
+
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw speed and angular speed over time.
 
@@ -248,7 +403,7 @@ class Trajectory:
         linear = self.velocities[:, :dim]
         angular = self.velocities[:, dim:]
         curves = list(zip(self.axes, self.units, linear.T, strict=False))
-        if not self._moves_joints:
+        if not self._route.moves_joints:
             curves = [("speed", "m", np.linalg.norm(linear, axis=1))]
             # The derivative of a quaternion is half as long as the angular velocity.
             factor = 2.0 if "qw" in self.axes else 1.0
@@ -260,7 +415,7 @@ class Trajectory:
         handles: list[Any] = []
         for k, (name, unit, curve) in enumerate(curves):
             if unit not in axes_by_unit:
-                quantity = "velocity" if self._moves_joints else name
+                quantity = "velocity" if self._route.moves_joints else name
                 axes_by_unit[unit] = left.twinx() if axes_by_unit else left
                 axes_by_unit[unit].set_ylabel(f"{quantity} ({unit}/s)")
             handles += axes_by_unit[unit].plot(self.times, curve, color=f"C{k}", label=name)
@@ -277,7 +432,7 @@ class Trajectory:
         from cspace.export.messages import fill_path
         from cspace.files.ros import Path
 
-        if self._moves_joints:
+        if self._route.moves_joints:
             raise InputError(
                 "trajectory",
                 f"moves the joints {', '.join(self.axes)}",
@@ -304,7 +459,7 @@ class Trajectory:
         from cspace.export.messages import fill_joint_trajectory
         from cspace.files.ros import JointTrajectory
 
-        if not self._moves_joints:
+        if not self._route.moves_joints:
             raise InputError(
                 "trajectory",
                 f"moves {', '.join(self.axes)}",
@@ -316,15 +471,48 @@ class Trajectory:
             self.axes, self.positions, self.velocities, self.times, filled, frame_id
         )
 
-    def to_csv(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
+    def to_twists(self, make: Callable[[], Any] | None = None) -> list[Any]:
+        """Return the commands of a robot that drives as messages ``geometry_msgs/Twist`` of ROS.
+
+        Each row becomes one, with :attr:`v` as ``linear.x`` and :attr:`omega` as ``angular.z``.
+
+        Parameters
+        ----------
+        make : callable, optional
+            The class of the messages, of ROS 1 or 2; by default :class:`cspace.ros.Twist`.
+
+        Raises
+        ------
+        InputError
+            If the robot does not drive, or a message lacks a field.
+        """
+        from cspace.export.messages import make_twists
+        from cspace.files.ros import Twist
+
+        return make_twists(make or Twist, self.v, self.omega)
+
+    def to_csv(
+        self,
+        path: str | os.PathLike[str],
+        overwrite: bool = False,
+        *,
+        wheelbase: float | None = None,
+    ) -> None:
         """Write the rows as CSV, in full precision.
 
-        The columns are ``time``, the axes, and their velocities, such as ``x_velocity``. Parameters
-        and errors are as for :meth:`planners.Plan.to_csv`.
+        The columns are ``time``, the axes, and their velocities, such as ``x_velocity``; for a
+        robot that drives also ``v`` and ``omega``, and for a car with a ``wheelbase`` in metres its
+        ``steering``. Other parameters and errors are as for :meth:`planners.Plan.to_csv`.
         """
-        names = ("time", *self.axes, *(f"{axis}_velocity" for axis in self.axes))
-        rows = np.column_stack([self.times, self.positions, self.velocities])
-        write_csv(path, overwrite, names, rows.tolist())
+        names = ["time", *self.axes, *(f"{axis}_velocity" for axis in self.axes)]
+        columns = [self.times, self.positions, self.velocities]
+        if self._route.drive != HOLONOMIC:
+            names += ["v", "omega"]
+            columns += [self.v, self.omega]
+        if wheelbase is not None:
+            names.append("steering")
+            columns.append(self.steering(wheelbase))
+        write_csv(path, overwrite, names, np.column_stack(columns).tolist())
 
 
 def write_csv(
@@ -363,6 +551,9 @@ class DrivenPath(NamedTuple):
     moves_joints: bool
     drive: Drive
     turning_radius: float | None
+    exact: bool
+    certified: bool  # what the plan says
+    blend: bool  # whether corners become curves
 
 
 def make_trajectory(
@@ -379,36 +570,84 @@ def make_trajectory(
     max_acceleration = _check_limits(path, dim, limits.max_acceleration, "max_acceleration", {})
     max_turn_rate = _check_option(limits, "max_angular_velocity", rotates, needs_angular)
     max_turn_gain = _check_option(limits, "max_angular_acceleration", rotates, needs_angular)
-    max_lateral = _check_option(limits, "max_lateral_acceleration", is_curved, False)
-    segments = _split_curves(path) if is_curved else _split_edges(path.waypoints, rotations)
-    speeds = _largest_rates(segments.rates, dim, max_velocity, max_turn_rate)
-    accelerations = _largest_rates(segments.rates, dim, max_acceleration, max_turn_gain)
-    if is_curved:
-        max_sideways = max_acceleration if max_lateral is None else max_lateral
-        with np.errstate(divide="ignore"):
-            speeds = np.minimum(speeds, np.sqrt(max_sideways / np.abs(segments.curvatures)))
-    # The steering of a car, and so its yaw rate, may jump unless its angular acceleration has a
-    # limit.
-    yaw_rate_jumps = is_curved and max_turn_gain is None
-    compared = slice(dim if yaw_rate_jumps else None)
-    ends = _turn(segments.rates, segments.curvatures * segments.lengths)
-    bends = np.abs(ends[:-1, compared] - segments.rates[1:, compared]).max(axis=1, initial=0.0)
-    passes = bends <= (MAX_CURVE_BEND if is_curved else MAX_EDGE_BEND)
-    phases = _stretch(_find_phases(segments.lengths, speeds, accelerations, passes), duration)
+    turns_sideways = is_curved or path.drive in ON_THE_SPOT
+    max_lateral = _check_option(limits, "max_lateral_acceleration", turns_sideways, False)
+    bounds = MotionBounds(
+        velocity=LimitRates(max_velocity, max_turn_rate, dim),
+        acceleration=LimitRates(max_acceleration, max_turn_gain, dim),
+        lateral=float(max_acceleration.min()) if max_lateral is None else max_lateral,
+    )
+    segments, phases = _find_motion(path, rotations, bounds, yaw_jumps=max_turn_gain is None)
+    layout = _smooth(path, rotations, bounds)
+    uses_blends = False
+    if layout is not None:
+        passes = find_passes(layout.segments, rotations)
+        blended = find_phases(layout.segments, rotations, passes, bounds)
+        uses_blends = bool(blended.times[-1] < phases.times[-1])
+        if uses_blends:
+            segments = layout.segments
+            phases = blended
+    path = path._replace(blend=uses_blends)
+    phases = _stretch(phases, duration)
     times = _row_times(phases, check_positive(time_step, "time_step", "seconds"))
     positions, velocities, accelerations = _evaluate(segments, phases, rotations, times)
-    return Trajectory(
+    made = Trajectory(
         times=frozen(times),
         positions=frozen(positions),
         velocities=frozen(velocities),
         accelerations=frozen(accelerations),
         axes=path.axes,
         units=path.units,
-        _moves_joints=path.moves_joints,
+        certified=path.certified,
+        _route=path._replace(space=None),
         _rotations=rotations,
         _segments=segments,
         _phases=phases,
     )
+    if path.space is None or uses_blends:  # smooth paths have just been proven
+        return replace(made, certified=uses_blends or path.certified)
+    return replace(made, certified=bool(made.recheck(path.space).all()))
+
+
+def _find_motion(
+    path: DrivenPath, rotations: Rotations, bounds: MotionBounds, yaw_jumps: bool
+) -> tuple[Segments, Phases]:
+    """Return the fastest motion that stays on the path's edges or a car's arcs.
+
+    The steering of a car, and so its yaw rate, may jump unless its angular acceleration has a
+    limit.
+    """
+    is_curved = path.drive in CURVES
+    segments = _split_curves(path) if is_curved else _split_edges(path.waypoints, rotations)
+    compared = slice(bounds.velocity.dim if is_curved and yaw_jumps else None)
+    ends = place_along(segments, rotations, segments.lengths)[1]
+    bends = np.abs(ends[:-1, compared] - segments.rates[1:, compared]).max(axis=1, initial=0.0)
+    passes = bends <= (MAX_CURVE_BEND if is_curved else MAX_EDGE_BEND)
+    return segments, find_phases(segments, rotations, passes, bounds)
+
+
+def _smooth(path: DrivenPath, rotations: Rotations, bounds: MotionBounds) -> Layout | None:
+    """Return a proven smooth version of a path; None if it keeps its edges."""
+    space = path.space
+    if not path.blend or path.drive in CURVES or space is None or not can_prove_curves(space):
+        return None
+    if path.drive in ON_THE_SPOT:
+        course = find_driven_course(path.waypoints)
+    else:
+        course = find_course(path.waypoints, rotations)
+    if course.stops.all():
+        return None
+    lower, upper = space.check_bounds()
+    is_periodic = np.array(space.periodic_axes)[: space.dim]
+    smoother = Smoother.of(
+        course,
+        rotations,
+        bounds.velocity,
+        bounds.acceleration,
+        (np.where(is_periodic, -np.inf, lower), np.where(is_periodic, np.inf, upper)),
+        PEG_CELLS * 2.0 * space.resolution if space.has_cells else 0.0,
+    )
+    return smooth_path(smoother, lambda parts: prove_segments(space, path.exact, parts))
 
 
 def _check_limits(
@@ -456,13 +695,7 @@ def _check_option(
 
 def _split_edges(waypoints: Floats, rotations: Rotations) -> Segments:
     """Return the straight edges of a path, shape (n, size)."""
-    starts = waypoints.copy()
-    if "qw" in rotations.names:
-        # Rotations take the shorter way, at whose end the next quaternion or its negative lies.
-        quaternions = starts[:, -4:]
-        cosines = (quaternions[:-1] * quaternions[1:]).sum(axis=1)
-        signs = np.where(cosines < 0.0, -1.0, 1.0)
-        quaternions[1:] *= np.cumprod(signs)[:, np.newaxis]
+    starts = align_quaternions(waypoints, rotations)
     steps = rotations.steps_between(starts[:-1], starts[1:])
     return _make_segments(starts, steps, np.linalg.norm(steps, axis=1), np.zeros(len(steps)))
 
@@ -488,66 +721,11 @@ def _make_segments(points: Floats, steps: Floats, lengths: Floats, radians: Floa
     """
     kept = np.flatnonzero(lengths > MIN_SEGMENT_LENGTH)
     if not len(kept):  # a plan without motion becomes a segment without length
-        return Segments(points[:1], np.eye(1, steps.shape[1]), np.zeros(1), np.zeros(1))
-    steps = steps[kept]
+        return make_lines(points[:1], np.eye(1, steps.shape[1]), np.zeros(1), points[:1])
     lengths = lengths[kept]
-    radians = radians[kept]
-    return Segments(points[kept], steps / lengths[:, np.newaxis], lengths, radians / lengths)
-
-
-def _largest_rates(rates: Floats, dim: int, linear: Floats, angular: float | None) -> Floats:
-    """Return each segment's largest rate within the limits, shape (m,)."""
-    moved = np.abs(rates[:, :dim])
-    if not linear.ndim:
-        moved = np.linalg.norm(rates[:, :dim], axis=1, keepdims=True)
-    turned = np.linalg.norm(rates[:, dim:], axis=1)
-    with np.errstate(divide="ignore"):
-        largest: Floats = (linear / moved).min(axis=1)
-        if angular is not None:
-            largest = np.minimum(largest, angular / turned)
-    return largest
-
-
-def _find_phases(lengths: Floats, speeds: Floats, accelerations: Floats, passes: Bools) -> Phases:
-    """Return the fastest motion along segments, from rest to rest.
-
-    Each segment has a largest speed and acceleration, shape (m,). ``passes``, shape (m - 1,), is
-    True if no stop is needed between two segments. Along a length, the square of the speed changes
-    by at most twice the acceleration times the length. So a pass ahead and a pass back bound the
-    speeds at the ends of segments. On each segment the robot accelerates, keeps the largest speed
-    if it reaches it, and decelerates. Source: Bobrow, Dubowsky and Gibson (1985); constant limits
-    make it exact.
-    """
-    caps = speeds**2
-    gains = 2.0 * accelerations * lengths
-    squares = np.zeros(len(lengths) + 1)
-    squares[1:-1] = np.where(passes, np.minimum(caps[:-1], caps[1:]), 0.0)
-    for k in range(len(lengths)):
-        squares[k + 1] = min(squares[k + 1], squares[k] + gains[k])
-    for k in reversed(range(len(lengths))):
-        squares[k] = min(squares[k], squares[k + 1] + gains[k])
-    rows = []
-    for k, (length, acceleration) in enumerate(zip(lengths, accelerations, strict=True)):
-        before = squares[k]
-        after = squares[k + 1]
-        # Rounding must not put the peak below the speed at an end.
-        peak = max(min(caps[k], 0.5 * (before + after + gains[k])), before, after)
-        up = (peak - before) / (2.0 * acceleration)
-        down = (peak - after) / (2.0 * acceleration)
-        cruise = max(length - up - down, 0.0) if peak >= caps[k] else 0.0
-        first, last, fastest = np.sqrt([before, after, peak])
-        # Each phase has a duration, and the fields of Phases from the segment on.
-        rows += [
-            ((fastest - first) / acceleration, k, 0.0, first, acceleration),
-            (cruise / speeds[k], k, up, fastest, 0.0),
-            ((fastest - last) / acceleration, k, length - down, fastest, -acceleration),
-        ]
-    table = np.array(rows)
-    table = table[table[:, 0] > MIN_PHASE_SHARE * table[:, 0].sum()]
-    rest = (0.0, len(lengths) - 1, lengths[-1], 0.0, 0.0)
-    durations, segments, *motion = np.vstack([table, rest]).T
-    times = np.cumsum([0.0, *durations[:-1]])
-    return Phases(times, segments.astype(np.int64), *motion)
+    rates = steps[kept] / lengths[:, np.newaxis]
+    lines = make_lines(points[kept], rates, lengths, points[kept + 1])
+    return lines._replace(curvatures=radians[kept] / lengths)
 
 
 def _stretch(phases: Phases, duration: float | None) -> Phases:
@@ -563,13 +741,7 @@ def _stretch(phases: Phases, duration: float | None) -> Phases:
             f"the limits need {total:.6g} s",
             "raise it, or the limits",
         )
-    return Phases(
-        phases.times * factor,
-        phases.segments,
-        phases.positions,
-        phases.speeds / factor,
-        phases.accelerations / factor**2,
-    )
+    return slow_down(phases, factor)
 
 
 def _row_times(phases: Phases, time_step: float) -> Floats:
@@ -588,31 +760,25 @@ def _row_times(phases: Phases, time_step: float) -> Floats:
     return np.concatenate([*rows, phases.times[-1:]])
 
 
+def _locate(phases: Phases, t: Floats) -> tuple[Ints, Floats, tuple[Floats, Floats]]:
+    """Return segments, lengths along these, and speeds and accelerations at times, shape (n,)."""
+    phase = np.maximum(np.searchsorted(phases.times, t, side="right") - 1, 0)
+    elapsed = np.maximum(t - phases.times[phase], 0.0)
+    acceleration = np.where(t < 0.0, 0.0, phases.accelerations[phase])
+    begin_speed = phases.speeds[phase]
+    mean_speed = begin_speed + 0.5 * acceleration * elapsed
+    lengths = phases.positions[phase] + elapsed * mean_speed
+    return phases.segments[phase], lengths, (begin_speed + acceleration * elapsed, acceleration)
+
+
 def _evaluate(
     segments: Segments, phases: Phases, rotations: Rotations, t: Floats
 ) -> tuple[Floats, Floats, Floats]:
     """Return positions, velocities and accelerations at times of shape (n,)."""
-    phase = np.maximum(np.searchsorted(phases.times, t, side="right") - 1, 0)
-    segment = phases.segments[phase]
-    elapsed = np.maximum(t - phases.times[phase], 0.0)
-    acceleration = np.where(t < 0.0, 0.0, phases.accelerations[phase])
-    begin_speed = phases.speeds[phase]
-    speed = begin_speed + acceleration * elapsed
-    mean_speed = begin_speed + 0.5 * acceleration * elapsed
-    length = phases.positions[phase] + elapsed * mean_speed
-    rates = segments.rates[segment]
-    curvatures = segments.curvatures[segment]
-    # The chord of an arc leads in the direction halfway, and is shorter than the arc.
-    half_turns = 0.5 * curvatures * length
-    steps = _turn(rates, half_turns) * length[:, np.newaxis]
-    steps[:, :2] *= np.sinc(half_turns / np.pi)[:, np.newaxis]
-    positions = rotations.add_steps(segments.starts[segment], steps)
-    directions = _turn(rates, 2.0 * half_turns)
-    velocities = directions * speed[:, np.newaxis]
-    accelerations = directions * acceleration[:, np.newaxis]
-    if curvatures.any():
-        sideways = np.column_stack([-directions[:, 1], directions[:, 0]])
-        accelerations[:, :2] += (speed**2 * curvatures)[:, np.newaxis] * sideways
+    segment, length, (speed, acceleration) = _locate(phases, t)
+    positions, first, second = place_along(segments.select(segment), rotations, length)
+    velocities = first * speed[:, np.newaxis]
+    accelerations = first * acceleration[:, np.newaxis] + second * (speed**2)[:, np.newaxis]
     if rotations.names == ("yaw",):
         positions[:, -1] = wrapped(positions[:, -1])
     if "qw" in rotations.names:
@@ -627,16 +793,3 @@ def _evaluate(
         velocities = np.column_stack([velocities[:, :-3], first])
         accelerations = np.column_stack([accelerations[:, :-3], second])
     return positions, velocities, accelerations
-
-
-def _turn(rates: Floats, angles: Floats) -> Floats:
-    """Turn x and y of rates, shape (n, k), left by angles, shape (n,)."""
-    turned = rates.copy()
-    if angles.any():
-        cos = np.cos(angles)
-        sin = np.sin(angles)
-        x = rates[:, 0]
-        y = rates[:, 1]
-        turned[:, 0] = cos * x - sin * y
-        turned[:, 1] = sin * x + cos * y
-    return turned

@@ -25,7 +25,7 @@ settings.load_profile("cspace")
 
 
 @pytest.fixture(scope="session")
-def data() -> Path:
+def data():
     """Return the folder of real maps and shapes."""
     name = os.environ.get("CSPACE_TEST_DATA")
     if not name:

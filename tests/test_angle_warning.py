@@ -15,7 +15,7 @@ from cspace import AngleWarning, CSpace, Robot, Workspace
 Call = Callable[[CSpace, tuple[float, ...]], object]
 
 FREE_Q = 1.0, 1.0, 0.5
-ANGLE_CALLS: dict[str, tuple[str, Call]] = {
+ANGLE_CALLS = {
     "start": ("start", lambda space, q: planners.plan(space, q, FREE_Q)),
     "is_free": ("q", lambda space, q: space.is_free(np.array(q))),
     "exact": ("q", lambda space, q: space.is_free(q, exact=True)),
@@ -28,12 +28,12 @@ ANGLE_CALLS: dict[str, tuple[str, Call]] = {
 
 
 @cache
-def turning() -> CSpace:
+def turning():
     workspace = Workspace.from_array(np.eye(30, dtype=bool)[::-1], 0.1)
     return cspace.build(workspace, Robot.rectangle(0.2, 0.1), rotations=12)
 
 
-def catch_warnings(call: Callable[[], object]) -> list[warnings.WarningMessage]:
+def catch_warnings(call):
     """Return the warnings of a call that Python prints by default."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("default")
@@ -42,10 +42,10 @@ def catch_warnings(call: Callable[[], object]) -> list[warnings.WarningMessage]:
 
 
 @pytest.mark.parametrize("call", ANGLE_CALLS)
-def test_a_yaw_in_degrees_warns_once_and_names_its_argument(call: str) -> None:
+def test_a_yaw_in_degrees_warns_once_and_names_its_argument(call):
     name, query = ANGLE_CALLS[call]
 
-    def repeat() -> None:
+    def repeat():
         for yaw in (90.0, -180.0, 7.0):
             query(turning(), (1.0, 1.0, yaw))
 
@@ -57,6 +57,6 @@ def test_a_yaw_in_degrees_warns_once_and_names_its_argument(call: str) -> None:
 
 
 @pytest.mark.parametrize("call", ANGLE_CALLS)
-def test_angles_up_to_a_whole_turn_do_not_warn(call: str) -> None:
+def test_angles_up_to_a_whole_turn_do_not_warn(call):
     for yaw in (2.0 * math.pi, -2.0 * math.pi, 4.0):
         assert not catch_warnings(lambda yaw=yaw: ANGLE_CALLS[call][1](turning(), (1.0, 1.0, yaw)))  # type: ignore[misc]

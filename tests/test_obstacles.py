@@ -2,7 +2,6 @@
 
 import copy
 import pickle
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,7 +19,6 @@ from tests.helpers.maps import proven_paths
 from tests.helpers.updates import (
     OBSTACLE,
     SPACING,
-    World,
     build_empty_room,
     check,
     check_agreement,
@@ -34,11 +32,11 @@ CART_BOX = shapely.box(1.83, 1.33, 2.21, 1.72)
 class Stage:
     """A workspace with named obstacles, separate from the map that follows it."""
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world):
         self.world, self.placed = world, dict[str, Shape]()
         self.low, self.size = np.array(world.lower), np.array(world.outer.shape) * SPACING
 
-    def obstacle(self) -> tuple[Any, Any]:
+    def obstacle(self):
         """Draw a shape, and the radius of its points."""
         rng, dim = self.world.rng, len(self.size)
         center = (
@@ -65,7 +63,7 @@ class Stage:
         box = trimesh.creation.box(sides)
         return (box.vertices @ turn + center, box.faces), None
 
-    def step(self, space: cspace.CSpace) -> cspace.CSpace:
+    def step(self, space):
         """Change an obstacle or cells; return a new build."""
         rng = self.world.rng
         name, action = str(rng.choice(["cart", "dog", "door"])), rng.random()
@@ -82,7 +80,7 @@ class Stage:
         assert list(space.obstacles) == list(self.placed)
         return self.build()
 
-    def build(self) -> cspace.CSpace:
+    def build(self):
         world, static = self.world, self.world.workspace()
         outer, inner = static.outer.copy(), static.inner.copy()
         for shape in self.placed.values():
@@ -100,7 +98,7 @@ class Stage:
 @pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
 @settings(max_examples=30)
 @given(worlds(), st.booleans())
-def test_added_moved_and_removed_obstacles_equal_a_rebuild(world: World, queried: bool) -> None:
+def test_added_moved_and_removed_obstacles_equal_a_rebuild(world, queried):
     stage, space = Stage(world), world.build()
     if queried:
         check(space, stage.build(), world)
@@ -114,7 +112,7 @@ def test_added_moved_and_removed_obstacles_equal_a_rebuild(world: World, queried
 @pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
 @settings(max_examples=16)
 @given(worlds())
-def test_checkers_and_exact_queries_follow_obstacles(world: World) -> None:
+def test_checkers_and_exact_queries_follow_obstacles(world):
     stage, space = Stage(world), world.build()
     ours, exactly = checkers(space), checkers(space, exact=True)
     for _ in range(2):
@@ -125,7 +123,7 @@ def test_checkers_and_exact_queries_follow_obstacles(world: World) -> None:
         np.testing.assert_array_equal(space.is_free(q, exact=True), fresh.is_free(q, exact=True))
 
 
-def test_obstacles_and_updates_make_unknown_cells_known() -> None:
+def test_obstacles_and_updates_make_unknown_cells_known():
     unknown = np.zeros((40, 30), dtype=bool)
     unknown[:, 10:] = True
     workspace = Workspace(cspace.Grid((0, 0), 0.1, (40, 30)), unknown, unknown, unknown=unknown)
@@ -153,7 +151,7 @@ def test_obstacles_and_updates_make_unknown_cells_known() -> None:
 @pytest.mark.parametrize(
     "again", [copy.copy, copy.deepcopy, lambda space: pickle.loads(pickle.dumps(space))]
 )
-def test_copies_keep_names_and_change_independently(again: Any) -> None:
+def test_copies_keep_names_and_change_independently(again):
     space, empty = build_empty_room(), build_empty_room()
     space.add_obstacle("cart", CART_BOX)
     other = again(space)
@@ -167,12 +165,12 @@ def test_copies_keep_names_and_change_independently(again: Any) -> None:
     np.testing.assert_array_equal(space.cell_states, empty.cell_states)
 
 
-def test_interrupted_move_leaves_a_correct_map(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_interrupted_move_leaves_a_correct_map(monkeypatch):
     space, calls, real = build_empty_room(), [], update._overwrite
     space.add_obstacle("cart", shapely.box(0.5, 0.5, 0.9, 0.9))
     space.clearance((1.0, 1.0))
 
-    def interrupt(*change: Any) -> None:
+    def interrupt(*change):
         calls.append(change)
         if len(calls) == 2:
             raise KeyboardInterrupt

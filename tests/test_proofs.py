@@ -4,13 +4,23 @@ import pytest
 
 from benchmarks.report import Report
 from tests.soak import maps
+from tests.soak.scenes import SPACES
+
+pytestmark = pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # tiny or distant obstacles
 
 
-@pytest.mark.filterwarnings("ignore")  # warnings about tiny, open or distant obstacles
 @pytest.mark.parametrize("seed", range(1, 4))
-@pytest.mark.parametrize("name", list(maps.SPACE_CASES)[:3])
-def test_proofs_of_random_maps_agree_with_independent_geometry(name: str, seed: int) -> None:
-    # Configurations lie inside cells, on and next to boundaries, and outside the grid.
+@pytest.mark.parametrize("name", SPACES)
+def test_proofs_of_random_maps_agree_with_independent_geometry(name, seed):
     report = Report(quick=True)
-    maps.check_maps(report, name, maps.SPACE_CASES[name][0], seed, 20_000, 20)
+    share = maps.SHARES.get(name, 1)
+    maps.check_maps(report, name, seed, 9_000 // share, 12 // share)
+    assert not report.failures, report.notes
+
+
+@pytest.mark.parametrize("seed", range(1, 3))
+@pytest.mark.parametrize("name", SPACES)
+def test_exact_queries_of_random_maps_agree_with_independent_geometry(name, seed):
+    report = Report(quick=True)
+    maps.check_exact_maps(report, name, seed, 60 // maps.SHARES.get(name, 1))
     assert not report.failures, report.notes

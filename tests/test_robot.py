@@ -72,7 +72,7 @@ def test_a_mesh_far_from_its_reference_point_warns_once():
         Robot.from_spec(spec)
 
 
-def test_drawings_of_the_other_dimension_are_rejected() -> None:
+def test_drawings_of_the_other_dimension_are_rejected():
     with pytest.raises(GeometryError, match="ask for its surface"):
         _ = Robot.ball(0.1).geometry
     with pytest.raises(GeometryError, match="ask for its outline"):

@@ -1,8 +1,6 @@
 """Warnings about robots whose size suggests another unit or origin."""
 
 import warnings
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +13,7 @@ PLANE = Workspace.from_array(np.zeros((100, 80), dtype=bool), 0.1)
 SHELF = Workspace.from_array(np.zeros((20, 20, 4), dtype=bool), 0.1)
 
 
-def find_warnings(call: Callable[[], object]) -> list[warnings.WarningMessage]:
+def find_warnings(call):
     """Return the unit warnings of a call."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -23,7 +21,7 @@ def find_warnings(call: Callable[[], object]) -> list[warnings.WarningMessage]:
     return [each for each in caught if each.category is UnitWarning]
 
 
-SUSPECT_ROBOTS: dict[str, tuple[Workspace, Any, dict[str, Any], list[str]]] = {
+SUSPECT_ROBOTS = {
     "in millimetres": (
         PLANE,
         Robot.rectangle(600, 400),
@@ -70,14 +68,14 @@ SUSPECT_ROBOTS: dict[str, tuple[Workspace, Any, dict[str, Any], list[str]]] = {
 
 
 @pytest.mark.parametrize("case", SUSPECT_ROBOTS)
-def test_a_build_warns_once_of_a_suspect_robot_with_measures_and_cause(case: str) -> None:
+def test_a_build_warns_once_of_a_suspect_robot_with_measures_and_cause(case):
     workspace, robot, options, parts = SUSPECT_ROBOTS[case]
     (warning,) = find_warnings(lambda: cspace.build(workspace, robot, **options))
     assert all(part in str(warning.message) for part in parts)
     assert warning.filename == __file__ and issubclass(UnitWarning, UserWarning)
 
 
-def test_a_robot_too_large_has_no_free_cell() -> None:
+def test_a_robot_too_large_has_no_free_cell():
     for case in ("longer than the diagonal", "margin in millimetres", "higher than the shelf"):
         workspace, robot, options, _ = SUSPECT_ROBOTS[case]
         with pytest.warns(UnitWarning, match="no cell is FREE"):
@@ -85,7 +83,7 @@ def test_a_robot_too_large_has_no_free_cell() -> None:
         assert not (space.cell_states == cspace.FREE).any()
 
 
-USUAL_ROBOTS: dict[str, tuple[Workspace, Any, dict[str, Any]]] = {
+USUAL_ROBOTS = {
     "point": (PLANE, Robot("point", Point.at_origin(2)), {}),
     "as long, but for rounding": (PLANE, Robot.rectangle(10 + 2e-15, 0.4), {}),
     "turned upright": (SHELF, Robot.box((0.5, 0.1, 0.1)), {"rotations": Rotations.quaternions(1)}),
@@ -95,7 +93,7 @@ USUAL_ROBOTS: dict[str, tuple[Workspace, Any, dict[str, Any]]] = {
 
 
 @pytest.mark.parametrize("case", USUAL_ROBOTS)
-def test_a_build_with_a_usual_robot_does_not_warn(case: str) -> None:
+def test_a_build_with_a_usual_robot_does_not_warn(case):
     workspace, robot, options = USUAL_ROBOTS[case]
     assert not find_warnings(lambda: cspace.build(workspace, robot, **options))
 

@@ -21,7 +21,7 @@ L_CELLS = [[1, 1, 0], [0, 1, 0]]
 """Obstacle cells of an L, two cells along x and three along y."""
 
 
-def test_arrays_are_read_only_copies() -> None:
+def test_arrays_are_read_only_copies():
     outer = np.array(L_CELLS, dtype=bool)
     inner = np.zeros_like(outer)
     workspace = Workspace.from_array(outer.T, 1.0, inner=inner.T)
@@ -34,7 +34,7 @@ def test_arrays_are_read_only_copies() -> None:
             array[0, 0] = False
 
 
-def test_a_read_only_array_of_the_caller_is_copied_too() -> None:
+def test_a_read_only_array_of_the_caller_is_copied_too():
     outer = np.array(L_CELLS, dtype=bool)
     view = outer.view()
     view.setflags(write=False)
@@ -44,35 +44,18 @@ def test_a_read_only_array_of_the_caller_is_copied_too() -> None:
 
 
 @pytest.fixture
-def files(tmp_path: Path) -> Path:
-    """Write a file for every reader, each with the obstacles of L_CELLS."""
+def files(tmp_path):
+    """Write an image, a benchmark map and shapes, each with the obstacles of L_CELLS."""
     from PIL import Image
 
     pixels = np.where(np.array(L_CELLS, dtype=bool).T[::-1], 0, 255).astype(np.uint8)
-    for suffix in (".png", ".pgm", ".bmp"):
-        Image.fromarray(pixels).save(tmp_path / f"map{suffix}")
+    Image.fromarray(pixels).save(tmp_path / "map.png")
     (tmp_path / "map.map").write_text("type octile\nheight 3\nwidth 2\nmap\n..\n@@\n@.\n")
-    header = "image: map.pgm\nresolution: 1.0\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
-    (tmp_path / "map.yaml").write_text(header)
-    (tmp_path / "map.YML").write_text(header)
-    np.save(tmp_path / "map.npy", np.array(L_CELLS, dtype=bool))
     (tmp_path / "map.wkt").write_text("MULTIPOINT (0.5 0.5, 0.5 1.5, 1.5 1.5, 2 3)")
     return tmp_path
 
 
-@pytest.mark.parametrize(
-    "name", ["map.png", "map.pgm", "map.bmp", "map.npy", "map.map", "map.yaml", "map.YML"]
-)
-def test_open_chooses_the_reader_by_suffix(files: Path, name: str) -> None:
-    path = files / name
-    options = {} if path.suffix.lower() in (".map", ".yaml", ".yml") else {"spacing": 1.0}
-    workspace = Workspace.open(path, **options)
-    assert workspace.grid == Grid((0.0, 0.0), 1.0, (2, 3))
-    assert np.array_equal(workspace.outer, np.array(L_CELLS, dtype=bool))
-    assert workspace.source == str(path)
-
-
-def test_open_passes_options_on(files: Path) -> None:
+def test_open_passes_options_on(files):
     workspace = Workspace.open(files / "map.png", spacing=0.5, lower=(1.0, 2.0), dark="free")
     assert workspace.grid == Grid((1.0, 2.0), 0.5, (2, 3))
     assert np.array_equal(workspace.outer, ~np.array(L_CELLS, dtype=bool))
@@ -80,7 +63,7 @@ def test_open_passes_options_on(files: Path) -> None:
     assert polygons.outer.tolist() == [[True, True], [False, True]]
 
 
-def test_files_without_permission_are_refused(files: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_files_without_permission_are_refused(files, monkeypatch):
     monkeypatch.setattr(
         Path, "read_bytes", mock.Mock(side_effect=PermissionError(13, "Permission denied"))
     )
@@ -89,7 +72,7 @@ def test_files_without_permission_are_refused(files: Path, monkeypatch: pytest.M
 
 
 @given(st.lists(st.floats(1.0, 1e3), min_size=2, max_size=3), st.integers(10**6, 10**9))
-def test_the_spacing_that_a_refusal_advises_fits_in_memory(sides: list[float], free: int) -> None:
+def test_the_spacing_that_a_refusal_advises_fits_in_memory(sides, free):
     corners = np.array([np.zeros(len(sides)), sides])
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("cspace.limits.free_bytes", lambda: free)
@@ -129,7 +112,7 @@ def test_workspaces_accept_shapes_of_every_kind():
     assert solids.grid.dim == 3
 
 
-def test_bounds_of_shapely_and_trimesh_are_accepted() -> None:
+def test_bounds_of_shapely_and_trimesh_are_accepted():
     # Bounds are numbers in a row, or the lower and the upper corner.
     mesh, area = trimesh.creation.box(bounds=[(0, 0, 0), (3, 2, 1)]), shapely.box(0, 0, 3, 2)
     for bounds in (mesh.bounds, (0, 0, 0, 3, 2, 1)):
@@ -152,7 +135,7 @@ def test_bounds_of_shapely_and_trimesh_are_accepted() -> None:
         (1.0, (10, 10, 12, 12), True),
     ],
 )
-def test_obstacles_smaller_than_a_cell_or_outside_the_bounds_warn(extent, bounds, warns) -> None:
+def test_obstacles_smaller_than_a_cell_or_outside_the_bounds_warn(extent, bounds, warns):
     square = shapely.box(0.0, 0.0, extent, extent)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")

@@ -33,7 +33,7 @@ from cspace.spectral import (
 )
 from cspace.support.arrays import Floats, Ints
 from tests.helpers import solids
-from tests.soak.frequency import compute_overlap, draw_pool_body
+from tests.soak.frequency import compute_overlap, draw_part
 
 Complexes = NDArray[np.complex128]
 
@@ -475,8 +475,8 @@ def _values(report: Report, seed: int, dim: int, rng: np.random.Generator) -> No
     """Compare overlaps and gradients in a batch with single calls."""
     tolerance = 0.1 if report.quick else 1e-3
     overlap = compute_overlap(
-        draw_pool_body(seed, 0, dim),
-        [draw_pool_body(seed, 1, dim)],
+        draw_part(seed, 0, dim),
+        [draw_part(seed, 1, dim)],
         0.5,
         8,
         Bump(2.0),

@@ -17,7 +17,7 @@ from benchmarks import inputs
 from benchmarks.report import Report
 from cspace import CSpace, Robot, Workspace
 from cspace.support.arrays import Floats
-from tests.soak.plane import place_polygon, unite_cells
+from tests.helpers.regions import Flat, cell_boxes, place_polygon
 
 Query = tuple[Floats, Floats]
 
@@ -154,7 +154,9 @@ def _from_scenarios(space: CSpace, number: int = 3) -> list[Query]:
 def _polygons(workspace: Workspace) -> tuple[Any, float]:
     """Return the prepared obstacles and the time of preparation, seconds."""
     began = time.perf_counter()
-    obstacles = unite_cells(workspace.outer, workspace.grid)
+    grid = workspace.grid
+    boxes = cell_boxes(workspace.outer, grid.lower, grid.spacing)
+    obstacles = shapely.union_all(Flat.boxes(boxes).polygons)
     shapely.prepare(obstacles)
     return obstacles, time.perf_counter() - began
 

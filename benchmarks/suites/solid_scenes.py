@@ -26,7 +26,9 @@ from benchmarks.report import Report
 from benchmarks.suites.planning_peers import PlanningPeer, Query, far_apart
 from cspace import CSpace, Grid, Robot, Rotations, Workspace
 from cspace.support.arrays import Bools, Floats, Ints
-from tests.soak.solids import Blocks, Pair, SolidSurface, matrix_of, merge_cells
+from tests.helpers.oracles import box_gaps
+from tests.helpers.regions import Body
+from tests.helpers.solids import rotation_of
 
 FCL_CONFIGURATIONS = 2000
 """Number of configurations on which FCL's models are timed and the map is compared with FCL."""
@@ -80,9 +82,9 @@ class Scene:
     name : str
     workspace : Workspace
     robot : Robot
-    body : SolidSurface
+    body : Body
         The same robot, for FCL and an independent inside test.
-    obstacles : SolidSurface
+    obstacles : Body
     models : mapping of str to callable
         Builders of FCL's models of the obstacles.
     queries : callable
@@ -92,38 +94,36 @@ class Scene:
         rotation.
     seeds : int
         Number of searches for each query.
-    boxes : tuple of Blocks, optional
+    boxes : tuple of ndarray, shape (n, 2, 3), optional
         Robot and obstacles, if both are boxes and the robot does not rotate.
     """
 
     name: str
     workspace: Workspace
     robot: Robot
-    body: SolidSurface
-    obstacles: SolidSurface
+    body: Body
+    obstacles: Body
     models: Mapping[str, Callable[[], Any]]
     queries: Callable[[CSpace], list[Query]]
     cuts: tuple[int, ...] = ()
     seeds: int = 0
-    boxes: tuple[Blocks, Blocks] | None = None
+    boxes: tuple[Floats, Floats] | None = None
 
     @classmethod
     def of_boxes(
         cls,
         name: str,
         workspace: Workspace,
-        robot: Blocks,
-        obstacles: Blocks,
+        robot: Floats,
+        obstacles: Floats,
         models: Mapping[str, Callable[[], Any]],
         queries: Callable[[CSpace], list[Query]],
     ) -> Scene:
         """Return the scene of a translating box among boxes."""
-        low, high = robot.bounds
+        low, high = robot[0]
         title = f"{name}, box of {' m x '.join(f'{side:g}' for side in high - low)} m"
-        skins, shape = (
-            (robot.to_surface(), obstacles.to_surface()),
-            Robot.box(high - low, (low + high) / 2),
-        )
+        skins = Body.boxes(robot), Body.boxes(obstacles)
+        shape = Robot.box(high - low, (low + high) / 2)
         return cls(title, workspace, shape, *skins, models, queries, boxes=(robot, obstacles))
 
     def rotations(self, cuts: int) -> Rotations:
@@ -133,12 +133,12 @@ class Scene:
 
 def rooms(quick: bool) -> Scene:
     """Return the scene of a table that passes a door only if tilted."""
-    obstacles, body = Blocks.boxes(ROOM_BOXES).to_surface(), Blocks.boxes(TABLE).to_surface()
+    obstacles, body = Body.boxes(ROOM_BOXES), Body.boxes(TABLE)
     workspace = Workspace.from_mesh(_mesh(obstacles), 0.2 if quick else 0.1, ROOMS_BOUNDS)
     half = math.sqrt(0.5)
     query = np.array((1.2, 1.5, 0.4, 0, 0, 0, 1)), np.array((6.8, 2.5, 0.4, 0, 0, half, half))
     robot = Robot.from_mesh(_mesh(body), name="table")
-    models = {"triangles": obstacles.model}
+    models = {"triangles": lambda: obstacles.model}
     cuts = (2,) if quick else (4, 12, 8)
     return Scene(
         "a table through a door",
@@ -155,12 +155,12 @@ def rooms(quick: bool) -> Scene:
 
 def trap(quick: bool) -> Scene:
     """Return the scene of a hook in a cube with a narrowing tube as exit."""
-    obstacles, body = Blocks.boxes(_trap()).to_surface(), Blocks.boxes(HOOK).to_surface()
+    obstacles, body = Body.boxes(_trap()), Body.boxes(HOOK)
     workspace = Workspace.from_mesh(_mesh(obstacles), 0.2 if quick else 0.1, TRAP_BOUNDS)
     half = math.sqrt(0.5)
     query = np.array((-0.3, 0, 0, 0, 0, half, half)), np.array((2.8, 0, 0, 0, 0, half, half))
     robot = Robot.from_mesh(_mesh(body), name="hook")
-    models = {"triangles": obstacles.model}
+    models = {"triangles": lambda: obstacles.model}
     cuts = (2,) if quick else (4,)
     return Scene(
         "a bug trap", workspace, robot, body, obstacles, models, lambda space: [query], cuts, 6
@@ -206,11 +206,10 @@ def cube_tunnel(report: Report) -> Iterator[Scene]:
     query = tuple(np.array(problem[end]["position"], dtype=np.float64) for end in ("start", "goal"))
     workspace = Workspace.from_mesh(folder / "obstacles.obj", CUBE_SPACING, bounds)
     mesh: Any = trimesh.load(folder / "obstacles.obj", force="mesh", process=True)
-    boxes = Blocks.boxes([part.bounds for part in mesh.split()])
-    body = Blocks.boxes([trimesh.load(folder / "robot.obj", force="mesh").bounds])
-    models = {
-        "triangles": SolidSurface(np.asarray(mesh.triangles), np.full(len(mesh.faces), -1)).model
-    }
+    boxes = np.array([part.bounds for part in mesh.split()])
+    body = np.array([trimesh.load(folder / "robot.obj", force="mesh").bounds])
+    surface = Body(np.asarray(mesh.triangles), np.full(len(mesh.faces), -1))
+    models = {"triangles": lambda: surface.model}
     yield Scene.of_boxes(
         CUBE_TUNNEL, workspace, body, boxes, models, lambda space: [(query[0], query[1])]
     )
@@ -236,7 +235,7 @@ def tunnels(report: Report) -> Iterator[Scene]:
     skins = {}
     for name in ("obstacles", *TUNNEL_ROBOTS):
         mesh: Any = trimesh.load(folder / f"{name}.obj", force="mesh", process=True)
-        skins[name] = SolidSurface(
+        skins[name] = Body(
             np.asarray(mesh.triangles), _bodies(len(mesh.vertices), np.asarray(mesh.faces))
         )
     for name in TUNNEL_ROBOTS:
@@ -246,7 +245,7 @@ def tunnels(report: Report) -> Iterator[Scene]:
             Robot.from_mesh(folder / f"{name}.obj"),
             skins[name],
             skins["obstacles"],
-            {"triangles": skins["obstacles"].model},
+            {"triangles": lambda: skins["obstacles"].model},
             lambda space: [(endpoints[0], endpoints[1])],
             (4,),
             2
@@ -263,10 +262,10 @@ def building(
     if path is None:
         return
     half, workspace = 0.5 * np.array(DRONE), Workspace.from_octomap(path, unknown)
-    grid, body = workspace.grid, Blocks.boxes([[-half, half]])
-    boxes = Blocks.boxes(np.asarray(grid.lower) + grid.spacing * merge_cells(workspace.outer))
+    grid, body = workspace.grid, np.array([[-half, half]])
+    boxes = np.asarray(grid.lower) + grid.spacing * inputs.merge_cells(workspace.outer)
     models = {
-        "triangles of merged boxes": boxes.to_surface().model,
+        "triangles of merged boxes": lambda: Body.boxes(boxes).model,
         "octree": partial(octree, workspace.outer, grid),
     }
     queries = partial(far_apart, number=number, rng=rng)
@@ -310,8 +309,8 @@ class Fcl:
         grid = scene.workspace.grid
         self.box = np.asarray(grid.lower), np.asarray(grid.upper)
         self.deep = self.box[0] + reach, self.box[1] - reach
-        robots = {"triangles": scene.body.model()}
-        low, high = scene.body.bounds
+        robots = {"triangles": scene.body.model}
+        low, high = self.corners.min(axis=0), self.corners.max(axis=0)
         if scene.boxes is not None and np.allclose(low, -high):
             robots["box"] = fcl.CollisionObject(fcl.Box(*(high - low)))
         candidates = []
@@ -366,7 +365,7 @@ class Fcl:
         if self.meets(q):
             return True
         body, obstacles = self.scene.body, self.scene.obstacles
-        turn, place = matrix_of(q[3:]), q[:3]
+        turn, place = rotation_of(q).as_matrix(), np.asarray(q[:3])
         inside = bool(obstacles.encloses(body.spots @ turn.T + place).any())
         return inside or bool(body.encloses((obstacles.spots - place) @ turn).any())
 
@@ -393,22 +392,22 @@ class Fcl:
     def _boxes_collide(self, path: Floats) -> bool:
         """Return True if a path meets boxes or leaves the grid, by exact distances."""
         body, boxes = self.scene.boxes or ()
-        low, high = body.bounds
+        low, high = body[0]
         if (path + low <= self.box[0]).any() or (path + high >= self.box[1]).any():
             return True
         t = np.linspace(0.0, 1.0, EXACT_POSITIONS_PER_LEG)[:, None]
         for start, end in itertools.pairwise(path):
             first, last = np.minimum(start, end) + low, np.maximum(start, end) + high
-            near = ((boxes.low <= last) & (boxes.high >= first)).all(axis=1)
-            few = Blocks.boxes(np.stack([boxes.low[near], boxes.high[near]], axis=1))
-            if near.any() and (Pair.of(body, few).gaps(start + t * (end - start)) <= 0.0).any():
+            near = boxes[((boxes[:, 0] <= last) & (boxes[:, 1] >= first)).all(axis=1)]
+            at = start + t * (end - start)
+            if any((box_gaps(at + low, at + high, *box) <= 0.0).any() for box in near):
                 return True
         return False
 
 
 def along(start: Floats, end: Floats, t: Floats) -> Floats:
     """Return configurations on a straight edge, at each t in [0, 1]."""
-    first, last = (Rotation.from_matrix(matrix_of(q[3:])) for q in (start, end))
+    first, last = rotation_of(start), rotation_of(end)
     places = start[:3] + t[:, None] * (end - start)[:3]
     turns = first * Rotation.from_rotvec(t[:, None] * (first.inv() * last).as_rotvec())
     return np.column_stack([places, turns.as_quat()])
@@ -431,7 +430,7 @@ def octree(occupied: Bools, grid: Grid) -> Any:
     )
 
 
-def _mesh(skin: SolidSurface) -> Any:
+def _mesh(skin: Body) -> Any:
     return trimesh.Trimesh(
         skin.triangles.reshape(-1, 3), np.arange(3 * len(skin.triangles)).reshape(-1, 3)
     )

@@ -20,7 +20,6 @@ from benchmarks.timing import Timing, interleave
 from cspace import Robot, Workspace
 from cspace.engines import ENGINES, choose_engine
 from cspace.support.arrays import Bools, Floats, Ints, States
-from tests.soak.solids import merge_cells
 
 Checker = Callable[[Floats, float], Bools]
 
@@ -219,7 +218,7 @@ def _sample(
     """Time checkers on a sample of cells, and compare them with the map."""
     robot = Robot.disc(radius) if workspace.grid.dim == 2 else Robot.ball(radius)
     occupied = workspace.outer
-    boxes = merge_cells(occupied.reshape(occupied.shape + (1,) * (3 - occupied.ndim)))
+    boxes = inputs.merge_cells(occupied.reshape(occupied.shape + (1,) * (3 - occupied.ndim)))
     ready = {
         name: make(boxes)
         for name, (package, make, dims) in LIBRARIES.items()

@@ -35,7 +35,10 @@ from cspace.arms.chain import (
     rotation_rows,
 )
 from cspace.arms.proofs import (
+    FIRST_PART,
+    FIRST_SURFACE,
     NO_MOTION,
+    PIECE_STACK,
     Scene,
     SceneScratch,
     Solids,
@@ -47,7 +50,17 @@ from cspace.arms.proofs import (
     push_children,
 )
 from cspace.bodies import ADVANCE_FACTOR
-from cspace.bodies.triangles import boxes_are_apart, joint_displacement, piece_depth
+from cspace.bodies.triangles import (
+    AXIS_POINT,
+    CENTER,
+    CHORD,
+    DIRECTION,
+    HALF_SIDES,
+    TRANSLATION,
+    boxes_are_apart,
+    joint_displacement,
+    piece_depth,
+)
 from cspace.grid import SLACK
 from cspace.support.arrays import BLOCKED, FREE, MIXED, Floats, Ints, Row, States
 from cspace.support.compiling import kernel
@@ -171,8 +184,10 @@ def classify_block(
 ) -> None:
     """Write the states of the cells of the first pending block.
 
-    ``pair_numbers`` has the numbers that are written for the scene's pairs.
+    A block is proven as a whole, or halved down to single cells. ``pair_numbers``, shape (p,), has
+    the numbers that are written for the scene's pairs.
     """
+    # Rows of the stack below `top` are filled.
     top = 1
     while top > 0:
         top -= 1
@@ -181,8 +196,10 @@ def classify_block(
             if halve_block(cells, pending, top, cells.parts):
                 top += 2
                 continue
+            # A single cell may still be proven by its parts.
             state, pair = refine_cell(scene, inside, cells, pending, top, scratch)
         deciding_pair = pair_numbers[pair] if state == MIXED else -1
+        # A block has its starts along three axes, then its stops, in parts of a cell.
         block = pending.blocks[top]
         parts = cells.parts
         for i in range(block[0] // parts, block[3] // parts):
@@ -202,15 +219,16 @@ def prove_block(
     may_be_blocked: bool,
     scratch: SceneScratch,
 ) -> tuple[int, int]:
-    """Return the state of a pending block; MIXED if unproven.
+    """Prove a pending block FREE or BLOCKED as a whole; return its state, MIXED if unproven.
 
-    Also returns a pair that proves BLOCKED, or that is open. Pairs whose boundaries are farther
-    apart at the center than they move in the block are dropped from its list.
+    Also returns a pair that proves BLOCKED, or that is open, or -1. Pairs whose boundaries are
+    farther apart at the center than they move in the block are dropped from its list.
     """
     is_smallest = set_box(cells, pending, row)
     forward_kinematics(scene.chain, pending.center, pending.center, 0.0, scratch.poses)
     required = find_required_distance(scene, pending.center, pending.center)
     bodies = scene.solids.bodies
+    # Open pairs move to the front of the block's list.
     still_open = 0
     for n in range(pending.counts[row]):
         pair = pending.pair_lists[row, n]
@@ -235,10 +253,11 @@ def prove_block(
 
 @kernel
 def set_box(cells: JointCells, pending: PendingBlocks, row: int) -> bool:
-    """Write the center and half sides of a pending block's configurations.
+    """Write the center and half sides, shapes (dof,), of a pending block's configurations.
 
     Returns True if the block is the smallest part of a cell that is divided.
     """
+    # Starts along three axes, then stops, in parts of a cell.
     block = pending.blocks[row]
     half_part = 0.5 * cells.spacing / cells.parts
     is_smallest = cells.parts > 1
@@ -264,13 +283,14 @@ def refine_cell(
     base: int,
     scratch: SceneScratch,
 ) -> tuple[int, int]:
-    """Return the state of a cell by its parts, and a pair that keeps it MIXED or -1.
+    """Prove a cell by its parts; return its state, and a pair that keeps it MIXED or -1.
 
-    The cell is the pending block ``base``, and nothing is proven of it as a whole.
+    The cell is the pending block ``base``, and nothing is proven of it as a whole. It is FREE or
+    BLOCKED if all parts are.
     """
     has_free = False
     blocking_pair = -1
-    # Parts of the cell are pending in the rows from `bottom` on.
+    # Parts of the cell are pending in the rows from `bottom` on; the cell itself stays below.
     bottom = base + 1
     copy_block(pending, base, bottom)
     if not halve_block(cells, pending, bottom, 1):
@@ -287,6 +307,7 @@ def refine_cell(
             top += 2
         else:
             return MIXED, blocking_pair if blocking_pair >= 0 else pair
+        # A cell with a FREE and a BLOCKED part is neither.
         if has_free and blocking_pair >= 0:
             return MIXED, blocking_pair
     return (FREE if has_free else BLOCKED), -1
@@ -294,7 +315,7 @@ def refine_cell(
 
 @kernel
 def copy_block(pending: PendingBlocks, row: int, target: int) -> None:
-    """Copy a pending block with its pairs."""
+    """Copy a pending block with its open pairs to the row ``target``."""
     for n in range(6):
         pending.blocks[target, n] = pending.blocks[row, n]
     for n in range(pending.counts[row]):
@@ -309,6 +330,7 @@ def halve_block(cells: JointCells, pending: PendingBlocks, row: int, parts: int)
     The cut is across the axis along which the block moves the arm farthest. Whole multiples of
     ``parts`` stay together; returns False if no axis has more.
     """
+    # Starts along three axes, then stops, in parts of a cell.
     block = pending.blocks[row]
     cut_axis = -1
     farthest = 0.0
@@ -322,6 +344,7 @@ def halve_block(cells: JointCells, pending: PendingBlocks, row: int, parts: int)
         return False
     middle = (block[cut_axis] + block[cut_axis + 3]) // 2
     whole_middle = middle // parts * parts
+    # The copy becomes the upper half, and the block itself the lower one.
     copy_block(pending, row, row + 1)
     block[cut_axis + 3] = whole_middle
     pending.blocks[row + 1, cut_axis] = whole_middle
@@ -332,10 +355,11 @@ def halve_block(cells: JointCells, pending: PendingBlocks, row: int, parts: int)
 def write_axes(
     chain: Chain, a: int, b: int, halves: Floats, required: float, scratch: SceneScratch
 ) -> int:
-    """Write the joints that move body a relative to body b.
+    """Write the axes of the joints that move body a relative to body b in a box.
 
-    Returns their number. The rows of ``scratch.axes`` are those of
-    :func:`cspace.bodies.triangles.joint_displacement`, in the frame of b. They include the rounding
+    ``halves``, shape (dof,), are the half sides of the box of configurations. Returns the number of
+    rows written to ``scratch.axes``. They are those of
+    :func:`cspace.bodies.triangles.joint_displacement`, in the frame of b, and include the rounding
     of points, ``required``.
     """
     between = chain.between[a, b]
@@ -346,6 +370,7 @@ def write_axes(
         travel = abs(chain.factors[j]) * halves[chain.joint_indices[j]] / ADVANCE_FACTOR
         if not between[j] or travel == 0.0 or chain.kinds[j] == FIXED:
             continue
+        # The axis passes through the origin of the joint's body.
         joint_pose = scratch.poses[j]
         world_axis = rotate(rotation_rows(joint_pose), row_at(chain.axes[j], 0))
         axis = rotate_back(base_rotation, world_axis)
@@ -353,15 +378,16 @@ def write_axes(
         origin = rotate_back(base_rotation, offset)
         row = scratch.axes[count]
         for k in range(3):
-            row[k] = axis[k]
-            row[3 + k] = origin[k]
+            row[DIRECTION + k] = axis[k]
+            row[AXIS_POINT + k] = origin[k]
         if chain.kinds[j] == REVOLUTE:
+            # A turn moves a point at distance 1 by the chord of its angle.
             chord = 2.0 * math.sin(0.5 * min(travel, math.pi)) / ADVANCE_FACTOR
-            row[6] = chord
-            row[7] = chord * required
+            row[CHORD] = chord
+            row[TRANSLATION] = chord * required
         else:
-            row[6] = 0.0
-            row[7] = travel
+            row[CHORD] = 0.0
+            row[TRANSLATION] = travel
         count += 1
     return count
 
@@ -374,10 +400,10 @@ def find_blocked_pair(
     with_crossings: bool,
     scratch: SceneScratch,
 ) -> int:
-    """Return an open pair proven BLOCKED in the current box, or -1.
+    """Return an open pair of a pending block that provably collides in the whole block, or -1.
 
-    The poses must be those of the center of the box. Triangles that cross are sought only
-    ``with_crossings``.
+    The poses of ``scratch`` must be those of the block's center, and its half sides those of
+    ``pending``. Triangles that cross are sought only ``with_crossings``.
     """
     scene = inside.scene
     bodies = scene.solids.bodies
@@ -385,6 +411,7 @@ def find_blocked_pair(
     for n in range(pending.counts[row]):
         pair = pending.pair_lists[row, n]
         i, j = scene.pairs[pair]
+        # First a ball in solid j, as seen from solid i, then one in solid i.
         count = write_axes(scene.chain, bodies[j], bodies[i], pending.halves, required, scratch)
         if ball_collides(inside, j, i, scratch.axes[:count], required, scratch):
             return int(pair)
@@ -403,23 +430,26 @@ def ball_collides(
 ) -> bool:
     """Return True if a ball in solid i provably meets solid j.
 
-    The proof holds in a whole box, in which ``axes`` move solid i as seen from solid j.
+    The proof holds in a whole box of configurations, in which ``axes``, shape (k, 8), move solid i
+    as seen from solid j.
     """
     balls = inside.balls
     solids = inside.scene.solids
+    starts = solids.starts
     matrix, shift = relative_pose(scratch.poses[solids.bodies[i]], scratch.poses[solids.bodies[j]])
     for n in range(balls.starts[i], balls.starts[i + 1]):
         point = apply_pose(matrix, shift, row_at(balls.centers[n], 0))
         displacement = joint_displacement(axes, point, 0.0) + required
+        # A ball of this radius stays in solid i; if negative, the center must lie that deep in j.
         rest = balls.radii[n] - displacement
         if solids.has_solids[j] and reaches_piece(solids, j, point, rest, scratch):
             return True
-        for surface in range(solids.starts[j, 0], solids.starts[j + 1, 0]):
+        for surface in range(starts[j, FIRST_SURFACE], starts[j + 1, FIRST_SURFACE]):
             root = solids.surface_roots[surface]
             surface_box = solids.surfaces.boxes[root]
-            offset = minus(point, row_at(surface_box, 0))
+            offset = minus(point, row_at(surface_box, CENTER))
             # A point is no deeper in a surface than in its box, which decides for most balls.
-            if boxes_are_apart(offset, (rest, rest, rest), row_at(surface_box, 3)):
+            if boxes_are_apart(offset, (rest, rest, rest), row_at(surface_box, HALF_SIDES)):
                 continue
             if lies_deep(solids.surfaces, root, point, -rest, scratch.nodes):
                 return True
@@ -428,26 +458,28 @@ def ball_collides(
 
 @kernel
 def reaches_piece(solids: Solids, j: int, point: Row, rest: float, scratch: SceneScratch) -> bool:
-    """Return True if a point is near a box or ball.
+    """Return True if a point is within ``rest`` of a box or ball of solid j, metres.
 
     A negative ``rest`` requires that the point lies deeper than that in the box or ball.
     """
     trees = solids.trees
+    starts = solids.starts
     nodes = scratch.nodes
-    near = max(rest, 0.0)
-    for part in range(solids.starts[j, 2], solids.starts[j + 1, 2]):
-        nodes[1, 0] = solids.tree_roots[part]
+    reach = max(rest, 0.0)
+    for part in range(starts[j, FIRST_PART], starts[j + 1, FIRST_PART]):
+        # Rows of the stack from 1 to top - 1 are filled; an empty part has no root.
+        nodes[1, PIECE_STACK] = solids.tree_roots[part]
         top = 2 if solids.tree_roots[part] >= 0 else 1
         while top > 1:
             top -= 1
-            node = nodes[top, 0]
+            node = nodes[top, PIECE_STACK]
             box = trees.boxes[node]
             row, count = trees.spans[node]
-            offset = minus(point, row_at(box, 0))
-            if boxes_are_apart(offset, (near, near, near), row_at(box, 3)):
+            offset = minus(point, row_at(box, CENTER))
+            if boxes_are_apart(offset, (reach, reach, reach), row_at(box, HALF_SIDES)):
                 continue
             if count > 1:
-                top = push_children(nodes, 0, top, node, count)
+                top = push_children(nodes, PIECE_STACK, top, node, count)
             elif piece_depth(trees.triangles[row], point) + rest > 0.0:
                 return True
     return False

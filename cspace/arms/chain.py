@@ -89,15 +89,18 @@ class Chain(NamedTuple):
 
 @kernel
 def forward_kinematics(chain: Chain, q0: Floats, q1: Floats, t: float, poses: Floats) -> None:
-    """Write poses and velocities of all bodies into ``poses``.
+    """Compute the poses and velocities of all bodies during a motion of the joints.
 
-    ``poses`` has shape (b, 3, 6); ``t`` is the time of the motion, from 0 to 1. The columns are the
-    rotation, then :data:`POSITION`, :data:`SPIN` and :data:`VELOCITY`.
+    The motion leads from ``q0`` to ``q1``, shapes (dof,); ``t`` is its time, from 0 to 1. Writes to
+    ``poses``, shape (b, 3, 6), whose columns are the rotation, then :data:`POSITION`, :data:`SPIN`
+    and :data:`VELOCITY`.
     """
+    # The base has a fixed pose, and never moves.
     for i in range(3):
         for j in range(4):
             poses[0, i, j] = chain.frames[0, i, j]
         poses[0, i, SPIN] = poses[0, i, VELOCITY] = 0.0
+    # Each body follows its parent, whose pose and velocity are known by then.
     for b in range(1, len(chain.parents)):
         frame = chain.frames[b]
         parent = poses[chain.parents[b]]
@@ -113,6 +116,7 @@ def forward_kinematics(chain: Chain, q0: Floats, q1: Floats, t: float, poses: Fl
         else:
             slide = value
             sliding = rate
+        # Pose: first the frame of the joint on the parent, then the joint's own motion.
         joint_axis = row_at(chain.axes[b], 0)
         parent_rotation = rotation_rows(parent)
         joint_rotation = multiply(parent_rotation, rotation_columns(frame))
@@ -121,6 +125,7 @@ def forward_kinematics(chain: Chain, q0: Floats, q1: Floats, t: float, poses: Fl
             parent_rotation, column_at(parent, POSITION), column_at(frame, POSITION)
         )
         position = add_scaled(origin, rotate(joint_rotation, joint_axis), slide)
+        # Velocity: that of the parent, plus the joint's turning about its axis, or sliding along.
         axis = rotate(rotation, joint_axis)
         moment = cross(position, axis)
         for i in range(3):
@@ -150,7 +155,8 @@ def turn_columns(axis: Row, angle: float) -> Matrix:
 def relative_pose(pose: Floats, base_pose: Floats) -> tuple[Matrix, Row]:
     """Return the pose of a body as seen from another body.
 
-    Returns the rows of the rotation, and the translation.
+    Both poses have shape (3, 6), as in :func:`forward_kinematics`. Returns the rows of the
+    rotation, and the translation.
     """
     offset = minus(column_at(pose, POSITION), column_at(base_pose, POSITION))
     to_base = rotation_columns(base_pose)
@@ -159,20 +165,24 @@ def relative_pose(pose: Floats, base_pose: Floats) -> tuple[Matrix, Row]:
 
 @kernel
 def multiply(rows: Matrix, columns: Matrix) -> Matrix:
-    """Multiply a matrix, given by its rows, and a matrix, given by its columns."""
+    """Multiply a matrix, given by its rows, and a matrix, given by its columns.
+
+    Returns the rows of the product.
+    """
     u, v, w = rows
+    # Entry j of a row is its scalar product with column j, as `rotate` computes it.
     return rotate(columns, u), rotate(columns, v), rotate(columns, w)
 
 
 @kernel
 def rotation_rows(pose: Floats) -> Matrix:
-    """Return the rows of the rotation of a pose."""
+    """Return the rows of the rotation of a pose, shape (3, 6)."""
     return row_at(pose[0], 0), row_at(pose[1], 0), row_at(pose[2], 0)
 
 
 @kernel
 def column_at(pose: Floats, k: int) -> Row:
-    """Return a column of a pose."""
+    """Return column k of a pose, shape (3, 6), such as :data:`POSITION`."""
     return pose[0, k], pose[1, k], pose[2, k]
 
 
@@ -186,17 +196,19 @@ def rotation_columns(pose: Floats) -> Matrix:
 def motion_bounds(
     chain: Chain, a: int, b: int, radius: float, q0: Floats, q1: Floats
 ) -> tuple[float, float, float]:
-    """Bound the motion of body a as seen from body b.
+    """Bound the motion of body a as seen from body b, from ``q0`` to ``q1``, shapes (dof,).
 
     The bounds hold for points up to ``radius`` from the origin of a. Returns the largest
     displacement, half the largest acceleration, and the sum of the rotations between them.
     """
     displacement = curvature = rotation = 0.0
+    # Masks of bodies: those whose joints move a against b, and those that carry b.
     between = chain.between[a, b]
     carries_b = chain.between[b, 0]
     lengths = chain.lengths[a]
     count = len(chain.parents)
     # The order matters for curvature: from b towards the base to the common ancestor, then to a.
+    # The first half of the steps counts bodies down, the second half counts them up.
     for step in range(2 * count):
         towards_base = step < count
         j = count - 1 - step if towards_base else step - count
@@ -224,6 +236,7 @@ def compute_poses(chain: Chain, q: Floats, bodies: Sequence[int] | slice = slice
     moving_poses = np.empty((len(rows), len(chain.parents), 3, 6))
     for row, row_poses in zip(rows, moving_poses, strict=True):
         forward_kinematics(chain, row, row, 0.0, row_poses)
+    # Leave out the velocities, and add the last row of homogeneous matrices.
     upper_rows = moving_poses[:, bodies, :, : POSITION + 1]
     poses = np.tile(np.eye(4), (*upper_rows.shape[:2], 1, 1))
     poses[:, :, :3] = upper_rows

@@ -75,6 +75,12 @@ DAMPING_INCREASE: Final = 5.0
 MIN_DAMPING: Final = 1e-6
 """Smallest damping, divided by the squared error."""
 
+DAMPING_FLOOR: Final = 1e-14
+"""Added to every damping, so that a step is defined when the error vanishes."""
+
+RIGHT_SIDE: Final = 6
+"""Column of :attr:`PoseScratch.system` after the six of the matrix."""
+
 MAX_REJECTED_STEPS: Final = 8
 """Steps in a row that do not lower the error, after which a start is given up."""
 
@@ -250,9 +256,10 @@ class PoseSolutions(NamedTuple):
 def compare_pose(
     problem: PoseProblem, scratch: PoseScratch, error: Floats
 ) -> tuple[float, float, float]:
-    """Write the weighted error of the frame's pose from body poses.
+    """Compare the frame's pose, at the body poses of ``scratch``, with the target.
 
-    Returns its distance in metres, its angle in radians, and the squared error.
+    Writes the weighted error, shape (6,): the distance vector, then the rotation vector. Returns
+    the distance in metres, the angle in radians, and the squared error.
     """
     place_tip(problem.tool, scratch)
     tip = scratch.tip
@@ -270,17 +277,20 @@ def compare_pose(
     sine = 0.5 * math.sqrt(dot(doubled_axis, doubled_axis))
     angle = math.atan2(sine, 0.5 * (trace - 1.0))
     # The error is the way to the nearest pose at the ignored distance and angle.
-    far = problem.weights[0] * max(distance - problem.ignored[0], 0.0)
-    turned = problem.weights[1] * max(angle - problem.ignored[1], 0.0)
+    distance_error = problem.weights[0] * max(distance - problem.ignored[0], 0.0)
+    angle_error = problem.weights[1] * max(angle - problem.ignored[1], 0.0)
     for i in range(3):
-        error[i] = far / max(distance, TINY) * offset[i]
-        error[3 + i] = turned / max(2.0 * sine, TINY) * doubled_axis[i]
-    return distance, angle, far * far + turned * turned
+        error[i] = distance_error / max(distance, TINY) * offset[i]
+        error[3 + i] = angle_error / max(2.0 * sine, TINY) * doubled_axis[i]
+    return distance, angle, distance_error * distance_error + angle_error * angle_error
 
 
 @kernel
 def place_tip(tool: Floats, scratch: PoseScratch) -> None:
-    """Write the frame's pose, from its pose on the last body."""
+    """Write the frame's pose to ``scratch.tip``, from its pose ``tool`` on the last body.
+
+    It is the product of the body's pose and ``tool``, shape (4, 4).
+    """
     body = scratch.poses[len(scratch.poses) - 1]
     tip = scratch.tip
     for i in range(3):
@@ -291,13 +301,17 @@ def place_tip(tool: Floats, scratch: PoseScratch) -> None:
 
 @kernel
 def fill_jacobian(problem: PoseProblem, scratch: PoseScratch) -> None:
-    """Write the weighted error's derivative at the poses of ``scratch``."""
+    """Write the derivative of the weighted error by the joints, at the poses of ``scratch``.
+
+    ``scratch.jacobian`` has shape (6, k): three rows of the distance, three of the rotation vector.
+    """
     chain = problem.chain
     jacobian = scratch.jacobian
     weights = problem.weights
     for i in range(6):
         for k in range(jacobian.shape[1]):
             jacobian[i, k] = 0.0
+    # A joint may move several bodies, because others mimic it, so that its columns add up.
     tip = column_at(scratch.tip, POSITION)
     for b in range(1, len(chain.parents)):
         joint = chain.joint_indices[b]
@@ -306,6 +320,7 @@ def fill_jacobian(problem: PoseProblem, scratch: PoseScratch) -> None:
         axis = rotate(rotation_rows(pose), row_at(chain.axes[b], 0))
         velocity = axis
         if chain.kinds[b] == REVOLUTE:
+            # A turn about an axis moves the tip across its lever arm.
             velocity = cross(axis, minus(tip, column_at(pose, POSITION)))
             for i in range(3):
                 jacobian[3 + i, joint] += factor * weights[1] * axis[i]
@@ -315,18 +330,23 @@ def fill_jacobian(problem: PoseProblem, scratch: PoseScratch) -> None:
 
 @kernel
 def take_step(problem: PoseProblem, q: Floats, scratch: PoseScratch, damping: float) -> None:
-    """Write the configuration after a step to ``scratch.trial``."""
+    """Take a damped least squares step from ``q``, shape (k,), to ``scratch.trial``.
+
+    With Jacobian J and error e, the step is ``-J^T (J J^T + damping)^-1 e``.
+    """
     jacobian = scratch.jacobian
     system = scratch.system
     error = scratch.errors[0]
+    # The system has 6 rows, with the matrix in the first 6 columns and the right side in the last.
     for i in range(6):
         for j in range(6):
             system[i, j] = damping if i == j else 0.0
-        system[i, 6] = error[i]
+        system[i, RIGHT_SIDE] = error[i]
     for k in range(len(q)):
         slope = 0.0
         for i in range(6):
             slope += jacobian[i, k] * error[i]
+        # A joint at a limit that the step would push further does not take part.
         stuck_below = q[k] <= problem.lower[k] and slope > 0.0
         stuck_above = q[k] >= problem.upper[k] and slope < 0.0
         if stuck_below or stuck_above:
@@ -339,7 +359,7 @@ def take_step(problem: PoseProblem, q: Floats, scratch: PoseScratch, damping: fl
     for k in range(len(q)):
         step = 0.0
         for i in range(6):
-            step -= jacobian[i, k] * system[i, 6]
+            step -= jacobian[i, k] * system[i, RIGHT_SIDE]
         scratch.trial[k] = min(max(q[k] + step, problem.lower[k]), problem.upper[k])
 
 
@@ -350,6 +370,7 @@ def solve_system(system: Floats) -> None:
     Its last column becomes the solution. Such a system needs no pivots (Gauss and Jordan).
     """
     for j in range(6):
+        # Scale row j so that its diagonal entry is 1, then clear column j of all other rows.
         pivot = max(system[j, j], TINY)
         for k in range(j, 7):
             system[j, k] /= pivot
@@ -361,9 +382,9 @@ def solve_system(system: Floats) -> None:
 
 @kernel
 def descend(problem: PoseProblem, q: Floats, scratch: PoseScratch) -> tuple[float, float, float]:
-    """Move a configuration to a pose or a local minimum.
+    """Move a configuration ``q``, shape (k,), in place to a pose or a local minimum.
 
-    Returns distance, angle and squared error.
+    Returns the distance from the pose in metres, the angle in radians, and the squared error.
     """
     forward_kinematics(problem.chain, q, q, 0.0, scratch.poses)
     distance, angle, cost = compare_pose(problem, scratch, scratch.errors[0])
@@ -373,12 +394,13 @@ def descend(problem: PoseProblem, q: Floats, scratch: PoseScratch) -> tuple[floa
         if distance <= problem.enough[0] and angle <= problem.enough[1]:
             break
         fill_jacobian(problem, scratch)
+        # Try steps with more and more damping until one lowers the error.
         is_lower = False
         new_distance = distance
         new_angle = angle
         new_cost = cost
         for _ in range(MAX_REJECTED_STEPS):
-            take_step(problem, q, scratch, factor * cost + 1e-14)
+            take_step(problem, q, scratch, factor * cost + DAMPING_FLOOR)
             forward_kinematics(problem.chain, scratch.trial, scratch.trial, 0.0, scratch.poses)
             new_distance, new_angle, new_cost = compare_pose(problem, scratch, scratch.errors[1])
             is_lower = new_cost < cost
@@ -387,6 +409,7 @@ def descend(problem: PoseProblem, q: Floats, scratch: PoseScratch) -> tuple[floa
             factor *= DAMPING_INCREASE
         if not is_lower:
             break
+        # Accept the trial, and trust the next step more.
         slow_steps = slow_steps + 1 if new_cost > SLOW_DECREASE * cost else 0
         distance = new_distance
         angle = new_angle
@@ -402,13 +425,16 @@ def descend(problem: PoseProblem, q: Floats, scratch: PoseScratch) -> tuple[floa
 
 
 def branch_to(chain: Chain, body: int) -> Branch:
-    """Return the branch of a chain from the base to a body."""
+    """Return the branch of a chain from the base to a body, with its own numbers of joints."""
     towards_base = [body]
     while towards_base[-1] > 0:
-        towards_base.append(int(chain.parents[towards_base[-1]]))
+        parent = chain.parents[towards_base[-1]]
+        towards_base.append(int(parent))
     bodies = np.flip(towards_base)
+    # Number the joints that move these bodies from 0; the base, which comes first, has none.
     joints, joint_indices = np.unique(chain.joint_indices[bodies[1:]], return_inverse=True)
     branch_chain = Chain(
+        # Each body hangs on the one before; the base is its own parent.
         parents=np.maximum(np.arange(len(bodies)) - 1, 0),
         frames=chain.frames[bodies],
         axes=chain.axes[bodies],
@@ -430,20 +456,23 @@ def make_pose_problem(
     limits: tuple[Floats, Floats],
     enough_share: float = POLISHED_SHARE,
 ) -> PoseProblem:
-    """Return a :class:`PoseProblem`, which explains the arguments.
+    """Describe for kernels how a branch shall bring a frame to a pose; see :class:`PoseProblem`.
 
-    A start is solved at ``enough_share`` of the tolerance.
+    ``tool`` and ``target`` have shape (4, 4), ``tolerance`` is (metres, radians), and ``limits``
+    are the lower and upper ones, shapes (k,). A start is solved at ``enough_share`` of the
+    tolerance. If that is all of it, starts are followed to the end.
     """
     chain = branch.chain
-    link_lengths = np.linalg.norm(chain.frames[1:, :, 3], axis=1)
+    # Divide distances by the arm's reach, so that they weigh as much as angles.
+    link_lengths = np.linalg.norm(chain.frames[1:, :, POSITION], axis=1)
     reach = link_lengths.sum() + np.linalg.norm(tool[:3, 3])
-    scale = 1.0 / max(reach, MIN_REACH)
+    distance_weight = 1.0 / max(reach, MIN_REACH)
     is_patient = enough_share == 1.0
     return PoseProblem(
         chain,
         as_contiguous(tool),
         target,
-        weights=np.where(np.isfinite(tolerance), (scale, 1.0), 0.0),
+        weights=np.where(np.isfinite(tolerance), (distance_weight, 1.0), 0.0),
         ignored=IGNORED_SHARE * tolerance if is_patient else np.zeros(2),
         enough=enough_share * tolerance,
         tolerance=tolerance,
@@ -477,10 +506,11 @@ def solve_pose(
     max_solutions: int,
     rng: np.random.Generator,
 ) -> PoseSolutions:
-    """Find configurations that bring a frame to a pose.
+    """Find configurations of a branch, shape (k,) each, that bring a frame to a pose.
 
-    The first start is ``near``, shape (k,); the others are uniform within ``ranges``. Solutions are
-    moved towards ``near`` by whole turns of the joints in ``whole_turns``. The search ends after
+    ``tool``, shape (4, 4), is the frame's pose on the last body. The first start is ``near``; the
+    others are uniform within ``ranges``. Solutions are moved towards ``near`` by whole turns of the
+    joints in the mask ``whole_turns``, within ``limits``. The search ends after
     :data:`MAX_VAIN_STARTS` starts in a row that find nothing new.
     """
     tolerance = np.array(goal.tolerance)
@@ -498,7 +528,7 @@ def solve_pose(
     solutions: list[Floats] = []
 
     def try_start(problem: PoseProblem, q: Floats) -> tuple[float, float, float]:
-        """Move a start, and keep where it ends if that is a new solution."""
+        """Move a start in place, and add where it ends to ``solutions`` if that is a new one."""
         distance, angle, cost = descend(problem, q, scratch)
         if distance <= tolerance[0] and angle <= tolerance[1]:
             turned = _turn_towards(near, q, limits, whole_turns)
@@ -520,11 +550,12 @@ def solve_pose(
         vain_starts = vain_starts + 1 if is_vain else 0
         if len(solutions) == max_solutions or vain_starts == MAX_VAIN_STARTS:
             break
-    order = np.argsort([cost for *_, cost in errors], kind="stable")
-    nearest = _turn_towards(near, starts[order[0]], limits, whole_turns)
-    distance, angle, _ = errors[order[0]]
+    best_first = np.argsort([cost for *_, cost in errors], kind="stable")
+    nearest = _turn_towards(near, starts[best_first[0]], limits, whole_turns)
+    distance, angle, _ = errors[best_first[0]]
+    # Before giving up, follow the best starts to the end.
     if not solutions:
-        for row in order[:RETRIED_STARTS]:
+        for row in best_first[:RETRIED_STARTS]:
             if len(solutions) < max_solutions:
                 try_start(patient, starts[row])
     return PoseSolutions(np.array(solutions).reshape(-1, len(near)), nearest, distance, angle)

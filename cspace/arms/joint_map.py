@@ -42,11 +42,11 @@ from cspace.engines.slices import Progress
 from cspace.errors import ConfigurationError, InputError
 from cspace.exact.boundaries import Problem, Proofs
 from cspace.exact.proofs import BoundaryProofs, ExactQueries
-from cspace.grid import Grid
+from cspace.grid import FARTHEST_CELL, Grid
 from cspace.limits import PlannedGrid, check_memory
 from cspace.obstacles import ObstacleLayers
 from cspace.record.contents import Contents
-from cspace.record.exterior import FARTHEST_CELL, Exterior
+from cspace.record.exterior import Exterior
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.shapes import Point
@@ -77,6 +77,14 @@ _LATTICE_POINTS_PER_SURFACE: Final = 1000
 
 _MAX_BALLS_PER_SURFACE: Final = 64
 """Largest number of balls inside a closed surface, or inside the boxes and balls of a solid."""
+
+
+_MIN_BALL_SPACING: Final = 0.6
+"""Smallest distance between two balls' centers, as a share of the larger ball's radius."""
+
+
+_COUNT_ROUNDING: Final = 1e-9
+"""Rounding error of a number of cells; a range that exceeds a whole number by less gets no cell."""
 
 
 def build_joint_map(
@@ -134,6 +142,7 @@ def build_joint_map(
     ----------
     T. Lozano-Perez, "Spatial planning: a configuration space approach", 1983.
     """
+    # Check all arguments before any work.
     side = check_positive(spacing, "spacing", "radians")
     snapshot = space.snapshot
     arm = snapshot.arm
@@ -146,25 +155,29 @@ def build_joint_map(
     units = tuple(arm.units[number] for number in joint_indices.tolist())
     needed = _BYTES_PER_JOINT_CELL * math.prod(shape)
     check_memory(needed, "the map", PlannedGrid(shape, side, units[0]))
-    grid = Grid(intervals[:, 0], side, shape, axes=names, units=units)
+    lowest = intervals[:, 0]
+    grid = Grid(lowest, side, shape, axes=names, units=units)
     moving = _find_moving_pairs(snapshot, joint_indices)
-    still = np.flatnonzero(~moving.any(axis=1))
-    _refuse_held_contact(snapshot, names, held, still)
+    still_pairs = np.flatnonzero(~moving.any(axis=1))
+    _refuse_held_contact(snapshot, names, held, still_pairs)
 
     states, deciding_pairs = _classify_cells(
         snapshot, grid, joint_indices, held, moving, workers or cores(), progress
     )
+    # The last cells along an axis may exceed the joint's limit, beyond which nothing is FREE.
     last_ends = np.array(grid.lower) + side * np.array(shape)
-    for axis in np.flatnonzero(last_ends > joint_limits[:, 1] + 1e-9 * side):
+    upper_limits = joint_limits[:, 1]
+    for axis in np.flatnonzero(last_ends > upper_limits + _COUNT_ROUNDING * side):
         last_cells = np.moveaxis(states, axis, 0)[-1]
         last_cells[last_cells == FREE] = MIXED
+    # In joint space the arm is a point, and its obstacles are the cells that are not FREE.
     workspace = Workspace(grid, states != FREE, states == BLOCKED, source=repr(space))
     rotations = Rotations.of(None)
     robot = Robot(arm.name, Point.at_origin(len(names)))
     slices = rotations.assign_slices(robot.shape)
-    mixed = np.flatnonzero(deciding_pairs >= 0)
-    deciding = deciding_pairs.ravel()[mixed]
-    geometry = JointGeometry(snapshot, joint_indices, held, joint_limits, mixed, deciding)
+    mixed_cells = np.flatnonzero(deciding_pairs >= 0)
+    pairs = deciding_pairs.ravel()[mixed_cells]
+    geometry = JointGeometry(snapshot, joint_indices, held, joint_limits, mixed_cells, pairs)
     exterior = _make_exterior(grid, intervals, joint_limits)
     contents = Contents(workspace, robot, rotations, slices, states[np.newaxis], exterior=exterior)
     return JointMap(contents, geometry)
@@ -175,20 +188,22 @@ def _count_cells(intervals: Floats, joint_limits: Floats, side: float) -> tuple[
 
     ``intervals``, shape (d, 2), are the mapped parts of the ranges ``joint_limits``.
     """
-    counts = np.ceil((intervals[:, 1] - intervals[:, 0]) / side - 1e-9)
+    lowest, highest = intervals.T
+    counts = np.ceil((highest - lowest) / side - _COUNT_ROUNDING)
     # Rounding adds no cell, unless the last one would end before the limit of its joint: beyond the
     # grid, all configurations there count as BLOCKED.
-    ends_early = intervals[:, 0] + side * counts < intervals[:, 1]
-    counts += ends_early & (joint_limits[:, 1] <= intervals[:, 1])
+    ends_early = lowest + side * counts < highest
+    counts += ends_early & (joint_limits[:, 1] <= highest)
     return tuple(np.maximum(counts, 1.0).astype(np.int64).tolist())
 
 
 def _check_joints(arm: Arm, joints: Sequence[str] | None) -> tuple[str, ...]:
-    """Return the names of two or three joints."""
+    """Return the names of the two or three joints of a map; raise InputError if they are not."""
     names = arm.joints if joints is None else tuple(joints)
     for name in names:
         check_known(name, "joints", arm.joints, "name")
-        if name in Rotations.all_names() or name.split() != [name]:
+        has_blanks = name.split() != [name]
+        if name in Rotations.all_names() or has_blanks:
             raise InputError(
                 "joints",
                 f"name {name!r}",
@@ -214,32 +229,34 @@ def _classify_cells(
     workers: int,
     progress: Progress | None,
 ) -> tuple[States, NDArray[np.int16]]:
-    """Return the states of all cells, and a pair that keeps each MIXED cell so, -1 for other cells.
+    """Compute the states of all cells, and a pair that keeps each MIXED cell so.
 
-    ``moving`` says which joints move which pairs. Pairs that the same joints move are one layer of
+    Both results have the grid's shape; the pair is -1 in other cells. ``moving``, shape (pairs,
+    joints), says which joints move which pairs. Pairs that the same joints move are one layer of
     cells. Along the other joints, one cell of the layer represents all.
     """
     cells = _make_cells(snapshot, grid, joint_indices, held)
     balls = _find_inner_balls(snapshot.inner.solids)
     shape = grid.shape
+    # Kernels know three axes; a map of two joints has one cell along an added first axis.
     added_axes = 3 - grid.dim
     layers = list[CellStates]()
     tasks = []
-    for moved in np.unique(moving[moving.any(axis=1)], axis=0):
-        chosen = (moving == moved).all(axis=1)
-        pair_numbers = np.flatnonzero(chosen)
-        scene = snapshot.outer.select_pairs(chosen)
-        inside = InnerScene(snapshot.inner.select_pairs(chosen), balls)
-        sides = np.append(np.ones(added_axes, dtype=np.int64), np.where(moved, shape, 1))
+    for layer_joints in np.unique(moving[moving.any(axis=1)], axis=0):
+        in_layer = (moving == layer_joints).all(axis=1)
+        pair_numbers = np.flatnonzero(in_layer)
+        scene = snapshot.outer.select_pairs(in_layer)
+        inside = InnerScene(snapshot.inner.select_pairs(in_layer), balls)
+        sides = np.append(np.ones(added_axes, dtype=np.int64), np.where(layer_joints, shape, 1))
         layer = CellStates(np.empty(sides, dtype=np.uint8), np.empty(sides, dtype=np.int16))
         layers.append(layer)
         tasks += [
             partial(_classify_block, scene, inside, cells, block, pair_numbers, layer)
             for block in _cut_blocks(sides)
         ]
-    tell = None if progress is None else lambda done: progress(done, len(tasks))
-    in_threads(lambda task: task(), tasks, workers, tell)
-    # A cell is FREE if all pairs are, and BLOCKED if one pair is.
+    report = None if progress is None else lambda done: progress(done, len(tasks))
+    in_threads(lambda task: task(), tasks, workers, report)
+    # A cell is FREE if all pairs are, and BLOCKED if one pair is; the states are in that order.
     states = np.zeros(shape, dtype=np.uint8)
     deciding_pairs = np.full(shape, -1, dtype=np.int16)
     for layer in layers:
@@ -253,8 +270,11 @@ def _classify_cells(
 
 
 def _cut_blocks(sides: Ints) -> Ints:
-    """Cut a grid into blocks for threads; return the start and stop of each, shape (n, 6)."""
-    counts = -(-sides // _BLOCK_CELLS_PER_AXIS)
+    """Cut a grid of three axes into blocks for threads.
+
+    Returns the first cell and the end of each block along the axes, shape (n, 6).
+    """
+    counts = -(-sides // _BLOCK_CELLS_PER_AXIS)  # rounded up
     starts = _BLOCK_CELLS_PER_AXIS * np.array(list(np.ndindex(*counts.tolist())))
     stops = np.minimum(starts + _BLOCK_CELLS_PER_AXIS, sides)
     return np.concatenate([starts, stops], axis=1)
@@ -269,17 +289,22 @@ class JointMap(CSpace):
         geometry: JointGeometry | None,
         layers: ObstacleLayers | None = None,
     ) -> None:
+        """Make a map of states that an arm's geometry refines; without it, only states count."""
         super().__init__(contents, None, layers)
         self._geometry = geometry
 
     def __reduce__(self) -> tuple[type[JointMap], tuple[Any, ...]]:
         """Copy or pickle the contents and the geometry."""
         with self.lock:  # an update waits
-            (contents, _, layers) = super().__reduce__()[1]
+            _, (contents, _, layers) = super().__reduce__()
             return type(self), (contents, self._geometry, layers)
 
     def undecided_pairs(self, q: ArrayLike | None) -> dict[tuple[str, str], int] | None:
-        """Return :func:`undecided_pairs`, or None once the cells changed."""
+        """Count MIXED cells by the pair of links and obstacles that keeps them so.
+
+        ``q``, shape (..., d), limits the count to the cells of configurations. Returns None once
+        the cells changed; see :func:`undecided_pairs`.
+        """
         geometry = self._geometry
         grid = self.grid
         if geometry is None:
@@ -287,13 +312,15 @@ class JointMap(CSpace):
         mixed_cells = geometry.mixed_cells
         pairs = geometry.deciding_pairs
         if q is not None:
+            # Keep only the MIXED cells that contain one of the configurations.
             points = self._check_configurations(q, "q").reshape(-1, grid.dim)
             indices = self._cells_of(points)[:, -grid.dim :]
-            inside = ((indices >= 0) & (indices < grid.shape)).all(axis=1)
-            queried_cells = np.ravel_multi_index(tuple(indices[inside].T), grid.shape)
-            chosen = np.isin(mixed_cells, queried_cells)
-            mixed_cells = mixed_cells[chosen]
-            pairs = pairs[chosen]
+            is_inside = ((indices >= 0) & (indices < grid.shape)).all(axis=1)
+            queried_cells = np.ravel_multi_index(tuple(indices[is_inside].T), grid.shape)
+            is_queried = np.isin(mixed_cells, queried_cells)
+            mixed_cells = mixed_cells[is_queried]
+            pairs = pairs[is_queried]
+        # A pair is of groups of links; the nearest parts at the cell's center give the names.
         indices = np.stack(np.unravel_index(mixed_cells, grid.shape), axis=1)
         centers = np.asarray(grid.lower + grid.spacing * (indices + 0.5), dtype=np.float64)
         configurations = geometry.extend(centers)
@@ -387,9 +414,10 @@ def _classify_block(
 
 
 def _check_held_joints(arm: Arm, joint_indices: Ints, held_joints: ArrayLike | None) -> Floats:
-    """Return the configuration with the values of the held joints.
+    """Return a configuration, shape (dof,), with the values of the held joints.
 
-    The others do not matter.
+    Its values of the mapped joints, ``joint_indices``, have no meaning. Raises InputError if held
+    joints have no value, and ConfigurationError if one exceeds its limits.
     """
     if held_joints is None:
         held_names = np.delete(arm.joints, joint_indices)
@@ -409,6 +437,7 @@ def _check_held_joints(arm: Arm, joint_indices: Ints, held_joints: ArrayLike | N
             "it must be one configuration of the arm",
             "pass one",
         )
+    # The mapped joints move, so their values here may not fail the check.
     held[joint_indices] = arm.clamp(held)[joint_indices]
     arm.check_limits(held, "held_joints")
     return held
@@ -417,7 +446,11 @@ def _check_held_joints(arm: Arm, joint_indices: Ints, held_joints: ArrayLike | N
 def _find_range(
     space: ArmSpace, name: str, limits: Mapping[str, tuple[float, float]] | None
 ) -> tuple[float, float]:
-    """Return the mapped part of a joint's range."""
+    """Return the lowest and highest mapped value of a joint, radians or metres.
+
+    They are those of ``limits``, the limits of the joint, or -pi and pi if it is continuous. Raises
+    InputError if a part is not within the limits, or the joint has no range.
+    """
     number = space.arm.joints.index(name)
     low, high = float(space.arm.lower[number]), float(space.arm.upper[number])
     if limits is not None and name in limits:
@@ -440,6 +473,7 @@ def _find_range(
         )
     if math.isfinite(low):
         return low, high
+    # Without limits, half a turn to both sides is the whole range only if a turn repeats the arm.
     if not space.periodic_axes[number]:
         raise InputError(
             "limits",
@@ -455,19 +489,21 @@ def _make_exterior(grid: Grid, intervals: Floats, joint_limits: Floats) -> Exter
 
     ``intervals``, shape (d, 2), are the mapped parts of the joints' ranges ``joint_limits``.
     """
-    continues_below = joint_limits[:, 0] < intervals[:, 0]
-    continues_above = joint_limits[:, 1] > intervals[:, 1]
-    first = np.where(continues_below, -FARTHEST_CELL, 0)
-    last = np.where(continues_above, FARTHEST_CELL, np.array(grid.shape) - 1)
+    lowest, highest = intervals.T
+    lower_limits, upper_limits = joint_limits.T
+    # The box of cells in which the arm can go; it has no end where a range is cut.
+    first = np.where(lower_limits < lowest, -FARTHEST_CELL, 0)
+    last = np.where(upper_limits > highest, FARTHEST_CELL, np.array(grid.shape) - 1)
     return Exterior(np.array([[*first, *last, BLOCKED]], dtype=np.int64))
 
 
 def _find_moving_pairs(snapshot: Snapshot, joint_indices: Ints) -> Bools:
-    """Return which joints move which pairs, shape (pairs, joints)."""
+    """Find which mapped joints move which pairs of solids, shape (pairs, joints)."""
     chain = snapshot.arm.chain
     scene = snapshot.outer
-    bodies = scene.solids.bodies[scene.pairs]
-    between = chain.between[bodies[:, 0], bodies[:, 1]] & (chain.kinds != FIXED)
+    first_bodies, second_bodies = scene.solids.bodies[scene.pairs].T
+    # Bodies (columns) whose joints move the solids of a pair (rows) against each other.
+    between = chain.between[first_bodies, second_bodies] & (chain.kinds != FIXED)
     moved_by_joint = [
         between[:, chain.joint_indices == number].any(axis=1) for number in joint_indices
     ]
@@ -475,13 +511,14 @@ def _find_moving_pairs(snapshot: Snapshot, joint_indices: Ints) -> Bools:
 
 
 def _refuse_held_contact(
-    snapshot: Snapshot, names: Sequence[str], held: Floats, still: Ints
+    snapshot: Snapshot, names: Sequence[str], held: Floats, still_pairs: Ints
 ) -> None:
     """Raise ConfigurationError if pairs touch that the mapped joints do not move.
 
-    Otherwise all cells would be BLOCKED.
+    Otherwise all cells would be BLOCKED. ``still_pairs`` are the numbers of these pairs, ``names``
+    the mapped joints, and ``held``, shape (dof,), gives the values of the others.
     """
-    scene = snapshot.outer.select_pairs(still)
+    scene = snapshot.outer.select_pairs(still_pairs)
     q = held[np.newaxis]
     if not snapshot.are_free(q, q, scene)[0]:
         link, other, *_ = snapshot.contact(scene, q)
@@ -494,14 +531,15 @@ def _refuse_held_contact(
 
 
 def _make_cells(snapshot: Snapshot, grid: Grid, joint_indices: Ints, held: Floats) -> JointCells:
-    """Return the grid as kernels take it, along three axes."""
+    """Describe the grid for kernels, which know three axes."""
     chain = snapshot.arm.chain
     solids = snapshot.outer.solids
+    # A body reaches as far from its origin as the largest solid on it.
     body_reaches = np.zeros(len(chain.parents))
     np.maximum.at(body_reaches, solids.bodies, solids.levers)
-    # The farthest motion of each body (row) by each joint (column), per unit.
-    arms = chain.lengths + body_reaches[:, np.newaxis]
-    travel = np.where(chain.kinds == REVOLUTE, arms, 1.0)
+    # The farthest motion of each body (row) by each joint (column), per radian or metre.
+    arm_lengths = chain.lengths + body_reaches[:, np.newaxis]
+    travel = np.where(chain.kinds == REVOLUTE, arm_lengths, 1.0)
     travel *= np.abs(chain.factors) * chain.between[:, 0]
     levers = np.zeros(len(held))
     np.maximum.at(levers, chain.joint_indices, travel.max(axis=0))
@@ -517,44 +555,48 @@ def _make_cells(snapshot: Snapshot, grid: Grid, joint_indices: Ints, held: Float
 
 
 def _find_inner_balls(solids: Solids) -> InnerBalls:
-    """Return balls inside solids; their probes are balls of radius zero."""
-    groups = [np.empty((0, 4))]
+    """Find balls inside solids; a point inside, or probe, is a ball of radius zero."""
+    # Rows of a center and a radius.
+    rows = [np.empty((0, 4))]
     counts = [0]
     for starts, stops in pairwise(solids.starts):
+        # The surfaces, anchors and parts of one solid.
         surfaces, anchors, parts = (slice(*ends) for ends in zip(starts, stops, strict=True))
         probes = solids.anchors[anchors]
         roots = solids.tree_roots[parts]
         spans = solids.trees.spans[roots[roots >= 0]].tolist()
         pieces = [solids.trees.triangles[first : first + count] for first, count in spans]
-        roots_of_surfaces = solids.surface_roots[surfaces].tolist()
+        surface_roots = solids.surface_roots[surfaces].tolist()
         balls = [
             np.column_stack([probes, np.zeros(len(probes))]),
             _find_solid_balls(np.concatenate([np.empty((0, 10)), *pieces])),
-            *(_find_surface_balls(solids.surfaces, root) for root in roots_of_surfaces),
+            *(_find_surface_balls(solids.surfaces, root) for root in surface_roots),
         ]
-        groups += balls
+        rows += balls
         counts.append(sum(map(len, balls)))
-    every = np.concatenate(groups)
+    all_balls = np.concatenate(rows)
     return InnerBalls(
-        centers=every[:, :3].copy(), radii=every[:, 3].copy(), starts=np.cumsum(counts)
+        centers=all_balls[:, :3].copy(), radii=all_balls[:, 3].copy(), starts=np.cumsum(counts)
     )
 
 
 def _find_surface_balls(surfaces: SurfaceTree, root: int) -> Floats:
-    """Return the largest balls around lattice points of a closed surface, shape (n, 4).
+    """Find large balls inside a closed surface, around points of a lattice.
 
-    Points near larger balls are skipped.
+    Returns their centers and radii, shape (n, 4). Points near larger balls are skipped.
     """
-    center, half = surfaces.boxes[root].reshape(2, 3)
+    center, half_sides = surfaces.boxes[root].reshape(2, 3)
     balls = np.empty((0, 4))
     # A flat surface has no inside.
-    if not half.all():
+    if not half_sides.all():
         return balls
-    step = np.cbrt(8.0 * half.prod() / _LATTICE_POINTS_PER_SURFACE)
-    # Odd counts put lattice points in the center plane of thin bodies.
-    counts = np.minimum(2 * np.floor(half / step) + 1, _LATTICE_POINTS_PER_SURFACE // 4)
+    volume = 8.0 * half_sides.prod()
+    step = np.cbrt(volume / _LATTICE_POINTS_PER_SURFACE)
+    # Odd counts put lattice points in the center plane of thin bodies. The limit keeps long bodies
+    # from far more points than wanted.
+    counts = np.minimum(2 * np.floor(half_sides / step) + 1, _LATTICE_POINTS_PER_SURFACE // 4)
     lattice = np.array(list(np.ndindex(*counts.astype(np.int64).tolist())))
-    points = center - half + (lattice + 0.5) * 2.0 * half / counts
+    points = center - half_sides + (lattice + 0.5) * 2.0 * half_sides / counts
     scratch = np.empty((MAX_PENDING_PAIRS, 2), dtype=np.int64)
     depths = np.empty(len(points))
     for k, (x, y, z) in enumerate(points.tolist()):
@@ -564,21 +606,23 @@ def _find_surface_balls(surfaces: SurfaceTree, root: int) -> Floats:
     deepest_first = np.argsort(-depths)
     for k in deepest_first[depths[deepest_first] > 0.0].tolist():
         distances = np.linalg.norm(balls[:, :3] - points[k], axis=1)
-        if len(balls) < _MAX_BALLS_PER_SURFACE and (distances > 0.6 * balls[:, 3]).all():
+        is_separate = (distances > _MIN_BALL_SPACING * balls[:, 3]).all()
+        if len(balls) < _MAX_BALLS_PER_SURFACE and is_separate:
             balls = np.vstack([balls, [*points[k], depths[k]]])
     return balls
 
 
 def _find_solid_balls(pieces: Floats) -> Floats:
-    """Return the largest balls in boxes and balls, shape (n, 4).
+    """Find the largest balls inside boxes and balls; return centers and radii, shape (n, 4).
 
     ``pieces``, shape (m, 10), are rows of a tree: a center, two half sides as vectors, and the
     radius of a ball, or the negative third half side of a box.
     """
     first_half = np.linalg.norm(pieces[:, 3:6], axis=1)
     second_half = np.linalg.norm(pieces[:, 6:9], axis=1)
-    smallest_half = np.minimum(np.minimum(first_half, second_half), -pieces[:, 9])
-    radii = np.where(pieces[:, 9] < 0.0, smallest_half, pieces[:, 9])
+    signed_radii = pieces[:, 9]
+    smallest_half = np.minimum(np.minimum(first_half, second_half), -signed_radii)
+    radii = np.where(signed_radii < 0.0, smallest_half, signed_radii)
     largest = np.argsort(-radii, kind="stable")[:_MAX_BALLS_PER_SURFACE]
     largest = largest[radii[largest] > 0.0]
     return np.column_stack([pieces[largest, :3], radii[largest]])
@@ -624,6 +668,7 @@ class JointProofs:
     """
 
     def __init__(self, geometry: JointGeometry, problem: Problem) -> None:
+        """Make proofs by an arm's geometry; ``problem`` gives distances in the joints."""
         self._geometry = geometry
         self._problem = problem
 
@@ -634,16 +679,16 @@ class JointProofs:
     def are_free(self, q0: Floats, q1: Floats) -> Bools:
         """Return whether each edge, shapes (n, d), is proven free."""
         geometry = self._geometry
-        free = np.zeros(len(q0), dtype=np.bool_)
+        is_free = np.zeros(len(q0), dtype=np.bool_)
         # Nothing is proven beyond the limits.
         lower, upper = geometry.intervals.T
         starts_within = (lower <= q0) & (q0 <= upper)
         ends_within = (lower <= q1) & (q1 <= upper)
-        within = (starts_within & ends_within).all(axis=1)
-        starts = geometry.extend(q0[within])
-        ends = geometry.extend(q1[within])
-        free[within] = geometry.snapshot.are_free(starts, ends)
-        return free
+        is_within = (starts_within & ends_within).all(axis=1)
+        starts = geometry.extend(q0[is_within])
+        ends = geometry.extend(q1[is_within])
+        is_free[is_within] = geometry.snapshot.are_free(starts, ends)
+        return is_free
 
     def slack(self, points: Floats, lengths: Floats, angles: Floats) -> float:
         """Return a lower bound of the slack along a joint path.

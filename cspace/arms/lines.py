@@ -38,6 +38,7 @@ from cspace.arms.chain import (
     motion_bounds,
 )
 from cspace.arms.inverse import (
+    TINY,
     Branch,
     PoseProblem,
     PoseScratch,
@@ -116,7 +117,8 @@ class Line(NamedTuple):
 
         along = parameters[:, np.newaxis]
         poses = np.tile(np.eye(4), (len(parameters), 1, 1))
-        poses[:, :3, :3] = Rotation.from_rotvec(along * self.turn).as_matrix() @ self.rotation
+        turns = Rotation.from_rotvec(along * self.turn)
+        poses[:, :3, :3] = turns.as_matrix() @ self.rotation
         poses[:, :3, 3] = self.origin + along * self.direction
         return poses
 
@@ -248,23 +250,29 @@ class LineMotion:
 
 
 def check_corners(poses: ArrayLike) -> Floats:
-    """Return poses, shape (m, 4, 4), from one pose or several.
+    """Return the corners of a line as poses, shape (m, 4, 4), from one pose or several.
 
     Raises InputError if one is no rigid motion or beyond MAX_LINE_COORDINATE.
     """
-    given = check_finite(poses, "poses")
-    has_matrices = given.ndim in (2, 3) and given.shape[-2:] == (4, 4)
-    if not has_matrices or not len(given):
-        rule = "it must be one pose, shape (4, 4), or several"
-        hint = "pass e.g. [first, second]"
-        raise InputError("poses", f"has shape {given.shape}", rule, hint)
-    rows = given.reshape(-1, 4, 4)
+    matrices = check_finite(poses, "poses")
+    are_poses = matrices.ndim in (2, 3) and matrices.shape[-2:] == (4, 4)
+    if not are_poses or not len(matrices):
+        raise InputError(
+            "poses",
+            f"has shape {matrices.shape}",
+            "it must be one pose, shape (4, 4), or several",
+            "pass e.g. [first, second]",
+        )
+    rows = matrices.reshape(-1, 4, 4)
     corners = np.stack([check_rigid(pose, f"poses[{k}]") for k, pose in enumerate(rows)])
     largest = float(np.abs(corners[:, :3, 3]).max())
     if largest > MAX_LINE_COORDINATE:
-        problem = f"has the coordinate {largest:g} m"
-        rule = f"the limit is {MAX_LINE_COORDINATE:g} m"
-        raise InputError("poses", problem, rule, "check its unit")
+        raise InputError(
+            "poses",
+            f"has the coordinate {largest:g} m",
+            f"the limit is {MAX_LINE_COORDINATE:g} m",
+            "check its unit",
+        )
     return corners
 
 
@@ -280,14 +288,20 @@ def make_lines(corners: Floats) -> list[Line]:
 
     lines = []
     for number, (first, last) in enumerate(itertools.pairwise(corners)):
-        vector = Rotation.from_matrix(last[:3, :3] @ first[:3, :3].T).as_rotvec()
-        angle = float(np.linalg.norm(vector))
+        first_rotation = first[:3, :3]
+        first_position = first[:3, 3]
+        turn = Rotation.from_matrix(last[:3, :3] @ first_rotation.T).as_rotvec()
+        angle = float(np.linalg.norm(turn))
         if angle > math.pi - HALF_TURN_SLACK:
+            # The first corner is no pose of the caller's.
             before = f"poses[{number - 1}]" if number else "the pose at q0"
-            problem = f"is half a turn from {before}"
-            rule = "both ways round are as short"
-            raise InputError(f"poses[{number}]", problem, rule, "pass a pose between them")
-        lines.append(Line(first[:3, 3], last[:3, 3] - first[:3, 3], first[:3, :3], vector))
+            raise InputError(
+                f"poses[{number}]",
+                f"is half a turn from {before}",
+                "both ways round are as short",
+                "pass a pose between them",
+            )
+        lines.append(Line(first_position, last[:3, 3] - first_position, first_rotation, turn))
     return lines
 
 
@@ -309,38 +323,45 @@ def follow_lines(
     scratch = make_pose_scratch(branch)
     limits = arm.lower[branch.joints], arm.upper[branch.joints]
     pose = make_pose_problem(branch, tool, np.eye(4), tolerance, limits)
+    # A tolerance below the rounding errors of positions and rotations proves nothing.
     reach = float(branch.chain.lengths[-1, 0]) + float(np.linalg.norm(tool[:3, 3]))
-    size = reach + float(np.abs(corners[:, :3, 3]).max())
-    rounding = LINE_ROUNDING * np.array([size, 1.0])
-    given = float(tolerance[0]), float(tolerance[1])
+    max_coordinate = reach + float(np.abs(corners[:, :3, 3]).max())
+    scale = np.array([max_coordinate, 1.0])
+    rounding = LINE_ROUNDING * scale
+    max_distance, max_angle = tolerance.tolist()
     if (tolerance < rounding).any():
-        rule = f"rounding errors reach {rounding[0]:.2g} m and {rounding[1]:.2g} rad"
-        hint = "pass a larger tolerance, or nearer poses"
-        raise InputError("tolerance", f"is {given}", rule, hint)
-    waypoints = [Waypoint(start, 0.0, DISTANCE_ROUNDING * np.array([size, 1.0]))]
+        raise InputError(
+            "tolerance",
+            f"is {(max_distance, max_angle)}",
+            f"rounding errors reach {rounding[0]:.2g} m and {rounding[1]:.2g} rad",
+            "pass a larger tolerance, or nearer poses",
+        )
+    waypoints = [Waypoint(start, 0.0, DISTANCE_ROUNDING * scale)]
     fraction = 1.0
     stopped_by = ""
     status = "pose reached" if len(lines) == 1 else f"all {len(lines)} poses reached"
     for number, line in enumerate(lines):
-        problem = LineProblem(line, pose, scratch, branch.joints, tolerance, size)
+        problem = LineProblem(line, pose, scratch, branch.joints, tolerance, max_coordinate)
         outcome, failed = _follow_line(snapshot.outer, problem, waypoints)
         if outcome == REACHED:
             continue
+        # Say how far the motion came, and why it goes no further.
         last = waypoints[-1]
         fraction = _measure_fraction(lines, last.parameter)
         stopped_by, reason = _explain_stop(snapshot, branch, outcome, last.joints, failed)
-        left = number + 1 - last.parameter
-        metres = left * float(np.linalg.norm(line.direction))
-        place = f"{metres:.3g} m and {left * line.angle:.3g} rad before poses[{number}]"
+        rest = number + 1 - last.parameter
+        metres = rest * float(np.linalg.norm(line.direction))
+        place = f"{metres:.3g} m and {rest * line.angle:.3g} rad before poses[{number}]"
         status = f"stopped after {100.0 * fraction:.3g} %, {place}: {reason}"
         break
-    deviation, angle = np.max([each.bounds for each in waypoints], axis=0).tolist()
+    joints, parameters, bounds = (np.array(column) for column in zip(*waypoints, strict=True))
+    deviation, angle = bounds.max(axis=0).tolist()
     return LineMotion(
         frame=frame,
         poses=frozen(corners),
-        tolerance=given,
-        waypoints=frozen(np.array([each.joints for each in waypoints])),
-        parameters=frozen(np.array([each.parameter for each in waypoints])),
+        tolerance=(max_distance, max_angle),
+        waypoints=frozen(joints),
+        parameters=frozen(parameters),
         certified=not stopped_by,
         fraction=fraction,
         deviation=deviation,
@@ -351,10 +372,13 @@ def follow_lines(
 
 
 def _measure_fraction(lines: Sequence[Line], parameter: float) -> float:
-    """Return the share of all lines before a parameter, below 1."""
+    """Return the share, below 1, of the length of all lines that lies before a parameter.
+
+    Line k has the parameters from k to k + 1.
+    """
     lengths = np.maximum([line.length for line in lines], np.finfo(float).tiny)
-    followed = np.clip(parameter - np.arange(len(lines)), 0.0, 1.0)
-    fraction = float(followed @ lengths / lengths.sum())
+    share_of_each = np.clip(parameter - np.arange(len(lines)), 0.0, 1.0)
+    fraction = float(share_of_each @ lengths / lengths.sum())
     # Only a motion that is certified has all of the line.
     return min(fraction, math.nextafter(1.0, 0.0))
 
@@ -364,7 +388,8 @@ def _follow_line(
 ) -> tuple[int, Floats]:
     """Follow one line from the last waypoint, and add the new ones.
 
-    Return why they end, and the configuration of the last step, even if it failed.
+    Returns why they end, one of REACHED, OUT_OF_REACH, JUMP and COLLISION, and the configuration of
+    the last step, shape (dof,), even if it failed.
     """
     begin = waypoints[-1].parameter
     now = 0.0
@@ -373,55 +398,59 @@ def _follow_line(
     failed = waypoints[-1].joints
     while now < 1.0:
         here = waypoints[-1].joints
-        left = 1.0 - now
+        rest = 1.0 - now
         stop = 1.0
-        if step < left:
-            # A step that would leave a small rest is at most half of what is left.
-            stop = now + min(step, max(0.5 * left, MIN_LINE_STEP))
-        tried = try_step(problem, here[problem.joints], now, stop)
-        outcome = tried.outcome
-        taken = stop - now
+        if step < rest:
+            # A step that would leave a small rest is at most half of the rest.
+            stop = now + min(step, max(0.5 * rest, MIN_LINE_STEP))
+        attempt = try_step(problem, here[problem.joints], now, stop)
+        outcome = attempt.outcome
+        length = stop - now
         ahead = here.copy()
-        ahead[problem.joints] = tried.last
+        ahead[problem.joints] = attempt.last
         if outcome == REACHED and not are_free(scene, here[np.newaxis], ahead[np.newaxis])[0]:
             outcome = COLLISION
-        # The deviation grows with the square of the step.
-        best_ratio = STEP_SAFETY / math.sqrt(max(tried.share, 1e-300))
+        # The deviation grows with the square of the step, so this ratio of the next step to this
+        # one would just use up the tolerance.
+        best_ratio = STEP_SAFETY / math.sqrt(max(attempt.share, TINY))
         if outcome == REACHED:
             now = stop
-            waypoints.append(Waypoint(ahead, begin + now, tried.bounds))
+            waypoints.append(Waypoint(ahead, begin + now, attempt.bounds))
             # Steps shrink only when one fails, so that their number stays bounded where the
             # deviation approaches the tolerance slowly.
-            step = taken * min(max(best_ratio, 1.0), 2.0)
+            step = length * min(max(best_ratio, 1.0), 2.0)
             continue
         failed = ahead
         # Rounding may have made the shortest step longer.
-        if taken < 1.5 * MIN_LINE_STEP:
+        if length < 1.5 * MIN_LINE_STEP:
             break
-        leaves_line = outcome == JUMP and tried.share > 1.0
+        # Shrink the step; by half if its deviation says nothing about the cause.
+        leaves_line = outcome == JUMP and attempt.share > 1.0
         ratio = min(max(best_ratio, 0.1), 0.7) if leaves_line else 0.5
-        step = max(ratio * taken, MIN_LINE_STEP)
+        step = max(ratio * length, MIN_LINE_STEP)
     return outcome, failed
 
 
 def _explain_stop(
     snapshot: Snapshot, branch: Branch, outcome: int, last: Floats, failed: Floats
 ) -> tuple[str, str]:
-    """Return the name and the reason of a stop.
+    """Return the name of a stop, as in :attr:`LineMotion.stopped_by`, and its reason in words.
 
-    ``last`` is the last waypoint, ``failed`` the configuration that could not be reached from it,
-    shapes (dof,).
+    ``outcome`` is OUT_OF_REACH, JUMP or COLLISION. ``last`` is the last waypoint, ``failed`` the
+    configuration that could not be reached from it, shapes (dof,).
     """
     arm = snapshot.arm
     if outcome == COLLISION:
         link, other, *_ = snapshot.contact(snapshot.outer, failed[np.newaxis])
         return "collision", f"{link} is in collision with {other}, or nearly so"
     if outcome == JUMP:
-        moved = np.abs(failed - last)
-        joint = int(moved.argmax())
+        # Name the joint that moves farthest.
+        travel = np.abs(failed - last)
+        joint = int(travel.argmax())
         reason = "the motion to the next configuration, as at a singularity, leaves the line by "
-        reason += f"more than the tolerance: it moves {arm.joints[joint]} by {moved[joint]:.3g} "
+        reason += f"more than the tolerance: it moves {arm.joints[joint]} by {travel[joint]:.3g} "
         return "jump", reason + arm.units[joint]
+    # Joints of the branch that could not go on.
     at_limit = [
         f"{arm.joints[k]} is at its limit of {failed[k]:.6g} {arm.units[k]}"
         for k in branch.joints.tolist()
@@ -437,9 +466,10 @@ def bound_deviation(
 ) -> tuple[Floats, Floats]:
     """Bound a frame's deviation from a line on a motion.
 
-    The motion leads between two configurations of the branch, the parameter from ``start`` to
-    ``stop``. Returns the proven bounds of deviation and angle, and the largest deviation and angle
-    halfway through the parts. Bounds are NaN if a value is not finite.
+    The motion leads between two configurations of the branch, shapes (k,), while the parameter
+    grows from ``start`` to ``stop``. It is cut into ``parts``. Returns the proven bounds of
+    deviation in metres and angle in radians, and the largest deviation and angle halfway through
+    the parts, shapes (2,). Bounds are NaN if a value is not finite.
     """
     from scipy.spatial.transform import Rotation
 
@@ -447,6 +477,7 @@ def bound_deviation(
     chain = problem.pose.chain
     tool = problem.pose.tool
     last_body = len(chain.parents) - 1
+    # Pose, angular velocity and velocity of the frame halfway through each part.
     half = 0.5 / parts
     times = np.linspace(half, 1.0 - half, parts)
     poses = np.empty((parts, last_body + 1, 3, 6))
@@ -457,22 +488,26 @@ def bound_deviation(
     tip = tip_pose[:, :, POSITION]
     spin = body_pose[:, :, SPIN]
     velocity = np.cross(spin, tip) + body_pose[:, :, VELOCITY]
+    # First order: the error at both ends of each part, if its rate were constant.
     rate = stop - start
     target = line.poses(start + times * rate)
     error = tip - target[:, :3, 3]
     error_rate = velocity - rate * line.direction
-    farthest = np.linalg.norm([error + half * error_rate, error - half * error_rate], axis=2).max()
+    errors_at_ends = [error + half * error_rate, error - half * error_rate]
+    farthest = np.linalg.norm(errors_at_ends, axis=2).max()
     from_target = tip_pose[:, :, :3] @ target[:, :3, :3].swapaxes(1, 2)
     angles = Rotation.from_matrix(from_target).magnitude()
     angle_rates = np.linalg.norm(spin - rate * line.turn, axis=1)
-    # The second order of both, from bounds on the whole motion.
+    # The second order of both, from bounds on the whole motion; see the module for the formulas.
     radius = float(np.linalg.norm(tool[:3, 3]))
     _, curvature, rotation = motion_bounds(chain, last_body, 0, radius, *ends)
     bend = half**2 * curvature / ADVANCE_FACTOR
     twist = 0.25 * (half * rotation) ** 2 / ADVANCE_FACTOR
+    # Rounding grows with the joint values; the base, which comes first, has none.
     largest = np.abs(ends).sum(axis=0)[chain.joint_indices]
-    joint_values = (np.abs(chain.factors) * largest + np.abs(chain.offsets))[1:].sum()
-    rounding = LINE_ROUNDING * (1.0 + rotation) + DISTANCE_ROUNDING * 2.0**-9 * joint_values
+    body_values = np.abs(chain.factors) * largest + np.abs(chain.offsets)
+    rounding = LINE_ROUNDING * (1.0 + rotation)
+    rounding += DISTANCE_ROUNDING * 2.0**-9 * body_values[1:].sum()
     deviation = farthest + bend + rounding * problem.max_coordinate
     angle = (angles + half * angle_rates / ADVANCE_FACTOR).max() + twist + rounding
     seen = np.array([np.linalg.norm(error, axis=1).max(), angles.max()])
@@ -480,24 +515,28 @@ def bound_deviation(
 
 
 def try_step(problem: LineProblem, first: Floats, start: float, stop: float) -> LineStep:
-    """Try to move the frame from a configuration of the branch at ``start`` to ``stop``."""
+    """Try to move the frame along a line, from parameter ``start`` to ``stop``.
+
+    ``first``, shape (k,), is the branch's configuration at ``start``. Collisions are not tested.
+    """
     chain = problem.pose.chain
-    tolerance = problem.tolerance
+    max_distance, max_angle = problem.tolerance
     last = first.copy()
     unproven = np.full(2, np.inf)
-    target = problem.line.poses(np.array([stop]))[0]
-    distance, turned, _ = descend(problem.pose._replace(target=target), last, problem.scratch)
-    if not (distance <= tolerance[0] and turned <= tolerance[1]):
+    # Inverse kinematics begins at the first configuration, so it finds the nearest branch.
+    (target,) = problem.line.poses(np.array([stop]))
+    distance, angle, _ = descend(problem.pose._replace(target=target), last, problem.scratch)
+    if not (distance <= max_distance and angle <= max_angle):
         return LineStep(OUT_OF_REACH, last, np.inf, unproven)
-    moved = np.abs(last - first)[chain.joint_indices]
-    turned_less = moved[chain.kinds == REVOLUTE] < math.pi
-    if not turned_less.all():
+    travel = np.abs(last - first)[chain.joint_indices]
+    turns_less_than_half = travel[chain.kinds == REVOLUTE] < math.pi
+    if not turns_less_than_half.all():
         return LineStep(JUMP, last, np.inf, unproven)
     parts = MIN_LINE_PARTS
     while True:
         bounds, seen = bound_deviation(problem, (first, last), start, stop, parts)
-        share = float((seen / tolerance).max())
-        if (bounds <= tolerance).all():
+        share = float((seen / problem.tolerance).max())
+        if (bounds <= problem.tolerance).all():
             return LineStep(REACHED, last, share, bounds)
         # Smaller parts tighten the bounds, but do not help if the motion itself leaves the line.
         parts *= MAX_LINE_PARTS // MIN_LINE_PARTS

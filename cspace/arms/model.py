@@ -46,7 +46,7 @@ _JOINT_KINDS: Final = {
     "continuous": REVOLUTE,
     "prismatic": PRISMATIC,
 }
-"""Kind of each URDF joint type."""
+"""How a joint of each URDF type moves."""
 
 
 CONTACT_SAMPLES: Final = 1000
@@ -59,7 +59,11 @@ configurations differently."""
 
 
 _FIRST_SAMPLES: Final = 4
-"""Number of configurations tested first."""
+"""Random configurations tested first, because most pairs of links are apart in one of them."""
+
+
+_SAMPLES_OF_ALWAYS: Final = 100
+"""Random configurations in all of which two links touch if they may touch without an SRDF."""
 
 
 class JointValues(dict[str, float]):
@@ -246,9 +250,9 @@ class Arm:
         folders = package_folders(package_dirs)
         urdf = load_urdf(path)
         file = os.fspath(path)
-        for name, link in (("tip", tip), ("base", base)):
+        for argument, link in (("tip", tip), ("base", base)):
             if link is not None:
-                check_known(link, name, urdf.link_map)
+                check_known(link, argument, urdf.link_map)
         if tip is not None and joints is not None:
             raise InputError(
                 "joints",
@@ -256,14 +260,15 @@ class Arm:
                 "both say which joints move",
                 "leave one out",
             )
-        tree = {joint.name: _read_joint(joint, file) for joint in urdf.robot.joints}
-        read = Srdf({}, {}, {}, {}) if srdf is None else read_srdf(srdf, urdf)
-        chosen = None if joints is None else _choose_joints(joints, read.groups, tree)
-        assembly = _Assembly(file, urdf, tree, base or root_link(urdf), tip, chosen)
-        assembly.hold({} if held_joints is None else held_joints)
-        arm = assembly.build_arm(read, folders, solid)
+        all_joints = {joint.name: _read_joint(joint, file) for joint in urdf.robot.joints}
+        semantics = Srdf({}, {}, {}, {}) if srdf is None else read_srdf(srdf, urdf)
+        chosen = None if joints is None else _choose_joints(joints, semantics.groups, all_joints)
+        builder = _ArmBuilder(file, urdf, all_joints, base or root_link(urdf), tip, chosen)
+        builder.hold_joints({} if held_joints is None else held_joints)
+        arm = builder.build_arm(semantics, folders, solid)
+        # Only an SRDF says which links may touch; without one, the geometry does.
         if srdf is None:
-            arm = replace(arm, allowed_collisions=assembly.default_allowed(arm))
+            arm = replace(arm, allowed_collisions=builder.find_allowed_pairs(arm))
         return arm
 
     @property
@@ -381,13 +386,17 @@ class Arm:
     def solve_pose(
         self, goal: PoseGoal, name: str, near: ArrayLike | None, max_solutions: int, seed: int
     ) -> Floats:
-        """Return :meth:`inverse` of a pose from the argument ``name``."""
+        """Find configurations, shape (n, dof), that reach a pose goal; see :meth:`inverse`.
+
+        ``name`` is the argument that errors name. Raises ConfigurationError if none is found.
+        """
         branch, tool = self.branch_to(goal.frame)
         q = self.rest if near is None else self.check_configuration(near, "near")
         q = self.clamp(q)
+        # Only the joints between the base and the frame are solved for; q gives all others.
         joints = branch.joints
         lowest, highest = self.ranges(q)
-        found = solve_pose(
+        result = solve_pose(
             branch,
             tool,
             goal,
@@ -398,30 +407,35 @@ class Arm:
             max_solutions=check_count(max_solutions, "max_solutions", 1),
             rng=np.random.default_rng(check_count(seed, "seed")),
         )
-        if not len(found.joints):
-            q[joints] = found.nearest
-            distance, angle = goal.tolerance
-            far = f"{found.distance:.3g} m"
-            within = f"{distance:g} m"
-            if math.isfinite(angle):
-                far += f" and {found.angle:.3g} rad"
-                within += f" and {angle:g} rad"
+        if not len(result.joints):
+            q[joints] = result.nearest
+            max_distance, max_angle = goal.tolerance
+            gap = f"{result.distance:.3g} m"
+            tolerance = f"{max_distance:g} m"
+            if math.isfinite(max_angle):
+                gap += f" and {result.angle:.3g} rad"
+                tolerance += f" and {max_angle:g} rad"
             raise ConfigurationError(
                 name,
-                f"is out of reach of {goal.frame}: the nearest pose that it reached is {far} away",
-                f"it must be within {within}",
+                f"is out of reach of {goal.frame}: the nearest pose that it reached is {gap} away",
+                f"it must be within {tolerance}",
                 "move the pose, or pass a larger tolerance",
                 nearest=tuple(q.tolist()),
             )
-        solutions = np.tile(q, (len(found.joints), 1))
-        solutions[:, joints] = found.joints
+        solutions = np.tile(q, (len(result.joints), 1))
+        solutions[:, joints] = result.joints
         distances = np.linalg.norm(solutions - q, axis=1)
-        return solutions[np.argsort(distances, kind="stable")]
+        nearest_first = np.argsort(distances, kind="stable")
+        return solutions[nearest_first]
 
     def branch_to(self, frame: str) -> tuple[Branch, Floats]:
-        """Return a frame's branch, and its pose on the last body."""
+        """Return the chain of bodies from the base to a frame, and the frame's pose on the last.
+
+        Raises InputError if the frame is unknown or no joint moves it.
+        """
         body, tool = self.placements[check_known(frame, "frame", self.placements)]
-        if body == 0:
+        is_fixed_to_base = body == 0
+        if is_fixed_to_base:
             raise InputError(
                 "frame",
                 f"is {frame!r}",
@@ -437,10 +451,11 @@ class Arm:
         A joint that moves another joint by a fraction of its own angle is none of these.
         """
         chain = self.chain
+        # A body turns wholly with its joint if it follows by a whole multiple of the angle.
         turns_wholly = (chain.kinds == REVOLUTE) & (chain.factors % 1.0 == 0.0)
-        differs = (chain.kinds != FIXED) & ~turns_wholly
+        differs_after_turn = (chain.kinds != FIXED) & ~turns_wholly
         repeats = np.ones(self.dof, dtype=np.bool_)
-        repeats[chain.joint_indices[differs]] = False
+        repeats[chain.joint_indices[differs_after_turn]] = False
         return repeats
 
     @cached_property
@@ -451,7 +466,7 @@ class Arm:
         group. Joints missing from a state are at zero, or at their nearest limit.
         """
         return {
-            name: frozen(self._move_joints(self.rest, self._state(name, "name")))
+            name: frozen(self._move_joints(self.rest, self._find_group_state(name, "name")))
             for name in self._states
         }
 
@@ -483,36 +498,40 @@ class Arm:
         ConfigurationError
             If a value is more than 1e-5 rad (m) beyond the joint's limits.
         """
+        # The base gives the values of all joints that are not named.
         if isinstance(base, str):
-            q = self._move_joints(self.rest, self._state(base, "base"))
+            q = self._move_joints(self.rest, self._find_group_state(base, "base"))
             self.check_limits(q, "base")
         else:
             q = self.rest if base is None else self.check_configuration(base, "base")
-        given = self._state(values, "values") if isinstance(values, str) else values or {}
+        given = values or {}
+        if isinstance(values, str):
+            given = self._find_group_state(values, "values")
         if isinstance(given, JointValues):
-            given = self._select(given, base is None)
+            given = self._select_moving_joints(given, needs_all=base is None)
         moved = self._move_joints(q, check_joint_values(given, "values", self.joints))
         self.check_limits(moved, "values")
         return moved
 
-    def _select(self, values: JointValues, all_joints: bool) -> dict[str, float]:
-        """Return the values of joints that move.
+    def _select_moving_joints(self, values: JointValues, needs_all: bool) -> dict[str, float]:
+        """Select the values of the arm's joints from those of a whole robot.
 
-        Raise InputError if the others are unknown or held elsewhere.
+        Raise InputError if another joint is unknown or held elsewhere, or if ``needs_all`` and one
+        of the arm's joints has no value.
         """
         known = *self.joints, *self.held_joints, *sorted(self._passive)
         checked = check_joint_values(values, "values", known)
-        for joint, held in self.held_joints.items():
-            value = checked.get(joint, held)
-            if abs(value - held) > LIMIT_SLACK:
+        for joint, held_value in self.held_joints.items():
+            value = checked.get(joint, held_value)
+            if abs(value - held_value) > LIMIT_SLACK:
                 raise InputError(
                     "values",
                     f"has {joint} at {value:.12g}",
-                    f"the arm holds it at {held:.12g}",
+                    f"the arm holds it at {held_value:.12g}",
                     "pass these values as held_joints= to Arm.from_urdf",
                 )
         missing = [joint for joint in self.joints if joint not in checked]
-        if missing and all_joints:
+        if missing and needs_all:
             raise InputError(
                 "values",
                 f"lack {', '.join(missing)}",
@@ -527,12 +546,16 @@ class Arm:
         return self.clamp(np.zeros(self.dof))
 
     def _move_joints(self, q: Floats, values: Mapping[str, float]) -> Floats:
-        """Return a configuration with some joints at given values."""
-        moved = {**dict(zip(self.joints, q.tolist(), strict=True)), **values}
-        return np.array([moved[joint] for joint in self.joints])
+        """Return a configuration, shape (dof,), with some joints at given values."""
+        before = dict(zip(self.joints, q.tolist(), strict=True))
+        return np.array([values.get(joint, before[joint]) for joint in self.joints])
 
-    def _state(self, name: str, argument: str) -> dict[str, float]:
-        """Return the values of the arm's joints in a group state."""
+    def _find_group_state(self, name: str, argument: str) -> dict[str, float]:
+        """Find a group state of the SRDF; return the values that it gives to the arm's joints.
+
+        The name is ``"GROUP/STATE"``, or ``"STATE"`` if only one group of the arm has it. Raises
+        InputError that blames ``argument`` if no state has the name, or several have.
+        """
         if not self._states:
             raise InputError(
                 argument,
@@ -540,15 +563,16 @@ class Arm:
                 "the arm has none",
                 "pass srdf= to Arm.from_urdf, or values by joint",
             )
+        # States of other groups do not compete for the short name.
         full_names = []
-        for key, state in self._states.items():
-            _, _, state_name = key.partition("/")
+        for full_name, state in self._states.items():
+            _, _, state_name = full_name.partition("/")
             if state_name == name and not state.keys().isdisjoint(self.joints):
-                full_names.append(key)
+                full_names.append(full_name)
         if name in self._states:
             full_names = [name]
         if len(full_names) != 1:
-            check_known(name, argument, full_names or self._states)
+            check_known(name, argument, full_names or self._states)  # raises InputError
         state = self._states[full_names[0]]
         return {joint: value for joint, value in state.items() if joint in self.joints}
 
@@ -583,8 +607,8 @@ class Arm:
             If the name is taken, a link is unknown, the shape is invalid or in the plane, or the
             pose is no rigid motion.
         """
-        given = as_shape(shape)
-        if given.dim != 3:
+        solid_shape = as_shape(shape)
+        if solid_shape.dim != 3:
             raise InputError("shape", "is in the plane", "arms are in space", "pass a solid")
         check_text(name, "name", "tool")
         touching = [link, *check_names(touch_links, "touch_links")]
@@ -592,10 +616,12 @@ class Arm:
             raise InputError("name", f"is {name!r}", "a link has it", "choose another one")
         for other in touching:
             check_known(other, "link", self.placements)
+        # The object moves with the body of its link, so its pose is one on that body.
         body, pose_on_body = self.placements[link]
         if pose is not None:
             pose_on_body = pose_on_body @ check_rigid(pose, "pose")
-        solid = Solid(name, body, (PosedShape(given, pose_on_body),))
+        solid = Solid(name, body, (PosedShape(solid_shape, pose_on_body),))
+        # Frames without geometry touch nothing, so only links count.
         with_geometry = [other.name for other in self.links]
         allowed = {sort_pair(name, other): "held" for other in touching if other in with_geometry}
         return replace(
@@ -615,8 +641,9 @@ class Arm:
             If no attached object has the name, or another one is attached to it.
         """
         check_known(name, "name", self.carriers)
-        for other, link in self.carriers.items():
-            if link == name:
+        # Nothing may hang on an object that is gone.
+        for other, carrier in self.carriers.items():
+            if carrier == name:
                 raise InputError(
                     "name",
                     f"is {name!r}",
@@ -627,10 +654,10 @@ class Arm:
             self,
             links=tuple(link for link in self.links if link.name != name),
             allowed_collisions={
-                pair: why for pair, why in self.allowed_collisions.items() if name not in pair
+                pair: reason for pair, reason in self.allowed_collisions.items() if name not in pair
             },
             placements={frame: pose for frame, pose in self.placements.items() if frame != name},
-            carriers={held: link for held, link in self.carriers.items() if held != name},
+            carriers={item: carrier for item, carrier in self.carriers.items() if item != name},
         )
 
     @cached_property
@@ -641,11 +668,12 @@ class Arm:
         says how often they touch in 1000 fixed random configurations: ``"never"``, ``"sometimes"``
         or ``"always"``. Every proof checks all other pairs, because sampling proves nothing.
         """
+        # Links that do not move against each other keep the first reason.
         reasons = {sort_pair(a.name, b.name): "one body" for a, b in combinations(self.links, 2)}
         for pair, scene in self.moving_pairs().items():
-            apart = are_free(scene, self.contact_samples, self.contact_samples)
-            reasons[pair] = "sometimes" if apart.any() else "always"
-            if apart.all():
+            is_apart = are_free(scene, self.contact_samples, self.contact_samples)
+            reasons[pair] = "sometimes" if is_apart.any() else "always"
+            if is_apart.all():
                 reasons[pair] = "never"
         for pair, reason in self.allowed_collisions.items():
             if pair in reasons:
@@ -653,9 +681,9 @@ class Arm:
         return reasons
 
     def moving_pairs(self) -> dict[Names, Scene]:
-        """Return a scene of each two links that move against each other."""
+        """Return a scene of each two links that move against each other, by their names."""
         links = self.links
-        # The second body of a pair comes first in the chain.
+        # Kernels expect that the second body of a pair comes first in the chain.
         pairs = [
             (i, j) for i, j in permutations(range(len(links)), 2) if links[i].body > links[j].body
         ]
@@ -672,9 +700,10 @@ class Arm:
         return np.random.default_rng(0).uniform(*self.ranges(), (CONTACT_SAMPLES, self.dof))
 
     def ranges(self, around: ArrayLike = 0.0) -> tuple[Floats, Floats]:
-        """Return the limits of the joints.
+        """Return the lowest and highest values of the joints, both finite, shapes (dof,).
 
-        Joints without limits get half a turn around the configurations, shape (n, dof).
+        They are the limits. A joint without limits gets half a turn to each side of the
+        configurations ``around``, shape (n, dof) or a number for all joints.
         """
         q = np.atleast_2d(around)
         lowest = np.where(np.isinf(self.lower), q.min(axis=0) - math.pi, self.lower)
@@ -687,12 +716,13 @@ class Arm:
         ``q`` are configurations, shape (..., dof).
         """
         excess = np.maximum(self.lower - q, q - self.upper)
-        for *row, number in np.argwhere(excess > LIMIT_SLACK)[:1].tolist():
-            value = float(q[*row, number])
+        # The error names the first joint that exceeds a limit.
+        for *row, joint in np.argwhere(excess > LIMIT_SLACK)[:1].tolist():
+            value = float(q[*row, joint])
             raise ConfigurationError(
                 name,
-                f"has {self.joints[number]} at {value:.12g}",
-                f"its limits are {self.lower[number]:.12g} and {self.upper[number]:.12g}",
+                f"has {self.joints[joint]} at {value:.12g}",
+                f"its limits are {self.lower[joint]:.12g} and {self.upper[joint]:.12g}",
                 f"stay within them; up to {LIMIT_SLACK:g} beyond is accepted",
             )
 
@@ -719,7 +749,11 @@ class Arm:
         return array
 
     def check_configuration(self, q: ArrayLike | None, name: str) -> Floats:
-        """Return one configuration, within the limits."""
+        """Return one configuration, shape (dof,), as floats.
+
+        Raises InputError if it is missing or has another shape, and ConfigurationError if it is
+        beyond the limits.
+        """
         point = np.empty((0, 0)) if q is None else self.check_configurations(q, name)
         if point.ndim != 1:
             raise InputError(
@@ -738,9 +772,10 @@ def sort_pair(one: str, other: str) -> Names:
 
 
 def check_joint_values(values: object, argument: str, joints: Collection[str]) -> dict[str, float]:
-    """Return values of joints by name.
+    """Return values of joints by name as floats, after checking them.
 
-    Raises InputError if they are no mapping, name another joint, or are not finite numbers.
+    Raises InputError if they are no mapping, name a joint not in ``joints``, or are not finite
+    numbers.
     """
     if not isinstance(values, Mapping):
         raise InputError(
@@ -766,11 +801,11 @@ def check_joint_values(values: object, argument: str, joints: Collection[str]) -
 
 
 def _choose_joints(
-    joints: str | Iterable[str], groups: Mapping[str, Set[str]], tree: Mapping[str, Joint]
+    joints: str | Iterable[str], groups: Mapping[str, Set[str]], all_joints: Mapping[str, Joint]
 ) -> Set[str]:
-    """Return the joints of an SRDF group, or those named.
+    """Return the names of the joints that shall move: an SRDF group, or those named.
 
-    Raise InputError if one cannot move by itself.
+    Raise InputError if the group is unknown, or a named joint cannot move by itself.
     """
     if isinstance(joints, str):
         if not groups:
@@ -782,7 +817,7 @@ def _choose_joints(
             )
         return groups[check_known(joints, "joints", groups)]
     names = check_names(joints, "joints")
-    movable = [name for name, joint in tree.items() if is_independent(joint)]
+    movable = [name for name, joint in all_joints.items() if is_independent(joint)]
     return {check_known(name, "joints", movable, "names") for name in names}
 
 
@@ -792,19 +827,21 @@ def is_independent(joint: Joint) -> bool:
 
 
 def _read_joint(joint: Any, file: str) -> Joint:
-    """Convert a joint of yourdfpy."""
+    """Convert a joint of yourdfpy, checking its numbers; errors name the file and the joint."""
     where = f"{file}: joint {joint.name!r}"
     kind = _JOINT_KINDS[check_known(joint.type, where, _JOINT_KINDS)]
     frame = np.eye(4) if joint.origin is None else check_rigid(joint.origin, f"{where}: origin")
     axis = check_finite(joint.axis, f"{where}: axis")
     velocity = getattr(joint.limit, "velocity", None) or 0.0
+    # Continuous joints have no limits.
     lower = -math.inf
     upper = math.inf
+    if joint.type in ("revolute", "prismatic"):
+        lower, upper = _read_limits(joint, where)
+    # A joint that mimics no other is its own leader.
     leader = joint.name
     factor = 1.0
     offset = 0.0
-    if joint.type in ("revolute", "prismatic"):
-        lower, upper = _read_limits(joint, where)
     if joint.mimic is not None and kind != FIXED:
         leader = joint.mimic.joint
         numbers = joint.mimic.multiplier, joint.mimic.offset
@@ -826,7 +863,10 @@ def _read_joint(joint: Any, file: str) -> Joint:
 
 
 def _read_limits(joint: Any, where: str) -> tuple[float, float]:
-    """Return the limits of a joint of yourdfpy."""
+    """Return the lower and upper limit of a joint of yourdfpy, radians or metres.
+
+    Raise InputError, which begins with ``where``, if one is missing or they are reversed.
+    """
     limits: Any = getattr(joint.limit, "lower", None), getattr(joint.limit, "upper", None)
     if None in limits:
         raise InputError(
@@ -846,8 +886,12 @@ def _read_limits(joint: Any, where: str) -> tuple[float, float]:
     return lower, upper
 
 
-class _Assembly:
-    """Builder of an arm from links and joints."""
+class _ArmBuilder:
+    """Builder of an :class:`Arm` from the links and joints of a URDF.
+
+    First choose the joints that move (the constructor), then hold the others
+    (:meth:`hold_joints`), then build (:meth:`build_arm`).
+    """
 
     def __init__(
         self,
@@ -858,19 +902,25 @@ class _Assembly:
         tip: str | None,
         chosen: Set[str] | None,
     ) -> None:
+        """Choose the joints that move: those ``chosen``, or all, between ``base`` and ``tip``.
+
+        ``joints`` are all joints of the URDF by name. Without a tip, all branches below the base
+        count. Raises InputError if no joint moves.
+        """
         self._file = file
         self._urdf = urdf
         self._joints = joints
         self._base = base
         self._held: dict[str, float] = {}
         self._order = _sort_joints(joints.values(), base)
-        above = {joint.child: joint for joint in self._order}
-        branch = set(above) if tip is None else _list_links_to(tip, base, above)
+        joint_above = {joint.child: joint for joint in self._order}
+        branch = set(joint_above) if tip is None else _list_links_to(tip, base, joint_above)
         self._moving_names = []
         for joint in self._order:
             is_chosen = chosen is None or joint.name in chosen
             if is_independent(joint) and joint.child in branch and is_chosen:
                 self._moving_names.append(joint.name)
+        # Leaders are checked last, because that needs the names of all joints that move.
         for joint in self._order:
             self._check_leader(joint)
         if not self._moving_names:
@@ -882,7 +932,7 @@ class _Assembly:
             )
 
     def _check_leader(self, joint: Joint) -> None:
-        """Raise InputError if a joint mimics one that it cannot."""
+        """Raise InputError if a joint mimics an unknown one, or would slide without end."""
         where = f"{self._file}: joint {joint.name!r}"
         leaders = [other.name for other in self._order if other.leader == other.name]
         leader = self._joints[check_known(joint.leader, where, leaders, "mimics")]
@@ -898,18 +948,23 @@ class _Assembly:
         """Return True if the arm's configuration moves a joint."""
         return joint.kind != FIXED and joint.leader in self._moving_names and joint.factor != 0.0
 
-    def hold(self, values: Mapping[str, float]) -> None:
-        """Hold joints that do not move at values within limits."""
-        names = [
+    def hold_joints(self, values: Mapping[str, float]) -> None:
+        """Hold the joints that do not move, at given values or at rest.
+
+        ``values`` are radians or metres by name. Raises InputError if one exceeds a limit.
+        """
+        still_names = [
             joint.name
             for joint in self._order
             if is_independent(joint) and joint.name not in self._moving_names
         ]
+        # JointValues are those of a whole robot, so they may also name joints that move.
         if isinstance(values, JointValues):
             check_joint_values(values, "held_joints", self._joints)
-            values = {name: values[name] for name in names if name in values}
-        given = check_joint_values(values, "held_joints", names)
-        self._held = {name: given.get(name, _find_rest_value(self._joints[name])) for name in names}
+            values = {name: values[name] for name in still_names if name in values}
+        given = check_joint_values(values, "held_joints", still_names)
+        for name in still_names:
+            self._held[name] = given.get(name, _find_rest_value(self._joints[name]))
         for name, value in given.items():
             joint = self._joints[name]
             if not joint.lower - LIMIT_SLACK <= value <= joint.upper + LIMIT_SLACK:
@@ -921,21 +976,26 @@ class _Assembly:
                 )
 
     def build_arm(self, srdf: Srdf, package_dirs: Sequence[Path], inside: SolidMode) -> Arm:
-        """Build the arm from the joints, links and groups of its URDF."""
-        bodies = {self._base: Frame(0, np.eye(4))}
+        """Build the arm from its joints and links, and from the groups of the SRDF.
+
+        ``inside`` says which parts of the meshes are solid.
+        """
+        # A joint that moves begins a new body, with the child link's frame as its own. Any other
+        # joint fixes its child link to the body of its parent link.
+        placements = {self._base: Frame(0, np.eye(4))}
         parents = [0]
         frames = [np.eye(4)]
         joints = list[Joint]()
         for joint in self._order:
-            body, pose = bodies[joint.parent]
+            body, pose = placements[joint.parent]
             frame = pose @ joint.frame
             if self._is_moved(joint):
                 parents.append(body)
                 frames.append(frame)
                 joints.append(joint)
-                bodies[joint.child] = Frame(len(joints), np.eye(4))
+                placements[joint.child] = Frame(len(joints), np.eye(4))
             else:
-                bodies[joint.child] = Frame(body, frame @ self._compute_fixed_pose(joint))
+                placements[joint.child] = Frame(body, frame @ self._compute_fixed_pose(joint))
         if len(parents) > MAX_BODIES:
             raise InputError(
                 self._file,
@@ -943,7 +1003,7 @@ class _Assembly:
                 f"at most {MAX_BODIES} are allowed",
                 "name a base or a tip",
             )
-        links = tuple(self._links(bodies, package_dirs, inside))
+        links = tuple(self._read_links(placements, package_dirs, inside))
         if not links:
             raise InputError(
                 self._file,
@@ -951,10 +1011,11 @@ class _Assembly:
                 "an arm's links need some",
                 "add <collision>",
             )
+        # A joint that moves may move several bodies, because other joints mimic it.
         moving = [self._joints[name] for name in self._moving_names]
         groups = {}
-        for name, group in srdf.groups.items():
-            groups[name] = tuple(joint for joint in self._moving_names if joint in group)
+        for group, members in srdf.groups.items():
+            groups[group] = tuple(name for name in self._moving_names if name in members)
         return Arm(
             name=str(self._urdf.robot.name),
             joints=tuple(self._moving_names),
@@ -962,29 +1023,30 @@ class _Assembly:
             upper=np.array([joint.upper for joint in moving]),
             links=links,
             allowed_collisions=srdf.allowed,
-            chain=self._chain(parents, frames, joints),
+            chain=self._build_chain(parents, frames, joints),
             units=tuple("m" if joint.kind == PRISMATIC else "rad" for joint in moving),
-            max_velocity=np.array([self._max_velocity(name) for name in self._moving_names]),
+            max_velocity=np.array([self._limit_velocity(name) for name in self._moving_names]),
             groups=groups,
             end_effectors=srdf.end_effectors,
             held_joints=self._held,
-            placements=bodies,
+            placements=placements,
             carriers={},
-            base_is_root=len(bodies) == len(self._urdf.link_map),
+            base_is_root=len(placements) == len(self._urdf.link_map),
             _passive=frozenset(self._joints.keys() - {*self._moving_names, *self._held}),
             _states=srdf.states,
         )
 
-    def default_allowed(self, arm: Arm) -> dict[Names, str]:
-        """Return pairs that may touch without an SRDF.
+    def find_allowed_pairs(self, arm: Arm) -> dict[Names, str]:
+        """Find the pairs of links that may touch without an SRDF, and the reasons.
 
-        These are neighbours, links of one body, and links that always touch.
+        These are links of one body, neighbours, and links that always touch.
         """
         allowed = {
             sort_pair(a.name, b.name): "one body"
             for a, b in combinations(arm.links, 2)
             if a.body == b.body
         }
+        # The neighbour of a link is the nearest link with geometry above it.
         parents = {joint.child: joint.parent for joint in self._order}
         with_geometry = {link.name for link in arm.links}
         for link in arm.links:
@@ -993,18 +1055,19 @@ class _Assembly:
                 neighbour = parents.get(neighbour)
             if neighbour is not None:
                 allowed.setdefault(sort_pair(link.name, neighbour), "adjacent")
+        samples = arm.contact_samples[:_SAMPLES_OF_ALWAYS]
         for pair, scene in arm.moving_pairs().items():
-            if pair not in allowed and always_touch(scene, arm.contact_samples[:100]):
+            if pair not in allowed and always_touch(scene, samples):
                 allowed[pair] = "always"
         return allowed
 
-    def _max_velocity(self, leader: str) -> float:
-        """Return the largest speed of a joint within the limits of itself and its mimics."""
+    def _limit_velocity(self, leader: str) -> float:
+        """Return the largest speed of a joint at which neither it nor its mimics are too fast."""
         moved = [joint for joint in self._order if joint.leader == leader and self._is_moved(joint)]
         return min(joint.max_velocity / abs(joint.factor) for joint in moved)
 
     def _compute_fixed_pose(self, joint: Joint) -> Floats:
-        """Return the motion of a joint that no configuration moves."""
+        """Compute the pose, shape (4, 4), into which a still joint brings its child link."""
         from scipy.spatial.transform import Rotation
 
         leader = self._joints[joint.leader]
@@ -1017,36 +1080,41 @@ class _Assembly:
             pose[:3, 3] = value * joint.axis
         return pose
 
-    def _links(
+    def _read_links(
         self,
-        bodies: Mapping[str, Frame],
+        placements: Mapping[str, Frame],
         package_dirs: Sequence[Path],
         inside: SolidMode,
     ) -> Iterable[Solid]:
-        """Yield the links with collision geometry."""
+        """Read the links with collision geometry, each on its body."""
         from cspace.files.urdf import find_meshes
         from cspace.shapes.scenes import link_shapes
 
-        meshes = find_meshes(self._urdf, bodies, self._file, package_dirs)
-        for name, (body, pose) in bodies.items():
+        meshes = find_meshes(self._urdf, placements, self._file, package_dirs)
+        for name, (body, pose) in placements.items():
             shapes = link_shapes(self._urdf, name, self._file, meshes, inside)
             parts = [PosedShape(shape, pose @ shape_pose) for shape, shape_pose in shapes]
             if parts:
                 yield Solid(name, body, tuple(parts))
 
-    def _chain(self, parents: list[int], poses: list[Floats], joints: list[Joint]) -> Chain:
-        """Build the chain of bodies; the base has no joint."""
+    def _build_chain(self, parents: list[int], poses: list[Floats], joints: list[Joint]) -> Chain:
+        """Build the chain of bodies for kernels.
+
+        ``parents`` and ``poses``, shape (4, 4), of joints on their parents are one for each body,
+        with the base first. ``joints`` are those of the other bodies, because the base has none.
+        """
         frames = np.stack(poses)[:, :3]
         link_lengths = np.linalg.norm(frames[..., 3], axis=1)
         # Which joints (columns) carry which bodies (rows).
         carries = np.zeros((len(parents), len(parents)), dtype=np.bool_)
-        for b, joint in enumerate(joints, start=1):
-            carries[b] = carries[parents[b]]
-            carries[b, b] = True
+        for body, joint in enumerate(joints, start=1):
+            carries[body] = carries[parents[body]]
+            carries[body, body] = True
             if joint.kind == PRISMATIC:
+                # A joint that slides makes its link longer by its farthest position.
                 leader = self._joints[joint.leader]
                 ends = np.array([leader.lower - LIMIT_SLACK, leader.upper + LIMIT_SLACK])
-                link_lengths[b] += np.abs(joint.factor * ends + joint.offset).max()
+                link_lengths[body] += np.abs(joint.factor * ends + joint.offset).max()
         # A joint moves two bodies against each other if it carries exactly one of them.
         between = carries[:, np.newaxis] != carries[np.newaxis]
         indices = [self._moving_names.index(joint.leader) for joint in joints]
@@ -1068,39 +1136,44 @@ def _sort_joints(joints: Iterable[Joint], base: str) -> list[Joint]:
 
     So every body comes after its parent, and the order is that of urdfdom for MoveIt.
     """
-    below: dict[str, list[Joint]] = {}
+    # The stack is read from its end, so the names are sorted in reverse.
+    joints_below: dict[str, list[Joint]] = {}
     for joint in sorted(joints, key=lambda joint: joint.name, reverse=True):
-        below.setdefault(joint.parent, []).append(joint)
+        joints_below.setdefault(joint.parent, []).append(joint)
     order: list[Joint] = []
-    pending = list(below.get(base, ()))
+    pending = list(joints_below.get(base, ()))
     while pending:
         joint = pending.pop()
         order.append(joint)
-        pending += below.get(joint.child, ())
+        pending += joints_below.get(joint.child, ())
     return order
 
 
-def _list_links_to(tip: str, base: str, above: Mapping[str, Joint]) -> set[str]:
-    """Return the links from a tip up to the base, without the base."""
+def _list_links_to(tip: str, base: str, joint_above: Mapping[str, Joint]) -> set[str]:
+    """Return the links from a tip up to the base, without the base.
+
+    ``joint_above`` has the joint from which each link hangs. Raises InputError if the tip is not
+    below the base.
+    """
     links = set[str]()
     link = tip
     while link != base:
-        if link not in above:
+        if link not in joint_above:
             raise InputError(
                 "tip", f"is {tip!r}", f"it is not below {base!r}", "name a link that is"
             )
         links.add(link)
-        link = above[link].parent
+        link = joint_above[link].parent
     return links
 
 
 def _find_rest_value(joint: Joint) -> float:
-    """Return zero, or the limit next to zero."""
+    """Return the joint value nearest to zero within the limits."""
     return float(np.clip(0.0, joint.lower, joint.upper))
 
 
 def always_touch(scene: Scene, points: Floats) -> bool:
-    """Return True if a scene is not proven free at any of several configurations."""
-    # Most pairs are apart in one of the first.
+    """Return True if a scene is proven free at none of several configurations, shape (n, dof)."""
+    # Most pairs are apart in one of the first, which saves testing the others.
     first, others = np.split(points, [_FIRST_SAMPLES])
     return not (are_free(scene, first, first).any() or are_free(scene, others, others).any())

@@ -108,6 +108,7 @@ class PlanningScene:
         The pair may touch only if they agree. Without a matrix, no pair may.
         """
         contacts = self._contacts or {}
+        # The matrix names objects, of which an obstacle may be one shape of several.
         a = self._ids.get(one, one)
         b = self._ids.get(other, other)
         entries = [contacts.get(key) for key in ((a, b), (b, a), (a,), (b,))]
@@ -120,12 +121,12 @@ class PlanningScene:
         there is a matrix, it replaces the pairs of links that the SRDF lets touch, as in MoveIt.
         """
         self._check_arm(arm)
-        bare = arm
+        bare_arm = arm
         links = [frame for frame in arm.frames if frame not in arm.carriers]
         for name, carried in self.attached.items():
             check_known(carried.link, f"{self.source}: link_name of {name!r}", links)
             touching = [link for link in carried.touch_links if link in links]
-            pose = self._pose_on_link(bare, carried, base_pose)
+            pose = self._find_pose_on_link(bare_arm, carried, base_pose)
             arm = arm.attach(name, carried.shape.shape, carried.link, pose, touching)
         if self._contacts is None:
             return arm, set()
@@ -133,6 +134,7 @@ class PlanningScene:
         allowed = {
             sort_pair(a, b): "scene" for a, b in combinations(names, 2) if self.may_touch(a, b)
         }
+        # These reasons hold whatever the matrix says.
         before = arm.allowed_collisions.items()
         allowed |= {pair: reason for pair, reason in before if reason in ("held", "one body")}
         with_obstacles = {
@@ -141,9 +143,10 @@ class PlanningScene:
         return replace(arm, allowed_collisions=allowed), with_obstacles
 
     def _check_arm(self, arm: Arm) -> None:
-        """Raise InputError if names collide or the arm holds a joint elsewhere.
+        """Raise InputError unless the scene fits the arm.
 
-        An object may not have the name of a frame.
+        An object may not have the name of a frame, and the arm must hold its still joints where the
+        scene has them.
         """
         for name in dict.fromkeys([*self._ids.values(), *self._ids]):
             if name in arm.frames:
@@ -163,8 +166,8 @@ class PlanningScene:
                     "pass held_joints=scene.robot_state to Arm.from_urdf, or remove robot_state",
                 )
 
-    def _pose_on_link(self, arm: Arm, carried: AttachedObject, base_pose: Floats) -> Floats:
-        """Return an attached object's pose in its link's frame."""
+    def _find_pose_on_link(self, arm: Arm, carried: AttachedObject, base_pose: Floats) -> Floats:
+        """Return an attached object's pose in its link's frame, shape (4, 4)."""
         pose = carried.shape.pose
         if carried.frame == carried.link:
             return pose
@@ -172,6 +175,7 @@ class PlanningScene:
         is_moved = arm.placements[carried.link].body > 0
         q = arm.configuration(self.robot_state) if is_moved else arm.rest
         link_pose = arm.pose(q, carried.link)
+        # From the frame of the scene to that of the base, then to that of the link.
         on_base = np.linalg.solve(base_pose, pose)
         return np.asarray(np.linalg.solve(link_pose, on_base), dtype=np.float64)
 
@@ -250,7 +254,7 @@ def read_moveit_scene(path: StrPath, *, package_dirs: PackageDirs = ()) -> Plann
 
 
 def _read_contacts(fields: Mapping[str, Any]) -> Contacts | None:
-    """Return an allowed collision matrix; None if it is empty."""
+    """Read the entries and defaults of an allowed collision matrix; None if it is empty."""
     names = fields["entry_names"]
     rows = fields["entry_values"]
     default_names = fields["default_entry_names"]
@@ -268,6 +272,7 @@ def _read_contacts(fields: Mapping[str, Any]) -> Contacts | None:
     for name, row in zip(names, rows, strict=True):
         for other, may_touch in zip(names, row, strict=True):
             contacts[name, other] = may_touch
+    # The default of a name is an entry of that name alone.
     for name, may_touch in zip(default_names, defaults, strict=True):
         contacts[(name,)] = may_touch
     return contacts
@@ -355,11 +360,16 @@ class MotionPlanRequest:
         return goals
 
     def _make_configuration(self, arm: Arm, goal: JointGoal, argument: str) -> Floats:
-        """Return the configuration of a joint goal."""
+        """Return the configuration of a joint goal, shape (dof,).
+
+        Errors name ``argument``. Raises InputError if the arm lacks a joint, or holds it outside
+        its range.
+        """
         values = {}
         for joint, value in goal.values.items():
             lower = goal.lower[joint]
             upper = goal.upper[joint]
+            # A joint that does not move must be within its range already.
             if joint in arm.held_joints:
                 held = arm.held_joints[joint]
                 if not lower - LIMIT_SLACK <= held <= upper + LIMIT_SLACK:
@@ -371,13 +381,17 @@ class MotionPlanRequest:
                     )
                 continue
             index = arm.joints.index(check_known(joint, argument, arm.joints, "names"))
+            # A value beyond the limit stays, to be refused, unless the limit is near enough.
             clamped = float(np.clip(value, arm.lower[index], arm.upper[index]))
             values[joint] = clamped if lower <= clamped <= upper else value
         base = None if len(values) == arm.dof else arm.configuration(self.start_state)
         return arm.configuration(values, base)
 
     def _place_pose_goal(self, arm: Arm, goal: PoseGoal, base_pose: ArrayLike | None) -> PoseGoal:
-        """Return a pose goal in the frame of the arm's base."""
+        """Return a pose goal in the frame of the arm's base.
+
+        ``base_pose`` is the pose of the base in the frame of the request; None if the arm knows it.
+        """
         check_known(goal.frame, f"{self.source}: link_name", arm.frames)
         if base_pose is None:
             base = find_base_pose(self.frame, arm, self.source)
@@ -443,7 +457,10 @@ def read_moveit_request(path: StrPath) -> MotionPlanRequest:
 
 
 def _read_goal(fields: Mapping[str, Any], place: str, frames: set[str]) -> JointGoal | PoseGoal:
-    """Return a goal; the frames of its poses are added to ``frames``."""
+    """Read a goal constraint, and add the frames of its poses to ``frames``.
+
+    Errors name its ``place`` in the file.
+    """
     joints = fields["joint_constraints"]
     poses = fields["position_constraints"] + fields["orientation_constraints"]
     if bool(joints) == bool(poses):
@@ -456,7 +473,7 @@ def _read_goal(fields: Mapping[str, Any], place: str, frames: set[str]) -> Joint
 
 
 def _read_joint_goal(constraints: Sequence[Mapping[str, Any]], place: str) -> JointGoal:
-    """Return the goal of joint constraints."""
+    """Read the goal of joint constraints; errors name its ``place`` in the file."""
     goal = JointGoal({}, {}, {})
     for constraint in constraints:
         name = constraint["joint_name"]
@@ -472,7 +489,10 @@ def _read_joint_goal(constraints: Sequence[Mapping[str, Any]], place: str) -> Jo
 
 
 def _read_pose_goal(fields: Mapping[str, Any], place: str, frames: set[str]) -> PoseGoal:
-    """Return the goal of a position constraint, an orientation constraint, or both."""
+    """Read the goal of a position constraint, an orientation constraint, or both.
+
+    The frames of its poses are added to ``frames``. Errors name its ``place`` in the file.
+    """
     positions = fields["position_constraints"]
     orientations = fields["orientation_constraints"]
     constraints = positions + orientations
@@ -484,6 +504,7 @@ def _read_pose_goal(fields: Mapping[str, Any], place: str, frames: set[str]) -> 
             "remove some",
         )
     frames |= {constraint["header"]["frame_id"] or WORLD for constraint in constraints}
+    # What is not constrained may be anything. Each list has one constraint at most.
     pose = np.eye(4)
     radius = math.inf
     angle = math.inf
@@ -503,7 +524,10 @@ def _read_pose_goal(fields: Mapping[str, Any], place: str, frames: set[str]) -> 
 
 
 def _read_angle(constraint: Mapping[str, Any], place: str) -> float:
-    """Return the largest angle that an orientation constraint allows around any axis."""
+    """Read the largest angle, radians, that an orientation constraint allows around any axis.
+
+    It is infinite if the constraint allows any rotation.
+    """
     # MoveIt takes the tolerances as absolute.
     tolerances = [abs(constraint[f"absolute_{axis}_axis_tolerance"]) for axis in "xyz"]
     tolerance = min(tolerances)
@@ -517,7 +541,10 @@ def _read_angle(constraint: Mapping[str, Any], place: str) -> float:
 
 
 def _read_region(region: Mapping[str, Any], place: str) -> tuple[Floats, float]:
-    """Return the center and the radius of the largest ball around a region's center, metres."""
+    """Read the largest ball around the center of a region: its center and radius, metres.
+
+    The region is one box, sphere or cylinder; errors name its ``place`` in the file.
+    """
     shapes = region["primitives"]
     poses = check_poses(region, "primitives", "primitive_poses", place)
     kinds = [kind for kind, _ in shapes]
@@ -525,4 +552,5 @@ def _read_region(region: Mapping[str, Any], place: str) -> tuple[Floats, float]:
         rule = f"it must be one of {', '.join(_BALL_RADII)}"
         raise wrong_value(", ".join(kinds) or "nothing", place, rule)
     ((kind, sizes),) = shapes
-    return poses[0][:3, 3], _BALL_RADII[kind](*sizes)
+    (pose,) = poses
+    return pose[:3, 3], _BALL_RADII[kind](*sizes)

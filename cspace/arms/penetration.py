@@ -49,26 +49,28 @@ class ArmPenetration:
         band: float | None = None,
         tolerance: float = 0.01,
     ) -> None:
+        """Put the balls of all links into the frames of their bodies; check all arguments."""
         if not links:
             raise InputError("links", "is empty", "there must be one", "pass e.g. {'hand': balls}")
         kind = common_bump(bump, obstacles, *links.values())
         bodies = []
-        points = []
+        centers = []
         radii = []
         for name, source in links.items():
             body, pose = arm.placements[check_known(name, "links", arm.placements)]
             balls = as_balls(source, name, kind)
             check_same_dim(name, balls.dim, 3)
             bodies.append(np.full(len(balls.radii), body))
-            points.append(balls.centers @ pose[:3, :3].T + pose[:3, 3])
+            centers.append(balls.centers @ pose[:3, :3].T + pose[:3, 3])
             radii.append(balls.radii)
-        fixed = as_balls(obstacles, "obstacles", kind)
-        check_same_dim("obstacles", fixed.dim, 3)
+        obstacle_balls = as_balls(obstacles, "obstacles", kind)
+        check_same_dim("obstacles", obstacle_balls.dim, 3)
         self.arm = arm
+        # The body of each ball, shape (n,), and its center on that body, shape (n, 3).
         self._bodies = np.concatenate(bodies)
-        self._points = np.concatenate(points)
+        self._centers = np.concatenate(centers)
         self._field = BallPenetration(
-            np.concatenate(radii), fixed, bump=kind, band=band, tolerance=tolerance
+            np.concatenate(radii), obstacle_balls, bump=kind, band=band, tolerance=tolerance
         )
 
     def value_and_gradient(self, q: ArrayLike) -> tuple[Floats, Floats]:
@@ -78,24 +80,26 @@ class ArmPenetration:
         dof), in cubic metres, and that per radian or metre. Raises InputError if q is not of finite
         numbers, one for each joint.
         """
-        points = self.arm.check_configurations(q, "q")
+        configurations = self.arm.check_configurations(q, "q")
         chain = self.arm.chain
-        poses = compute_poses(chain, points)
+        poses = compute_poses(chain, configurations)
+        # Place the balls, shape (..., n, 3).
         ball_poses = poses[..., self._bodies, :, :]
-        centers = np.einsum("...kij,kj->...ki", ball_poses[..., :3, :3], self._points)
+        centers = np.einsum("...kij,kj->...ki", ball_poses[..., :3, :3], self._centers)
         centers += ball_poses[..., :3, 3]
+        # The derivative by the center of a ball is a force on it, with a moment about the origin.
         values, forces = self._field.value_and_gradient(centers)
         moments = np.cross(centers, forces)
-        gradient = np.zeros(points.shape)
+        gradient = np.zeros(configurations.shape)
         for body in np.flatnonzero(chain.kinds):
             # A joint moves the balls of all bodies that hang on its body.
-            moved = chain.between[self._bodies, 0, body]
+            is_moved = chain.between[self._bodies, 0, body]
             axis = poses[..., body, :3, :3] @ chain.axes[body]
-            force = forces[..., moved, :].sum(axis=-2)
+            force = forces[..., is_moved, :].sum(axis=-2)
             if chain.kinds[body] == REVOLUTE:
                 # A joint that turns feels the moment about its axis.
                 origin = poses[..., body, :3, 3]
-                force = moments[..., moved, :].sum(axis=-2) - np.cross(origin, force)
+                force = moments[..., is_moved, :].sum(axis=-2) - np.cross(origin, force)
             slope = (axis * force).sum(axis=-1)
             gradient[..., chain.joint_indices[body]] += chain.factors[body] * slope
         return values, gradient

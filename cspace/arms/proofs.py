@@ -33,7 +33,12 @@ from cspace.arms.chain import (
 from cspace.bodies import ADVANCE_FACTOR, DISTANCE_ROUNDING, MAX_DISTANCES_PER_EDGE, MIN_ADVANCE
 from cspace.bodies.hulls import Hulls, RelativeMotion, tree_slack
 from cspace.bodies.triangles import (
+    CENTER,
+    FIRST_ITEM,
+    HALF_SIDES,
+    LEVER,
     MAX_PENDING_PAIRS,
+    RADIUS,
     Motion,
     SurfaceTree,
     Trees,
@@ -70,6 +75,23 @@ MAX_MOTION_PARTS: Final = 2 * MAX_DISTANCES_PER_EDGE + 1
 
 NO_MOTION: Final = (0.0, 0.0, math.inf)
 """Bounds of a pair that moves with the joints of a box only, or not at all."""
+
+
+FIRST_SURFACE, FIRST_ANCHOR, FIRST_PART = range(3)
+"""Columns of :attr:`Solids.starts`."""
+
+
+DISPLACEMENT, CURVATURE, ROTATION = range(3)
+"""Columns of :attr:`SceneScratch.bounds`."""
+
+
+PIECE_STACK, SURFACE_STACK = range(2)
+"""Columns of the scratch ``nodes`` that hold a stack of nodes: of a tree of pieces, of a surface.
+"""
+
+
+PAIR, FIRST_NODE, SECOND_NODE = range(3)
+"""Columns of the nearest pair of each configuration: the pair, and a node of each of its solids."""
 
 
 class Solids(NamedTuple):
@@ -117,13 +139,13 @@ class Solids(NamedTuple):
     starts: Ints
 
     def part_at(self, solid: int, node: int) -> int:
-        """Return the part of a node of hulls; -1 for the root."""
-        first, stop = self.starts[solid : solid + 2, 2].tolist()
-        roots = self.part_roots[first:stop]
-        found_node = node if node >= 0 else int(self.roots[solid])
+        """Return the part to which a node of a solid's hulls belongs; node -1 means the root."""
+        first_part, stop_part = self.starts[solid : solid + 2, FIRST_PART].tolist()
+        roots = self.part_roots[first_part:stop_part]
+        wanted_node = node if node >= 0 else int(self.roots[solid])
         # The nodes of a part follow its root, so the part is that of the last root up to the node.
-        roots_before = np.where(roots <= found_node, roots, -1)
-        return int(first + roots_before.argmax())
+        roots_before = np.where(roots <= wanted_node, roots, -1)
+        return int(first_part + roots_before.argmax())
 
 
 class Scene(NamedTuple):
@@ -225,9 +247,9 @@ def motions_are_free(
 
 @kernel
 def find_required_distance(scene: Scene, q0: Floats, q1: Floats) -> float:
-    """Return the distance that proves a pair apart on a motion.
+    """Return the distance that proves a pair apart on a motion from ``q0`` to ``q1``.
 
-    It includes the rounding of joint values.
+    It includes the rounding of joint values, shapes (dof,); metres.
     """
     chain = scene.chain
     joint_values = 0.0
@@ -235,12 +257,18 @@ def find_required_distance(scene: Scene, q0: Floats, q1: Floats) -> float:
         index = chain.joint_indices[b]
         largest = abs(q0[index]) + abs(q1[index])
         joint_values += abs(chain.factors[b]) * largest + abs(chain.offsets[b])
+    # An angle is off by a few units in its last digit, far below 2^-9 of the allowance, and moves
+    # a point by that angle times its distance from the axis.
     return scene.required + DISTANCE_ROUNDING * 2.0**-9 * joint_values * scene.max_coordinate
 
 
 @kernel
 def motion_is_free(scene: Scene, q0: Floats, q1: Floats, scratch: SceneScratch) -> bool:
-    """Return True if a motion is proven free; equal endpoints mean a point."""
+    """Return True if a motion from ``q0`` to ``q1``, shapes (dof,), is proven free.
+
+    Equal endpoints mean a point. The motion is halved until all pairs are proven apart in each
+    part, or one is not apart halfway through a part.
+    """
     parts = scratch.parts
     open_pairs = scratch.open_pairs
     required = find_required_distance(scene, q0, q1)
@@ -275,6 +303,7 @@ def motion_is_free(scene: Scene, q0: Floats, q1: Floats, scratch: SceneScratch) 
         if state == BLOCKED:
             return False
         if state == MIXED:
+            # Both halves join the queue, with the pairs that are still open.
             parts[count, 0] = start
             parts[count, 1] = center
             parts[count + 1, 0] = center
@@ -296,9 +325,9 @@ def bound_pairs(scene: Scene, q0: Floats, q1: Floats, scratch: SceneScratch) -> 
         displacement, curvature, rotation = motion_bounds(
             scene.chain, solids.bodies[i], solids.bodies[j], solids.levers[i], q0, q1
         )
-        scratch.bounds[n, 0] = displacement
-        scratch.bounds[n, 1] = curvature
-        scratch.bounds[n, 2] = rotation
+        scratch.bounds[n, DISPLACEMENT] = displacement
+        scratch.bounds[n, CURVATURE] = curvature
+        scratch.bounds[n, ROTATION] = rotation
         scratch.not_nested[n] = False
         longest = max(longest, displacement)
     return longest
@@ -310,16 +339,17 @@ def test_part(
 ) -> int:
     """Return FREE if all open pairs of a part of a motion are proven apart, and close them.
 
-    The poses are those of the center of the part, which extends to ``half`` of the motion before
-    and after. Returns BLOCKED if a pair is not apart there, else MIXED.
+    ``is_open``, shape (p,), marks these pairs. The poses are those of the center of the part, which
+    extends to ``half`` of the motion before and after. Returns BLOCKED if a pair is not apart
+    there, else MIXED.
     """
     state = FREE
     for n in range(len(scene.pairs)):
         if not is_open[n]:
             continue
-        displacement = half * scratch.bounds[n, 0]
-        curvature = half * scratch.bounds[n, 1]
-        rotation = scratch.bounds[n, 2]
+        displacement = half * scratch.bounds[n, DISPLACEMENT]
+        curvature = half * scratch.bounds[n, CURVATURE]
+        rotation = scratch.bounds[n, ROTATION]
         # The second term bounds the motion of the rounding, a small part of the whole motion.
         deviation = half * (curvature + required * rotation)
         bounds = half / ADVANCE_FACTOR, deviation / ADVANCE_FACTOR, displacement / ADVANCE_FACTOR
@@ -329,7 +359,7 @@ def test_part(
             return BLOCKED
         if slack < 0.0:
             state = MIXED
-        hulls_meet = scratch.nodes[1, 0] != 0
+        hulls_meet = scratch.nodes[1, 0] != 0  # as tree_slack says
         if hulls_meet and not scratch.not_nested[n]:
             # While no boundaries meet, containment cannot change, so it is tested once.
             if is_nested(scene, n, scratch, 0.0):
@@ -348,18 +378,20 @@ def bound_slack(
     enough: float,
     scratch: SceneScratch,
 ) -> float:
-    """Return :func:`cspace.bodies.hulls.tree_slack` of a pair, inf if one solid is empty.
+    """Bound (distance - required distance) of pair n from below, up to ``enough``.
 
-    The pair's padding is required in addition. ``bounds`` are the time to either side, the largest
-    deviation from the linear motion, and the largest displacement. ``axes`` are the joints of a box
-    of configurations, none for a motion.
+    It is inf if one solid is empty; see :func:`cspace.bodies.hulls.tree_slack`. The pair's padding
+    is required in addition. ``bounds`` are the time to either side, the largest deviation from the
+    linear motion, and the largest displacement. ``axes``, shape (k, 8), are the joints of a box of
+    configurations, none for a motion.
     """
     solids = scene.solids
     half, deviation, displacement = bounds
     i, j = scene.pairs[n]
     if solids.roots[i] < 0 or solids.roots[j] < 0:
-        scratch.nodes[1, 0] = 0
+        scratch.nodes[1, 0] = 0  # no hulls meet
         return np.inf
+    # Describe the motion of solid i as seen from the body of solid j.
     pose = scratch.poses[solids.bodies[i]]
     base_pose = scratch.poses[solids.bodies[j]]
     to_base = rotation_columns(base_pose)
@@ -385,23 +417,28 @@ def bound_slack(
 
 @kernel
 def is_nested(scene: Scene, n: int, scratch: SceneScratch, min_depth: float) -> bool:
-    """Return True if an anchor lies in the other solid.
+    """Return True if one solid of pair n provably contains a part of the other.
 
-    It must lie deeper than ``min_depth``. If no boundaries meet, an anchor decides for its
-    connected part, and ``min_depth`` is 0.
+    If no boundaries meet, a connected part lies entirely inside or outside a closed surface. So one
+    point of each part decides, its anchor. The anchor must lie deeper than ``min_depth`` in the
+    surface, in metres; 0 suffices if no boundaries meet.
     """
     i, j = scene.pairs[n]
     solids = scene.solids
+    starts = solids.starts
     poses = scratch.poses
     nodes = scratch.nodes
     for inner, outer in ((i, j), (j, i)):
+        # Solid k has the surfaces from starts[k, FIRST_SURFACE] up to those of solid k + 1, and its
+        # anchors likewise. Anchors are moved into the frame of the surfaces.
         matrix, shift = relative_pose(poses[solids.bodies[inner]], poses[solids.bodies[outer]])
-        for surface in range(solids.starts[outer, 0], solids.starts[outer + 1, 0]):
+        for surface in range(starts[outer, FIRST_SURFACE], starts[outer + 1, FIRST_SURFACE]):
             root = solids.surface_roots[surface]
-            for anchor in range(solids.starts[inner, 1], solids.starts[inner + 1, 1]):
+            for anchor in range(starts[inner, FIRST_ANCHOR], starts[inner + 1, FIRST_ANCHOR]):
                 point = apply_pose(matrix, shift, row_at(solids.anchors[anchor], 0))
                 if lies_deep(solids.surfaces, root, point, min_depth, nodes):
                     return True
+    # Boxes and balls have no anchors; only the second solid of a pair may have them.
     return bool(solids.has_solids[j] and piece_lies_in(solids, j, i, poses, nodes, min_depth))
 
 
@@ -409,36 +446,40 @@ def is_nested(scene: Scene, n: int, scratch: SceneScratch, min_depth: float) -> 
 def piece_lies_in(
     solids: Solids, i: int, j: int, poses: Floats, nodes: Ints, min_depth: float
 ) -> bool:
-    """Return True if a piece of solid i lies in solid j.
+    """Return True if a box or ball of solid i lies in a closed surface of solid j.
 
-    Tests only boxes and balls small enough to lie inside.
+    Its center must lie deeper than ``min_depth``. Skips pieces too large to lie inside. ``poses``,
+    shape (b, 3, 6), are those of all bodies; ``nodes`` is scratch, shape (MAX_PENDING_PAIRS, 2).
     """
     trees = solids.trees
+    starts = solids.starts
     pose = poses[solids.bodies[i]]
     outer_pose = poses[solids.bodies[j]]
     matrix, shift = relative_pose(pose, outer_pose)
     back, shift_back = relative_pose(outer_pose, pose)
-    for surface in range(solids.starts[j, 0], solids.starts[j + 1, 0]):
+    for surface in range(starts[j, FIRST_SURFACE], starts[j + 1, FIRST_SURFACE]):
         root = solids.surface_roots[surface]
         surface_box = solids.surfaces.boxes[root]
         # Search the tree for pieces near the box of the surface, in the frame of solid i.
-        center = apply_pose(back, shift_back, row_at(surface_box, 0))
-        extent = box_extent(back, row_at(surface_box, 3))
-        for part in range(solids.starts[i, 2], solids.starts[i + 1, 2]):
-            nodes[1, 0] = solids.tree_roots[part]
+        center = apply_pose(back, shift_back, row_at(surface_box, CENTER))
+        extent = box_extent(back, row_at(surface_box, HALF_SIDES))
+        for part in range(starts[i, FIRST_PART], starts[i + 1, FIRST_PART]):
+            # Rows of the stack from 1 to top - 1 are filled; an empty part has no root.
+            nodes[1, PIECE_STACK] = solids.tree_roots[part]
             top = 2 if solids.tree_roots[part] >= 0 else 1
             while top > 1:
                 top -= 1
-                node = nodes[top, 0]
+                node = nodes[top, PIECE_STACK]
                 box = trees.boxes[node]
                 row, count = trees.spans[node]
-                is_too_large = box[6] == 0.0
-                offset = minus(center, row_at(box, 0))
-                if is_too_large or boxes_are_apart(offset, extent, row_at(box, 3)):
+                is_too_large = box[LEVER] == 0.0  # see Solids.has_solids
+                offset = minus(center, row_at(box, CENTER))
+                if is_too_large or boxes_are_apart(offset, extent, row_at(box, HALF_SIDES)):
                     continue
                 if count > 1:
-                    top = push_children(nodes, 0, top, node, count)
+                    top = push_children(nodes, PIECE_STACK, top, node, count)
                     continue
+                # The row of a box or ball begins with its center.
                 point = apply_pose(matrix, shift, row_at(trees.triangles[row], 0))
                 if lies_deep(solids.surfaces, root, point, min_depth, nodes):
                     return True
@@ -465,9 +506,9 @@ def lies_deep(surfaces: SurfaceTree, root: int, point: Row, min_depth: float, no
     the winding number alone. ``nodes`` is scratch, shape (MAX_PENDING_PAIRS, 2).
     """
     if min_depth < 0.0:
-        # The distance from thin triangles may be too small.
-        box = surfaces.boxes[root]
-        reach = -min_depth - THIN * 2.0 * (box[3] + box[4] + box[5])
+        # The computed distance from thin triangles may be too small, by a share of the size.
+        half_x, half_y, half_z = row_at(surfaces.boxes[root], HALF_SIDES)
+        reach = -min_depth - THIN * 2.0 * (half_x + half_y + half_z)
         if reach > 0.0 and nearest_triangle(surfaces, root, point, reach, nodes) < reach:
             return True
     if winding_number(surfaces, root, point, nodes) == 0:
@@ -483,22 +524,24 @@ def winding_number(surfaces: SurfaceTree, root: int, point: Row, nodes: Ints) ->
     shape (MAX_PENDING_PAIRS, 2).
     """
     x, y, z = point
-    box = surfaces.boxes[root]
+    half_x, half_y, half_z = row_at(surfaces.boxes[root], HALF_SIDES)
     winding = 0
-    rounding = TREE_ROUNDING * (box[3] + box[4] + box[5])
-    nodes[1, 1] = root
+    rounding = TREE_ROUNDING * (half_x + half_y + half_z)
+    # Rows of the stack from 1 to top - 1 are filled.
+    nodes[1, SURFACE_STACK] = root
     top = 2
     while top > 1:
         top -= 1
-        node = nodes[top, 1]
+        node = nodes[top, SURFACE_STACK]
         node_box = surfaces.boxes[node]
         start, count = surfaces.spans[node]
+        center_x, center_y, center_z = row_at(node_box, CENTER)
         # The ray crosses no triangle beside it or below its start.
-        offset = x - node_box[0], y - node_box[1], max(z - node_box[2], 0.0)
-        if boxes_are_apart(offset, (rounding, rounding, rounding), row_at(node_box, 3)):
+        offset = x - center_x, y - center_y, max(z - center_z, 0.0)
+        if boxes_are_apart(offset, (rounding, rounding, rounding), row_at(node_box, HALF_SIDES)):
             continue
         if count > 1:
-            top = push_children(nodes, 1, top, node, count)
+            top = push_children(nodes, SURFACE_STACK, top, node, count)
         else:
             crossing = signed_crossing(surfaces.triangles[start], x, y, z)
             winding += crossing * surfaces.windings[start]
@@ -514,12 +557,13 @@ def nearest_triangle(
     If it is below ``enough``, any distance below that is returned; if it exceeds it, ``inf`` may be
     returned. The second column of ``nodes`` is scratch, shape (MAX_PENDING_PAIRS, 2).
     """
-    nodes[1, 1] = root
+    # Rows of the stack from 1 to top - 1 are filled.
+    nodes[1, SURFACE_STACK] = root
     top = 2
     nearest = np.inf
     while top > 1:
         top -= 1
-        node = nodes[top, 1]
+        node = nodes[top, SURFACE_STACK]
         # The larger bound covers the rounding of boxes and distances.
         farthest = min(enough, nearest) * (1.0 + TREE_ROUNDING)
         if box_distance(surfaces.boxes[node], point) > farthest:
@@ -530,13 +574,16 @@ def nearest_triangle(
             if nearest < enough < np.inf:
                 break
             continue
-        first = top
-        second = top + 1
-        top = push_children(nodes, 1, top, node, count)
+        lower = top
+        upper = top + 1
+        top = push_children(nodes, SURFACE_STACK, top, node, count)
         # The nearer child lies on top of the stack, so that it is searched first.
-        first_distance = box_distance(surfaces.boxes[nodes[first, 1]], point)
-        if first_distance < box_distance(surfaces.boxes[nodes[second, 1]], point):
-            nodes[first, 1], nodes[second, 1] = nodes[second, 1], nodes[first, 1]
+        first_child = nodes[lower, SURFACE_STACK]
+        second_child = nodes[upper, SURFACE_STACK]
+        first_distance = box_distance(surfaces.boxes[first_child], point)
+        if first_distance < box_distance(surfaces.boxes[second_child], point):
+            nodes[lower, SURFACE_STACK] = second_child
+            nodes[upper, SURFACE_STACK] = first_child
     return nearest
 
 
@@ -544,20 +591,23 @@ def nearest_triangle(
 def boundaries_cross(
     scene: Scene, n: int, axes: Floats, required: float, scratch: SceneScratch
 ) -> bool:
-    """Return True if the first boundary provably crosses the second solid.
+    """Return True if in pair n, the first boundary provably crosses the second solid.
 
     It crosses a triangle, or enters a box or ball. ``required`` must be at least four times the
-    rounding of a point. With ``axes``, the proof holds in a whole box of configurations; see
-    :func:`cspace.bodies.triangles.joint_displacement`.
+    rounding of a point. With ``axes``, shape (k, 8), the proof holds in a whole box of
+    configurations; see :func:`cspace.bodies.triangles.joint_displacement`.
     """
     solids = scene.solids
+    starts = solids.starts
     i, j = scene.pairs[n]
     matrix, shift = relative_pose(scratch.poses[solids.bodies[i]], scratch.poses[solids.bodies[j]])
-    motion = Motion(matrix, shift, (0.0, 0.0, 0.0), 0.0, 0.0, 0.0)
-    for part in range(solids.starts[i, 2], solids.starts[i + 1, 2]):
-        for other_part in range(solids.starts[j, 2], solids.starts[j + 1, 2]):
+    no_step = (0.0, 0.0, 0.0)
+    motion = Motion(matrix, shift, no_step, angle=0.0, required=0.0, drift=0.0)
+    for part in range(starts[i, FIRST_PART], starts[i + 1, FIRST_PART]):
+        for other_part in range(starts[j, FIRST_PART], starts[j + 1, FIRST_PART]):
             root = solids.tree_roots[part]
             other_root = solids.tree_roots[other_part]
+            # A part without a boundary has no tree.
             if root < 0 or other_root < 0:
                 continue
             scratch.nodes[1, 0] = root
@@ -571,34 +621,37 @@ def boundaries_cross(
 def parts_cross(trees: Trees, motion: Motion, axes: Floats, required: float, nodes: Ints) -> bool:
     """Return True if the boundary of one part provably crosses another part.
 
-    Row 1 of ``nodes``, shape (MAX_PENDING_PAIRS, 2), has their roots. The pose of the first part,
-    and the ``axes``, are as seen from the second.
+    Row 1 of ``nodes``, shape (MAX_PENDING_PAIRS, 2), has the roots of their trees. The pose of the
+    first part, and the ``axes``, shape (k, 8), are as seen from the second. With axes, the proof
+    must hold while the joints move the first part.
     """
     matrix = motion.matrix
     shift = motion.position
-    moved = 0.0
+    displacement = 0.0
+    # The search returns the row of two leaves whose boxes meet, until none is left.
     top = next_leaves(trees, motion, 0.0, axes, nodes, 2)
     while top > 0:
         leaf = nodes[top, 0]
         other_leaf = nodes[top, 1]
-        piece = trees.triangles[trees.spans[leaf, 0]]
-        other = trees.triangles[trees.spans[other_leaf, 0]]
+        piece = trees.triangles[trees.spans[leaf, FIRST_ITEM]]
+        other = trees.triangles[trees.spans[other_leaf, FIRST_ITEM]]
         top = next_leaves(trees, motion, 0.0, axes, nodes, top)
         if len(axes) > 0:
-            half = row_at(trees.boxes[leaf], 3)
-            center = apply_pose(matrix, shift, row_at(trees.boxes[leaf], 0))
-            moved = joint_displacement(axes, center, math.sqrt(dot(half, half)))
+            half = row_at(trees.boxes[leaf], HALF_SIDES)
+            center = apply_pose(matrix, shift, row_at(trees.boxes[leaf], CENTER))
+            displacement = joint_displacement(axes, center, math.sqrt(dot(half, half)))
+        # A row begins with three corners; its radius is not zero for balls and boxes.
         corners = (
             apply_pose(matrix, shift, row_at(piece, 0)),
             apply_pose(matrix, shift, row_at(piece, 3)),
             apply_pose(matrix, shift, row_at(piece, 6)),
         )
-        is_solid = other[9] != 0.0
-        if is_solid and pierces(corners, other, required + moved):
+        is_solid = other[RADIUS] != 0.0
+        if is_solid and pierces(corners, other, required + displacement):
             return True
-        if not is_solid and piece[9] == 0.0:
+        if not is_solid and piece[RADIUS] == 0.0:
             other_corners = row_at(other, 0), row_at(other, 3), row_at(other, 6)
-            if crosses(corners, other_corners, required, moved):
+            if crosses(corners, other_corners, required, displacement):
                 return True
     return False
 
@@ -607,11 +660,11 @@ def parts_cross(trees: Trees, motion: Motion, axes: Floats, required: float, nod
 def bound_distances(
     scene: Scene, points: Floats, out: Floats, nearest: Ints, scratch: SceneScratch
 ) -> None:
-    """Bound the distance over all pairs from below.
+    """Write lower bounds of the smallest distance of any pair at configurations, shape (n, dof).
 
-    ``points`` has shape (n, dof). The distances are those beyond the required distance of the
-    scene, padding included. Negative values prove nothing. ``nearest``, shape (n, 3), receives the
-    pair and the two nodes that set the bound.
+    The bounds ``out``, shape (n,), are beyond the required distance of the scene, padding included.
+    Negative values prove nothing. ``nearest``, shape (n, 3), receives the pair and the two nodes
+    that set each bound.
     """
     nodes = scratch.nodes
     for k in range(len(points)):
@@ -623,35 +676,37 @@ def bound_distances(
             # padding.
             enough = out[k] if out[k] < 0.0 else max(out[k] - scene.padding[n], 0.0)
             slack = bound_slack(scene, n, NO_MOTION, scratch.axes[:0], required, enough, scratch)
-            if slack >= 0.0 and nodes[1, 0] and is_nested(scene, n, scratch, 0.0):
+            hulls_meet = nodes[1, 0] != 0  # as tree_slack says
+            if slack >= 0.0 and hulls_meet and is_nested(scene, n, scratch, 0.0):
                 slack = -1.0
             # Compare without the padding: (out - padding) + padding may round to less than out.
             if slack < enough:
                 out[k] = slack
                 if slack >= 0.0:
                     out[k] += scene.padding[n]
-                nearest[k, 0] = n
-                nearest[k, 1] = nodes[0, 0]
-                nearest[k, 2] = nodes[0, 1]
+                nearest[k, PAIR] = n
+                nearest[k, FIRST_NODE] = nodes[0, 0]
+                nearest[k, SECOND_NODE] = nodes[0, 1]
 
 
 @kernel
 def are_blocked(scene: Scene, points: Floats, out: Bools, scratch: SceneScratch) -> None:
-    """Fill ``out`` with whether configurations are proven BLOCKED, beyond rounding.
+    """Write whether configurations, shape (n, dof), are proven BLOCKED, beyond rounding.
 
     The proof is a pair whose boundaries cross, or a pair in which one shape encloses a point of the
-    other.
+    other. ``out`` has shape (n,).
     """
+    no_axes = scratch.axes[:0]
     for k in range(len(points)):
         required = find_required_distance(scene, points[k], points[k])
         forward_kinematics(scene.chain, points[k], points[k], 0.0, scratch.poses)
         out[k] = False
-        no_axes = scratch.axes[:0]
         for n in range(len(scene.pairs)):
             if out[k]:
                 break
             # Solids with separate hulls do not cross, and they have far fewer hulls than triangles.
             slack = bound_slack(scene, n, NO_MOTION, no_axes, required, 0.0, scratch)
             out[k] = slack < 0.0 and boundaries_cross(scene, n, no_axes, required, scratch)
+        # Containment comes last, because most collisions are crossings.
         for n in range(len(scene.pairs)):
             out[k] = out[k] or is_nested(scene, n, scratch, required)

@@ -8,16 +8,17 @@ from typing import Final
 import numpy as np
 
 from cspace.arms.chain import Chain
-from cspace.arms.proofs import Scene, Solids
+from cspace.arms.proofs import FIRST_PART, Scene, Solids
 from cspace.arms.solids import PosedShape, Solid
 from cspace.bodies import DISTANCE_ROUNDING
-from cspace.bodies.hulls import Hulls, join_roots
+from cspace.bodies.hulls import FIRST_CORNER, STOP_CORNER, Hulls, join_roots
 from cspace.bodies.triangles import NO_TREE, SurfaceTree, join_trees
 from cspace.support.arrays import Floats, Ints
 
 _NO_SURFACE: Final = SurfaceTree(
     np.empty((0, 6)), NO_TREE.spans, np.empty((0, 3, 3)), np.empty(0, dtype=np.int64)
 )
+"""A tree without triangles."""
 
 
 def make_scene(
@@ -27,36 +28,39 @@ def make_scene(
     padding: Floats | None = None,
     margin: float = 0.0,
 ) -> Scene:
-    """Return the scene of outer shapes, which proves FREE.
+    """Make the scene of outer shapes, which proves FREE.
 
     Pairs of solids, given by their indices, must be farther apart than the margin and their
-    padding, shape (p,).
+    padding, shape (p,), both in metres.
     """
-    parts = [part.bounds_pair[0] for solid in solids for part in solid.parts]
-    packed = _pack(solids, parts, [part.anchors for part in parts], *_pack_hulls(solids))
+    parts = [outer for solid in solids for outer, _ in solid.bounds_pairs]
+    anchors = [part.anchors for part in parts]
+    packed = _pack(solids, parts, anchors, *_pack_hulls(solids))
     max_coordinate = _find_max_coordinate(chain, packed)
     required = margin + 2.0 * DISTANCE_ROUNDING * max_coordinate
-    numbers = np.array(pairs, dtype=np.int64).reshape(-1, 2)
-    extra = np.zeros(len(numbers)) if padding is None else padding
-    return Scene(chain, packed, numbers, extra, max_coordinate, required)
+    pair_indices = np.array(pairs, dtype=np.int64).reshape(-1, 2)
+    extra = np.zeros(len(pair_indices)) if padding is None else padding
+    return Scene(chain, packed, pair_indices, extra, max_coordinate, required)
 
 
 def make_inner_scene(scene: Scene, solids: Sequence[Solid]) -> Scene:
-    """Return the scene of inner shapes, which proves BLOCKED, from that of outer shapes.
+    """Make the scene of inner shapes, which proves BLOCKED, from that of outer shapes.
 
     Distances must exceed ``2 DISTANCE_ROUNDING max_coordinate`` for the positions of points, and as
     much again for the rounding of :func:`cspace.support.vectors.point_triangle`, which is below
     ``2^-38`` of the largest link or obstacle.
     """
-    pairs = [part.bounds_pair for solid in solids for part in solid.parts]
-    parts = [inner for _, inner in pairs]
-    points = [part.probes for part in parts]
-    outer = scene.solids
-    if all(inner is bound for bound, inner in pairs):
-        anchors, starts = _pack_points(solids, parts, points)
-        packed = outer._replace(anchors=anchors, starts=starts)
+    bounds_pairs = [bounds for solid in solids for bounds in solid.bounds_pairs]
+    parts = [inner for _, inner in bounds_pairs]
+    probes = [part.probes for part in parts]
+    outer_solids = scene.solids
+    # Exact shapes are their own inner shapes, so only the points differ.
+    if all(inner is outer for outer, inner in bounds_pairs):
+        anchors, starts = _pack_points(solids, parts, probes)
+        packed = outer_solids._replace(anchors=anchors, starts=starts)
     else:
-        packed = _pack(solids, parts, points, outer.hulls, outer.roots, outer.part_roots)
+        hulls, roots, part_roots = outer_solids.hulls, outer_solids.roots, outer_solids.part_roots
+        packed = _pack(solids, parts, probes, hulls, roots, part_roots)
     max_coordinate = _find_max_coordinate(scene.chain, packed)
     required = 4.0 * DISTANCE_ROUNDING * max_coordinate
     return Scene(
@@ -72,13 +76,18 @@ def _pack(
     roots: Ints,
     part_roots: Ints,
 ) -> Solids:
-    """Return solids whose parts are ``parts``, with the anchors ``points`` of each part."""
+    """Pack solids for kernels, with the anchors ``points``, shape (n, 3), of each part.
+
+    ``parts`` are the outer or the inner parts of all solids. ``hulls``, the root of each solid and
+    the root of each part there are given; see :class:`Solids`.
+    """
     trees, tree_roots = join_trees([part.tree for part in parts], NO_TREE)
-    closed = [part.surface_tree for part in parts if len(part.surface[0])]
-    surfaces, surface_roots = join_trees(closed, _NO_SURFACE)
+    closed_parts = [part for part in parts if _has_surface(part)]
+    surfaces, surface_roots = join_trees([part.surface_tree for part in closed_parts], _NO_SURFACE)
     anchors, starts = _pack_points(solids, parts, points)
-    filled = [part.is_filled and len(part.tree.boxes) > 0 for part in parts]
-    filled_before = np.cumsum([0, *filled])
+    # Count the parts of boxes or balls that each solid has.
+    has_solid = [part.is_filled and len(part.tree.boxes) > 0 for part in parts]
+    solids_before = np.cumsum([0, *has_solid])
     # An empty solid has no root, and reaches nowhere.
     boxes = np.where(roots[:, np.newaxis] >= 0, hulls.boxes[roots], 0.0)
     return Solids(
@@ -92,22 +101,29 @@ def _pack(
         surfaces=surfaces,
         surface_roots=surface_roots,
         anchors=anchors,
-        has_solids=np.diff(filled_before[starts[:, 2]]) > 0,
+        has_solids=np.diff(solids_before[starts[:, FIRST_PART]]) > 0,
         starts=starts,
     )
+
+
+def _has_surface(part: PosedShape) -> bool:
+    """Return True if a part has closed surfaces."""
+    triangles, _ = part.surface
+    return len(triangles) > 0
 
 
 def _pack_points(
     solids: Sequence[Solid], parts: Sequence[PosedShape], points: Sequence[Floats]
 ) -> tuple[Floats, Ints]:
-    """Return the points of all parts, and the first entries of each solid.
+    """Pack the points of all parts, shape (m, 3), and say where those of each solid begin.
 
-    These are its first surface, point and part, shape (s + 1, 3).
+    The second result has the first surface, point and part of each solid, shape (s + 1, 3); the
+    last row has their numbers.
     """
+    # Surfaces, points and parts before each part.
     counts = [(0, 0, 0)]
     for part, part_points in zip(parts, points, strict=True):
-        corners, _ = part.surface
-        counts.append((len(corners) > 0, len(part_points), 1))
+        counts.append((_has_surface(part), len(part_points), 1))
     before_parts = np.cumsum(counts, axis=0, dtype=np.int64)
     first_parts = np.cumsum([0, *(len(solid.parts) for solid in solids)])
     return np.concatenate([np.empty((0, 3)), *points]), before_parts[first_parts]
@@ -124,42 +140,47 @@ def _pack_hulls(solids: Sequence[Solid]) -> tuple[Hulls, Ints, Ints]:
     corners = [np.empty((3, 0))]
     roots = list[int]()
     part_roots = list[int]()
-    count = 1
-    corner = 0
+    next_node = 1
+    next_corner = 0
     for solid in solids:
         solid_roots = list[int]()
         solid_boxes = list[Floats]()
-        for part in solid.parts:
-            hulls = part.bounds_pair[0].hulls
-            size = len(hulls.nodes)
-            part_roots.append(count if size else -1)
-            if not size:
+        for outer, _ in solid.bounds_pairs:
+            hulls = outer.hulls
+            part_roots.append(next_node if len(hulls.nodes) else -1)
+            if not len(hulls.nodes):
                 continue
-            shifts = np.where(hulls.nodes > 0, (count, corner, corner, 0, count), 0)
-            shifts[:, 1] = shifts[:, 2]  # the range of a hull's corners may start at 0
-            solid_roots.append(count)
+            # Children and corners move up; a zero means that there are none.
+            columns = next_node, next_corner, next_corner, 0, next_node
+            shifts = np.where(hulls.nodes > 0, columns, 0)
+            # The range of a hull's corners may start at 0, so its end decides.
+            shifts[:, FIRST_CORNER] = shifts[:, STOP_CORNER]
+            solid_roots.append(next_node)
             solid_boxes.append(hulls.boxes[0])
             boxes.append(hulls.boxes)
             nodes.append(hulls.nodes + shifts)
             corners.append(hulls.corners)
-            count += size
-            corner += hulls.corners.shape[1]
+            next_node += len(hulls.nodes)
+            next_corner += hulls.corners.shape[1]
+        # A solid of several parts gets further nodes above their roots.
         root = solid_roots[0] if solid_roots else -1
         if len(solid_roots) > 1:
-            root = count
+            root = next_node
             upper_boxes, upper_nodes = join_roots(
-                np.array(solid_boxes), np.array(solid_roots), count
+                np.array(solid_boxes), np.array(solid_roots), next_node
             )
             boxes.append(upper_boxes)
             nodes.append(upper_nodes)
-            count += len(upper_nodes)
+            next_node += len(upper_nodes)
         roots.append(root)
     joined = Hulls(np.concatenate(boxes), np.concatenate(nodes), np.concatenate(corners, axis=1))
     return joined, np.array(roots, dtype=np.int64), np.array(part_roots, dtype=np.int64)
 
 
 def _find_max_coordinate(chain: Chain, solids: Solids) -> float:
-    """Return the largest coordinate at any configuration, metres."""
-    boxes = solids.trees.boxes[solids.tree_roots[solids.tree_roots >= 0]]
-    in_bodies = (np.abs(boxes[:, :3]) + boxes[:, 3:6]).max(initial=0.0)
-    return float(in_bodies + chain.lengths.max())
+    """Return a bound of all coordinates at any configuration, metres."""
+    roots = solids.tree_roots[solids.tree_roots >= 0]
+    boxes = solids.trees.boxes[roots]
+    centers, half_sides = boxes[:, :3], boxes[:, 3:6]
+    largest_in_body = (np.abs(centers) + half_sides).max(initial=0.0)
+    return float(largest_in_body + chain.lengths.max())

@@ -84,7 +84,7 @@ class Forest(NamedTuple):
 def extend(
     scene: Scene, forest: Forest, side: int, q: Floats, within: bool, scratch: SceneScratch
 ) -> tuple[int, bool]:
-    """Grow a tree by at most a stride towards a configuration.
+    """Grow tree ``side`` by at most a stride towards a configuration ``q``, shape (dof,).
 
     If ``within``, configurations beyond the reach of the nearest node are ignored. Returns the new
     node, -1 if there is none, and whether it is the configuration itself.
@@ -94,6 +94,7 @@ def extend(
     nearest, distance = find_nearest(nodes, new, q)
     if within and distance > forest.reaches[side, nearest]:
         return -1, False
+    # Write the new node before its motion is proven; it counts only afterwards.
     is_reached = distance <= MAX_STRIDE
     for d in range(len(q)):
         nodes[new, d] = q[d]
@@ -111,7 +112,10 @@ def extend(
 
 @kernel
 def find_nearest(nodes: Floats, count: int, q: Floats) -> tuple[int, float]:
-    """Return the nearest of the first ``count`` nodes, and its distance."""
+    """Find the nearest to ``q`` of the first ``count`` nodes; return its index and distance.
+
+    ``nodes`` has shape (n, dof), ``q`` (dof,).
+    """
     least_square = np.inf
     nearest = 0
     for n in range(count):
@@ -128,14 +132,15 @@ def find_nearest(nodes: Floats, count: int, q: Floats) -> tuple[int, float]:
 def grow_trees(
     scene: Scene, forest: Forest, samples: Floats, scratch: SceneScratch
 ) -> tuple[int, int]:
-    """Grow the smaller tree towards each sample, shape (n, dof).
+    """Grow the smaller tree towards each sample, shape (n, dof), and the other one towards it.
 
-    Returns the nodes of both trees that meet, -1 if none do. It stops if the capacity is nearly
-    used up.
+    Returns the nodes of both trees that meet, that of the start first, or -1 if none do. It stops
+    if the capacity is nearly used up.
     """
     counts = forest.counts
     capacity = forest.nodes.shape[1]
     for k in range(len(samples)):
+        # Both trees may be the same size, so a sample needs room for a node in each.
         if max(counts[0], counts[1]) + 2 >= capacity:
             break
         side = 0 if counts[0] <= counts[1] else 1
@@ -182,6 +187,7 @@ class PathSearch:
         rng: np.random.Generator,
         seconds: float,
     ) -> None:
+        """Sort the goals, the nearest to the start first, and start the clock."""
         self._scene = scene
         self._scratch = make_scene_scratch(scene)
         self._end = clock() + seconds
@@ -203,7 +209,8 @@ class PathSearch:
         straight motions do not need.
         """
         samples = np.vstack([self._goals, self._start])
-        return self._connect(self._goals, samples, math.inf, math.inf, straight)
+        no_limit = math.inf
+        return self._connect(self._goals, samples, no_limit, no_limit, straight)
 
     def shorten(self, path: Floats, searches: int | None) -> Floats:
         """Shorten a path by further searches, and by pulling its parts straight.
@@ -213,19 +220,22 @@ class PathSearch:
         gained less than that.
         """
         path = self._pull(path)
+        # Length before and after each search.
         lengths = [_measure_length(path)]
         while searches is None or len(lengths) <= searches:
             length = lengths[-1]
-            goals = self._goals[self._distances < (1.0 - MIN_GAIN) * length]
+            near_goals = self._goals[self._distances < (1.0 - MIN_GAIN) * length]
             is_vain = False
             if len(lengths) > MAX_VAIN_SEARCHES:
                 is_vain = (1.0 - MIN_GAIN) * lengths[-1 - MAX_VAIN_SEARCHES] < length
-            if not len(goals) or is_vain or clock() >= self._end:
+            if not len(near_goals) or is_vain or clock() >= self._end:
                 break
             # A search that takes much longer than the others is given up, because it rarely leads
             # to a shorter path.
             max_batches = BATCHES_PER_SEARCH + sum(self._batches) / len(self._batches)
-            other_path = self._connect(goals, _make_empty(goals), length, max_batches, True)
+            other_path = self._connect(
+                near_goals, _make_empty(near_goals), length, max_batches, straight=True
+            )
             if len(other_path):
                 path = min(path, self._pull(other_path), key=_measure_length)
             path = self._pull(path)
@@ -240,7 +250,12 @@ class PathSearch:
         max_batches: float,
         straight: bool,
     ) -> Floats:
-        """Grow two trees until they meet on a path below ``length``, or until time ends."""
+        """Grow two trees until they meet; return the path, shape (n, dof), empty if they do not.
+
+        Samples are ``samples`` first, shape (m, dof), then random ones on paths below ``length``.
+        It gives up after ``max_batches`` of these, or when time ends. If ``straight``, the path
+        skips waypoints that straight motions do not need.
+        """
         forest = _plant_trees(self._start, goals)
         meeting = -1
         batches = 0
@@ -249,6 +264,7 @@ class PathSearch:
             meeting, meeting_at_goal = grow_trees(self._scene, forest, samples, self._scratch)
             samples = _make_empty(samples)
             batches += 1
+            # This is why grow_trees may have stopped early.
             if forest.counts.max() + 2 >= forest.nodes.shape[1]:
                 forest = _double_capacity(forest)
         self._batches.append(batches)
@@ -266,6 +282,7 @@ class PathSearch:
         here = 0
         last = len(path) - 1
         while here < last:
+            # Try the farthest waypoint first, then half as far; the next one is always reached.
             ahead = last
             while ahead > here + 1 and not self._is_free(path[[here, ahead]]):
                 ahead = here + (ahead - here) // 2
@@ -286,22 +303,24 @@ class PathSearch:
         are replaced by uniform ones within.
         """
         rng = self._rng
-        size = len(self._start)
-        uniform = rng.uniform(*self._bounds, (SAMPLES_PER_BATCH, size))
+        dof = len(self._start)
+        uniform = rng.uniform(*self._bounds, (SAMPLES_PER_BATCH, dof))
         if math.isinf(length):
             return uniform
-        ends = goals[rng.integers(len(goals), size=SAMPLES_PER_BATCH)]
-        axes = ends - self._start
+        # Each sample belongs to the ellipsoid of a random goal.
+        foci = goals[rng.integers(len(goals), size=SAMPLES_PER_BATCH)]
+        axes = foci - self._start
         distances = np.linalg.norm(axes, axis=1, keepdims=True)
         axes /= distances
+        # Normal samples have uniform directions; this power of a uniform radius fills the ball.
         directions = rng.normal(size=uniform.shape)
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-        in_ball = directions * rng.random((SAMPLES_PER_BATCH, 1)) ** (1.0 / size)
+        in_ball = directions * rng.random((SAMPLES_PER_BATCH, 1)) ** (1.0 / dof)
         # Stretch the unit ball to the ellipsoid: by `minor` across the axis, by `length` along it.
         minor = np.sqrt(length**2 - distances**2)
         along = (in_ball * axes).sum(axis=1, keepdims=True)
         stretched = minor * in_ball + (length - minor) * along * axes
-        samples = 0.5 * (self._start + ends + stretched)
+        samples = 0.5 * (self._start + foci + stretched)
         lowest, highest = self._bounds
         inside = ((samples >= lowest) & (samples <= highest)).all(axis=1, keepdims=True)
         return np.where(inside, samples, uniform)
@@ -323,30 +342,34 @@ class PathSearch:
         All joints of the part move, or a single one. The result is shorter and proven free, or the
         given path.
         """
+        # Draw the part's ends, as rows of the path that need not be whole.
         first, last = np.sort(self._rng.uniform(0, len(path) - 1, 2))
         if self._rng.random() < WAYPOINT_SHARE:
             first, last = np.rint((first, last))
         start = math.floor(first)
         stop = math.ceil(last)
-        part = np.concatenate(
+        rows = np.concatenate(
             [_interpolate(path, first), path[start + 1 : stop], _interpolate(path, last)]
         )
-        if len(part) < 3:
+        if len(rows) < 3:
             return path
-        along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(part, axis=0), axis=1)))
+        # Each row has its place on the straight motion, at its share of the part's length.
+        step_lengths = np.linalg.norm(np.diff(rows, axis=0), axis=1)
+        along = np.append(0.0, np.cumsum(step_lengths))
         shares = along / max(along[-1], MIN_PULL)
-        straight = part[0] + shares[:, np.newaxis] * (part[-1] - part[0])
-        towards_straight = straight - part
-        joints = path.shape[1]
-        joint = self._rng.integers(2 * joints)
+        straight = rows[0] + shares[:, np.newaxis] * (rows[-1] - rows[0])
+        towards_straight = straight - rows
+        # Half of the pulls move one joint, half of them all; half of them go all the way.
+        dof = path.shape[1]
+        joint = self._rng.integers(2 * dof)
         weight = min(2.0 * self._rng.random(), 1.0)
-        if joint < joints:
-            part[1:-1, joint] += weight * towards_straight[1:-1, joint]
+        if joint < dof:
+            rows[1:-1, joint] += weight * towards_straight[1:-1, joint]
         elif weight < 1.0:
-            part[1:-1] += weight * towards_straight[1:-1]
+            rows[1:-1] += weight * towards_straight[1:-1]
         else:
-            part = part[[0, -1]]
-        pulled = _drop_repeated(np.vstack([path[start], part, path[stop]]))
+            rows = rows[[0, -1]]
+        pulled = _drop_repeated(np.vstack([path[start], rows, path[stop]]))
         gain = _measure_length(path[start : stop + 1]) - _measure_length(pulled)
         if gain < MIN_PULL or not self._is_free(pulled):
             return path
@@ -354,15 +377,19 @@ class PathSearch:
 
 
 def _make_empty(path: Floats) -> Floats:
-    """Return an empty path of the same arm."""
+    """Return a path without rows, for the same number of joints."""
     return path[:0]
 
 
 def _interpolate(path: Floats, position: float) -> Floats:
-    """Return the configuration at a position that is counted in rows, shape (1, dof)."""
+    """Interpolate a path between its rows: position 1.5 is halfway from row 1 to row 2.
+
+    Returns the configuration, shape (1, dof).
+    """
     row = min(int(position), len(path) - 2)
     share = position - row
-    return np.asarray((1.0 - share) * path[row : row + 1] + share * path[row + 1 : row + 2])
+    before, after = path[row : row + 2]
+    return np.asarray((1.0 - share) * before + share * after)[np.newaxis]
 
 
 def _drop_repeated(path: Floats) -> Floats:
@@ -372,7 +399,7 @@ def _drop_repeated(path: Floats) -> Floats:
 
 
 def _trace_branch(forest: Forest, side: int, node: int) -> list[Floats]:
-    """Return the configurations from a node to its root."""
+    """Return the configurations, shape (dof,) each, from a node of tree ``side`` to its root."""
     rows = []
     while node >= 0:
         rows.append(forest.nodes[side, node])
@@ -381,12 +408,13 @@ def _trace_branch(forest: Forest, side: int, node: int) -> list[Floats]:
 
 
 def _measure_length(path: Floats) -> float:
-    """Return the length of a path in the joints."""
-    return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
+    """Return the length of a path, shape (n, dof), in the joints."""
+    steps = np.diff(path, axis=0)
+    return float(np.linalg.norm(steps, axis=1).sum())
 
 
 def _plant_trees(start: Floats, goals: Floats) -> Forest:
-    """Return trees that consist of their roots."""
+    """Return a tree that has only the start, and one that has only the goals, shape (n, dof)."""
     capacity = INITIAL_NODES + len(goals)
     counts = np.array([1, len(goals)])
     nodes = np.empty((2, capacity, len(start)))

@@ -15,7 +15,7 @@ import numpy as np
 import scipy  # its parts are read when they are first used
 from numpy.typing import NDArray
 
-from cspace.arms.chain import FIXED, compute_poses
+from cspace.arms.chain import FIXED, REVOLUTE, compute_poses
 from cspace.arms.model import CONTACT_SAMPLES, Arm, Names, always_touch, sort_pair
 from cspace.arms.proofs import (
     Scene,
@@ -26,6 +26,7 @@ from cspace.arms.proofs import (
 )
 from cspace.arms.scenes import make_inner_scene, make_scene
 from cspace.arms.solids import PosedShape, Solid, StaticShape
+from cspace.bodies import ADVANCE_FACTOR, DISTANCE_ROUNDING
 from cspace.bodies.hulls import node_corners
 from cspace.errors import ConfigurationError
 from cspace.queries.batches import as_contiguous
@@ -121,10 +122,33 @@ class Snapshot:
 
         ``scene`` is the outer scene, or one with more padding.
         """
-        free = np.empty(len(firsts), dtype=np.bool_)
+        out = np.empty(len(firsts), dtype=np.bool_)
         rows = as_contiguous(firsts), as_contiguous(lasts)
-        _run_in_threads(motions_are_free, scene or self.outer, *rows, free)
-        return free
+        _run_in_threads(motions_are_free, scene or self.outer, *rows, out)
+        return out
+
+    def are_free_around(self, firsts: Floats, lasts: Floats, deviation: Floats) -> Bools:
+        """Return whether motions, shapes (n, dof), are free with any deviation, shape (n,).
+
+        ``deviation``, shape (dof,), bounds that of each joint at each time. The motions prove it if
+        all pairs stay apart by as much as such joint motions move them, in addition.
+        """
+        padding = self.outer.padding + self._bound_displacements(deviation)
+        return self.are_free(firsts, lasts, self.outer._replace(padding=padding))
+
+    def _bound_displacements(self, joint_motions: Floats) -> Floats:
+        """Bound how far joint motions, shape (dof,), move each pair, metres; with rounding."""
+        chain = self.outer.chain
+        solids = self.outer.solids
+        first, second = self.outer.pairs.T
+        bodies = solids.bodies[first]
+        rates = np.abs(chain.factors * joint_motions[chain.joint_indices])
+        reaches = chain.lengths[bodies] + solids.levers[first, np.newaxis]
+        levers = np.where(chain.kinds == REVOLUTE, reaches, 1.0)
+        moves = chain.between[bodies, solids.bodies[second]] & (chain.kinds != FIXED)
+        displacements = (moves * levers * rates).sum(axis=1)
+        rounding = DISTANCE_ROUNDING * self.outer.max_coordinate * rates.sum()
+        return np.asarray(displacements / ADVANCE_FACTOR + rounding)
 
     def are_blocked(self, points: Floats) -> Bools:
         """Return whether configurations, shape (n, dof), are proven BLOCKED, shape (n,)."""
@@ -133,12 +157,11 @@ class Snapshot:
         return blocked
 
     def distances(self, points: Floats, scene: Scene | None = None) -> tuple[Floats, Ints]:
-        """Return the smallest distance at each configuration.
+        """Return the smallest distance at each configuration, shape (n, dof), and its pair.
 
-        The pair with this distance is returned too. ``points`` has shape (n, dof). The distances,
-        shape (n,), are in metres, zero if not proven positive. The second array, shape (n, 3), has
-        the index of the pair of solids and the nearest node of the hull tree of each. ``scene`` is
-        the outer scene, or one with some of its pairs.
+        The distances, shape (n,), are in metres, zero if not proven positive. The second array,
+        shape (n, 3), has the index of the pair of solids and the nearest node of the hull tree of
+        each. ``scene`` is the outer scene, or one with some of its pairs.
         """
         out = np.empty(len(points))
         nearest = np.zeros((len(points), 3), dtype=np.int64)
@@ -146,15 +169,15 @@ class Snapshot:
         return np.where(out > 0.0, out + self.margin, 0.0), nearest
 
     def contact(self, scene: Scene, points: Floats) -> Contact:
-        """Return the pair nearest to touching.
+        """Find the two solids nearest to touching at one configuration, shape (1, dof).
 
-        ``scene`` is the outer scene, or one with some of its pairs. ``points`` is one
-        configuration, shape (1, dof).
+        ``scene`` is the outer scene, or one with some of its pairs.
         """
         distances, nearest = self.distances(points, scene)
         solids = scene.solids
-        number, *nodes = nearest[0].tolist()
+        ((number, *nodes),) = nearest.tolist()
         pair = scene.pairs[number]
+        # Place the nearest hulls of both solids in the frame of the base.
         poses = compute_poses(self.arm.chain, points[0])
         hulls = []
         radii = []
@@ -168,8 +191,12 @@ class Snapshot:
         return Contact(link, other, float(distances[0]), _find_nearest(*hulls, *radii))
 
     def nearest_parts(self, pair: int, points: Floats) -> Counter[tuple[str, str]]:
-        """Count the names of the nearest parts of a pair at configurations, shape (n, dof)."""
+        """Count the names of the nearest parts of a pair of solids at configurations.
+
+        ``pair`` is its index in the outer scene; the configurations have shape (n, dof).
+        """
         _, nearest = self.distances(points, self.outer.select_pairs(slice(pair, pair + 1)))
+        # Configurations with the same nearest nodes have the same names.
         node_pairs, counts = np.unique(nearest[:, 1:], axis=0, return_counts=True)
         counter = Counter[tuple[str, str]]()
         for nodes, count in zip(node_pairs.tolist(), counts.tolist(), strict=True):
@@ -177,7 +204,11 @@ class Snapshot:
         return counter
 
     def _name_parts(self, pair: Ints, nodes: Sequence[int]) -> tuple[str, str]:
-        """Return the names of the links or obstacles at nodes of a pair of solids."""
+        """Return the names of the links or obstacles at hull nodes of a pair of solids.
+
+        ``pair`` has the two solids, ``nodes`` a node of each.
+        """
+        # The member to which each part of all solids belongs.
         names = list[str]()
         for group in self.groups:
             for member in group.members:
@@ -186,10 +217,7 @@ class Snapshot:
         return names[link_part], names[other_part]
 
     def always_touching(self, scene: Scene) -> Iterator[tuple[str, str]]:
-        """Yield the pairs that touch in all random configurations.
-
-        They are names of links and obstacles, of the pairs of a scene.
-        """
+        """Yield the names of a scene's pairs that touch in all random configurations."""
         points = self.arm.contact_samples
         for number in range(len(scene.pairs)):
             pair_scene = scene.select_pairs(slice(number, number + 1))
@@ -206,10 +234,10 @@ def make_snapshot(
     margin: float,
     before: Snapshot | None = None,
 ) -> Snapshot:
-    """Return a snapshot; see :class:`Snapshot` for the arguments.
+    """Make a snapshot; see :class:`Snapshot` for the arguments.
 
-    Obstacles that did not change are taken from an earlier snapshot; the result is that without
-    one.
+    Obstacles that did not change are taken from the snapshot ``before``, which saves their
+    preparation and changes nothing else.
 
     Raises
     ------
@@ -223,8 +251,9 @@ def make_snapshot(
         if placed is not None
     }
     may_touch = arm.allowed_collisions.keys() | frozenset(allowed)
-    link_groups = _group_solids(arm.links, may_touch, padding, False)
-    groups = link_groups + _group_solids(list(static.values()), may_touch, padding, True)
+    groups = _group_solids(arm.links, may_touch, padding, is_obstacle=False)
+    groups += _group_solids(list(static.values()), may_touch, padding, is_obstacle=True)
+    # One scene of all pairs; those that no joint moves are tested now, and never again.
     moved_pairs, fixed_pairs = _pair_groups(groups, may_touch)
     pairs = moved_pairs + fixed_pairs
     solids = [group.solid for group in groups]
@@ -259,9 +288,9 @@ def _measure_reach(arm: Arm) -> float:
 
 
 def _place_static(name: str, placed: PosedShape, reach: float, before: Snapshot | None) -> Solid:
-    """Return an obstacle as a solid.
+    """Return an obstacle as a solid of the base, from the snapshot ``before`` if it has it.
 
-    It is the solid of an earlier snapshot if that would be equal.
+    ``reach`` is the size of the largest part of a link, metres.
     """
     if before is not None and before.obstacles.get(name) is placed and before.reach == reach:
         return before.static[name]
@@ -280,15 +309,16 @@ def _find_partners(may_touch: Set[Names]) -> dict[str, set[str]]:
 def _group_solids(
     solids: Sequence[Solid], may_touch: Set[Names], padding: Mapping[str, float], is_obstacle: bool
 ) -> list[Group]:
-    """Group links, or obstacles, of one body.
+    """Group links, or obstacles, of one body that one test can prove apart together.
 
-    Members may touch the same others and have the same padding, so that one test proves a group
-    apart.
+    Members of a group may touch the same others, and have the same padding.
     """
     partners = _find_partners(may_touch)
     names_of_body = defaultdict[int, set[str]](set)
     for solid in solids:
         names_of_body[solid.body].add(solid.name)
+    # Body, names that it may touch and padding of a solid decide its group. Links of its own body
+    # do not count, because they never move against it.
     members_of_key = defaultdict[tuple[int, frozenset[str], float], list[Solid]](list)
     for solid in solids:
         others = frozenset(partners[solid.name] - names_of_body[solid.body])
@@ -304,13 +334,14 @@ def _group_solids(
 def _pair_groups(
     groups: Sequence[Group], may_touch: Set[Names]
 ) -> tuple[list[tuple[int, int]], list[tuple[int, int]]]:
-    """Return the pairs of groups that may not touch, as indices.
+    """Return the pairs of groups that may not touch, as their indices, in two lists.
 
-    Joints move the first pairs; the others are fixed links and obstacles. The second of a pair is
-    an obstacle, or the body nearer to the base.
+    Joints move the pairs of the first list; the others are fixed links and obstacles. The second of
+    a pair is an obstacle, or the body nearer to the base.
     """
     moved_pairs = list[tuple[int, int]]()
     fixed_pairs = list[tuple[int, int]]()
+    # Groups of obstacles come last, so a pair of two obstacles begins with one.
     for (i, a), (j, b) in combinations(enumerate(groups), 2):
         if a.is_obstacle or sort_pair(a.members[0].name, b.members[0].name) in may_touch:
             continue
@@ -359,18 +390,20 @@ def _refuse_fixed(snapshot: Snapshot, scene: Scene) -> None:
 
 
 def _refuse_always(snapshot: Snapshot) -> None:
-    """Raise ConfigurationError if a pair always touches.
+    """Raise ConfigurationError if a pair touches in all random configurations.
 
-    Tests pairs that at most two joints move.
+    Tests only pairs that at most two joints move, because others hardly ever touch always.
     """
     arm_chain = snapshot.arm.chain
     scene = snapshot.outer
     first_bodies, second_bodies = scene.solids.bodies[scene.pairs].T
+    # Bodies (columns) whose joints move the solids of a pair (rows) against each other.
     between = arm_chain.between[first_bodies, second_bodies] & (arm_chain.kinds != FIXED)
-    few = np.zeros(len(scene.pairs), dtype=np.bool_)
+    has_few_joints = np.zeros(len(scene.pairs), dtype=np.bool_)
     for number, moving_bodies in enumerate(between):
-        few[number] = len(np.unique(arm_chain.joint_indices[moving_bodies])) <= 2
-    for link, other in snapshot.always_touching(scene.select_pairs(few)):
+        joints = np.unique(arm_chain.joint_indices[moving_bodies])
+        has_few_joints[number] = len(joints) <= 2
+    for link, other in snapshot.always_touching(scene.select_pairs(has_few_joints)):
         raise ConfigurationError(
             link,
             f"touches {other!r}, or comes nearer than the margin, in {CONTACT_SAMPLES} random "
@@ -382,13 +415,14 @@ def _refuse_always(snapshot: Snapshot) -> None:
 
 
 def _run_in_threads(kernel: Callable[..., None], scene: Scene, *arrays: NDArray[Any]) -> None:
-    """Call ``kernel(scene, *arrays, scratch)`` on parts of contiguous arrays."""
+    """Call ``kernel(scene, *arrays, scratch)`` on slices of contiguous arrays, in threads."""
 
-    def run(first: int, stop: int) -> int:
+    def run_slice(first: int, stop: int) -> int:
+        """Run the kernel on some rows with its own scratch; -1 means that nothing failed."""
         kernel(scene, *(array[first:stop] for array in arrays), make_scene_scratch(scene))
         return -1
 
-    in_chunks(run, len(arrays[0]), MIN_MOTIONS_PER_THREAD)
+    in_chunks(run_slice, len(arrays[0]), MIN_MOTIONS_PER_THREAD)
 
 
 def _find_nearest(points_a: Floats, points_b: Floats, radius_a: float, radius_b: float) -> Floats:
@@ -398,6 +432,8 @@ def _find_nearest(points_a: Floats, points_b: Floats, radius_a: float, radius_b:
     metres. The nearest points follow from the point nearest to zero in the hull of all differences
     (C. L. Lawson and R. J. Hanson, "Solving Least Squares Problems", 1974, chapter 23).
     """
+    # Find weights, zero or above, with sum 1, that bring the mean of all differences nearest to
+    # zero: three equations of the mean, and one of the sum.
     differences = (points_a[:, np.newaxis] - points_b).reshape(-1, 3)
     equations = np.vstack([differences.T, np.ones(len(differences))])
     # scipy's nnls misses the least sum on some machines if points lie symmetrically.
@@ -408,6 +444,7 @@ def _find_nearest(points_a: Floats, points_b: Floats, radius_a: float, radius_b:
     shares = weights.reshape(len(points_a), len(points_b)) / weights.sum()
     nearest_a = shares.sum(axis=1) @ points_a
     nearest_b = shares.sum(axis=0) @ points_b
+    # Move both by the radii towards each other.
     offset = nearest_b - nearest_a
     direction = offset / max(float(np.linalg.norm(offset)), np.finfo(float).tiny)
     return np.stack([nearest_a + radius_a * direction, nearest_b - radius_b * direction])

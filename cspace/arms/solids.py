@@ -79,6 +79,10 @@ class PosedShape:
     pose: Floats
 
     def __init__(self, shape: ShapeLike, pose: ArrayLike) -> None:
+        """Convert what :func:`cspace.shapes.as_shape` takes; the pose is checked where it is used.
+
+        Fields of a frozen class are set through ``object``.
+        """
         object.__setattr__(self, "shape", as_shape(shape))
         object.__setattr__(self, "pose", pose)
 
@@ -95,12 +99,12 @@ class PosedShape:
 
     @cached_property
     def is_filled(self) -> bool:
-        """Whether the rows of the tree are solids; those of a moving shape are triangles."""
+        """Whether the tree consists of solid boxes or balls; here it consists of triangles."""
         return False
 
     @property
     def _exact(self) -> ExactShape:
-        """The shape, which must be exact; the following attributes need that."""
+        """The shape, which must be exact to have a boundary, trees and points inside."""
         if not isinstance(self.shape, ExactShape):
             raise TypeError(
                 "the shape has outer and inner bounds; use one of PosedShape.bounds_pair"
@@ -121,16 +125,17 @@ class PosedShape:
     def tree(self) -> Trees:
         """Tree of the triangles of the boundary."""
         rows = pack_triangles(self.boundary)
-        return build_tree(rows, np.zeros(len(rows)))
+        no_levers = np.zeros(len(rows))  # they mark solid boxes and balls
+        return build_tree(rows, no_levers)
 
     @cached_property
     def hulls(self) -> Hulls:
         """Tree of hulls of the boundary, or of boxes and balls."""
         corners, windings = self.surface
-        normals = np.cross(corners[:, 0], corners[:, 1])
-        # Six times the signed volume between each triangle and the origin.
-        volumes = (normals * corners[:, 2]).sum(axis=1)
-        return build_hulls(self.tree, float(volumes @ windings) / 6.0)
+        first, second, third = corners.swapaxes(0, 1)
+        # The scalar triple product is six times the signed volume between triangle and origin.
+        six_volumes = (np.cross(first, second) * third).sum(axis=1)
+        return build_hulls(self.tree, float(six_volumes @ windings) / 6.0)
 
     @cached_property
     def surface(self) -> tuple[Floats, Ints]:
@@ -139,16 +144,17 @@ class PosedShape:
         There are none if the rows are solids.
         """
         exact = self._exact
-        has_triangles = exact.boundary().simplices.shape[1] == 3
+        simplices, _ = exact.boundary()
+        has_triangles = simplices.shape[1] == 3
         if self.is_filled or not exact.encloses or not has_triangles:
             return np.empty((0, 3, 3)), np.empty(0, dtype=np.int64)
         mesh = exact if isinstance(exact, Mesh) else Mesh(*exact.surface)
         # The posed mesh has the same bodies. Equal corners are moved as one, to stay equal to the
         # last bit.
         vertices, numbers = unique_rows(mesh.vertices)
-        closed = mesh.windings != 0
-        corners = self.transform(vertices)[numbers[mesh.faces[closed]]]
-        return corners, mesh.windings[closed]
+        is_closed = mesh.windings != 0
+        corner_numbers = numbers[mesh.faces[is_closed]]
+        return self.transform(vertices)[corner_numbers], mesh.windings[is_closed]
 
     @cached_property
     def surface_tree(self) -> SurfaceTree:
@@ -159,20 +165,24 @@ class PosedShape:
 
     @cached_property
     def anchors(self) -> Floats:
-        """One point of each connected part, shape (n, 3); none if the rows are solids."""
-        return np.empty((0, 3)) if self.is_filled else part_anchors(self.boundary)[0]
+        """One point of each connected part, shape (n, 3); none if the tree consists of solids."""
+        if self.is_filled:
+            return np.empty((0, 3))
+        points, _ = part_anchors(self.boundary)
+        return points
 
     @cached_property
     def probes(self) -> Floats:
         """Some corners of the boundary, and lattice points inside, shape (n, 3).
 
-        There are none if the rows are solids.
+        There are none if the tree consists of solids.
         """
         if self.is_filled:
             return np.empty((0, 3))
         corners = np.unique(self.boundary.simplices.reshape(-1, 3), axis=0)
         stride = math.ceil(len(corners) / PROBES_PER_PART)
         some_corners = corners[::stride]
+        # A surface that encloses nothing has no points inside.
         if not self._exact.encloses:
             return some_corners
         lower, upper = self._exact.bounds
@@ -202,8 +212,10 @@ class StaticShape(PosedShape):
 
     @cached_property
     def is_filled(self) -> bool:
-        """True if the rows of the tree are solids."""
-        return self._exact.is_boxes or self._exact.boundary().simplices.shape[1] == 1
+        """Whether the tree consists of solid boxes or balls."""
+        simplices, _ = self._exact.boundary()
+        has_balls = simplices.shape[1] == 1
+        return self._exact.is_boxes or has_balls
 
     @cached_property
     def tree(self) -> Trees:
@@ -234,6 +246,11 @@ class Solid(NamedTuple):
     body: int
     parts: tuple[PosedShape, ...]
 
+    @property
+    def bounds_pairs(self) -> list[tuple[PosedShape, PosedShape]]:
+        """Outer and inner shape of each part."""
+        return [part.bounds_pair for part in self.parts]
+
 
 # ---- obstacles -----------------------------------------------------------------------------------
 
@@ -248,7 +265,7 @@ def check_rigid(pose: ArrayLike, name: str) -> Floats:
     """
     matrix = check_finite(pose, name)
     if matrix.shape == (4, 4):
-        # Digits of a file are few, so take the nearest rotation.
+        # Digits of a file are few, so take the nearest rotation, by a singular value decomposition.
         left, _, right = np.linalg.svd(matrix[:3, :3])
         rigid = np.eye(4)
         rigid[:3, :3] = left @ right
@@ -284,9 +301,10 @@ def named_obstacles(obstacles: object) -> Mapping[str, object]:
 
 
 def place_obstacle(obstacle: object, name: str, base: Floats) -> PosedShape | None:
-    """Place an obstacle by a pose, shape (4, 4).
+    """Place an obstacle in the frame of an arm's base.
 
-    Returns None for a workspace without obstacles.
+    ``base``, shape (4, 4), leads from the frame of the obstacles to that of the base. Returns None
+    for a workspace without obstacles.
 
     Raises
     ------
@@ -312,7 +330,10 @@ def place_obstacle(obstacle: object, name: str, base: Floats) -> PosedShape | No
 
 
 def place_shape(shape: Shape, name: str, pose: Floats) -> PosedShape:
-    """Place a shape in space by a rigid motion."""
+    """Place a shape in space by a rigid motion, shape (4, 4).
+
+    Raises InputError, which names the obstacle ``name``, if the shape is in the plane.
+    """
     if shape.dim != 3:
         raise InputError(
             "obstacles",
@@ -324,7 +345,10 @@ def place_shape(shape: Shape, name: str, pose: Floats) -> PosedShape:
 
 
 def _place_workspace(obstacle: Workspace, name: str, base: Floats) -> PosedShape | None:
-    """Place the cells of a workspace, or its one shape."""
+    """Place the occupied cells of a workspace, or its one shape; None if it has none.
+
+    ``base``, shape (4, 4), leads from the frame of the workspace to that of the arm's base.
+    """
     grid = obstacle.grid
     if grid.dim != 3:
         raise InputError(
@@ -333,13 +357,16 @@ def _place_workspace(obstacle: Workspace, name: str, base: Floats) -> PosedShape
             "arms are in space",
             "pass a map in space",
         )
+    # One shape is exact, whereas its cells are not.
     if obstacle.shapes is not None and len(obstacle.shapes) == 1:
         return place_obstacle(obstacle.shapes[0], name, base)
     loaded = load_workspace(obstacle)
     outer = loaded.outer
+    # Unknown cells may be obstacles, but prove no collision.
     inner = loaded.inner if loaded.unknown is None else loaded.inner & ~loaded.unknown
     if not outer.any():
         return None
+    # Refuse cells whose boxes would not fit into memory.
     runs = _count_runs(outer)
     if inner is not outer:
         runs += _count_runs(inner)
@@ -349,8 +376,8 @@ def _place_workspace(obstacle: Workspace, name: str, base: Floats) -> PosedShape
 
     def make_voxels(cells: Bools) -> Voxels:
         """Return cells as a shape that no update changes."""
-        kept = cells.copy() if loaded.live else cells
-        return Voxels(kept, grid.spacing, np.asarray(grid.lower))
+        own_cells = cells.copy() if loaded.live else cells
+        return Voxels(own_cells, grid.spacing, np.asarray(grid.lower))
 
     if inner is outer:
         return PosedShape(make_voxels(outer), base)
@@ -358,6 +385,7 @@ def _place_workspace(obstacle: Workspace, name: str, base: Floats) -> PosedShape
 
 
 def _count_runs(cells: Bools) -> int:
-    """Count the runs of cells along the last axis; each becomes one box at most."""
-    begins = cells[..., 1:] > cells[..., :-1]
-    return int(np.count_nonzero(begins) + np.count_nonzero(cells[..., 0]))
+    """Count the runs of occupied cells along the last axis; each becomes one box at most."""
+    begins_later = cells[..., 1:] > cells[..., :-1]
+    begins_first = cells[..., 0]
+    return int(np.count_nonzero(begins_later) + np.count_nonzero(begins_first))

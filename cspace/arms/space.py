@@ -105,6 +105,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
     searches = ("BiRRT",)
 
     def __init__(self, snapshot: Snapshot, base: Floats) -> None:
+        """Begin with a scene; ``base``, shape (4, 4), places further obstacles in its frame."""
         self.snapshot = snapshot
         self._base = base
         self._lock = threading.Lock()
@@ -238,7 +239,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         True
         """
         check_text(name, "name", "table")
-        at = self._base if pose is None else self._base @ check_rigid(pose, "pose")
+        base = self._base if pose is None else self._base @ check_rigid(pose, "pose")
         if isinstance(shape, Workspace | PosedShape):
             if radius is not None:
                 raise InputError(
@@ -247,10 +248,11 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
                     "only points have a radius",
                     "leave it out",
                 )
-            placed = place_obstacle(shape, name, at)
+            placed = place_obstacle(shape, name, base)
         else:
-            placed = place_shape(as_shape(shape, radius, "shape"), name, at)
+            placed = place_shape(as_shape(shape, radius, "shape"), name, base)
         extra = None if padding is None else check_not_negative(padding, "padding")
+        # One change at a time, each of the scene that the last one left.
         with self._lock:
             now = self.snapshot
             links = {link.name for link in now.arm.links}
@@ -324,6 +326,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             obstacles = dict(now.obstacles)
             carrier = check_known(link, "link", now.arm.frames)
             if shape is None:
+                # An obstacle becomes an object at the pose that it has on the link at q.
                 if pose is not None:
                     raise InputError(
                         "pose",
@@ -331,8 +334,8 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
                         "the obstacle is where it is",
                         "leave it out, or pass a shape",
                     )
-                filled = self.obstacles
-                placed = filled[check_known(name, "name", filled)]
+                shapes_by_name = self.obstacles
+                placed = shapes_by_name[check_known(name, "name", shapes_by_name)]
                 del obstacles[name]
                 on_base = now.arm.pose(self.arm.check_configuration(q, "q"), carrier)
                 shape = placed.shape
@@ -386,9 +389,10 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
             allowed: Collection[Names] = now.allowed
             padding = now.padding
             if q is not None:
-                (part,) = next(link.parts for link in now.arm.links if link.name == name)
+                # The object becomes an obstacle where it is at q.
+                (held,) = next(link.parts for link in now.arm.links if link.name == name)
                 pose = now.arm.pose(self.arm.check_configuration(q, "q"), name)
-                obstacles[name] = place_shape(part.shape, name, pose)
+                obstacles[name] = place_shape(held.shape, name, pose)
                 links = [link.name for link in arm.links]
                 allowed = now.allowed | _pair_with_links(name, touch_links, links)
             elif touch_links:
@@ -473,7 +477,10 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         padding: Mapping[str, float],
         arm: Arm | None = None,
     ) -> None:
-        """Replace the snapshot in one assignment, which readers see whole."""
+        """Replace the snapshot ``now`` by one of the given scene.
+
+        It is one assignment, so that readers in other threads see a whole scene.
+        """
         self.snapshot = make_snapshot(arm or now.arm, obstacles, allowed, padding, now.margin, now)
 
     # ---- queries ---------------------------------------------------------------------------------
@@ -521,11 +528,13 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
 
         None beyond the limits.
         """
+        # Each thread has its own scratch memory. Limits are those of both endpoints.
         local = threading.local()
         lower = (self.arm.lower - LIMIT_SLACK).tolist() * 2
         upper = (self.arm.upper + LIMIT_SLACK).tolist() * 2
 
         def prove(*endpoints: float) -> bool | None:
+            """Prove the motion between two configurations, given as their numbers in a row."""
             for low, x, high in zip(lower, endpoints, upper, strict=True):
                 if not low <= x <= high:
                     return None
@@ -581,18 +590,20 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         ConfigurationError, InputError
             As :meth:`certify_path`.
         """
-        path = self._check_configurations(path, "path").reshape(-1, self.size)
-        self._check_spans(path[:-1], path[1:])
-        midpoints = 0.5 * (path[:-1] + path[1:])
+        rows = self._check_configurations(path, "path").reshape(-1, self.size)
+        starts, ends = rows[:-1], rows[1:]
+        self._check_spans(starts, ends)
+        midpoints = 0.5 * (starts + ends)
         snapshot = self.snapshot
-        distances, _ = snapshot.distances(np.concatenate([path, midpoints]))
+        distances, _ = snapshot.distances(np.concatenate([rows, midpoints]))
         limit = float(distances.min())
-        if len(path) < 2 or math.isinf(limit) or limit == 0.0:
+        if len(rows) < 2 or math.isinf(limit) or limit == 0.0:
             return limit
+        # The path keeps a distance if it is free with all pairs padded by that distance.
         for share in _DISTANCE_SHARES:
             extra = share * (limit - snapshot.margin)
             wider = snapshot.outer._replace(padding=np.maximum(snapshot.outer.padding, extra))
-            if snapshot.are_free(path[:-1], path[1:], wider).all():
+            if snapshot.are_free(starts, ends, wider).all():
                 return snapshot.margin + extra
         return 0.0
 
@@ -616,10 +627,15 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
     def find_goals(
         self, goal: GoalLike, start: Endpoint, seed: int | None, exact: bool = False
     ) -> list[Endpoint]:
-        """Return the goals that are proven free, the nearest first; a pose gives several."""
+        """Return the configurations of a goal that are proven free, the nearest to start first.
+
+        A pose gives several. ``seed`` is that of its inverse kinematics. Raises ConfigurationError
+        if none is free.
+        """
         alternatives = _list_alternatives(goal)
         goals: list[Endpoint] = []
         errors: list[ConfigurationError] = []
+        # One alternative suffices, so their errors matter only if all fail.
         for number, alternative in enumerate(alternatives):
             name = f"goal[{number}]" if len(alternatives) > 1 else "goal"
             try:
@@ -640,19 +656,24 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
                 nearest=errors[0].nearest,
             )
         lengths = self.distance(np.array(start), np.array(goals))
-        return [goals[row] for row in np.argsort(lengths, kind="stable").tolist()]
+        nearest_first = np.argsort(lengths, kind="stable")
+        return [goals[row] for row in nearest_first.tolist()]
 
     def _solve_pose(
         self, goal: PoseGoal, name: str, start: Endpoint, seed: int | None
     ) -> list[Endpoint]:
-        """Return the proven free configurations found at a pose."""
-        found = self.arm.solve_pose(goal, name, start, MAX_SOLUTIONS_PER_POSE, seed or 0)
-        points = wrapped(found, self.periodic_axes)
-        free = points[np.asarray(self.is_free(points))]
-        if len(free):
-            return [tuple(q) for q in free.tolist()]
-        closest = [self.closest(q) for q in points]
-        pairs = Counter((contact.link, contact.other) for contact in closest)
+        """Solve a pose goal; return the configurations that are proven free.
+
+        Raises ConfigurationError, which blames ``name``, if there are none.
+        """
+        solutions = self.arm.solve_pose(goal, name, start, MAX_SOLUTIONS_PER_POSE, seed or 0)
+        points = wrapped(solutions, self.periodic_axes)
+        free_points = points[np.asarray(self.is_free(points))]
+        if len(free_points):
+            return [tuple(q) for q in free_points.tolist()]
+        # The error names the pair that is in the way most often.
+        contacts = [self.closest(q) for q in points]
+        pairs = Counter((contact.link, contact.other) for contact in contacts)
         (((link, other), number),) = pairs.most_common(1)
         problem = (
             f"has {len(points)} configurations that reach the pose, and none is proven free: "
@@ -727,20 +748,21 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         generator = check_rng(rng)
         snapshot = self.snapshot
         batches = [np.empty((0, self.size))]
-        found = 0
-        tried = 0
-        while found < count:
-            drawn = min(max(2 * (count - found), 16), 10_000)
-            points = generator.uniform(*snapshot.arm.ranges(), (drawn, self.size))
+        number_free = 0
+        number_drawn = 0
+        while number_free < count:
+            # Twice as many as are missing, because about half of them may be free.
+            batch_size = min(max(2 * (count - number_free), 16), 10_000)
+            points = generator.uniform(*snapshot.arm.ranges(), (batch_size, self.size))
             batches.append(points[snapshot.are_free(points, points)])
-            found += len(batches[-1])
-            tried += drawn
-            if tried >= _MAX_FAILED_SAMPLES and not found:
+            number_free += len(batches[-1])
+            number_drawn += batch_size
+            if number_drawn >= _MAX_FAILED_SAMPLES and not number_free:
                 touching = snapshot.always_touching(snapshot.outer)
                 always = ", ".join(f"{link} touches {other}" for link, other in touching)
                 raise ConfigurationError(
                     snapshot.arm.name,
-                    f"was free in none of {tried} configurations",
+                    f"was free in none of {number_drawn} configurations",
                     f"of {CONTACT_SAMPLES}, these touch in all: {always or 'none'}",
                     "check space.closest(q), and the pairs that may touch",
                 )
@@ -815,12 +837,13 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         snapshot = self.snapshot
         start = snapshot.arm.clamp(start)
         goals = snapshot.arm.clamp(goals)
+        # A path may reach any free goal, either way around its continuous joints.
         images = self._list_images(start, goals)
         endpoints = np.vstack([start, images])
-        free = snapshot.are_free(endpoints, endpoints)
-        if not free[0]:
+        start_is_free, *images_are_free = snapshot.are_free(endpoints, endpoints).tolist()
+        if not start_is_free:
             raise _make_collision_error(snapshot, start, "q0")
-        images = images[free[1:]]
+        images = images[images_are_free]
         if not len(images):
             raise _make_collision_error(snapshot, goals[0], "q1")
         rng = np.random.default_rng(seed)
@@ -902,12 +925,15 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         arm = snapshot.arm
         start = arm.clamp(self.arm.check_configuration(q0, "q0"))
         arm.branch_to(frame)  # refuses unknown frames before the poses
-        largest = check_pose_tolerance(tolerance)
-        corners = np.concatenate([arm.pose(start, frame)[np.newaxis], check_corners(poses)])
+        max_deviation = check_pose_tolerance(tolerance)
+        # The line begins where the frame is.
+        first_corner = arm.pose(start, frame)[np.newaxis]
+        corners = np.concatenate([first_corner, check_corners(poses)])
         lines = make_lines(corners)
-        if not snapshot.are_free(start[np.newaxis], start[np.newaxis])[0]:
+        start_row = start[np.newaxis]
+        if not snapshot.are_free(start_row, start_row)[0]:
             raise _make_collision_error(snapshot, start, "q0")
-        return follow_lines(snapshot, start, frame, corners, lines, largest)
+        return follow_lines(snapshot, start, frame, corners, lines, max_deviation)
 
     @property
     def _spans(self) -> Floats:
@@ -925,6 +951,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         the next.
         """
         steps = np.abs(q1 - q0)
+        # The error names the first joint that turns too far.
         for *path, edge, joint in np.argwhere(steps > self._spans)[:1].tolist():
             first = edge
             last = edge + 1
@@ -977,10 +1004,46 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         points = self._check_configurations(path, "path")
         if edges is not None:
             pairs = check_pairs(edges, points)
-            self._check_spans(points[pairs[:, 0]], points[pairs[:, 1]], pairs)
+            starts, ends = pairs.T
+            self._check_spans(points[starts], points[ends], pairs)
         elif points.ndim > 1:
             self._check_spans(points[..., :-1, :], points[..., 1:, :])
         return super().certify_path(path, edges, exact=exact)
+
+    def motions_are_free_around(
+        self, starts: ArrayLike, ends: ArrayLike, deviation: ArrayLike
+    ) -> Bools:
+        """Return whether motions and all near motions are proven collision-free.
+
+        Near motions deviate by at most ``deviation`` from the straight motion, at each time and in
+        each joint. Use it to prove curves piece by piece. Continuous joints count whole turns.
+
+        Parameters
+        ----------
+        starts, ends : array-like, shape (n, dof)
+        deviation : array-like, shape (dof,)
+            Radians and metres, zero or above.
+
+        Returns
+        -------
+        ndarray of bool, shape (n,)
+
+        Raises
+        ------
+        ConfigurationError
+            If a configuration is more than 1e-5 rad (m) beyond a limit.
+        """
+        firsts = self._check_configurations(starts, "starts")
+        lasts = self._check_configurations(ends, "ends")
+        reach = check_finite(deviation, "deviation")
+        if reach.shape != firsts.shape[-1:] or (reach < 0.0).any():
+            raise InputError(
+                "deviation",
+                f"is {deviation!r}",
+                f"it must be {firsts.shape[-1]} numbers, zero or above",
+                "give one for each joint",
+            )
+        return self.snapshot.are_free_around(firsts, lasts, reach)
 
     def _list_images(self, start: Floats, goals: Floats) -> Floats:
         """Return the goals both ways around each continuous joint.
@@ -990,12 +1053,17 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         """
         images = np.where(self.periodic_axes, beside(goals, start), goals)
         for joint in np.flatnonzero(self.periodic_axes)[:MAX_DOUBLED_JOINTS]:
+            # Each joint doubles the images: all so far, and all with this joint a turn further.
             other_way = images.copy()
             other_way[:, joint] += np.where(images[:, joint] > start[joint], -TWO_PI, TWO_PI)
             images = np.concatenate([images, other_way])
         return images
 
     def _write_states(self, rows: Floats, out: States) -> int:
+        """Write the states of configurations, shape (n, dof), to ``out``, shape (n,).
+
+        Returns -1, because no row fails; see the base class.
+        """
         self._check_configurations(rows, "q")
         snapshot = self.snapshot
         free = snapshot.are_free(rows, rows)
@@ -1007,11 +1075,19 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         return -1
 
     def _write_free(self, exact: bool, rows: Floats, out: Bools) -> int:
+        """Write whether configurations, shape (n, dof), are proven free to ``out``, shape (n,).
+
+        Returns -1, because no row fails; see the base class.
+        """
         self._check_configurations(rows, "q")
         out[:] = self.snapshot.are_free(rows, rows)
         return -1
 
     def _write_motions(self, exact: bool, starts: Floats, ends: Floats, out: Bools) -> int:
+        """Write whether motions, shapes (n, dof), are proven free to ``out``, shape (n,).
+
+        Returns -1, because no row fails; see the base class.
+        """
         self._check_configurations(starts, "q0")
         self._check_configurations(ends, "q1")
         out[:] = self.snapshot.are_free(starts, ends)
@@ -1028,7 +1104,7 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
 
 
 def _list_alternatives(goal: GoalLike) -> list[Goal | ArrayLike]:
-    """Return the goals of an arm, one by one."""
+    """List the alternatives of a goal: pose goals, or configurations of shape (dof,)."""
     if isinstance(goal, Goal):
         return [goal]
     if isinstance(goal, Sequence) and any(isinstance(item, Goal) for item in goal):
@@ -1038,7 +1114,7 @@ def _list_alternatives(goal: GoalLike) -> list[Goal | ArrayLike]:
 
 
 def _make_collision_error(snapshot: Snapshot, q: Floats, name: str) -> ConfigurationError:
-    """Return the error for a start or goal in collision.
+    """Make the error for a start or goal that is not proven free.
 
     ``q`` has shape (dof,); ``name`` is the argument. The message names the link and the obstacle
     that touch.
@@ -1098,13 +1174,14 @@ def build_arm_space(
         touches in all 1000 random configurations.
     """
     pairs = set[Names]()
-    given = None if base_pose is None else check_rigid(base_pose, "base_pose")
+    pose = np.eye(4) if base_pose is None else check_rigid(base_pose, "base_pose")
+    # A planning scene also has a frame, attached objects, and pairs that may touch.
     if isinstance(obstacles, PlanningScene):
         scene = obstacles
-        given = find_base_pose(scene.frame, arm, scene.source) if given is None else given
-        arm, pairs = scene.place(arm, given)
+        if base_pose is None:
+            pose = find_base_pose(scene.frame, arm, scene.source)
+        arm, pairs = scene.place(arm, pose)
         obstacles = scene.obstacles
-    pose = np.eye(4) if given is None else given
     named = named_obstacles(obstacles)
     links = {link.name for link in arm.links}
     for name in named:
@@ -1122,6 +1199,7 @@ def build_arm_space(
     for name, metres in (padding or {}).items():
         check_known(name, "padding", known, "names")
         extra[name] = check_not_negative(metres, f"padding of {name}")
+    # Kernels know only the frame of the base.
     base = np.linalg.inv(pose).astype(np.float64)
     placed = {name: place_obstacle(obstacle, name, base) for name, obstacle in named.items()}
     return ArmSpace(make_snapshot(arm, placed, pairs, extra, min_distance), base)
@@ -1130,7 +1208,10 @@ def build_arm_space(
 def _check_allowed(
     pairs: Iterable[tuple[str, str]], argument: str, known: Collection[str]
 ) -> set[Names]:
-    """Return alphabetical pairs of known names; raise InputError if they are none."""
+    """Return pairs of known names, each in alphabetical order.
+
+    Raises InputError, which blames ``argument``, if they are no pairs or a name is unknown.
+    """
     try:
         given = [(one, other) for one, other in pairs]
     except (TypeError, ValueError) as error:
@@ -1146,19 +1227,22 @@ def _check_allowed(
 
 
 def _pair_with_links(name: str, links: str | Iterable[str], known: Collection[str]) -> set[Names]:
-    """Return alphabetical pairs of a name and known links."""
+    """Pair a name with links that it may touch, each pair in alphabetical order."""
     names = check_names(links, "touch_links")
     return {sort_pair(name, check_known(link, "touch_links", known, "names")) for link in names}
 
 
 def _drop_name(pairs: Iterable[Names], name: str) -> set[Names]:
-    """Return the pairs without a name."""
+    """Return the pairs that do not contain a name."""
     return {pair for pair in pairs if name not in pair}
 
 
 def _set_entry(padding: Mapping[str, float], name: str, metres: float | None) -> dict[str, float]:
-    """Return the padding with that of one name changed, unless None."""
+    """Return a copy of the padding with one name set to ``metres``, unless that is None.
+
+    Names without padding are left out.
+    """
     changed = dict(padding)
     if metres is not None:
         changed[name] = metres
-    return {padded: value for padded, value in changed.items() if value}
+    return {padded_name: value for padded_name, value in changed.items() if value}

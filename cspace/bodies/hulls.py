@@ -35,6 +35,10 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace.bodies.triangles import (
+    CENTER,
+    CHORD,
+    HALF_SIDES,
+    RADIUS,
     Trees,
     build_boxes,
     half_axes,
@@ -79,6 +83,10 @@ of distances from triangles."""
 
 MAX_PAIRS_PER_BLOCK: Final = 2**18
 """Largest number of pairs of a point and a plane or a triangle that are compared at once."""
+
+
+TINY: Final = 1e-300
+"""Smallest difference between two slacks; zero takes it below zero."""
 
 
 MAX_GJK_STEPS: Final = 40
@@ -151,31 +159,35 @@ class RelativeMotion(NamedTuple):
 
 
 def build_hulls(tree: Trees, volume: float) -> Hulls:
-    """Build a part's tree with the nodes of its triangles' tree.
+    """Build the tree of hulls of a part, with the nodes of its triangles' tree.
 
-    ``volume`` is the volume that the triangles enclose.
+    ``volume`` is the volume that the triangles enclose. A part that fills its hull is one node.
     """
     rows = tree.triangles
     spans = tree.spans
     if not len(rows):
         return Hulls(np.empty((0, 9)), np.empty((0, 5), np.int64), np.empty((3, 0)))
+    # Every node has a box and a ball; every leaf has the corners of its row.
     starts, counts = spans.T
     half_sides = tree.boxes[:, 3:6]
     ball_radii = np.linalg.norm(half_sides, axis=1)
-    hull_radii = node_maxima(np.maximum(rows[:, 9], 0.0), spans)
+    row_radii = rows[:, RADIUS]
+    hull_radii = node_maxima(np.maximum(row_radii, 0.0), spans)
     looseness = np.zeros(len(counts))
     boxes = np.column_stack([tree.boxes[:, :6], ball_radii, hull_radii, looseness])
-    corners, first_corners = _row_corners(rows)
+    corners, first_corners = _list_row_corners(rows)
     nodes = _link_nodes(spans, first_corners)
     is_leaf = counts == 1
     # Boxes and balls are solid, so each is a whole connected part.
-    nodes[:, IS_WHOLE] = bool(((rows[:, 9] < 0.0) | _are_balls(rows)).all())
+    is_box = row_radii < 0.0
+    nodes[:, IS_WHOLE] = bool((is_box | _are_balls(rows)).all())
     nodes[0, IS_WHOLE] = 1
     if nodes[:, IS_WHOLE].all():
         return Hulls(boxes, nodes, np.ascontiguousarray(corners.T))
+    # Some inner nodes get hulls too, whose corners are appended.
     points, point_of_corner = np.unique(corners, axis=0, return_inverse=True)
     point_of_corner = point_of_corner.ravel()
-    is_rounded = bool(rows[:, 9].any())
+    is_rounded = bool(row_radii.any())
     ranks = np.searchsorted(_MAX_TRIANGLES_OF_RANKS, counts)
     corners_of_hulls = [corners]
     stop = len(corners)
@@ -192,11 +204,14 @@ def build_hulls(tree: Trees, volume: float) -> Hulls:
             hull = fit.corners
             depth = fit.depth
             boxes[node, HULL_RADIUS] = fit.growth
+            # Rounding of the volumes may not hide that a part is convex.
             is_convex = node == 0 and volume > (1.0 - 1e-9) * fit.volume
             if len(hull) > MAX_HULL_CORNERS:
                 continue
             if is_convex:
-                only_node = np.array([[0, 0, len(hull), 1, 0]])
+                only_node = np.zeros((1, 5), dtype=np.int64)
+                only_node[0, STOP_CORNER] = len(hull)
+                only_node[0, IS_WHOLE] = 1
                 return Hulls(boxes[:1], only_node, np.ascontiguousarray(hull.T))
         boxes[node, LOOSENESS] = depth
         nodes[node, FIRST_CORNER] = stop
@@ -207,7 +222,11 @@ def build_hulls(tree: Trees, volume: float) -> Hulls:
 
 
 def _link_nodes(spans: Ints, first_corners: Ints) -> Ints:
-    """Return rows of :attr:`Hulls.nodes` with children, and with the corners of leaves."""
+    """Return rows of :attr:`Hulls.nodes` with children, and with the corners of leaves.
+
+    ``spans``, shape (m, 2), has the first row of each node in its tree and their number;
+    ``first_corners``, shape (n + 1,), has the first corner of each row.
+    """
     starts, counts = spans.T
     nodes = np.zeros((len(counts), 5), dtype=np.int64)
     is_leaf = counts == 1
@@ -220,9 +239,10 @@ def _link_nodes(spans: Ints, first_corners: Ints) -> Ints:
 
 
 def _choose_hulls(nodes: Ints, ranks: Ints) -> Bools:
-    """Return a mask of the nodes to test as hulls.
+    """Choose the nodes to test as hulls; return a mask, shape (m,).
 
-    These are the root, and nodes whose parent has a larger rank.
+    These are the root, and nodes whose parent has a larger rank. A rank counts the triangles of a
+    node, each rank more of them by a constant factor.
     """
     inner = np.flatnonzero(nodes[:, SECOND_CHILD])
     parents = np.zeros(len(nodes), dtype=np.int64)
@@ -234,16 +254,18 @@ def _choose_hulls(nodes: Ints, ranks: Ints) -> Bools:
 
 
 def _are_balls(rows: Floats) -> Bools:
-    """Return whether each row has three equal corners."""
-    return np.asarray((rows[:, 3:9] == np.tile(rows[:, :3], 2)).all(axis=1))
+    """Return whether each row of a tree, shape (n, 10), is a ball, with three equal corners."""
+    first_corners, other_corners = rows[:, :3], rows[:, 3:9]
+    return np.asarray((other_corners == np.tile(first_corners, 2)).all(axis=1))
 
 
-def _row_corners(rows: Floats) -> tuple[Floats, Ints]:
-    """Return the corners of all rows, and each row's first corner.
+def _list_row_corners(rows: Floats) -> tuple[Floats, Ints]:
+    """List the corners of all rows of a tree, and where those of each row begin.
 
-    Triangles have three corners, balls one, boxes eight, and axis-aligned boxes none.
+    ``rows``, shape (n, 10), are those of :attr:`cspace.bodies.triangles.Trees.triangles`. Triangles
+    have three corners, balls one, boxes eight, and axis-aligned boxes none.
     """
-    is_box = rows[:, 9] < 0.0
+    is_box = rows[:, RADIUS] < 0.0
     is_ball = _are_balls(rows)
     off_axis = rows[:, [4, 5, 6, 8]]  # zero if the first half axes are along x and y
     is_aligned = ~off_axis.any(axis=1)
@@ -273,7 +295,7 @@ class HullFit(NamedTuple):
 
 
 def _fit_hull(points: Floats) -> HullFit:
-    """Fit a convex hull to points.
+    """Fit a convex hull to points, shape (n, 3).
 
     A flat set keeps all points, and has infinite volume.
     """
@@ -283,6 +305,7 @@ def _fit_hull(points: Floats) -> HullFit:
         hull = ConvexHull(points)
     except QhullError:
         return HullFit(points, math.inf, 0.0, 0.0)
+    # The height of each point above the planes of the faces; it is negative inside.
     normals = hull.equations[:, :3]
     offsets = hull.equations[:, 3]
     blocks = _split_into_blocks(points, len(normals))
@@ -290,31 +313,35 @@ def _fit_hull(points: Floats) -> HullFit:
     # Qhull leaves out points on faces and edges; by rounding, they may lie beside the hull.
     left_out = np.ones(len(points), dtype=np.bool_)
     left_out[hull.vertices] = False
-    beside = points[left_out & (heights > -1e-9 * np.ptp(points, axis=0).max())]
-    growth = _largest_gap(beside, hull.points[hull.simplices])
-    if len(beside):
+    size = np.ptp(points, axis=0).max()
+    points_beside = points[left_out & (heights > -1e-9 * size)]
+    growth = _bound_largest_gap(points_beside, hull.points[hull.simplices])
+    if len(points_beside):
         growth += HULL_ROUNDING * float(np.abs(points).max())
     return HullFit(points[hull.vertices], float(hull.volume), -float(heights.min()), growth)
 
 
-def _largest_gap(points: Floats, triangles: Floats) -> float:
-    """Return an upper bound of the points' distances from their nearest triangles.
+def _bound_largest_gap(points: Floats, triangles: Floats) -> float:
+    """Bound the points' distances from their nearest triangles from above.
 
-    Each point is compared with one point of each triangle: the nearest one if that is not on the
-    border, and otherwise one near it.
+    ``points`` has shape (n, 3), ``triangles`` (m, 3, 3). Each point is compared with one point of
+    each triangle: the nearest one if that is not on the border, and otherwise one near it.
     """
     origins = triangles[:, 0]
     inverses = np.linalg.pinv(triangles[:, 1:] - triangles[:, :1])
     largest = 0.0
     for block in _split_into_blocks(points, len(triangles)):
+        # Barycentric weights of the nearest point of each plane, shape (points, triangles, 3). The
+        # weights of a point beside its triangle are cut to zero or above.
         offsets = block[:, np.newaxis] - origins
         other_weights = np.einsum("pni,nij->pnj", offsets, inverses)
         first_weight = 1.0 - other_weights.sum(axis=2, keepdims=True)
         weights = np.maximum(np.concatenate([first_weight, other_weights], axis=2), 0.0)
         weights /= weights.sum(axis=2, keepdims=True)
-        members = np.einsum("pnk,nki->pni", weights, triangles)
-        gaps = np.linalg.norm(members - block[:, np.newaxis], axis=2)
-        largest = max(largest, float(gaps.min(axis=1).max(initial=0.0)))
+        points_of_triangles = np.einsum("pnk,nki->pni", weights, triangles)
+        gaps = np.linalg.norm(points_of_triangles - block[:, np.newaxis], axis=2)
+        nearest_gaps = gaps.min(axis=1)
+        largest = max(largest, float(nearest_gaps.max(initial=0.0)))
     return largest
 
 
@@ -328,20 +355,23 @@ def _split_into_blocks(points: Floats, others: int) -> list[Floats]:
 
 
 def join_roots(boxes: Floats, roots: Ints, start: int) -> tuple[Floats, Ints]:
-    """Build the nodes above several roots, whose boxes have shape (n, 9).
+    """Build the nodes above several roots of trees of hulls.
 
-    Returns rows of :attr:`Hulls.boxes` and :attr:`Hulls.nodes` for the nodes from ``start`` on; the
-    first is the root.
+    ``boxes``, shape (n, 9), are those of the ``roots``, shape (n,). Returns rows of
+    :attr:`Hulls.boxes` and :attr:`Hulls.nodes` for the nodes from ``start`` on; the first is the
+    root of all.
     """
     centers = boxes[:, :3]
     half_sides = boxes[:, 3:6]
     tree_boxes, order, spans = build_boxes(centers - half_sides, centers + half_sides)
-    inner = np.flatnonzero(spans[:, 1] > 1)
+    starts, counts = spans.T
+    inner = np.flatnonzero(counts > 1)
     # A leaf is a root; the nodes above are new.
-    numbers = roots[order[spans[:, 0]]]
+    numbers = roots[order[starts]]
     numbers[inner] = start + np.arange(len(inner))
+    # The first child follows its parent, the second one follows the nodes of the first.
     nodes = np.zeros((len(inner), 5), dtype=np.int64)
-    nodes[:, SECOND_CHILD] = numbers[inner + 2 * (spans[inner, 1] // 2)]
+    nodes[:, SECOND_CHILD] = numbers[inner + 2 * (counts[inner] // 2)]
     nodes[:, IS_WHOLE] = 1
     nodes[:, FIRST_CHILD] = numbers[inner + 1]
     new_boxes = np.zeros((len(inner), 9))
@@ -351,15 +381,16 @@ def join_roots(boxes: Floats, roots: Ints, start: int) -> tuple[Floats, Ints]:
 
 
 def node_corners(hulls: Hulls, node: int) -> tuple[Floats, float]:
-    """Return corners, shape (n, 3), and radius of a node's hull.
+    """Return the corners, shape (n, 3), of a node's hull, and the radius by which it is grown.
 
     A node without a hull has the corners of its box; metres.
     """
-    first, stop = hulls.nodes[node, 1:3].tolist()
+    first, stop = hulls.nodes[node, FIRST_CORNER], hulls.nodes[node, STOP_CORNER]
     if first < stop:
         return hulls.corners[:, first:stop].T, float(hulls.boxes[node, HULL_RADIUS])
     box = hulls.boxes[node]
-    return box[:3] + _CUBE_CORNERS * box[3:6], 0.0
+    center, half_sides = box[:3], box[3:6]
+    return center + _CUBE_CORNERS * half_sides, 0.0
 
 
 @kernel
@@ -383,8 +414,9 @@ def tree_slack(
     parts were proven apart separately.
     """
     best = enough
-    partial = False
-    moves = False
+    partial = False  # whether pieces of connected parts were proven apart separately
+    moves = False  # whether a pair is apart at the central moment, but not during the motion
+    # Rows of the stack from 1 to top - 1 have pairs of nodes that are not proven apart yet.
     scratch[0, 0] = scratch[0, 1] = -1
     scratch[1, 0] = one
     scratch[1, 1] = other
@@ -396,7 +428,7 @@ def tree_slack(
         slack, speed, center = box_slack(hulls.boxes[a], hulls.boxes[b], motion, axes, best)
         apart = True
         if slack <= best and has_hull(hulls, a) and has_hull(hulls, b):
-            offset = minus(row_at(hulls.boxes[b], 0), center)
+            offset = minus(row_at(hulls.boxes[b], CENTER), center)
             slack, apart = hull_slack(hulls, a, b, motion, speed, best, offset)
         if slack > best:
             partial = partial or hulls.nodes[a, IS_WHOLE] + hulls.nodes[b, IS_WHOLE] < 2
@@ -413,11 +445,11 @@ def tree_slack(
             motion = stop_motion(motion)
             moves = True
             continue
-        best = min(slack, best - 1e-300) if apart else -math.inf
+        best = min(slack, best - TINY) if apart else -math.inf
         if best <= 0.0:
             break
     scratch[1, 0] = 1 if partial else 0
-    return min(best, -1e-300) if moves else best
+    return min(best, -TINY) if moves else best
 
 
 @kernel
@@ -429,9 +461,11 @@ def stop_motion(motion: RelativeMotion) -> RelativeMotion:
 
 @kernel
 def is_final(hulls: Hulls, a: int, b: int, axes: Floats, apart: bool, slack: float) -> bool:
-    """Return True if the children of two nodes prove no more.
+    """Return True if the children of nodes a and b would prove no more than their hulls.
 
-    The nodes are leaves, or the motion is too long for any of their children.
+    The nodes are leaves, or the motion is too long for any of their children. ``apart`` and
+    ``slack`` are those of their hulls; ``axes``, shape (k, 8), are those of
+    :func:`cspace.bodies.triangles.joint_displacement`.
     """
     if not (has_hull(hulls, a) and has_hull(hulls, b)):
         return False
@@ -440,7 +474,7 @@ def is_final(hulls: Hulls, a: int, b: int, axes: Floats, apart: bool, slack: flo
     # The children may be apart even if the hulls are not, unless the motion is too long.
     loose = hulls.boxes[a, LOOSENESS] + hulls.boxes[b, LOOSENESS]
     for k in range(len(axes)):
-        loose += 2.0 * axes[k, 6] * hulls.boxes[a, BALL_RADIUS]
+        loose += 2.0 * axes[k, CHORD] * hulls.boxes[a, BALL_RADIUS]
     return bool(apart and slack + loose < 0.0)
 
 
@@ -448,17 +482,17 @@ def is_final(hulls: Hulls, a: int, b: int, axes: Floats, apart: bool, slack: flo
 def box_slack(
     box: Floats, fixed: Floats, motion: RelativeMotion, axes: Floats, enough: float
 ) -> tuple[float, float, Row]:
-    """Return the slack of two nodes by their boxes.
+    """Bound (distance - required distance) of two nodes from below, by their boxes.
 
-    The ball of the first node decides if the boxes' slack is at most ``enough``.
-
-    Also returns a bound of the displacement of the first node, and its center.
+    ``box`` and ``fixed``, shape (9,), are rows of :attr:`Hulls.boxes`; ``axes`` has shape (k, 8).
+    The ball of the first node decides if the boxes' slack is at most ``enough``. Also returns a
+    bound of the displacement of the first node, and its center as seen from the second.
     """
     half_time = motion.half_time
     limit = motion.max_displacement
     ball_radius = box[BALL_RADIUS]
-    center = apply_pose(motion.matrix, motion.position, row_at(box, 0))
-    half = box_extent(motion.matrix, row_at(box, 3))
+    center = apply_pose(motion.matrix, motion.position, row_at(box, CENTER))
+    half = box_extent(motion.matrix, row_at(box, HALF_SIDES))
     velocity = add_scaled(motion.velocity, cross(motion.spin, center), 1.0)
     # Points move around the center, too.
     spin_speed = math.sqrt(dot(motion.spin, motion.spin)) * ball_radius
@@ -467,7 +501,7 @@ def box_slack(
     slack = -math.inf
     squared_distance = 0.0  # of the center from the fixed box
     for axis in range(3):
-        outside = abs(center[axis] - fixed[axis]) - fixed[3 + axis]
+        outside = abs(center[axis] - fixed[CENTER + axis]) - fixed[HALF_SIDES + axis]
         displacement = min(half_time * abs(velocity[axis]) + around, limit)
         slack = max(slack, outside - half[axis] - displacement)
         squared_distance += max(outside, 0.0) ** 2
@@ -480,19 +514,20 @@ def box_slack(
 
 @kernel
 def has_hull(hulls: Hulls, node: int) -> bool:
-    """Return True if a node has a convex hull.
+    """Return True if a node can be tested as a convex hull.
 
-    A leaf without corners fills its box.
+    Each leaf can: one without corners fills its box.
     """
     return bool(hulls.nodes[node, SECOND_CHILD] == 0 or hulls.nodes[node, STOP_CORNER] > 0)
 
 
 @kernel
 def split_pair(hulls: Hulls, a: int, b: int, center: Row, scratch: Ints, row: int) -> None:
-    """Replace a pair of nodes by two pairs with children.
+    """Replace a pair of nodes by two pairs with the children of one of them.
 
-    Writes them to two rows of ``scratch``, from ``row`` on. A node without a hull is split first,
-    then the larger node. ``center`` is that of node a, as seen from node b.
+    Writes them to two rows of the stack ``scratch``, shape (MAX_PENDING_PAIRS, 2), from ``row`` on.
+    A node without a hull is split first, then the larger node. ``center`` is that of node a, as
+    seen from node b.
     """
     a_has_hull = has_hull(hulls, a)
     prefers_a = not a_has_hull
@@ -509,8 +544,8 @@ def split_pair(hulls: Hulls, a: int, b: int, center: Row, scratch: Ints, row: in
     # The nearer child comes last, so that it is tested first and its bound prunes the other.
     nearer = hulls.nodes[b, FIRST_CHILD]
     farther = hulls.nodes[b, SECOND_CHILD]
-    to_nearer = minus(center, row_at(hulls.boxes[nearer], 0))
-    to_farther = minus(center, row_at(hulls.boxes[farther], 0))
+    to_nearer = minus(center, row_at(hulls.boxes[nearer], CENTER))
+    to_farther = minus(center, row_at(hulls.boxes[farther], CENTER))
     if dot(to_nearer, to_nearer) > dot(to_farther, to_farther):
         nearer, farther = farther, nearer
     scratch[row, 0] = a
@@ -523,10 +558,11 @@ def split_pair(hulls: Hulls, a: int, b: int, center: Row, scratch: Ints, row: in
 def hull_slack(
     hulls: Hulls, a: int, b: int, motion: RelativeMotion, speed: float, enough: float, n: Row
 ) -> tuple[float, bool]:
-    """Return the slack of two hulls, as :func:`tree_slack` does.
+    """Bound (distance - required distance) of two hulls from below; see :func:`tree_slack`.
 
     Also returns whether they are apart at the central moment. ``speed`` bounds the displacement of
-    the first hull. ``n``, of any length or zero, is the first direction tried.
+    the first hull. ``n``, of any length or zero, is the first direction tried. Later ones lead
+    between the nearest points that the search has found.
     """
     required = motion.required + hulls.boxes[a, HULL_RADIUS] + hulls.boxes[b, HULL_RADIUS]
     best = -math.inf
@@ -538,6 +574,7 @@ def hull_slack(
     for _ in range(MAX_GJK_STEPS):
         square = dot(n, n)
         if not 1e-200 < square < math.inf:
+            # No direction is left; at first, any will do.
             if count:
                 break
             n = (1.0, 0.0, 0.0)
@@ -545,6 +582,7 @@ def hull_slack(
         n = scale_vector(n, 1.0 / math.sqrt(square))
         a_point, high = support_point(hulls, a, rotate_back(motion.matrix, n))
         b_point, low = support_point(hulls, b, scale_vector(n, -1.0))
+        # The gap between the projections onto n bounds the distance from below.
         gap_along = -low - high - dot(n, motion.position)
         if gap_along - required > gap:
             gap = gap_along - required
@@ -556,12 +594,15 @@ def hull_slack(
         # found.
         if length <= required:
             break
-        hoped = best + length - required - gap
-        if gap > 0.0 and speed > 0.0 and hoped <= enough:
-            best = hoped
+        # If no better direction could be enough, the caller halves the motion.
+        largest_slack = best + length - required - gap
+        if gap > 0.0 and speed > 0.0 and largest_slack <= enough:
+            best = largest_slack
             break
+        # The nearest points are found up to rounding.
         if count and length - gap_along <= 1e-10 * length:
             break
+        # Go on from the corners that are farthest along n.
         posed_point = apply_pose(motion.matrix, motion.position, a_point)
         n, p, q, r, count = nearest_in_simplex(minus(b_point, posed_point), p, q, r, count)
         before = length
@@ -580,11 +621,11 @@ def slack_along(
     low: float,
     limits: tuple[float, float, float, float],
 ) -> float:
-    """Return the slack of two hulls along n.
+    """Bound (distance - required distance) of two hulls from below by projections onto n.
 
-    It is that of any motion up to a speed, or that of the linear motion if larger. ``low`` is the
-    coordinate of the second hull along -n. ``limits`` are the central gap, the required distance,
-    the speed, and the slack that is enough.
+    The bound is that of any motion up to a speed, or that of the linear motion if larger. ``low``
+    is the coordinate of the second hull along -n. ``limits`` are the central gap, the required
+    distance, the speed, and the slack that is enough.
     """
     gap, required, speed, enough = limits
     slack = gap - required - speed
@@ -603,20 +644,18 @@ def slack_along(
 
 @kernel
 def support_point(hulls: Hulls, node: int, n: Row) -> tuple[Row, float]:
-    """Return the farthest corner of a hull along n.
-
-    Also returns its coordinate along n.
-    """
+    """Return the farthest corner of a node's hull along n, and its coordinate along n."""
     first = hulls.nodes[node, FIRST_CORNER]
     stop = hulls.nodes[node, STOP_CORNER]
     x, y, z = n
     if first == stop:
         # A leaf that fills its axis-aligned box has no stored corners.
-        box = hulls.boxes[node]
+        center = row_at(hulls.boxes[node], CENTER)
+        half = row_at(hulls.boxes[node], HALF_SIDES)
         corner = (
-            box[0] + math.copysign(box[3], x),
-            box[1] + math.copysign(box[4], y),
-            box[2] + math.copysign(box[5], z),
+            center[0] + math.copysign(half[0], x),
+            center[1] + math.copysign(half[1], y),
+            center[2] + math.copysign(half[2], z),
         )
         return corner, dot(corner, n)
     xs, ys, zs = hulls.corners[0], hulls.corners[1], hulls.corners[2]
@@ -672,10 +711,12 @@ def nearest_in_simplex(
 
 @kernel
 def nearest_in_triangle(a: Row, b: Row, c: Row) -> tuple[Row, Row, Row, Row, int]:
-    """Find the point of a triangle nearest the origin.
+    """Find the point of a triangle nearest the origin; its corners may coincide.
 
-    Returns as :func:`nearest_in_simplex`; corners may coincide.
+    Returns the point, the corners of its corner, edge or face, padded to three, and their number,
+    from 1 to 3.
     """
+    # The point is a + s (b - a) + t (c - a). On a corner or edge, a weight is exactly 0, or 1.
     s, t = triangle_weights(a, b, c)
     if s == 0.0 and t == 0.0:
         return a, a, a, a, 1

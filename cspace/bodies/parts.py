@@ -12,7 +12,7 @@ from cspace.support.arrays import Floats, Ints
 
 
 def as_triangles(parts: Sequence[RoundedSimplices]) -> RoundedSimplices:
-    """Join pieces into triangles in space.
+    """Join points, segments and triangles, with their radii, into triangles in space.
 
     Points and segments repeat their last corner. Pieces of the plane lie at z = 0.
     """
@@ -35,6 +35,7 @@ def connected_parts(border: RoundedSimplices) -> tuple[Floats, Ints]:
     corners, dim = border.simplices.shape[1:]
     points, indices = np.unique(border.simplices.reshape(-1, dim), axis=0, return_inverse=True)
     simplices = indices.reshape(-1, corners)
+    # Join each corner of a simplex to the next.
     edge_starts = simplices[:, :-1].ravel()
     edge_ends = simplices[:, 1:].ravel()
     labels = component_labels(edge_starts, edge_ends, len(points))

@@ -61,9 +61,29 @@ MIN_SQUARED_LENGTH = 2.0**-600
 """Squared length of the shortest vector used as a projection axis."""
 
 
+MAX_PROJECTIONS = 16
+"""Alternating projections between a triangle and a box after which no common point is found."""
+
+
 MAX_PENDING_PAIRS = 128
 """Capacity of the stack of node pairs; a search needs at most the levels of both trees, plus a few.
 """
+
+
+CENTER, HALF_SIDES, LEVER = 0, 3, 6
+"""Columns of a tree's ``boxes`` where the center, the half sides and the longest lever begin."""
+
+
+FIRST_ITEM, ITEM_COUNT = range(2)
+"""Columns of a tree's ``spans``."""
+
+
+RADIUS = 9
+"""Column of :attr:`Trees.triangles` after the three corners."""
+
+
+DIRECTION, AXIS_POINT, CHORD, TRANSLATION = 0, 3, 6, 7
+"""Columns of the ``axes`` of :func:`joint_displacement` where each entry begins."""
 
 
 class Trees(NamedTuple):
@@ -141,33 +161,35 @@ class Motion(NamedTuple):
 
 
 def build_trees(borders: Sequence[RoundedSimplices], about_z: bool) -> tuple[Trees, list[int]]:
-    """Build one tree for each set of triangles.
+    """Build one tree for each set of triangles, all in one record.
 
-    Returns them with their roots. Levers are distances from the z axis if ``about_z``, else from
-    the origin.
+    Also returns the root of each, -1 for an empty one. Levers are distances from the z axis if
+    ``about_z``, else from the origin.
     """
     trees = []
     for border in borders:
-        arms = border.simplices[..., : 2 if about_z else 3]
-        levers = np.linalg.norm(arms, axis=-1).max(axis=1)
-        trees.append(build_tree(pack_triangles(border), levers))
+        dims_across_axis = 2 if about_z else 3
+        corner_levers = np.linalg.norm(border.simplices[..., :dims_across_axis], axis=-1)
+        trees.append(build_tree(pack_triangles(border), corner_levers.max(axis=1)))
     joined, roots = join_trees(trees, NO_TREE)
     return joined, roots.tolist()
 
 
 def build_tree(rows: Floats, levers: Floats) -> Trees:
-    """Build a tree from rows of :attr:`Trees.triangles` and their levers."""
-    boxes, order, spans = build_boxes(*bound_rows(rows))
+    """Build a tree from rows of :attr:`Trees.triangles`, shape (n, 10), and their levers, (n,)."""
+    low, high = bound_rows(rows)
+    boxes, order, spans = build_boxes(low, high)
     longest_levers = node_maxima(levers[order], spans)
     return Trees(np.column_stack([boxes, longest_levers]), spans, rows[order])
 
 
 def join_trees(trees: Sequence[AnyTree], empty: AnyTree) -> tuple[AnyTree, Ints]:
-    """Join trees in one record.
+    """Join trees in one record, and return the root of each tree there, -1 if it is empty.
 
-    Also returns the root of each tree, -1 if it is empty.
+    ``empty`` is a tree of the same type without triangles.
     """
-    shifted = []
+    # Spans name triangles by their index, which moves up by the triangles of the trees before.
+    shifted = [empty]
     roots = []
     node = 0
     triangle = 0
@@ -176,8 +198,8 @@ def join_trees(trees: Sequence[AnyTree], empty: AnyTree) -> tuple[AnyTree, Ints]
         shifted.append(tree._replace(spans=tree.spans + np.array([triangle, 0])))
         node += len(tree.boxes)
         triangle += len(tree.triangles)
-    columns = zip(empty, *shifted, strict=True)
-    return type(empty)(*map(np.concatenate, columns)), np.array(roots, dtype=np.int64)
+    joined = map(np.concatenate, zip(*shifted, strict=True))
+    return type(empty)(*joined), np.array(roots, dtype=np.int64)
 
 
 def pack_triangles(border: RoundedSimplices) -> Floats:
@@ -186,49 +208,54 @@ def pack_triangles(border: RoundedSimplices) -> Floats:
 
 
 def pack_boxes(lows: Floats, highs: Floats, pose: Floats) -> Floats:
-    """Return posed axis-aligned boxes as rows of a tree.
+    """Return posed axis-aligned boxes as rows of a tree, shape (n, 10).
 
-    The corners have shapes (n, 3), the pose (4, 4).
+    Their lower and upper corners have shapes (n, 3), the pose (4, 4).
     """
     rotation = pose[:3, :3]
-    half = 0.5 * (highs - lows)
+    half_x, half_y, half_z = 0.5 * (highs - lows).T
     centers = 0.5 * (lows + highs) @ rotation.T + pose[:3, 3]
-    first = half[:, :1] * rotation[:, 0]
-    second = half[:, 1:2] * rotation[:, 1]
-    return np.column_stack([centers, first, second, -half[:, 2]])
+    # Two half axes as vectors, and the length of the third; its minus sign marks a box.
+    first = half_x[:, np.newaxis] * rotation[:, 0]
+    second = half_y[:, np.newaxis] * rotation[:, 1]
+    return np.column_stack([centers, first, second, -half_z])
 
 
 def half_axes(boxes: Floats) -> Floats:
-    """Return the half axes of box rows, shape (n, 3, 3)."""
+    """Return the half axes of boxes, shape (n, 3, 3), from their rows of a tree, shape (n, 10)."""
     first = boxes[:, 3:6]
     second = boxes[:, 6:9]
+    # The third is normal to both; only its length is stored, negated.
     third = np.cross(first, second)
-    third *= (boxes[:, 9] / np.linalg.norm(third, axis=1))[:, None]
-    return np.stack([first, second, third], axis=1)
+    scales = boxes[:, RADIUS] / np.linalg.norm(third, axis=1)
+    return np.stack([first, second, scales[:, np.newaxis] * third], axis=1)
 
 
 def bound_rows(rows: Floats) -> tuple[Floats, Floats]:
-    """Return the corners of the bounding box of each row.
+    """Return the lower and upper corner of the bounding box of each row, shapes (n, 3).
 
-    Both have shape (n, 3).
+    ``rows``, shape (n, 10), are those of :attr:`Trees.triangles`.
     """
     corners = rows[:, :9].reshape(-1, 3, 3)
-    grown = np.maximum(rows[:, 9:], 0.0)
-    low = corners.min(axis=1) - grown
-    high = corners.max(axis=1) + grown
-    is_box = rows[:, 9] < 0.0
-    half = np.abs(half_axes(rows[is_box])).sum(axis=1)
-    low[is_box] = rows[is_box, :3] - half
-    high[is_box] = rows[is_box, :3] + half
+    radii = np.maximum(rows[:, RADIUS], 0.0)[:, np.newaxis]
+    low = corners.min(axis=1) - radii
+    high = corners.max(axis=1) + radii
+    # Rows of boxes have no corners, but a center and half axes.
+    is_box = rows[:, RADIUS] < 0.0
+    centers = rows[is_box, :3]
+    half_sides = np.abs(half_axes(rows[is_box])).sum(axis=1)
+    low[is_box] = centers - half_sides
+    high[is_box] = centers + half_sides
     return low, high
 
 
 def build_boxes(low: Floats, high: Floats) -> tuple[Floats, Ints, Ints]:
-    """Build the boxes of a tree around items in boxes.
+    """Build the boxes of a tree around items, level by level.
 
-    Each level halves the items of its nodes along the longest side. Returns the boxes, shape (m,
-    6), the order of the items in the tree, and the first item and number of items of each node,
-    shape (m, 2).
+    ``low`` and ``high``, shapes (n, 3), are the corners of the items' boxes. Each level halves the
+    items of its nodes along the longest side. Returns the boxes, shape (m, 6), the order of the
+    items in the tree, shape (n,), and the first item and number of items of each node, shape (m,
+    2).
     """
     number_of_nodes = max(2 * len(low) - 1, 0)
     boxes = np.empty((number_of_nodes, 6))
@@ -241,10 +268,12 @@ def build_boxes(low: Floats, high: Floats) -> tuple[Floats, Ints, Ints]:
     start = np.zeros_like(node)
     count = np.full_like(node, len(low))
     while len(node):
+        # Write the nodes of this level.
         lower = -_maxima_between(-low[order], start, start + count)
         upper = _maxima_between(high[order], start, start + count)
         boxes[node] = np.hstack([0.5 * (lower + upper), 0.5 * (upper - lower)])
         spans[node] = np.column_stack([start, count])
+        # Go on with the nodes that have children.
         has_children = count > 1
         longest_axis = (upper - lower).argmax(axis=1)[has_children]
         node = node[has_children]
@@ -257,6 +286,7 @@ def build_boxes(low: Floats, high: Floats) -> tuple[Floats, Ints, Ints]:
         items = order[places]
         keys = centers[items, longest_axis[owner]]
         order[places] = items[np.lexsort((keys, owner))]
+        # The first child follows its parent, the second one follows the nodes of the first.
         half = count // 2
         node = np.concatenate([node + 1, node + 2 * half])
         start = np.concatenate([start, start + half])
@@ -265,7 +295,10 @@ def build_boxes(low: Floats, high: Floats) -> tuple[Floats, Ints, Ints]:
 
 
 def _maxima_between(rows: Floats, starts: Ints, stops: Ints) -> Floats:
-    """Return the maxima of rows ``starts[i]`` to ``stops[i] - 1``, for each i."""
+    """Return the maximum, by column, of the rows from ``starts[i]`` up to ``stops[i]``, for each i.
+
+    ``rows`` has shape (n,) or (n, d), the result one entry or row for each i.
+    """
     # ``reduceat`` also gives the maxima between a stop and the next start, which are left out.
     bounds = np.stack([starts, stops], axis=1).ravel()
     padded = np.append(rows, rows[:1], axis=0)  # a stop may be the number of rows
@@ -273,10 +306,15 @@ def _maxima_between(rows: Floats, starts: Ints, stops: Ints) -> Floats:
 
 
 def node_maxima(values: Floats, spans: Ints) -> Floats:
-    """Return the largest value among the items of each node."""
+    """Return the largest value, shape (m,), among the items of each node.
+
+    ``values``, shape (n,), are those of the items; ``spans``, shape (m, 2), has the first item of
+    each node and their number.
+    """
     if not len(spans):
         return np.empty(0)
-    return _maxima_between(values, spans[:, 0], spans.sum(axis=1))
+    starts, counts = spans.T
+    return _maxima_between(values, starts, starts + counts)
 
 
 @kernel
@@ -287,10 +325,12 @@ def free_fraction(
 
     The fraction is at most ``enough``. Robot and others are given by the roots of their trees, -1
     for none. The result is negative if the robot is too near at its current pose. ``nodes``, shape
-    (MAX_PENDING_PAIRS, 2), keeps in its first row the pair of triangles that set the last bound,
-    because the same pair often sets the next one; -1 means none.
+    (MAX_PENDING_PAIRS, 2), is a stack of pairs of a robot's node and another node. It keeps in its
+    first row the pair of triangles that set the last bound, because the same pair often sets the
+    next one; -1 means none.
     """
     best = float(enough)
+    # Begin with the pairs of roots, and on top of them the pair of the last bound.
     top = 1
     for other in others:
         if other >= 0:
@@ -307,10 +347,12 @@ def free_fraction(
         if top == 0:
             break
         a, b = nodes[top, 0], nodes[top, 1]
-        a_row = trees.triangles[trees.spans[a, 0]]
-        b_row = trees.triangles[trees.spans[b, 0]]
-        drift = trees.boxes[a, 6] * motion.angle + motion.drift
+        a_row = trees.triangles[trees.spans[a, FIRST_ITEM]]
+        b_row = trees.triangles[trees.spans[b, FIRST_ITEM]]
+        # The robot's triangle turns by at most its lever times the angle.
+        drift = trees.boxes[a, LEVER] * motion.angle + motion.drift
         fraction = pair_free_fraction(a_row, b_row, motion, drift, best)
+        # Pairs that follow must be apart for a shorter part of the motion only.
         if fraction < best:
             best = fraction
             nodes[0, 0] = a
@@ -324,10 +366,11 @@ def next_leaves(
 ) -> int:
     """Find two leaves that may come too near during a motion.
 
-    Only the given ``fraction`` of the motion counts. With the ``axes`` of a box of configurations,
-    skip nodes that may move past each other there. ``nodes``, shape (MAX_PENDING_PAIRS, 2), is a
-    stack of pairs of nodes in the rows from 1 to ``top - 1``. Returns the row of the leaves, above
-    the remaining pairs; 0 if there are none.
+    Only the given ``fraction`` of the motion counts. With the ``axes``, shape (k, 8), of a box of
+    configurations, skip nodes that may move past each other there. ``nodes``, shape
+    (MAX_PENDING_PAIRS, 2), is a stack of pairs of nodes, of the moving and of the fixed tree, in
+    the rows from 1 to ``top - 1``. Returns the row of the leaves, above the remaining pairs; 0 if
+    there are none.
     """
     step = motion.step
     required = motion.required
@@ -336,26 +379,28 @@ def next_leaves(
         a, b = nodes[top, 0], nodes[top, 1]
         a_box = trees.boxes[a]
         b_box = trees.boxes[b]
-        a_center = apply_pose(motion.matrix, motion.position, row_at(a_box, 0))
-        a_half = box_extent(motion.matrix, row_at(a_box, 3))
-        b_half = row_at(b_box, 3)
-        drift = a_box[6] * motion.angle + motion.drift
+        a_center = apply_pose(motion.matrix, motion.position, row_at(a_box, CENTER))
+        a_half = box_extent(motion.matrix, row_at(a_box, HALF_SIDES))
+        b_half = row_at(b_box, HALF_SIDES)
+        # The box that a sweeps, grown by the required distance.
+        drift = a_box[LEVER] * motion.angle + motion.drift
         swept_half = (
             a_half[0] + required + fraction * (abs(step[0]) + drift),
             a_half[1] + required + fraction * (abs(step[1]) + drift),
             a_half[2] + required + fraction * (abs(step[2]) + drift),
         )
-        if boxes_are_apart(minus(a_center, row_at(b_box, 0)), swept_half, b_half):
+        if boxes_are_apart(minus(a_center, row_at(b_box, CENTER)), swept_half, b_half):
             continue
-        a_count, b_count = trees.spans[a, 1], trees.spans[b, 1]
+        a_count, b_count = trees.spans[a, ITEM_COUNT], trees.spans[b, ITEM_COUNT]
         b_size = b_half[0] + b_half[1] + b_half[2]
         if len(axes) > 0:
-            # Triangles stay crossed only if both are larger than twice the displacement.
-            unposed_half = row_at(a_box, 3)
+            # Triangles stay crossed only if both are larger than twice the displacement. The
+            # negative radius gives the least displacement of any part of the ball.
+            unposed_half = row_at(a_box, HALF_SIDES)
             a_size = math.sqrt(dot(unposed_half, unposed_half))
             radius = a_size if a_count == 1 else -a_size
             moved = joint_displacement(axes, a_center, radius)
-            b_is_filled = trees.triangles[trees.spans[b, 0], 9] != 0.0
+            b_is_filled = trees.triangles[trees.spans[b, FIRST_ITEM], RADIUS] != 0.0
             if b_size <= moved or (a_size <= moved and not b_is_filled):
                 continue
         if a_count == 1 and b_count == 1:
@@ -363,7 +408,8 @@ def next_leaves(
         # Split the node with the larger box; its second child goes below the first.
         nodes[top + 1, 0] = a
         nodes[top + 1, 1] = b
-        if a_count == 1 or (b_count > 1 and b_size > a_half[0] + a_half[1] + a_half[2]):
+        splits_b = a_count == 1 or (b_count > 1 and b_size > a_half[0] + a_half[1] + a_half[2])
+        if splits_b:
             nodes[top, 1] = b + 2 * (b_count // 2)
             nodes[top + 1, 1] = b + 1
         else:
@@ -377,16 +423,18 @@ def next_leaves(
 def joint_displacement(axes: Floats, point: Row, radius: float) -> float:
     """Bound the displacement of a ball's points in a box of configurations.
 
-    ``axes``, shape (k, 8), has a row for each joint between the ball and the observer: direction
-    and a point of its axis at the center of the box, its rotation as a chord of the unit circle,
-    and a translation. Move the joints one after another, beginning at the observer. Each moves the
-    ball and the axes of all later joints together, so the distances of the ball from these axes are
-    still those at the center.
+    The ball has the center ``point``. ``axes``, shape (k, 8), has a row for each joint between the
+    ball and the observer: direction and a point of its axis at the center of the box, its rotation
+    as a chord of the unit circle, and a translation. Move the joints one after another, beginning
+    at the observer. Each moves the ball and the axes of all later joints together, so the distances
+    of the ball from these axes are still those at the center.
     """
     total = 0.0
     for k in range(len(axes)):
-        arm = cross(row_at(axes[k], 0), minus(point, row_at(axes[k], 3)))
-        total += axes[k, 6] * (math.sqrt(dot(arm, arm)) + radius) + axes[k, 7]
+        axis = axes[k]
+        # The lever arm is as long as the distance of the ball's center from the axis.
+        arm = cross(row_at(axis, DIRECTION), minus(point, row_at(axis, AXIS_POINT)))
+        total += axis[CHORD] * (math.sqrt(dot(arm, arm)) + radius) + axis[TRANSLATION]
     return total
 
 
@@ -405,9 +453,11 @@ def boxes_are_apart(offset: Row, half: Row, other_half: Row) -> bool:
 
 @kernel
 def pair_free_fraction(p: Floats, q: Floats, motion: Motion, drift: float, enough: float) -> float:
-    """Return :func:`free_fraction` of two triangles.
+    """Return the fraction of a motion during which two triangles are proven apart.
 
-    The first moves by up to ``drift`` in any direction.
+    It is at most ``enough``, and negative if they are too near at once. The rows p, of the robot,
+    and q, shape (10,), hold three corners and a radius. The first also moves by up to ``drift`` in
+    any direction.
     """
     # Use the first corner of the robot's triangle as the origin, for the smaller rounding.
     first = row_at(p, 0)
@@ -419,7 +469,8 @@ def pair_free_fraction(p: Floats, q: Floats, motion: Motion, drift: float, enoug
     b = minus(row_at(q, 0), origin), minus(row_at(q, 3), origin), minus(row_at(q, 6), origin)
     a_edges, b_edges = edge_vectors(a), edge_vectors(b)
     step = motion.step
-    required = motion.required + p[9] + q[9]
+    required = motion.required + p[RADIUS] + q[RADIUS]
+    # Any direction gives a lower bound, and the best one counts.
     a_normal = cross(a_edges[0], a_edges[1])
     b_normal = cross(b_edges[0], b_edges[1])
     best = free_fraction_along(a_normal, a, b, step, drift, required)
@@ -462,10 +513,11 @@ def edge_vectors(a: Corners) -> Corners:
 def free_fraction_along(
     n: Row, a: Corners, b: Corners, step: Row, drift: float, required: float
 ) -> float:
-    """Return :func:`free_fraction` of two triangles projected onto n.
+    """Return the fraction of a motion during which the projections onto n of triangles are apart.
 
-    The result is -1 if too near or n is too short. Corners are relative to the first corner of a,
-    which moves by ``step``, forwards or backwards, and by up to ``drift`` in any direction.
+    The result is -1 if they are too near at once, or n is too short. Corners are relative to the
+    first corner of a, which moves by ``step``, forwards or backwards, and by up to ``drift`` in any
+    direction.
     """
     squared_length = dot(n, n)
     if not MIN_SQUARED_LENGTH < squared_length < math.inf:
@@ -485,24 +537,26 @@ def free_fraction_along(
 
 @kernel
 def read_box(q: Floats) -> OrientedBox:
-    """Return a box row as center and half axes."""
-    u, v = row_at(q, 3), row_at(q, 6)
-    w = cross(u, v)
-    return row_at(q, 0), u, v, scale_vector(w, q[9] / math.sqrt(dot(w, w)))
+    """Return the center and the half axes of a box from its row of a tree, shape (10,)."""
+    center, u, v = row_at(q, 0), row_at(q, 3), row_at(q, 6)
+    # The third half axis is normal to the others; only its length is stored, negated.
+    normal = cross(u, v)
+    return center, u, v, scale_vector(normal, q[RADIUS] / math.sqrt(dot(normal, normal)))
 
 
 @kernel
 def piece_depth(row: Floats, point: Row) -> float:
-    """Return the depth of a point in a box or ball.
+    """Return the depth of a point in a box or ball, negative outside.
 
-    It is negative outside and for other rows.
+    ``row``, shape (10,), is one of :attr:`Trees.triangles`; the depth in a triangle is -inf.
     """
-    radius = float(row[9])
+    radius = float(row[RADIUS])
     from_center = minus(point, row_at(row, 0))
     if radius == 0.0:
         return -np.inf
     if radius > 0.0:
         return radius - math.sqrt(dot(from_center, from_center))
+    # In a box, the nearest face counts; outside, the distance from the box.
     _, first, second, third = read_box(row)
     depth = np.inf
     squared_distance = 0.0
@@ -518,16 +572,16 @@ def piece_depth(row: Floats, point: Row) -> float:
 
 @kernel
 def pierces(corners: Corners, q: Floats, depth: float) -> bool:
-    """Return True if a triangle reaches deep into a box or ball.
+    """Return True if a point of a triangle is found deeper than ``depth`` in a box or ball.
 
-    A point of the triangle is found deeper than ``depth``.
+    ``q``, shape (10,), is the row of the box or ball.
     """
     first = corners[0]
     to_second, to_third = minus(corners[1], first), minus(corners[2], first)
-    is_ball = q[9] > 0.0
-    target = row_at(q, 0)
-    scale = 0.5
-    for _ in range(16):
+    is_ball = q[RADIUS] > 0.0
+    target = row_at(q, 0)  # the center
+    scale = 0.5  # of the shrunken box
+    for _ in range(MAX_PROJECTIONS):
         from_first = nearest_of_triangle(minus(target, first), to_second, to_third)
         nearest = add_scaled(first, from_first, 1.0)
         if piece_depth(q, nearest) > depth:
@@ -555,6 +609,7 @@ def crosses(a: Corners, b: Corners, tolerance: float, displacement: float) -> bo
     """
     for triangle, other in ((a, b), (b, a)):
         for k in range(3):
+            # The edge from corner k to the next one.
             p, q = triangle[k], triangle[(k + 1) % 3]
             if not _passes_through(p, q, other, tolerance):
                 continue
@@ -565,7 +620,7 @@ def crosses(a: Corners, b: Corners, tolerance: float, displacement: float) -> bo
 
 @kernel
 def _passes_through(p: Row, q: Row, b: Corners, tolerance: float) -> bool:
-    """Return True if a segment from p to q provably passes through b.
+    """Return True if a segment from p to q provably passes through triangle b.
 
     The ends of the segment lie on opposite sides of the plane of b, and its line passes all edges
     of b on the same side.
@@ -591,6 +646,7 @@ def _stays_through(p: Row, q: Row, b: Corners, displacement: float) -> bool:
     distances exceed ``displacement``. Each is bounded by projections onto a line along the nearest
     points.
     """
+    # Both ends of the segment must be far from the triangle.
     for end in (p, q):
         u, v, w = minus(b[0], end), minus(b[1], end), minus(b[2], end)
         from_u = nearest_of_triangle(scale_vector(u, -1.0), minus(v, u), minus(w, u))
@@ -598,6 +654,7 @@ def _stays_through(p: Row, q: Row, b: Corners, displacement: float) -> bool:
         gap = min(dot(n, u), dot(n, v), dot(n, w))
         if not gap > displacement * math.sqrt(dot(n, n)):
             return False
+    # The segment must be far from the three edges.
     for k in range(3):
         c, d = b[k], b[(k + 1) % 3]
         n = gap_between(p, minus(q, p), c, minus(d, c))

@@ -14,9 +14,10 @@ import typer
 from typer.core import TyperGroup
 
 from cspace.cli.compile import compile_ahead
+from cspace.cli.config import config
 from cspace.cli.info import info
 from cspace.cli.maps import export, make, picture, view
-from cspace.cli.planning import demo, plan
+from cspace.cli.planning import demo, explain, plan
 from cspace.cli.report import format_error, join_lines, option_names
 from cspace.errors import AngleWarning, CspaceError
 
@@ -96,11 +97,13 @@ _COMMANDS: dict[str, Callable[..., None]] = {
     "demo": demo,
     "map": make,
     "plan": plan,
+    "explain": explain,
     "info": info,
     "plot": picture,
     "view": view,
     "export": export,
     "compile": compile_ahead,
+    "config": config,
 }
 for _name, _command in _COMMANDS.items():
     app.command(_name)(_command)

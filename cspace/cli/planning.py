@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -25,25 +26,32 @@ if TYPE_CHECKING:
 _PATH_SUFFIXES = (".csv", ".json")
 
 
+Start = Annotated[
+    str,
+    typer.Option(
+        metavar=CONFIGURATION,
+        help="Where the robot is, metres; e.g. --start=-1,2, with rotations -1,2,90deg, in "
+        "space -1,2,0.5; on a "
+        "map of joints 90deg,-0.5,0.2, each in radians, degrees or metres.",
+    ),
+]
+"""The option --start."""
+
+Goal = Annotated[
+    str,
+    typer.Option(
+        metavar=CONFIGURATION,
+        help="Where it goes; ROTATION is a yaw, e.g. 90deg, or QX,QY,QZ,QW.",
+    ),
+]
+"""The option --goal."""
+
+
 def plan(
     context: typer.Context,
     file: MapFile,
-    start: Annotated[
-        str,
-        typer.Option(
-            metavar=CONFIGURATION,
-            help="Where the robot is, metres; e.g. --start=-1,2, with rotations -1,2,90deg, in "
-            "space -1,2,0.5; on a "
-            "map of joints 90deg,-0.5,0.2, each in radians, degrees or metres.",
-        ),
-    ],
-    goal: Annotated[
-        str,
-        typer.Option(
-            metavar=CONFIGURATION,
-            help="Where it goes; ROTATION is a yaw, e.g. 90deg, or QX,QY,QZ,QW.",
-        ),
-    ],
+    start: Start,
+    goal: Goal,
     output: Annotated[
         list[Path] | None,
         typer.Option(
@@ -97,6 +105,7 @@ def plan(
     from cspace.opening import open_map
     from cspace.plot import PICTURE_SUFFIXES, save_plot
 
+    # Check all outputs before the search, so that no result is lost.
     check_outputs(output or [], _PATH_SUFFIXES, overwrite)
     check_outputs([picture], PICTURE_SUFFIXES, overwrite)
     check_outputs([animate], (".gif",), overwrite)
@@ -110,6 +119,7 @@ def plan(
     options |= {"time_limit": time_limit, "simplify": simplify}
     with clock.step("plan"):
         planned = planners.plan(space, first, last, **options)
+    # The proven distance to obstacles may take as long as the search.
     with clock.step("measure"):
         described = _describe(planned)
         if planned.solved:
@@ -134,6 +144,45 @@ def plan(
         raise typer.Exit(1)
 
 
+def explain(
+    file: MapFile,
+    start: Start,
+    goal: Goal,
+    refine: Annotated[
+        bool, typer.Option("--refine", help="Build finer windows where the map is undecided.")
+    ] = False,
+    picture: Annotated[
+        Path | None, typer.Option(metavar="PNG", readable=False, help="Draw what is in the way.")
+    ] = None,
+    overwrite: Overwrite = False,
+    as_json: Json = False,
+) -> None:
+    """Explain why a path on a saved map exists, or does not."""
+    from cspace.opening import open_map
+    from cspace.plot.picture import PICTURE_SUFFIXES, save_figure
+
+    check_outputs([picture], PICTURE_SUFFIXES, overwrite)
+    clock = Clock()
+    with clock.step("read"):
+        space: Any = open_map(file)
+    first = parse_configuration(start, "start", space.axes, space.units)
+    last = parse_configuration(goal, "goal", space.axes, space.units)
+    with clock.step("explain"):
+        explanation = space.explain(first, last, refine=refine)
+    if picture:
+        with clock.step("draw"):
+            save_figure(lambda: explanation.plot().figure, picture, overwrite, dpi=150.0)
+    described = {
+        "verdict": explanation.verdict,
+        "reason": str(explanation),
+        "obstacles": list(explanation.obstacles),
+        "bottleneck": explanation.bottleneck.tolist(),
+        "margin_m": [x if math.isfinite(x) else None for x in explanation.margin],
+        "barrier_cells": len(explanation.barrier),
+    }
+    show({**described, "seconds": clock.seconds}, as_json)
+
+
 def demo(
     output: Annotated[
         Path,
@@ -151,6 +200,7 @@ def demo(
     from cspace.builder import build
     from cspace.plot import save_plot
 
+    # Each step is timed. Nothing is written before all is computed.
     check_folder(output)
     files = {
         "map": output / "map.zarr",

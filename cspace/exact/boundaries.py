@@ -104,12 +104,13 @@ def obstacle_boundary(workspace: Workspace, *, exterior_blocked: bool) -> Obstac
     error = 0.0
     for obstacle in workspace.obstacles:
         shape = obstacle.outer
-        whole = shape.boundary()
-        pieces = clip(whole, workspace.grid)
-        is_clipped = pieces is not whole
+        boundary = shape.boundary()
+        pieces = clip(boundary, workspace.grid)
+        is_clipped = pieces is not boundary
         if is_clipped and len(pieces.radii):
-            error = max(error, CLIP_ROUNDING * float(np.abs(whole.simplices).max()))
-        has_inside = shape.encloses and whole.simplices.shape[1] > 1
+            error = max(error, CLIP_ROUNDING * float(np.abs(boundary.simplices).max()))
+        # Balls stay whole, so only triangles and segments leave a hole.
+        has_inside = shape.encloses and boundary.simplices.shape[1] > 1
         if is_clipped and has_inside and not exterior_blocked:
             caps = _make_caps(shape, workspace)
             pieces = _without_radii(np.concatenate([pieces.simplices, *caps]))
@@ -120,7 +121,7 @@ def obstacle_boundary(workspace: Workspace, *, exterior_blocked: bool) -> Obstac
 def clip(border: RoundedSimplices, grid: Grid) -> RoundedSimplices:
     """Clip a boundary to the closed box of the grid.
 
-    Balls that reach the box stay whole.
+    Balls that reach the box stay whole. A boundary inside the box is returned itself.
     """
     simplices = border.simplices
     lower = np.asarray(grid.lower)
@@ -134,6 +135,7 @@ def clip(border: RoundedSimplices, grid: Grid) -> RoundedSimplices:
         # would overflow.
         outside = np.clip(np.maximum(lower - high, low - upper), 0.0, 1e100)
         distances = np.linalg.norm(outside, axis=1)
+        # The shares cover the rounding of the distances, so that no piece is missing.
         is_near = distances <= border.radii * (1.0 + 1e-9) + 1e-9 * grid.spacing
         return RoundedSimplices(simplices[is_near], border.radii[is_near])
     for axis in range(grid.dim):
@@ -143,26 +145,30 @@ def clip(border: RoundedSimplices, grid: Grid) -> RoundedSimplices:
 
 
 def _clip_to_half_space(simplices: Floats, axis: int, wall: float, sign: float) -> Floats:
-    """Clip simplices to ``sign * (coordinate - wall) >= 0``."""
+    """Clip segments or triangles to the side ``sign * (coordinate - wall) >= 0`` of a wall.
+
+    ``simplices`` have shape (n, corners, d), with two or three corners. Those beyond are dropped.
+    """
     corners = simplices.shape[1]
     heights = sign * (simplices[:, :, axis] - wall)
-    is_kept = heights >= 0.0
-    count = is_kept.sum(axis=1)
-    clipped = [simplices[count == corners]]
-    for kept in range(1, corners):
-        cut = np.flatnonzero(count == kept)
+    is_above = heights >= 0.0
+    corners_above = is_above.sum(axis=1)
+    clipped = [simplices[corners_above == corners]]
+    for count in range(1, corners):
+        cut = np.flatnonzero(corners_above == count)
         # Rotate the corners so that the only corner on its side of the wall comes first.
-        alone = np.argmax(is_kept[cut] == (kept == 1), axis=1)
+        alone = np.argmax(is_above[cut] == (count == 1), axis=1)
         order = (alone[:, None] + np.arange(corners)) % corners
         first, *others = np.moveaxis(simplices[cut[:, None], order], 1, 0)
         first_height, *other_heights = np.moveaxis(heights[cut[:, None], order], 1, 0)
+        # Where the edges from that corner cross the wall.
         crossings = []
         for other, other_height in zip(others, other_heights, strict=True):
             fraction = first_height / (first_height - other_height)
             crossing = first + fraction[:, None] * (other - first)
             crossing[:, axis] = wall
             crossings.append(crossing)
-        if kept == 1:
+        if count == 1:
             clipped.append(np.stack([first, *crossings], axis=1))
         else:
             # What is left of the triangle (a, b, c) is a quadrilateral: two triangles.
@@ -174,7 +180,11 @@ def _clip_to_half_space(simplices: Floats, axis: int, wall: float, sign: float) 
 
 
 def _make_caps(shape: ExactShape, workspace: Workspace) -> Iterator[Floats]:
-    """Yield the caps of a shape on the faces of the grid."""
+    """Yield the caps of a shape on the sides of the grid that it crosses.
+
+    They are triangles of outer cells in space, shape (n, 3, 3), and segments in the plane, shape
+    (n, 2, 2).
+    """
     grid = workspace.grid
     low, high = shape.bounds
     for axis in range(grid.dim):
@@ -198,8 +208,9 @@ class _Side(NamedTuple):
 
 
 def _cap_cells(workspace: Workspace, side: _Side) -> Floats:
-    """Return faces of outer cells on a side of the grid, shape (n, 3, 3)."""
+    """Return faces of outer cells on a side of the grid as triangles, shape (n, 3, 3)."""
     layers = np.moveaxis(workspace.outer, side.axis, 0)
+    # One layer of faces before each layer of cells, and one after the last.
     faces = np.zeros((layers.shape[0] + 1, *layers.shape[1:]), dtype=np.bool_)
     outermost = -1 if side.is_upper else 0
     faces[outermost] = layers[outermost]
@@ -208,7 +219,11 @@ def _cap_cells(workspace: Workspace, side: _Side) -> Floats:
 
 
 def _cap_region(region: Floats, grid: Grid, side: _Side) -> Floats:
-    """Return segments of a grid's side inside a region, shape (n, 2, 2)."""
+    """Return the segments of a grid's side that lie inside a region of the plane.
+
+    ``region``, shape (n, 4) or (n, 2, 2), has the ends of its edges. The result has shape (m, 2,
+    2).
+    """
     axis = side.axis
     along = 1 - axis
     wall = grid.upper[axis] if side.is_upper else grid.lower[axis]
@@ -221,12 +236,13 @@ def _cap_region(region: Floats, grid: Grid, side: _Side) -> Floats:
     fraction = (wall - begin[:, axis]) / (end[:, axis] - begin[:, axis])
     crossings = np.sort(begin[:, along] + fraction * (end[:, along] - begin[:, along]))
     intervals = np.clip(crossings.reshape(-1, 2), grid.lower[along], grid.upper[along])
-    intervals = intervals[intervals[:, 0] < intervals[:, 1]]
+    starts, stops = intervals.T
+    intervals = intervals[starts < stops]
     segments = np.full((len(intervals), 2, 2), wall)
     segments[:, :, along] = intervals
     return segments
 
 
 def _without_radii(simplices: Floats) -> RoundedSimplices:
-    """Return pieces with zero radii."""
+    """Return simplices, shape (n, corners, d), as a boundary whose radii are zero."""
     return RoundedSimplices(simplices, np.zeros(len(simplices)))

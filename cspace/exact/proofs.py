@@ -14,7 +14,14 @@ import numpy as np
 
 from cspace.bodies import ADVANCE_FACTOR, DISTANCE_ROUNDING, MAX_DISTANCES_PER_EDGE, MIN_ADVANCE
 from cspace.bodies.parts import as_triangles, connected_parts, part_anchors
-from cspace.bodies.triangles import MAX_PENDING_PAIRS, Motion, Trees, build_trees, free_fraction
+from cspace.bodies.triangles import (
+    LEVER,
+    MAX_PENDING_PAIRS,
+    Motion,
+    Trees,
+    build_trees,
+    free_fraction,
+)
 from cspace.exact.boundaries import ObstacleBoundary, Problem, Proofs, obstacle_boundary
 from cspace.grid import MAX_COORDINATE
 from cspace.queries.batches import as_contiguous
@@ -77,21 +84,23 @@ class ExactQueries:
     def __init__(
         self, make_problem: Callable[[], Problem], prove: Callable[[Problem], Proofs] | None = None
     ) -> None:
+        """Remember how to make the proofs; they are made at the first query."""
         self._make_problem = make_problem
         self._prove = prove or BoundaryProofs
         self._proofs: Proofs | None = None
         self._lock = threading.RLock()
 
     def points(self, map_: Map, q: Floats, out: Bools) -> int:
-        """Fill ``out`` with whether points, shape (n, size), are free.
+        """Write whether configurations, shape (n, size), are free to ``out``, shape (n,).
 
-        Returns the index of the first invalid point, or -1.
+        Returns the index of the first invalid one, or -1.
         """
         proofs = self._current_proofs()
         states = np.empty(len(q), dtype=np.uint8)
         bad = classify(map_, q, states)
         if bad < 0:
             np.equal(states, FREE, out=out)
+            # A configuration is an edge with equal endpoints.
             undecided = np.flatnonzero(states == MIXED)
             if len(undecided):
                 ends = q[undecided]
@@ -99,10 +108,9 @@ class ExactQueries:
         return bad
 
     def edges(self, map_: Map, q0: Floats, q1: Floats, out: Bools) -> int:
-        """Write whether edges are free.
+        """Write whether edges, shapes (n, size), are free to ``out``, shape (n,).
 
-        Edges, shapes (n, size), rotate along the shorter arc. Returns the index of the first
-        invalid edge, or -1.
+        Edges rotate along the shorter arc. Returns the index of the first invalid edge, or -1.
         """
         proofs = self._current_proofs()
         bad = edges_are_free(map_, q0, q1, out)
@@ -132,11 +140,11 @@ class ExactQueries:
         return lambda *q: quick(*q) or self._current_proofs().edge(*q, *q)
 
     def edge_checker(self, quick: Callable[..., bool]) -> Callable[..., bool]:
-        """Return ``check(*q0, *q1)``.
+        """Make ``check(*q0, *q1)``, which returns True only if an edge is proven free.
 
         ``quick(*q0, *q1)`` must return True only if the edge lies in FREE cells.
         """
-        self._current_proofs()
+        self._current_proofs()  # made now, not at the first check
         return lambda *ends: quick(*ends) or self._current_proofs().edge(*ends)
 
     def drop(self) -> None:
@@ -152,6 +160,7 @@ class ExactQueries:
         proofs = self._proofs
         if proofs is None:
             with self._lock:
+                # Another thread may have made them while this one waited.
                 if self._proofs is None:
                     self._proofs = self._prove(self._make_problem())
                 proofs = self._proofs
@@ -225,6 +234,7 @@ class BoundaryProofs:
     """Proofs for one robot among the obstacles of one workspace."""
 
     def __init__(self, problem: Problem) -> None:
+        """Build the trees and the containment tests for a robot among obstacles."""
         self._robot = problem.robot.shape.outer
         self._size = problem.size
         self._rotations = problem.rotations
@@ -242,22 +252,28 @@ class BoundaryProofs:
         self._boundaries = _build_boundary_trees(problem, boundary, walls)
         containment = self._make_containment(problem, boundary, walls.pieces)
         self._inputs = ProofInputs(problem.map, self._boundaries, containment)
-        anchors = len(self._anchors) + len(containment.anchors)
-        self._batch_size = 1 + ANCHORS_PER_BATCH // (1 + anchors)
+        # Configurations whose anchors, of robot and obstacles, are tested at once.
+        anchors_per_configuration = len(self._anchors) + len(containment.anchors)
+        self._batch_size = 1 + ANCHORS_PER_BATCH // (1 + anchors_per_configuration)
 
     def _make_containment(
         self, problem: Problem, boundary: RoundedSimplices, pieces: Sequence[RoundedSimplices]
     ) -> Containment:
-        """Collect the points that containment tests need."""
+        """Collect the points that containment tests need.
+
+        ``boundary`` is that of the robot, as triangles in space; ``pieces`` are those of obstacles.
+        """
         workspace = problem.workspace
         grid = workspace.grid
         robot = self._robot
         missing_axis = (0, 3 - grid.dim)
+        # The robot's corners by part; the first of each part is an anchor of the robot.
         corners, starts = connected_parts(boundary)
         stops = np.append(starts[1:], len(corners))
         self._anchors = corners[starts]
         stop_of_corners = np.repeat(stops, stops - starts)
-        diameter = 2.0 * float(np.linalg.norm(corners, axis=1).max())
+        corner_distances = np.linalg.norm(corners, axis=1)
+        diameter = 2.0 * float(corner_distances.max())
         anchors = [np.empty((0, 3))]
         # A robot of balls needs no anchors either. Only parts no larger than the robot can lie
         # inside it.
@@ -284,7 +300,7 @@ class BoundaryProofs:
         )
 
     def edge(self, *ends: float) -> bool:
-        """Return True if an edge is proven free; see :class:`Proofs`."""
+        """Return True if an edge, given by the numbers of both ends, is proven free."""
         q0, q1 = np.array(ends, dtype=np.float64).reshape(2, 1, self._size)
         return bool(self.are_free(q0, q1)[0])
 
@@ -293,35 +309,39 @@ class BoundaryProofs:
         states = np.empty(len(q0), dtype=np.uint8)
 
         def prove_chunk(start: int, stop: int) -> int:
+            """Write the states of some edges; -1 means that none is invalid."""
             chunk = slice(start, stop)
             prove_edges(self._inputs, q0[chunk], q1[chunk], make_scratch(), states[chunk])
             return -1
 
         in_chunks(prove_chunk, len(q0), MIN_PROOFS_PER_THREAD)
-        free: Bools = states == FREE
+        is_free: Bools = states == FREE
+        # Along a MIXED edge no boundaries meet, so containment at its first end decides.
         undecided = np.flatnonzero(states == MIXED)
         if len(undecided):
             batches = np.array_split(q0[undecided], 1 + len(undecided) // self._batch_size)
-            free[undecided] = ~np.concatenate([self._are_nested(batch) for batch in batches])
-        return free
+            is_free[undecided] = ~np.concatenate([self._are_nested(batch) for batch in batches])
+        return is_free
 
     def slack(self, points: Floats, lengths: Floats, angles: Floats) -> float:
-        """Return a lower bound of (distance - required distance), metres.
+        """Return a lower bound of (distance - required distance) along a free path, metres.
 
-        See :class:`Proofs`.
+        The path is given in pieces: their midpoints, shape (n, size), their lengths and their
+        rotation angles, shape (n,).
         """
         boundaries = self._boundaries
         scale = boundaries.scale
         positions, matrices = self._place_robot(points)
+        # The farthest way of any point of the robot from where it is at the midpoint.
         spans = 0.5 * (scale * lengths + boundaries.max_lever * angles)
         node_pairs = make_scratch().node_pairs
         slack = path_slack(boundaries, scale * positions, matrices, spans, node_pairs)
         return float(slack) / scale
 
     def _place_robot(self, points: Floats) -> tuple[Floats, Floats]:
-        """Return reference points and rotation matrices of configurations.
+        """Return reference points, shape (n, 3), and rotation matrices, shape (n, 3, 3).
 
-        The shapes are (n, 3) and (n, 3, 3).
+        ``points`` are configurations, shape (n, size). The plane lies at z = 0.
         """
         positions = np.zeros((len(points), 3))
         matrices = np.zeros((len(points), 3, 3))
@@ -331,9 +351,10 @@ class BoundaryProofs:
         return positions, matrices
 
     def _are_nested(self, q: Floats) -> Bools:
-        """Return whether a part of one side lies inside the other.
+        """Return whether robot or obstacles contain a part of the other, shape (n,).
 
-        Their boundaries may not meet. Tests only the cases that :func:`edge_state` leaves MIXED.
+        ``q``, shape (n, size), are configurations at which no boundaries meet, so that one point of
+        each part, its anchor, decides.
         """
         positions, matrices = self._place_robot(q)
         # Points of the robot in the world, shape (n, robot anchors, 3).
@@ -341,19 +362,19 @@ class BoundaryProofs:
         # Points of obstacles in the robot's frame, shape (n, obstacle anchors, 3).
         obstacle_points = (self._inputs.containment.anchors - positions[:, None]) @ matrices
         dim = self._dim
-        nested = _contain_any(self._robot, self._robot.bounds, obstacle_points[..., :dim])
+        is_nested = _contain_any(self._robot, self._robot.bounds, obstacle_points[..., :dim])
         for shape in self._shapes:
             # Obstacles end at the bounds of the grid.
-            nested |= _contain_any(shape, self._bounds, robot_points[..., :dim])
-        return nested
+            is_nested |= _contain_any(shape, self._bounds, robot_points[..., :dim])
+        return is_nested
 
 
 def _build_boundary_trees(
     problem: Problem, robot: RoundedSimplices, walls: ObstacleBoundary
 ) -> BoundaryTrees:
-    """Build the trees of robot, obstacles and walls.
+    """Build the trees of robot, obstacles and walls, scaled to coordinates of about one.
 
-    They are scaled to coordinates of about one.
+    ``robot`` is its boundary; ``walls`` are the boundaries of the obstacles.
     """
     grid = problem.workspace.grid
     obstacles = as_triangles(walls.pieces)
@@ -364,7 +385,9 @@ def _build_boundary_trees(
     faces = [Box.of(sides, center).boundary()] if problem.exterior_blocked else []
     largest = np.abs(obstacles.simplices).max(initial=0.0) + obstacles.radii.max(initial=0.0)
     max_coordinate = problem.max_coordinate + float(largest)
-    scale = 2.0 ** -math.frexp(max_coordinate)[1]
+    # A power of two scales without rounding.
+    _, exponent = math.frexp(max_coordinate)
+    scale = 2.0**-exponent
     scaled = [
         RoundedSimplices(scale * part.simplices, scale * part.radii)
         for part in (robot, obstacles, as_triangles(faces))
@@ -376,7 +399,7 @@ def _build_boundary_trees(
         trees=trees,
         robot=robot_root,
         others=(wall_root, obstacle_root),
-        max_lever=float(trees.boxes[0, 6]),  # of the robot's root
+        max_lever=float(trees.boxes[0, LEVER]),  # of the robot's root
         scale=scale,
         required=scale * required,
     )
@@ -388,14 +411,23 @@ def _contain_any(shape: ExactShape, bounds: tuple[Floats, Floats], points: Float
     The points have shape (n, m, d), the result (n,).
     """
     low, high = bounds
-    inside: Bools = np.asarray(((low <= points) & (points <= high)).all(axis=2))
-    if inside.any():
-        inside[inside] = shape.contains(points[inside])
-    return np.asarray(inside.any(axis=1))
+    is_inside: Bools = np.asarray(((low <= points) & (points <= high)).all(axis=2))
+    # Most points are outside the bounds, which takes no time to find.
+    if is_inside.any():
+        is_inside[is_inside] = shape.contains(points[is_inside])
+    return np.asarray(is_inside.any(axis=1))
 
 
 class Scratch(NamedTuple):
-    """Scratch memory of an edge proof: unproven parts and node pairs."""
+    """Scratch memory of an edge proof.
+
+    Attributes
+    ----------
+    parts : ndarray of float64, shape (MAX_PENDING_PARTS, 2)
+        Stack of unproven parts: where each begins and ends, from 0 to 1.
+    node_pairs : ndarray of int64, shape (MAX_PENDING_PAIRS, 2)
+        See :func:`cspace.bodies.triangles.free_fraction`.
+    """
 
     parts: Floats
     node_pairs: Ints
@@ -443,7 +475,7 @@ class EdgeArc(NamedTuple):
 def prove_edges(
     inputs: ProofInputs, first: Floats, second: Floats, scratch: Scratch, out: States
 ) -> None:
-    """Fill ``out`` with :func:`edge_state` of edges, shapes (n, size)."""
+    """Write the states of edges, shapes (n, size), to ``out``, shape (n,); see `edge_state`."""
     for k in range(first.shape[0]):
         p0, r0 = configuration_in(inputs.map, first, k)
         p1, r1 = configuration_in(inputs.map, second, k)
@@ -454,16 +486,18 @@ def prove_edges(
 def edge_state(
     inputs: ProofInputs, p0: Row, r0: Numbers, p1: Row, r1: Numbers, scratch: Scratch
 ) -> int:
-    """Return FREE if a whole edge is proven free, BLOCKED if not.
+    """Prove an edge free: return FREE, or BLOCKED if it is not proven.
 
-    MIXED means that no boundaries meet along the edge: it is free if neither robot nor obstacles
-    contain the other at the first endpoint. An edge with equal endpoints is a point. If two arcs
-    are equally long up to rounding, both must be proven.
+    The edge leads from position p0 and rotation r0 to p1 and r1. MIXED means that no boundaries
+    meet along the edge: it is free if neither robot nor obstacles contain the other at the first
+    endpoint. An edge with equal endpoints is a point. If two arcs are equally long up to rounding,
+    both must be proven.
     """
     map_ = inputs.map
     boundaries = inputs.boundaries
     if not (is_usable(p0, r0) and is_usable(p1, r1)):
         return BLOCKED
+    # Rounding grows with the coordinates; a plane map has no first axis.
     coordinates = 0.0
     for axis in range(3 - map_.dim, 3):
         length = abs(p0[axis]) + abs(p1[axis])
@@ -474,7 +508,7 @@ def edge_state(
     scale = boundaries.scale
     step = minus(reference_point(map_, p1, scale), reference_point(map_, p0, scale))
     rounding = 2.0 * DISTANCE_ROUNDING * scale * coordinates
-    measured = 0
+    measured = 0  # number of distances
     for number in range(arc_count(r0, r1)):
         angle, error = arc_angle_and_error(r0, r1, number)
         required = boundaries.required + rounding + error * boundaries.max_lever
@@ -482,6 +516,7 @@ def edge_state(
         measured = prove_arc(inputs, arc, scratch, measured)
         if measured < 0:
             return BLOCKED
+    # The cells alone prove the edge.
     if measured == 0:
         return FREE
     # While no boundaries meet, containment cannot change, so one test is enough.
@@ -497,8 +532,9 @@ def edge_state(
 def prove_arc(inputs: ProofInputs, arc: EdgeArc, scratch: Scratch, measured: int) -> int:
     """Prove an arc free.
 
-    Returns the number of distances measured, or -1 if the arc is not proven. The arc is cut into
-    equal pieces. Most colliding edges of a planner collide at their end, so it is proven first.
+    Returns the number of distances measured, added to ``measured``, or -1 if the arc is not proven.
+    The arc is cut into equal pieces. Most colliding edges of a planner collide at their end, so it
+    is proven first.
     """
     boundaries = inputs.boundaries
     measured = prove_part(inputs, arc, 1.0, 1.0, scratch, measured)
@@ -520,12 +556,14 @@ def prove_arc(inputs: ProofInputs, arc: EdgeArc, scratch: Scratch, measured: int
 def prove_part(
     inputs: ProofInputs, arc: EdgeArc, first: float, last: float, scratch: Scratch, measured: int
 ) -> int:
-    """Prove a part of an arc free; return as :func:`prove_arc`.
+    """Prove the part of an arc from ``first`` to ``last``, in [0, 1], free.
 
     The map proves the part, or the distance at its midpoint proves an interval around the midpoint
-    and leaves the remainders on both sides.
+    and leaves the remainders on both sides. Returns the number of distances measured, added to
+    ``measured``, or -1 if the part is not proven.
     """
     boundaries = inputs.boundaries
+    # A stack of unproven parts, each with its beginning and its end.
     parts = scratch.parts
     parts[0, 0] = first
     parts[0, 1] = last
@@ -545,6 +583,7 @@ def prove_part(
             continue
         if state == BLOCKED or measured == MAX_DISTANCES_PER_EDGE:
             return -1
+        # The distance at the midpoint proves the arc as far as the robot can move that distance.
         place = reference_point(inputs.map, position, boundaries.scale)
         motion = Motion(matrix_rows(rotation), place, arc.step, arc.angle, arc.required, 0.0)
         enough = half / ADVANCE_FACTOR
@@ -561,6 +600,7 @@ def prove_part(
         if proven < min(half, MIN_ADVANCE):
             return -1
         if proven < half:
+            # Remainders on both sides; the first one comes next.
             parts[pending, 0] = center + proven
             parts[pending, 1] = last
             parts[pending + 1, 0] = first
@@ -571,7 +611,7 @@ def prove_part(
 
 @kernel
 def cells_are_free(map_: Map, arc: EdgeArc, first: float, last: float) -> bool:
-    """Return True if FREE cells prove a part of an arc."""
+    """Return True if FREE cells prove the part of an arc from ``first`` to ``last``, in [0, 1]."""
     if arc.angle_error > 0.0:
         return False
     start = position_along(arc.p0, arc.p1, first)
@@ -587,12 +627,13 @@ def path_slack(
 ) -> float:
     """Return a lower bound of (distance - required distance) along a path.
 
-    The bound is at least zero. The robot is placed at the midpoint of each piece of the path. No
-    point of the robot moves farther than the span of the piece from there. All lengths are scaled
+    The bound is at least zero. The robot is placed at the midpoint of each piece of the path, given
+    by ``positions``, shape (n, 3), and rotation ``matrices``, shape (n, 3, 3). No point of the
+    robot moves farther than the span of the piece, shape (n,), from there. All lengths are scaled
     like the trees. No part of robot or obstacles may lie inside the other.
     """
     best = math.inf
-    fixed = (0.0, 0.0, 0.0)
+    no_step = (0.0, 0.0, 0.0)
     for k in range(len(positions)):
         position = row_at(positions[k], 0)
         x, y, z = position
@@ -602,7 +643,7 @@ def path_slack(
         required = boundaries.required + rounding
         # With a drift of 1 and no other motion, the free fraction is the distance itself, capped at
         # best + span.
-        motion = Motion(matrix, position, fixed, 0.0, required, 1.0)
+        motion = Motion(matrix, position, no_step, 0.0, required, 1.0)
         enough = best + spans[k]
         distance = free_fraction(
             boundaries.trees, boundaries.robot, boundaries.others, motion, enough, scratch
@@ -617,6 +658,7 @@ def path_slack(
 def reference_point(map_: Map, position: Row, scale: float) -> Row:
     """Return the reference point of the robot in space, times ``scale``."""
     x, y, z = position
+    # Positions of the plane have their two coordinates last; the plane lies at z = 0.
     if map_.dim == 2:
         return scale * y, scale * z, 0.0
     return scale * x, scale * y, scale * z
@@ -624,15 +666,17 @@ def reference_point(map_: Map, position: Row, scale: float) -> Row:
 
 @kernel
 def corner_state(containment: Containment, position: Row, matrix: Matrix) -> int:
-    """Return BLOCKED if a part of the robot lies inside an obstacle.
+    """Test by cells whether a part of the robot lies inside an obstacle.
 
-    Return MIXED if that is undecided, otherwise FREE.
+    Returns BLOCKED if one does, MIXED if that is undecided, otherwise FREE. No boundaries may meet,
+    so that any corner of a part decides for the whole part.
     """
     spacing = containment.spacing
     state = FREE
     k = 0
     nx, ny, nz = containment.outer.shape
     while k < len(containment.corners):
+        # A row has a corner, and the index of the first corner of the next part.
         corner = containment.corners[k]
         posed_corner = apply_pose(matrix, position, row_at(corner, 0))
         x, y, z = minus(posed_corner, containment.lower)
@@ -647,6 +691,7 @@ def corner_state(containment: Containment, position: Row, matrix: Matrix) -> int
         elif not containment.outer[i, j, m]:
             k = next_part
         else:
+            # This cell decides nothing, so try the next corner of the part.
             k += 1
             all_corners_undecided = k == next_part
             if all_corners_undecided and containment.has_solids:
@@ -660,6 +705,7 @@ def has_near_anchor(containment: Containment, position: Row, matrix: Matrix) -> 
     low = containment.low
     high = containment.high
     for k in range(len(containment.anchors)):
+        # The anchor in the frame of the robot.
         offset = minus(row_at(containment.anchors[k], 0), position)
         x, y, z = rotate_back(matrix, offset)
         if low[0] <= x <= high[0] and low[1] <= y <= high[1] and low[2] <= z <= high[2]:

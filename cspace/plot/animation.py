@@ -42,7 +42,7 @@ _PALETTE_COLORS: Final = 96
 """Number of colours in an animation. Few colours keep the file small, and pictures are flat."""
 _LAST_FRAME_MS: Final = 1200
 """Duration of the last frame, milliseconds."""
-_FRAMED: Final = 24
+_FRAMED_CONFIGURATIONS: Final = 24
 """Number of configurations along the path that must be in view."""
 
 Move = Callable[[Floats], object]
@@ -116,13 +116,18 @@ def animate(
     check_suffix(target, (".gif",), "an animation is a GIF", "file")
     points = check_path(space, path)
     if not len(points):
-        hint = "pass one that was found"
-        raise InputError("path", "is empty", "an animation needs a path", hint)
+        raise InputError(
+            "path",
+            "is empty",
+            "an animation needs a path",
+            "pass one that was found",
+        )
     motion: Any = path if hasattr(path, "sample") else None
     if seconds is None:
         duration = 0.0 if motion is None else motion.duration
         seconds = duration or DEFAULT_SECONDS
     pause, count = _plan_frames(seconds, rate)
+    # A robot that never moves needs one frame.
     if (points == points[0]).all():
         count = 1
     shares = np.linspace(0.0, 1.0, count)
@@ -150,29 +155,46 @@ def animate(
 
 
 def _plan_frames(seconds: float, rate: float) -> tuple[int, int]:
-    """Return the milliseconds per frame, in GIF's steps of 10 ms, and the frame count."""
+    """Choose the milliseconds per frame, in GIF's steps of 10 ms, and count the frames.
+
+    Raises InputError if a number is out of range, or there would be too many frames.
+    """
     duration = check_positive(seconds, "seconds", "seconds")
     frequency = check_positive(rate, "rate", "frames per second")
     if frequency > 50.0:  # viewers play no more
-        rule = "it must be at most 50 frames per second"
-        raise InputError("rate", f"is {rate!r}", rule, "lower it")
+        raise InputError(
+            "rate",
+            f"is {rate!r}",
+            "it must be at most 50 frames per second",
+            "lower it",
+        )
     count = round(duration * frequency) + 1
     if count > _MAX_FRAMES:
-        problem = f"is {seconds!r}, which makes {count} frames at a rate of {frequency:g}"
-        rule = f"at most {_MAX_FRAMES} are possible"
-        raise InputError("seconds", problem, rule, "lower it or the rate")
+        raise InputError(
+            "seconds",
+            f"is {seconds!r}, which makes {count} frames at a rate of {frequency:g}",
+            f"at most {_MAX_FRAMES} are possible",
+            "lower it or the rate",
+        )
     return 10 * max(2, round(100.0 / frequency)), max(count, 2)
 
 
 def _draw_map(
     space: Any, points: Floats, title: str | None, camera: ArrayLike | None
 ) -> tuple[Any, Move, float]:
-    """Draw a map; return its axes, a function that moves the robot, and the robot's reach."""
+    """Draw a map; return its axes, a function that moves the robot, and the robot's reach.
+
+    The robot will move along ``points``, shape (n, size).
+    """
     dim = space.grid.dim
     if dim == 2 and camera is not None:
-        problem = "is given for a plane map"
-        rule = "it needs a map in space"
-        raise InputError("camera", problem, rule, "omit it")
+        raise InputError(
+            "camera",
+            "is given for a plane map",
+            "it needs a map in space",
+            "omit it",
+        )
+    # Only the moving robot is drawn, over the slice of its first rotation.
     scene = make_scene(space, path=points)
     no_stations = np.empty((0, points.shape[1]))
     scene = replace(scene, rotation=points[0, dim:], stations=no_stations)
@@ -186,13 +208,17 @@ def _draw_map(
 
 
 def _draw_plane(scene: Scene) -> tuple[Any, Move, list[Any]]:
-    """Draw a plane map whose slice follows the robot."""
+    """Draw a plane map whose slice follows the robot.
+
+    Returns the axes, a function that moves the robot, and legend entries.
+    """
     axes, handles = draw_plane(scene, None)
     (image,) = axes.images
     fixed_count = len(axes.collections)
     side = artists.block_side(axes, scene.space.grid.shape)
 
     def move(q: Floats) -> None:
+        """Draw the robot at a configuration, and the slice of its rotation."""
         for robot in list(axes.collections[fixed_count:]):
             robot.remove()
         artists.draw_robots(axes, scene.body, q[np.newaxis], opacity=1.0, zorder=6.0)
@@ -203,11 +229,15 @@ def _draw_plane(scene: Scene) -> tuple[Any, Move, list[Any]]:
 
 
 def _draw_solid(scene: Scene, camera: ArrayLike | None) -> tuple[Any, Move, list[Any]]:
-    """Draw a map in space in which the robot moves."""
+    """Draw a map in space in which the robot moves.
+
+    Returns the axes, a function that moves the robot, and legend entries.
+    """
     painting = draw_surface(scene, camera=camera)
     corners = split_triangles(scene.body.triangles, scene.body.size).reshape(-1, 3)
 
     def move(q: Floats) -> None:
+        """Draw the robot at a configuration."""
         polygons = scene.body.transform(corners, q).reshape(-1, 4, 3)
         painting.show(polygons)
 
@@ -219,7 +249,9 @@ def _draw_arm(
 ) -> tuple[Any, Move, float]:
     """Draw an arm; return axes, a function that moves it, and 0, because joints have no reach."""
     figure = ArmFigure(space)
-    framed = interpolate_path(space.rotations, points, np.linspace(0.0, 1.0, _FRAMED))
+    # The picture has space for the arm along the whole path.
+    shares = np.linspace(0.0, 1.0, _FRAMED_CONFIGURATIONS)
+    framed = interpolate_path(space.rotations, points, shares)
     painting = paint_arm(figure, framed, camera)
     links = {name: split_surface(link, painting.size) for name, link in figure.links.items()}
     draw_tip_path(painting, figure, points, np.zeros(0, dtype=np.bool_))
@@ -227,13 +259,14 @@ def _draw_arm(
     artists.annotate(painting.axes, True, title, space.arm.name, entries)
 
     def move(q: Floats) -> None:
+        """Draw all links at a configuration."""
         poses = space.arm.poses(q)
-        placed = []
+        moved_links = []
         for name, polygons in links.items():
             rotation = poses[name][:3, :3]
             translation = poses[name][:3, 3]
-            placed.append(polygons @ rotation.T + translation)
-        painting.show(np.concatenate(placed))
+            moved_links.append(polygons @ rotation.T + translation)
+        painting.show(np.concatenate(moved_links))
 
     return painting.axes, move, 0.0
 
@@ -242,6 +275,7 @@ def _write_gif(frames: list[NDArray[np.uint8]], file: Path, pause: int) -> None:
     """Write frames as a GIF that repeats forever; ``pause`` is in milliseconds."""
     from PIL import Image
 
+    # About six frames give the colours of all.
     step = max(1, len(frames) // 6)
     samples = np.concatenate(frames[::step])
     palette = Image.fromarray(samples).quantize(_PALETTE_COLORS, Image.Quantize.MAXCOVERAGE)

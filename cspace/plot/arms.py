@@ -60,16 +60,18 @@ class ArmFigure:
     """
 
     def __init__(self, space: Any, max_balls: float = math.inf) -> None:
+        """Make the surfaces of all links and obstacles, and find the tip."""
         arm = space.arm
         self._arm = arm
-        self.links = {link.name: _link_surface(arm, link) for link in arm.links}
-        self.obstacles = {
-            name: transform_surface(_surface(obstacle.shape.outer, max_balls), obstacle.pose)
-            for name, obstacle in space.obstacles.items()
-        }
-        depths = {link.name: count_joints(arm, link.name) for link in arm.links}
-        self.moving = [name for name, depth in depths.items() if depth]
-        self.tip = max(depths, key=depths.__getitem__)
+        self.links = {link.name: _make_link_surface(arm, link) for link in arm.links}
+        self.obstacles = {}
+        for name, obstacle in space.obstacles.items():
+            surface = _make_surface(obstacle.shape.outer, max_balls)
+            self.obstacles[name] = transform_surface(surface, obstacle.pose)
+        joint_counts = {link.name: count_joints(arm, link.name) for link in arm.links}
+        self.moving = [name for name, count in joint_counts.items() if count]
+        self.tip = max(joint_counts, key=joint_counts.__getitem__)
+        # The mean of the tip's vertices, as homogeneous coordinates.
         self._tip_center = np.append(self.links[self.tip][0].mean(axis=0), 1.0)
 
     def pose_links(self, q: Floats) -> dict[str, Surface]:
@@ -78,12 +80,15 @@ class ArmFigure:
         return {name: transform_surface(link, poses[name]) for name, link in self.links.items()}
 
     def tip_positions(self, points: Floats) -> Floats:
-        """Return the positions of the center of the :attr:`tip`, shape (n, 3)."""
+        """Return the positions of the center of the :attr:`tip` at configurations, shape (n, 3)."""
         to_base = self._arm.pose(points, self.tip)[..., :3, :]
         return np.asarray(to_base @ self._tip_center)
 
     def measure(self, configurations: Floats) -> tuple[Floats, Floats, float]:
-        """Return the box around an arm at configurations: its corners and its margin, metres."""
+        """Measure the box around an arm at configurations, shape (n, dof).
+
+        Returns its lower and upper corner, and the margin in which obstacles are drawn, metres.
+        """
         surfaces = chain.from_iterable(self.pose_links(q).values() for q in configurations)
         corners = np.concatenate([vertices for vertices, _ in surfaces])
         low = corners.min(axis=0)
@@ -93,21 +98,23 @@ class ArmFigure:
 
 def count_joints(arm: Any, frame: str) -> int:
     """Return the number of joints that move a frame of an arm."""
-    if not arm.placements[frame].body:
+    is_fixed_to_base = arm.placements[frame].body == 0
+    if is_fixed_to_base:
         return 0
     branch, *_ = arm.branch_to(frame)
     return len(branch.joints)
 
 
-def _link_surface(arm: Any, link: Any) -> Surface:
-    """Return the surface of a link in its own frame."""
+def _make_link_surface(arm: Any, link: Any) -> Surface:
+    """Make the surface of a link in its own frame."""
+    # Parts are posed in the frame of the link's body.
     to_link = np.linalg.inv(arm.placements[link.name].pose)
     parts = [(part.shape.outer.surface, to_link @ part.pose) for part in link.parts]
     return join_surfaces([transform_surface(surface, pose) for surface, pose in parts])
 
 
-def _surface(shape: ExactShape, max_balls: float) -> Surface:
-    """Return the surface of a shape, or only centers for many balls of one radius."""
+def _make_surface(shape: ExactShape, max_balls: float) -> Surface:
+    """Make the surface of a shape, or only centers for many balls of one radius."""
     if isinstance(shape, Balls) and len(shape.radii) > max_balls and not np.ptp(shape.radii):
         no_faces = np.empty((0, 3), dtype=np.int64)
         return shape.centers, no_faces
@@ -134,14 +141,17 @@ def draw_arm(
     legend: bool = True,
     title: str | None = None,
 ) -> Axes:
-    """Draw an arm among obstacles; see :meth:`cspace.ArmSpace.plot`."""
+    """Draw an arm among obstacles; see :meth:`cspace.ArmSpace.plot`.
+
+    Besides the arm at ``q``, pale ones stand along the path, or at the start of a failed plan.
+    """
     points = check_path(space, path)
     marks = collect_marks(space, path, points, None, None)
     if q is None:
         q = marks.get("goal", space.arm.rest)
-    shown = space.arm.check_configuration(q, "q")
+    main_q = space.arm.check_configuration(q, "q")
     label = "arm along the path"
-    ghosts = np.empty((0, len(shown)))
+    ghosts = np.empty((0, len(main_q)))
     if len(points) > 1:
         shares = np.arange(GHOST_COUNT) / GHOST_COUNT
         ghosts = interpolate_path(space.rotations, points, shares)
@@ -149,8 +159,8 @@ def draw_arm(
         label = "arm at the start"
         ghosts = marks["start"][np.newaxis]
     figure = ArmFigure(space)
-    painting = paint_arm(figure, np.vstack([shown, ghosts]), camera, ax)
-    for surface in figure.pose_links(shown).values():
+    painting = paint_arm(figure, np.vstack([main_q, ghosts]), camera, ax)
+    for surface in figure.pose_links(main_q).values():
         painting.add(split_surface(surface, painting.size), artists.ROBOT_FILL_COLOR, "arm")
     for ghost in ghosts:
         links = figure.pose_links(ghost)
@@ -169,12 +179,15 @@ def paint_arm(
 ) -> Painting:
     """Paint the obstacles near an arm, with space for it at configurations (n, size)."""
     low, high, margin = figure.measure(configurations)
-    near = [_clip(surface, low - margin, high + margin) for surface in figure.obstacles.values()]
-    corners = np.concatenate([[low, high], *(vertices for vertices, _ in near)])
+    # Obstacles far away would make the arm small.
+    low_clip, high_clip = low - margin, high + margin
+    obstacles = figure.obstacles.values()
+    near_surfaces = [_clip_surface(surface, low_clip, high_clip) for surface in obstacles]
+    corners = np.concatenate([[low, high], *(vertices for vertices, _ in near_surfaces)])
     box = np.stack([corners.min(axis=0), corners.max(axis=0)])
     painting = Painting(box, ax, ARM_CAMERA if camera is None else camera)
     label, color = SURFACES["obstacles"]
-    for surface in near:
+    for surface in near_surfaces:
         painting.add(split_surface(surface, painting.size), color, label)
     return painting
 
@@ -192,8 +205,8 @@ def split_surface(surface: Surface, size: float) -> Floats:
     return split_triangles(vertices[faces], size)
 
 
-def _clip(surface: Surface, low: Floats, high: Floats) -> Surface:
-    """Return the part of a surface inside a box."""
+def _clip_surface(surface: Surface, low: Floats, high: Floats) -> Surface:
+    """Return the part of a surface inside the box with corners ``low`` and ``high``."""
     import trimesh
 
     box = trimesh.creation.box(bounds=[low, high])

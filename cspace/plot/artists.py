@@ -110,6 +110,7 @@ def classify_cells(space: MapLike, rotation: Floats | None, layer: tuple[Any, ..
         ground = np.zeros_like(ground)  # a map of joints has no obstacles of its own
     if rotation is not None:
         return _merge_classes(ground, space.states_at(rotation)[layer])
+    # Over all rotations, the lowest and the highest state of each cell.
     slices = (space.states_at(center)[layer] for center in space.slice_rotations)
     lowest = highest = next(slices)
     for states in slices:
@@ -121,7 +122,7 @@ def classify_cells(space: MapLike, rotation: Floats | None, layer: tuple[Any, ..
 
 
 def classify_ground(workspace: Workspace, layer: tuple[Any, ...] = ()) -> Classes:
-    """Classify cells of a workspace without a robot."""
+    """Classify cells of a workspace without a robot: obstacles, unknown and open cells."""
     occupied = workspace.outer[layer]
     classes = np.where(occupied, np.uint8(OBSTACLE), np.uint8(OPEN))
     if workspace.unknown is not None:
@@ -132,7 +133,9 @@ def classify_ground(workspace: Workspace, layer: tuple[Any, ...] = ()) -> Classe
 
 def _merge_classes(ground: Classes, states: NDArray[np.uint8]) -> Classes:
     """Combine classes in the workspace with states of a slice, both of the same shape."""
-    table = np.empty((len(CLASSES), 3), np.uint8)  # class by ground and state
+    # The class by ground (row) and state (column). Obstacles show through unless the robot is free
+    # there, and open ground shows through where it is free.
+    table = np.empty((len(CLASSES), 3), np.uint8)
     table[:, FREE] = HOLLOW
     table[:, MIXED] = UNDECIDED
     table[:, BLOCKED] = COLLIDES
@@ -182,8 +185,8 @@ def color_blocks(classes: Classes, side: int) -> NDArray[np.uint8]:
 def make_cell_legend(scene: Scene, classes: Sequence[Classes]) -> list[Any]:
     """Create legend entries of classes, obstacles first, and of the exterior."""
     entries = []
-    present = np.unique(np.concatenate([np.unique(part) for part in classes]))
-    for index in present[::-1].tolist():
+    present = np.unique(np.concatenate([np.unique(section) for section in classes]))
+    for index in np.flip(present).tolist():
         label, color = CLASSES[index]
         if scene.rotation is None:
             label = LABELS_OVER_ROTATIONS.get(index, label)
@@ -235,6 +238,7 @@ def draw_robots(
 
     if not len(stations):
         return []
+    # One collection of all outlines, and one of all noses.
     fill: Any = to_rgba(ROBOT_FILL_COLOR, opacity)
     outlines = [join_rings(body.outlines(q, pair)) for q in stations]
     noses = [join_rings(body.noses(q)) for q in stations]
@@ -271,6 +275,7 @@ def draw_marks(
     handles = []
     for name, q in marks.items():
         position = [[coordinate] for coordinate in q[list(pair)]]
+        # An arrow has the length of a marker, whatever the scale of the axes.
         yaw = rotations.find_yaw(q) if rotations is not None else None
         if yaw is not None:
             arrow = (math.cos(yaw), math.sin(yaw))

@@ -153,19 +153,23 @@ def plot(
 
     argument: object = ax
     if argument is not None and not isinstance(argument, Axes):
-        problem = f"is a {type(argument).__name__}"
-        hint = "pass figure.add_subplot()"
-        raise InputError("ax", problem, "it must be matplotlib axes", hint)
-    drawn: Any = space
+        raise InputError(
+            "ax",
+            f"is a {type(argument).__name__}",
+            "it must be matplotlib axes",
+            "pass figure.add_subplot()",
+        )
+    # A workspace is drawn as a map without a robot, a tiled map as an overview.
+    drawn_map: Any = space
     if isinstance(space, Workspace):
-        drawn = WorkspaceView(space)
+        drawn_map = WorkspaceView(space)
     elif isinstance(space, TiledCSpace):
-        drawn = space.overview()
+        drawn_map = space.overview()
     options: dict[str, Any] = {"surface": surface, "cut": cut, "camera": camera}
     options |= {"ax": ax, "center": center, "zoom": zoom}
-    kind = _choose_view(drawn, view, options)
+    kind = _choose_view(drawn_map, view, options)
     scene = make_scene(
-        drawn,
+        drawn_map,
         rotation=rotation,
         path=path,
         start=start,
@@ -183,8 +187,8 @@ def plot(
         painting.show()
         axes = painting.axes
         handles = list(painting.handles.values())
-    rotation_text = drawn.rotations.describe(scene.rotation)
-    heading = "\n".join(filter(None, [title_of(drawn), rotation_text]))
+    rotation_text = drawn_map.rotations.describe(scene.rotation)
+    heading = "\n".join(filter(None, [title_of(drawn_map), rotation_text]))
     artists.annotate(axes, ax is None, title, heading, handles if legend else [])
     return axes
 
@@ -195,7 +199,7 @@ def title_of(space: MapLike) -> str:
 
 
 def _choose_view(space: MapLike, view: str | None, options: Mapping[str, Any]) -> str:
-    """Return the kind of picture of a map.
+    """Choose the kind of picture of a map, and check that the options fit it.
 
     Raises InputError if the map has no such view, or if an option other than None does not fit the
     view.
@@ -204,25 +208,40 @@ def _choose_view(space: MapLike, view: str | None, options: Mapping[str, Any]) -
     kind = view or views[0]
     if kind not in views:
         axes = ", ".join(space.axes)
-        rule = f"it must be {' or '.join(views)}, because configurations are ({axes})"
-        hint = "or omit it; loop over plot(rotation=) for several slices"
-        raise InputError("view", f"is {view!r}", rule, hint)
+        raise InputError(
+            "view",
+            f"is {view!r}",
+            f"it must be {' or '.join(views)}, because configurations are ({axes})",
+            "or omit it; loop over plot(rotation=) for several slices",
+        )
     for name, kinds in VIEW_OPTIONS.items():
         value = options[name]
         if value is not None and kind not in kinds:
-            rule = f"it needs view {' or '.join(kinds)}"
-            raise InputError(name, f"is given with view {kind}", rule, "omit it")
+            raise InputError(
+                name,
+                f"is given with view {kind}",
+                f"it needs view {' or '.join(kinds)}",
+                "omit it",
+            )
+    # Only a zoomed picture and sections have a center.
     zoom = options["zoom"]
     center = options["center"]
     if zoom is not None:
         check_positive(zoom, "zoom", "the map's longest side over that of the picture")
         if zoom < 1.0:
-            rule = "it must be at least 1 (the whole map)"
-            raise InputError("zoom", f"is {zoom!r}", rule, "pass e.g. 8")
+            raise InputError(
+                "zoom",
+                f"is {zoom!r}",
+                "it must be at least 1 (the whole map)",
+                "pass e.g. 8",
+            )
     elif center is not None and kind != "sections":
-        problem = "is given without zoom"
-        rule = "the whole map is drawn"
-        raise InputError("center", problem, rule, "add e.g. zoom=8, or omit it")
+        raise InputError(
+            "center",
+            "is given without zoom",
+            "the whole map is drawn",
+            "add e.g. zoom=8, or omit it",
+        )
     return kind
 
 
@@ -270,9 +289,12 @@ def save_plot(
     'map.png'
     """
     if "ax" in options:
-        rule = "save_plot draws a new figure"
-        hint = "use plot and ax.figure.savefig instead"
-        raise InputError("ax", "is given", rule, hint)
+        raise InputError(
+            "ax",
+            "is given",
+            "save_plot draws a new figure",
+            "use plot and ax.figure.savefig instead",
+        )
     return save_figure(lambda: plot(space, **options).figure, file, overwrite, dpi)
 
 

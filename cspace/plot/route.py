@@ -44,6 +44,7 @@ class WorkspaceView:
     """A workspace as a map without a robot: BLOCKED in obstacles, FREE elsewhere."""
 
     def __init__(self, workspace: Workspace) -> None:
+        """Give a workspace the attributes of a map that pictures need."""
         self.workspace = workspace
         self.grid = workspace.grid
         self.axes = self.grid.axes
@@ -84,6 +85,7 @@ class Body:
     """
 
     def __init__(self, robot: Robot, rotations: Rotations) -> None:
+        """Take the outlines or triangles of a robot, and measure them."""
         self.dim = robot.dim
         self.rotations = rotations
         self.rings: list[Floats] = []
@@ -94,6 +96,7 @@ class Body:
             corners = np.concatenate(self.rings)
             left, bottom = corners.min(axis=0)
             right, top = corners.max(axis=0)
+            # The nose takes the front quarter of the robot, and two fifths of its width.
             back = right - (right - left) / 4
             middle = (bottom + top) / 2
             half = (top - bottom) / 5
@@ -128,8 +131,8 @@ class Body:
         position = q[: self.dim]
         corners = self.transform(self.triangles.reshape(-1, 3), q) - position
         triangles = shapely.polygons(corners[:, columns].reshape(-1, 3, 2))
-        seen = triangles[shapely.area(triangles) > 0.0]
-        rings = outline_rings(shapely.union_all(seen, grid_size=1e-9 * self.size))
+        with_area = triangles[shapely.area(triangles) > 0.0]
+        rings = outline_rings(shapely.union_all(with_area, grid_size=1e-9 * self.size))
         # Rounding leaves thin gaps between triangles, which would appear as dashes.
         wide = [ring for ring in rings if shapely.Polygon(ring).area > 1e-6 * self.size**2]
         return [ring + position[columns] for ring in wide]
@@ -158,7 +161,8 @@ def interpolate_path(
 ) -> Floats:
     """Interpolate a path at shares, 0 to 1, of its :func:`path_lengths`; return (n, size)."""
     lengths = path_lengths(rotations, points, reach)
-    places = np.interp(shares * lengths[-1], lengths, np.arange(len(points)))  # as rows
+    # Place 1.5 is halfway from row 1 to row 2.
+    places = np.interp(shares * lengths[-1], lengths, np.arange(len(points)))
     before = np.minimum(places.astype(np.int64), max(len(points) - 2, 0))
     after = np.minimum(before + 1, len(points) - 1)
     steps = rotations.steps_between(points[before], points[after])
@@ -222,13 +226,14 @@ def make_scene(
     grid = space.grid
     rotations = space.rotations
     dim = space.grid.dim
-    shown = rotations.only_rotation
+    drawn_rotation = rotations.only_rotation
     if rotation is not None:
-        shown = rotations.check_rotation(rotation)
+        drawn_rotation = rotations.check_rotation(rotation)
     points = check_path(space, path)
     marks = collect_marks(space, path, points, start, goal)
     body = Body(space.robot, rotations)
     point = _choose_center(space, center, body, points, marks)
+    # Robots stand along the path, at the start and at the goal.
     stations = _choose_stations(body, points, robot_every, zoom or 1.0)
     stations = np.vstack([stations, *marks.values()])
     if not space.robot.shape.shown:
@@ -239,9 +244,11 @@ def make_scene(
     first = np.zeros(dim, np.int64)
     stop = np.array(grid.shape)
     if zoom is None:
+        # The whole grid, the path and the robots are in view.
         corners = np.concatenate([[lower, upper], points[:, :dim], *extents])
         box = np.stack([corners.min(axis=0), corners.max(axis=0)])
     else:
+        # A square or cube of cells around the center, as far as it is in the grid.
         side = math.ceil(max(grid.shape) / zoom)  # cells
         begin = np.rint((point - lower) / grid.spacing - 0.5 * side).astype(np.int64)
         first = np.clip(begin, 0, stop - 1)
@@ -252,13 +259,13 @@ def make_scene(
         stations = stations[overlaps.all(axis=1)]
     window = tuple(map(slice, first.tolist(), stop.tolist()))
     lost = find_lost_steps(space, path)
-    return Scene(space, shown, window, box, point, body, points, lost, marks, stations)
+    return Scene(space, drawn_rotation, window, box, point, body, points, lost, marks, stations)
 
 
 def outline_rings(geometry: Any) -> list[Floats]:
     """Return the closed outlines of a geometry, holes clockwise, each of shape (n, 2)."""
-    parts = shapely.get_parts(shapely.orient_polygons(geometry))
-    rings = [ring for part in parts for ring in (part.exterior, *part.interiors)]
+    polygons = shapely.get_parts(shapely.orient_polygons(geometry))
+    rings = [ring for polygon in polygons for ring in (polygon.exterior, *polygon.interiors)]
     return [shapely.get_coordinates(ring) for ring in rings]
 
 
@@ -276,9 +283,12 @@ def _check_coordinates(values: Any, name: str, axes: Sequence[str], ndim: int = 
     points = check_finite(values, name)
     if points.ndim != ndim or points.shape[-1] != len(axes):
         shape = f"(n, {len(axes)})" if ndim == 2 else f"({len(axes)},)"
-        problem = f"has shape {points.shape}"
-        hint = f"pass ({', '.join(axes)})"
-        raise InputError(name, problem, f"it must be {shape}", hint)
+        raise InputError(
+            name,
+            f"has shape {points.shape}",
+            f"it must be {shape}",
+            f"pass ({', '.join(axes)})",
+        )
     return points
 
 
@@ -315,34 +325,38 @@ def with_gaps(points: Floats, chosen: Bools) -> Floats:
 def collect_marks(
     space: HasAxes, path: Any, points: Floats, start: Any, goal: Any
 ) -> dict[str, Floats]:
-    """Return start and goal by name; by default, the path or plan gives them."""
+    """Return start and goal by name, shape (size,); by default, the path or plan gives them."""
     marks = {}
-    for name, given, end in (("start", start, 0), ("goal", goal, -1)):
-        if given is None:
-            given = points[end] if len(points) else getattr(path, name, None)
-        if given is not None:
-            marks[name] = _check_coordinates(given, name, space.axes)
+    for name, q, row in (("start", start, 0), ("goal", goal, -1)):
+        if q is None:
+            q = points[row] if len(points) else getattr(path, name, None)
+        if q is not None:
+            marks[name] = _check_coordinates(q, name, space.axes)
     return marks
 
 
 def _choose_stations(body: Body, points: Floats, every: float | None, zoom: float) -> Floats:
-    """Return the configurations along a path at which to draw the robot."""
+    """Choose the configurations along a path, shape (m, size), at which to draw the robot.
+
+    They are at most ``every`` metres apart; infinity, or a path of one point, gives none.
+    """
     if every is not None and every != math.inf:
         every = check_positive(every, "robot_every")
     if len(points) < 2 or every == math.inf:
         return np.empty((0, points.shape[1]))
-    length = float(path_lengths(body.rotations, points, body.reach)[-1])
+    *_, length = path_lengths(body.rotations, points, body.reach).tolist()
+    # By default, about a dozen that overlap little.
     if every is None:
         every = max(length / (ROBOTS_PER_PATH * zoom), 0.75 * body.size)
-    parts = math.ceil(length / every)
-    shares = np.arange(1, parts) / max(parts, 1)
+    intervals = math.ceil(length / every)
+    shares = np.arange(1, intervals) / max(intervals, 1)
     return interpolate_path(body.rotations, points, shares, body.reach)
 
 
 def _choose_center(
     space: MapLike, center: Any, body: Body, points: Floats, marks: dict[str, Floats]
 ) -> Floats:
-    """Return the point of the grid through which sections are cut.
+    """Choose the point of the grid, shape (d,), through which sections are cut.
 
     Default: half the way along the path; without a path the start, the goal, or the center of the
     grid. Raises InputError if ``center`` is not a point of the grid.
@@ -358,9 +372,12 @@ def _choose_center(
     point = _check_coordinates(center, "center", space.axes[: grid.dim])
     if not grid.contains(point):
         lower, upper = (np.round(corner, 9).tolist() for corner in (grid.lower, grid.upper))
-        problem = f"is {point.tolist()}"
-        rule = f"the grid is from {lower} to {upper}"
-        raise InputError("center", problem, rule, "pass a point in it")
+        raise InputError(
+            "center",
+            f"is {point.tolist()}",
+            f"the grid is from {lower} to {upper}",
+            "pass a point in it",
+        )
     return point
 
 
@@ -372,6 +389,7 @@ def simplify_surface(surface: Surface) -> Surface:
     vertices, faces = surface
     if len(faces) <= MAX_DETAILED_FACES:
         return vertices, faces
+    # Vertices near one node of a lattice become one, and faces that lose a corner vanish.
     spacing = np.ptp(vertices, axis=0).max() / CLUSTERS_PER_SIDE
     nodes = np.rint(vertices / spacing)  # of the lattice
     _, first, clusters = np.unique(nodes, axis=0, return_index=True, return_inverse=True)

@@ -35,7 +35,11 @@ def draw_plane(scene: Scene, ax: Axes | None) -> tuple[Axes, list[Any]]:
 
 
 def draw_sections(scene: Scene) -> tuple[Axes, list[Any]]:
-    """Draw three sections; return the axes seen from above and the legend entries."""
+    """Draw three sections of a map in space, seen from above, the front and the right.
+
+    Returns the axes seen from above, and the legend entries.
+    """
+    # All are drawn to one scale: the plan below the front, and the side to the right of that.
     lengths = scene.box[1] - scene.box[0]
     x, y, z = np.maximum(lengths, lengths.max() / artists.MAX_ASPECT_RATIO)
     max_width, max_height = _SECTIONS_INCHES
@@ -47,17 +51,17 @@ def draw_sections(scene: Scene) -> tuple[Axes, list[Any]]:
     plan = figure.add_subplot(cells[1, 0])
     front = figure.add_subplot(cells[0, 0], sharex=plan)
     side = figure.add_subplot(cells[0, 1], sharey=front)
-    shown: list[artists.Classes] = []
+    classes: list[artists.Classes] = []
     entries: dict[str, Any] = {}
     for ax, pair, across in ((plan, (0, 1), 2), (front, (0, 2), 1), (side, (1, 2), 0)):
-        shown.append(_draw_section(ax, scene, pair, across))
+        classes.append(_draw_section(ax, scene, pair, across))
         for handle in _draw_route(ax, scene, pair, across):
             entries.setdefault(handle.get_label(), handle)
     front.tick_params(labelbottom=False)
     side.tick_params(labelleft=False)
     front.set_xlabel("")
     side.set_ylabel("")
-    return plan, artists.make_cell_legend(scene, shown) + list(entries.values())
+    return plan, artists.make_cell_legend(scene, classes) + list(entries.values())
 
 
 def _draw_section(ax: Axes, scene: Scene, pair: tuple[int, int], across: int) -> artists.Classes:
@@ -66,6 +70,7 @@ def _draw_section(ax: Axes, scene: Scene, pair: tuple[int, int], across: int) ->
     ``pair`` are the axes of the section, and ``across`` is the third axis.
     """
     grid = scene.space.grid
+    # Of the window, take the one layer of cells that contains the center.
     layer: list[Any] = list(scene.window)
     layer[across] = int(grid.cell_of(scene.center)[across])
     classes = artists.classify_cells(scene.space, scene.rotation, tuple(layer))
@@ -74,6 +79,7 @@ def _draw_section(ax: Axes, scene: Scene, pair: tuple[int, int], across: int) ->
     trace: dict[str, Any] = {"color": "black", "linewidth": 0.7, "linestyle": "-.", "zorder": 2}
     ax.axvline(scene.center[pair[0]], **trace)
     ax.axhline(scene.center[pair[1]], **trace)
+    # The title gives the place of the section, to a tenth of a cell.
     digits = max(0, 1 + math.ceil(-math.log10(grid.spacing)))
     height = round(float(scene.center[across]), digits) + 0.0  # no minus sign before zero
     name = grid.axes[across]
@@ -86,7 +92,8 @@ def _draw_section(ax: Axes, scene: Scene, pair: tuple[int, int], across: int) ->
 def _draw_route(ax: Axes, scene: Scene, pair: tuple[int, int], across: int) -> list[Any]:
     """Draw path, robots and marks in a section; return their legend entries.
 
-    The path is faint, and the robot is not drawn, where the robot does not reach the section.
+    ``pair`` are the axes of the section, and ``across`` is the third axis. The path is faint, and
+    the robot is not drawn, where the robot does not reach the section.
     """
     level = scene.center[across]
     body = scene.body
@@ -98,6 +105,7 @@ def _draw_route(ax: Axes, scene: Scene, pair: tuple[int, int], across: int) -> l
 
     handles = artists.draw_path(ax, scene.points, scene.lost, pair, alpha=0.4)
     if len(scene.points) > 1:
+        # Draw the path once more, solid, where the robot meets the section.
         handles[0].set_label("path, away from the section")
         shares = np.linspace(0.0, 1.0, artists.CURVE_POINTS)
         points = interpolate_path(body.rotations, scene.points, shares, body.reach)

@@ -69,9 +69,14 @@ class Painting:
         camera: ArrayLike | None = None,
         labels: Sequence[str] = ("x (m)", "y (m)", "z (m)"),
     ) -> None:
+        """Prepare axes that show a box, shape (2, 3), from a camera."""
         if getattr(ax, "name", "3d") != "3d":
-            hint = 'use figure.add_subplot(projection="3d")'
-            raise InputError("ax", "has two dimensions", "it must have three", hint)
+            raise InputError(
+                "ax",
+                "has two dimensions",
+                "it must have three",
+                'use figure.add_subplot(projection="3d")',
+            )
         angles = check_camera(camera)
         if ax is None:
             figure = artists.new_figure(*_FIGURE_INCHES, layout=None)
@@ -83,7 +88,8 @@ class Painting:
         lengths = box[1] - box[0]
         self.size = float(lengths.max())
         self._box = box
-        self._parts: list[tuple[Floats, Floats]] = [(np.empty((0, 4, 3)), np.empty((0, 3)))]
+        # Polygons that never move, (n, 4, 3), with their colours, (n, 3).
+        self._painted: list[tuple[Floats, Floats]] = [(np.empty((0, 4, 3)), np.empty((0, 3)))]
         self._collection: Any = None
         ax.set(xlim=box[:, 0], ylim=box[:, 1], zlim=box[:, 2])
         ax.set(xlabel=labels[0], ylabel=labels[1], zlabel=labels[2])
@@ -94,28 +100,31 @@ class Painting:
         ax.view_init(*angles)
 
     def add(self, polygons: Floats, color: str, label: str) -> None:
-        """Add polygons of one colour, (n, 4, 3), and their legend entry."""
+        """Add polygons of one colour, (n, 4, 3), and their legend entry; skip those outside."""
+        # Polygons on the border of the box may be outside by rounding.
         slack = 1e-9 * np.ptp(self._box, axis=0)
-        inside = (polygons >= self._box[0] - slack) & (polygons <= self._box[1] + slack)
-        polygons = polygons[inside.all(axis=(1, 2))]
-        self._parts.append((polygons, shade(polygons, color)))
+        low, high = self._box
+        is_inside = (polygons >= low - slack) & (polygons <= high + slack)
+        polygons = polygons[is_inside.all(axis=(1, 2))]
+        self._painted.append((polygons, shade(polygons, color)))
         self.handles.setdefault(label, artists.patch(label, color))
 
     def add_path(self, curve: Floats, lost: Bools) -> None:
         """Draw a path, shape (n, 3), over everything; omit what is outside the box."""
-        inside = ((curve >= self._box[0]) & (curve <= self._box[1])).all(axis=1)
-        shown = np.where(inside[:, np.newaxis], curve, np.nan)
-        for line in artists.draw_path(self.axes, shown, lost, (0, 1, 2)):
+        low, high = self._box
+        is_inside = ((curve >= low) & (curve <= high)).all(axis=1)
+        with_gaps = np.where(is_inside[:, np.newaxis], curve, np.nan)  # NaN makes gaps
+        for line in artists.draw_path(self.axes, with_gaps, lost, (0, 1, 2)):
             self.handles[line.get_label()] = line
 
     def show(self, moving: Floats | None = None) -> None:
         """Draw all polygons, and those of a moving robot in place of the last ones."""
         from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
 
-        parts = list(self._parts)
+        painted = list(self._painted)
         if moving is not None:
-            parts.append((moving, shade(moving, artists.ROBOT_FILL_COLOR)))
-        polygons, colors = map(np.concatenate, zip(*parts, strict=True))
+            painted.append((moving, shade(moving, artists.ROBOT_FILL_COLOR)))
+        polygons, colors = map(np.concatenate, zip(*painted, strict=True))
         if self._collection is not None:
             self._collection.remove()
         # One collection, because matplotlib does not sort the polygons of several together.
@@ -136,22 +145,28 @@ def check_camera(camera: ArrayLike | None) -> Floats:
         return np.array(DEFAULT_CAMERA)
     angles = check_finite(camera, "camera")
     if angles.shape != (2,) or abs(angles[0]) > 90.0:
-        rule = "it must be (elevation, azimuth), degrees, with an elevation from -90 to 90"
-        hint = f"pass e.g. {DEFAULT_CAMERA}"
-        raise InputError("camera", f"is {camera!r}", rule, hint)
+        raise InputError(
+            "camera",
+            f"is {camera!r}",
+            "it must be (elevation, azimuth), degrees, with an elevation from -90 to 90",
+            f"pass e.g. {DEFAULT_CAMERA}",
+        )
     return angles
 
 
 def camera_direction(angles: Floats) -> Floats:
     """Return the direction to a camera, shape (3,); angles are in degrees."""
     elevation, azimuth = np.radians(angles)
-    flat = math.cos(elevation)
-    direction = [flat * math.cos(azimuth), flat * math.sin(azimuth), math.sin(elevation)]
+    radius = math.cos(elevation)  # of the horizontal part
+    direction = [radius * math.cos(azimuth), radius * math.sin(azimuth), math.sin(elevation)]
     return np.round(direction, 12)  # zero components are exactly zero
 
 
 def shade(polygons: Floats, color: str) -> Floats:
-    """Return the colours of faces, shape (n, 3), by their normals."""
+    """Compute the colours of faces, shape (n, 3), by their normals.
+
+    ``polygons`` has shape (n, 4, 3). A face is brighter the more it looks upwards.
+    """
     from matplotlib.colors import to_rgb
 
     sides = np.diff(polygons[:, :3], axis=1)
@@ -175,6 +190,7 @@ def draw_surface(
     grid = scene.space.grid
     painting = Painting(scene.box, ax, camera, grid.labels)
     top = _choose_top(scene, cut)
+    # Solid are the obstacles, or all cells that are not free for the reference point.
     shows_obstacles = surface == "obstacles"
     if shows_obstacles:
         classes = artists.classify_ground(scene.space.workspace, scene.window)
@@ -183,14 +199,16 @@ def draw_surface(
         classes = artists.classify_cells(scene.space, scene.rotation, scene.window)
         lowest = artists.UNDECIDED
     levels = np.where(classes >= lowest, classes, np.uint8(0))
-    first_cell = np.array([part.start for part in scene.window])
+    first_cell = np.array([cells.start for cells in scene.window])
     corner = np.array(grid.lower) + grid.spacing * first_cell
+    # Leave out the layers above the cut.
     is_cut = top < grid.upper[2]
     if is_cut:
         layers = math.ceil((top - corner[2]) / grid.spacing - 1e-9)
         levels = levels[..., : max(1, layers)]
     faces, face_levels = border_faces(levels, painting.towards, is_cut=is_cut)
     polygons = corner + grid.spacing * faces
+    # Unknown cells that count as obstacles have a colour of their own.
     is_unknown = (face_levels == artists.UNSEEN) & shows_obstacles
     for chosen, (label, color) in ((~is_unknown, SURFACES[surface]), (is_unknown, UNKNOWN_SURFACE)):
         if chosen.any():
@@ -232,29 +250,31 @@ def border_faces(levels: Bytes, towards: Floats, is_cut: bool) -> tuple[Ints, By
         In cells.
     levels : ndarray of uint8, shape (n,)
     """
-    first, stop = _find_inside(levels > 0, towards, is_cut)
+    first, stop = _trim_walls(levels > 0, towards, is_cut)
     levels = levels[tuple(map(slice, first, stop))]
     side = math.ceil(max(levels.shape) / 200)  # smaller blocks would be invisible in a picture
     while True:
         blocks = reduce_blocks(levels, block_starts(levels.shape, side))
-        solid_blocks, corners = _visible_faces(blocks > 0, towards)
+        solid_blocks, corners = _list_visible_faces(blocks > 0, towards)
         if len(solid_blocks) <= MAX_FACES:
             break
-        side += max(1, side // 4)
+        side += max(1, side // 4)  # a quarter more, so that few rounds are needed
     # The last blocks may reach beyond the cells.
     cell_corners = np.minimum(side * corners, levels.shape)
     return first + cell_corners, blocks[tuple(solid_blocks.T)]
 
 
-def _find_inside(solid: Bools, towards: Floats, is_cut: bool) -> tuple[Ints, Ints]:
-    """Return the first and the stop cells of a map without the walls at the camera's side.
+def _trim_walls(solid: Bools, towards: Floats, is_cut: bool) -> tuple[Ints, Ints]:
+    """Find the part of a map without the walls at the camera's side.
 
-    A wall is mostly solid layers, fewer than half of all.
+    A wall is mostly solid layers, fewer than half of all. Returns the first cell and the end of
+    that part along each axis, shapes (3,).
     """
     first = np.zeros(3, np.int64)
     stop = np.array(solid.shape)
     for axis in range(2 if is_cut else 3):
-        shares = np.moveaxis(solid, axis, 0).mean(axis=(1, 2))  # of solid cells, by layer
+        layers_first = np.moveaxis(solid, axis, 0)
+        shares = layers_first.mean(axis=(1, 2))  # of solid cells, by layer
         is_seen_from_above = towards[axis] > 0.0
         if is_seen_from_above:
             shares = shares[::-1]
@@ -268,8 +288,11 @@ def _find_inside(solid: Bools, towards: Floats, is_cut: bool) -> tuple[Ints, Int
     return first, stop
 
 
-def _visible_faces(solid: Bools, towards: Floats) -> tuple[Ints, Ints]:
-    """Return the faces towards the camera: their cells (n, 3), and their corners (n, 4, 3)."""
+def _list_visible_faces(solid: Bools, towards: Floats) -> tuple[Ints, Ints]:
+    """List the faces of solid cells towards the camera.
+
+    Returns their cells (n, 3), and their corners (n, 4, 3).
+    """
     cells = [np.empty((0, 3), np.int64)]
     corners = [np.empty((0, 4, 3), np.int64)]
     for axis in np.flatnonzero(towards).tolist():
@@ -283,13 +306,17 @@ def _visible_faces(solid: Bools, towards: Floats) -> tuple[Ints, Ints]:
 
 def exposed_cells(solid: Bools, axis: int, up: int) -> Bools:
     """Return a mask of the solid cells with no solid cell below (0) or above (1) on an axis."""
+    # Padding with empty cells keeps the ends of the array from being neighbours.
     shift = -1 if up else 1
     neighbors = np.roll(np.pad(solid, 1), shift, axis)[1:-1, 1:-1, 1:-1]
     return solid & ~neighbors
 
 
 def _choose_top(scene: Scene, cut: float | None) -> float:
-    """Return the height above which no cells are drawn, metres."""
+    """Choose the height above which no cells are drawn, metres.
+
+    By default it is the highest point of the robot on the path, but at least one layer is drawn.
+    """
     grid = scene.space.grid
     top = grid.upper[2]
     if cut is not None:
@@ -308,6 +335,7 @@ def split_triangles(triangles: Floats, size: float) -> Floats:
     """
     from trimesh.remesh import subdivide_to_size
 
+    # Each triangle has three vertices of its own.
     corners = triangles.reshape(-1, 3)
     faces = np.arange(len(corners)).reshape(-1, 3)
     subdivide: Any = subdivide_to_size

@@ -73,9 +73,9 @@ def evaluate(
     points = check_rows(q, name, size)
     rows = as_contiguous(points.reshape(-1, size))
     out = np.empty(len(rows), dtype=dtype)
-    bad = write(rows, out)
+    bad = write(rows, out)  # index of the first unusable row, or -1
     if bad >= 0:
-        raise _unusable_error(rows[bad], name, bad)
+        raise _make_unusable_error(rows[bad], name, bad)
     if angles and points.ndim == 1:
         warn_of_degrees(points, angles, name)
     return _shape_answers(out, points.shape[:-1], isinstance(q, np.ndarray))
@@ -88,21 +88,26 @@ def evaluate_edges(
     write: Write,
     angles: Mapping[int, str] = NO_ANGLES,
 ) -> Any:
-    """Evaluate a query on straight edges between configurations, which broadcast.
+    """Evaluate a query on straight edges from ``q0`` to ``q1``, one or many, which broadcast.
 
-    Parameters, results and errors are those of :func:`evaluate`.
+    Both have shape (d,) or (..., d). ``write`` writes True or False for each edge; other
+    parameters, results and errors are those of :func:`evaluate`.
     """
     starts = check_rows(q0, "q0", size)
     ends = check_rows(q1, "q1", size)
     try:
         shape = np.broadcast_shapes(starts.shape, ends.shape)
     except ValueError as error:
-        problem = f"has shape {starts.shape} and q1 {ends.shape}"
-        hint = "pass batches of equal shape"
-        raise InputError("q0", problem, "they must broadcast", hint) from error
-    first = as_contiguous(np.broadcast_to(starts, shape).reshape(-1, size))
-    second = as_contiguous(np.broadcast_to(ends, shape).reshape(-1, size))
-    out = evaluate_rows(first, second, write)
+        raise InputError(
+            "q0",
+            f"has shape {starts.shape} and q1 {ends.shape}",
+            "they must broadcast",
+            "pass batches of equal shape",
+        ) from error
+    first_rows = np.broadcast_to(starts, shape).reshape(-1, size)
+    second_rows = np.broadcast_to(ends, shape).reshape(-1, size)
+    out = evaluate_rows(first_rows, second_rows, write)
+    # Large angles of single configurations are probably in degrees.
     for rows, name in ((starts, "q0"), (ends, "q1")):
         if angles and rows.ndim == 1:
             warn_of_degrees(rows, angles, name)
@@ -118,19 +123,20 @@ def evaluate_rows(starts: Floats, ends: Floats, write: Write) -> Bools:
     out = np.empty(len(starts), dtype=np.bool_)
     bad = write(as_contiguous(starts), as_contiguous(ends), out)
     if bad >= 0:
-        raise _unusable_error(np.concatenate([starts[bad], ends[bad]]), "edge", bad)
+        raise _make_unusable_error(np.concatenate([starts[bad], ends[bad]]), "edge", bad)
     return out
 
 
 def write_in_threads(
     kernel: Write, *arrays: NDArray[Any], min_items: int = MIN_ITEMS_PER_THREAD
 ) -> int:
-    """Call ``kernel(*arrays)`` on parts of the arrays in threads.
+    """Call ``kernel(*arrays)`` on slices of the arrays in threads.
 
     Returns the index of the first unusable row, or -1. Each thread gets at least ``min_items``.
     """
 
     def write_chunk(start: int, stop: int) -> int:
+        """Run the kernel on some rows; return the first unusable one, counted from ``start``."""
         chunks = [array[start:stop] for array in arrays]
         return int(kernel(*chunks))
 
@@ -150,8 +156,8 @@ def _shape_answers(answers: NDArray[Any], shape: tuple[int, ...], is_array: bool
     return answers.item()
 
 
-def _unusable_error(values: NDArray[Any], name: str, index: int) -> InputError:
-    """Return the error for an unusable row of a batch."""
+def _make_unusable_error(values: NDArray[Any], name: str, index: int) -> InputError:
+    """Make the error for an unusable row of a batch, with its values and index."""
     numbers = tuple(values.astype(np.float64).tolist())
     problem = f"number {index} is {numbers}"
     hint = "correct or remove such configurations first"

@@ -47,6 +47,7 @@ def bind_kernel(kernel: Any, fixed: tuple[Any, ...], *examples: Any) -> Callable
     """
     argument_types = tuple(map(numba.typeof, (*fixed, *examples)))
     kernel.compile(argument_types)
+    # Unlike the kernel itself, its machine code for these types compares no types at each call.
     compiled = kernel.get_overload(argument_types)
     return partial(compiled, *fixed)
 
@@ -98,7 +99,7 @@ def state_of(map_: Map, numbers: Numbers) -> int:
 
 @kernel
 def place_of(map_: Map, numbers: Numbers) -> int:
-    """Return the index of the cell over all rotation cells, or -1."""
+    """Return the index of a configuration's cell over all rotation cells, or -1 outside."""
     position, rotation = configuration_before(map_, numbers, MAX_SIZE)
     i, j, k = cell_of(map_, position)
     _, nx, ny, nz = map_.states.shape

@@ -48,12 +48,14 @@ class Components:
     def __init__(
         self, states: States, slice_of: Ints, neighbors: Ints, exterior_open: Bools
     ) -> None:
+        """Keep the states, which are labelled when they are first needed."""
         self._states = states
         self._slice_of = slice_of
         self._exterior_open = exterior_open
+        # List each pair of neighbours once, the lower rotation cell first.
         rotation, column = np.nonzero(neighbors >= 0)
-        pairs = np.sort(np.stack([rotation, neighbors[rotation, column]], axis=1), axis=1)
-        self._rotation_pairs = np.unique(pairs, axis=0)
+        pairs = np.stack([rotation, neighbors[rotation, column]], axis=1)
+        self._rotation_pairs = np.unique(np.sort(pairs, axis=1), axis=0)
 
     @cached_property
     def _free(self) -> LabelledCells:
@@ -129,20 +131,24 @@ class LabelledCells:
     ) -> LabelledCells:
         """Label the True cells of slices, and join them across rotation cells.
 
-        ``rotation_pairs``, shape (n, 2), are the adjacent rotation cells.
+        ``members``, shape (slices, ...), marks these cells. ``rotation_pairs``, shape (n, 2), are
+        the adjacent rotation cells.
         """
+        # A node of the graph is a label at a rotation cell; label 0 stands for the outside.
         labels, counts = _label_slices(members)
         node_counts = counts[slice_of] + 1
         first_node = np.cumsum(node_counts) - node_counts
+        # Links of the graph, shape (2, n) each: labels at the border with the outside, and labels
+        # that overlap at neighbouring rotations.
         is_open = exterior_open[slice_of]
         links = [np.empty((2, 0), dtype=np.int64)]
         for rotation in np.flatnonzero(is_open).tolist():
-            border_labels = _labels_at_border(labels[slice_of[rotation]])
+            border_labels = _find_border_labels(labels[slice_of[rotation]])
             outside = np.zeros_like(border_labels)
             links.append(first_node[rotation] + np.stack([border_labels, outside]))
         for pair in rotation_pairs:
             pair_nodes = first_node[pair, np.newaxis]
-            links.append(pair_nodes + _shared_labels(labels, slice_of[pair]))
+            links.append(pair_nodes + _find_shared_labels(labels, slice_of[pair]))
             if is_open[pair].all():
                 links.append(pair_nodes)  # the space outside is open at both rotations
         first, second = np.concatenate(links, axis=1)
@@ -171,12 +177,12 @@ class LabelledCells:
         rotations = cells[..., 0]
         positions = cells[..., 1:]
         shape = np.array(self.labels.shape[1:])
-        inside = ((positions >= 0) & (positions < shape)).all(axis=-1)
+        is_inside = ((positions >= 0) & (positions < shape)).all(axis=-1)
         coordinates = np.moveaxis(np.clip(positions, 0, shape - 1), -1, 0)
         labels = self.labels[self.slice_of[rotations], *coordinates]
         # Label 0 stands for the outside, so that other cells of the grid have no component.
-        nodes = self.first_node[rotations] + np.where(inside, labels, 0)
-        return np.where(inside & (labels == 0), -1, self.components[nodes])
+        nodes = self.first_node[rotations] + np.where(is_inside, labels, 0)
+        return np.where(is_inside & (labels == 0), -1, self.components[nodes])
 
     @cached_property
     def boxes(self) -> Ints:
@@ -185,7 +191,8 @@ class LabelledCells:
         n_components = int(self.components.max(initial=-1)) + 1
         lowest = np.full((n_components, dim), max(self.labels.shape))
         highest = np.full((n_components, dim), -1)
-        corners = [_label_corners(part) for part in self.labels]
+        corners = [_find_label_corners(slice_labels) for slice_labels in self.labels]
+        # The box of a component contains the boxes of its labels at all rotation cells.
         for number, outside in zip(self.slice_of.tolist(), self.first_node.tolist(), strict=True):
             low, high = corners[number]
             components = self.components[outside + 1 : outside + 1 + len(low)]
@@ -195,27 +202,32 @@ class LabelledCells:
 
 
 def _label_slices(members: Bools) -> tuple[Labels, Ints]:
-    """Label each slice from 1 on; return the labels and their number in each slice."""
+    """Label the connected True cells of each slice from 1 on.
+
+    ``members`` has shape (slices, ...). Returns the labels, which have the same shape, and their
+    number in each slice.
+    """
     labels: Labels = np.empty(members.shape, dtype=np.uint16)
     counts = np.empty(len(members), dtype=np.int64)
-    for number, part in enumerate(members):
-        slice_labels, counts[number] = ndimage.label(part)
+    for number, slice_members in enumerate(members):
+        slice_labels, counts[number] = ndimage.label(slice_members)
+        # Most maps need only short labels.
         if counts[number] > MAX_SHORT_LABEL and labels.dtype == np.uint16:
             labels = labels.astype(np.int32)
         labels[number] = slice_labels
     return labels, counts
 
 
-def _label_corners(labels: Labels) -> tuple[Ints, Ints]:
-    """Return the first and the last cell of each label's box, shapes (labels, d)."""
+def _find_label_corners(labels: Labels) -> tuple[Ints, Ints]:
+    """Find the first and the last cell of each label's box, shapes (labels, d), in a slice."""
     boxes = ndimage.find_objects(labels)
     corners = [[(side.start, side.stop - 1) for side in box] for box in boxes]
     array = np.array(corners, dtype=np.int64).reshape(-1, labels.ndim, 2)
     return array[..., 0], array[..., 1]
 
 
-def _labels_at_border(labels: Labels) -> Ints:
-    """Return the labels of cells at the border of a slice."""
+def _find_border_labels(labels: Labels) -> Ints:
+    """Return the labels of cells at the border of a slice, without 0."""
     faces = list[Labels]()
     for axis in range(labels.ndim):
         faces += [labels.take(0, axis).ravel(), labels.take(-1, axis).ravel()]
@@ -223,10 +235,9 @@ def _labels_at_border(labels: Labels) -> Ints:
     return border_labels[border_labels > 0]
 
 
-def _shared_labels(labels: Labels, slices: Ints) -> Ints:
-    """Return the pairs of labels that share a cell of two slices, shape (2, n)."""
-    first = labels[slices[0]].ravel()
-    second = labels[slices[1]].ravel()
+def _find_shared_labels(labels: Labels, slices: Ints) -> Ints:
+    """Find the pairs of labels that share a cell of two slices, shape (2, n)."""
+    first, second = (labels[number].ravel() for number in slices)
     # Runs of one pair are long, so repeated pairs are dropped before the rest is sorted.
     is_new = np.ones(len(first), dtype=np.bool_)
     is_new[1:] = (first[1:] != first[:-1]) | (second[1:] != second[:-1])

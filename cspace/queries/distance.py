@@ -91,6 +91,7 @@ class DistanceMap:
     """
 
     def __init__(self, states: States, exterior: Ints, lock: AbstractContextManager[Any]) -> None:
+        """Share the states of all slices and the exterior table; no distance is computed yet."""
         self._states = states
         self._exterior = exterior
         self._lock = lock
@@ -121,6 +122,7 @@ class DistanceMap:
 
     def of_slices(self, slices: Iterable[int]) -> DistanceTable:
         """Return a table with the distances of at least the given slices."""
+        # Distances that are missing are computed in threads, one slice in each.
         with self._lock:
             if self._table is None:
                 n_slices, *shape = self._states.shape
@@ -135,7 +137,7 @@ class DistanceMap:
             return table
 
     def _fill(self, table: DistanceTable, number: int) -> None:
-        """Compute the distances and the box of a slice."""
+        """Write the distances and the box of a slice to the table."""
         states = self._states[number]
         exterior = self._exterior[number]
         table.boxes[number] = find_box(states, exterior)
@@ -152,12 +154,14 @@ def find_box(states: States, exterior: Ints) -> Floats:
     ``exterior`` is a row of :attr:`cspace.record.exterior.Exterior.table`.
     """
     dim = states.ndim
-    if exterior[-1] != FREE:
+    # A row has the first and the last cell of a MIXED box, then the state of all other cells.
+    first = exterior[:dim]
+    last = exterior[dim:-1]
+    state_beyond = exterior[-1]
+    if state_beyond != FREE:
         return np.stack([np.full(dim, -math.inf), np.full(dim, math.inf)])
     low = np.full(dim, math.inf)
     high = np.full(dim, -math.inf)
-    first = exterior[:dim]
-    last = exterior[dim:-1]
     if (first <= last).all():
         low = first.astype(np.float64)
         high = last + 1.0
@@ -168,10 +172,11 @@ def find_box(states: States, exterior: Ints) -> Floats:
 
 
 def compute_distances(states: States, exterior: Ints, out: Distances) -> None:
-    """Write the distances of the cells of a slice.
+    """Write the distances, in cells, of the cells of a slice.
 
     ``states`` and ``out`` have the shape of the grid; ``exterior`` is a row of the exterior table.
     """
+    # Squared distances grow from zero in cells that are not FREE, along one axis after the other.
     out[...] = np.where(states == FREE, np.float32(math.inf), np.float32(0.0))
     for axis, count in enumerate(out.shape):
         n_before = math.prod(out.shape[:axis])
@@ -187,18 +192,21 @@ def boxes_outside(exterior: Ints, shape: tuple[int, ...]) -> list[tuple[Floats, 
     There is at most one box beyond each side of the grid.
     """
     dim = len(shape)
+    # The exterior row has the first and the last cell of a box, then the state of all other cells.
     low = exterior[:dim].astype(np.float64)
     high = exterior[dim:-1].astype(np.float64) + 1.0
-    if exterior[-1] != FREE:
+    state_beyond = exterior[-1]
+    if state_beyond != FREE:
         low = np.full(dim, -math.inf)
         high = np.full(dim, math.inf)
+    # Cut the box at both sides of the grid along each axis.
     boxes = list[tuple[Floats, Floats]]()
     for axis, count in enumerate(shape):
-        below = high.copy()
-        above = low.copy()
-        below[axis] = min(high[axis], 0.0)
-        above[axis] = max(low[axis], count)
-        boxes += [(low, below), (above, high)]
+        high_below = high.copy()
+        low_above = low.copy()
+        high_below[axis] = min(high[axis], 0.0)
+        low_above[axis] = max(low[axis], count)
+        boxes += [(low, high_below), (low_above, high)]
     return [(first, stop) for first, stop in boxes if (first < stop).all()]
 
 
@@ -207,6 +215,7 @@ def measure_squares(low: Floats, high: Floats, shape: tuple[int, ...]) -> Distan
 
     ``low`` and ``high`` are the corners of the box, in cells; ``shape`` is that of the grid.
     """
+    # Each axis adds its squared gap, and a dimension of the result.
     squares = np.zeros(1, dtype=np.float32)
     for axis, count in enumerate(shape):
         centers = np.arange(count) + 0.5
@@ -216,18 +225,22 @@ def measure_squares(low: Floats, high: Floats, shape: tuple[int, ...]) -> Distan
 
 
 def _spread_along(squares: Distances) -> None:
-    """Lower squared distances to those by way of other cells along the middle axis, in place."""
+    """Lower squared distances to those by way of other cells along the middle axis, in place.
+
+    ``squares`` has shape (cells before, cells along the axis, cells after).
+    """
     n_before, count, n_after = squares.shape
     n_borders = count + 1
 
-    def spread(start: int, stop: int) -> int:
+    def spread_lines(start: int, stop: int) -> int:
+        """Treat lines of cells [start, stop) with their own scratch; -1 means that none failed."""
         borders = np.empty(n_borders, dtype=np.int64)
         heights = np.empty(n_borders)
         firsts = np.empty(n_borders, dtype=np.int64)
         spread_squares(squares, borders, heights, firsts, start, stop)
         return -1
 
-    in_chunks(spread, n_before * n_after, MIN_LINES_PER_THREAD)
+    in_chunks(spread_lines, n_before * n_after, MIN_LINES_PER_THREAD)
 
 
 @kernel
@@ -239,7 +252,7 @@ def spread_squares(
     start: int,
     stop: int,
 ) -> None:
-    """Lower squared distances of lines [start, stop) along the middle axis.
+    """Lower squared distances of lines [start, stop) along the middle axis of ``squares``.
 
     Border j lies between cells j - 1 and j, so half a cell below the center of cell j. A parabola
     stands on it, as high as the lower square of the two cells. The scratch arrays are a stack of
@@ -275,10 +288,11 @@ def spread_squares(
                 firsts[top] = first
         if top < 0:
             continue
+        # Read the envelope backwards, one parabola after the other.
         for j in range(count - 1, -1, -1):
             while firsts[top] > j:
                 top -= 1
-            gap = j + 0.5 - borders[top]
+            gap = j + 0.5 - borders[top]  # of the cell's center
             square = heights[top] + gap * gap
             if square < squares[i, j, k]:
                 squares[i, j, k] = square
@@ -297,6 +311,8 @@ def clearance_at(map_: Map, table: DistanceTable, position: Row, rotation: Numbe
         return 0.0
     s = slice_of(map_, rotation)
     first_axis = 3 - map_.dim
+    # Squared distances to the box of cells that are not FREE, and to the nearest position among
+    # centers; and the mean of squared distances to the centers, by which interpolation overstates.
     box_square = 0.0
     beyond_square = 0.0
     spread = 0.0
@@ -312,6 +328,7 @@ def clearance_at(map_: Map, table: DistanceTable, position: Row, rotation: Numbe
         share = nearest - math.floor(nearest)
         spread += share * (1.0 - share)
     best = math.sqrt(box_square) * ROUNDING_FACTOR
+    # The distance at each of the 2^d centers around, and their mean with linear weights.
     mean_square = 0.0
     for corner in range(2**map_.dim):
         cell = s
@@ -380,10 +397,11 @@ def clearance_of(map_: Map, table: DistanceTable, numbers: Numbers) -> float:
 
 
 def clearance_checker(map_: Map, distances: DistanceMap, size: int) -> Callable[..., float]:
-    """Return ``check(*q)``, the clearance of one configuration in metres.
+    """Make ``check(*q)``, which returns the clearance of one configuration in metres.
 
     It follows all changes of the map.
     """
+    # The kernel is compiled once for configurations of all sizes, so it takes MAX_SIZE numbers.
     padding = (0.0,) * (MAX_SIZE - size)
     measure = bind_kernel(clearance_of, (map_,), distances.whole(), (0.0,) * MAX_SIZE)
     return lambda *q: measure(distances.whole(), (*padding, *q))

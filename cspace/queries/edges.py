@@ -68,6 +68,7 @@ def edge_is_free(map_: Map, p0: Row, r0: Numbers, p1: Row, r1: Numbers) -> bool:
     borders = map_.rotations.borders
     if borders.shape[0] == 0:
         return segment_is_free(map_, int(map_.rotations.slice_of[0]), p0, p1)
+    # Cut the edge at the borders of rotation cells, from the lowest yaw on.
     start = wrap_to_cells(borders, r0[0])
     for arc in range(arc_count(r0, r1)):
         angle = signed_angle(r0[0], r1[0], arc)
@@ -101,12 +102,17 @@ def shares_of_turn(start: float, angle: float, low: float, high: float) -> tuple
 
 @kernel
 def quaternion_edge_is_free(map_: Map, p0: Row, r0: Numbers, p1: Row, r1: Numbers) -> bool:
-    """Test whether an edge of a robot with quaternions is FREE, as :func:`edge_is_free`."""
+    """Return True if an edge of a robot with quaternions is FREE.
+
+    It leads from position p0 and quaternion r0 to p1 and r1. All closed cells within SLACK of it
+    must be FREE, along both arcs if they are equally short up to rounding.
+    """
     borders = map_.rotations.borders[0]
     for number in range(arc_count(r0, r1)):
         arc = find_arc(r0, r1, number)
         if not arc.tangent < 2.0:  # NaN
             return False
+        # Each part of the arc lies in one rotation cell.
         chord_share = 0.0
         enter = 0.0
         has_next = True
@@ -134,10 +140,7 @@ def position_along(p0: Row, p1: Row, t: float) -> Row:
 
 @inlined
 def between(first: float, second: float, t: float) -> float:
-    """Interpolate between two numbers at t in [0, 1].
-
-    Rounding does not lead beyond them.
-    """
+    """Interpolate between two numbers at t in [0, 1]; rounding does not lead beyond them."""
     if t == 0.0:
         return first
     if t == 1.0:

@@ -85,7 +85,11 @@ def min_length(passable: Bools, is_open: bool, start: Floats, goal: Floats) -> f
 
 
 def _min_length_in_plane(passable: Bools, is_open: bool, start: Floats, goal: Floats) -> float:
-    """Bound the length of paths in the plane from below, in cells."""
+    """Bound the length of paths in the plane from below, in cells; infinite if there is none.
+
+    ``passable``, shape (nx, ny), are the cells through which paths may lead; ``is_open`` says if
+    they may leave the grid. ``start`` and ``goal``, shape (2,), are positions in cells.
+    """
     if is_open:
         # A shortest path outside leads along the border of the grid, through these cells.
         passable = np.pad(passable, 1, constant_values=True)
@@ -110,7 +114,8 @@ def _min_length_in_plane(passable: Bools, is_open: bool, start: Floats, goal: Fl
 
 
 def _find_pinches(passable: Bools) -> Bools:
-    """Return the corners where just two opposite cells are passable, shape (nx + 1, ny + 1)."""
+    """Find the corners where just two opposite cells are passable, shape (nx + 1, ny + 1)."""
+    # The four cells around each corner; none outside the grid is passable.
     around = np.pad(passable, 1)
     low_low = around[:-1, :-1]
     low_high = around[:-1, 1:]
@@ -120,18 +125,18 @@ def _find_pinches(passable: Bools) -> Bools:
 
 
 def _nearest_corner(q: Floats, cell: Ints, pinches: Bools) -> Ints | None:
-    """Return the nearest corner of a position's cell that is no pinch; None if all are."""
+    """Find the corner of a position's cell nearest to it that is no pinch; None if all are."""
     corners = [cell + offset for offset in itertools.product((0, 1), repeat=2)]
-    usable = [corner for corner in corners if not pinches[tuple(corner)]]
-
-    def distance_to(corner: Ints) -> float:
-        return float(np.linalg.norm(q - corner))
-
-    return min(usable, key=distance_to, default=None)
+    usable_corners = [corner for corner in corners if not pinches[tuple(corner)]]
+    return min(usable_corners, key=lambda corner: math.dist(q, corner), default=None)
 
 
 def _distance_of_corners(passable: Bools, pinches: Bools, start: Ints, goal: Ints) -> float:
-    """Return the distance of two corners in the graph, in cells; infinite without a path."""
+    """Return the distance of two corners in the graph, in cells; infinite without a path.
+
+    ``passable`` has shape (nx, ny), ``pinches`` marks corners that no path passes. The search is
+    that of cells, with corners as nodes, and the straight distance as its estimate.
+    """
     states = np.where(passable, np.uint8(FREE), np.uint8(BLOCKED))
     no_rotations = np.empty((1, 0), dtype=np.int64)
     graph = Graph(
@@ -154,11 +159,15 @@ def _distance_of_corners(passable: Bools, pinches: Bools, start: Ints, goal: Int
 
 @cache
 def _list_moves() -> Moves:
-    """List the moves between corners of cells, and the cells that each needs."""
+    """List the moves between corners of cells, and the cells that each needs.
+
+    The near cells of a corner are those within two cells; a move needs those that it crosses.
+    """
     near_cells = list(itertools.product((-2, -1, 0, 1), repeat=2))
     steps = []
     needed = []
     for step in itertools.product((-2, -1, 0, 1, 2), repeat=2):
+        # Longer moves in the same direction consist of several.
         if math.gcd(*step) != 1:
             continue
         masks = [1 << bit for bit, cell in enumerate(near_cells) if _crosses(step, cell)]

@@ -14,6 +14,9 @@ from cspace.record.cells import Map
 from cspace.support.arrays import Bools, Floats, Ints
 from cspace.support.compiling import kernel
 
+DX, DY, FIRST_DZ, LENGTH = range(4)
+"""Columns of :attr:`RobotRows.rows`."""
+
 
 class RobotRows(NamedTuple):
     """Rows of the robot's raster cells in each slice.
@@ -38,7 +41,7 @@ class RobotRows(NamedTuple):
 
 
 def sum_columns(cells: Bools) -> NDArray[np.int32]:
-    """Count obstacle cells along the last axis.
+    """Sum obstacle cells along the last axis.
 
     Entry ``[i, j, k]`` of the result, shape (nx, ny, nz + 1), counts the first k cells of a column.
     In the plane, nx is 1, and j and k are the two axes.
@@ -60,10 +63,11 @@ def count_overlaps(
     points: Floats,
     out: Ints,
 ) -> int:
-    """Write the overlaps of configurations; return the index of the first unusable one, or -1.
+    """Count the obstacle cells that the robot overlaps at configurations, shape (n, size).
 
-    ``counts`` are those of :func:`sum_columns`, and ``points`` has shape (n, size). ``outside`` is
-    1 if cells outside the grid are obstacles, otherwise 0.
+    Writes them to ``out``, shape (n,); returns the index of the first unusable configuration, or
+    -1. ``counts`` are those of :func:`sum_columns`. ``outside`` is 1 if cells outside the grid are
+    obstacles, otherwise 0.
     """
     nx, ny, n_sums = counts.shape
     nz = n_sums - 1
@@ -76,10 +80,11 @@ def count_overlaps(
         first_row = robot.stops[s - 1] if s > 0 else 0
         total = 0
         for row in range(first_row, robot.stops[s]):
-            x = i + robot.rows[row, 0]
-            y = j + robot.rows[row, 1]
-            first = k + robot.rows[row, 2]
-            length = robot.rows[row, 3]
+            x = i + robot.rows[row, DX]
+            y = j + robot.rows[row, DY]
+            first = k + robot.rows[row, FIRST_DZ]
+            length = robot.rows[row, LENGTH]
+            # The counts at both ends of a row give the obstacle cells between.
             inside = 0
             if 0 <= x < nx and 0 <= y < ny:
                 begin = min(max(first, 0), nz)

@@ -35,12 +35,14 @@ MAX_SHORTENING_SECONDS: Final = 0.1
 
 
 def waypoints(grid: Grid, rotations: Rotations, endpoints: Floats, cells: Ints) -> Floats:
-    """Return the path through the centers of cells.
+    """Return the path through the centers of cells, shape (n + 2, size).
 
-    ``endpoints`` has shape (2, size), ``cells`` shape (n, 1 + d).
+    ``endpoints`` has shape (2, size), ``cells``, each ``(rotation, x, ...)``, shape (n, 1 + d).
     """
-    centers = np.column_stack([grid.center_of(cells[:, 1:]), rotations.centers[cells[:, 0]]])
-    return np.vstack([endpoints[0], centers, endpoints[1]])
+    start, goal = endpoints
+    rotation_cells = cells[:, 0]
+    centers = [grid.center_of(cells[:, 1:]), rotations.centers[rotation_cells]]
+    return np.vstack([start, np.column_stack(centers), goal])
 
 
 def in_time(check: Check, until: float) -> Check:
@@ -63,7 +65,7 @@ def pulled_straight(
     if cost is None:
         path = _skip_points_both_ways(path, check)
     else:
-        path = _cheapest_subpath(path, check, cost)
+        path = _find_cheapest_subpath(path, check, cost)
     total = _measure(path, rotations, cost)
     for _ in range(MAX_CUTTING_ROUNDS):
         path = _cut_corners(path, rotations, check, cost)
@@ -81,7 +83,9 @@ def edge_costs(path: Floats, cost: Cost) -> Floats:
 
 def _measure(path: Floats, rotations: Rotations, cost: Cost | None) -> float:
     """Return the cost of a path; without a cost, its length."""
-    return path_length(path, rotations) if cost is None else float(edge_costs(path, cost).sum())
+    if cost is None:
+        return path_length(path, rotations)
+    return float(edge_costs(path, cost).sum())
 
 
 def path_length(path: Floats, rotations: Rotations) -> float:
@@ -99,12 +103,12 @@ def _cut_corners(path: Floats, rotations: Rotations, check: Check, cost: Cost | 
     Each edge joins points at equal fractions of the two edges at a corner; the longest free one is
     chosen. With a cost, it may not cost more than the way around the corner.
     """
-    kept = [path[0]]
+    points = [path[0]]
     for corner, after in itertools.pairwise(path[1:]):
-        kept += _cut_corner(kept[-1], corner, after, rotations, check, cost)
+        points += _cut_corner(points[-1], corner, after, rotations, check, cost)
     dim = path.shape[1] - len(rotations.names)
     is_yaw = [False] * dim + [name == "yaw" for name in rotations.names]
-    return wrapped(np.array([*kept, path[-1]]), is_yaw)
+    return wrapped(np.array([*points, path[-1]]), is_yaw)
 
 
 def _cut_corner(
@@ -115,11 +119,16 @@ def _cut_corner(
     check: Check,
     cost: Cost | None,
 ) -> list[Floats]:
-    """Return the points that replace a corner: none, two, or the corner itself."""
+    """Return the points that replace a corner: none, two, or the corner itself.
+
+    The corner is between ``before`` and ``after``, shapes (size,). The edge that cuts it is the
+    longest that passes, found by bisection.
+    """
     first = before.tolist()
     last = after.tolist()
     if check(*first, *last) and _saves(cost, first, corner.tolist(), last):
         return []
+    # Points at shares of both edges, counted from the corner.
     shares = np.linspace(0.0, 1.0, SHARES_PER_EDGE + 1)[:, np.newaxis]
     corners = np.repeat(corner[np.newaxis], len(shares), axis=0)
     backward = rotations.add_steps(corners, shares * rotations.steps_between(corner, before))
@@ -139,12 +148,13 @@ def _cut_corner(
     return [backward[low], forward[low]] if low else [corner]
 
 
-def _cheapest_subpath(points: Floats, check: Check, cost: Cost) -> Floats:
+def _find_cheapest_subpath(points: Floats, check: Check, cost: Cost) -> Floats:
     """Skip waypoints so that the cost of the path is least, by dynamic programming.
 
     An edge replaces as many edges as one of :data:`STRIDES`.
     """
     rows = points.tolist()
+    # The least cost to each waypoint, and the waypoint before it on the way.
     least = np.full(len(points), math.inf)
     previous = np.zeros(len(points), dtype=np.int64)
     least[0] = 0.0
@@ -154,20 +164,26 @@ def _cheapest_subpath(points: Floats, check: Check, cost: Cost) -> Floats:
             if before < 0:
                 break
             total = least[before] + cost(*rows[before], *row)
+            # Edges of the given path need no check.
             if total < least[here] and (stride == 1 or check(*rows[before], *row)):
                 least[here] = total
                 previous[here] = before
-    kept = [len(rows) - 1]
-    while kept[-1] > 0:
-        kept.append(int(previous[kept[-1]]))
-    kept.reverse()
-    return points[kept]
+    here = len(rows) - 1
+    indices = [here]
+    while here > 0:
+        here = int(previous[here])
+        indices.append(here)
+    indices.reverse()
+    return points[indices]
 
 
 def _saves(
     cost: Cost | None, before: Sequence[float], corner: Sequence[float], beyond: Sequence[float]
 ) -> bool:
-    """Return whether the edge past a corner costs at most as much as the edges to and from it."""
+    """Return True if the edge past a corner costs at most as much as the edges to and from it.
+
+    Without a cost, lengths count, and the straight edge is never longer.
+    """
     if cost is None:
         return True
     around = cost(*before, *corner) + cost(*corner, *beyond)
@@ -179,6 +195,7 @@ def _skip_points_both_ways(path: Floats, check: Check) -> Floats:
     size = path.shape[1]
 
     def check_reversed(*endpoints: float) -> bool:
+        """Check an edge, given by the numbers of both ends, in the direction of the path."""
         return check(*endpoints[size:], *endpoints[:size])
 
     from_start = _skip_points(path, check)
@@ -188,14 +205,17 @@ def _skip_points_both_ways(path: Floats, check: Check) -> Floats:
 
 def _skip_points(points: Floats, check: Check) -> Floats:
     """Skip waypoints, as many as possible at each edge."""
-    kept = [0]
-    while kept[-1] < len(points) - 1:
-        kept.append(_find_farthest(points, kept[-1], check))
-    return points[kept]
+    indices = [0]
+    while indices[-1] < len(points) - 1:
+        indices.append(_find_farthest(points, indices[-1], check))
+    return points[indices]
 
 
 def _find_farthest(points: Floats, here: int, check: Check) -> int:
-    """Return a waypoint far ahead to which an edge passes: strides double, then are bisected."""
+    """Find a waypoint far ahead of waypoint ``here`` to which an edge passes.
+
+    Strides double while edges pass. Between the last two, the farthest is found by bisection.
+    """
     # Rows are converted one at a time, because all may exceed the map's memory.
     start = points[here].tolist()
     last = len(points) - 1

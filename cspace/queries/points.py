@@ -82,7 +82,10 @@ def in_cells(map_: Map, position: Row) -> Row:
 
 @inlined
 def cell_along(place: float, coordinate: float, upper: float, count: int) -> int:
-    """Return the cell of a coordinate, as ``Grid.cell_of``; it may be outside the grid."""
+    """Return the cell of a coordinate along an axis; it may be outside the grid.
+
+    ``place`` is the coordinate in cells. The upper border belongs to the last of ``count`` cells.
+    """
     cell = math.floor(min(max(place, -MAX_CELL), MAX_CELL))
     return count - 1 if cell == count and coordinate <= upper else cell
 
@@ -138,6 +141,7 @@ def state_outside(map_: Map, s: int, position: Row) -> int:
 @kernel
 def exterior_box(map_: Map, s: int) -> tuple[Cell, Cell]:
     """Return the first and the last cell of the box of MIXED cells outside the grid."""
+    # First cell, last cell, and the state of all other cells outside.
     row = map_.exterior[s]
     if map_.dim == 2:
         return (0, row[0], row[1]), (0, row[2], row[3])
@@ -179,6 +183,7 @@ def run_is_free(map_: Map, s: int, i: int, j: int, first: int, last: int) -> boo
             return False
         if first >= 0 and last < nz:
             return True
+    # Cells outside the grid are FREE unless the run meets the exterior box there.
     low, high = exterior_box(map_, s)
     if not (low[0] <= i <= high[0] and low[1] <= j <= high[1]):
         return True
@@ -219,14 +224,17 @@ def box_is_free(map_: Map, s: int, position: Row, distance: float) -> bool:
     reach = distance / map_.spacing + SLACK
     if not abs(u) + abs(v) + abs(w) + reach <= MAX_POSITION:  # True for NaN
         return False
+    # First and last cell of the box along each axis.
     across = reach if map_.dim == 3 else 0.0
     i0, i1 = closed_cells(u - across, u + across)
     j0, j1 = closed_cells(v - reach, v + reach)
     k0, k1 = closed_cells(w - reach, w + reach)
     _, nx, ny, nz = map_.states.shape
     inside = min(i0, j0, k0) >= 0 and i1 < nx and j1 < ny and k1 < nz
-    if not inside and map_.exterior[s, 2 * map_.dim] != FREE:
+    state_beyond = map_.exterior[s, 2 * map_.dim]
+    if not inside and state_beyond != FREE:
         return False
+    # Cells beyond the grid and the exterior box need no test.
     low, high = box_to_test(map_, s, inside)
     for i in range(max(i0, low[0]), min(i1, high[0]) + 1):
         for j in range(max(j0, low[1]), min(j1, high[1]) + 1):
@@ -237,9 +245,9 @@ def box_is_free(map_: Map, s: int, position: Row, distance: float) -> bool:
 
 @kernel
 def boxes_are_free(map_: Map, distance: float, angle: float, points: Floats, out: Bools) -> int:
-    """Write :func:`around_is_free` of points, shape (n, size); return the first unusable row.
+    """Write whether all configurations near each point are proven free; see `around_is_free`.
 
-    The result is -1 if all are usable.
+    ``points`` has shape (n, size), ``out`` (n,). Returns the first unusable row, or -1.
     """
     for k in range(points.shape[0]):
         position, rotation = configuration_in(map_, points, k)
@@ -253,7 +261,7 @@ def boxes_are_free(map_: Map, distance: float, angle: float, points: Floats, out
 def around_is_free(
     map_: Map, position: Row, rotation: Numbers, distance: float, angle: float
 ) -> bool:
-    """Return True if all near configurations are proven free.
+    """Return True if all configurations near a position and rotation are proven free.
 
     They are at most ``distance`` away along each axis, metres, and rotated by at most ``angle``.
     """
@@ -262,6 +270,7 @@ def around_is_free(
     borders = map_.rotations.borders
     if borders.shape[0] == 0:
         return box_is_free(map_, int(map_.rotations.slice_of[0]), position, distance)
+    # Test the yaw cells in reach, at most all of them once.
     start = wrap_to_cells(borders, rotation[0])
     reach = min(angle, math.pi)
     first = first_widened_cell(borders, start - reach)
@@ -279,11 +288,15 @@ def around_is_free(
 def quaternions_around_are_free(
     map_: Map, position: Row, rotation: Numbers, distance: float, angle: float
 ) -> bool:
-    """Test all configurations around one with a quaternion, as :func:`around_is_free`."""
+    """Return True if all configurations near a position and quaternion are proven free.
+
+    They are at most ``distance`` away along each axis, metres, and rotated by at most ``angle``.
+    """
     borders = map_.rotations.borders[0]
     q = normalise(rotation, 1.0)
     # A rotation's angle is twice that of its quaternion.
     reach = math.sin(0.5 * min(angle, math.pi)) + QUOTIENT_SLACK
+    # Rotation cells are cells of four cubes, the charts, by the largest component.
     for chart in range(4):
         a, b, c = OTHER_COMPONENTS[chart]
         i0, i1 = parts_around(borders, q[chart], q[a], reach)

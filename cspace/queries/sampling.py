@@ -30,15 +30,19 @@ class FreeCells:
     """
 
     def __init__(self, states: States) -> None:
+        """Count the FREE cells of each slice of ``states``, shape (slices, ...)."""
         self._states = states
+        # Flat indices of the FREE cells of slices, listed when first needed.
         self._indices: dict[int, Ints] = {}
-        cells = states[0].size
-        self.counts = np.array([cells - np.count_nonzero(part) for part in states], dtype=np.int64)
+        # FREE is zero, and zeros are counted fastest.
+        self.counts = np.array(
+            [cells.size - np.count_nonzero(cells) for cells in states], dtype=np.int64
+        )
 
     def draw(self, slices: Ints, rng: np.random.Generator) -> Ints:
-        """Return flat indices of uniformly drawn FREE cells, one of each slice.
+        """Draw a uniform FREE cell of each slice; return the cells' flat indices.
 
-        Each slice must have a FREE cell.
+        ``slices``, shape (n,), may repeat; each must have a FREE cell.
         """
         drawn = np.empty(len(slices), dtype=np.int64)
         ranks = rng.integers(0, self.counts[slices])
@@ -58,10 +62,11 @@ def sample(
     n: int,
     rng: np.random.Generator,
 ) -> Floats:
-    """Draw ``n`` uniform configurations from all FREE cells.
+    """Draw ``n`` uniform configurations from all FREE cells, shape (n, size).
 
     There must be at least one FREE cell.
     """
+    # Rotation cells first, in proportion to their FREE cells; then a cell of each; then a point.
     rotation_cells = rotations.draw_cells(free.counts[slice_of], n, rng)
     indices = free.draw(slice_of[rotation_cells], rng)
     cells = np.stack(np.unravel_index(indices, grid.shape), axis=1)
@@ -80,18 +85,20 @@ def nearest(
     """
     position = q[: grid.dim]
     turn_lengths = METRES_PER_RADIAN * rotations.angles_to_centers(q)
+    nearest_first = np.argsort(turn_lengths, kind="stable")
     best = None
     min_distance = math.inf
     tested_slices = set[int]()
-    for rotation in np.argsort(turn_lengths, kind="stable").tolist():
+    for rotation in nearest_first.tolist():
         number = int(slice_of[rotation])
+        # Rotating there alone is longer than the best way so far.
         if turn_lengths[rotation] >= min_distance:
             break
         # The first rotation cell of a slice is the nearest one.
         if number in tested_slices:
             continue
         tested_slices.add(number)
-        center = _nearest_center(states[number], grid, position)
+        center = _find_nearest_center(states[number], grid, position)
         if center is None:
             continue
         distance = math.hypot(*(center - position)) + turn_lengths[rotation]
@@ -101,8 +108,8 @@ def nearest(
     return best
 
 
-def _nearest_center(states: States, grid: Grid, position: Floats) -> Floats | None:
-    """Return the center of the FREE cell of a slice nearest to a position, or None.
+def _find_nearest_center(states: States, grid: Grid, position: Floats) -> Floats | None:
+    """Find the FREE cell of a slice nearest to a position; return its center, or None.
 
     The search looks at cells within a distance of the grid's point nearest to the position, and
     doubles it until it finds one. Each cell nearer to the position is within that distance of this
@@ -120,7 +127,9 @@ def _nearest_center(states: States, grid: Grid, position: Floats) -> Floats | No
         cells = np.argwhere(states[window] == FREE) + first
         if len(cells):
             centers = grid.center_of(cells)
-            center = centers[np.argmin(_order_by_distance(centers, nearest_point, position))]
+            nearest_row = np.argmin(_compare_distances(centers, nearest_point, position))
+            center = centers[nearest_row]
+            # A nearer cell may be beyond the window, unless it reaches as far as this center.
             needed_reach = float(np.linalg.norm(center - position)) / grid.spacing + 1.0
             if needed_reach <= reach or reach >= farthest:
                 return np.asarray(center)
@@ -131,11 +140,12 @@ def _nearest_center(states: States, grid: Grid, position: Floats) -> Floats | No
         reach = min(needed_reach, farthest)
 
 
-def _order_by_distance(centers: Floats, nearest_point: Floats, position: Floats) -> Floats:
-    """Return numbers in the order of the distances of centers from a position.
+def _compare_distances(centers: Floats, nearest_point: Floats, position: Floats) -> Floats:
+    """Return numbers, shape (n,), in the order of the distances of centers from a position.
 
-    They are squared distances less the one of ``nearest_point``, and scaled, because squares of far
-    positions would lose the difference, or overflow.
+    ``centers`` has shape (n, d). The numbers are squared distances less the one of
+    ``nearest_point``, and scaled, because squares of far positions would lose the difference, or
+    overflow.
     """
     offsets = centers - nearest_point
     beyond = nearest_point - position

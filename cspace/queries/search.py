@@ -181,6 +181,7 @@ def find_chain(
     """
     neighbors, turns = rotations
     dim = states.ndim - 1
+    # Kernels see three axes.
     missing_axes = (1,) * (3 - dim)
     shape = (*missing_axes, *states.shape[1:])
     graph = Graph(
@@ -198,9 +199,12 @@ def find_chain(
     progress = search(graph, estimate, start_cell, goal_cell, until)
     if not progress.closed[goal_cell]:
         return np.empty((0, 1 + dim), dtype=np.int64)
-    cells = [goal_cell]
-    while cells[-1] != start_cell:
-        cells.append(int(progress.previous[cells[-1]]) - 1)
+    # Follow the chain back from the goal; the cells before are stored plus 1.
+    cell = goal_cell
+    cells = [cell]
+    while cell != start_cell:
+        cell = int(progress.previous[cell]) - 1
+        cells.append(cell)
     cells.reverse()
     return np.stack(np.unravel_index(cells, cells_shape), axis=1)
 
@@ -211,6 +215,7 @@ def turn_costs(rotations: Rotations, dim: int, spacing: float) -> Floats:
     Costs are in cells, shape (rotations, n); `dim` is the dimension of the grid, and ``spacing`` is
     in metres.
     """
+    # Steps between the centers of rotation cells at one position.
     origins = np.zeros((len(rotations), dim))
     centers = np.column_stack([origins, rotations.centers])
     steps = rotations.steps_between(centers[:, np.newaxis], centers[rotations.neighbors])
@@ -235,9 +240,13 @@ def _list_moves(dim: int) -> Moves:
     steps = [step for step in product(*ranges) if math.gcd(*step) == 1]
     steps = [step for step in steps if sum(map(abs, step)) <= MAX_OFFSET_SUM]
     steps.sort(key=lambda step: math.hypot(*step))
-    # The near cells are those that the moves lead to.
-    needed = [sum(_touches(step, cell) << bit for bit, cell in enumerate(steps)) for step in steps]
-    return Moves(np.array(steps), np.linalg.norm(steps, axis=1), np.array(steps), np.array(needed))
+    # The near cells are those that the moves lead to, so cell b of a mask is that of move b.
+    masks = []
+    for step in steps:
+        touched_bits = [_touches(step, cell) << bit for bit, cell in enumerate(steps)]
+        masks.append(sum(touched_bits))
+    offsets = np.array(steps)
+    return Moves(offsets, np.linalg.norm(offsets, axis=1), offsets, np.array(masks))
 
 
 def _touches(move: tuple[int, ...], cell: tuple[int, ...]) -> bool:
@@ -270,36 +279,46 @@ def times_in_box(step: Sequence[int], lower: Sequence[float]) -> tuple[float, fl
 
 
 def _estimate_cost(graph: Graph, start: int, goal: int, weight: float, until: float) -> Estimate:
-    """Compute the estimate of the cost from each cell to the goal."""
+    """Compute the estimate of the cost from each cell to the goal.
+
+    ``start`` and ``goal`` are indices of cells over all rotation cells. Raises TimeoutError after
+    ``until``.
+    """
     shape = graph.states.shape[1:]
     size = math.prod(shape)
     goal_rotation, goal_position = divmod(goal, size)
+    # Without rotations, straight distances are as good as a search, and quicker.
     if len(graph.slice_of) == 1:
         nx, ny, nz = shape
         x, y, z = np.ogrid[:nx, :ny, :nz]
         goal_x, goal_y, goal_z = np.unravel_index(goal_position, shape)
         squares = (x - goal_x) ** 2 + (y - goal_y) ** 2 + (z - goal_z) ** 2
         return Estimate(weight, np.sqrt(squares, dtype=np.float32), np.zeros(1))
-    lowest = graph.states.min(axis=0, keepdims=True)
+    # Search backwards from the goal over positions that are FREE, the lowest state, at any
+    # rotation, each at its lowest cost.
+    lowest_states = graph.states.min(axis=0, keepdims=True)
     factors = graph.factors.min(axis=0, keepdims=True) if graph.factors.size else NO_FACTORS
     no_rotations = np.empty((1, 0), dtype=np.int64)
-    positions = graph._replace(
-        states=read_only(lowest),
+    position_graph = graph._replace(
+        states=read_only(lowest_states),
         slice_of=np.zeros(1, dtype=np.int64),
         neighbors=no_rotations,
         turns=no_rotations.astype(np.float64),
         factors=factors,
     )
     no_estimate = Estimate(0.0, np.zeros(shape, dtype=np.float32), np.zeros(1))
-    reached = search(positions, no_estimate, goal_position, start % size, until)
+    progress = search(position_graph, no_estimate, goal_position, start % size, until)
     # Positions that were not expanded are at least as far away as the start.
-    farthest = reached.cost[reached.closed].max()
-    costs = np.where(reached.closed, reached.cost, farthest)
-    return Estimate(weight, costs.reshape(shape), _rotation_costs(graph, goal_rotation))
+    farthest = progress.cost[progress.closed].max()
+    costs = np.where(progress.closed, progress.cost, farthest)
+    return Estimate(weight, costs.reshape(shape), _compute_rotation_costs(graph, goal_rotation))
 
 
-def _rotation_costs(graph: Graph, goal: int) -> Floats:
-    """Compute the lowest cost of rotating from each rotation cell to ``goal``, in cells."""
+def _compute_rotation_costs(graph: Graph, goal: int) -> Floats:
+    """Compute the lowest cost of rotating from each rotation cell to ``goal``, in cells.
+
+    Costs, shape (rotations,), are lowered by way of neighbors until none changes.
+    """
     costs = np.full(len(graph.slice_of), np.inf)
     costs[goal] = 0.0
     is_settled = False
@@ -333,12 +352,14 @@ def search(
         queue=np.empty(INITIAL_QUEUE_LENGTH, dtype=np.int64),
         length=np.ones(1, dtype=np.int64),
     )
+    # The start is its own predecessor.
     progress.previous[start] = start + 1
     progress.keys[0] = 0.0
     progress.queue[0] = start
     max_new_entries = len(graph.moves.steps) + graph.neighbors.shape[1]
     while not expand_cells(graph, estimate, progress, goal):
         check_deadline(until)
+        # Double the queue if one more cell could overflow it.
         if progress.length[0] + max_new_entries >= len(progress.queue):
             keys = np.concatenate([progress.keys, np.empty_like(progress.keys)])
             queue = np.concatenate([progress.queue, np.empty_like(progress.queue)])
@@ -367,12 +388,14 @@ def expand_cells(graph: Graph, estimate: Estimate, progress: Progress, goal: int
         progress.closed[cell] = True
         if cell == goal:
             return True
+        # Decode the cell's index over all rotation cells.
         k = cell % nz
         j = cell // nz % ny
         i = cell // (nz * ny) % nx
         rotation = cell // (nz * ny * nx)
         here = graph.slice_of[rotation]
         factor = factor_at(graph, here, i, j, k)
+        # Move to near cells of the slice, if all cells on the way are passable.
         passable = passable_near(graph, here, i, j, k)
         for move in range(n_moves):
             needed = graph.moves.needed[move]
@@ -383,6 +406,7 @@ def expand_cells(graph: Graph, estimate: Estimate, progress: Progress, goal: int
                 mean = 0.5 * (factor + factor_at(graph, here, u, v, w))
                 cost = mean * graph.moves.lengths[move]
                 reach_cell(estimate, progress, cell, rotation, u, v, w, cost)
+        # Rotate to neighbouring rotation cells at the same position.
         for column in range(n_neighbors):
             other = graph.neighbors[rotation, column]
             if other < 0:
@@ -397,7 +421,10 @@ def expand_cells(graph: Graph, estimate: Estimate, progress: Progress, goal: int
 
 @kernel
 def passable_near(graph: Graph, number: int, i: int, j: int, k: int) -> int:
-    """Return a bit mask of the near cells of a node that a chain may pass."""
+    """Return a bit mask of the near cells of node (i, j, k) that a chain may pass.
+
+    ``number`` is that of the slice; bit b stands for row b of ``graph.moves.near_cells``.
+    """
     _, nx, ny, nz = graph.states.shape
     near_cells = graph.moves.near_cells
     mask = 0
@@ -413,7 +440,7 @@ def passable_near(graph: Graph, number: int, i: int, j: int, k: int) -> int:
 
 @kernel
 def factor_at(graph: Graph, number: int, i: int, j: int, k: int) -> np.float32:
-    """Return the factor of the cost of moves in a cell of a slice."""
+    """Return the factor of the cost of moves in cell (i, j, k) of slice ``number``."""
     if graph.factors.shape[0] == 0:
         return np.float32(1.0)
     factor: np.float32 = graph.factors[number, i, j, k]
@@ -450,11 +477,12 @@ def reach_cell(
 
 @kernel
 def push(progress: Progress, key: float, cell: int) -> None:
-    """Add a cell to the heap."""
+    """Add a cell to the binary heap, in which a smaller key is nearer to the root."""
     keys = progress.keys
     queue = progress.queue
     position = progress.length[0]
     progress.length[0] += 1
+    # Entries with larger keys move down, from the last place towards the root.
     while position > 0:
         parent = (position - 1) // 2
         if keys[parent] <= key:

@@ -63,11 +63,11 @@ class Undecided:
         promise no path of at most ``max_length``, or if time is over.
         """
         no_path = np.empty((0, endpoints.shape[1]))
-        mixed = self.states == MIXED
-        passable = np.where(mixed, FREE, self.states)
+        is_mixed = self.states == MIXED
+        passable = np.where(is_mixed, FREE, self.states)
         # Start and goal are free whether or not the centers of their cells are.
-        mixed[tuple(cells.T)] = False
-        undecided = mixed.copy()
+        is_mixed[tuple(cells.T)] = False
+        undecided = is_mixed.copy()
         slice_of = np.arange(len(self.rotations))
         turns = (self.rotations.neighbors, self.turn_costs)
         while clock() < until:
@@ -82,41 +82,52 @@ class Undecided:
                 return no_path
             near = _select_near(chain, undecided)
             if len(near):
+                # Decide the cells near the chain first; the chain may then lead elsewhere.
                 undecided[tuple(near.T)] = False
-                failed = near[~self.are_free(self._centers_of(near))]
+                failed = near[~self.are_free(self._find_centers(near))]
             else:
-                failing_edges = self._failing_edges(path)
+                # All cells are decided, so only edges may fail; avoid the MIXED cells beside them.
+                failing_edges = self._list_failing_edges(path)
                 if not failing_edges:
                     return path
-                candidates = mixed & (passable == FREE)
+                candidates = is_mixed & (passable == FREE)
                 failed = self._select_beside(np.array(failing_edges), candidates)
                 if not len(failed):
                     return no_path
             passable[tuple(failed.T)] = BLOCKED
         return no_path
 
-    def _centers_of(self, cells: Ints) -> Floats:
+    def _find_centers(self, cells: Ints) -> Floats:
         """Return the configurations at the centers of cells, shape (n, size)."""
         positions = self.grid.center_of(cells[:, 1:])
         return np.column_stack([positions, self.rotations.centers[cells[:, 0]]])
 
-    def _failing_edges(self, path: Floats) -> list[tuple[Floats, Floats]]:
+    def _list_failing_edges(self, path: Floats) -> list[tuple[Floats, Floats]]:
         """List the edges of a path that geometry does not prove."""
         edges = itertools.pairwise(path)
         return [(start, end) for start, end in edges if not self.edge_is_free(*start, *end)]
 
     def _path_along(self, chain: Ints, endpoints: Floats) -> Floats:
-        """Return the path through the centers of cells, without MIXED cells at its ends."""
+        """Return the path through the centers of cells, without MIXED cells at its ends.
+
+        ``chain``, shape (n, 1 + d), are the cells; ``endpoints``, shape (2, size), need no center
+        of their own cell beside them.
+        """
         path = waypoints(self.grid, self.rotations, endpoints, chain)
-        kept = np.ones(len(path), dtype=np.bool_)
-        kept[[1, -2]] = self.states[tuple(chain[[0, -1]].T)] == FREE
-        return path[kept]
+        is_needed = np.ones(len(path), dtype=np.bool_)
+        end_cells = chain[[0, -1]]
+        is_needed[[1, -2]] = self.states[tuple(end_cells.T)] == FREE
+        return path[is_needed]
 
     def _select_beside(self, edges: Floats, candidates: Bools) -> Ints:
-        """Return the candidate cells in the boxes around edges, shape (n, 2, size)."""
+        """Return the candidate cells in the boxes around edges, shape (m, 1 + d).
+
+        ``edges`` has shape (n, 2, size); ``candidates``, shape (rotations, ...), is a mask.
+        """
         rotations = self.rotations.find_cells(edges)
         corners = np.sort(self.grid.cell_of(edges[..., : self.grid.dim]), axis=1)
         selected = []
+        # Cells of the box between both ends, at the rotation of either end.
         for end_rotations, (first, last) in zip(rotations, corners, strict=True):
             box = tuple(map(slice, first, last + 1))
             for rotation in end_rotations:
@@ -126,11 +137,17 @@ class Undecided:
 
 
 def _select_near(chain: Ints, candidates: Bools) -> Ints:
-    """Return the candidate cells at most one cell away from a chain, at its rotations."""
-    offsets = np.array(list(itertools.product((-1, 0, 1), repeat=chain.shape[1] - 1)))
+    """Return the candidate cells at most one cell away from a chain, at its rotations.
+
+    ``chain`` has shape (n, 1 + d), the result (m, 1 + d); ``candidates`` is a mask of all cells.
+    """
+    dim = chain.shape[1] - 1
+    offsets = np.array(list(itertools.product((-1, 0, 1), repeat=dim)))
+    # Every cell of the chain with every offset.
     near = np.repeat(chain, len(offsets), axis=0)
     near[:, 1:] += np.tile(offsets, (len(chain), 1))
     in_grid = ((near >= 0) & (near < candidates.shape)).all(axis=1)
     near = np.unique(near[in_grid], axis=0)
-    selected: Ints = near[candidates[tuple(near.T)]]
+    is_candidate = candidates[tuple(near.T)]
+    selected: Ints = near[is_candidate]
     return selected

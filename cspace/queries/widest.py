@@ -78,20 +78,22 @@ class WidthMap:
         return float(self.widths[self.slice_of[cell[0]], *cell[1:]])
 
     def climb(self, cell: Ints) -> Ints:
-        """Follow the steepest ascent of width.
+        """Follow the steepest ascent of width to a local maximum.
 
-        Return the cells, from ``cell`` on. Ties go to the larger cell index.
+        Return the cells ``(rotation, x, ...)``, from ``cell`` on, shape (n, 1 + d). Ties go to the
+        larger cell index.
         """
         path = [tuple(cell.tolist())]
         while True:
+            # The cell itself, neighbouring rotations, and cells that share a side.
             rotation, *position = path[-1]
-            others = self.rotations.neighbors[rotation].tolist()
-            candidates = [path[-1]] + [(other, *position) for other in others if other >= 0]
+            rotations = self.rotations.neighbors[rotation].tolist()
+            candidates = [path[-1]] + [(other, *position) for other in rotations if other >= 0]
             for axis, step in product(range(len(position)), (-1, 1)):
-                moved = position.copy()
-                moved[axis] += step
-                if 0 <= moved[axis] < self.shape[axis + 1]:
-                    candidates.append((rotation, *moved))
+                near = position.copy()
+                near[axis] += step
+                if 0 <= near[axis] < self.shape[axis + 1]:
+                    candidates.append((rotation, *near))
             best = max(candidates, key=lambda candidate: (self.width(candidate), candidate))
             if best == path[-1]:
                 return np.array(path)
@@ -100,7 +102,8 @@ class WidthMap:
     def bottleneck(self, start: Ints, goal: Ints, until: float) -> float:
         """Return the largest minimum width of a chain, rounded down to a 64th of a cell.
 
-        The result is 0 if no chain exists. Raises TimeoutError after ``until``.
+        ``start`` and ``goal`` are cells, shape (1 + d,). The result is 0 if no chain exists. Raises
+        TimeoutError after ``until``.
         """
         first = int(np.ravel_multi_index(tuple(start), self.shape))
         last = int(np.ravel_multi_index(tuple(goal), self.shape))
@@ -182,6 +185,7 @@ def flood(
     _, nx, ny, nz = levels.shape
     level = queue.level[0]
     for _ in range(CELLS_PER_CLOCK_CHECK):
+        # Take a cell of the highest level that has one.
         while level > 0 and queue.first[level] < 0:
             level -= 1
         queue.level[0] = level
@@ -189,11 +193,13 @@ def flood(
         if level == 0 or cell == goal:
             return True
         queue.first[level] = queue.following[cell]
+        # Decode the cell's index over all rotation cells.
         rotation = cell // (nx * ny * nz)
         x = cell // (ny * nz) % nx
         y = cell // nz % ny
         z = cell % nz
         for step in range(N_SIDE_STEPS + neighbors.shape[1]):
+            # Steps 0 to 5 go down and up along the three axes; later ones rotate.
             other = rotation
             i, j, k = x, y, z
             axis = step // 2
@@ -212,6 +218,7 @@ def flood(
             if queue.reached[near]:
                 continue
             queue.reached[near] = True
+            # A cell cannot be wider than the chain that leads to it.
             near_level = min(level, levels[slice_of[other], i, j, k])
             queue.following[near] = queue.first[near_level]
             queue.first[near_level] = near
@@ -238,11 +245,13 @@ def find_widest_path(
     rotations = widths.rotations
     configurations, (start, goal) = endpoints
     q = rotations.make_canonical(configurations)
+    # Climb from both ends, and connect the two local maxima.
     from_start = widths.climb(start)
     from_goal = widths.climb(goal)
     width = widths.bottleneck(from_start[-1], from_goal[-1], until)
     if width == 0.0:
         return np.empty((0, q.shape[1]))
+    # The climbs end where they reach the width of the bottleneck.
     n_ascent = sum(widths.width(cell) < width for cell in from_start)
     n_descent = sum(widths.width(cell) < width for cell in from_goal)
     chain = widths.shortest(from_start[n_ascent], from_goal[n_descent], width, until)
@@ -274,10 +283,14 @@ def find_widest_path(
 def _cut_wide_map(
     widths: Distances, map_: Map, grid: Grid, positions: Ints, min_width: float
 ) -> Map:
-    """Return a map around positions in which cells of ``min_width`` or above are FREE."""
+    """Cut out a map around positions in which cells of ``min_width`` or above are FREE.
+
+    ``positions``, shape (n, d), are indices of cells along the axes.
+    """
+    # One more cell on each side, because edges may touch it.
     first = np.maximum(positions.min(axis=0) - 1, 0)
     stop = np.minimum(positions.max(axis=0) + 2, widths.shape[1:])
     window = (slice(None), *map(slice, first, stop))
     states = narrow_states(widths[window], min_width)
-    part = Grid(grid.lower + grid.spacing * first, grid.spacing, states.shape[1:])
-    return make_map_record(states, part, map_.exterior, map_.rotations)
+    window_grid = Grid(grid.lower + grid.spacing * first, grid.spacing, states.shape[1:])
+    return make_map_record(states, window_grid, map_.exterior, map_.rotations)

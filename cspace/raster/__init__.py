@@ -93,6 +93,7 @@ def extract_runs(rasters: Sequence[Raster]) -> tuple[Ints, Ints]:
     """
     runs_of_rasters = []
     for raster in rasters:
+        # Between gaps at both ends, the cells step up where a run starts and down where it stops.
         gap = np.int8(0)
         steps = np.diff(raster.cells.view(np.int8), prepend=gap, append=gap)
         first = np.argwhere(steps == 1)
@@ -137,7 +138,7 @@ def allocate_bitmap(low: Floats, high: Floats) -> tuple[Bools, tuple[int, ...]]:
     InputError if the box has more cells than a raster may.
     """
     lower = np.floor(low) - 2
-    shape = np.ceil(high) + 3 - lower
+    shape = np.ceil(high) + 3 - lower  # up to two cells beyond the last one
     if np.prod(shape) > MAX_RASTER_CELLS:
         size = " x ".join(f"{n:.0f}" for n in shape)
         raise InputError(

@@ -98,6 +98,7 @@ def rounded_cells(boxes: RoundedBoxes, grid: Grid) -> tuple[Bools, Bools]:
     """
     outer = np.zeros(grid.shape, dtype=np.bool_)
     inner = np.zeros(grid.shape, dtype=np.bool_)
+    # From metres to cells, from the corner of the grid on.
     lower = np.asarray(grid.lower)
     lows = (boxes.lows - lower) / grid.spacing
     highs = (boxes.highs - lower) / grid.spacing
@@ -143,6 +144,7 @@ def _mark_in_slabs(out: Bools, boxes: RoundedBoxes, b0: float, b1: float) -> Non
     highs = boxes.highs
     if out.ndim == 2:
         out = out[:, None]
+        # The layer lies between 0 and 1; two cells more on both sides are farther than any cube.
         lows = np.insert(lows, 1, -2.0, axis=1)
         highs = np.insert(highs, 1, 3.0, axis=1)
     radii = boxes.radii[:, None]

@@ -44,6 +44,7 @@ class Polygons(ExactShape):
     dim = 2
 
     def __init__(self, geometries: Sequence[BaseGeometry]) -> None:
+        """Keep the geometries, with tiny coordinates set to zero."""
         import shapely
 
         coordinates = shapely.get_coordinates(list(geometries))
@@ -60,6 +61,7 @@ class Polygons(ExactShape):
         """
         import shapely
 
+        # Check every simple polygon of the shape by a name of its own.
         parts = shapely.get_parts(list(_as_geometries(shape))).tolist()
         if not parts:
             hint = "pass at least three vertices"
@@ -134,11 +136,13 @@ class Polygons(ExactShape):
         """Return the parts that can touch a grid."""
         import shapely
 
+        # One cell more on each side, for rounding.
         lower = np.asarray(grid.lower) - grid.spacing
         upper = np.asarray(grid.upper) + grid.spacing
         low, high = self.bounds
         if (lower <= low).all() and (high <= upper).all():
             return self.parts
+        # Parts keep their order.
         near = np.sort(self._index.query(shapely.box(*lower, *upper)))
         return list(_iterate_parts(self._index.geometries[near]))
 
@@ -155,7 +159,8 @@ class Polygons(ExactShape):
 
         array = check_points(points, "points", self.dim)
         shapely.prepare(self.outline)
-        return np.asarray(shapely.intersects_xy(self.outline, array[..., 0], array[..., 1]))
+        x, y = np.moveaxis(array, -1, 0)
+        return np.asarray(shapely.intersects_xy(self.outline, x, y))
 
     def boundary(self) -> RoundedSimplices:
         """Return the boundary as segments."""
@@ -184,6 +189,7 @@ class Polygons(ExactShape):
         """Return the transformed segments, both ways round, with the number of their part."""
         segments_of_parts = [segments for segments, _ in self.parts]
         part_numbers = np.repeat(np.arange(len(self.parts)), list(map(len, segments_of_parts)))
+        # A segment (x0, y0, x1, y1) has a start and an end.
         segments = np.concatenate(segments_of_parts)
         starts = segments[:, :2] @ matrix.T
         ends = segments[:, 2:] @ matrix.T

@@ -36,10 +36,13 @@ def estimate_band(a: BallDescriptor, b: BallDescriptor, bound: float) -> float:
     the sum of the energies of its bumps. The result is at most :data:`MAX_CYCLES_PER_RADIUS` of the
     smallest ball.
     """
-    k = np.linspace(0.0, MAX_CYCLES_PER_RADIUS, 4096)  # cycles per radius
+    # Energy of the unit bump above each frequency k, in cycles per radius.
+    k = np.linspace(0.0, MAX_CYCLES_PER_RADIUS, 4096)
     spectrum = a.bump.table(a.dim, MAX_CYCLES_PER_RADIUS, 1e-9)
     densities = spectrum(k) ** 2 * sphere_measure(k, a.dim)
-    energies_above = np.cumsum(densities[::-1])[::-1] * k[1]
+    sums_from_above = np.cumsum(densities[::-1])[::-1]
+    energies_above = sums_from_above * k[1]
+    # Energies of both sets above each candidate; a ball of radius r scales them by r^dim.
     all_radii = np.concatenate([a.radii, b.radii])
     frequencies = np.geomspace(0.1 / all_radii.max(), MAX_CYCLES_PER_RADIUS / all_radii.min(), 400)
     tail_a, tail_b = (
@@ -73,7 +76,9 @@ class Rings(NamedTuple):
         """Build rings, each one cycle wide in the longest period."""
         axes = [np.arange(-half, half + 1, dtype=np.int16) for half in halves]
         box = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(halves))
-        stored = box[len(box) // 2 :]  # the middle one is frequency zero
+        # The middle one is frequency zero, and those before are opposite to those after.
+        stored = box[len(box) // 2 :]
+        # Sort by rings; 1e-9 keeps rounding from moving a frequency to the next ring.
         moduli = np.linalg.norm(stored / lengths, axis=1)
         ring_numbers = np.ceil(moduli * lengths.max() - 1e-9).astype(np.int64)
         order = np.argsort(ring_numbers, kind="stable")
@@ -99,11 +104,14 @@ class Rings(NamedTuple):
         return np.asarray(np.add.reduceat(values, self.starts[:-1]))
 
     def to_rings(self, box: Complexes) -> Complexes:
-        """Convert a spectrum from numpy's order to ring order."""
+        """Convert a spectrum, shape ``counts``, from numpy's order to ring order, shape (n,)."""
         return box.reshape(-1)[self._flat_indices(1)]
 
     def to_box(self, half: Complexes) -> Complexes:
-        """Convert half a spectrum in ring order to numpy's order."""
+        """Convert half a spectrum in ring order, shape (n,), to numpy's order.
+
+        Opposite frequencies get the conjugate values.
+        """
         flat = np.empty(math.prod(self.counts), dtype=np.complex128)
         flat[self._flat_indices(-1)] = half.conj()
         flat[self._flat_indices(1)] = half
@@ -157,8 +165,9 @@ class Spectrum(NamedTuple):
         moduli = np.abs(self.values)
         total, total_error = norm
         squares = moduli * (moduli - 2.0 * self.error)  # lower bounds
-        inside = float((rings.twice * squares).sum()) / rings.volume
-        return max(0.0, total - inside) + total_error + 2.0**-44 * total
+        energy_in_band = float((rings.twice * squares).sum()) / rings.volume
+        # 2^-44 allows for the rounding of the sum.
+        return max(0.0, total - energy_in_band) + total_error + 2.0**-44 * total
 
 
 class Terms(NamedTuple):
@@ -190,6 +199,7 @@ class Terms(NamedTuple):
         errors = weights * (
             moduli_a * second.error + moduli_b * first.error + first.error * second.error
         )
+        # What is left from each ring on: the sum of the rings from the last one backwards.
         moduli_per_ring = rings.sums(moduli)
         errors_per_ring = rings.sums(errors)
         remaining = np.cumsum((moduli_per_ring + errors_per_ring)[::-1])[::-1]
@@ -235,6 +245,7 @@ def separate_all(placements: Floats, terms: Terms, threshold: float) -> tuple[By
                 wave = complex(math.cos(angle), math.sin(angle))
                 waves[axis, zero + k] = wave
                 waves[axis, zero - k] = wave.conjugate()
+        # Sum ring by ring; a wave of k is the product of its waves along the axes.
         total = 0.0
         for ring in range(len(starts) - 1):
             for term in range(starts[ring], starts[ring + 1]):

@@ -95,8 +95,12 @@ class Bump:
             alpha = math.nan
         low, high = ALPHA_RANGE
         if not (low <= alpha <= high or alpha == math.inf):
-            rule = f"it must be one number from {low:g} to {high:g}, or infinite"
-            raise InputError("alpha", f"is {self.alpha!r}", rule, "pass e.g. 2.0, or math.inf")
+            raise InputError(
+                "alpha",
+                f"is {self.alpha!r}",
+                f"it must be one number from {low:g} to {high:g}, or infinite",
+                "pass e.g. 2.0, or math.inf",
+            )
         object.__setattr__(self, "alpha", alpha)
 
     @property
@@ -117,7 +121,7 @@ class Bump:
         return self.values(distances)
 
     def values(self, distance: Floats) -> Floats:
-        """Evaluate :meth:`profile` for an array, without checks."""
+        """Evaluate the bump at an array of distances, in radii, without checks."""
         if self.is_indicator:
             return (distance < 1.0).astype(np.float64)
         with np.errstate(divide="ignore", over="ignore"):
@@ -181,8 +185,12 @@ def check_tolerance(tolerance: Any, min_tolerance: float = MIN_TOLERANCE) -> flo
     """Return a tolerance from ``min_tolerance`` to 0.1, or raise InputError."""
     value = check_finite(tolerance, "tolerance")
     if value.ndim or not min_tolerance <= value <= 0.1:
-        rule = f"it must be one number from {min_tolerance:g} to 0.1, relative to the largest value"
-        raise InputError("tolerance", f"is {tolerance!r}", rule, "pass e.g. 1e-9")
+        raise InputError(
+            "tolerance",
+            f"is {tolerance!r}",
+            f"it must be one number from {min_tolerance:g} to 0.1, relative to the largest value",
+            "pass e.g. 1e-9",
+        )
     return float(value)
 
 
@@ -191,8 +199,12 @@ def _check_frequency(frequency: ArrayLike, name: str) -> Floats:
     k = check_finite(frequency, name)
     for value in (k.min(initial=0.0), k.max(initial=0.0)):
         if not 0.0 <= value <= MAX_RADIAL_FREQUENCY:
-            rule = f"it must be zero or above, and at most {MAX_RADIAL_FREQUENCY:g}"
-            raise InputError(name, f"holds {value:g} cycles per radius", rule, "check its units")
+            raise InputError(
+                name,
+                f"holds {value:g} cycles per radius",
+                f"it must be zero or above, and at most {MAX_RADIAL_FREQUENCY:g}",
+                "check its units",
+            )
     return k
 
 
@@ -205,7 +217,10 @@ def _table(bump: Bump, dim: int, max_frequency: int, tolerance: float) -> Radial
 
 @lru_cache(maxsize=16)
 def double_exponential_rule(count: int) -> tuple[Floats, Floats]:
-    """Return ``2 count + 1`` nodes and weights of a quadrature on [0, 1]."""
+    """Return ``2 count + 1`` nodes and weights of a quadrature on [0, 1].
+
+    The nodes are ``1 / (1 + exp(-pi sinh(u)))`` at equal steps of u (Takahasi and Mori, 1974).
+    """
     step = MAX_ABSCISSA / count
     u = step * np.arange(-count, count + 1)
     decay = np.exp(-math.pi * np.sinh(u))
@@ -247,7 +262,11 @@ def pair_integrals(
 def _converged_integrals(
     bump: Bump, first: Floats, second: Floats, distances: Floats, dim: int
 ) -> tuple[Floats, Floats]:
-    """Integrate products of two bumps until two successive rules agree."""
+    """Integrate products of two bumps until two successive rules agree.
+
+    Arguments and results are those of :func:`pair_integrals`. Raises CspaceError if no rules agree.
+    """
+    # Integrals below the floor count as zero.
     floors = PAIR_FLOOR * np.minimum(first, second) ** dim
     previous = np.full(len(first), math.nan)
     for count in (48, 96, 192, 384):  # nodes of the rule
@@ -256,8 +275,12 @@ def _converged_integrals(
         if (np.abs(values - previous) <= tolerances).all():
             return values, SAFETY_FACTOR * PAIR_TOLERANCE * values + floors
         previous = values
-    rule = "the integrals of two bumps must converge"
-    raise CspaceError("distance", f"is {distances}", rule, "please report it")
+    raise CspaceError(
+        "distance",
+        f"is {distances}",
+        "the integrals of two bumps must converge",
+        "please report it",
+    )
 
 
 def sphere_measure(radius: Floats, dim: int) -> Floats:
@@ -307,6 +330,7 @@ class RadialTable:
     """
 
     def __init__(self, values: Floats, max_frequency: float) -> None:
+        """Fit each interval to values, shape (intervals, nodes), at :func:`table_points`."""
         self.max_frequency = max_frequency
         self._coefficients = np.ascontiguousarray(chebyshev_coefficients(values.T))
 
@@ -315,12 +339,16 @@ class RadialTable:
         k = np.asarray(frequencies, dtype=np.float64)
         highest = self.max_frequency * (1.0 + 1e-9) + 1e-9  # for rounding
         if k.size and not (k.min() >= 0.0 and k.max() <= highest):
-            problem = f"reach from {k.min():g} to {k.max():g}"
-            rule = f"the table ends at {self.max_frequency:g}"
-            raise InputError("frequencies", problem, rule, "make a larger table")
+            raise InputError(
+                "frequencies",
+                f"reach from {k.min():g} to {k.max():g}",
+                f"the table ends at {self.max_frequency:g}",
+                "make a larger table",
+            )
+        # Find the interval of each frequency, and its place there, from -1 to 1.
         last = self._coefficients.shape[1] - 1
         interval = np.minimum((k / (2.0 * TABLE_HALF_WIDTH)).astype(np.intp), last)
-        x = k / TABLE_HALF_WIDTH - (2.0 * interval + 1.0)  # from -1 to 1 in each interval
+        x = k / TABLE_HALF_WIDTH - (2.0 * interval + 1.0)
         coefficients = self._coefficients[:, interval]
         return np.asarray(np.polynomial.chebyshev.chebval(x, coefficients, tensor=False))
 
@@ -340,14 +368,17 @@ def table_points(max_frequency: float, tolerance: float) -> Floats:
 
 
 def count_nodes(tolerance: float, phase: float) -> int:
-    """Return the number of Chebyshev nodes per interval.
+    """Count the Chebyshev nodes that an interval needs.
 
     With them, exponentials of ``phase`` radians in half an interval are interpolated within
     ``tolerance``.
     """
     from scipy.special import jv
 
-    terms = np.abs(jv(np.arange(int(2.0 * phase) + 80), phase))
+    # The error is at most four times the sum of Bessel functions from the first omitted degree on
+    # (Trefethen, 2013, chapter 4). They vanish quickly beyond the phase.
+    degrees = np.arange(int(2.0 * phase) + 80)
+    terms = np.abs(jv(degrees, phase))
     sums_from_degree = np.cumsum(terms[::-1])[::-1]
     return int(np.argmax(4.0 * sums_from_degree <= tolerance))
 
@@ -440,7 +471,10 @@ def _direction_rule(covered: Floats, x: Floats, dim: int) -> tuple[Floats, Float
 
 
 def lens_measure(a: Floats, b: Floats, distance: Floats, dim: int) -> Floats:
-    """Return the area or volume common to two balls."""
+    """Return the area or volume common to two balls, for many pairs.
+
+    The radii ``a`` and ``b``, and the distances of the centers, have shape (n,).
+    """
     small = np.minimum(a, b)
     # Subtract similar lengths first, because such differences are exact.
     depth = (np.maximum(a, b) - distance) + small
@@ -452,6 +486,7 @@ def lens_measure(a: Floats, b: Floats, distance: Floats, dim: int) -> Floats:
             share = (b - a) / distance  # first, because a product may underflow
             lens = _segment_area(a, 0.5 * depth * (1.0 + share))
             lens += _segment_area(b, 0.5 * depth * (1.0 - share))
+    # One ball may contain the other, or they may be apart.
     lens = np.where(distance <= np.abs(a - b), UNIT_BALL_VOLUME[dim] * small**dim, lens)
     return np.where(distance >= a + b, 0.0, lens)
 

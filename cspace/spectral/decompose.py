@@ -160,29 +160,38 @@ def decompose(
     """
     check_word(kind, "kind", BALL_KINDS)
     if (number is None) == (tolerance is None):
-        problem = f"is {number!r} and tolerance is {tolerance!r}"
-        rule = "exactly one of them chooses the balls"
-        hint = "pass e.g. number=64, or tolerance=0.01 in metres"
-        raise InputError("number", problem, rule, hint)
+        raise InputError(
+            "number",
+            f"is {number!r} and tolerance is {tolerance!r}",
+            "exactly one of them chooses the balls",
+            "pass e.g. number=64, or tolerance=0.01 in metres",
+        )
     length = None if tolerance is None else check_positive(tolerance, "tolerance")
     count = None if number is None else check_count(number, "number", 1, hint="pass e.g. 64")
     region = Region(as_shape(shape))
     if kind == "inner" and not region.inner.measure[1] > 0.0:
-        hint = "pass kind='outer', or a shape with an area or volume"
-        raise GeometryError("shape", "has no inside", "inner balls need one", hint)
+        raise GeometryError(
+            "shape",
+            "has no inside",
+            "inner balls need one",
+            "pass kind='outer', or a shape with an area or volume",
+        )
     if count is not None and not 0.0 < region.size < np.inf:
-        problem = f"is {number}, but the shape is {region.size:g} m across"
-        rule = "its lattice needs a finite size"
-        raise InputError("number", problem, rule, "pass a tolerance instead")
-    choose_balls = _fill_shape if kind == "inner" else _cover_shape
+        raise InputError(
+            "number",
+            f"is {number}, but the shape is {region.size:g} m across",
+            "its lattice needs a finite size",
+            "pass a tolerance instead",
+        )
     if count:
         lattice = Lattice.for_count(region, count)
     else:
         lattice = Lattice.for_tolerance(region, length or 0.0)
+    choose_balls = _fill_shape if kind == "inner" else _cover_shape
     centers, radii, gap = choose_balls(lattice, count, length)
-    order = np.argsort(-radii, kind="stable")
-    centers = frozen(centers[order])
-    radii = frozen(radii[order])
+    largest_first = np.argsort(-radii, kind="stable")
+    centers = frozen(centers[largest_first])
+    radii = frozen(radii[largest_first])
     measure = Bounds(*bound_ball_measure(centers, radii))
     return BallDecomposition(centers, radii, kind, measure, Bounds(*region.measure), Bounds(*gap))
 
@@ -198,28 +207,31 @@ def _fill_shape(
     Returns centers (n, d) and radii (n,) in metres, and bounds of the distance from the shape to
     the balls. Raises InputError if the shape is too thin or the tolerance too small.
     """
-    inside = _inner_candidates(lattice)
+    candidates = _list_inner_candidates(lattice)
     is_proven = False
     if tolerance is not None:
-        balls, is_proven = _choose_cover(lattice, inside, tolerance / lattice.side)
+        balls, is_proven = _choose_cover(lattice, candidates, tolerance / lattice.side)
         centers = lattice.to_metres(balls.centers)
         radii = lattice.region.depths(centers)  # recomputed as proven lower bounds
     else:
+        # Try balls that add most cells, and balls that come near to all cells.
         count = number or UNLIMITED_BALLS
-        cover, _ = _cover_with(lattice, inside, count)
-        centers, radii, _ = _nearest_balls(lattice, _fill_greedily(lattice, count), cover)
-    inside_shape = radii > 0.0
-    centers = centers[inside_shape]
-    radii = radii[inside_shape]
+        cover, _ = _cover_with(lattice, candidates, count)
+        centers, radii, _ = _select_nearest(lattice, _fill_greedily(lattice, count), cover)
+    is_inside = radii > 0.0
+    centers = centers[is_inside]
+    radii = radii[is_inside]
     if not len(radii):
-        problem = "is too thin for any ball that was found"
-        rule = "inner balls need an inside"
-        raise InputError("shape", problem, rule, "pass kind='outer', or a thicker shape")
-    gap = bound_shape_to_balls(lattice, centers, radii)[:2]
-    low, high = gap
+        raise InputError(
+            "shape",
+            "is too thin for any ball that was found",
+            "inner balls need an inside",
+            "pass kind='outer', or a thicker shape",
+        )
+    low, high, _ = bound_shape_to_balls(lattice, centers, radii)
     if tolerance is not None and high > tolerance:
         # All cells may lie in the balls grown by less than the tolerance.
-        if is_proven and inside_shape.all():
+        if is_proven and is_inside.all():
             return centers, radii, (min(low, tolerance), tolerance)
         problem = (
             f"is {tolerance:g} m, but {len(radii)} balls are proven within {high:g} m of the "
@@ -228,7 +240,7 @@ def _fill_shape(
         rule = "parts thinner than the lattice have no balls"
         hint = "pass a larger tolerance, or kind='outer'"
         raise InputError("tolerance", problem, rule, hint)
-    return centers, radii, gap
+    return centers, radii, (low, high)
 
 
 def _cover_shape(
@@ -239,7 +251,7 @@ def _cover_shape(
     Returns centers (n, d) and radii (n,) in metres, and bounds of the distance from the balls to
     the shape. Raises InputError if no such balls are found.
     """
-    candidates = _medial_balls(lattice)
+    candidates = _list_medial_balls(lattice)
     if tolerance is not None:
         length = tolerance / lattice.side
         balls, is_whole = _choose_cover(lattice, candidates, length, inside=False)
@@ -248,9 +260,12 @@ def _cover_shape(
         balls, is_whole = _cover_with(lattice, candidates, count, inside=False)
     if not is_whole:
         name, value = ("number", number) if tolerance is None else ("tolerance", tolerance)
-        problem = f"is {value:g}, but no such balls that cover the shape were found"
-        rule = "their union must contain the shape"
-        raise InputError(name, problem, rule, f"pass a larger {name}")
+        raise InputError(
+            name,
+            f"is {value:g}, but no such balls that cover the shape were found",
+            "their union must contain the shape",
+            f"pass a larger {name}",
+        )
     centers = lattice.to_metres(balls.centers)
     # Half of the allowance exceeds the rounding of coordinates and depths, so that balls contain
     # their cells and no ball sticks out too far.
@@ -259,24 +274,25 @@ def _cover_shape(
         # Covering whole cells takes more than covering the shape, so only the centers are kept;
         # each ball around them grows as the shape needs. Balls that fill the shape are nearer where
         # it is smooth, so they are tried too.
-        centers, depths, growths = _nearest_balls(lattice, _fill_greedily(lattice, number), balls)
-        radii = (depths + growths) * (1.0 + 2.0**-40)
+        centers, depths, growths = _select_nearest(lattice, _fill_greedily(lattice, number), balls)
+        radii = (depths + growths) * (1.0 + 2.0**-40)  # above the sum in spite of rounding
         is_needed = radii > 0.0
         centers = centers[is_needed]
         radii = radii[is_needed]
     return centers, radii, bound_balls_to_shape(lattice.region, centers, radii)
 
 
-def _nearest_balls(lattice: Lattice, *choices: LatticeBalls) -> tuple[Floats, Floats, Floats]:
-    """Select the balls with the smallest distance from the shape.
+def _select_nearest(lattice: Lattice, *choices: LatticeBalls) -> tuple[Floats, Floats, Floats]:
+    """Select the set of balls with the smallest distance from the shape.
 
     Each choice gives the centers; the balls are the largest balls in the shape around them. Returns
     centers (n, d) and radii (n,) in metres, negative outside the shape, and the growth of each ball
     with which all cover the shape (n,). Without any choice, n is 0.
     """
     smallest = math.inf
-    none = np.empty(0)
-    best: tuple[Floats, Floats, Floats] = np.empty((0, lattice.region.dim)), none, none
+    no_lengths = np.empty(0)
+    no_centers = np.empty((0, lattice.region.dim))
+    best: tuple[Floats, Floats, Floats] = no_centers, no_lengths, no_lengths
     for choice in choices:
         if not len(choice.centers):
             continue
@@ -289,24 +305,26 @@ def _nearest_balls(lattice: Lattice, *choices: LatticeBalls) -> tuple[Floats, Fl
     return best
 
 
-def _inner_candidates(lattice: Lattice) -> LatticeBalls:
+def _list_inner_candidates(lattice: Lattice) -> LatticeBalls:
     """List candidate balls in the shape."""
-    balls = _medial_balls(lattice)
-    inside = balls.select(balls.depths > 0.0)
-    if not len(inside.depths):  # the shape is thinner than a cell
-        return _deepest_points(lattice, lattice.cell_centers)
-    return inside
+    balls = _list_medial_balls(lattice)
+    inner_balls = balls.select(balls.depths > 0.0)
+    if not len(inner_balls.depths):  # the shape is thinner than a cell
+        return _find_deepest_points(lattice, lattice.cell_centers)
+    return inner_balls
 
 
 def _fill_greedily(lattice: Lattice, number: int) -> LatticeBalls:
-    """Choose at most ``number`` balls that contain many cell centers."""
-    inside = _inner_candidates(lattice)
+    """Choose at most ``number`` balls in the shape that contain many cell centers."""
+    candidates = _list_inner_candidates(lattice)
     cells = CellCounts.of(lattice, whole=False)
     boundary = lattice.region.inner
-    chosen = choose(cells, inside.centers, inside.reaches, number)
+    chosen = choose(cells, candidates.centers, candidates.reaches, number)
     if not len(chosen):  # the shape is so thin that it contains no cell center
-        chosen = np.argsort(-inside.depths)[:number]
-    balls = inside.select(chosen)
+        deepest_first = np.argsort(-candidates.depths)
+        chosen = deepest_first[:number]
+    balls = candidates.select(chosen)
+    # Move the balls a little, to contain more.
     frame = lattice.corner, lattice.side, boundary.error
     polish(cells, boundary.tree, balls.centers, balls.depths, *frame)
     return balls
@@ -318,11 +336,13 @@ def _cover_with(
     """Choose at most ``number`` balls that cover all cells; return True if they do.
 
     They grow, beyond their depth in the shape, by the smallest length, by bisection, for which such
-    balls are found.
+    balls are found. With ``inside``, centers must lie in the shape.
     """
+    # No ball covers a cell unless it grows by about a diagonal; twice the size is always enough.
     too_small = 1.001 * lattice.diagonal
     enough = 2.0 * lattice.region.size / lattice.side
     best, is_whole = _choose_cover(lattice, candidates, enough, inside=inside, max_balls=number)
+    # Twelve halvings of the ratio, or to within 2 %.
     for _ in range(12):
         if not is_whole or enough < 1.02 * too_small:
             break
@@ -351,31 +371,30 @@ def _choose_cover(
     """
     cells = CellCounts.of(lattice, whole=True)
     balls = candidates.select(np.zeros(0, dtype=np.int64))
-    offered = candidates
-    find_balls = _deepest_points if inside else _balls_around
+    find_balls = _find_deepest_points if inside else _find_balls_around
     # Cells that the candidates leave open get balls of their own.
     for _ in range(2):
-        offered = offered._replace(reaches=offered.depths + reach)
+        candidates = candidates._replace(reaches=candidates.depths + reach)
         max_more = max_balls - len(balls.reaches)
-        chosen = choose(cells, offered.centers, offered.reaches, max_more)
-        balls = balls.append(offered.select(chosen))
+        chosen = choose(cells, candidates.centers, candidates.reaches, max_more)
+        balls = balls.append(candidates.select(chosen))
         open_cells = cells.open_cells
         if not len(open_cells) or len(balls.reaches) == max_balls:
             break
-        offered = find_balls(lattice, open_cells)
+        candidates = find_balls(lattice, open_cells)
     return cells.trim(balls), not len(cells.open_cells)
 
 
 # ---- candidates ----------------------------------------------------------------------------------
 
 
-def _balls_around(lattice: Lattice, points: Floats) -> LatticeBalls:
-    """Return the largest ball in the shape around each point."""
+def _find_balls_around(lattice: Lattice, points: Floats) -> LatticeBalls:
+    """Find the largest ball in the shape around each point, shape (n, 3)."""
     depths = lattice.depths_at(points)
     return LatticeBalls(points, depths, depths)
 
 
-def _medial_balls(lattice: Lattice) -> LatticeBalls:
+def _list_medial_balls(lattice: Lattice) -> LatticeBalls:
     """List the largest balls around cell centers that no neighboring ball contains.
 
     They lie along the medial axis of the shape. Growing all balls by one length does not change
@@ -398,33 +417,33 @@ def _medial_balls(lattice: Lattice) -> LatticeBalls:
         "cval": -np.inf,
     }
     is_medial = ~(grey_dilation(depths, **options) >= depths)[lattice.cells]
-    balls = _balls_around(lattice, lattice.cell_centers[is_medial])
+    balls = _find_balls_around(lattice, lattice.cell_centers[is_medial])
     number = len(balls.depths)
     if not number:
         return balls
     # Thin out the candidates evenly, but keep the largest ball.
-    is_kept = np.zeros(number, dtype=np.bool_)
-    is_kept[:: math.ceil(number / MAX_CANDIDATES)] = True
-    is_kept[np.argmax(balls.depths)] = True
-    return balls.select(is_kept)
+    is_candidate = np.zeros(number, dtype=np.bool_)
+    is_candidate[:: math.ceil(number / MAX_CANDIDATES)] = True
+    is_candidate[np.argmax(balls.depths)] = True
+    return balls.select(is_candidate)
 
 
-def _deepest_points(lattice: Lattice, cells: Floats) -> LatticeBalls:
-    """Return a ball in the shape for each cell in which a point of the shape is found.
+def _find_deepest_points(lattice: Lattice, cells: Floats) -> LatticeBalls:
+    """Find a ball in the shape for each cell, around the deepest of some points of the cell.
 
-    ``cells`` are cell centers, shape (n, 3).
+    ``cells`` are cell centers, shape (n, 3). A cell without a point of the shape gets no ball.
     """
-    balls = _balls_around(lattice, np.empty((0, 3)))
-    for parts in (1, 2, 4, 8, 16):  # per side of a cell
+    balls = _find_balls_around(lattice, np.empty((0, 3)))
+    # Cells in which no point is inside are tried again with more points.
+    for points_per_side in (1, 2, 4, 8, 16):
         if not len(cells):
             break
-        offsets = (np.arange(parts) + 0.5) / parts - 0.5
+        offsets = (np.arange(points_per_side) + 0.5) / points_per_side - 0.5
         axes = [offsets if half else np.zeros(1) for half in lattice.half]
         points = cells[:, None] + np.array(list(product(*axes)))
         depths = lattice.depths_at(points.reshape(-1, 3)).reshape(points.shape[:2])
-        rows = np.arange(len(cells))
-        best = depths.argmax(axis=1)
-        deepest = LatticeBalls(points[rows, best], depths[rows, best], depths[rows, best])
+        best = np.arange(len(cells)), depths.argmax(axis=1)
+        deepest = LatticeBalls(points[best], depths[best], depths[best])
         is_inside = deepest.depths > 0.0
         balls = balls.append(deepest.select(is_inside))
         cells = cells[~is_inside]
@@ -448,11 +467,8 @@ class LatticeBalls(NamedTuple):
 
     def append(self, other: LatticeBalls) -> LatticeBalls:
         """Return these balls, followed by others."""
-        return LatticeBalls(
-            np.concatenate([self.centers, other.centers]),
-            np.concatenate([self.depths, other.depths]),
-            np.concatenate([self.reaches, other.reaches]),
-        )
+        columns = zip(self, other, strict=True)
+        return LatticeBalls(*map(np.concatenate, columns))
 
 
 class CellCounts(NamedTuple):
@@ -509,8 +525,11 @@ class CellCounts(NamedTuple):
 
 
 @kernel
-def _cell_range(center: float, length: float, count: int) -> tuple[int, int]:
-    """Return the range of cells whose centers lie within ``length`` of ``center``."""
+def _find_cell_range(center: float, length: float, count: int) -> tuple[int, int]:
+    """Find the cells along an axis whose centers lie within ``length`` of ``center``.
+
+    Returns the first one and the end, both within ``count`` cells.
+    """
     first = math.ceil(center - length - 0.5)
     stop = math.floor(center + length + 0.5)
     return max(0, first), min(count, stop)
@@ -528,22 +547,24 @@ def _find_rows(cells: CellCounts, center: Floats, reach: float) -> tuple[int, in
     square = radius * radius
     count = 0
     gain = 0
-    for i in range(*_cell_range(center[0], radius - half[0], nx)):
+    # Along each further axis, the ball reaches as far as the axes before leave of its square.
+    for i in range(*_find_cell_range(center[0], radius - half[0], nx)):
         square_x = (abs(i + 0.5 - center[0]) + half[0]) ** 2
         if square_x > square:
             continue
         reach_y = math.sqrt(square - square_x) - half[1]
-        for j in range(*_cell_range(center[1], reach_y, ny)):
+        for j in range(*_find_cell_range(center[1], reach_y, ny)):
             square_xy = square_x + (abs(j + 0.5 - center[1]) + half[1]) ** 2
             if square_xy > square:
                 continue
             reach_z = math.sqrt(square - square_xy) - half[2]
-            first, stop = _cell_range(center[2], reach_z, nz)
+            first, stop = _find_cell_range(center[2], reach_z, nz)
             if first < stop:
-                cells.rows[count, 0] = i
-                cells.rows[count, 1] = j
-                cells.rows[count, 2] = first
-                cells.rows[count, 3] = stop
+                row = cells.rows[count]
+                row[0] = i
+                row[1] = j
+                row[2] = first
+                row[3] = stop
                 cells.squares[count] = square_xy
                 count += 1
                 gain += cells.open_before[i, j, stop] - cells.open_before[i, j, first]
@@ -561,6 +582,7 @@ def _count_ball(cells: CellCounts, center: Floats, reach: float, step: int) -> N
         for k in range(first, stop):
             if counts[i, j, k] >= 0:
                 counts[i, j, k] += step
+        # Sum the open cells of the row again, from the first change on.
         for k in range(first, counts.shape[2]):
             open_before[i, j, k + 1] = open_before[i, j, k] + (counts[i, j, k] == 0)
 
@@ -575,6 +597,7 @@ def choose(cells: CellCounts, centers: Floats, reaches: Floats, max_balls: int) 
     """
     chosen = np.empty(min(max_balls, len(centers)), dtype=np.int64)
     count = 0
+    # The queue has the negative gain of each ball, as last computed, so that the largest is first.
     queue = [(-math.inf, ball) for ball in range(len(centers))]
     heapq.heapify(queue)
     while len(queue) > 0 and count < len(chosen):
@@ -636,10 +659,11 @@ def polish(
     ``corner``, shape (3,), is that of the lattice in the space of the tree, ``side`` the side of a
     cell, and ``error`` that of distances; metres.
     """
-    first_step = 2.0
+    first_step = 2.0  # sides of a cell
     for _ in range(6):
         moved = False
         for ball in range(len(centers)):
+            # Take the ball out, to count what it would add anywhere else.
             center = centers[ball]
             _count_ball(cells, center, radii[ball], -1)
             _, most = _find_rows(cells, center, radii[ball])

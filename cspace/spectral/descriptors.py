@@ -67,14 +67,17 @@ def sum_polygons(first: BaseGeometry, second: BaseGeometry) -> PolygonSum:
     """
     import shapely
 
-    first_parts = _convex_parts(first)
-    second_parts = _convex_parts(second)
+    first_parts = _split_into_convex_parts(first)
+    second_parts = _split_into_convex_parts(second)
     corners = len(first_parts) * len(second_parts) * first_parts.shape[1] * second_parts.shape[1]
     if corners > MAX_SUM_CORNERS:
         parts = f"{len(second_parts)} and {len(first_parts)} convex parts"
-        problem = f"and first make {corners:,} sums of corners of their {parts}"
-        hint = "simplify both, e.g. with shapely.simplify"
-        raise InputError("second", problem, f"at most {MAX_SUM_CORNERS:,} are united", hint)
+        raise InputError(
+            "second",
+            f"and first make {corners:,} sums of corners of their {parts}",
+            f"at most {MAX_SUM_CORNERS:,} are united",
+            "simplify both, e.g. with shapely.simplify",
+        )
     # One row of sums of corners for each pair of parts.
     sums_of_corners = first_parts[:, np.newaxis, :, np.newaxis] + second_parts[:, np.newaxis]
     points = sums_of_corners.reshape(len(first_parts) * len(second_parts), -1, 2)
@@ -89,13 +92,16 @@ def sum_polygons(first: BaseGeometry, second: BaseGeometry) -> PolygonSum:
     )
     shapely.prepare(outer)
     if not shapely.covers(outer, sums).all():
-        problem = "has a sum that GEOS unites wrongly"
-        hint = "round both with shapely.set_precision"
-        raise GeometryError("first", problem, "the union must cover its parts", hint)
+        raise GeometryError(
+            "first",
+            "has a sum that GEOS unites wrongly",
+            "the union must cover its parts",
+            "round both with shapely.set_precision",
+        )
     return PolygonSum(inner, outer)
 
 
-def _convex_parts(geometry: BaseGeometry) -> Floats:
+def _split_into_convex_parts(geometry: BaseGeometry) -> Floats:
     """Split a geometry into ``n`` convex parts, and return their corners (n, k, 2).
 
     Parts with fewer than ``k`` corners repeat the last one.
@@ -103,18 +109,19 @@ def _convex_parts(geometry: BaseGeometry) -> Floats:
     import shapely
 
     rings: list[list[Corner]] = []
-    for part in read_shapes(geometry):
-        if part.geom_type == "Polygon":
-            rings += _merge_convex(_triangles(part))
+    for shape in read_shapes(geometry):
+        if shape.geom_type == "Polygon":
+            rings += _merge_convex(_cut_into_triangles(shape))
             continue
-        points = [(x, y) for x, y in shapely.get_coordinates(part).tolist()]
+        # A line has a part for each segment, and a point is a part.
+        points = [(x, y) for x, y in shapely.get_coordinates(shape).tolist()]
         segments = [[*pair] for pair in pairwise(points)]
         rings += segments or [points]
     max_corners = max(map(len, rings))
     return np.array([ring + ring[-1:] * (max_corners - len(ring)) for ring in rings])
 
 
-def _triangles(polygon: BaseGeometry) -> list[list[Corner]]:
+def _cut_into_triangles(polygon: BaseGeometry) -> list[list[Corner]]:
     """Cut a polygon into counterclockwise triangles, checked exactly.
 
     If the boundary of the polygon is the sum of the boundaries of the triangles, the number of
@@ -123,44 +130,51 @@ def _triangles(polygon: BaseGeometry) -> list[list[Corner]]:
     """
     import shapely
 
-    exterior, *holes = (_without_straight_corners(ring) for ring in _open_rings(polygon))
+    exterior, *holes = (_drop_straight_corners(ring) for ring in _list_rings(polygon))
     cleaned = shapely.orient_polygons(shapely.Polygon(exterior, holes))
+    triangulation = shapely.constrained_delaunay_triangles(cleaned)
     triangles = []
-    for part in shapely.get_parts(shapely.constrained_delaunay_triangles(cleaned)):
-        a, b, c = list(part.exterior.coords)[:3]
-        orientation = _orientation(a, b, c)
+    for triangle in shapely.get_parts(triangulation):
+        a, b, c = list(triangle.exterior.coords)[:3]
+        orientation = _find_orientation(a, b, c)
         if orientation:
             triangles.append([a, b, c] if orientation > 0 else [a, c, b])
-    if not triangles or _boundary(triangles) != _boundary(_open_rings(cleaned)):
-        hint = "round it with shapely.set_precision"
+    if not triangles or _count_edges(triangles) != _count_edges(_list_rings(cleaned)):
         raise GeometryError(
-            "polygon", "is not cut into triangles exactly", "they must tile it", hint
+            "polygon",
+            "is not cut into triangles exactly",
+            "they must tile it",
+            "round it with shapely.set_precision",
         )
     return triangles
 
 
-def _open_rings(polygon: Any) -> list[list[Corner]]:
-    """Return the rings of a polygon, the exterior first, without the repeated last corner."""
+def _list_rings(polygon: Any) -> list[list[Corner]]:
+    """List the rings of a polygon, the exterior first, without the repeated last corner."""
     return [list(ring.coords)[:-1] for ring in (polygon.exterior, *polygon.interiors)]
 
 
-def _edges(ring: list[Corner]) -> list[tuple[Corner, Corner]]:
-    """Return the directed edges of a ring without a repeated last corner."""
+def _list_edges(ring: list[Corner]) -> list[tuple[Corner, Corner]]:
+    """List the directed edges of a ring without a repeated last corner."""
     return list(pairwise([ring[-1], *ring]))
 
 
-def _boundary(rings: list[list[Corner]]) -> Counter[tuple[Corner, Corner]]:
-    """Count the directed edges of rings; opposite edges cancel."""
-    edges = Counter(chain.from_iterable(map(_edges, rings)))
+def _count_edges(rings: list[list[Corner]]) -> Counter[tuple[Corner, Corner]]:
+    """Count the directed edges of rings; opposite edges cancel, so that the boundary is left."""
+    edges = Counter(chain.from_iterable(map(_list_edges, rings)))
     return edges - Counter((b, a) for a, b in edges.elements())
 
 
 def _merge_convex(rings: list[list[Corner]]) -> list[list[Corner]]:
-    """Merge adjacent rings while they stay convex (Hertel and Mehlhorn, 1983)."""
+    """Merge adjacent rings while they stay convex (Hertel and Mehlhorn, 1983).
+
+    Rings are counterclockwise, so that an edge from a to b has its ring on the left.
+    """
     pieces = dict(enumerate(rings))
     owner: dict[tuple[Corner, Corner], int] = {}
     for number, ring in pieces.items():
-        owner.update(dict.fromkeys(_edges(ring), number))
+        owner.update(dict.fromkeys(_list_edges(ring), number))
+    # Drop each edge between two pieces unless the merged piece turns right at one of its ends.
     for a, b in list(owner):
         left_piece = owner[a, b]
         right_piece = owner.get((b, a))
@@ -168,36 +182,37 @@ def _merge_convex(rings: list[list[Corner]]) -> list[list[Corner]]:
             continue
         left = _rotate_ring(pieces[left_piece], a)  # b ... a
         right = _rotate_ring(pieces[right_piece], b)  # a ... b
-        is_reflex_at_a = _orientation(left[-2], a, right[1]) < 0
-        is_reflex_at_b = _orientation(right[-2], b, left[1]) < 0
+        is_reflex_at_a = _find_orientation(left[-2], a, right[1]) < 0
+        is_reflex_at_b = _find_orientation(right[-2], b, left[1]) < 0
         if is_reflex_at_a or is_reflex_at_b:
             continue
-        owner.update(dict.fromkeys(_edges(right), left_piece))
+        owner.update(dict.fromkeys(_list_edges(right), left_piece))
         pieces[left_piece] = left + right[1:-1]
         del pieces[right_piece]
     return list(pieces.values())
 
 
 def _rotate_ring(ring: list[Corner], corner: Corner) -> list[Corner]:
-    """Rotate a ring to end with ``corner``."""
+    """Rotate the list of a ring's corners to end with ``corner``."""
     stop = ring.index(corner) + 1
     return ring[stop:] + ring[:stop]
 
 
-def _without_straight_corners(ring: list[Corner]) -> list[Corner]:
-    """Remove repeated and straight corners from a ring."""
+def _drop_straight_corners(ring: list[Corner]) -> list[Corner]:
+    """Drop repeated and straight corners from a ring."""
     start = ring.index(min(ring))  # a true corner
-    kept: list[Corner] = []
+    corners: list[Corner] = []
     for corner in [*ring[start:], *ring[: start + 1]]:
-        while len(kept) > 1 and not _orientation(kept[-2], kept[-1], corner):
-            kept.pop()
-        if not kept or kept[-1] != corner:
-            kept.append(corner)
-    return kept[:-1]
+        # The last corner is straight if this one lies in line with it.
+        while len(corners) > 1 and not _find_orientation(corners[-2], corners[-1], corner):
+            corners.pop()
+        if not corners or corners[-1] != corner:
+            corners.append(corner)
+    return corners[:-1]
 
 
-def _orientation(a: Corner, b: Corner, c: Corner) -> int:
-    """Return the exact orientation of three points: 1 left, -1 right, 0 straight."""
+def _find_orientation(a: Corner, b: Corner, c: Corner) -> int:
+    """Compute the exact orientation of three points: 1 left, -1 right, 0 straight."""
     (ax, ay), (bx, by), (cx, cy) = ((Fraction(x), Fraction(y)) for x, y in (a, b, c))
     doubled_area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
     return (doubled_area > 0) - (doubled_area < 0)
@@ -238,10 +253,12 @@ class Descriptor:
         """Check and copy the values."""
         values = check_finite(self.values, "values")
         if values.shape != self.grid.shape:
-            problem = f"has shape {values.shape} on a grid of {self.grid.shape}"
-            rule = "the shapes must be equal"
-            hint = "pass one value for each cell"
-            raise InputError("values", problem, rule, hint)
+            raise InputError(
+                "values",
+                f"has shape {values.shape} on a grid of {self.grid.shape}",
+                "the shapes must be equal",
+                "pass one value for each cell",
+            )
         values = values.copy()
         values.flags.writeable = False
         object.__setattr__(self, "values", values)
@@ -277,6 +294,7 @@ class BallDescriptor(Balls):
     """
 
     def __init__(self, centers: ArrayLike, radii: ArrayLike, bump: Bump | None = None) -> None:
+        """Check and copy centers, radii and bump."""
         super().__init__(*check_solid_balls(centers, radii))
         self.bump = check_bump(bump)
 
@@ -294,7 +312,7 @@ class BallDescriptor(Balls):
         """Evaluate the descriptor at the centers of cells."""
         check_same_dim("set of balls", self.dim, grid.dim)
         values = np.zeros(grid.shape)
-        for window, squares in _ball_windows(self.centers, self.radii, grid):
+        for window, squares in _measure_windows(self.centers, self.radii, grid):
             values[window] += self.bump.values(np.sqrt(squares))
         return Descriptor(grid, values)
 
@@ -305,27 +323,38 @@ class BallDescriptor(Balls):
         """
         if len(np.unique(self.radii)) <= number:
             return self
+        # Each radius grows to the next of these quantiles.
         shares = 1.0 - np.arange(number) / number
-        steps = np.unique(np.quantile(self.radii, shares, method="higher"))
-        grown = steps[np.searchsorted(steps, self.radii)]
-        return BallDescriptor(self.centers, grown, self.bump)
+        quantiles = np.unique(np.quantile(self.radii, shares, method="higher"))
+        next_quantiles = np.searchsorted(quantiles, self.radii)
+        return BallDescriptor(self.centers, quantiles[next_quantiles], self.bump)
 
 
 def check_solid_balls(centers: ArrayLike, radii: ArrayLike) -> tuple[Floats, Floats]:
-    """Check and copy centers and radii, which must be above zero."""
+    """Check and copy centers, shape (n, d), and radii, shape (n,); raise InputError if not usable.
+
+    Radii must be above zero.
+    """
     points, sizes = check_balls(centers, radii)
     if (sizes <= 0.0).any():
-        hint = "drop balls that have no volume"
-        raise InputError("radii", f"holds {sizes.min():g}", "each must be above zero", hint)
+        raise InputError(
+            "radii",
+            f"holds {sizes.min():g}",
+            "each must be above zero",
+            "drop balls that have no volume",
+        )
     return points, sizes
 
 
 def check_same_dim(name: str, dim: int, other: int) -> None:
     """Raise InputError if two dimensions differ."""
     if dim != other:
-        problem = f"has {dim} dimensions, its counterpart has {other}"
-        rule = "they must agree"
-        raise InputError(name, problem, rule, "pass all in the plane or all in space")
+        raise InputError(
+            name,
+            f"has {dim} dimensions, its counterpart has {other}",
+            "they must agree",
+            "pass all in the plane or all in space",
+        )
 
 
 def as_balls(source: BallsLike, name: str, bump: Bump) -> BallDescriptor:
@@ -340,9 +369,12 @@ def as_balls(source: BallsLike, name: str, bump: Bump) -> BallDescriptor:
                 pair = (balls.centers, balls.radii)
                 break
     if not isinstance(pair, tuple | list) or len(pair) != 2:
-        problem = f"is a {type(source).__name__}"
-        rule = "it must have centers and radii, or be a pair of them"
-        raise InputError(name, problem, rule, "decompose other shapes first")
+        raise InputError(
+            name,
+            f"is a {type(source).__name__}",
+            "it must have centers and radii, or be a pair of them",
+            "decompose other shapes first",
+        )
     return BallDescriptor(pair[0], pair[1], bump)
 
 
@@ -355,8 +387,12 @@ def common_bump(bump: Bump | None, *sources: object) -> Bump:
         return check_bump(bump)
     bumps = {source.bump for source in sources if isinstance(source, BallDescriptor)}
     if len(bumps) > 1:
-        problem = f"is missing, but the descriptors have {bumps}"
-        raise InputError("bump", problem, "they must agree", "pass bump=")
+        raise InputError(
+            "bump",
+            f"is missing, but the descriptors have {bumps}",
+            "they must agree",
+            "pass bump=",
+        )
     return bumps.pop() if bumps else Bump()
 
 
@@ -378,27 +414,30 @@ def indicator(shape: ShapeLike, grid: Grid) -> Descriptor:
         return Descriptor(grid, check_cells(source, "shape").astype(np.float64))
     if isinstance(source, BallSet):
         check_same_dim("shape", source.centers.shape[1], grid.dim)
-        inside = np.zeros(grid.shape, dtype=bool)
+        is_inside = np.zeros(grid.shape, dtype=bool)
         radii = np.maximum(source.radii, SMALLEST_NORMAL)
-        for window, squares in _ball_windows(source.centers, radii, grid):
-            inside[window] |= squares <= 1.0
-        return Descriptor(grid, inside.astype(np.float64))
+        for window, squares in _measure_windows(source.centers, radii, grid):
+            is_inside[window] |= squares <= 1.0
+        return Descriptor(grid, is_inside.astype(np.float64))
     known = as_shape(source)
     check_same_dim("shape", known.dim, grid.dim)
     if not isinstance(known, ExactShape):
-        problem = "is bounded by an outer and an inner shape"
-        rule = "it must be an exact shape"
-        raise InputError("shape", problem, rule, "pass shape.outer or shape.inner")
+        raise InputError(
+            "shape",
+            "is bounded by an outer and an inner shape",
+            "it must be an exact shape",
+            "pass shape.outer or shape.inner",
+        )
     centers = np.meshgrid(*map(grid.centers, range(grid.dim)), indexing="ij")
-    inside = np.asarray(known.contains(np.stack(centers, axis=-1)))
+    is_inside = np.asarray(known.contains(np.stack(centers, axis=-1)))
     if isinstance(known, Mesh):
         # A mesh contains the points of only some of its faces, so mark them all.
         triangles = (known.triangles - np.asarray(grid.lower)) / grid.spacing
-        mark_touched(inside, triangles, 0.5, 0.5)
-    return Descriptor(grid, inside.astype(np.float64))
+        mark_touched(is_inside, triangles, 0.5, 0.5)
+    return Descriptor(grid, is_inside.astype(np.float64))
 
 
-def _ball_windows(centers: Floats, radii: Floats, grid: Grid) -> Iterator[tuple[Any, Floats]]:
+def _measure_windows(centers: Floats, radii: Floats, grid: Grid) -> Iterator[tuple[Any, Floats]]:
     """Yield the cells around each ball that meets the grid, with their distances.
 
     Yields the slices of a window of cells, and the squared distances of the cell centers in radii
@@ -414,9 +453,10 @@ def _ball_windows(centers: Floats, radii: Floats, grid: Grid) -> Iterator[tuple[
         if not (start < stop).all():
             continue
         window = tuple(map(slice, start, stop))
+        # The squared distance of a cell is the sum of squares along the axes.
         squares = [
-            ((column[part] - coordinate) / radius) ** 2
-            for column, part, coordinate in zip(cell_centers, window, center, strict=True)
+            ((coordinates[cells] - coordinate) / radius) ** 2
+            for coordinates, cells, coordinate in zip(cell_centers, window, center, strict=True)
         ]
         yield window, np.asarray(sum(np.meshgrid(*squares, indexing="ij", sparse=True)))
 
@@ -424,10 +464,12 @@ def _ball_windows(centers: Floats, radii: Floats, grid: Grid) -> Iterator[tuple[
 def check_sampled(descriptor: Any) -> Descriptor:
     """Return a descriptor sampled on a grid; raise InputError otherwise."""
     if not isinstance(descriptor, Descriptor):
-        problem = f"is a {type(descriptor).__name__}, no Descriptor"
-        rule = "it must be sampled on a grid"
-        hint = "make one with sample(grid) or indicator(shape, grid)"
-        raise InputError("descriptor", problem, rule, hint)
+        raise InputError(
+            "descriptor",
+            f"is a {type(descriptor).__name__}, no Descriptor",
+            "it must be sampled on a grid",
+            "make one with sample(grid) or indicator(shape, grid)",
+        )
     return descriptor
 
 
@@ -447,17 +489,22 @@ def union(
     grids, bumps or dimensions differ.
     """
     descriptors = (first, *others)
-    ball_sets = [part for part in descriptors if isinstance(part, BallDescriptor)]
+    ball_sets = [balls for balls in descriptors if isinstance(balls, BallDescriptor)]
+    # Unless all are sets of balls, all must be sampled.
     if len(ball_sets) != len(descriptors):
-        sampled = _on_one_grid(descriptors)
-        return Descriptor(sampled[0].grid, reduce(np.add, [part.values for part in sampled]))
+        sampled = _check_one_grid(descriptors)
+        values = [descriptor.values for descriptor in sampled]
+        return Descriptor(sampled[0].grid, reduce(np.add, values))
     bump = ball_sets[0].bump
     dim = ball_sets[0].dim
     for balls in ball_sets[1:]:
         if balls.bump != bump or balls.dim != dim:
-            problem = f"holds balls of {balls.bump} in {balls.dim}D, the first is {bump} in {dim}D"
-            hint = "sample them on one grid first"
-            raise InputError("others", problem, "they must agree", hint)
+            raise InputError(
+                "others",
+                f"holds balls of {balls.bump} in {balls.dim}D, the first is {bump} in {dim}D",
+                "they must agree",
+                "sample them on one grid first",
+            )
     centers = np.concatenate([balls.centers for balls in ball_sets])
     radii = np.concatenate([balls.radii for balls in ball_sets])
     return BallDescriptor(centers, radii, bump)
@@ -470,8 +517,8 @@ def intersection(first: Descriptor, *others: Descriptor) -> Descriptor:
     sign, so that exactly the cells of the intersection are above zero. Raises InputError if one is
     not sampled (the product of two bumps is no bump), or the grids differ.
     """
-    sampled = _on_one_grid((first, *others))
-    factors = [part.values for part in sampled]
+    sampled = _check_one_grid((first, *others))
+    factors = [descriptor.values for descriptor in sampled]
     product = reduce(np.multiply, factors)
     signs = reduce(np.multiply, map(np.sign, factors))
     has_underflowed = (np.abs(product) < SMALLEST_NORMAL) & (signs != 0.0)
@@ -485,9 +532,12 @@ def superlevel(descriptor: Descriptor, threshold: float = 0.0) -> Bools:
     """
     level = check_finite(threshold, "threshold")
     if level.ndim:
-        problem = f"is {threshold!r}"
-        rule = "it must be one number"
-        raise InputError("threshold", problem, rule, "pass e.g. 0.0")
+        raise InputError(
+            "threshold",
+            f"is {threshold!r}",
+            "it must be one number",
+            "pass e.g. 0.0",
+        )
     return np.asarray(check_sampled(descriptor).values > level)
 
 
@@ -547,41 +597,55 @@ def minkowski_sum(
 
     if isinstance(first, Geometry) and isinstance(second, Geometry):
         return sum_polygons(first, second)
-    f, g = (check_sampled(part).values for part in (first, second))
-    grid, second_grid = (check_sampled(part).grid for part in (first, second))
-    if not _same_spacing(grid, second_grid):
+    first, second = check_sampled(first), check_sampled(second)
+    f, g = first.values, second.values
+    grid, second_grid = first.grid, second.grid
+    if not _have_same_spacing(grid, second_grid):
         problem = f"has {second_grid.dim} axes and a spacing of {second_grid.spacing:g} m, "
         problem += f"the first {grid.dim} and {grid.spacing:g} m"
-        hint = "sample both on similar grids"
-        raise InputError("second", problem, "they must agree", hint)
+        raise InputError(
+            "second",
+            problem,
+            "they must agree",
+            "sample both on similar grids",
+        )
     sums = np.asarray(fftconvolve(f, g))
     are_whole = all(np.array_equal(values, np.rint(values)) for values in (f, g))
     if are_whole and np.linalg.norm(f) * np.linalg.norm(g) < MAX_EXACT_NORM:
         sums = np.rint(sums)
     elif min(f.min(), g.min()) >= 0.0:
-        # The sum is positive exactly where it has a pair of positive cells; count these pairs.
+        # The sum is positive exactly where it has a pair of positive cells; count these pairs,
+        # which are whole numbers up to the rounding of the FFT.
         pairs = fftconvolve((f > 0.0).astype(np.float64), (g > 0.0).astype(np.float64))
         sums = np.where(pairs > 0.5, np.maximum(sums, SMALLEST_NORMAL), 0.0)
     lower = np.add(grid.lower, second_grid.lower) + 0.5 * grid.spacing
     return Descriptor(Grid(lower, grid.spacing, sums.shape), sums * grid.spacing**grid.dim)
 
 
-def _same_spacing(f: Grid, g: Grid) -> bool:
+def _have_same_spacing(f: Grid, g: Grid) -> bool:
     """Return True if two grids agree in dimension and spacing."""
     if f.dim != g.dim:
         return False
+    # Differences of the spacing add up over the cells of a grid.
     difference_over_grid = abs(f.spacing - g.spacing) * max(f.shape + g.shape)
     return difference_over_grid <= GRID_TOLERANCE * f.spacing
 
 
-def _on_one_grid(descriptors: tuple[Any, ...]) -> list[Descriptor]:
-    """Check that descriptors are sampled on one grid; return them as a list."""
-    sampled = [check_sampled(part) for part in descriptors]
+def _check_one_grid(descriptors: tuple[Any, ...]) -> list[Descriptor]:
+    """Check that descriptors are sampled on one grid; return them as a list.
+
+    Raises InputError if one is not sampled, or its grid differs from that of the first.
+    """
+    sampled = list(map(check_sampled, descriptors))
     grid = sampled[0].grid
-    for part in sampled[1:]:
-        same_cells = grid.shape == part.grid.shape and _same_spacing(grid, part.grid)
-        shift = GRID_TOLERANCE * grid.spacing
-        if not same_cells or not np.allclose(grid.lower, part.grid.lower, rtol=0.0, atol=shift):
-            problem = f"holds one on {part.grid}"
-            raise InputError("others", problem, f"all must be on {grid}", "sample all on it")
+    max_shift = GRID_TOLERANCE * grid.spacing
+    for other in (descriptor.grid for descriptor in sampled[1:]):
+        has_same_cells = grid.shape == other.shape and _have_same_spacing(grid, other)
+        if not has_same_cells or not np.allclose(grid.lower, other.lower, rtol=0.0, atol=max_shift):
+            raise InputError(
+                "others",
+                f"holds one on {other}",
+                f"all must be on {grid}",
+                "sample all on it",
+            )
     return sampled

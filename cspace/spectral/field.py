@@ -49,12 +49,15 @@ class OverlapField:
         values = self.values
         shape = _shape_on(self.space)
         if values.shape != shape or values.dtype != np.float64:
-            problem = f"has shape {values.shape} and type {values.dtype}"
-            rule = f"it must have the map's shape {shape} and type float64"
-            raise InputError("values", problem, rule, "use OverlapField.of")
-        kept = check_finite(values, "values").view()
-        kept.flags.writeable = False
-        object.__setattr__(self, "values", kept)
+            raise InputError(
+                "values",
+                f"has shape {values.shape} and type {values.dtype}",
+                f"it must have the map's shape {shape} and type float64",
+                "use OverlapField.of",
+            )
+        read_only_values = check_finite(values, "values").view()
+        read_only_values.flags.writeable = False
+        object.__setattr__(self, "values", read_only_values)
 
     @classmethod
     def of(cls, space: CSpace, overlap: FourierOverlap) -> OverlapField:
@@ -70,16 +73,19 @@ class OverlapField:
         """
         argument: object = overlap
         if not isinstance(argument, FourierOverlap):
-            problem = f"is a {type(argument).__name__}"
-            rule = "it must be a FourierOverlap"
-            hint = "make it with e.g. FourierOverlap.of_shapes"
-            raise InputError("overlap", problem, rule, hint)
+            raise InputError(
+                "overlap",
+                f"is a {type(argument).__name__}",
+                "it must be a FourierOverlap",
+                "make it with e.g. FourierOverlap.of_shapes",
+            )
         grid = space.grid
         check_same_dim("overlap", overlap.dim, grid.dim)
         shape = _shape_on(space)
         check_memory(8.0 * math.prod(shape), "the overlap field", grid)
         axes = [grid.centers(axis) for axis in range(grid.dim)]
         centers = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+        # Fill slice by slice, with the robot at the first rotation cell of each.
         values = np.empty(shape)
         slice_values = values.reshape(-1, *grid.shape)
         rotation_cells = space.rotations.make_shape_cells(grid.dim)
@@ -127,7 +133,8 @@ def field_at(map_: Map, values: Floats, position: Row, rotation: Numbers) -> flo
     """Interpolate a field at a configuration, for compiled callers.
 
     ``values``, shape (cells,), are the overlaps of all cells of all slices in C order, and
-    ``position`` has three coordinates, metres.
+    ``position`` has three coordinates, metres. The weights are those of linear interpolation
+    between the eight cell centers around the position.
     """
     s = slice_of(map_, rotation)
     total = 0.0
@@ -135,6 +142,7 @@ def field_at(map_: Map, values: Floats, position: Row, rotation: Numbers) -> flo
         weight = 1.0
         cell = s
         for axis in range(3):
+            # Each bit of the corner selects the lower or the upper center along an axis.
             is_upper = (corner >> axis) & 1
             count = map_.states.shape[axis + 1]
             place = (position[axis] - map_.lower[axis]) / map_.spacing - 0.5

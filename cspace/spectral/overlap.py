@@ -71,9 +71,12 @@ class Verdict(IntEnum):
 
     def __bool__(self) -> bool:
         """Raise InputError, because UNDECIDED is neither true nor false."""
-        rule = "a verdict is neither true nor false"
-        hint = "compare it, e.g. verdict == Verdict.MISS"
-        raise InputError("verdict", f"is {self.name}", rule, hint)
+        raise InputError(
+            "verdict",
+            f"is {self.name}",
+            "a verdict is neither true nor false",
+            "compare it, e.g. verdict == Verdict.MISS",
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,13 +156,15 @@ class FourierOverlap:
         band: float | None = None,
         tolerance: float = 1e-3,
     ) -> None:
-        chosen = common_bump(bump, a, b)
-        first = as_balls(a, "a", chosen)
-        second = as_balls(b, "b", chosen)
+        """Check both ball sets, and choose the period and the band of their spectra."""
+        shared_bump = common_bump(bump, a, b)
+        first = as_balls(a, "a", shared_bump)
+        second = as_balls(b, "b", shared_bump)
         check_same_dim("b", second.dim, first.dim)
         self.threshold = check_not_negative(threshold, "threshold", "pass square or cubic metres")
+        # A period is as long as both sets side by side, with A at any rotation.
         reaches = np.linalg.norm(first.centers - first.center, axis=1) + first.radii
-        reach = float(reaches.max()) * (1.0 + 2.0**-40)  # at any rotation
+        reach = float(reaches.max()) * (1.0 + 2.0**-40)
         extents = np.abs(second.centers - second.center) + second.radii[:, None]
         half_sides = (extents.max(axis=0) + reach) * (1.0 + 0.1 * PERIOD_MARGIN)
         lengths = 2.0 * (1.0 + PERIOD_MARGIN) * half_sides
@@ -168,12 +173,19 @@ class FourierOverlap:
         if farthest > min(1e40, 1e6 * shortest):  # above 1e40, squares of volumes overflow
             problem = f"or a reaches {farthest:g} m from the origin of its frame, but both span "
             problem += f"only {shortest:g} m"
-            hint = "move the origin nearer, or check the units"
-            raise InputError("b", problem, "rounding would matter", hint)
+            raise InputError(
+                "b",
+                problem,
+                "rounding would matter",
+                "move the origin nearer, or check the units",
+            )
         if lengths.max() < 1e-100:
-            problem = f"and a span only {lengths.max():g} m"
-            rule = "squares would underflow"
-            raise InputError("b", problem, rule, "check the units")
+            raise InputError(
+                "b",
+                f"and a span only {lengths.max():g} m",
+                "squares would underflow",
+                "check the units",
+            )
         halves = _choose_halves(first, second, lengths, self.threshold, band, tolerance)
         trees = _build_trees(first, second, first.center, second.center)
         span = math.sqrt(first.dim) * (first.span + second.span)
@@ -221,34 +233,41 @@ class FourierOverlap:
         Raises as the class does. Also raises InputError if only one inner set is given.
         """
         given = {"outer_a": outer_a, "outer_b": outer_b, "inner_a": inner_a, "inner_b": inner_b}
+        # Decompositions know whether they are outer or inner.
         for name, source in given.items():
             needed_kind, _, _ = name.partition("_")
             kind = getattr(source, "kind", needed_kind)
             if kind in ("inner", "outer") and kind != needed_kind:
-                problem = f"is of kind {kind!r}"
-                hint = "decompose the shape with that kind"
-                raise InputError(name, problem, f"it must be {needed_kind!r}", hint)
-        chosen = common_bump(bump, *given.values())
-        more = check_not_negative(swell, "swell", "pass metres")
+                raise InputError(
+                    name,
+                    f"is of kind {kind!r}",
+                    f"it must be {needed_kind!r}",
+                    "decompose the shape with that kind",
+                )
+        shared_bump = common_bump(bump, *given.values())
+        growth = check_not_negative(swell, "swell", "pass metres")
         number = check_count(classes, "classes", 1, hint="pass e.g. 8")
         if (inner_a is None) is not (inner_b is None):
             raise InputError(
                 "inner_a", "or inner_b is missing", "a HIT needs both", "pass both or neither"
             )
         sets = {
-            name: as_balls(source, name, chosen)
+            name: as_balls(source, name, shared_bump)
             for name, source in given.items()
             if source is not None
         }
-        a, b, *inside = sets.values()
+        a, b, *inner_sets = sets.values()
         for name, balls in sets.items():
             check_same_dim(name, balls.dim, a.dim)
-        rounded = (balls.round_radii(number) for balls in (a, b))
-        grown = (BallDescriptor(balls.centers, balls.radii + more, chosen) for balls in rounded)
+        # Values come from grown balls, verdicts from the trees of the balls as passed.
+        rounded = a.round_radii(number), b.round_radii(number)
+        grown = (
+            BallDescriptor(balls.centers, balls.radii + growth, shared_bump) for balls in rounded
+        )
         overlap = cls(*grown, tolerance=tolerance)
         inner = NO_TREE, NO_TREE
-        if inside:
-            inner_balls_a, inner_balls_b = inside
+        if inner_sets:
+            inner_balls_a, inner_balls_b = inner_sets
             inner = _build_trees(inner_balls_a, inner_balls_b, a.center, b.center)
         span = math.sqrt(a.dim) * sum(balls.span for balls in sets.values())
         overlap.pair = replace(
@@ -360,13 +379,13 @@ class FourierOverlap:
         verdicts = self.pair.contacts.test(_in_space(relative))
         touching = np.flatnonzero(verdicts != MISS)
         counts = np.zeros(len(relative), dtype=np.int64)
-        sums = np.zeros((len(relative), 2))
-        sums[touching, 1] = math.inf
+        # Without a sum, nothing is known of the overlap of sets that touch.
+        sums_and_bounds = np.zeros((len(relative), 2))
+        sums_and_bounds[touching, 1] = math.inf
         if self.threshold > 0.0 and len(touching):
-            verdicts[touching], counts[touching], sums[touching] = self._compare_with_threshold(
-                relative[touching]
-            )
-        totals, bounds = sums.T
+            answers = self._compare_with_threshold(relative[touching])
+            verdicts[touching], counts[touching], sums_and_bounds[touching] = answers
+        totals, bounds = sums_and_bounds.T
         if placements.ndim == 1:
             verdict = Verdict(int(verdicts[0]))
             return Separation(verdict, int(counts[0]), float(totals[0]), float(bounds[0]))
@@ -387,22 +406,22 @@ class FourierOverlap:
         counts = np.zeros(len(relative), dtype=np.int64)
         sums = np.zeros((len(relative), 2))
         pairs_per_placement = len(self.pair.b.radii) * len(self.pair.a.radii)
-        rest = np.arange(len(relative))  # placements without a verdict
+        undecided = np.arange(len(relative))
         for level in self.pair.levels:
-            verdicts[rest], summed, sums[rest] = separate_all(
-                relative[rest], level.terms, self.threshold
+            verdicts[undecided], summed, sums[undecided] = separate_all(
+                relative[undecided], level.terms, self.threshold
             )
-            counts[rest] += summed
-            rest = rest[verdicts[rest] == UNDECIDED]
-            if len(rest) * pairs_per_placement <= MAX_SUMMED_PAIRS:
+            counts[undecided] += summed
+            undecided = undecided[verdicts[undecided] == UNDECIDED]
+            if len(undecided) * pairs_per_placement <= MAX_SUMMED_PAIRS:
                 break
         # For few placements, sums over pairs of balls are faster than spectra in the next band, and
         # decide.
-        if 0 < len(rest) * pairs_per_placement <= MAX_SUMMED_PAIRS:
-            sums[rest] = self.pair.sum_pairs(relative[rest])
-            totals, bounds = sums[rest].T
-            verdicts[rest[totals + bounds < self.threshold]] = MISS
-            verdicts[rest[totals - bounds > self.threshold]] = HIT
+        if 0 < len(undecided) * pairs_per_placement <= MAX_SUMMED_PAIRS:
+            sums[undecided] = self.pair.sum_pairs(relative[undecided])
+            totals, bounds = sums[undecided].T
+            verdicts[undecided[totals + bounds < self.threshold]] = MISS
+            verdicts[undecided[totals - bounds > self.threshold]] = HIT
         return verdicts, counts, sums
 
     def _sums(self, t: ArrayLike, sums: list[Terms]) -> Floats:
@@ -410,17 +429,18 @@ class FourierOverlap:
         placements = check_points(t, "t", self.dim)
         relative = self.pair.relative(placements)
         out = np.zeros((len(relative), len(sums)))
-        inside = np.flatnonzero((np.abs(relative) <= self.pair.half_sides).all(axis=-1))
-        if len(inside) <= MAX_PLACEMENTS_ONE_BY_ONE:
+        # Outside the domain, sums are zero.
+        in_domain = np.flatnonzero((np.abs(relative) <= self.pair.half_sides).all(axis=-1))
+        if len(in_domain) <= MAX_PLACEMENTS_ONE_BY_ONE:
             for column, terms in enumerate(sums):
                 # No sum is below or above NaN, so all frequencies are summed.
-                _, _, totals = separate_all(relative[inside], terms, math.nan)
-                out[inside, column] = totals[:, 0]
+                _, _, totals = separate_all(relative[in_domain], terms, math.nan)
+                out[in_domain, column] = totals[:, 0]
         else:
             rings = self.pair.levels[-1].band.rings
             spectra = np.stack([rings.to_box(terms.products / rings.twice) for terms in sums])
-            blocks = math.ceil(len(inside) / MAX_PLACEMENTS_PER_TRANSFORM)
-            for block in np.array_split(inside, blocks):
+            blocks = math.ceil(len(in_domain) / MAX_PLACEMENTS_PER_TRANSFORM)
+            for block in np.array_split(in_domain, blocks):
                 angles = 2.0 * math.pi * relative[block] / rings.lengths
                 out[block] = evaluate_real_series(angles, spectra, 1e-9).T
         return out.reshape(*placements.shape[:-1], len(sums))
@@ -497,7 +517,9 @@ class BallPair:
         """
         rotated = (self.a.centers - self.a.center) @ self.rotation.T
         moved = (rotated + placement for placement in relative)
-        fixed = self.b.centers - self.b.center, self.b.radii, np.ones(len(self.b.radii))
+        weights = np.ones(len(self.b.radii))
+        fixed = self.b.centers - self.b.center, self.b.radii, weights
+        # A distance is rounded by at most four times the error of a placement.
         overlaps_and_bounds = sum_pairs(self.a.bump, moved, self.a.radii, fixed, 4.0 * self.error)
         return np.stack(overlaps_and_bounds, axis=1)
 
@@ -517,7 +539,7 @@ def _choose_halves(
     band: float | None,
     tolerance: float,
 ) -> tuple[int, ...]:
-    """Return the highest frequency along each axis, cycles per period.
+    """Choose the highest frequency along each axis, cycles per period.
 
     It follows from ``band``, or is chosen by ``tolerance``; see :class:`FourierOverlap`. Raises
     InputError if the band is too large.
@@ -525,6 +547,7 @@ def _choose_halves(
     if band is not None:
         highest = check_positive(band, "band", "cycles per metre")
     else:
+        # Two balls of median radius, the center of one on the boundary of the other, set the scale.
         radius_a = np.median(a.radii, keepdims=True)
         radius_b = np.median(b.radii, keepdims=True)
         distance = np.maximum(radius_a, radius_b)
@@ -537,9 +560,12 @@ def _choose_halves(
     halves = tuple(max(1, math.floor(highest * length)) for length in lengths.tolist())
     counts = [2 * half + 1 for half in halves]
     if math.prod(counts) > MAX_FREQUENCIES or max(halves) > MAX_WAVE_INDEX:
-        problem = f"is {band!r}, which takes {' x '.join(map(str, counts))} frequencies"
-        rule = f"at most {MAX_FREQUENCIES} are computed"
-        raise InputError("band", problem, rule, "pass a lower one")
+        raise InputError(
+            "band",
+            f"is {band!r}, which takes {' x '.join(map(str, counts))} frequencies",
+            f"at most {MAX_FREQUENCIES} are computed",
+            "pass a lower one",
+        )
     return halves
 
 
@@ -602,6 +628,7 @@ class _Level:
     """
 
     def __init__(self, band: _Band, centers: Floats, pivot: Floats, error: float) -> None:
+        """Place the balls of A; spectra and terms are computed when first needed."""
         self.band = band
         self._a = BallDescriptor(centers, band.a.radii, band.a.bump)
         self._pivot = pivot
@@ -615,16 +642,16 @@ class _Level:
     @cached_property
     def sums(self) -> Terms:
         """Terms for values, with bounds of the band alone."""
-        return self._terms(0.0)
+        return self._make_terms(0.0)
 
     @cached_property
     def terms(self) -> Terms:
         """Terms for verdicts, with bounds of all frequencies."""
         tail_a = self._spectrum.tail(self.band.rings, _norm(self.band.a))
-        return self._terms(math.sqrt(tail_a) * math.sqrt(self.band.tail_b))
+        return self._make_terms(math.sqrt(tail_a) * math.sqrt(self.band.tail_b))
 
-    def _terms(self, tail: float) -> Terms:
-        """Return the terms of values, with bounds that include a bound ``tail`` of all others."""
+    def _make_terms(self, tail: float) -> Terms:
+        """Make the terms of values; ``tail`` bounds the sum of all terms outside the band."""
         band = self.band
         return Terms.of(self._spectrum, band.spectrum_b, band.rings, self._error, tail)
 
@@ -653,6 +680,7 @@ class _Level:
     @cached_property
     def slopes(self) -> list[Terms]:
         """Terms of the derivative along each axis."""
+        # A derivative multiplies each wave by 2 pi i times its frequency along the axis.
         waves = 2j * math.pi * self.band.rings.indices / self.band.rings.lengths
         return [self.sums._replace(products=self.sums.products * wave) for wave in waves.T]
 
@@ -679,11 +707,16 @@ def rotation_matrix(rotation: ArrayLike | Rotation, dim: int) -> Floats:
         cosine = math.cos(float(values))
         return np.array([[cosine, -sine], [sine, cosine]])
     if values.shape == (dim, dim):
+        # By a singular value decomposition, whose singular values are 1 for a rotation.
         left, stretch, right = np.linalg.svd(values)
         if np.abs(stretch - 1.0).max() <= 1e-6 and np.linalg.det(values) > 0.0:
             return np.asarray(left @ right)
     form, example = "a Rotation", "Rotation.identity()"
     if dim == 2:
         form, example = "an angle in radians", "1.57"
-    rule = f"it must be {form} or a rotation matrix of shape {dim, dim}"
-    raise InputError("rotation", f"is {rotation!r}", rule, f"pass e.g. {example}")
+    raise InputError(
+        "rotation",
+        f"is {rotation!r}",
+        f"it must be {form} or a rotation matrix of shape {dim, dim}",
+        f"pass e.g. {example}",
+    )

@@ -31,21 +31,24 @@ MAX_PAIRS_PER_BLOCK: Final = 2**20
 
 
 def norm_square(balls: BallDescriptor) -> tuple[float, float]:
-    """Return the integral of a descriptor's square and its error."""
+    """Return the integral of a descriptor's square, and a bound of its error."""
     # Each ball with itself once, and each pair of different balls twice.
     unit_ball = radial_transform(lambda s: balls.bump.values(s) ** 2, np.zeros(1), balls.dim)
     value = float(unit_ball[0] * (balls.radii**balls.dim).sum())
     error = SAFETY_FACTOR * SELF_INTEGRAL_ERROR * value
     centers = balls.centers
     radii = balls.radii
-    for i, j, distances in _close_pairs(centers, radii, centers, radii, 0.0):
-        once = i < j
+    for i, j, distances in _find_close_pairs(centers, radii, centers, radii, 0.0):
+        is_first = i < j  # each pair is listed in both orders
+        first_radii = radii[i[is_first]]
+        second_radii = radii[j[is_first]]
         values, errors = tabulated_integrals(
-            balls.bump, radii[i[once]], radii[j[once]], distances[once], balls.dim
+            balls.bump, first_radii, second_radii, distances[is_first], balls.dim
         )
         value += 2.0 * float(values.sum())
         error += 2.0 * float(errors.sum())
-    return value, error + 2.0**-52 * (len(radii) + 2) * value
+    summing_error = 2.0**-52 * (len(radii) + 2) * value
+    return value, error + summing_error
 
 
 def sum_pairs(
@@ -66,7 +69,7 @@ def sum_pairs(
     number = 0
     dim = centers.shape[1]
     for points in moved:
-        for i, j, distances in _close_pairs(points, radii, centers, other_radii, slack):
+        for i, j, distances in _find_close_pairs(points, radii, centers, other_radii, slack):
             placement = np.full(len(i), number)
             pairs.append(np.stack([placement, radii[i], other_radii[j], distances, weights[j]]))
         number += 1
@@ -89,7 +92,10 @@ def tabulated_integrals(
     distances: Floats,
     dim: int,
 ) -> tuple[Floats, Floats]:
-    """Compute many :func:`pair_integrals`; equal radii share a table."""
+    """Integrate products of two bumps, for many pairs, of which those of equal radii share a table.
+
+    Arguments and results, shapes (n,), are those of :func:`cspace.spectral.bump.pair_integrals`.
+    """
     values, errors = np.zeros((2, len(distances)))
     # Pairs of radii as complex numbers, which np.unique finds fast.
     radii = np.maximum(first, second) + 1j * np.minimum(first, second)
@@ -99,23 +105,28 @@ def tabulated_integrals(
     for number in np.flatnonzero(is_tabulated):
         large = float(keys[number].real)
         small = float(keys[number].imag)
-        members = group == number
+        is_member = group == number
         fit, error = _tabulate_pair(bump, large, small, dim)
-        shares = np.minimum(2.0 * distances[members] / (large + small), 2.0)
-        values[members] = fit(shares - 1.0)
-        errors[members] = error
-    few = ~is_tabulated[group]
-    if few.any():
-        values[few], errors[few] = pair_integrals(
-            bump, first[few], second[few], distances[few], dim
+        shares = np.minimum(2.0 * distances[is_member] / (large + small), 2.0)
+        values[is_member] = fit(shares - 1.0)
+        errors[is_member] = error
+    # Radii of few pairs are integrated pair by pair.
+    is_rare = ~is_tabulated[group]
+    if is_rare.any():
+        values[is_rare], errors[is_rare] = pair_integrals(
+            bump, first[is_rare], second[is_rare], distances[is_rare], dim
         )
     return values, errors
 
 
-def _close_pairs(
+def _find_close_pairs(
     points: Floats, radii: Floats, others: Floats, other_radii: Floats, slack: float
 ) -> Iterator[tuple[Ints, Ints, Floats]]:
-    """Yield blocks of pairs of balls that may meet: two indices, and the distance of centers."""
+    """Yield blocks of pairs of balls that may meet: two indices, and the distance of centers.
+
+    ``points``, shape (n, d), and ``others``, shape (m, d), are the centers. Blocks bound the
+    memory.
+    """
     from scipy.spatial.distance import cdist
 
     blocks = math.ceil(len(radii) * len(other_radii) / MAX_PAIRS_PER_BLOCK)
@@ -134,6 +145,7 @@ def _tabulate_pair(
 
     Distances from 0 to the sum of the radii are mapped to [-1, 1].
     """
+    # Fit at Chebyshev nodes, and measure the error halfway between them, where it is largest.
     nodes = chebyshev_nodes(PAIR_TABLE_NODES)
     midpoints = np.cos(math.pi * np.arange(PAIR_TABLE_NODES + 1) / PAIR_TABLE_NODES)
     distances = 0.5 * (first + second) * (1.0 + np.concatenate([nodes, midpoints]))

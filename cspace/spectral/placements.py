@@ -157,22 +157,23 @@ def best_placements(
     >>> best.translations.shape, best.rotations.shape
     ((1, 2), (1, 2, 2))
     """
-    given = {"a": a, "b": b}
+    sources = {"a": a, "b": b}
     if avoid is not None:
-        given["avoid"] = avoid
-    chosen = common_bump(bump, *given.values())
-    body, target, *avoided = (as_balls(source, name, chosen) for name, source in given.items())
+        sources["avoid"] = avoid
+    shared_bump = common_bump(bump, *sources.values())
+    body, target, *avoided = (as_balls(balls, name, shared_bump) for name, balls in sources.items())
     number = check_count(n, "n", 1, hint="pass e.g. 10")
     cost = check_not_negative(penalty, "penalty", "pass e.g. 10")
     check_flag(refine_rotations, "refine_rotations")
     for balls in avoided:
         check_same_dim("avoid", balls.dim, target.dim)
+    # Both targets are one set of balls, with negative weights for those to avoid.
     targets = union(target, *avoided)
     weights = np.full(len(targets.radii), -cost)
     weights[: len(target.radii)] = 1.0
     score = _Score(body, targets, weights, band, tolerance)
-    matrices = _rotation_matrices(rotations, body.dim)
-    apart = 0.5 * score.gyration if separation is None else check_positive(separation, "separation")
+    matrices = _make_rotation_matrices(rotations, body.dim)
+    gap = 0.5 * score.gyration if separation is None else check_positive(separation, "separation")
     # More placements are refined than returned, and closer ones, because some climb to one peak.
     most = 2 * number + 8
     poses = _Poses.none(body.dim)
@@ -180,9 +181,10 @@ def best_placements(
         floor = 0.0
         if len(poses.scores) == most:
             floor = float(poses.scores[-1])
-        peaks = score.peaks(matrix, floor, most)
-        poses = poses.append(peaks).distinct(score.root, 0.5 * apart, most)
-    poses = score.climb(poses, refine_rotations).distinct(score.root, apart, number)
+        peaks = score.find_peaks(matrix, floor, most)
+        poses = poses.append(peaks).select_distinct(score.root, 0.5 * gap, most)
+    poses = score.climb(poses, refine_rotations).select_distinct(score.root, gap, number)
+    # Scores of the search are approximate; sums over pairs of balls have proven bounds.
     scores, bounds = score.sum_pairs(poses)
     best = np.argsort(-scores, kind="stable")
     best = best[scores[best] > bounds[best]]
@@ -206,6 +208,7 @@ class Correlation:
         counts: tuple[int, ...],
         weights: Floats | None = None,
     ) -> None:
+        """Choose a lattice for FFTs, and compute the spectrum of the target."""
         from scipy.fft import next_fast_len
 
         self.body = body
@@ -235,13 +238,14 @@ class Correlation:
         return self.invert(self.spectrum * body_spectrum.conj())
 
     def invert(self, spectrum: Complexes) -> Floats:
-        """Return the values of a spectrum on the lattice."""
+        """Return the values of a spectrum of a real function on the lattice, by an inverse FFT."""
         from scipy.fft import irfftn
 
         padded = np.zeros(self.shape, dtype=np.complex128)
         # Negative frequencies count from the end.
         places = np.ix_(*map(frequency_indices, self.lattice.counts))
         padded[places] = spectrum
+        # Half of the frequencies suffice, because opposite ones have conjugate values.
         half = padded[..., : self.shape[-1] // 2 + 1]
         values = irfftn(half, s=self.shape, workers=cores())
         return np.asarray(values * self.cells_per_metre.prod())
@@ -318,8 +322,10 @@ class BallPenetration:
         band: float | None = None,
         tolerance: float = 0.01,
     ) -> None:
+        """Check all balls, and compute the spectrum of the fixed ones."""
         balls = as_balls(fixed, "fixed", common_bump(bump, fixed))
         sizes = np.atleast_1d(check_finite(radii, "radii"))
+        # Only the radii of the moving balls matter, so all stand at the origin.
         moving = BallDescriptor(np.zeros((len(sizes), balls.dim)), sizes, balls.bump)
         overlap = FourierOverlap(moving, balls, band=band, tolerance=tolerance)
         self._lower, self._upper = overlap.domain
@@ -336,17 +342,23 @@ class BallPenetration:
         dim = len(self._lower)
         count = len(self._fields.body.radii)
         if points.ndim < 2 or points.shape[-2:] != (count, dim):
-            rule = f"the last axes must be {count} balls and {dim} coordinates"
-            raise InputError("centers", f"has shape {points.shape}", rule, "pass all balls")
+            raise InputError(
+                "centers",
+                f"has shape {points.shape}",
+                f"the last axes must be {count} balls and {dim} coordinates",
+                "pass all balls",
+            )
+        # The value of each ball, and its derivatives.
         sums = self._fields.evaluate(points.reshape(-1, count, dim))
         sums = sums.reshape(*points.shape[:-1], 1 + dim)
+        # Fields repeat with the period, but the overlap does not.
         is_near = ((self._lower <= points) & (points <= self._upper)).all(axis=-1)
         sums[~is_near] = 0.0
         return sums[..., 0].sum(axis=-1), sums[..., 1:]
 
 
 class _Poses(NamedTuple):
-    """Poses of A: scores, centroids of its balls, and matrices."""
+    """Poses of A: scores (n,), centroids of its balls (n, d), and matrices (n, d, d)."""
 
     scores: Floats
     centers: Floats
@@ -363,14 +375,11 @@ class _Poses(NamedTuple):
 
     def append(self, other: _Poses) -> _Poses:
         """Return these poses followed by others."""
-        return _Poses(
-            np.concatenate([self.scores, other.scores]),
-            np.concatenate([self.centers, other.centers]),
-            np.concatenate([self.rotations, other.rotations]),
-        )
+        columns = zip(self, other, strict=True)
+        return _Poses(*map(np.concatenate, columns))
 
-    def distinct(self, root: Floats, apart: float, most: int) -> _Poses:
-        """Return at most ``most`` best poses, none near a better one.
+    def select_distinct(self, root: Floats, min_displacement: float, most: int) -> _Poses:
+        """Select at most ``most`` best poses, none within ``min_displacement`` of a better one.
 
         The displacement is the root mean square over the balls of A. ``root`` is the square root
         C^(1/2) of the covariance of their centers: the displacement of poses (c, R) is the distance
@@ -378,12 +387,13 @@ class _Poses(NamedTuple):
         """
         turned_roots = (self.rotations @ root).reshape(len(self.scores), root.size)
         vectors = np.column_stack([self.centers, turned_roots])
+        best_first = np.argsort(-self.scores, kind="stable")
         chosen: list[int] = []
-        for pose in np.argsort(-self.scores, kind="stable").tolist():
+        for pose in best_first.tolist():
             if len(chosen) == most:
                 break
             squares = ((vectors[chosen] - vectors[pose]) ** 2).sum(axis=1)
-            if (squares >= apart * apart).all():
+            if (squares >= min_displacement**2).all():
                 chosen.append(pose)
         return self.select(np.array(chosen, dtype=np.int64))
 
@@ -404,10 +414,12 @@ class _Score:
         band: float | None,
         tolerance: float,
     ) -> None:
+        """Choose the band of the search, and measure how the balls of A spread."""
         self.body = body
         self.target = target
         self.weights = weights
         self.dim = body.dim
+        # The overlap of A with itself is the largest that it can have with its like.
         self_overlap, _ = norm_square(body)
         overlap = FourierOverlap(
             body, target, bump=body.bump, threshold=self_overlap, band=band, tolerance=tolerance
@@ -419,34 +431,42 @@ class _Score:
             counts = tuple(2 * half + 1 for half in halves)
         self.correlation = Correlation(body, target, overlap.lengths, counts, weights)
         self.centroid = body.centers.mean(axis=0)
+        # Centers relative to the centroid, their covariance and its square root.
         self.arms = body.centers - self.centroid
-        variances, axes = np.linalg.eigh(self.arms.T @ self.arms / len(self.arms))
+        covariance = self.arms.T @ self.arms / len(self.arms)
+        variances, axes = np.linalg.eigh(covariance)
         self.root = axes * np.sqrt(np.maximum(variances, 0.0)) @ axes.T
         self.gyration = math.sqrt(float(variances.sum() + (body.radii**2).mean()))
 
-    def peaks(self, matrix: Floats, floor: float, most: int) -> _Poses:
-        """Return the highest local maxima on the lattice, above a score."""
+    def find_peaks(self, matrix: Floats, floor: float, most: int) -> _Poses:
+        """Find the highest local maxima on the lattice, above a score.
+
+        A is rotated by ``matrix``, shape (d, d); at most ``most`` are returned.
+        """
         from scipy.ndimage import maximum_filter
 
-        values = self.correlation.overlaps(matrix)
-        if values.max() <= floor:
+        scores = self.correlation.overlaps(matrix)
+        if scores.max() <= floor:
             return _Poses.none(self.dim)
-        is_peak = (values > floor) & (values == maximum_filter(values, 3, mode="wrap"))
+        is_peak = (scores > floor) & (scores == maximum_filter(scores, 3, mode="wrap"))
         peaks = np.flatnonzero(is_peak)
+        flat_scores = scores.ravel()
         if len(peaks) > most:
-            order = np.argpartition(-values.ravel()[peaks], most)
+            order = np.argpartition(-flat_scores[peaks], most)
             peaks = peaks[order[:most]]
-        steps = np.stack(np.unravel_index(peaks, values.shape), axis=1)
-        shares = steps / values.shape  # of the period
+        steps = np.stack(np.unravel_index(peaks, scores.shape), axis=1)
+        shares = steps / scores.shape  # of the period
+        # Take the nearest of all periods, and go from the center of A to its centroid.
         centers = (shares - np.round(shares)) * self.correlation.lengths + self.target.center
         centers += matrix @ (self.centroid - self.body.center)
         rotations = np.broadcast_to(matrix, (len(peaks), *matrix.shape))
-        return _Poses(values.ravel()[peaks], centers, rotations)
+        return _Poses(flat_scores[peaks], centers, rotations)
 
     def climb(self, poses: _Poses, turn: bool) -> _Poses:
         """Move poses along the gradient to near maxima, by BFGS.
 
-        Steps are in metres: along the axes, and for rotations the arc at the radius of gyration.
+        Steps are in metres: along the axes, and for rotations, if ``turn``, the arc at the radius
+        of gyration.
         """
         poses, slopes = self._score_poses(poses, turn)
         spacing = float((self.correlation.lengths / self.correlation.lattice.counts).min())
@@ -463,6 +483,7 @@ class _Score:
             lengths = np.minimum(lengths, trust)
             moved, moved_slopes = self._score_poses(self._move_poses(poses, steps), turn)
             inverse = _update_inverse(inverse, steps, slopes - moved_slopes)
+            # Take the steps that lead up, and trust them more; shorten the others.
             is_better = moved.scores > poses.scores
             longer = np.minimum(2.0 * lengths, max_length)
             trust = np.where(is_better, longer, 0.3 * lengths)
@@ -472,7 +493,7 @@ class _Score:
         return poses
 
     def _move_poses(self, poses: _Poses, steps: Floats) -> _Poses:
-        """Move poses by translations and rotations about the centroid."""
+        """Move poses by steps, shape (n, d + rotations): translations, then turns of A."""
         from scipy.spatial.transform import Rotation
 
         rotations = poses.rotations
@@ -484,12 +505,16 @@ class _Score:
         return _Poses(poses.scores, poses.centers + steps[:, : self.dim], rotations)
 
     def _score_poses(self, poses: _Poses, turn: bool) -> tuple[_Poses, Floats]:
-        """Score poses, and compute the derivatives with respect to steps."""
+        """Score poses, and compute the derivatives by steps, shape (n, d), or with turns.
+
+        The derivative by the center of a ball is a force on it.
+        """
         arms = np.einsum("nij,kj->nki", poses.rotations, self.arms)
         sums = self.correlation.evaluate(poses.centers[:, None] + arms)
         forces = sums[..., 1:]
         slopes = forces.sum(axis=1)
         if turn:
+            # A turn feels the moment of the forces about the centroid.
             margins = (0, 0), (0, 0), (0, 3 - self.dim)
             twists = np.cross(np.pad(arms, margins), np.pad(forces, margins)).sum(axis=1)
             if self.dim == 2:
@@ -499,7 +524,8 @@ class _Score:
         return scored, slopes
 
     def sum_pairs(self, poses: _Poses) -> tuple[Floats, Floats]:
-        """Compute ideal scores of poses and bounds of their errors."""
+        """Compute ideal scores of poses and bounds of their errors, shapes (n,)."""
+        # Rounding of a distance grows with the coordinates.
         farthest = float(np.abs(poses.centers).max(initial=0.0))
         slack = 4.0 * PLACEMENT_ROUNDING * (self.body.span + self.target.span + farthest)
         moved = (
@@ -515,6 +541,7 @@ def _update_inverse(inverse: Floats, steps: Floats, changes: Floats) -> Floats:
 
     ``steps`` and ``changes``, shape (n, k), are steps and the falls of the slopes along them.
     """
+    # Keep the matrix if the slope did not fall, which would make it indefinite.
     products = (steps * changes).sum(axis=1)
     lengths = np.linalg.norm(steps, axis=1) * np.linalg.norm(changes, axis=1)
     is_usable = products > 1e-10 * lengths
@@ -525,8 +552,11 @@ def _update_inverse(inverse: Floats, steps: Floats, changes: Floats) -> Floats:
     return np.asarray(left @ inverse @ np.swapaxes(left, 1, 2) + squares)
 
 
-def _rotation_matrices(rotations: int | Rotations | Rotation | ArrayLike, dim: int) -> Floats:
-    """Return rotations, as for :func:`best_placements`, as matrices (m, d, d)."""
+def _make_rotation_matrices(rotations: int | Rotations | Rotation | ArrayLike, dim: int) -> Floats:
+    """Convert rotations to matrices (m, d, d).
+
+    They are a number of yaws, rotation cells, a scipy Rotation, or an array of angles or matrices.
+    """
     if isinstance(rotations, Rotations | int | np.integer):
         cells = Rotations.of(rotations)
         cells.check_dimension(dim)
@@ -537,6 +567,10 @@ def _rotation_matrices(rotations: int | Rotations | Rotation | ArrayLike, dim: i
     else:
         values = values.reshape(-1, *values.shape[-2:])
     if not len(values):
-        hint = "pass e.g. Rotations.of(36)"
-        raise InputError("rotations", "is empty", "there must be one", hint)
+        raise InputError(
+            "rotations",
+            "is empty",
+            "there must be one",
+            "pass e.g. Rotations.of(36)",
+        )
     return np.stack([rotation_matrix(value, dim) for value in values])

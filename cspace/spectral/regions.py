@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace.bodies.triangles import build_trees
+from cspace.bodies.triangles import RADIUS, build_trees
 from cspace.errors import InputError
 from cspace.grid import Grid
 from cspace.limits import check_memory
@@ -33,6 +33,9 @@ as much."""
 
 MIN_DEPTHS_PER_THREAD: Final = 4_000
 """Points per thread below which a further thread costs more time than it saves."""
+
+MAX_PIECES_PER_LEAF: Final = 6
+"""Pieces of a node that are measured at once, because further boxes would take longer."""
 
 MAX_PENDING_NODES: Final = 64
 """Capacity of the stack of tree nodes: twice the depth of a tree over 2^30 pieces."""
@@ -84,17 +87,23 @@ class ShapeBoundary:
     """
 
     def __init__(self, shape: ExactShape) -> None:
+        """Take the boundary of a shape; raise InputError if it consists of balls."""
         exact = shape
         if isinstance(shape, Polygons):
             # Unite overlapping polygons, so that only the boundary of the union remains.
             exact = Polygons([shape.outline])
         self.pieces, radii = exact.boundary()
         if radii.any():
-            rule = "decompose() finds balls for other shapes"
-            raise InputError("shape", "consists of balls already", rule, "use these balls")
+            raise InputError(
+                "shape",
+                "consists of balls already",
+                "decompose() finds balls for other shapes",
+                "use these balls",
+            )
         self.shape = shape
         self.dim = shape.dim
         corners = self.pieces.reshape(-1, self.dim)
+        # Distances from triangles have a further rounding error.
         self.error = BOUNDARY_ROUNDING * float(np.abs(corners).max())
         if self.dim == 3:
             self.error += NORMAL_ROUNDING * float(np.linalg.norm(np.ptp(corners, axis=0)))
@@ -104,6 +113,7 @@ class ShapeBoundary:
         """Lower and upper bound of the area or volume."""
         if not self.shape.encloses:
             return 0.0, 0.0
+        # The volumes of bodies add up only if there is one, which winds once around its inside.
         closed = [body for body in getattr(self.shape, "bodies", ()) if body.closed]
         if not closed or (len(closed) == 1 and (np.abs(closed[0].turns) == 1).all()):
             measure = abs(self.shape.measure)
@@ -117,10 +127,10 @@ class ShapeBoundary:
 
     def gaps(self, points: Floats, cap: float = math.inf) -> Floats:
         """Compute lower bounds of the distances of points to the shape, at most ``cap``."""
-        outside = ~self.shape.contains(points)
-        near, _ = self.distances(points[outside], cap)
+        is_outside = ~self.shape.contains(points)
+        near, _ = self.distances(points[is_outside], cap)
         gaps = np.zeros(len(points))
-        gaps[outside] = np.maximum(near - self.error, 0.0)
+        gaps[is_outside] = np.maximum(near - self.error, 0.0)
         return gaps
 
     def distances(self, points: Floats, cap: float = math.inf) -> tuple[Floats, Floats]:
@@ -129,12 +139,13 @@ class ShapeBoundary:
         near = np.empty(len(points))
         far = np.empty(len(points))
 
-        def work(start: int, stop: int) -> int:
+        def bound_chunk(start: int, stop: int) -> int:
+            """Bound the distances of some points; -1 means that none is invalid."""
             chunk = slice(start, stop)
             bound_distances(self.tree, spatial[chunk], cap, near[chunk], far[chunk])
             return -1
 
-        in_chunks(work, len(points), MIN_DEPTHS_PER_THREAD)
+        in_chunks(bound_chunk, len(points), MIN_DEPTHS_PER_THREAD)
         return near, far
 
     @cached_property
@@ -144,15 +155,18 @@ class ShapeBoundary:
         missing = 3 - self.dim
         triangles = np.pad(self.pieces, ((0, 0), (0, missing), (missing, 0)), mode="edge")
         triangles[..., :missing] = 0.0
+        # Distances from thin triangles may be too small, by as much as their height.
         edges = np.roll(triangles, -1, axis=1) - triangles
-        longest = np.linalg.norm(edges, axis=2).max(axis=1)
+        edge_lengths = np.linalg.norm(edges, axis=2)
+        longest = edge_lengths.max(axis=1)
         doubled_areas = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
         is_spatial = self.dim == 3
         is_thin = is_spatial & (doubled_areas <= THIN_HEIGHT * longest**2)
         errors = np.where(is_thin, THIN_HEIGHT * longest, 0.0)
+        # The tree sorts the pieces; its rows have three corners and the error as a radius.
         (boxes, spans, rows), _ = build_trees([RoundedSimplices(triangles, errors)], about_z=False)
         corners = np.ascontiguousarray(rows[:, :9]).reshape(-1, 3, 3)
-        return PieceTree(corners, rows[:, 9].copy(), boxes, spans, is_spatial)
+        return PieceTree(corners, rows[:, RADIUS].copy(), boxes, spans, is_spatial)
 
 
 class Region:
@@ -165,6 +179,7 @@ class Region:
     """
 
     def __init__(self, shape: Shape) -> None:
+        """Take the outer and the inner boundary of a shape."""
         self.shape = shape
         self.dim = shape.dim
         self.bounds = np.array(shape.outer.bounds)
@@ -209,15 +224,16 @@ class Lattice:
     """
 
     def __init__(self, region: Region, spacing: float) -> None:
+        """Find the cells, with sides of ``spacing`` metres, that meet a region."""
         grid = region.make_grid(spacing)
-        flat = 3 - region.dim
-        cells = region.shape.cells(grid)[0]
+        added_axes = 3 - region.dim
+        cells, _ = region.shape.cells(grid)
         self.region = region
         self.side = grid.spacing
         self.diagonal = math.sqrt(region.dim)
-        self.half = np.array([0.0] * flat + [0.5] * region.dim)
-        self.corner = np.array([-0.5 * self.side] * flat + list(grid.lower))
-        self.cells = cells.reshape((1,) * flat + cells.shape)
+        self.half = np.array([0.0] * added_axes + [0.5] * region.dim)
+        self.corner = np.array([-0.5 * self.side] * added_axes + list(grid.lower))
+        self.cells = cells.reshape((1,) * added_axes + cells.shape)
         self.cell_centers: Floats = np.argwhere(self.cells) + np.float64(0.5)
 
     @cached_property
@@ -231,12 +247,15 @@ class Lattice:
 
         Raises InputError if that takes too many cells.
         """
-        usual = _cell_side(region, USUAL_LATTICE_CELLS[region.dim])
-        finest = _cell_side(region, MAX_LATTICE_CELLS)
+        usual = _find_cell_side(region, USUAL_LATTICE_CELLS[region.dim])
+        finest = _find_cell_side(region, MAX_LATTICE_CELLS)
         if tolerance < MIN_CELLS_PER_TOLERANCE * finest:
-            problem = f"is {tolerance:g} m, but the shape is {region.size:g} m across"
-            hint = f"pass at least about {1.2 * MIN_CELLS_PER_TOLERANCE * finest:.2g} m"
-            raise InputError("tolerance", problem, "its proof needs too many cells", hint)
+            raise InputError(
+                "tolerance",
+                f"is {tolerance:g} m, but the shape is {region.size:g} m across",
+                "its proof needs too many cells",
+                f"pass at least about {1.2 * MIN_CELLS_PER_TOLERANCE * finest:.2g} m",
+            )
         side = max(usual, tolerance / MAX_CELLS_PER_TOLERANCE[region.dim])
         return cls(region, min(side, tolerance / MIN_CELLS_PER_TOLERANCE))
 
@@ -248,7 +267,7 @@ class Lattice:
         box_cells = min(max(MIN_BOX_CELLS[dim], cells_for_balls), MAX_LATTICE_CELLS)
         enough_cells = max(MIN_SHAPE_CELLS[dim], cells_for_balls // 2)
         while True:
-            lattice = cls(region, _cell_side(region, box_cells))
+            lattice = cls(region, _find_cell_side(region, box_cells))
             shape_cells = len(lattice.cell_centers)
             if shape_cells >= enough_cells or 2 * box_cells > MAX_REFINED_CELLS:
                 return lattice
@@ -259,14 +278,15 @@ class Lattice:
 
     def to_metres(self, points: Floats) -> Floats:
         """Convert lattice coordinates (n, 3) to metres (n, d)."""
-        return np.asarray((self.corner + self.side * points)[:, 3 - self.region.dim :])
+        in_space = self.corner + self.side * points
+        return np.asarray(in_space[:, 3 - self.region.dim :])
 
     def depths_at(self, points: Floats) -> Floats:
-        """Return lower bounds of the depths of points in the region, in sides."""
+        """Return lower bounds of the depths of points (n, 3) in the region, in sides."""
         return self.region.depths(self.to_metres(points)) / self.side
 
 
-def _cell_side(region: Region, box_cells: float) -> float:
+def _find_cell_side(region: Region, box_cells: float) -> float:
     """Return the side of a cell, metres, if the bounding box has ``box_cells`` cells."""
     return float((region.box_volume / box_cells) ** (1.0 / region.dim))
 
@@ -298,6 +318,7 @@ def bound_distance(tree: PieceTree, position: Row, cap: float) -> tuple[float, f
     """
     near = cap
     far = cap
+    # A stack of nodes, each with its distance, which begins with the root.
     pending = np.empty(MAX_PENDING_NODES, dtype=np.int64)
     gaps = np.empty(MAX_PENDING_NODES)
     pending[0] = 0
@@ -310,7 +331,7 @@ def bound_distance(tree: PieceTree, position: Row, cap: float) -> tuple[float, f
             continue
         node = pending[count]
         start, size = tree.spans[node]
-        if size <= 6:
+        if size <= MAX_PIECES_PER_LEAF:
             for n in range(start, start + size):
                 piece = tree.pieces[n]
                 if tree.spatial:
@@ -371,6 +392,7 @@ def _bound_volume(shape: ExactShape) -> tuple[float, float]:
     """Return lower and upper bounds of a volume, from cells inside and cells that cover it."""
     lower, upper = np.array(shape.bounds)
     sides = upper - lower
+    # About eight million cells; flat boxes count as thicker, to bound the number.
     box_volume = np.prod(np.maximum(sides, 1e-3 * sides.max()))
     spacing = float(np.cbrt(box_volume / 2**23))
     counts = np.ceil(sides / spacing) + 1.0
@@ -397,7 +419,9 @@ def bound_shape_to_balls(
     half = 0.5 * lattice.side
     dim = lattice.region.dim
     error = MEASURE_ROUNDING * (region.size + float(np.abs(region.bounds).max()))
-    low = float(cube_gaps(region.inner.pieces.reshape(-1, dim), 0.0, centers, radii)[0].max())
+    corners = region.inner.pieces.reshape(-1, dim)
+    corner_gaps, _, _ = cube_gaps(corners, 0.0, centers, radii)
+    low = float(corner_gaps.max())
     box_centers = lattice.to_metres(lattice.cell_centers)
     high = 0.0
     growths = np.full(len(radii), -np.inf)
@@ -406,16 +430,16 @@ def bound_shape_to_balls(
         # A box center raises the lower bound only if it is proven to lie in the shape.
         near, far, owners = cube_gaps(box_centers, half, centers, radii)
         # Drop boxes that change no result, and boxes that are proven to lie outside the shape.
-        kept = np.flatnonzero((near > low) | (far > np.minimum(growths[owners], high)))
+        relevant = np.flatnonzero((near > low) | (far > np.minimum(growths[owners], high)))
         radius = half * math.sqrt(dim) * (1.0 + 1e-9) + error  # of a ball around a box
         cap = 1.01 * radius + 2.0 * region.outer.error
-        is_inside = region.depths(box_centers[kept], cap) > 0.0
-        is_near = region.gaps(box_centers[kept], cap) <= radius
-        low = max(low, float(near[kept[is_inside]].max(initial=0.0)))
-        kept = kept[is_near]
-        box_centers = box_centers[kept]
-        far = far[kept]
-        owners = owners[kept]
+        is_inside = region.depths(box_centers[relevant], cap) > 0.0
+        is_near = region.gaps(box_centers[relevant], cap) <= radius
+        low = max(low, float(near[relevant[is_inside]].max(initial=0.0)))
+        relevant = relevant[is_near]
+        box_centers = box_centers[relevant]
+        far = far[relevant]
+        owners = owners[relevant]
         # Boxes that reach little beyond the lower bound are final; the others are halved.
         is_open = far > low + max(0.02 * low, 1e-4 * region.size)
         child_count = np.count_nonzero(is_open) * len(child_offsets)
@@ -436,7 +460,9 @@ def bound_balls_to_shape(region: Region, centers: Floats, radii: Floats) -> tupl
     The upper bound comes from the depths of the centers: a ball sticks out of the shape by at most
     its radius minus that depth. The lower bound comes from points of the spheres.
     """
-    high = max(0.0, float((radii - region.depths(centers)).max()))
+    excesses = radii - region.depths(centers)
+    high = max(0.0, float(excesses.max()))
+    # Points of each sphere in random directions, as many as memory allows, at most 200.
     count = max(1, min(200, MAX_GAP_BOXES // len(radii)))
     directions = np.random.default_rng(0).normal(size=(count, region.dim))
     lengths = np.linalg.norm(directions, axis=1, keepdims=True)
@@ -459,6 +485,7 @@ def cube_gaps(
 
     near, far = np.empty((2, len(points)))
     owners = np.empty(len(points), dtype=np.int64)
+    # Blocks of points bound the memory of all distances.
     size = max(1, MAX_DISTANCES_PER_BLOCK // len(radii))
     for start in range(0, len(points), size):
         block = slice(start, start + size)

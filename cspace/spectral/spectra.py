@@ -123,8 +123,12 @@ def ball_spectrum(
     lattice = FrequencyLattice(_check_lengths(lengths, dim), _check_counts(counts, dim))
     factors = np.ones_like(sizes) if weights is None else check_finite(weights, "weights")
     if factors.shape != sizes.shape:
-        rule = f"there must be one for each of {len(sizes)} balls"
-        raise InputError("weights", f"has shape {factors.shape}", rule, "pass numbers")
+        raise InputError(
+            "weights",
+            f"has shape {factors.shape}",
+            f"there must be one for each of {len(sizes)} balls",
+            "pass numbers",
+        )
     lower = (points - sizes[:, None]).min(axis=0)
     upper = (points + sizes[:, None]).max(axis=0)
     extent = upper - lower
@@ -132,9 +136,12 @@ def ball_spectrum(
     if (extent > lattice.periods * (1.0 + 1e-9)).any():
         axis = int(np.argmax(extent / lattice.periods))
         length = f"{lattice.periods[axis]:g} m along {'xyz'[axis]}"
-        problem = f"holds {length}, but the balls extend over {extent[axis]:g} m"
-        rule = "they must fit into one period"
-        raise InputError("lengths", problem, rule, "pass a longer period")
+        raise InputError(
+            "lengths",
+            f"holds {length}, but the balls extend over {extent[axis]:g} m",
+            "they must fit into one period",
+            "pass a longer period",
+        )
     terms = [
         term._replace(strengths=term.strengths * factors[term.members])
         for term in radial_terms(lattice, kind, sizes, within)
@@ -184,7 +191,10 @@ class Term(NamedTuple):
 def radial_terms(
     lattice: FrequencyLattice, bump: Bump, radii: Floats, tolerance: float
 ) -> Iterator[Term]:
-    """Return terms that describe balls of given radii around any centers."""
+    """Return terms that describe balls of given radii, shape (n,), around any centers.
+
+    Few radii have a term each; many share a basis.
+    """
     moduli = lattice.moduli
     dim = len(lattice.counts)
     radius_count = len(np.unique(radii))
@@ -199,7 +209,7 @@ def radial_terms(
 def _terms_by_radius(
     bump: Bump, radii: Floats, moduli: Floats, dim: int, tolerance: float
 ) -> Iterator[Term]:
-    """Yield one term for each radius."""
+    """Yield one term for each different radius, which has all balls of that radius."""
     table = bump.table(dim, float(radii.max() * moduli.max()), 0.5 * tolerance)
     for radius in np.unique(radii).tolist():
         members = np.flatnonzero(radii == radius)
@@ -219,6 +229,7 @@ def radius_basis(
     leaves as many combinations as the tolerance needs. The strength of a ball in each combination
     depends on its radius.
     """
+    # Chebyshev nodes between the smallest and the largest radius.
     max_modulus = float(moduli.max())
     max_radius = float(radii.max())
     min_radius = float(radii.min())
@@ -241,6 +252,7 @@ def radius_basis(
     # Tables need unit band limit, so frequencies are in cycles per largest radius.
     points = table_points(highest, within / math.sqrt(count))
     values = spectrum(np.multiply.outer(nodes / max_radius, points))
+    # The share of each ball in each combination, from its radius.
     positions = np.clip((radii - center) / half, -1.0, 1.0)
     shares = np.polynomial.chebyshev.chebval(positions, chebyshev_coefficients(combinations))
     strengths = shares * radii**dim
@@ -269,7 +281,8 @@ def finufft_module() -> Any:
 def sum_terms(
     lattice: FrequencyLattice, points: Floats, terms: Iterable[Term], tolerance: float
 ) -> Complexes:
-    """Return the spectrum of terms around points, shape ``lattice.counts``."""
+    """Compute the spectrum of terms around points (n, d), shape ``lattice.counts``."""
+    # Places as shares of a period, which repeat with it.
     shares = points / lattice.periods
     shares -= np.round(shares)
     total = np.zeros(lattice.counts, dtype=np.complex128)
@@ -286,7 +299,10 @@ def sum_terms(
 def _transform(
     lattice: FrequencyLattice, shares: Floats, strengths: Floats, tolerance: float
 ) -> Complexes:
-    """Sum ``strength exp(-2 pi i k.share)`` over points by a non-uniform transform."""
+    """Sum ``strength exp(-2 pi i k.share)`` over points by a non-uniform transform.
+
+    ``shares``, shape (n, d), are the places of the points in a period.
+    """
     demanded = max(MIN_TRANSFORM_TOLERANCE, TRANSFORM_TOLERANCE_SHARE * tolerance)
     transform = getattr(finufft_module(), f"nufft{shares.shape[1]}d1")
     angles = 2.0 * math.pi * shares.T.copy()
@@ -300,7 +316,10 @@ def _transform(
 def _sum_products(
     lattice: FrequencyLattice, shares: Floats, strengths: Floats, tolerance: float
 ) -> Complexes:
-    """Sum ``strength exp(-2 pi i k.share)`` over points, as products of one factor per axis."""
+    """Sum ``strength exp(-2 pi i k.share)`` over points, as products of one factor per axis.
+
+    ``shares``, shape (n, d), are the places of the points in a period. The tolerance is met anyway.
+    """
     # Factors have shape (frequencies, points); those of all axes but the first are merged.
     first, *others = (
         np.exp(-2j * math.pi * np.outer(frequency_indices(count), column))
@@ -326,7 +345,7 @@ def evaluate_real_series(points: Floats, spectra: Complexes, tolerance: float) -
 
 
 def _transform_options(tolerance: float, samples: int) -> dict[str, Any]:
-    """Return the options of a transform; large ones take several threads."""
+    """Choose the options of a transform; large ones take several threads."""
     upsampling = 1.25
     if tolerance < 1e-8:  # with a coarser grid, errors exceeded the tolerance
         upsampling = 1.5 if tolerance >= 1e-11 else 2.0
@@ -346,8 +365,12 @@ def _check_lengths(lengths: ArrayLike, dim: int) -> Floats:
     """Check period lengths and return one per axis, shape (dim,)."""
     periods = check_finite(lengths, "lengths")
     if periods.shape not in {(), (dim,)} or (periods <= 0.0).any():
-        rule = f"it must be one number above zero or {dim} of them, in metres"
-        raise InputError("lengths", f"is {lengths!r}", rule, "pass the period along each axis")
+        raise InputError(
+            "lengths",
+            f"is {lengths!r}",
+            f"it must be one number above zero or {dim} of them, in metres",
+            "pass the period along each axis",
+        )
     return np.broadcast_to(periods, dim).copy()
 
 
@@ -359,10 +382,18 @@ def _check_counts(counts: ArrayLike, dim: int) -> tuple[int, ...]:
     numbers = np.asarray(counts)
     is_whole = numbers.dtype.kind in "iu"
     if numbers.shape not in {(), (dim,)} or not is_whole or (numbers <= 0).any():
-        rule = f"it must be one whole number above zero or {dim} of them"
-        raise InputError("counts", f"is {counts!r}", rule, "pass e.g. 256")
+        raise InputError(
+            "counts",
+            f"is {counts!r}",
+            f"it must be one whole number above zero or {dim} of them",
+            "pass e.g. 256",
+        )
     shape = tuple(np.broadcast_to(numbers, dim).tolist())
     if math.prod(shape) > MAX_FREQUENCIES:
-        rule = f"at most {MAX_FREQUENCIES} frequencies are computed"
-        raise InputError("counts", f"is {counts!r}", rule, "pass smaller counts")
+        raise InputError(
+            "counts",
+            f"is {counts!r}",
+            f"at most {MAX_FREQUENCIES} frequencies are computed",
+            "pass smaller counts",
+        )
     return shape

@@ -15,6 +15,9 @@ from cspace.support.arrays import Bytes, Floats, Ints
 from cspace.support.compiling import allocating, kernel
 from cspace.support.threads import in_chunks
 
+RADIUS, BALL_COUNT = 3, 4
+"""Columns of a tree's nodes after the three coordinates of the center."""
+
 MISS, HIT, UNDECIDED = range(3)
 """Values of :class:`cspace.spectral.Verdict`: balls are apart, open balls overlap, or neither is
 proven."""
@@ -73,6 +76,7 @@ def compare_placed(
     scratch of shape (MAX_PENDING_NODE_PAIRS, 2).
     """
     result = MISS
+    # A stack of pairs of nodes, which begins with both roots; an empty tree touches nothing.
     count = min(1, len(a), len(b))
     pending[0, 0] = 0
     pending[0, 1] = 0
@@ -85,11 +89,12 @@ def compare_placed(
         dy = node_a[1] + y - node_b[1]
         dz = node_a[2] + z - node_b[2]
         square = dx * dx + dy * dy + dz * dz
-        reach = node_a[3] + node_b[3]
+        reach = node_a[RADIUS] + node_b[RADIUS]
         if square > (reach + slack) * (reach + slack):
             continue
-        size_a = int(node_a[4])
-        size_b = int(node_b[4])
+        size_a = int(node_a[BALL_COUNT])
+        size_b = int(node_b[BALL_COUNT])
+        # Leaves are the balls themselves.
         if size_a == 1 and size_b == 1:
             if reach > slack and square < (reach - slack) * (reach - slack):
                 return HIT
@@ -98,7 +103,7 @@ def compare_placed(
         # Replace the node with the larger ball by its two children.
         pending[count + 1, 0] = i
         pending[count + 1, 1] = j
-        if size_b == 1 or (size_a > 1 and node_a[3] > node_b[3]):
+        if size_b == 1 or (size_a > 1 and node_a[RADIUS] > node_b[RADIUS]):
             pending[count, 0] = i + 1
             pending[count + 1, 0] = i + 2 * (size_a // 2)
         else:
@@ -127,14 +132,18 @@ class ContactTest(NamedTuple):
     slack: float
 
     def test(self, relative: Floats) -> Bytes:
-        """Return the verdicts of placements of center a relative to center b, shape (n, 3)."""
+        """Return the verdicts of placements, MISS, HIT or UNDECIDED, shape (n,).
+
+        ``relative``, shape (n, 3), are the placements of center a relative to center b, metres.
+        """
         out = np.empty(len(relative), dtype=np.uint8)
 
-        def work(start: int, stop: int) -> int:
+        def test_chunk(start: int, stop: int) -> int:
+            """Write the verdicts of some placements; -1 means that none is invalid."""
             test_placements(*self, relative[start:stop], out[start:stop])
             return -1
 
-        in_chunks(work, len(relative), MIN_PLACEMENTS_PER_THREAD)
+        in_chunks(test_chunk, len(relative), MIN_PLACEMENTS_PER_THREAD)
         return out
 
 
@@ -158,6 +167,7 @@ def test_placements(
     for n in range(len(relative)):
         x, y, z = relative[n]
         out[n] = MISS
+        # Bodies this far apart cannot touch.
         if not (abs(x) <= half_sides[0] and abs(y) <= half_sides[1] and abs(z) <= half_sides[2]):
             continue
         if compare_placed(outer_a, outer_b, x, y, z, slack, pending) == MISS:

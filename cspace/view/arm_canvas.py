@@ -89,11 +89,12 @@ class ArmCanvas(Canvas):
         marks: dict[str, Floats],
         frame: str | None = None,
     ) -> None:
-        given = {name: space.arm.check_configuration(q, name) for name, q in marks.items()}
-        if "start" in given:
-            given.setdefault("goal", given["start"])  # no goal yet
+        """Draw the arm at the start, and the pale arms at start and goal."""
+        checked = {name: space.arm.check_configuration(q, name) for name, q in marks.items()}
+        if "start" in checked:
+            checked.setdefault("goal", checked["start"])  # no goal yet
         samples = sample_free_configurations(space, space.arm.rest)
-        super().__init__(server, space, farthest_pair(samples, samples) | given)
+        super().__init__(server, space, farthest_pair(samples, samples) | checked)
         self._describe_panel()
         self._ghosts: list[Any] = []
         self._marks = dict(self.endpoints)
@@ -111,6 +112,8 @@ class ArmCanvas(Canvas):
         counts = {"joint": arm.dof, "link": len(arm.links), "obstacle": len(space.obstacles)}
         words = [f"{n} {name}" if n == 1 else f"{n} {name}s" for name, n in counts.items()]
         self.about = ", ".join(words)
+        # Users set angles in degrees. A joint without limits has a turn, or two if it is not
+        # periodic.
         is_linear = np.array(arm.units) == "m"
         self._scale = np.where(is_linear, 1.0, math.degrees(1.0))
         steps = np.where(is_linear, _STEP_METRES, _STEP_DEGREES)
@@ -149,6 +152,7 @@ class ArmCanvas(Canvas):
     def describe(self, q: Floats) -> str:
         """Colour the arm by its state, draw the closest pair, and return both as text."""
         state = int(self._space.classify(q))
+        # A worker may describe the arm while another thread draws it anew.
         with self._links_lock:
             for link in self._links["robot"].values():
                 link.color = rgb(STATE_COLORS[state])
@@ -156,6 +160,7 @@ class ArmCanvas(Canvas):
             contact = self._space.closest(q)
         except InputError:  # the arm has no obstacle and no pair of links to check
             return STATES[state]
+        # In collision, the pair has no proven distance, so its names are the label.
         pair = f"{contact.link} and {contact.other}"
         label = pair
         proof = ""
@@ -182,10 +187,12 @@ class ArmCanvas(Canvas):
         scene = self._server.scene
         self._figure = figure = ArmFigure(space, MAX_MESHED_BALLS)
         with self._links_lock, self._server.atomic():
+            # Remove what was drawn before.
             for group in ("obstacles", "robot", *MARKS):
                 scene.remove_by_name(f"/{group}")
                 scene.add_frame(f"/{group}", show_axes=False)
             for name, (vertices, faces) in figure.obstacles.items():
+                # Surfaces without faces are the centers of many balls.
                 if len(faces):
                     surface = (vertices, faces)
                     self._add_mesh(f"/obstacles/{name}", surface, KINDS["obstacles"].color)
@@ -212,7 +219,7 @@ class ArmCanvas(Canvas):
 
     def place(self, q: Floats) -> None:
         """Move the arm, and its tool frame with it."""
-        self._stand(q)
+        self._place_links(q)
         self.tool.follow(q)
 
     def reach(self) -> str:
@@ -223,14 +230,14 @@ class ArmCanvas(Canvas):
         arm = self._space.arm
         near = self.robot.clip(arm.lower, arm.upper)
         q, problem = self.tool.solve(near)
-        self._stand(q)
+        self._place_links(q)
         if problem:
             reached = arm.pose(q, self.tool.name)
             ends = np.stack([reached[:3, 3], self.tool.pose[:3, 3]])
             self._draw_line("/gap", ends, UNREACHED_COLOR, thickness=4.0)
         return problem
 
-    def _stand(self, q: Floats) -> None:
+    def _place_links(self, q: Floats) -> None:
         """Move the arm without its tool frame."""
         self.robot = q
         self._pose_arm("robot", q)
@@ -257,6 +264,7 @@ class ArmCanvas(Canvas):
         super().draw_path(points)
 
     def _path_positions(self, q: Floats) -> Floats:
+        """Return the positions of the tool frame at configurations, shape (n, 3)."""
         return np.asarray(self._space.arm.pose(q, self.tool.name)[..., :3, 3])
 
     def _add_ghosts(self, link: str, poses: Floats) -> Any:
@@ -321,10 +329,12 @@ class ArmCanvas(Canvas):
         low, high, margin = self._figure.measure(endpoints)
         obstacles = self._figure.obstacles.values()
         clipped = [vertices.clip(low - margin, high + margin) for vertices, _ in obstacles]
-        near = np.concatenate([[low, high], *clipped])
-        azimuth = math.radians(ARM_CAMERA[1])
+        corners = np.concatenate([[low, high], *clipped])
+        # From the side of the pictures, looking a little down.
+        _, azimuth_degrees = ARM_CAMERA
+        azimuth = math.radians(azimuth_degrees)
         back = np.array([math.cos(azimuth), math.sin(azimuth), 0.6])
-        self._place_camera(near.min(axis=0), near.max(axis=0), back)
+        self._place_camera(corners.min(axis=0), corners.max(axis=0), back)
         return float(np.max(high - low))
 
 

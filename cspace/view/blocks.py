@@ -44,6 +44,7 @@ class Cells:
     """
 
     def __init__(self, space: CSpace | TiledCSpace) -> None:
+        """Choose the map to draw; blocks are made when they are first needed, and cached."""
         self._space = space
         self.make_blocks = lru_cache(_MAX_CACHED_SLICES)(self._reduce_to_blocks)
         self.invalidate()
@@ -54,10 +55,11 @@ class Cells:
         if isinstance(self._space, CSpace):
             self.drawn = self._space
         else:
+            # An overview has at most about as many cells as the page has blocks.
             grid = self._space.grid
             share = (MAX_BLOCKS / grid.size) ** (1.0 / grid.dim)
-            most = math.floor(share * max(grid.shape))
-            self.drawn = self._space.overview(max(1, most))
+            longest_side = math.floor(share * max(grid.shape))
+            self.drawn = self._space.overview(max(1, longest_side))
 
     def _reduce_to_blocks(self, cell: int | None) -> Blocks:
         """Reduce the map at a rotation cell to blocks; without a cell, reduce the workspace."""

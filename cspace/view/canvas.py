@@ -88,6 +88,7 @@ class Canvas(ABC):
     tool: ToolFrame | None = None
 
     def __init__(self, server: ViserServer, space: Any, endpoints: dict[str, Floats]) -> None:
+        """Light the scene of a server: all around, and from two sides."""
         self._server = server
         self._space = space
         self.endpoints = endpoints
@@ -190,11 +191,12 @@ class Canvas(ABC):
         center = (lower + upper) / 2
         signs = np.array(list(product((-1.0, 1.0), repeat=3)))
         corners = signs * (upper - lower) / 2  # from the center
+        # The axes of the camera, which looks along -back.
         back = back / np.linalg.norm(back)
         right = np.cross([0.0, 0.0, 1.0], back)
         right /= np.linalg.norm(right)
         up = np.cross(back, right)
-        # Pages are at least 1.2 times as wide as high.
+        # Go back until all corners are in view. Pages are at least 1.2 times as wide as high.
         offsets = np.maximum(np.abs(corners @ right) / 1.2, np.abs(corners @ up))
         distances = offsets / math.tan(FIELD_OF_VIEW / 2.0) + corners @ back
         distance = 1.1 * float(distances.max())

@@ -48,8 +48,8 @@ ANGLES: Final = ("roll", "pitch", "yaw")
 """Rotations about the fixed axes x, then y, then z."""
 
 
-class Part(NamedTuple):
-    """Choices that the drawing of some cells depends on.
+class CellsDrawing(NamedTuple):
+    """Choices on which the drawing of some cells depends.
 
     Attributes
     ----------
@@ -92,13 +92,15 @@ class MapCanvas(Canvas):
     def __init__(
         self, space: Any, server: ViserServer, points: Floats, marks: dict[str, Floats]
     ) -> None:
-        given = {name: space.rotations.make_canonical(q, name) for name, q in marks.items()}
+        """Draw the robot, the start and the goal; cells are drawn by :meth:`draw`."""
+        canonical = {name: space.rotations.make_canonical(q, name) for name, q in marks.items()}
         self.cells = cells = Cells(space)
-        super().__init__(server, space, _choose_endpoints(space, cells.drawn) | given)
+        super().__init__(server, space, _choose_endpoints(space, cells.drawn) | canonical)
         grid = cells.drawn.grid
         self.glyph = Body(space.robot, space.rotations)
         self.robot_reach = self.glyph.reach
         self.poses = Poses(space.grid.dim, space.rotations)
+        # Sliders have steps of a power of ten, at most a cell.
         self._step = 10.0 ** math.floor(math.log10(grid.spacing))
         longest = grid.spacing * max(grid.shape)
         # Gizmos of tiny robots stay visible.
@@ -112,7 +114,7 @@ class MapCanvas(Canvas):
         hidden = {"mixed"} if stage.has_height else {"border", "mixed"}
         self.shown = {*self.kinds, SECTION} - hidden
         self.cut = self._choose_cut(points)
-        self._drawn: dict[str, Part | None] = {}
+        self._drawn: dict[str, CellsDrawing | None] = {}
         self._drawing = threading.Lock()
         self._surface = make_robot_surface(space.robot, stage.wall)
         self._robot = server.scene.add_frame("/robot", show_axes=False)
@@ -123,14 +125,16 @@ class MapCanvas(Canvas):
         self._describe_panel()
 
     def _choose_cut(self, points: Floats) -> float:
-        """Return a height above the robot at start, goal and path, metres."""
+        """Choose a height above the robot at start, goal and path, metres."""
         stage = self.stage
         highest = float(stage.upper[2])
         if not stage.has_height:
             return highest
         stations = np.concatenate([[*self.endpoints.values()], points])
-        uppers = self.glyph.extents(stations)[:, 1]
-        steps: int = math.ceil(uppers[:, 2].max() / self._step - 1e-9)
+        upper_corners = self.glyph.extents(stations)[:, 1]
+        top = upper_corners[:, 2].max()
+        # A whole number of steps of the slider, in the map.
+        steps: int = math.ceil(top / self._step - 1e-9)
         lowest = float(stage.lower[2]) + stage.grid.spacing
         return min(max(steps * self._step, lowest), highest)
 
@@ -142,6 +146,7 @@ class MapCanvas(Canvas):
         suffix = f" x {space.rotations}" if space.rotations.names else ""
         self.title = space.robot.name
         self.about = f"{shape} cells of {grid.spacing:g} {grid.unit}{suffix}"
+        # Coordinates in the unit of the grid, angles in degrees.
         self.dials = [
             Dial(label, round(low, 9), round(high, 9), self._step)
             for label, low, high in zip(grid.labels, grid.lower, grid.upper, strict=True)
@@ -159,11 +164,11 @@ class MapCanvas(Canvas):
     # ---- configurations --------------------------------------------------------------------------
 
     def dial_values(self, q: Floats) -> tuple[float, ...]:
-        """Return the position, metres, and the angles, degrees."""
+        """Return the values of the dials at a configuration: metres, then degrees."""
         return self.poses.dial_values(q)
 
     def configuration_of(self, numbers: tuple[float, ...]) -> Floats:
-        """Return the configuration with these dial values."""
+        """Return the configuration with these values of the dials, metres and degrees."""
         return self.poses.configuration_of(numbers)
 
     def describe(self, q: Floats) -> str:
@@ -200,6 +205,7 @@ class MapCanvas(Canvas):
         """Call ``moved`` when a user drags the start or the goal."""
 
         def drag(event: Any) -> None:
+            """Report the configuration nearest to where the gizmo was dragged."""
             q = self.poses.nearest_configuration(event.target.position, event.target.wxyz)
             moved(q)
             # A user can rotate the gizmo in ways that the robot cannot; correct it, but only after
@@ -219,7 +225,10 @@ class MapCanvas(Canvas):
     # ---- cells -----------------------------------------------------------------------------------
 
     def add_choices(self, gui: GuiApi, changed: Callable[[], None]) -> dict[str, Any]:
-        """Add the slider of the cut and the checkboxes, and return them by label."""
+        """Add the slider of the cut and the checkboxes of what is drawn.
+
+        They call ``changed`` when a user sets them. Returns them by label.
+        """
         added: dict[str, Any] = {}
         stage = self.stage
         grid = self._space.grid
@@ -237,6 +246,7 @@ class MapCanvas(Canvas):
             added[label] = boxes[name]
 
         def choose(_: Any) -> None:
+            """Take the choices over, and draw them."""
             if stage.has_height:
                 self.cut = float(cut.value)
             self.shown = {name for name, box in boxes.items() if box.value}
@@ -253,25 +263,25 @@ class MapCanvas(Canvas):
         with self._drawing:
             for name in (*self.kinds, SECTION):
                 rotates = name == SECTION or KINDS[name].rotates
-                wanted: Part | None = None
+                wanted: CellsDrawing | None = None
                 if name in self.shown:
-                    wanted = Part(cell if rotates else None, self.cut, lid)
+                    wanted = CellsDrawing(cell if rotates else None, self.cut, lid)
                 never_drawn = name not in self._drawn
                 if never_drawn or self._drawn[name] != wanted:
-                    self._draw_part(name, wanted)
+                    self._draw_cells(name, wanted)
                     self._drawn[name] = wanted
 
-    def _draw_part(self, name: str, part: Part | None) -> None:
+    def _draw_cells(self, name: str, wanted: CellsDrawing | None) -> None:
         """Draw the section, or the cells of a kind; remove the drawing if there is nothing."""
-        if part is None:
+        if wanted is None:
             self._server.scene.remove_by_name(f"/{name}")
             return
-        blocks = self.cells.make_blocks(part.cell)
+        blocks = self.cells.make_blocks(wanted.cell)
         if name == SECTION:
-            self._add_image(f"/{name}", self.stage.make_section(blocks, part.cut))
+            self._add_image(f"/{name}", self.stage.make_section(blocks, wanted.cut))
             return
         kind = KINDS[name]
-        vertices, triangles = self.stage.make_solid(blocks, kind, part.cut, part.lid)
+        vertices, triangles = self.stage.make_solid(blocks, kind, wanted.cut, wanted.lid)
         if len(triangles):
             self._add_mesh(f"/{name}", (vertices, triangles), kind.color, kind.opacity)
         else:
@@ -337,9 +347,11 @@ class Poses:
     """
 
     def __init__(self, dim: int, rotations: Rotations) -> None:
+        """Find out by which angles a robot of a dimension can rotate."""
         self.dim = dim
         self._rotations = rotations
         q = np.array([*np.zeros(dim), *rotations.from_matrix(np.eye(3))])
+        # Steps between configurations have an entry for each degree of freedom.
         degrees_of_freedom = rotations.steps_between(q, q).shape[-1] - dim
         self._first_angle = len(ANGLES) - degrees_of_freedom  # a yaw is the last one
         self.angles = ANGLES[self._first_angle :]
@@ -347,9 +359,9 @@ class Poses:
     def dial_values(self, q: Floats) -> tuple[float, ...]:
         """Return the position, metres, and the :attr:`angles`, degrees."""
         degrees = Rotation.from_matrix(self._matrix(q)).as_euler("xyz", degrees=True)
-        shown = np.round(degrees[self._first_angle :], 6)
-        shown += 0.0  # no minus sign before zero
-        return (*q[: self.dim].tolist(), *shown.tolist())
+        angles = np.round(degrees[self._first_angle :], 6)
+        angles += 0.0  # no minus sign before zero
+        return (*q[: self.dim].tolist(), *angles.tolist())
 
     def configuration_of(self, numbers: tuple[float, ...]) -> Floats:
         """Return the configuration with these :meth:`dial_values`."""
@@ -383,9 +395,10 @@ def _choose_endpoints(space: Any, sampled: Any) -> dict[str, Floats]:
     upright = space.rotations.from_matrix(np.eye(3))
     center = np.add(space.grid.lower, space.grid.upper) / 2
     samples = sample_free_configurations(sampled, np.array([*center, *upright]))
-    turned_up = samples.copy()
-    turned_up[:, dim:] = upright
-    is_free = np.asarray(sampled.is_free(turned_up))
+    # Prefer upright robots at the same positions, if any is free.
+    upright_samples = samples.copy()
+    upright_samples[:, dim:] = upright
+    is_free = np.asarray(sampled.is_free(upright_samples))
     if is_free.any():
-        samples = turned_up[is_free]
+        samples = upright_samples[is_free]
     return farthest_pair(samples, samples[:, :dim])

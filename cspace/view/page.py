@@ -88,6 +88,7 @@ class Panel:
     def __init__(
         self, gui: GuiApi, canvas: Canvas, choices: Choices, changed: Callable[[], None]
     ) -> None:
+        """Add all inputs and messages to a page, folder by folder."""
         self._gui = gui
         self._canvas = canvas
         gui.configure_theme(
@@ -99,10 +100,10 @@ class Panel:
         gui.main_panel.dock_right()
         gui.add_markdown(f"**{canvas.title}**  \n{canvas.about}")
         with gui.add_folder("Plan"):
-            self._add_plan(choices)
+            self._add_plan_inputs(choices)
         if canvas.tool is not None:
             with gui.add_folder("Tool"):
-                self._add_tool(canvas.tool)
+                self._add_tool_inputs(canvas.tool)
         with gui.add_folder("Path"):
             self.share: Any = gui.add_slider("along it (%)", 0.0, 100.0, 0.1, 0.0)
             self.play = gui.add_button("Play")
@@ -116,10 +117,10 @@ class Panel:
         with gui.add_folder("Show"):
             self.shown = canvas.add_choices(gui, changed)
             marks = [(color, name) for name, color in MARKS.items()]
-            gui.add_html(_legend_html([*canvas.legend, *marks]))
+            gui.add_html(_make_legend_html([*canvas.legend, *marks]))
 
-    def _add_plan(self, choices: Choices) -> None:
-        """Add the inputs and messages of a search."""
+    def _add_plan_inputs(self, choices: Choices) -> None:
+        """Add the inputs and messages of a search; ``choices`` are the planners and drives."""
         gui = self._gui
         canvas = self._canvas
         self.planner = gui.add_dropdown(
@@ -145,11 +146,12 @@ class Panel:
         self.answer = gui.add_markdown("")
 
         def show_turning_radius(_: Any) -> None:
+            """Show the radius only for drives along curves."""
             self.turning_radius.visible = self.drive.value in choices.curves
 
         self.drive.on_update(show_turning_radius)
 
-    def _add_tool(self, tool: ToolFrame) -> None:
+    def _add_tool_inputs(self, tool: ToolFrame) -> None:
         """Add the inputs and the message of the tool frame."""
         gui = self._gui
         self.tool_frame: Any = gui.add_dropdown(
@@ -214,6 +216,7 @@ class Page:
         path: Floats,
         source: Plan | Trajectory | None = None,
     ) -> None:
+        """Add the panel, connect it to workers, and show the path and the robot at the start."""
         import planners
 
         self._server = server
@@ -223,9 +226,11 @@ class Page:
         self.plan: Plan | None = None
         self.trajectory: Trajectory | None = None
         self._path = path
+        # Whether the arm stands where a drag has brought it, and no plan.
         self._strays = False
         self._goal: PoseGoal | None = None
         self._playing = threading.Event()
+        # Each kind of work has a thread, so that the page always answers.
         self._shower = Worker(self._show, self._report_error)
         self._prover = Worker(self._prove, self._report_error)
         self._planner = Worker(self._search, self._report_error)
@@ -243,13 +248,16 @@ class Page:
         panel = self.panel
         canvas = self._canvas
 
+        # Programs set sliders too, to show the robot's place; only users have a client.
         def slide_robot(event: Any) -> None:
+            """Move the robot to the configuration of the sliders."""
             if event.client is not None:
                 self._playing.clear()
                 numbers = tuple(float(slider.value) for slider in panel.sliders)
                 self._place(canvas.configuration_of(numbers))
 
         def slide_along_path(event: Any) -> None:
+            """Move the robot to the place of the slider on its path."""
             if event.client is not None and len(self._path):
                 self._playing.clear()
                 self.go(panel.share.value / 100.0)
@@ -270,18 +278,21 @@ class Page:
         panel = self.panel
 
         def drag(phase: str) -> None:
+            """Let the arm follow a drag, and plan at its end."""
             if phase == "end":
                 self.release()
             else:
                 self._follow_tool(tool)
 
         def choose_frame(event: Any) -> None:
+            """Choose the frame to drag, and draw its path."""
             tool.choose(event.target.value)
             panel.position_only.value = tool.position_only
             self._canvas.draw_path(self._path)
             self._canvas.place(self._canvas.robot)
 
         def choose_position_only(event: Any) -> None:
+            """Choose whether the rotation of the frame matters."""
             tool.choose(tool.name, event.target.value)
             self._canvas.place(self._canvas.robot)
 
@@ -306,9 +317,10 @@ class Page:
         """Move the robot to a share, from 0 to 1, of its path or trajectory."""
         motion = self.trajectory
         if motion is not None:
-            self.move(motion.sample(share * motion.duration)[0])
+            q, *_ = motion.sample(share * motion.duration)
         else:
-            self.move(self._canvas.interpolate(self._path, np.array([share]))[0])
+            (q,) = self._canvas.interpolate(self._path, np.array([share]))
+        self.move(q)
 
     def drag(self, pose: Floats) -> None:
         """Move the tool frame of an arm to a pose, shape (4, 4), as if it were dragged.
@@ -454,6 +466,7 @@ class Page:
         """Move the robot along the path until its end or until stopped."""
         panel = self.panel
         panel.play.label = "Stop"
+        # Go on from the current place; at the end, begin again.
         at_end = panel.share.value >= 100.0
         share = 0.0 if at_end else panel.share.value / 100.0
         seconds = PLAY_SECONDS
@@ -488,6 +501,7 @@ class Page:
         is_arm = self._canvas.tool is not None
         if not hasattr(source, "trajectory") or not is_arm or not len(self._path):
             return None
+        # Joints without a limit in the URDF get one.
         limits = self._space.max_velocity
         unlimited = [joint for joint, limit in limits.items() if math.isinf(limit)]
         max_velocity = dict.fromkeys(unlimited, MAX_VELOCITY)
@@ -525,8 +539,8 @@ def _capitalize(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def _legend_html(rows: list[tuple[str, str]]) -> str:
-    """Return rows of colours and their meanings as HTML."""
+def _make_legend_html(rows: list[tuple[str, str]]) -> str:
+    """Make a legend as HTML from rows of a colour and its meaning."""
     square = (
         "display:inline-block;width:0.9em;height:0.9em;margin-right:0.5em;border:1px solid "
         "#777;background:"
@@ -546,6 +560,7 @@ class Worker:
     """
 
     def __init__(self, task: Callable[[], None], report: Callable[[Exception], None]) -> None:
+        """Start the thread, which waits for a request."""
         self._task = task
         self._report = report
         self._changed = threading.Condition()
@@ -576,6 +591,7 @@ class Worker:
     def _run(self) -> None:
         """Run the task whenever it was requested, until closed."""
         while True:
+            # Take a request, or wait for one; the task runs without the lock.
             with self._changed:
                 self._busy = False
                 self._changed.notify_all()

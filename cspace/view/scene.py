@@ -112,6 +112,7 @@ class Stage:
     """
 
     def __init__(self, grid: Grid, wall: float) -> None:
+        """Give the cells of a grid three axes, and each class of cells a colour."""
         self.grid = grid
         self.has_height = grid.dim == 3
         self.wall = wall
@@ -131,10 +132,12 @@ class Stage:
         Without a ``lid``, the border is open at the cut, where a section closes it.
         """
         solid = np.isin(self._classes_below(blocks, cut), kind.classes)
+        # Corners of rectangles in cells; the last blocks may reach beyond the map.
         corners = blocks.side * extract_border(solid, kind.has_boundary, lid)
         lattice = np.minimum(corners, self.shape).reshape(-1, 3)
         vertices = self.lower + self._cell * lattice
         vertices[:, 2] = np.minimum(vertices[:, 2], cut)
+        # Each rectangle becomes two triangles.
         rectangles = np.arange(len(vertices)).reshape(-1, 4)
         triangles = rectangles[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
         return vertices, triangles
@@ -160,8 +163,10 @@ class Stage:
     def _classes_below(self, blocks: Blocks, cut: float) -> Classes:
         """Return the classes of the blocks that begin below a height, shape (nx, ny, nz)."""
         classes = np.atleast_3d(blocks.classes)
-        cells = (min(cut, self.upper[2]) - self.lower[2]) / self._cell[2]
-        layers = math.ceil(cells / blocks.side - 1e-9)
+        height = min(cut, self.upper[2]) - self.lower[2]
+        cell_height = self._cell[2]
+        # Rounding adds no layer, and at least one is drawn.
+        layers = math.ceil(height / cell_height / blocks.side - 1e-9)
         return classes[..., : max(1, layers)]
 
 

@@ -62,6 +62,7 @@ class ToolFrame:
     def __init__(
         self, space: Any, server: ViserServer, size: float, name: str | None = None
     ) -> None:
+        """Choose the frame, and add its axes to the scene of a server."""
         arm = space.arm
         self._space = space
         self.is_held = False
@@ -114,6 +115,7 @@ class ToolFrame:
         """Call ``dragged`` with "start", "update" or "end" when users drag the frame."""
 
         async def drag(event: Any) -> None:  # async keeps the order of phases
+            """Take over the pose to which the axes were dragged."""
             rotation = Rotation.from_quat(event.target.wxyz, scalar_first=True)
             self.pose = np.eye(4)
             self.pose[:3, :3] = rotation.as_matrix()
@@ -123,16 +125,17 @@ class ToolFrame:
         self._gizmo.on_update(drag)
 
     def solve(self, near: Floats) -> tuple[Floats, str]:
-        """Return the configuration of an arm at :attr:`pose`, and why it is not there.
+        """Find a configuration, shape (dof,), that brings the frame to :attr:`pose`.
 
-        Among configurations that reach the pose, a FREE one is preferred, then the nearest to
-        ``near``. If none does, the nearest pose reached is returned with the reason; otherwise the
-        reason is empty.
+        Also returns, as text, why it does not. Among configurations that reach the pose, a FREE one
+        is preferred, then the nearest to ``near``. If none does, the nearest pose reached is
+        returned with the reason; otherwise the reason is empty.
         """
         goal = self.goal
         inverse = partial(
             self._space.arm.inverse, goal.frame, goal.pose, tolerance=goal.tolerance, near=near
         )
+        # One configuration is found fast, which matters during a drag; most often it is FREE.
         try:
             candidates = np.asarray(inverse(max_solutions=1))
             if not self._space.is_free(candidates[0]):

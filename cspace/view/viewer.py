@@ -78,13 +78,17 @@ class Viewer:
         host: str = "127.0.0.1",
         port: int | None = None,
     ) -> None:
+        """Check all arguments, start a server, and open the page of a map or an arm."""
         from cspace.view.page import Page
 
         is_arm = isinstance(space, ArmSpace)
         if frame is not None and not is_arm:
-            problem = f"is {frame!r}"
-            rule = "a map has no frames"
-            raise InputError("frame", problem, rule, "leave it out")
+            raise InputError(
+                "frame",
+                f"is {frame!r}",
+                "a map has no frames",
+                "leave it out",
+            )
         points = check_path(space, path)
         marks = collect_marks(space, path, points, start, goal)
         self.server = serve(host, port)
@@ -177,12 +181,13 @@ def serve(host: str, port: int | None) -> ViserServer:
     viser = import_optional("viser", "it serves the page in the browser", "view")
     from websockets.exceptions import ConnectionClosed
 
-    free = _free_port(host, port)
+    free_port = _find_free_port(host, port)
     with _quiet():
-        server: ViserServer = viser.ViserServer(host, free, label="cspace", verbose=False)
+        server: ViserServer = viser.ViserServer(host, free_port, label="cspace", verbose=False)
     sockets = server._websock_server
 
     async def admit(client: Any) -> None:
+        """Close the connection of a page of another site."""
         connection: Any = sockets._live_connections[client.client_id]
         headers = connection.request.headers
         if not is_same_site(headers.get("Origin"), headers.get("Host", ""), host):
@@ -243,24 +248,31 @@ def is_local(host: str | None) -> bool:
         return False
 
 
-def _free_port(host: str, port: int | None) -> int:
-    """Return a free port: the given one, any for 0, or by default the first to try.
+def _find_free_port(host: str, port: int | None) -> int:
+    """Find a free port: the given one, any for 0, or by default the first to try.
 
     Raises InputError if this machine lacks the address, or if the port is taken or invalid.
     """
-    given = 0
+    tried_port = 0
     if port is not None:
         hint = "pass 0 for any free port, or omit it"
-        given = check_count(port, "port", 0, 2**16 - 1, hint)
+        tried_port = check_count(port, "port", 0, 2**16 - 1, hint)
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    # Opening a server for a moment shows whether the port is free.
     try:
-        with socket.create_server((host, given), family=family) as trial:
+        with socket.create_server((host, tried_port), family=family) as trial:
             return FIRST_PORT if port is None else int(trial.getsockname()[1])
     except OSError as error:
         if error.errno in (errno.EADDRINUSE, errno.EACCES):
-            rule = "other programs use it"
-            hint = "pass another port from 1024 on, or 0 for any"
-            raise InputError("port", f"is {port}", rule, hint) from error
-        rule = "it must be an address of this machine"
-        hint = 'pass "127.0.0.1", or "0.0.0.0" for all addresses'
-        raise InputError("host", f"is {host!r}", rule, hint) from error
+            raise InputError(
+                "port",
+                f"is {port}",
+                "other programs use it",
+                "pass another port from 1024 on, or 0 for any",
+            ) from error
+        raise InputError(
+            "host",
+            f"is {host!r}",
+            "it must be an address of this machine",
+            'pass "127.0.0.1", or "0.0.0.0" for all addresses',
+        ) from error

@@ -53,6 +53,7 @@ def draw_all(folder: Path) -> None:
             draw_hull_tree,
             draw_joint_map,
             draw_trajectory,
+            draw_controller,
             draw_house,
         ):
             figure = draw()
@@ -328,6 +329,40 @@ def draw_trajectory() -> Figure:
     return figure
 
 
+def draw_controller() -> Figure:
+    """Draw the curve of a differential drive around a wall, and its commands over time."""
+    occupied = np.zeros((160, 100), dtype=bool)
+    occupied[50:54, :65] = True
+    outline = cspace.Robot.rectangle(0.9, 0.6)
+    space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), outline, rotations=72)
+    plan = planners.plan(space, (2.0, 2.0, 0.0), (14.0, 8.0, 0.0), drive="differential", seed=1)
+    trajectory = plan.trajectory(
+        max_velocity=1.0,
+        max_acceleration=0.5,
+        max_angular_velocity=1.0,
+        max_angular_acceleration=1.5,
+    )
+    commands = trajectory.sample_uniform(20.0)
+    figure, (left, right) = plt.subplots(1, 2, figsize=(9.6, 3.2), layout="constrained")
+    left.imshow(
+        occupied.T, origin="lower", extent=(0, 16, 0, 10), cmap=ListedColormap([FREE, OBSTACLE])
+    )
+    footprint = shapely.box(-0.45, -0.3, 0.45, 0.3)
+    for x, y, yaw in commands.positions[::20].tolist():
+        turned = affinity.rotate(footprint, yaw, origin=(0.0, 0.0), use_radians=True)
+        placed = affinity.translate(turned, x, y)
+        left.add_patch(polygon(placed, facecolor=PALE, edgecolor=ROBOT, linewidth=0.8))
+    left.plot(*plan.waypoints[:, :2].T, "--", color=MIXED, linewidth=1.0, label="path")
+    left.plot(*commands.positions[:, :2].T, color=PATH, linewidth=1.8, label="trajectory")
+    left.set(xlabel="x [m]", ylabel="y [m]", title="once a second")
+    left.legend(frameon=False, loc="lower right")
+    right.plot(commands.times, commands.v, color=PATH, label="v (m/s)")
+    right.plot(commands.times, commands.omega, color=ROBOT, label="omega (rad/s)")
+    right.set(xlabel="time (s)", title=f"{trajectory.duration:.1f} s, no stop on the way")
+    right.legend(frameon=False)
+    return figure
+
+
 def draw_hull_tree() -> Figure:
     """Draw the levels of a hull tree, and the parts into which a motion past an obstacle is halved."""
     joint = (0.0, 0.0)
@@ -475,7 +510,7 @@ def draw_joint_map() -> Figure:
 FLOORS: tuple[tuple[str, tuple[str, ...], str], ...] = (
     ("doors for users", ("cspace", "cli", "view"), "#e8e3f3"),
     ("planning", ("planners",), "#e8e3f3"),
-    ("pictures", ("plot",), "#e8e3f3"),
+    ("reasons, pictures", ("reasons", "plot"), "#e8e3f3"),
     ("arms", ("arms",), "#d4eaf7"),
     ("frequency domain", ("spectral",), "#d4eaf7"),
     ("maps are made", ("builder", "opening", "tiles", "export"), "#d4eaf7"),

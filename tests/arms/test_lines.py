@@ -2,8 +2,6 @@
 
 import math
 from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +9,7 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
 
-from cspace import Arm, ArmSpace, ConfigurationError, InputError, Robot, build_arm_space
+from cspace import Arm, ConfigurationError, InputError, Robot, build_arm_space
 from cspace.arms import LineMotion, PosedShape
 from cspace.arms.inverse import make_pose_problem, make_pose_scratch
 from cspace.arms.lines import LineProblem, bound_deviation, make_lines
@@ -34,23 +32,20 @@ Poses = Callable[[np.ndarray], np.ndarray]
 ROUNDING = 1e-11
 """Metres and radians by which two libraries may differ."""
 
-FREE_ROTATION = (1e-3, math.inf)
-"""A tolerance that asks for positions alone."""
 
-
-def poses_by_urdf(path: Path, arm: Arm) -> Poses:
+def poses_by_urdf(path, arm):
     """Return the forward kinematics of tool0."""
     return lambda q: pose_of(
         path, "tool0", dict(zip(arm.joints, np.moveaxis(q, -1, 0), strict=True))
     )
 
 
-def sample_motion(waypoints: np.ndarray, times: np.ndarray) -> np.ndarray:
+def sample_motion(waypoints, times):
     """Return configurations on the motions between waypoints, shape (n - 1, times, dof)."""
     return waypoints[:-1, None] + times[:, None] * np.diff(waypoints, axis=0)[:, None]
 
 
-def sample_deviation(motion: LineMotion, poses: Poses, samples: int = 33) -> tuple[float, float]:
+def sample_deviation(motion, poses, samples=33):
     """Return the largest distance and angle between the frame and its target, at samples."""
     times = np.linspace(0.0, 1.0, samples)
     distances = [0.0]
@@ -70,7 +65,7 @@ def sample_deviation(motion: LineMotion, poses: Poses, samples: int = 33) -> tup
     return float(max(distances)), float(max(angles))
 
 
-def check_motion(motion: LineMotion, arm: Arm, poses: Poses) -> None:
+def check_motion(motion, arm, poses):
     """Assert that a motion keeps its promises, except those on collisions."""
     deviation, angle = sample_deviation(motion, poses)
     assert deviation - ROUNDING <= motion.deviation <= motion.tolerance[0]
@@ -95,9 +90,7 @@ def check_motion(motion: LineMotion, arm: Arm, poses: Poses) -> None:
         [(1e-3, 1e-2), (1e-4, 1e-3), (0.03, 0.3), (1e-3, math.inf), (math.inf, 1e-2)]
     ),
 )
-def test_motions_stay_within_their_bounds_and_free(
-    tmp_path_factory: pytest.TempPathFactory, seed: int, count: int, tolerance: Any
-) -> None:
+def test_motions_stay_within_their_bounds_and_free(tmp_path_factory, seed, count, tolerance):
     rng = np.random.default_rng(seed)
     path = random_chain(tmp_path_factory.mktemp("chain"), seed, count)
     arm = Arm.from_urdf(path)
@@ -129,9 +122,7 @@ def test_motions_stay_within_their_bounds_and_free(
 
 
 @given(seed=seeds, count=st.integers(1, 7), size=st.sampled_from([0.01, 0.1, 0.4]))
-def test_bounds_hold_for_lines_tangent_to_the_motion(
-    tmp_path_factory: pytest.TempPathFactory, seed: int, count: int, size: float
-) -> None:
+def test_bounds_hold_for_lines_tangent_to_the_motion(tmp_path_factory, seed, count, size):
     """Halfway, frame and target coincide and move alike, so that accelerations alone are left."""
     rng = np.random.default_rng(seed)
     path = random_chain(tmp_path_factory.mktemp("chain"), seed, count)
@@ -160,7 +151,7 @@ def test_bounds_hold_for_lines_tangent_to_the_motion(
     assert (np.array(sample_deviation(motion, poses)) <= bounds + 1e-8).all()
 
 
-def polar(folder: Path, **shapes: PosedShape) -> ArmSpace:
+def polar(folder, **shapes):
     """Build a bar that turns about the origin and slides out by up to 1 m, with the frame hand."""
     path = write_urdf(
         folder,
@@ -174,20 +165,8 @@ def polar(folder: Path, **shapes: PosedShape) -> ArmSpace:
 
 
 @pytest.fixture(scope="module")
-def open_polar(tmp_path_factory: pytest.TempPathFactory) -> ArmSpace:
+def open_polar(tmp_path_factory):
     return polar(tmp_path_factory.mktemp("polar"))
-
-
-@pytest.mark.parametrize("tolerance", [1e-3, 1e-5])
-def test_a_bar_follows_a_line_beside_its_axis(open_polar: ArmSpace, tolerance: float) -> None:
-    start = -1.0, 0.5 / math.cos(1.0)
-    motion = open_polar.follow_line(
-        start, "hand", pose_at(0.5, 0.5), tolerance=(tolerance, math.inf)
-    )
-    assert motion.certified and motion.status == "pose reached"
-    angles, lengths = motion.waypoints.T
-    np.testing.assert_allclose(lengths * np.cos(angles), 0.5, atol=tolerance)
-    np.testing.assert_allclose(motion.waypoints[-1], (math.pi / 4, math.sqrt(0.5)), atol=1e-3)
 
 
 SQUARE_ROOT = math.sqrt(0.96)
@@ -197,7 +176,6 @@ SQUARE_ROOT = math.sqrt(0.96)
 @pytest.mark.parametrize(
     "poses, tolerance, stopped_by, fraction, status",
     [
-        ([pose_at(0.5, 0.5)], FREE_ROTATION, "collision", 0.48, "hand is in collision with block"),
         (
             [pose_at(0.5, 0.2), pose_at(1.5, 0.2)],
             (1e-3, 7.0),
@@ -214,11 +192,8 @@ SQUARE_ROOT = math.sqrt(0.96)
             "as at a singularity",
         ),
     ],
-    ids=["collision", "limit", "jump"],
 )
-def test_stops_are_explained(
-    tmp_path: Path, poses: Any, tolerance: Any, stopped_by: str, fraction: float, status: str
-) -> None:
+def test_stops_are_explained(tmp_path, poses, tolerance, stopped_by, fraction, status):
     block = posed_box((0.1, 0.1, 0.1), 0.5, 0.3)
     motion = polar(tmp_path, block=block).follow_line(
         (0.0, 0.5), "hand", poses, tolerance=tolerance
@@ -228,9 +203,9 @@ def test_stops_are_explained(
 
 
 @pytest.fixture(scope="module")
-def gantry(tmp_path_factory: pytest.TempPathFactory) -> Arm:
+def gantry(tmp_path_factory):
     """Return a hand that slides along x and y."""
-    slides: Any = {"kind": "prismatic", "limits": (-1, 1)}
+    slides = {"kind": "prismatic", "limits": (-1, 1)}
     path = write_urdf(
         tmp_path_factory.mktemp("gantry"),
         link("foot", ((0.05, 0.05, 0.05), (0, 0, -0.5))),
@@ -243,9 +218,7 @@ def gantry(tmp_path_factory: pytest.TempPathFactory) -> Arm:
 
 
 @given(seed=seeds, thickness=st.sampled_from([0.002, 0.05]))
-def test_a_gantry_stops_where_it_hits_the_first_box(
-    gantry: Arm, seed: int, thickness: float
-) -> None:
+def test_a_gantry_stops_where_it_hits_the_first_box(gantry, seed, thickness):
     rng = np.random.default_rng(seed)
     centers = rng.uniform(-0.6, 0.6, (3, 2))
     sides = rng.permuted([[thickness, 0.3, 0.1]] * 3, axis=1)
@@ -275,9 +248,7 @@ SIZES = st.sampled_from([0.0, 1e-320, 1e-15, 1e-9, 0.1, 1e8, 1e80, 1e154, 1e300,
     tolerance=st.tuples(SIZES | st.floats(1e-13, 1e-9), SIZES | st.floats(1e-13, 1e-9)),
 )
 @settings(max_examples=100)
-def test_extreme_lines_are_refused_or_followed_in_part(
-    open_polar: ArmSpace, steps: Any, tolerance: Any
-) -> None:
+def test_extreme_lines_are_refused_or_followed_in_part(open_polar, steps, tolerance):
     arm = open_polar.arm
     corners = np.array([arm.pose((0.3, 0.4), "hand")] * len(steps))
     with np.errstate(all="ignore"):
@@ -295,21 +266,16 @@ def test_extreme_lines_are_refused_or_followed_in_part(
 
 @refusals(
     "arguments, message",
-    (((0.0, 9.0), "hand", np.eye(4)), "q0 has slide at 9; its limits are 0 and 1"),
     (((0.0, 0.6), "hand", np.eye(4)), "is not proven free: hand is in collision with block"),
     (((0.0, 0.1), "hnd", np.eye(4)), "did you mean 'hand'"),
-    (((0.0, 0.1), "foot", np.eye(4)), "no joint of the arm moves it"),
     (((0.0, 0.1), "hand", np.empty((0, 4, 4))), r"poses has shape \(0, 4, 4\)"),
-    (((0.0, 0.1), "hand", np.ones((4, 4))), r"poses\[0\] has shape.*rigid motion"),
     (((0.0, 0.1), "hand", pose_at(1e101, 0)), r"poses has the coordinate 1e\+101 m"),
     (
         ((0.0, 0.1), "hand", pose_at(0.1, 0, 0, (math.pi, 0, 0))),
         r"poses\[0\] is half a turn from the pose at q0; both ways round",
     ),
 )
-def test_follow_line_refuses_invalid_arguments(
-    tmp_path: Path, arguments: Any, message: str
-) -> None:
+def test_follow_line_refuses_invalid_arguments(tmp_path, arguments, message):
     space = polar(tmp_path, block=posed_box((0.1, 0.1, 0.1), 0.6, 0.0))
     with pytest.raises((InputError, ConfigurationError), match=message):
         space.follow_line(*arguments)

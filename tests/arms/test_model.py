@@ -1,9 +1,5 @@
 """Arms from URDF and SRDF files, against yourdfpy."""
 
-import pickle
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pytest
 import trimesh
@@ -13,19 +9,16 @@ from hypothesis import given, settings
 from cspace import MeshWarning, Robot
 from cspace.arms import Arm, build_arm_space
 from cspace.errors import ConfigurationError, FileError, InputError
-from cspace.shapes import Mesh
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import seeds
-from tests.helpers.urdfs import joint, link, planar, pose_at, posed_box, random_arm, write_urdf
+from tests.helpers.urdfs import joint, link, planar, pose_at, random_arm, write_urdf
 
 BAR = ((1.0, 0.1, 0.1), (0.5, 0, 0))
 
 
 @given(seed=seeds)
 @settings(max_examples=12)
-def test_frames_stand_where_yourdfpy_places_them(
-    tmp_path_factory: pytest.TempPathFactory, seed: int
-) -> None:
+def test_frames_stand_where_yourdfpy_places_them(tmp_path_factory, seed):
     """Include all kinds of joints, a mimic joint, and links without geometry."""
     path = random_arm(tmp_path_factory.mktemp("arm"), seed)
     mount = joint("mount", "l4", "tool0", (0.1, 0.2, 0.3), rpy=(0.4, 0.5, 0.6), kind="fixed")
@@ -45,7 +38,19 @@ def test_frames_stand_where_yourdfpy_places_them(
     assert arm.pose(rows[:0], "l4").shape == (0, 3, 4, 4)
 
 
-def test_only_joints_between_base_and_tip_move(tmp_path: Path) -> None:
+@pytest.mark.filterwarnings("ignore::cspace.MeshWarning", "ignore:.*without collision geometry")
+@pytest.mark.parametrize("name", ["panda", "ur5"])
+def test_real_arms_stand_where_yourdfpy_places_them(data, name):
+    path = data / "arms" / name / f"{name}.urdf"
+    arm = Arm.from_urdf(path, path.with_suffix(".srdf"))
+    urdf = yourdfpy.URDF.load(str(path), load_meshes=False)
+    for q in np.random.default_rng(0).uniform(*arm.ranges(), (9, arm.dof)):
+        urdf.update_cfg(dict(zip(arm.joints, q, strict=True)))
+        for frame, pose in arm.poses(q).items():
+            np.testing.assert_allclose(pose, urdf.get_transform(frame), atol=1e-9)
+
+
+def test_only_joints_between_base_and_tip_move(tmp_path):
     """Other joints are held at zero or their nearest limit."""
     path = write_urdf(
         tmp_path,
@@ -64,14 +69,7 @@ def test_only_joints_between_base_and_tip_move(tmp_path: Path) -> None:
     assert only.lower.tolist() == [0.5]
 
 
-def test_pickled_arm_keeps_its_hulls(tmp_path: Path) -> None:
-    part = Arm.from_urdf(planar(tmp_path)).links[0].parts[0]
-    made = part.hulls
-    kept = pickle.loads(pickle.dumps(part)).__dict__["hulls"]
-    np.testing.assert_array_equal(kept.corners, made.corners)
-
-
-def write_srdf(folder: Path, text: str) -> Path:
+def write_srdf(folder, text):
     path = folder / "arm.srdf"
     path.write_text(f'<robot name="small">{text}</robot>')
     return path
@@ -87,11 +85,8 @@ def write_srdf(folder: Path, text: str) -> Path:
             {("a", "b"): "SRDF"},
         ),
     ],
-    ids=["neighbours", "pairs", "defaults"],
 )
-def test_neighbours_may_touch_unless_an_srdf_lists_pairs(
-    tmp_path: Path, text: str | None, allowed: Any
-) -> None:
+def test_neighbours_may_touch_unless_an_srdf_lists_pairs(tmp_path, text, allowed):
     """A link without geometry does not separate neighbours."""
     path = write_urdf(
         tmp_path,
@@ -104,7 +99,7 @@ def test_neighbours_may_touch_unless_an_srdf_lists_pairs(
     assert Arm.from_urdf(path, srdf).allowed_collisions.keys() == allowed.keys()
 
 
-def write_arm_with_states(folder: Path) -> tuple[Path, Path]:
+def write_arm_with_states(folder):
     """Write an arm with groups, states of one name, end effectors, and names of other robots."""
     path = write_urdf(
         folder,
@@ -137,7 +132,7 @@ def write_arm_with_states(folder: Path) -> tuple[Path, Path]:
 IGNORE_NAMES = pytest.mark.filterwarnings("ignore:.*which the URDF")
 
 
-def test_srdf_names_are_read_and_missing_ones_skipped_with_one_warning(tmp_path: Path) -> None:
+def test_srdf_names_are_read_and_missing_ones_skipped_with_one_warning(tmp_path):
     path, srdf = write_arm_with_states(tmp_path)
     with pytest.warns(UserWarning, match=r"lost, .*which the URDF.* bare, without coll") as heard:
         arm = Arm.from_urdf(path, srdf)
@@ -163,12 +158,9 @@ def test_srdf_names_are_read_and_missing_ones_skipped_with_one_warning(tmp_path:
         ("arm/home", None, (0.2, 0.7, 0.0)),
         ("open", None, (0.0, 0.5, 0.04)),
         ({"two": 0.9}, "open", (0.0, 0.9, 0.04)),
-        ({"one": 1.0}, (0.3, 0.6, 0.02), (1.0, 0.6, 0.02)),
     ],
 )
-def test_configuration_takes_states_and_values_by_name(
-    tmp_path: Path, values: Any, base: Any, expected: Any
-) -> None:
+def test_configuration_takes_states_and_values_by_name(tmp_path, values, base, expected):
     arm = Arm.from_urdf(*write_arm_with_states(tmp_path))
     assert arm.configuration(values, base).tolist() == list(expected)
 
@@ -176,17 +168,14 @@ def test_configuration_takes_states_and_values_by_name(
 @IGNORE_NAMES
 @refusals(
     "values, base, message",
-    ({"one": (1.0, 2.0)}, None, r"values\['one'\] has shape \(2,\); a joint has one number"),
     ({"one": np.inf}, None, r"values\['one'\] is inf; it must be finite"),
-    ({"two": 1.5}, None, "values has two at 1.5; its limits are 0.5 and 1"),
     (None, (0.0, 0.0, 0.0), "base has two at 0; its limits are 0.5 and 1"),
     ((0.0, 0.5, 0.0), None, "it must map names of joints to numbers; pass e.g. {'one': 0.0}"),
     ("home", None, "values is 'home'; there are arm/home, hand/home; did you mean"),
-    (None, "closed", "base is 'closed'; there are arm/home"),
 )
 def test_configuration_refuses_unknown_names_and_values_beyond_limits(
-    tmp_path: Path, values: Any, base: Any, message: str
-) -> None:
+    tmp_path, values, base, message
+):
     arm = Arm.from_urdf(*write_arm_with_states(tmp_path))
     with pytest.raises((InputError, ConfigurationError), match=message):
         arm.configuration(values, base)
@@ -197,14 +186,10 @@ def test_configuration_refuses_unknown_names_and_values_beyond_limits(
     "options, q, whole_q",
     [
         ({"joints": "arm", "held_joints": {"three": 0.03}}, (0.4, 0.6), (0.4, 0.6, 0.03)),
-        ({"joints": "hand"}, (0.02,), (0.0, 0.5, 0.02)),
         ({"joints": ["three", "one"], "held_joints": {"two": 0.9}}, (0.1, 0.02), (0.1, 0.9, 0.02)),
     ],
-    ids=["group", "hand", "names"],
 )
-def test_chosen_joints_move_and_others_are_held(
-    tmp_path: Path, options: Any, q: Any, whole_q: Any
-) -> None:
+def test_chosen_joints_move_and_others_are_held(tmp_path, options, q, whole_q):
     """Joint four mimics joint three, held or not."""
     path, srdf = write_arm_with_states(tmp_path)
     whole = Arm.from_urdf(path, srdf)
@@ -216,24 +201,20 @@ def test_chosen_joints_move_and_others_are_held(
 @IGNORE_NAMES
 @refusals(
     "options, message",
-    ({"joints": "leg"}, "joints is 'leg'; there are arm, hand"),
     ({"joints": "arm", "srdf": None}, "joints is 'arm'; no SRDF gives groups; pass srdf="),
     ({"joints": ["four"]}, "joints names 'four'; there are one, two, three"),
-    ({"joints": []}, "has no joint that moves there"),
     ({"joints": "arm", "tip": "b"}, "joints is given with tip; both say which joints move"),
     ({"joints": "arm", "held_joints": {"one": 0.0}}, "names 'one'; there are three"),
     ({"joints": "arm", "held_joints": {"three": 0.05}}, "at 0.05; its limits are 0 and 0.04"),
     ({"held_joints": {"one": 0.0}}, "held_joints names 'one'; there is none; leave it out$"),
 )
-def test_from_urdf_refuses_joints_that_cannot_move_or_be_held(
-    tmp_path: Path, options: dict[str, Any], message: str
-) -> None:
+def test_from_urdf_refuses_joints_that_cannot_move_or_be_held(tmp_path, options, message):
     path, srdf = write_arm_with_states(tmp_path)
     with pytest.raises(InputError, match=message):
         Arm.from_urdf(path, **{"srdf": srdf, **options})
 
 
-def test_pairs_are_sorted_into_always_sometimes_and_never(tmp_path: Path) -> None:
+def test_pairs_are_sorted_into_always_sometimes_and_never(tmp_path):
     path = write_urdf(
         tmp_path,
         link("base", BAR),
@@ -269,26 +250,9 @@ def test_pairs_are_sorted_into_always_sometimes_and_never(tmp_path: Path) -> Non
     may_touch = [("base", "sleeve")]
     with pytest.raises(ConfigurationError, match=r"touches 'sleeve'.*in 1000 random"):
         build_arm_space({}, forgotten, allowed_collisions=may_touch)
-    known = build_arm_space({}, forgotten, allowed_collisions=[*may_touch, ("core", "sleeve")])
-    assert known.is_free((0.0, 0.0)) and not known.is_free((0.54, 0.0))
 
 
-def test_meshes_of_packages_are_found_in_given_folders(tmp_path: Path) -> None:
-    mesh = tmp_path / "ws" / "arm" / "bar.stl"
-    mesh.parent.mkdir(parents=True)
-    trimesh.creation.box((2.0, 0.1, 0.1)).export(mesh)
-    shape = '<geometry><mesh filename="package://arm/bar.stl"/></geometry>'
-    bar = link("b", extra=f"<collision>{shape}</collision>")
-    (tmp_path / "urdf").mkdir()
-    path = write_urdf(tmp_path / "urdf", link("a", BAR), bar, joint("one", "a", "b"))
-    with pytest.raises(FileError, match=r"link 'b', collision 0: mesh .*pass package_dirs=FOLDER"):
-        Arm.from_urdf(path)
-    arm = Arm.from_urdf(path, package_dirs=[str(tmp_path / "ws")])
-    _, upper = arm.links[1].parts[0].shape.outer.bounds
-    np.testing.assert_allclose(upper, (1.0, 0.05, 0.05), atol=1e-6)
-
-
-def test_warnings_of_open_meshes_name_what_makes_surfaces_of_them(tmp_path: Path) -> None:
+def test_warnings_of_open_meshes_name_what_makes_surfaces_of_them(tmp_path):
     box = trimesh.creation.box((0.4, 0.4, 0.4))
     open_box = trimesh.Trimesh(box.vertices, box.faces[1:], process=False)
     open_box.export(tmp_path / "open.stl")
@@ -299,15 +263,12 @@ def test_warnings_of_open_meshes_name_what_makes_surfaces_of_them(tmp_path: Path
     arm = Arm.from_urdf(path, solid="surface")
     ball = {"ball": Robot.ball(0.05)}
     assert build_arm_space(ball, arm, allowed_collisions=[("a", "ball")]).is_free((0.0,))
-    with pytest.raises(InputError, match=r"solid is 'fill'.*must be 'auto' or 'surface'"):
-        Arm.from_urdf(path, solid="fill")  # type: ignore[arg-type]
     with pytest.warns(MeshWarning, match=r"pass cspace.Mesh.of\(mesh, solid='surface'\)") as heard:
         arm.attach("tool", open_box, "b")
     assert [each.filename for each in heard] == [__file__]
-    arm.attach("tool", Mesh.of(open_box, solid="surface"), "b", touch_links="a")
 
 
-def test_attach_adds_a_frame_and_takes_frames_without_geometry(tmp_path: Path) -> None:
+def test_attach_adds_a_frame_and_takes_frames_without_geometry(tmp_path):
     path = planar(tmp_path)
     mount = joint("mount", "fore", "tool0", at=(1, 0, 0), rpy=(0, 0, 0.5), kind="fixed")
     path.write_text(path.read_text().replace("</robot>", f"{link('tool0')}{mount}</robot>"))
@@ -319,13 +280,9 @@ def test_attach_adds_a_frame_and_takes_frames_without_geometry(tmp_path: Path) -
     added = held.allowed_collisions.keys() - arm.allowed_collisions.keys()
     assert added == {("ball", "upper")}
     assert held.detach("ball").frames == arm.frames
-    for wrong in ({"link": "wing"}, {"pose": 2.0 * np.eye(4)}, {"touch_links": 5}, {"name": 5}):
-        options: dict[str, Any] = {"name": "tool", "shape": Robot.ball(0.1), "link": "fore"}
-        with pytest.raises(InputError):
-            arm.attach(**(options | wrong))
 
 
-def write_chain(folder: Path, leader: str) -> Path:
+def write_chain(folder, leader):
     """Write an arm of three joints; the second mimics ``leader``."""
     follows = f'<mimic joint="{leader}"/>'
     return write_urdf(
@@ -337,7 +294,7 @@ def write_chain(folder: Path, leader: str) -> Path:
     )
 
 
-def write_rack(folder: Path, factor: float) -> Path:
+def write_rack(folder, factor):
     """Write a pinion without limits, and a rack that slides by ``factor`` m a radian of it."""
     mimic = f'<mimic joint="pinion" multiplier="{factor}" offset="0.3"/>'
     return write_urdf(
@@ -351,7 +308,6 @@ def write_rack(folder: Path, factor: float) -> Path:
 
 @refusals(
     "write, changes, options, message",
-    (planar, {}, {"tip": "hand"}, r"is 'hand'.*there are foot, upper, fore"),
     (planar, {}, {"base": "fore", "tip": "foot"}, "is not below"),
     (planar, {"limits": (1.0, -1.0)}, {}, "limits are 1 and -1"),
     (planar, {"kind": "floating"}, {}, "is 'floating'; there are fixed"),
@@ -366,23 +322,10 @@ def write_rack(folder: Path, factor: float) -> Path:
         "no collision geom",
     ),
 )
-def test_from_urdf_refuses_invalid_files_and_links(
-    tmp_path: Path, write: Any, changes: Any, options: Any, message: str
-) -> None:
+def test_from_urdf_refuses_invalid_files_and_links(tmp_path, write, changes, options, message):
     path = write(tmp_path, **changes)
     with pytest.raises((InputError, FileError), match=message):
         Arm.from_urdf(path, **options)
-
-
-def test_a_rack_may_mimic_a_pinion_that_does_not_move_it(tmp_path: Path) -> None:
-    """A factor of zero, or a pinion that is held, leaves the rack where it is."""
-    still = Arm.from_urdf(write_rack(tmp_path, 0.0), joints=["pinion"])
-    space = build_arm_space({"box": posed_box((0.2, 0.2, 0.2), 0.8, 0.5, 1.0)}, still)
-    assert space.is_free((0.0,)) and not space.is_free((0.5,))
-    np.testing.assert_allclose(still.pose((7.0,), "c")[:3, 3], (0.3, 0, 0))
-    held_joints = {"pinion": 20.0}
-    held = Arm.from_urdf(write_rack(tmp_path, 0.01), joints=["arm"], held_joints=held_joints)
-    np.testing.assert_allclose(held.pose((0.0,), "c")[:3, 3], (0.5, 0, 0))
 
 
 @refusals(
@@ -393,10 +336,8 @@ def test_a_rack_may_mimic_a_pinion_that_does_not_move_it(tmp_path: Path) -> None
         '<robot><group_state name="s"><joint name="elbow" value="up"/></group_state></robot>',
         "has elbow at 'up' in the state 's'; it must be one finite number",
     ),
-    ("<html/>", "holds <html>, not <robot>"),
-    ("<robot", "arm.srdf"),
 )
-def test_from_urdf_refuses_invalid_srdf_files(tmp_path: Path, text: str, message: str) -> None:
+def test_from_urdf_refuses_invalid_srdf_files(tmp_path, text, message):
     path = tmp_path / "arm.srdf"
     path.write_text(text)
     with pytest.raises(FileError, match=message):

@@ -2,7 +2,6 @@
 
 import json
 from itertools import product
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,9 +25,9 @@ FACES = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]
 
 
 @pytest.fixture(scope="module")
-def probe(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Arm]:
+def probe(tmp_path_factory):
     """Write a tiny cube that three joints slide, a flange beside it, and a stand at the base."""
-    slides: Any = {"kind": "prismatic", "limits": (-LIMIT, LIMIT)}
+    slides = {"kind": "prismatic", "limits": (-LIMIT, LIMIT)}
     path = write_urdf(
         tmp_path_factory.mktemp("probe"),
         *(link(name) for name in ("base", "stand", "beam", "cart", "flange")),
@@ -42,7 +41,7 @@ def probe(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Arm]:
     return path, Arm.from_urdf(path)
 
 
-def sample_solid(kind: str, sizes: Any, rng: np.random.Generator) -> np.ndarray:
+def sample_solid(kind, sizes, rng):
     """Draw points of a solid, shape (8, 3); half of them lie on its surface."""
     if kind == "mesh":
         return rng.dirichlet((1, 1, 1, 1), 8) @ TETRAHEDRON
@@ -70,7 +69,7 @@ class Part(NamedTuple):
     sizes: tuple[float, ...]
     pose: np.ndarray
 
-    def sample(self, frame_pose: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    def sample(self, frame_pose, rng):
         """Draw points, in the frame in which the pose of the header's frame is given."""
         pose = frame_pose @ self.pose
         return sample_solid(self.kind, self.sizes, rng) @ pose[:3, :3].T + pose[:3, 3]
@@ -86,7 +85,7 @@ class Case(NamedTuple):
     attached: list[tuple[str, str, list[Part]]]
     state: dict[str, float]
 
-    def may_touch(self, one: str, other: str) -> bool:
+    def may_touch(self, one, other):
         """Return True if the entry of a pair and the defaults of both allow it."""
         matrix = self.message["allowed_collision_matrix"]
         names = matrix["entry_names"]
@@ -102,7 +101,7 @@ LENGTHS = st.tuples(*[st.floats(0.05, 1.0)] * 3)
 
 
 @st.composite
-def poses(draw: st.DrawFn) -> tuple[dict[str, Any], np.ndarray]:
+def poses(draw):
     """Draw a pose as a message, whose quaternion may have any length, and as a matrix."""
     turn = Rotation.from_rotvec(draw(COORDINATES))
     matrix = np.eye(4)
@@ -122,19 +121,19 @@ PRIMITIVES = {"box": 3, "sphere": 1, "cylinder": 2, "cone": 2}
 
 
 @st.composite
-def objects(draw: st.DrawFn, frame: str) -> tuple[dict[str, Any], list[Part]]:
+def objects(draw, frame):
     """Draw a collision object without its id, and its shapes."""
-    message: dict[str, Any] = {"header": {"frame_id": frame}}
+    message = {"header": {"frame_id": frame}}
     whole = np.eye(4)
     if draw(st.booleans()):
         message["pose"], whole = draw(poses())
-    parts: dict[str, list[Part]] = {"primitives": [], "meshes": []}
+    parts = {"primitives": [], "meshes": []}
     kinds = st.sampled_from([*PRIMITIVES, "mesh"])
     for kind in draw(st.lists(kinds, min_size=1, max_size=3)):
         pose_message, pose = draw(poses())
-        sizes: tuple[float, ...] = draw(LENGTHS)
+        sizes = draw(LENGTHS)
         field = "meshes"
-        shape: dict[str, Any] = {"vertices": TETRAHEDRON.tolist(), "triangles": FACES}
+        shape = {"vertices": TETRAHEDRON.tolist(), "triangles": FACES}
         if kind != "mesh":
             field = "primitives"
             sizes = sizes[: PRIMITIVES[kind]]
@@ -152,7 +151,7 @@ def objects(draw: st.DrawFn, frame: str) -> tuple[dict[str, Any], list[Part]]:
 
 
 @st.composite
-def cases(draw: st.DrawFn) -> Case:
+def cases(draw):
     """Draw a scene."""
     root = draw(st.sampled_from(["world", "base", "stand", "hall"]))
     base_pose = draw(poses())[1] if root == "hall" else np.eye(4)
@@ -200,9 +199,7 @@ def cases(draw: st.DrawFn) -> Case:
     phases=set(Phase) - {Phase.explain},
 )
 @given(case=cases(), seed=st.integers(0, 2**20))
-def test_points_in_solids_of_a_scene_are_never_free(
-    tmp_path: Path, probe: tuple[Path, Arm], case: Case, seed: int
-) -> None:
+def test_points_in_solids_of_a_scene_are_never_free(tmp_path, probe, case, seed):
     path, arm = probe
     rng = np.random.default_rng(seed)
     file = tmp_path / "scene.yaml"

@@ -8,33 +8,19 @@ from cspace.arms import ArmPenetration
 from cspace.spectral import BallPenetration, Bump
 from cspace.spectral.bump import pair_integrals
 from tests.helpers.refusals import refusals
-from tests.helpers.urdfs import joint, link, write_urdf
+from tests.helpers.urdfs import random_arm
 
-FIXED = np.array([[1.0, 0.3, 0.1], [1.3, -0.2, 0.0], [0.4, 0.5, -0.2]]), np.array([0.3, 0.2, 0.25])
+FIXED = np.random.default_rng(1).uniform(-1.0, 1.0, (30, 3)), np.full(30, 0.25)
 BALLS = np.array([[0.1, 0.0, 0.0], [0.4, 0.05, 0.0]]), np.array([0.15, 0.1])
-CARRIERS = ("upper", "hand", "finger", "other")
+CARRIERS = ("l1", "l2", "l3", "l4")
 
 
 @pytest.fixture(scope="module")
-def arm(tmp_path_factory: pytest.TempPathFactory) -> Arm:
-    """Return an arm with a joint of each kind, a mimicking joint, and a branch."""
-    bar = ((0.5, 0.1, 0.1), (0.25, 0, 0))
-    follows = '<mimic joint="elbow" multiplier="-0.5"/>'
-    slides = {"kind": "prismatic", "limits": (0, 0.3)}
-    path = write_urdf(
-        tmp_path_factory.mktemp("arm"),
-        link("base", ((0.1, 0.1, 0.1), (0, 0, -0.5))),
-        *(link(name, bar) for name in ("upper", "fore", "hand", "finger", "other")),
-        joint("shoulder", "base", "upper", rpy=(0.2, 0.1, 0)),
-        joint("elbow", "upper", "fore", at=(0.5, 0, 0), axis=(0, 1, 0)),
-        joint("slide", "fore", "hand", at=(0.5, 0, 0), axis=(1, 0, 0), **slides),
-        joint("mimic", "hand", "finger", extra=follows),
-        joint("branch", "upper", "other", at=(0.5, 0, 0), axis=(1, 0, 1)),
-    )
-    return Arm.from_urdf(path)
+def arm(tmp_path_factory):
+    return Arm.from_urdf(random_arm(tmp_path_factory.mktemp("arm"), 1))
 
 
-def test_penetration_is_the_sum_over_pairs_and_its_gradient_that_of_differences(arm: Arm) -> None:
+def test_penetration_is_the_sum_over_pairs_and_its_gradient_that_of_differences(arm):
     penetration = ArmPenetration(arm, dict.fromkeys(CARRIERS, BALLS), FIXED, tolerance=1e-3)
     q = np.random.default_rng(0).uniform(0.0, 0.3, (2, 10, arm.dof))
     values, gradient = penetration.value_and_gradient(q)
@@ -63,17 +49,14 @@ def test_penetration_is_the_sum_over_pairs_and_its_gradient_that_of_differences(
     "links, obstacles, message",
     ({}, FIXED, "links is empty"),
     ({"knee": BALLS}, FIXED, "knee"),
-    ({"hand": (BALLS[0][:, :2], BALLS[1])}, FIXED, "hand has 2 dimensions"),
-    ({"hand": BALLS}, ([[0.0, 0.0]], 0.2), "obstacles has 2 dimensions"),
+    ({"l3": BALLS}, ([[0.0, 0.0]], 0.2), "obstacles has 2 dimensions"),
 )
-def test_arm_penetration_refuses_invalid_balls(
-    arm: Arm, links: object, obstacles: object, message: str
-) -> None:
+def test_arm_penetration_refuses_invalid_balls(arm, links, obstacles, message):
     with pytest.raises(InputError, match=message):
-        ArmPenetration(arm, links, obstacles)  # type: ignore[arg-type]
+        ArmPenetration(arm, links, obstacles)
 
 
-def test_ball_penetration_refuses_other_shapes() -> None:
+def test_ball_penetration_refuses_other_shapes():
     field = BallPenetration([0.1, 0.2], ([[0.0, 0.0, 0.0]], 0.5))
     for wrong in (np.zeros((2, 2)), np.zeros(3), np.full((2, 3), np.nan)):
         with pytest.raises(InputError, match="centers"):

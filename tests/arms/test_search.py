@@ -1,38 +1,36 @@
 """Paths of arms, proven, short and reproducible."""
 
-import math
 from itertools import pairwise
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import scipy.sparse.csgraph
+from scipy.spatial import cKDTree
 
-from cspace.arms import Arm, ArmSpace, build_arm_space
+from cspace.arms import Arm, build_arm_space
 from cspace.errors import ConfigurationError, InputError
 from tests.helpers.refusals import refusals
 from tests.helpers.urdfs import planar, posed_box, random_arm
 
 START, GOAL = (-1.2, 0.4), (1.2, -0.4)
 IN_WALL = (0.0, 0.0)
-OPTIONS: dict[str, Any] = {"seed": 1, "time_limit": 60.0}
+OPTIONS = {"seed": 1, "time_limit": 60.0}
 
 
 @pytest.fixture(scope="module", params=[0.1, 0.001], ids=["wall", "sheet"])
-def space(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> ArmSpace:
+def space(request, tmp_path_factory):
     """Build an arm that passes a wall only folded; sampling a motion misses the thin sheet."""
     arm = Arm.from_urdf(planar(tmp_path_factory.mktemp("arm")))
     return build_arm_space({"wall": posed_box((0.9, request.param, 1.0), 1.55, 0.0, 0.0)}, arm)
 
 
-def measure_path(path: Any) -> float:
+def measure_path(path):
     return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
 
 
 @pytest.mark.parametrize("seed", [0, 2, 3])
 @pytest.mark.parametrize("straight", [True, False])
-def test_paths_of_all_kinds_of_joints_are_proven(tmp_path: Path, seed: int, straight: bool) -> None:
+def test_paths_of_all_kinds_of_joints_are_proven(tmp_path, seed, straight):
     """The path ends at a goal or whole turns from it; further searches never lengthen it."""
     arm = Arm.from_urdf(random_arm(tmp_path, seed))
     posts = {f"post {x}": posed_box((0.2, 0.2, 2.0), x, 0.9 - x) for x in (0.8, 0.1)}
@@ -54,7 +52,7 @@ def test_paths_of_all_kinds_of_joints_are_proven(tmp_path: Path, seed: int, stra
     np.testing.assert_array_equal(path, again)
 
 
-def test_find_path_reaches_the_nearest_free_goal(space: ArmSpace) -> None:
+def test_find_path_reaches_the_nearest_free_goal(space):
     near = -1.0, 0.3
     path = space.find_path(START, [IN_WALL, GOAL, near], iterations=10**9, **OPTIONS)
     np.testing.assert_array_equal(path, [START, near])
@@ -62,34 +60,13 @@ def test_find_path_reaches_the_nearest_free_goal(space: ArmSpace) -> None:
     np.testing.assert_array_equal(around[[0, -1]], [START, GOAL])
     assert not space.motion_is_free(START, GOAL)
     assert len(space.find_path(START, GOAL, iterations=10**9, time_limit=0.2)) > 2
-
-
-@pytest.mark.parametrize("turns", [-1, 0, 2])
-@pytest.mark.parametrize("first", [3.0, -3.0])
-def test_a_continuous_joint_takes_the_shorter_way(tmp_path: Path, first: float, turns: int) -> None:
-    space = build_arm_space({}, Arm.from_urdf(planar(tmp_path, kind="continuous", limits=None)))
-    path = space.find_path((first, 0.4), (turns * math.tau - first, 0.6), seed=1)
-    last = first + math.remainder(-2.0 * first, math.tau)
-    np.testing.assert_allclose(path, [(first, 0.4), (last, 0.6)])
-
-
-def test_a_continuous_joint_goes_the_longer_way_if_only_that_is_free(tmp_path: Path) -> None:
-    arm = Arm.from_urdf(planar(tmp_path, kind="continuous", limits=None))
-    space = build_arm_space({"wall": posed_box((0.1, 1.0, 1.0), -0.8, 0.0, 0.0)}, arm)
-    path = space.find_path((2.0, 0.0), (-2.0, 0.0), seed=1)
-    assert space.certify_path(path).all()
-    np.testing.assert_array_equal(path[[0, -1]], [(2.0, 0.0), (-2.0, 0.0)])
-    # Otherwise the direction would be ambiguous.
-    assert np.abs(np.diff(path[:, 0])).max() <= np.pi
-
-
-def test_search_without_a_path_ends_at_its_time_limit(tmp_path: Path) -> None:
-    wall = {"wall": posed_box((1.0, 0.1, 1.0), 0.8, 0.0, 0.0)}
-    space = build_arm_space(wall, Arm.from_urdf(planar(tmp_path)))
+    # No path exists past a wall that the arm can not fold away from.
+    space.add_obstacle("bar", posed_box((1.0, 0.1, 1.0), 0.8, 0.0, 0.0))
     assert space.find_path(START, GOAL, seed=1, time_limit=0.2).shape == (0, 2)
+    space.remove_obstacle("bar")
 
 
-def test_further_searches_find_the_shortest_way_around_a_wall(space: ArmSpace) -> None:
+def test_further_searches_find_the_shortest_way_around_a_wall(space):
     """Compare with the shortest chain of proven motions on a grid of configurations."""
     path = space.find_path(START, GOAL, iterations=40, **OPTIONS)
     assert space.certify_path(path).all()
@@ -97,23 +74,7 @@ def test_further_searches_find_the_shortest_way_around_a_wall(space: ArmSpace) -
     shoulder = np.linspace(-1.5, 1.5, 51)
     elbow = np.linspace(-2.4, 2.4, 73)
     points = np.stack(np.meshgrid(shoulder, elbow, indexing="ij"), axis=-1).reshape(-1, 2)
-    index = np.arange(len(points)).reshape(51, 73)
-    edges = []
-    for i, j in [
-        (0, 1),
-        (1, 0),
-        (1, 1),
-        (1, -1),
-        (1, 2),
-        (1, -2),
-        (2, 1),
-        (2, -1),
-        (3, 1),
-        (3, -1),
-    ]:
-        starts = index[: 51 - i, max(0, -j) : 73 - max(0, j)]
-        edges.append(np.stack([starts, starts + i * 73 + j], axis=-1).reshape(-1, 2))
-    pairs = np.concatenate(edges)
+    pairs = cKDTree(points).query_pairs(0.21, output_type="ndarray")
     pairs = pairs[np.asarray(space.motion_is_free(points[pairs[:, 0]], points[pairs[:, 1]]))]
     lengths = np.linalg.norm(points[pairs[:, 1]] - points[pairs[:, 0]], axis=1)
     graph = scipy.sparse.coo_array((lengths, tuple(pairs.T)), shape=(len(points),) * 2).tocsr()
@@ -125,16 +86,11 @@ def test_further_searches_find_the_shortest_way_around_a_wall(space: ArmSpace) -
 @refusals(
     "endpoints, options, error, message",
     ((IN_WALL, GOAL), {}, ConfigurationError, "q0 .*is not proven free: fore is in collision"),
-    ((START, [IN_WALL, IN_WALL]), {}, ConfigurationError, "q1 .*is not proven free"),
-    ((START, (0.0, 9.0)), {}, ConfigurationError, "its limits are"),
-    (([START, GOAL], GOAL), {}, InputError, r"q0 has shape \(2, 2\)"),
     ((START, np.empty((0, 2))), {}, InputError, r"q1 has shape \(0, 2\)"),
     ((START, GOAL), {"time_limit": 0.0}, InputError, "time_limit is 0"),
     ((START, GOAL), {"iterations": 1.5}, InputError, "iterations is 1.5"),
 )
-def test_find_path_refuses_invalid_arguments(
-    tmp_path: Path, endpoints: Any, options: Any, error: type[Exception], message: str
-) -> None:
+def test_find_path_refuses_invalid_arguments(tmp_path, endpoints, options, error, message):
     wall = {"wall": posed_box((0.9, 0.1, 1.0), 1.55, 0.0, 0.0)}
     space = build_arm_space(wall, Arm.from_urdf(planar(tmp_path)))
     with pytest.raises(error, match=message):

@@ -13,7 +13,6 @@ from scipy.spatial.transform import Rotation
 from cspace.bodies.triangles import (
     MAX_PENDING_PAIRS,
     Motion,
-    build_boxes,
     build_trees,
     crosses,
     free_fraction,
@@ -322,36 +321,3 @@ def test_displaced_triangles_still_cross(seed, displacement, flat):
                     placed = pair.copy()
                     placed[moved] += sign * shift
                     assert not squared_triangle_distance(*placed)
-
-
-@given(seed=seeds, count=st.integers(0, 70), ties=st.booleans())
-@settings(max_examples=60)
-def test_trees_halve_their_items_along_the_longest_side(seed, count, ties):
-    """Check each node's box, its items, and the order of both halves."""
-    rng = np.random.default_rng(seed)
-    low = (
-        rng.integers(-2, 3, (count, 3)).astype(float)
-        if ties
-        else rng.uniform(-1.0, 1.0, (count, 3))
-    )
-    high = low + rng.integers(0, 3, (count, 3))
-    boxes, order, spans = build_boxes(low, high)
-    assert sorted(order.tolist()) == list(range(count)) and len(boxes) == len(spans) == max(
-        2 * count - 1, 0
-    )
-    pending = [(0, 0, count)] if count else []
-    while pending:
-        node, start, number = pending.pop()
-        assert spans[node].tolist() == [start, number]
-        items = order[start : start + number]
-        lower = low[items].min(axis=0)
-        upper = high[items].max(axis=0)
-        np.testing.assert_array_equal(
-            boxes[node], [*(0.5 * (lower + upper)), *(0.5 * (upper - lower))]
-        )
-        if number > 1:
-            half = number // 2
-            axis = (upper - lower).argmax()
-            centers = (low + high)[items, axis]
-            assert centers[:half].max() <= centers[half:].min()
-            pending += [(node + 1, start, half), (node + 2 * half, start + half, number - half)]

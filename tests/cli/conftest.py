@@ -1,7 +1,5 @@
 """Files for the command line: workspaces of every kind and a map of each space."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import trimesh
@@ -19,7 +17,7 @@ MAPS = {
 
 
 @pytest.fixture(scope="session")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     """Write workspaces and maps of two rooms with a window between them and a closed cupboard.
 
     The rooms are 1.2 m by 1.2 m by 0.8 m, with cells of 0.1 m.
@@ -47,7 +45,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def room(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def room(folder, tmp_path, monkeypatch):
     """Enter a folder with links to the files."""
     monkeypatch.chdir(tmp_path)
     for file in folder.iterdir():

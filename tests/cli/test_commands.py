@@ -7,7 +7,6 @@ import subprocess
 import sys
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -37,7 +36,7 @@ ENDPOINTS = {
 IN_CUPBOARD = "--goal 2.35,0.15"
 
 
-def spawn(code: str, *arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+def spawn(code, *arguments, cwd):
     """Run Python code in a separate process."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-c", code, *arguments]
@@ -46,7 +45,7 @@ def spawn(code: str, *arguments: str, cwd: Path) -> subprocess.CompletedProcess[
     )
 
 
-def read_lines(command: str, *arguments: object) -> list[str]:
+def read_lines(command, *arguments):
     """Return the lines of a table with single spaces."""
     return [" ".join(line.split()) for line in run(command, *arguments).stdout.splitlines()]
 
@@ -54,7 +53,7 @@ def read_lines(command: str, *arguments: object) -> list[str]:
 # ---- help, compile and demo ----------------------------------------------------------------------
 
 
-def test_help_imports_no_heavy_module(tmp_path: Path) -> None:
+def test_help_imports_no_heavy_module(tmp_path):
     code = """
 import sys
 from cspace.cli import app
@@ -66,14 +65,14 @@ print({'numpy', 'numba', 'scipy', 'shapely', 'matplotlib', 'zarr', 'ompl'} & set
     assert done.stdout.endswith("set()\n"), done.stderr
 
 
-def test_help_and_version_are_printed() -> None:
+def test_help_and_version_are_printed():
     for name, command in COMMANDS.items():
         printed = run(name, "-h").stdout
         assert all(option in printed for option in option_names(command).values())
     assert run("--version").stdout == f"cspace {cspace.__version__}\n"
 
 
-def test_compile_fills_the_cache(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_compile_fills_the_cache(monkeypatch):
     monkeypatch.setattr(jobs, "JOBS", {"plan in the plane": jobs.plan_in_plane})
     printed = document("compile")
     assert printed["folder"] == str(cache_folder()) and printed["compiled_functions"] > 0
@@ -83,14 +82,14 @@ def test_compile_fills_the_cache(monkeypatch: pytest.MonkeyPatch) -> None:
     assert result.exit_code == 2 and "NUMBA_CACHE_DIR" in result.stderr
 
 
-def find_path_pixels(picture: Path) -> Any:
+def find_path_pixels(picture):
     """Return a mask of the pixels of a picture in the colour of paths."""
     with Image.open(picture) as image:
         pixels = np.asarray(image.convert("RGB")).astype(int)
     return np.abs(pixels - rgb(PATH_COLOR)).max(axis=2) < 24
 
 
-def test_the_picture_of_the_readme_shows_the_path_of_the_demo(tmp_path: Path) -> None:
+def test_the_picture_of_the_readme_shows_the_path_of_the_demo(tmp_path):
     """Compare the paths; if they differ, copy the new ``picture.png`` to ``docs/demo.png``."""
     printed = document("demo --output", tmp_path / "demo")
     assert list(printed["proofs"].values()) == [True, True]
@@ -105,7 +104,7 @@ def test_the_picture_of_the_readme_shows_the_path_of_the_demo(tmp_path: Path) ->
 # ---- map -----------------------------------------------------------------------------------------
 
 
-def test_map_writes_and_describes_a_map(room: Path) -> None:
+def test_map_writes_and_describes_a_map(room):
     printed = document("map rooms.npy --robot box:0.2x0.2x0.2 --spacing 0.1")
     space = cspace.open("rooms.zarr")  # named after the workspace
     free, mixed, blocked = space.count()
@@ -118,15 +117,8 @@ def test_map_writes_and_describes_a_map(room: Path) -> None:
     assert f"free {free}" in lines
 
 
-@pytest.mark.parametrize("robot", ["ball:0.1", "cube.obj"])
-def test_robots_may_be_texts_or_files(room: Path, robot: str) -> None:
-    printed = document("map rooms.3dmap -o new.zarr --outside free --robot", robot)
-    assert printed["shape"] == [25, 12, 8]
-    assert 0 < printed["cells"]["free"] < 2400
-
-
-def test_options_of_map_reach_the_build(room: Path) -> None:
-    def build(options: str) -> Any:
+def test_options_of_map_reach_the_build(room):
+    def build(options):
         printed = document(f"map floor.npy --robot disc:0.15 --spacing 0.1 -o m.zarr {options}")
         return printed, cspace.open("m.zarr")
 
@@ -139,14 +131,14 @@ def test_options_of_map_reach_the_build(room: Path) -> None:
     assert grown["cells"]["free"] < plain["cells"]["free"]
 
 
-def test_options_of_workspaces_reach_their_readers(room: Path) -> None:
+def test_options_of_workspaces_reach_their_readers(room):
     np.savetxt("sensor.pgm", np.full((4, 6), 205), "%d", header="P2\n6 4\n255", comments="")
     thresholds = "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
     Path("sensor.yaml").write_text(
         f"image: sensor.pgm\nresolution: 0.1\norigin: [0, 0, 0]\n{thresholds}"
     )
 
-    def count_free(workspace: str) -> int:
+    def count_free(workspace):
         command = f"map {workspace} --outside free --overwrite -o m.zarr"
         return int(document(command)["cells"]["free"])
 
@@ -162,7 +154,7 @@ def test_options_of_workspaces_reach_their_readers(room: Path) -> None:
     assert cspace.open("m.zarr").classify([0.5, 0.5, 0.5]) != cspace.BLOCKED
 
 
-def test_warnings_are_printed_in_one_line(room: Path) -> None:
+def test_warnings_are_printed_in_one_line(room):
     common = "map rooms.3dmap --robot open.obj -o m.zarr --overwrite"
     document(common, warning="solid='surface'")
     document(f"{common} --robot-solid surface")
@@ -172,7 +164,7 @@ def test_warnings_are_printed_in_one_line(room: Path) -> None:
 # ---- info ----------------------------------------------------------------------------------------
 
 
-def test_info_describes_maps(room: Path) -> None:
+def test_info_describes_maps(room):
     printed = document("info turning.zarr")
     states = cspace.open("turning.zarr").cell_states
     # The rotations of a centered rectangle share slices in pairs.
@@ -184,9 +176,7 @@ def test_info_describes_maps(room: Path) -> None:
     assert {"rotation cell 45°", "memory 1,200 bytes"} <= set(read_lines("info turning.zarr"))
 
 
-def test_info_describes_meshes_without_rasterizing_them(
-    room: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_info_describes_meshes_without_rasterizing_them(room, monkeypatch):
     monkeypatch.setattr("cspace.shapes.mesh.Mesh.cells", None)
     printed = document("info cube.obj")
     assert (printed["kind"], printed["extents_m"]) == ("workspace", [1.0] * 3)
@@ -199,7 +189,7 @@ def test_info_describes_meshes_without_rasterizing_them(
     assert "volume_m3" not in printed
 
 
-def test_info_describes_cells_points_and_robots(room: Path) -> None:
+def test_info_describes_cells_points_and_robots(room):
     occupied = int(np.load("rooms.npy").sum())
     printed = document("info rooms.npy --spacing 0.5")
     assert printed["cells"] == {"occupied": occupied, "free": 2400 - occupied, "total": 2400}
@@ -216,7 +206,7 @@ def test_info_describes_cells_points_and_robots(room: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def arm_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def arm_file(tmp_path_factory):
     """Write an arm with a revolute, a continuous and a prismatic joint."""
     pytest.importorskip("yourdfpy")
     bar = ((1.0, 0.1, 0.1), (0.5, 0, 0))
@@ -239,7 +229,7 @@ SRDF = """<robot name="small">
 </robot>"""
 
 
-def test_info_describes_arms(arm_file: Path, tmp_path: Path) -> None:
+def test_info_describes_arms(arm_file, tmp_path):
     (tmp_path / "arm.srdf").write_text(SRDF)
     printed = document("info", arm_file, "--srdf", tmp_path / "arm.srdf")
     limits = {"shoulder_rad": [-1.0, 2.0], "elbow": "continuous", "slide_out_m": [0.0, 0.3]}
@@ -254,7 +244,7 @@ def test_info_describes_arms(arm_file: Path, tmp_path: Path) -> None:
     assert "move against foot" in fixed.stderr and json.loads(fixed.stdout)["kind"] == "robot"
 
 
-def test_package_dirs_locate_meshes_of_ros_packages(tmp_path: Path) -> None:
+def test_package_dirs_locate_meshes_of_ros_packages(tmp_path):
     (tmp_path / "ws" / "arm").mkdir(parents=True)
     trimesh.creation.box((1, 2, 3)).export(tmp_path / "ws" / "arm" / "link.stl")
     urdf = tmp_path / "robot.urdf"
@@ -264,10 +254,8 @@ def test_package_dirs_locate_meshes_of_ros_packages(tmp_path: Path) -> None:
     assert document("info", urdf, *folders)["extents_m"] == pytest.approx([1.0, 2.0, 3.0])
 
 
-def test_view_passes_marks_and_path_of_an_arm(
-    arm_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    seen: dict[str, Any] = {}
+def test_view_passes_marks_and_path_of_an_arm(arm_file, tmp_path, monkeypatch):
+    seen = {}
     monkeypatch.setattr(cspace.ArmSpace, "view", lambda _, **options: seen.update(options))
     path = tmp_path / "path.csv"
     path.write_text("shoulder,elbow,slide_out\n0,0,0\n0.5,1,0.1\n")
@@ -280,7 +268,7 @@ def test_view_passes_marks_and_path_of_an_arm(
 # ---- plan ----------------------------------------------------------------------------------------
 
 
-def test_plans_of_joints_have_the_units_of_their_axes(tmp_path: Path) -> None:
+def test_plans_of_joints_have_the_units_of_their_axes(tmp_path):
     pytest.importorskip("yourdfpy")
     bar = ((1.0, 0.1, 0.1), (0.5, 0, 0))
     links = [urdfs.link(name, bar) for name in ("foot", "upper", "fore")]
@@ -301,11 +289,11 @@ def test_plans_of_joints_have_the_units_of_their_axes(tmp_path: Path) -> None:
 
 
 @pytest.fixture
-def drawn(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
+def drawn(monkeypatch):
     """Collect the options of each picture instead of drawing it."""
-    drawn: list[dict[str, Any]] = []
+    drawn = []
 
-    def save(space: Any, file: Path, overwrite: bool = False, **options: Any) -> None:
+    def save(space, file, overwrite=False, **options):
         drawn.append({"file": str(file), **options})
 
     monkeypatch.setattr("cspace.plot.save_plot", save)
@@ -313,7 +301,7 @@ def drawn(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
 
 
 @pytest.mark.parametrize("name", ENDPOINTS)
-def test_plan_writes_a_path_that_plot_draws(room: Path, name: str, drawn: Any) -> None:
+def test_plan_writes_a_path_that_plot_draws(room, name, drawn):
     files = "-o path.csv -o path.json --picture path.png"
     printed = document(f"plan {name}.zarr {ENDPOINTS[name]} --seed 1 --time-limit 5 {files}")
     assert printed["solved"] and printed["certified"]
@@ -331,7 +319,7 @@ def test_plan_writes_a_path_that_plot_draws(room: Path, name: str, drawn: Any) -
         np.testing.assert_array_equal(drawn[number]["path"], path)
 
 
-def test_plan_reports_that_no_path_exists(room: Path, drawn: Any) -> None:
+def test_plan_reports_that_no_path_exists(room, drawn):
     files = "-o p.csv --picture p.png"
     result = run(f"plan plane.zarr --start 0.35,0.65 {IN_CUPBOARD} {files} --json")
     assert result.exit_code == 1
@@ -342,7 +330,7 @@ def test_plan_reports_that_no_path_exists(room: Path, drawn: Any) -> None:
     assert tuple(drawn[0]["path"].goal) == (2.35, 0.15)
 
 
-def test_plan_suggests_options_if_time_runs_out(room: Path) -> None:
+def test_plan_suggests_options_if_time_runs_out(room):
     limit = "--time-limit 1e-9 --planner RRTstar --animate p.gif"
     result = run(f"plan turning.zarr {ENDPOINTS['turning']} {limit}")
     assert (result.exit_code, result.stderr.count("\n")) == (1, 1)
@@ -350,10 +338,10 @@ def test_plan_suggests_options_if_time_runs_out(room: Path) -> None:
     assert not Path("p.gif").exists()
 
 
-def test_plan_passes_options_to_the_planner(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    seen: dict[str, Any] = {}
+def test_plan_passes_options_to_the_planner(room, monkeypatch):
+    seen = {}
 
-    def plan(_: Any, start: Any, goal: Any, **options: Any) -> None:
+    def plan(_, start, goal, **options):
         seen.update(options, start=start, goal=goal)
         raise InputError("enough")
 
@@ -376,9 +364,7 @@ def test_plan_passes_options_to_the_planner(room: Path, monkeypatch: pytest.Monk
     }
 
 
-def test_paths_of_cars_are_written_animated_and_drawn(
-    room: Path, drawn: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_paths_of_cars_are_written_animated_and_drawn(room, drawn, monkeypatch):
     monkeypatch.setattr("cspace.plot.animate", partial(animate, seconds=0.2))
     car = "--drive reeds-shepp --turning-radius 0.2 --seed 1 --time-limit 5"
     ends = "--start 0.35,0.55,0 --goal 0.95,0.6,0.1"
@@ -408,14 +394,12 @@ def test_paths_of_cars_are_written_animated_and_drawn(
         ("space.zarr --view 3d --cut 0.5 --dpi 60", {"view": "3d", "cut": 0.5, "dpi": 60.0}),
     ],
 )
-def test_plot_passes_options_to_the_picture(
-    room: Path, drawn: Any, command: str, options: dict[str, Any]
-) -> None:
+def test_plot_passes_options_to_the_picture(room, drawn, command, options):
     document(f"plot {command} -o map.png")
     assert drawn == [{"file": "map.png", "dpi": 150.0, **options}]
 
 
-def test_export_writes_every_format(room: Path) -> None:
+def test_export_writes_every_format(room):
     for file in ("out.vti", "free.stl", "copy.zarr", "copy.npz"):
         assert document("export space.zarr", file)["output"] == file
     states = cspace.open("space.zarr").cell_states
@@ -428,9 +412,7 @@ def test_export_writes_every_format(room: Path) -> None:
     np.testing.assert_array_equal(~image.outer, is_free)
 
 
-def test_progress_lines_need_a_terminal(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_progress_lines_need_a_terminal(monkeypatch, capsys):
     with progress_line("working") as callback:
         assert callback is None
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
@@ -444,7 +426,7 @@ def test_progress_lines_need_a_terminal(
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
-def test_ctrl_c_ends_planning(room: Path) -> None:
+def test_ctrl_c_ends_planning(room):
     # A parent in the background may ignore SIGINT. The search would take a minute.
     code = """
 import os, signal, sys, threading, planners

@@ -80,7 +80,7 @@ REFUSED_COMMANDS = {
 
 
 @pytest.mark.parametrize("command", REFUSED_COMMANDS)
-def test_invalid_input_is_refused_in_one_line(command: str, room: Path) -> None:
+def test_invalid_input_is_refused_in_one_line(command, room):
     for name, text in FILES.items():
         Path(name).parent.mkdir(exist_ok=True)
         Path(name).write_text(text)
@@ -97,18 +97,14 @@ def test_invalid_input_is_refused_in_one_line(command: str, room: Path) -> None:
     "command",
     [f"{MAP} --rotations 0", f"{MAP} --bounds here", f"{MAP} -o plane.zarr", f"{PLAN} -o p.txt"],
 )
-def test_options_are_checked_before_any_work(
-    room: Path, monkeypatch: pytest.MonkeyPatch, command: str
-) -> None:
+def test_options_are_checked_before_any_work(room, monkeypatch, command):
     for function in ("opening.open_map", "workspace.Workspace.open"):
         monkeypatch.setattr(f"cspace.{function}", None)
     assert run(command).exit_code == 2
 
 
 @pytest.mark.parametrize("command", [MAP, f"{PLAN} -o path.csv", "demo", "demo -o new/demo"])
-def test_folders_without_permission_are_refused(
-    room: Path, monkeypatch: pytest.MonkeyPatch, command: str
-) -> None:
+def test_folders_without_permission_are_refused(room, monkeypatch, command):
     # os.access is patched, because the superuser may write everywhere.
     monkeypatch.setattr("os.access", lambda _, mode: not mode & os.W_OK)
     result = run(command)
@@ -124,10 +120,8 @@ def test_folders_without_permission_are_refused(
         (OSError("No space left on device"), 2, "cspace: No space left on device\n"),
     ],
 )
-def test_interruptions_and_system_errors_end_in_one_line(
-    room: Path, monkeypatch: pytest.MonkeyPatch, error: BaseException, code: int, message: str
-) -> None:
-    def fail(_: object) -> None:
+def test_interruptions_and_system_errors_end_in_one_line(room, monkeypatch, error, code, message):
+    def fail(_):
         raise error
 
     monkeypatch.setattr("cspace.opening.open_map", fail)
@@ -136,6 +130,6 @@ def test_interruptions_and_system_errors_end_in_one_line(
     assert result.stderr.startswith(message) and result.stderr.count("\n") == 1
 
 
-def test_defects_stay_visible(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_defects_stay_visible(room, monkeypatch):
     monkeypatch.setattr("cspace.opening.open_map", lambda _: 1 / 0)
     assert isinstance(run("info plane.zarr").exception, ZeroDivisionError)

@@ -18,9 +18,7 @@ UNITS = ("m", "m", "rad")
 
 
 @given(x=st.floats(-1e6, 1e6), degrees=st.floats(-1e6, 1e6), radians=st.floats(-6.28, 6.28))
-def test_configurations_have_metres_degrees_and_radians(
-    x: float, degrees: float, radians: float
-) -> None:
+def test_configurations_have_metres_degrees_and_radians(x, degrees, radians):
     assert parse_configuration(f"{x!r},-2", "start", AXES[:2], UNITS[:2]) == (x, -2.0)
     in_degrees = parse_configuration(f"0, {x!r}, {degrees!r}deg", "start", AXES, UNITS)
     assert in_degrees == (0.0, x, math.radians(degrees))
@@ -29,7 +27,7 @@ def test_configurations_have_metres_degrees_and_radians(
 
 
 @pytest.mark.parametrize("text", ["1", "1,2,3,4,", "a,b,1", ""])
-def test_invalid_configurations_are_refused_with_an_example(text: str) -> None:
+def test_invalid_configurations_are_refused_with_an_example(text):
     with pytest.raises(InputError, match="configurations are x,y,yaw, in metres, yaw an") as caught:
         parse_configuration(text, "start", AXES, UNITS)
     example = str(caught.value).rpartition("start=")[2]
@@ -43,18 +41,18 @@ def test_invalid_configurations_are_refused_with_an_example(text: str) -> None:
     ("deg", r"yaw has the yaw 'deg'.* write e\.g\. 90deg or 1\.57"),
     ("90 degrees", r"yaw has the yaw '90 degrees'.* write e\.g\. 90deg"),
 )
-def test_other_angles_are_refused(text: str, message: str) -> None:
+def test_other_angles_are_refused(text, message):
     with pytest.raises(InputError, match=message):
         parse_angle(text, "yaw", "yaw")
 
 
-def test_boxes_have_two_corners() -> None:
+def test_boxes_have_two_corners():
     assert parse_box("-1,0, 2,3", "bounds") == (-1.0, 0.0, 2.0, 3.0)
     assert parse_box("-1,0,0,2,3,1e1", "bounds") == (-1.0, 0.0, 0.0, 2.0, 3.0, 10.0)
 
 
 @pytest.mark.parametrize("text", ["here", "0,0,1", "0,0,0,1,1", "0,0,0,1,1,nan", "0,0,0,1,-1,1"])
-def test_other_boxes_are_refused(text: str) -> None:
+def test_other_boxes_are_refused(text):
     with pytest.raises(InputError, match="bounds"):
         parse_box(text, "bounds")
 
@@ -72,17 +70,17 @@ def test_other_boxes_are_refused(text: str) -> None:
         (CspaceError("a message with spacing=1 as a whole"), "a message with spacing=1 as a whole"),
     ],
 )
-def test_errors_name_options_instead_of_arguments(error: CspaceError, message: str) -> None:
+def test_errors_name_options_instead_of_arguments(error, message):
     assert format_error(error, {"solid": "--solid", "spacing": "--spacing"}).endswith(message)
 
 
-def test_the_list_of_commands_cuts_no_sentence() -> None:
+def test_the_list_of_commands_cuts_no_sentence():
     printed = flatten(run("--help").stdout)
     for name, command in COMMANDS.items():
         assert f"{name} {flatten(command.help).partition('. ')[0]}" in printed
 
 
-def test_a_bound_of_zero_is_printed_as_not_proven(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_bound_of_zero_is_printed_as_not_proven(capsys):
     show({"clearance_m": 0.0, "length_m": 0.0, "height_m": math.inf}, as_json=False)
     lines = capsys.readouterr().out.splitlines()
     assert lines == [

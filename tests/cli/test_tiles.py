@@ -1,7 +1,5 @@
 """Tiled maps on the command line."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -59,12 +57,3 @@ def test_the_same_command_resumes_an_interrupted_build(city, monkeypatch):
     assert "holds another map" in refused.stderr
     assert document(BUILD)["done_percent"] == 100.0
     assert document(f"{BUILD} --margin 0.2 --overwrite")["margin_m"] == 0.2
-
-
-def test_an_interruption_in_memory_leaves_no_map(city, monkeypatch):
-    def stop(*arguments, **options):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("cspace.builder.build", stop)
-    assert run("map city.npy --robot disc:0.2 --spacing 0.1 -o m.zarr").exit_code == 130
-    assert not Path("m.zarr").exists()

@@ -13,18 +13,6 @@ from tests.helpers.oracles import collide, overlaps_by_shifts
 from tests.helpers.strategies import seeds
 
 
-def check(occupied, rasters, outside):
-    """Check counts, hits and added hits against the sum."""
-    counts = collide(fft, occupied, rasters, outside, np.int32, workers=1)
-    hits = collide(fft, occupied, rasters, outside, workers=2)
-    marks = collide(fft, occupied, rasters, outside, np.uint8, add=True, workers=2)
-    for raster, count, hit, mark in zip(rasters, counts, hits, marks, strict=True):
-        expected = overlaps_by_shifts(occupied, raster, outside)
-        assert (count == expected).all()
-        assert (hit == (expected > 0)).all()
-        assert (mark == 7 + (expected > 0)).all()
-
-
 def box_sums(occupied, raster, outside):
     """Return the overlaps of a full raster by sums over boxes, in integers."""
     pads = [
@@ -36,24 +24,6 @@ def box_sums(occupied, raster, outside):
         first = pads[axis][0] + low + np.arange(occupied.shape[axis])
         sums = sums.take(first + side, axis) - sums.take(first, axis)
     return sums
-
-
-@settings(max_examples=20)
-@given(seeds)
-def test_correlation_is_exact_for_slabs_bars_and_boxes(seed):
-    """Fill some tiles with obstacles, or with none."""
-    rng = np.random.default_rng(seed)
-    occupied = np.zeros(rng.integers(30, 110, 3), dtype=bool)
-    for _ in range(rng.integers(1, 4)):
-        cuts = [
-            np.sort(rng.integers(0, n + 1, 2)) if rng.random() < 0.5 else (0, n)
-            for n in occupied.shape
-        ]
-        occupied[tuple(slice(*cut) for cut in cuts)] ^= True
-    cells = rng.random(rng.integers(1, 5, 3)) < 0.7
-    lower = rng.integers(-6, 3, 3)
-    raster = Raster.from_bitmap(cells, tuple(lower.tolist()))
-    check(occupied, [raster], bool(rng.integers(2)))
 
 
 @pytest.mark.parametrize(("sides", "precision"), [((70, 95), "float32"), ((250, 700), "float64")])

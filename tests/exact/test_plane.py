@@ -1,19 +1,14 @@
-"""Exact queries in the plane, against shapely."""
+"""Exact queries in the plane: cases solved by hand; tests/test_proofs.py draws cases."""
 
 import math
 
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 import cspace
-from cspace import BLOCKED, FREE, Robot, Workspace
-from cspace.shapes import Balls
-from tests.helpers.placements import ORACLE_BAND, draw_near_mixed, obstacles_of
-from tests.helpers.strategies import robots, seeds, stars
-from tests.soak.plane import move_points
+from cspace import Robot, Workspace
+from tests.helpers.placements import ORACLE_BAND
 
 SIDE = 0.6
 
@@ -23,130 +18,6 @@ def make_corridor(share):
     half = SIDE * share / 2
     blocks = [shapely.box(2, 0, 4, 2 - half), shapely.box(2, 2 + half, 4, 4)]
     return Workspace.from_polygons(blocks, SIDE / 5, (0, 0, 6, 4))
-
-
-def measure_distances(space, q, shape):
-    """Return distances from obstacles, negative for discs inside."""
-    q = np.asarray(q, dtype=float).reshape(-1, space.size)
-    if shape.is_empty:
-        return np.full(len(q), np.inf)
-    body = space.robot.shape
-    if isinstance(body, Balls):
-        centers = shapely.points(move_points(body.centers, q))
-        return (shapely.distance(centers, shape) - body.radii).min(axis=1)
-    robot = body.outline
-    where = move_points(shapely.get_coordinates(robot), q).reshape(-1, 2)
-    return shapely.distance(shapely.set_coordinates(np.array([robot] * len(q)), where), shape)
-
-
-def interpolate(q0, q1, n=1000):
-    """Interpolate between two configurations like OMPL."""
-    t = np.linspace(0.0, 1.0, n)[:, None]
-    step = np.asarray(q1, dtype=float) - q0
-    step[2:] = (step[2:] + np.pi) % (2 * np.pi) - np.pi
-    return q0 + t * step
-
-
-@st.composite
-def workspaces(draw):
-    """Draw grids, or polygons, lines and points."""
-    rng = np.random.default_rng(draw(seeds))
-    low = rng.uniform(-3, 3, 2)
-    if draw(st.booleans()):
-        return Workspace.from_array(
-            rng.random((24, 20)) < draw(st.sampled_from([0.0, 0.02, 0.1])), 0.2, low
-        )
-    shapes = [
-        shapely.Polygon(draw(stars(0.8)) + low + rng.uniform(0, 4, 2))
-        for _ in range(draw(st.integers(1, 4)))
-    ]
-    ring = shapely.Point(low + 2).buffer(1.6).difference(shapely.Point(low + 2).buffer(1.5))
-    walls = [
-        shapely.LineString(low + rng.uniform(-1, 5, (3, 2))),
-        shapely.Point(low + rng.uniform(0, 4, 2)),
-        ring,
-    ]
-    return Workspace.from_polygons([*shapes, walls[int(rng.integers(3))]], 0.2, (*low, *(low + 4)))
-
-
-@st.composite
-def spaces(draw):
-    """Draw maps of small worlds."""
-    return cspace.build(
-        draw(workspaces()),
-        draw(robots(draw(st.sampled_from([0.15, 0.4])))),
-        rotations=draw(st.sampled_from([None, 24])),
-        outside=draw(st.sampled_from(["blocked", "free"])),
-        margin=draw(st.sampled_from([0.0, 0.07])),
-        inner=draw(st.booleans()),
-    )
-
-
-# ---- against shapely -----------------------------------------------------------------------------
-
-
-@settings(max_examples=40)
-@given(spaces(), seeds)
-def test_points_agree_with_shapely(space, seed):
-    q = draw_near_mixed(space, np.random.default_rng(seed), 300)
-    shape = obstacles_of(space)
-    free = space.is_free(q, exact=True)
-    spare = measure_distances(space, q, shape) - space.margin
-    assert not (free & (spare <= 0.0)).any()
-    state = space.classify(q)
-    decided = (np.abs(spare) > ORACLE_BAND) & (state != BLOCKED)
-    np.testing.assert_array_equal(free[decided], spare[decided] > 0.0)
-    assert free[state == FREE].all() and not free[state == BLOCKED].any()
-
-
-@settings(max_examples=25)
-@given(spaces(), seeds, st.sampled_from([0.0, 0.2]), st.sampled_from([0.0, 0.3]))
-def test_obstacle_distance_is_a_sharp_lower_bound(space, seed, length, turn):
-    """Bound the pieces around several free configurations."""
-    rng = np.random.default_rng(seed)
-    q = draw_near_mixed(space, rng, 60)
-    q = q[space.is_free(q, exact=True)][:8]
-    if not len(q):
-        return
-    shape = obstacles_of(space)
-    at_centers = measure_distances(space, q, shape).min()
-    bound = space.obstacle_distance(q, length, turn)
-    assert bound <= at_centers
-    if length == turn == 0.0:
-        assert bound >= at_centers - 1e-6 or at_centers == np.inf
-    direction = rng.normal(size=(len(q), 40, 2))
-    direction *= 0.5 * length / np.linalg.norm(direction, axis=2, keepdims=True)
-    moved = np.repeat(q[:, None], 40, axis=1)
-    moved[..., :2] += direction
-    moved[..., 2:] += 0.5 * turn * rng.choice([-1.0, 1.0], moved[..., 2:].shape)
-    nearest = measure_distances(space, moved, shape).min()
-    assert bound <= nearest or nearest <= space.margin  # the bound is for free paths
-
-
-@settings(max_examples=14)
-@given(spaces(), seeds)
-def test_free_edges_never_collide(space, seed):
-    rng = np.random.default_rng(seed)
-    q0 = draw_near_mixed(space, rng, 60)
-    q1 = q0 + rng.normal(0.0, 0.3, q0.shape) * rng.choice([0.1, 1.0, 3.0], (60, 1))
-    q1[::5, 2:] = q0[::5, 2:]
-    q1[1::9, :2] = q0[1::9, :2]
-    free = space.motion_is_free(q0, q1, exact=True)
-    by_map = space.motion_is_free(q0, q1)
-    assert free[by_map].all()
-    shape = obstacles_of(space)
-    for first, last, proven in zip(q0, q1, free, strict=True):
-        smallest = (
-            measure_distances(space, interpolate(first, last, 1000 if proven else 60), shape).min()
-            - space.margin
-        )
-        if proven:
-            assert smallest > 0.0
-        else:  # the edge comes closer to an obstacle than 1 % of its length
-            assert smallest < 0.01 * (np.abs(last - first).sum() + 1.0) + ORACLE_BAND
-
-
-# ---- cases solved by hand ------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("turns", "yaw"), [(None, 0.0), (36, math.pi), (72, -4.0 * math.pi)])

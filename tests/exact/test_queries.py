@@ -90,26 +90,6 @@ def test_queries_refuse_shapes_that_depend_on_the_spacing():
         space.is_free([1.0, 1.0, 1.0], exact=True)
 
 
-def test_ztunnel_agrees_with_boxes(data):
-    """Test a real scene of boxes."""
-    folder = data / "solids" / "ZTunnel"
-    obstacles = trimesh.load(folder / "obstacles.obj", force="mesh", process=True)
-    boxes = np.array([part.bounds for part in obstacles.split(only_watertight=False)])
-    cube = trimesh.load(folder / "robot.obj", force="mesh").bounds
-    workspace = Workspace.from_mesh(folder / "obstacles.obj", 0.1)
-    space = cspace.build(workspace, Robot.from_mesh(folder / "robot.obj"))
-    rng = np.random.default_rng(0)
-    cells = np.argwhere(space.cell_states == cspace.MIXED)
-    q = space.grid.lower + 0.1 * (
-        cells[rng.integers(len(cells), size=2000)] + rng.random((2000, 3))
-    )
-    low = q[:, None] + cube[0]
-    high = q[:, None] + cube[1]
-    meets = ((low <= boxes[:, 1]) & (high >= boxes[:, 0])).all(axis=-1).any(axis=1)
-    walls = ((q + cube[0] <= space.grid.lower) | (q + cube[1] >= space.grid.upper)).any(axis=1)
-    np.testing.assert_array_equal(space.is_free(q, exact=True), ~(meets | walls))
-
-
 @pytest.mark.parametrize("dim", [2, 3])
 def test_obstacles_end_at_the_bounds_of_the_grid(dim):
     """Put a ball of the robot beyond a clipped obstacle."""
@@ -126,26 +106,3 @@ def test_obstacles_end_at_the_bounds_of_the_grid(dim):
     assert space.is_free(near, exact=True)
     assert not space.is_free(near + np.eye(dim)[0] * 0.03, exact=True)
     assert not cspace.build(workspace, robot, outside="blocked").is_free(near, exact=True)
-
-
-def test_the_obstacle_distance_of_pieces_bounds_every_configuration_in_them():
-    obstacles = [shapely.box(1.0, 1.0, 1.2, 2.0), shapely.Point(2.4, 1.1).buffer(0.3)]
-    workspace = Workspace.from_shapes(obstacles, 0.05, bounds=(0.0, 0.0, 3.0, 3.0))
-    space = cspace.build(workspace, Robot.rectangle(0.4, 0.1), rotations=16, margin=0.07)
-    rng = np.random.default_rng(4)
-    centers = np.asarray(space.sample_free(60, rng))
-    free_pieces = 0
-    for center in centers:
-        length, turn = rng.choice([0.0, 0.1, 0.4, 1.0], 2)
-        bound = space.obstacle_distance(center, length, turn)
-        free_pieces += bound > 0.0
-        for _ in range(30):
-            direction = rng.uniform(-np.pi, np.pi)
-            x, y = center[:2] + 0.5 * length * rng.uniform() * np.array(
-                [np.cos(direction), np.sin(direction)]
-            )
-            yaw = np.degrees(center[2] + 0.5 * turn * rng.uniform(-1.0, 1.0))
-            body = shapely.affinity.rotate(shapely.box(-0.2, -0.05, 0.2, 0.05), yaw, (0.0, 0.0))
-            placed = shapely.affinity.translate(body, x, y)
-            assert bound <= shapely.union_all(obstacles).distance(placed) + 1e-9
-    assert 10 < free_pieces < 60

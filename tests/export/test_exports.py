@@ -1,11 +1,9 @@
 """Exports: boundary meshes, VTK images, GeoTIFF, netCDF, ROS maps."""
 
 from collections import Counter
-from collections.abc import Callable
 from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,7 +18,7 @@ from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkIOXML import vtkXMLImageDataReader
 
 import cspace
-from cspace.errors import FileError, InputError
+from cspace.errors import InputError
 from cspace.export.boundaries import WRITERS, free_boundary
 from cspace.export.vti import write_vti
 from tests.helpers.maps import MAP_BUILDERS
@@ -34,13 +32,13 @@ STATES = hnp.arrays(
 ).filter(lambda state: bool((state == cspace.FREE).any()))
 
 
-def list_squares(state: Any) -> Counter[tuple[tuple[int, ...], tuple[int, ...]]]:
+def list_squares(state):
     """Return boundary squares by brute force, as twice their centers, and outward normals."""
     free = set(map(tuple, np.argwhere(state == cspace.FREE).tolist()))
     normals = [
         tuple(row) for row in np.vstack([np.eye(3, dtype=int), -np.eye(3, dtype=int)]).tolist()
     ]
-    squares: Counter[Any] = Counter()
+    squares = Counter()
     for cell, normal in product(free, normals):
         if tuple(np.add(cell, normal).tolist()) not in free:
             center = 2 * np.array(cell) + 1 + normal
@@ -50,7 +48,7 @@ def list_squares(state: Any) -> Counter[tuple[tuple[int, ...], tuple[int, ...]]]
 
 @given(state=STATES, spacing=st.sampled_from([0.1, 0.37, 2.0]), shift=st.floats(-50.0, 50.0))
 @settings(max_examples=60)
-def test_the_boundary_of_free_cells_is_closed(state: Any, spacing: float, shift: float) -> None:
+def test_the_boundary_of_free_cells_is_closed(state, spacing, shift):
     lower = (shift, -shift, 0.5)
     vertices, faces = free_boundary(state, cspace.Grid(lower, spacing, state.shape))
     indices = np.round((vertices - lower) / spacing)
@@ -71,7 +69,7 @@ def test_the_boundary_of_free_cells_is_closed(state: Any, spacing: float, shift:
 
 
 @pytest.fixture(scope="module")
-def ball() -> cspace.CSpace:
+def ball():
     """Build a map of a ball among voxels.
 
     No two FREE cells touch only in an edge.
@@ -84,7 +82,7 @@ def ball() -> cspace.CSpace:
 
 
 @pytest.mark.parametrize("suffix", WRITERS)
-def test_a_mesh_file_reads_back(tmp_path: Path, ball: cspace.CSpace, suffix: str) -> None:
+def test_a_mesh_file_reads_back(tmp_path, ball, suffix):
     path = tmp_path / f"free{suffix.upper()}"
     ball.export(path)
     mesh = trimesh.load_mesh(path)
@@ -103,7 +101,7 @@ def test_a_mesh_file_reads_back(tmp_path: Path, ball: cspace.CSpace, suffix: str
         np.testing.assert_allclose(rows["normal"], normals / 0.1**2, atol=1e-6)
 
 
-def test_an_stl_whose_coordinates_coincide_is_refused(tmp_path: Path) -> None:
+def test_an_stl_whose_coordinates_coincide_is_refused(tmp_path):
     state = np.zeros((2, 2, 2), np.uint8)
     for spacing in (1e-60, 1e60):
         vertices, faces = free_boundary(state, cspace.Grid((0.0,) * 3, spacing, state.shape))
@@ -113,7 +111,7 @@ def test_an_stl_whose_coordinates_coincide_is_refused(tmp_path: Path) -> None:
                 WRITERS[".stl"](file, vertices, faces)
 
 
-def build_full_map() -> cspace.CSpace:
+def build_full_map():
     """Build a map without FREE cells."""
     workspace = cspace.Workspace.from_array(np.ones((3, 3, 3), bool), 0.1)
     return cspace.build(workspace, cspace.Robot.ball(0.1))
@@ -129,12 +127,12 @@ def build_full_map() -> cspace.CSpace:
     (MAP_BUILDERS["turning"], ".npz", 1.0, "holds every slice"),
 )
 def test_export_refuses_unsuitable_maps(
-    tmp_path: Path,
-    make: Callable[[], cspace.CSpace],
-    suffix: str,
-    rotation: float | None,
-    message: str,
-) -> None:
+    tmp_path,
+    make,
+    suffix,
+    rotation,
+    message,
+):
     with pytest.raises(InputError, match=message):
         make().export(tmp_path / f"map{suffix}", rotation=rotation)
     assert not list(tmp_path.iterdir())
@@ -143,7 +141,7 @@ def test_export_refuses_unsuitable_maps(
 # ---- VTK images ----------------------------------------------------------------------------------
 
 
-def read_vti(path: Path) -> tuple[Any, dict[str, Any]]:
+def read_vti(path):
     """Read an image and its cell arrays, indexed [x, y, z], by VTK."""
     reader = vtkXMLImageDataReader()
     reader.SetFileName(str(path))
@@ -160,7 +158,7 @@ def read_vti(path: Path) -> tuple[Any, dict[str, Any]]:
 
 @given(data=st.data())
 @settings(max_examples=30)
-def test_vtk_reads_written_arrays_back(data: st.DataObject) -> None:
+def test_vtk_reads_written_arrays_back(data):
     dim = data.draw(st.integers(2, 3))
     shape = data.draw(st.tuples(*[st.integers(1, 9)] * dim))
     lower = data.draw(st.tuples(*[st.floats(-100.0, 100.0)] * dim))
@@ -183,7 +181,7 @@ def test_vtk_reads_written_arrays_back(data: st.DataObject) -> None:
 
 
 @pytest.mark.parametrize("name", MAP_BUILDERS)
-def test_vtk_reads_one_or_all_rotations(tmp_path: Path, name: str) -> None:
+def test_vtk_reads_one_or_all_rotations(tmp_path, name):
     space = MAP_BUILDERS[name]()
     dataset = space.to_xarray()
     space.export(tmp_path / "map.vti")
@@ -208,16 +206,14 @@ def test_vtk_reads_one_or_all_rotations(tmp_path: Path, name: str) -> None:
 # ---- ROS maps, GeoTIFF and netCDF, as GDAL reads them --------------------------------------------
 
 
-def list_centers(space: cspace.CSpace) -> Any:
+def list_centers(space):
     """Return cell centers, shape (ny, nx, 2), from the top down."""
     x, y = (space.grid.centers(axis) for axis in range(2))
     return np.stack(np.meshgrid(x, y[::-1]), axis=-1)
 
 
 @pytest.mark.parametrize(("name", "rotation"), [("plane", None), ("grid", None), ("turning", 1.0)])
-def test_a_geotiff_and_a_ros_map_place_every_cell(
-    tmp_path: Path, name: str, rotation: float | None
-) -> None:
+def test_a_geotiff_and_a_ros_map_place_every_cell(tmp_path, name, rotation):
     space = MAP_BUILDERS[name]()
     states = space.cell_states if rotation is None else space.states_at(rotation)
     space.export(tmp_path / "map.tif", rotation=rotation)
@@ -240,7 +236,7 @@ def test_a_geotiff_and_a_ros_map_place_every_cell(
 
 @pytest.mark.parametrize("name", ["plane", "turning"])
 @pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
-def test_netcdf_places_a_plane_map(tmp_path: Path, name: str) -> None:
+def test_netcdf_places_a_plane_map(tmp_path, name):
     space = MAP_BUILDERS[name]()
     space.export(tmp_path / "map.nc")
     opened = rioxarray.open_rasterio(tmp_path / "map.nc", variable="cell_states")
@@ -252,9 +248,7 @@ def test_netcdf_places_a_plane_map(tmp_path: Path, name: str) -> None:
     np.testing.assert_array_equal(image["cell_states"].values, states)
 
 
-def test_netcdf_holds_maps_in_space_and_single_rotations(
-    tmp_path: Path, ball: cspace.CSpace
-) -> None:
+def test_netcdf_holds_maps_in_space_and_single_rotations(tmp_path, ball):
     ball.export(tmp_path / "ball.nc")
     with xarray.open_dataset(tmp_path / "ball.nc") as dataset:
         assert dataset["x"].attrs["units"] == "m"
@@ -271,7 +265,7 @@ def test_netcdf_holds_maps_in_space_and_single_rotations(
         assert abs(float(dataset["yaw"]) - 1.0) <= float(dataset["covering_angle"])
 
 
-def test_without_xarray_netcdf_names_the_extra_and_writes_nothing(tmp_path: Path) -> None:
+def test_without_xarray_netcdf_names_the_extra_and_writes_nothing(tmp_path):
     code = f"""
 import numpy, cspace
 workspace = cspace.Workspace.from_array(numpy.eye(9, dtype=bool), 0.1)
@@ -282,17 +276,3 @@ except cspace.MissingPackageError as error:
 """
     assert 'pip install "cspace[xarray]"' in output_without("xarray", code)
     assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize("suffix", [".vti", ".yaml", ".stl", ".tif", ".nc"])
-def test_an_existing_export_is_kept_without_overwrite(
-    tmp_path: Path, ball: cspace.CSpace, suffix: str
-) -> None:
-    space = MAP_BUILDERS["grid"]() if suffix in (".yaml", ".tif") else ball
-    path = tmp_path / f"map{suffix}"
-    path.write_text("years of work")
-    with pytest.raises(FileError, match="overwrite=True"):
-        space.export(path)
-    assert path.read_text() == "years of work"
-    space.export(path, overwrite=True)
-    assert path.read_bytes() != b"years of work"

@@ -1,7 +1,6 @@
 """Outputs, complete or absent."""
 
 import os
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -10,12 +9,12 @@ from cspace.errors import FileError, InputError
 from cspace.files.access import replacing
 
 
-def write(path: Path, text: str, *, overwrite: bool = False) -> None:
+def write(path, text, *, overwrite=False):
     with replacing(path, overwrite) as temporary:
         temporary.write_text(text)
 
 
-def write_folder(path: Path, text: str, *, overwrite: bool = False) -> None:
+def write_folder(path, text, *, overwrite=False):
     with replacing(path, overwrite, folder=lambda old: (old / "text").exists()) as temporary:
         temporary.mkdir()
         (temporary / "text").write_text(text)
@@ -24,19 +23,17 @@ def write_folder(path: Path, text: str, *, overwrite: bool = False) -> None:
 WRITERS = pytest.mark.parametrize("writer", [write, write_folder])
 
 
-def list_names(folder: Path) -> list[str]:
+def list_names(folder):
     return sorted(entry.name for entry in folder.iterdir())
 
 
-def read(path: Path) -> str:
+def read(path):
     """Return the text of a file, or of the file in a folder."""
     return (path / "text" if path.is_dir() else path).read_text()
 
 
 @WRITERS
-def test_an_existing_output_is_kept_without_overwrite(
-    tmp_path: Path, writer: Callable[..., None]
-) -> None:
+def test_an_existing_output_is_kept_without_overwrite(tmp_path, writer):
     path = tmp_path / "out.npz"
     writer(path, "old")
     with pytest.raises(FileError, match=r"npz: exists; existing outputs are kept .*overwrite=True"):
@@ -50,14 +47,14 @@ def test_an_existing_output_is_kept_without_overwrite(
 @WRITERS
 @pytest.mark.parametrize("stop", [KeyboardInterrupt, ValueError])
 def test_an_interruption_leaves_the_old_output(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    writer: Callable[..., None],
-    stop: type[BaseException],
-) -> None:
+    tmp_path,
+    monkeypatch,
+    writer,
+    stop,
+):
     writer(tmp_path / "out", "old")
 
-    def interrupt(path: Path, *_: object) -> None:
+    def interrupt(path, *_):
         assert path.exists() or path.parent.exists()
         raise stop
 
@@ -69,7 +66,7 @@ def test_an_interruption_leaves_the_old_output(
     assert read(tmp_path / "out") == "old"
 
 
-def test_an_existing_target_is_refused_before_and_after_the_work(tmp_path: Path) -> None:
+def test_an_existing_target_is_refused_before_and_after_the_work(tmp_path):
     with pytest.raises(FileError, match="exists"), replacing(tmp_path / "out") as temporary:
         assert (temporary.parent, temporary.suffix) == (tmp_path, "")
         temporary.write_text("mine")
@@ -83,19 +80,19 @@ def test_an_existing_target_is_refused_before_and_after_the_work(tmp_path: Path)
 @pytest.mark.parametrize(("failing", "remaining"), [(1, "old"), (2, "old"), (3, "new")])
 @pytest.mark.parametrize("stop", [OSError("no"), KeyboardInterrupt()])
 def test_a_failed_rename_leaves_the_old_or_the_new_folder(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    failing: int,
-    remaining: str,
-    stop: BaseException,
-) -> None:
+    tmp_path,
+    monkeypatch,
+    failing,
+    remaining,
+    stop,
+):
     """Interrupt both renames, and the moment after."""
     path = tmp_path / "map"
     write_folder(path, "old")
     rename = os.rename
     calls = 0
 
-    def stub(source: Path, target: Path) -> None:
+    def stub(source, target):
         nonlocal calls
         calls += 1
         if calls == failing:
@@ -123,9 +120,7 @@ def test_a_failed_rename_leaves_the_old_or_the_new_folder(
         (write, "nowhere/out", r"nowhere is not a folder; .*create it first"),
     ],
 )
-def test_only_an_earlier_output_is_replaced(
-    tmp_path: Path, writer: Callable[..., None], name: str, message: str
-) -> None:
+def test_only_an_earlier_output_is_replaced(tmp_path, writer, name, message):
     (tmp_path / "home").mkdir()
     (tmp_path / "home" / "thesis.tex").write_text("years")
     (tmp_path / "file").write_text("old")
@@ -137,7 +132,7 @@ def test_only_an_earlier_output_is_replaced(
     assert read(tmp_path / "file") == "old"
 
 
-def test_empty_folders_are_replaced_and_links_followed(tmp_path: Path) -> None:
+def test_empty_folders_are_replaced_and_links_followed(tmp_path):
     (tmp_path / "map").mkdir()
     write_folder(tmp_path / "map", "new", overwrite=True)
     assert list_names(tmp_path / "map") == ["text"]
@@ -149,7 +144,7 @@ def test_empty_folders_are_replaced_and_links_followed(tmp_path: Path) -> None:
     assert (tmp_path / "out").stat().st_mode == (tmp_path / "plain").stat().st_mode
 
 
-def test_errors_of_the_system_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_errors_of_the_system_are_named(tmp_path, monkeypatch):
     path = tmp_path / "out"
     with pytest.raises(FileError, match="out: cannot be written: No space"), replacing(path):
         raise OSError(28, "No space left on device")
@@ -164,9 +159,7 @@ def test_errors_of_the_system_are_named(tmp_path: Path, monkeypatch: pytest.Monk
 
 
 @pytest.mark.parametrize("path", ["x" * 400, "nul\0byte", "", None])
-def test_impossible_names_are_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, path: object
-) -> None:
+def test_impossible_names_are_refused(tmp_path, monkeypatch, path):
     monkeypatch.chdir(tmp_path)
     with pytest.raises((FileError, InputError)):
         write(path, "new")  # type: ignore[arg-type]

@@ -6,8 +6,6 @@ import subprocess
 import sys
 import tracemalloc
 from collections import Counter
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -27,29 +25,26 @@ from tests.soak import files as soak
 
 
 @pytest.fixture(scope="module")
-def families(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    files: dict[str, Path] = soak.write_families(tmp_path_factory.mktemp("families"))
-    return files
+def families(tmp_path_factory):
+    return soak.write_families(tmp_path_factory.mktemp("families"))
 
 
-def check_refused(path: Path, message: str, **options: Any) -> None:
+def check_refused(path, message, **options):
     """Fail unless a file is refused in one line."""
     with pytest.raises(CspaceError, match=message) as caught:
         Workspace.open(path, **options)
     assert "\n" not in str(caught.value)
 
 
-def test_every_family_opens_and_its_mutants_open_or_are_refused(families: dict[str, Path]) -> None:
-    outcomes: Counter[str] = Counter()
+def test_every_family_opens_and_its_mutants_open_or_are_refused(families):
+    outcomes = Counter()
     for name, path in families.items():
         assert soak.attempt(path) == "opened", name
         outcomes += soak.count_outcomes(7, families, name, 0, 12)
     assert set(outcomes) == {"opened", "refused"}
 
 
-def test_cut_files_are_refused_if_their_format_says_where_they_end(
-    families: dict[str, Path],
-) -> None:
+def test_cut_files_are_refused_if_their_format_says_where_they_end(families):
     assert soak.open_cut_files(families, 8) == []
 
 
@@ -76,9 +71,7 @@ print(sorted(seen))
 """
 
 
-def test_opening_starts_no_process_and_writes_sends_and_imports_nothing(
-    families: dict[str, Path],
-) -> None:
+def test_opening_starts_no_process_and_writes_sends_and_imports_nothing(families):
     folder = next(iter(families.values())).parent
     code = [sys.executable, "-c", AUDITED, str(folder)]
     done = subprocess.run(code, capture_output=True, text=True, check=True, timeout=300)
@@ -91,13 +84,12 @@ def test_opening_starts_no_process_and_writes_sends_and_imports_nothing(
 @refusals(
     "text, message",
     ("a: !!python/name:os foo", "tag in line 1"),
-    ("a: ! 0", "tag in line 1"),
     ("a: " + "[" * 65, "more than 64 levels"),
     ("1: 2", "key '1'"),
     ("a: 0\na: 1", "is repeated"),
     ("--- 1\n--- 2\n", "holds 2 documents"),
 )
-def test_yaml_holds_plain_values(tmp_path: Path, text: str, message: str) -> None:
+def test_yaml_holds_plain_values(tmp_path, text, message):
     (tmp_path / "a.yaml").write_text(text)
     with pytest.raises(FileError, match=message):
         read_yaml(tmp_path / "a.yaml", "file")
@@ -120,12 +112,12 @@ DOCUMENTS = st.recursive(
 
 @settings(max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(document=DOCUMENTS)
-def test_read_yaml_agrees_with_the_json_parser(tmp_path: Path, document: object) -> None:
+def test_read_yaml_agrees_with_the_json_parser(tmp_path, document):
     (tmp_path / "a.yaml").write_text(json.dumps(document), encoding="utf-8")
     assert read_yaml(tmp_path / "a.yaml", "file") == document
 
 
-def test_yaml_words_are_plain_values(tmp_path: Path) -> None:
+def test_yaml_words_are_plain_values(tmp_path):
     words = {
         "": None,
         "yes": True,
@@ -155,9 +147,42 @@ def test_yaml_words_are_plain_values(tmp_path: Path) -> None:
     ('<!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>', "declares an XML entity"),
     ("<a>" * 257 + "</a>" * 257, "more than 256 nested elements"),
 )
-def test_xml_is_refused_by_its_entities_and_its_depth(text: str, message: str) -> None:
+def test_xml_is_refused_by_its_entities_and_its_depth(text, message):
     with pytest.raises(ContentError, match=message):
         parse_xml(text.encode())
+
+
+def list_places(value):
+    """Return the keys that lead to each value within nested tables and lists."""
+    items = value.items() if isinstance(value, dict) else enumerate(value)
+    places = []
+    for key, part in items:
+        inner = list_places(part) if isinstance(part, dict | list) else []
+        places += [[key], *([key, *rest] for rest in inner)]
+    return places
+
+
+@pytest.mark.parametrize("name", ["scene.yaml", "request.yaml"])
+def test_every_field_of_a_moveit_message_is_checked(tmp_path, families, name):
+    """Write a table with an unknown field in place of each value."""
+    content = json.loads(families[name].read_text())
+    if name == "scene.yaml":
+        content["world"]["collision_objects"][0] |= {"planes": [], "subframe_names": []}
+    else:
+        content["start_state"]["attached_collision_objects"] = []
+        content["path_constraints"] = {}
+    path = tmp_path / name
+    opened = []
+    for *place, last in list_places(content):
+        message = json.loads(json.dumps(content))
+        parent = message
+        for key in place:
+            parent = parent[key]
+        parent[last] = {"unknown": 1}
+        path.write_text(json.dumps(message))
+        if soak.attempt(path) != "refused":
+            opened.append(last)
+    assert set(opened) <= {"weight"}
 
 
 @pytest.mark.parametrize("levels", [65, 200_000])
@@ -165,9 +190,7 @@ def test_xml_is_refused_by_its_entities_and_its_depth(text: str, message: str) -
     ("name", "opening"),
     [("a.wkt", "GEOMETRYCOLLECTION ("), ("a.json", '{"a": '), ("a.json", "[")],
 )
-def test_deep_nesting_is_refused_before_recursion(
-    tmp_path: Path, name: str, opening: str, levels: int
-) -> None:
+def test_deep_nesting_is_refused_before_recursion(tmp_path, name, opening, levels):
     (tmp_path / name).write_text(opening * levels)
     check_refused(tmp_path / name, "nested brackets", spacing=0.1)
 
@@ -186,17 +209,9 @@ FAR_LEAVES = b"\x03\xc0" + b"\x03\0" * 14 + b"\2\0" + b"\0\xc0" * 14 + b"\0\x80"
         b"# Octomap OcTree binary file\nid OcTree\nsize 33\nres 0.1\ndata\n" + FAR_LEAVES,
         "65536 x 65536 x 65536 cells",
     ),
-    (
-        "a.pcd",
-        b"FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 999999999\nHEIGHT 1\nDATA binary\n"
-        + bytes(64),
-        "malformed or truncated",
-    ),
     ("a.pcd", b"VERSION .7\n" + b"\n" * 5_000_000, "lacks FIELDS"),
 )
-def test_unbelievable_declarations_are_refused(
-    tmp_path: Path, name: str, content: bytes, message: str
-) -> None:
+def test_unbelievable_declarations_are_refused(tmp_path, name, content, message):
     (tmp_path / name).write_bytes(content)
     options = {} if name == "a.bt" else {"spacing": 0.1}
     check_refused(tmp_path / name, message, **options)
@@ -207,15 +222,13 @@ def test_unbelievable_declarations_are_refused(
     ("a.obj", 2**36, "68.7 GB; at most 4.29 GB"),
     ("a.yaml", 15_000_000, "15 MB; at most 4.19 MB .*max_description_bytes=15000000"),
 )
-def test_large_files_are_refused_by_the_limit_of_their_kind(
-    tmp_path: Path, name: str, size: int, message: str
-) -> None:
+def test_large_files_are_refused_by_the_limit_of_their_kind(tmp_path, name, size, message):
     (tmp_path / name).touch()
     os.truncate(tmp_path / name, size)
     check_refused(tmp_path / name, message, **({} if name == "a.yaml" else {"spacing": 0.1}))
 
 
-def test_limits_can_be_lowered_and_raised(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_limits_can_be_lowered_and_raised(tmp_path, monkeypatch):
     path = tmp_path / "a.3dmap"
     path.write_text("voxel 9 9 9\n")
     with raised_limits(max_cells=728):
@@ -236,7 +249,7 @@ def test_limits_can_be_lowered_and_raised(tmp_path: Path, monkeypatch: pytest.Mo
 
 
 @pytest.mark.parametrize("name", ["text.stl", "shapes.wkt", "box.obj"])
-def test_long_runs_are_read_in_linear_time(families: dict[str, Path], name: str) -> None:
+def test_long_runs_are_read_in_linear_time(families, name):
     """A quadratic algorithm would take many minutes."""
     path = families[name]
     content = path.read_text()
@@ -247,7 +260,7 @@ def test_long_runs_are_read_in_linear_time(families: dict[str, Path], name: str)
     path.write_text(content)
 
 
-def nest_nodes(depth: int, repeats: int, shown: str) -> str:
+def nest_nodes(depth, repeats, shown):
     """Return a COLLADA library of nodes, each of which places the next one several times."""
     nodes = [
         f"<node id='n{level}'>" + repeats * f"<instance_node url='#n{level + 1}'/>" + "</node>"
@@ -256,7 +269,7 @@ def nest_nodes(depth: int, repeats: int, shown: str) -> str:
     return f"<library_nodes>{''.join(nodes)}<node id='n{depth}'>{shown}</node></library_nodes>"
 
 
-def test_nested_and_repeated_meshes_are_limited(tmp_path: Path, families: dict[str, Path]) -> None:
+def test_nested_and_repeated_meshes_are_limited(tmp_path, families):
     text = families["box.dae"].read_text()
     shown = '<instance_geometry url="#g"/>'
     scenes = "<library_visual_scenes>"
@@ -281,15 +294,13 @@ def test_nested_and_repeated_meshes_are_limited(tmp_path: Path, families: dict[s
 SQUARE = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]
 
 
-def write_face(path: Path, vertices: list[tuple[int, int, int]], corners: list[int]) -> Path:
+def write_face(path, vertices, corners):
     """Write an OBJ file of one face."""
     path.write_text(lines("v", vertices) + lines("f", [np.add(corners, 1)]))
     return path
 
 
-def test_a_face_of_many_corners_takes_linear_time_and_memory(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_face_of_many_corners_takes_linear_time_and_memory(tmp_path, monkeypatch):
     path = tmp_path / "a.obj"
     write_face(path, SQUARE, [0, 1, 2, 3] * 15_000)
     check_refused(path, "repeat only", spacing=0.1)
@@ -304,7 +315,7 @@ def test_a_face_of_many_corners_takes_linear_time_and_memory(
     assert peak < 20_000_000
     vertices = [*SQUARE * 400, *SQUARE[::-1] * 200]
     write_face(path, vertices, [*range(len(vertices))])
-    sizes: list[int] = []
+    sizes = []
     cross = np.cross
     monkeypatch.setattr(np, "cross", lambda a, b: sizes.append(a.size) or cross(a, b))
     check_refused(path, "none of the tried corners sees it whole", spacing=0.1)
@@ -314,7 +325,7 @@ def test_a_face_of_many_corners_takes_linear_time_and_memory(
 # ---- files that start or load something ----------------------------------------------------------
 
 
-def test_images_are_recognised_by_content(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_images_are_recognised_by_content(tmp_path, monkeypatch):
     monkeypatch.setattr("subprocess.Popen", None)
     (tmp_path / "a.png").write_bytes(
         b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n" + bytes(99)
@@ -323,7 +334,7 @@ def test_images_are_recognised_by_content(tmp_path: Path, monkeypatch: pytest.Mo
 
 
 @pytest.mark.parametrize("uri", ["/etc/passwd", "%2e%2e/secret.bin", "link.bin"])
-def test_gltf_reads_no_file_outside_its_folder(tmp_path: Path, uri: str) -> None:
+def test_gltf_reads_no_file_outside_its_folder(tmp_path, uri):
     inner = tmp_path / "inner"
     inner.mkdir()
     (tmp_path / "secret.bin").write_bytes(bytes(1000))

@@ -2,8 +2,6 @@
 
 import tracemalloc
 from contextlib import suppress
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -22,17 +20,9 @@ PIXELS = np.array([[0, 255, 255], [0, 100, 200]], dtype=np.uint8)
 
 
 @pytest.fixture
-def image(tmp_path: Path) -> Path:
+def image(tmp_path):
     Image.fromarray(PIXELS).save(tmp_path / "map.png")
     return tmp_path / "map.png"
-
-
-def test_first_row_is_the_top(image: Path) -> None:
-    workspace = Workspace.from_image(image, 0.1, lower=(2.0, 3.0))
-    assert workspace.grid == Grid((2.0, 3.0), 0.1, (3, 2))
-    assert workspace.outer.tolist() == [[True, True], [True, False], [False, False]]
-    assert workspace.inner is workspace.outer
-    assert workspace.source == str(image)
 
 
 FORMATS = [
@@ -42,7 +32,7 @@ FORMATS = [
 ]
 
 
-def draw_image(mode: str, rng: np.random.Generator) -> Image.Image:
+def draw_image(mode, rng):
     """Draw an image of few pixels; some are not opaque."""
     height, width = rng.integers(1, 20, 2)
     if mode == "I;16":
@@ -60,19 +50,21 @@ def draw_image(mode: str, rng: np.random.Generator) -> Image.Image:
     seed=seeds,
 )
 def test_cells_agree_with_the_pixels_that_pillow_returns(
-    tmp_path_factory: pytest.TempPathFactory,
-    form: tuple[str, str],
-    threshold: float,
-    dark: str,
-    seed: int,
-) -> None:
+    tmp_path_factory,
+    form,
+    threshold,
+    dark,
+    seed,
+):
     mode, suffix = form
     path = tmp_path_factory.getbasetemp() / f"map{suffix}"
     drawn = draw_image(mode, np.random.default_rng(seed))
     drawn.save(path)
     width, height = drawn.size
     colours = drawn.convert("RGBA")
-    occupied = Workspace.from_image(path, 1.0, threshold=threshold, dark=dark).outer
+    workspace = Workspace.from_image(path, 0.1, lower=(2.0, 3.0), threshold=threshold, dark=dark)
+    assert workspace.grid == Grid((2.0, 3.0), 0.1, drawn.size)
+    occupied = workspace.outer
     for column, row in np.ndindex(width, height):
         *channels, alpha = colours.getpixel((column, row))
         shade = sum(channels) / 765
@@ -82,7 +74,7 @@ def test_cells_agree_with_the_pixels_that_pillow_returns(
         assert occupied[column, height - 1 - row] == expected
 
 
-def test_plain_text_jpeg_and_transparent_palettes_are_read(tmp_path: Path) -> None:
+def test_plain_text_jpeg_and_transparent_palettes_are_read(tmp_path):
     (tmp_path / "map.pgm").write_text("P2\n# comment\n3 1\n65535\n0 65535 13107\n")
     shades = read_shades(tmp_path / "map.pgm", "image")
     assert shades.levels[:, 0].tolist() == [0, 65535, 13107]
@@ -100,32 +92,19 @@ def test_plain_text_jpeg_and_transparent_palettes_are_read(tmp_path: Path) -> No
     ({"threshold": 0.0}, "threshold is 0.0"),
     ({"dark": "black"}, "dark is 'black'"),
 )
-def test_unusable_options_are_refused(image: Path, options: dict[str, Any], message: str) -> None:
+def test_unusable_options_are_refused(image, options, message):
     with pytest.raises(InputError, match=message):
         Workspace.from_image(image, **({"spacing": 1.0} | options))
 
 
-@pytest.mark.parametrize(
-    "content",
-    [
-        b"",
-        b"P5\n3 2\n255\n\x00",
-    ],
-)
-def test_damaged_images_are_refused(tmp_path: Path, content: bytes) -> None:
-    (tmp_path / "bad.pgm").write_bytes(content)
-    with pytest.raises(FileError, match=r"bad\.pgm: cannot be read as an image"):
-        Workspace.from_image(tmp_path / "bad.pgm", 1.0)
-
-
 @pytest.mark.parametrize(("mode", "pixel"), [("F", 0.5), ("I", 70000)])
-def test_pixels_of_an_unknown_kind_are_refused(tmp_path: Path, mode: str, pixel: float) -> None:
+def test_pixels_of_an_unknown_kind_are_refused(tmp_path, mode, pixel):
     Image.new(mode, (2, 1), pixel).save(tmp_path / "odd.tif")
     with pytest.raises(FileError, match=f"image mode '{mode}'"):
         Workspace.from_image(tmp_path / "odd.tif", 1.0)
 
 
-def test_a_chunk_that_claims_gigabytes_takes_little_memory(image: Path) -> None:
+def test_a_chunk_that_claims_gigabytes_takes_little_memory(image):
     content = bytearray(image.read_bytes())
     start = content.index(b"IDAT") - 4
     content[start : start + 4] = (2**31 - 1).to_bytes(4, "big")

@@ -79,8 +79,6 @@ def test_values_become_cells():
     assert (workspace.outer == ((values >= 25) | (values < 0)).T).all()
     assert (workspace.unknown == ((values < 0) | ((values >= 25) & (values < 65))).T).all()
     message.data = values.ravel().tolist()
-    free = Workspace.from_occupancy_grid(message, "free")
-    assert (free.outer == (values >= 65).T).all()
     free = Workspace.from_occupancy_grid(message, "free", free_thresh=0.995, occupied_thresh=1)
     assert (free.outer == (values == 100).T).all()
 
@@ -223,8 +221,6 @@ def test_an_unset_quaternion_is_no_rotation():
     "msg, options, message",
     (SimpleNamespace(info=SimpleNamespace(width=2), data=[]), {}, r"msg has no info\.height"),
     (change("info.width", 4), {}, r"msg\.data has shape \(6,\) .* width x height = 4 x 2"),
-    (change("data", [0.5] * 6), {}, r"msg\.data has shape .* type float64"),
-    (change("info.resolution", math.nan), {}, r"msg\.info\.resolution is nan"),
     (change("info.origin.position.x", math.inf), {}, r"msg\.info\.origin\.position\[0\] is inf"),
     (
         change("info.origin.orientation.x", 1.0),
@@ -246,7 +242,6 @@ def build_ball_map():
 
 @refusals(
     "call, message",
-    (lambda car: car.to_costmap(cost_scaling_factor=math.nan), "cost_scaling_factor is nan"),
     (lambda car: car.to_costmap(make_message([[0]])), r"msg has no header\.frame_id; .*nav2_msgs"),
     (lambda car: build_ball_map().to_costmap(), "the map is one in space; a costmap"),
 )

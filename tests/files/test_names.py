@@ -1,8 +1,6 @@
 """Names of files, and other files in place of the expected ones."""
 
 import os
-from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 
@@ -12,7 +10,7 @@ from cspace.files.access import suggest_file
 
 POINTER = "version https://git-lfs.github.com/spec/v1\noid sha256:" + 64 * "0" + "\nsize 12345\n"
 
-READERS: dict[str, Callable[[Path], object]] = {
+READERS = {
     "floor.yaml": Workspace.open,
     "Cells.NPY": lambda path: Workspace.open(path, spacing=0.1),
     "part.stl": Mesh.of,
@@ -22,9 +20,7 @@ READERS: dict[str, Callable[[Path], object]] = {
 
 
 @pytest.mark.parametrize("name", READERS)
-def test_a_pointer_of_git_lfs_is_refused_with_the_command_that_fetches_the_file(
-    tmp_path: Path, name: str
-) -> None:
+def test_a_pointer_of_git_lfs_is_refused_with_the_command_that_fetches_the_file(tmp_path, name):
     (tmp_path / name).write_text(POINTER)
     message = rf"{name}: is a git-lfs pointer; .* has not been fetched; run git lfs pull"
     with pytest.raises(FileError, match=message):
@@ -39,9 +35,7 @@ def test_a_pointer_of_git_lfs_is_refused_with_the_command_that_fetches_the_file(
         ("floor.zarr", "floo.zarr", cspace.open),
     ],
 )
-def test_the_error_names_the_nearest_file_of_the_folder(
-    tmp_path: Path, name: str, misspelt: str, read: Callable[[Path], object]
-) -> None:
+def test_the_error_names_the_nearest_file_of_the_folder(tmp_path, name, misspelt, read):
     for file in (name, "other.dat", f".{misspelt}", "notes.md"):
         (tmp_path / file).touch()
     with pytest.raises(CspaceError) as refused:
@@ -49,7 +43,7 @@ def test_the_error_names_the_nearest_file_of_the_folder(
     assert f"did you mean {tmp_path / name}?" in refused.value.hint
 
 
-def test_no_name_is_suggested_if_none_is_similar(tmp_path: Path) -> None:
+def test_no_name_is_suggested_if_none_is_similar(tmp_path):
     (tmp_path / "floor.yaml").touch()
     for missing in ("quite-another.stl", "no folder/floor.yaml", "x" * 5000):
         assert suggest_file(tmp_path / missing, "hint") == "hint"
@@ -57,7 +51,7 @@ def test_no_name_is_suggested_if_none_is_similar(tmp_path: Path) -> None:
         Workspace.open(tmp_path / "quite-another.yaml")
 
 
-def test_a_file_of_another_format_is_refused_with_its_converter(tmp_path: Path) -> None:
+def test_a_file_of_another_format_is_refused_with_its_converter(tmp_path):
     with pytest.raises(CspaceError) as refused:
         Mesh.of(tmp_path / "part.off")
     assert "trimesh" not in refused.value.hint  # it does not exist
@@ -66,7 +60,7 @@ def test_a_file_of_another_format_is_refused_with_its_converter(tmp_path: Path) 
         Mesh.of(tmp_path / "part.off")
 
 
-def test_folders_pipes_and_other_objects_are_refused(tmp_path: Path) -> None:
+def test_folders_pipes_and_other_objects_are_refused(tmp_path):
     (tmp_path / "folder.obj").mkdir()
     os.mkfifo(tmp_path / "pipe.obj")
     for name in ("folder.obj", "pipe.obj"):
@@ -74,4 +68,4 @@ def test_folders_pipes_and_other_objects_are_refused(tmp_path: Path) -> None:
             Workspace.open(tmp_path / name, spacing=0.1)
     for name in (None, 7, "nul\0byte"):
         with pytest.raises(InputError, match="must be a file name"):
-            Workspace.open(name, spacing=0.1)  # type: ignore[arg-type]
+            Workspace.open(name, spacing=0.1)

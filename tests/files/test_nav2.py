@@ -1,6 +1,5 @@
 """Robots from Nav2 parameters."""
 
-import numpy as np
 import pytest
 import shapely
 
@@ -79,18 +78,8 @@ def test_costmaps_that_differ_are_both_named(tmp_path):
     "table, error, message",
     ("{resolution: 0.05}", FileError, "neither footprint nor robot_radius"),
     ("{robot_radius: wide}", InputError, "local_costmap: robot_radius is 'wide'"),
-    ("{robot_radius: 0.2, footprint_padding: -0.1}", InputError, "footprint_padding is -0.1"),
     ('{footprint: "[[1, 1], [2, 2]]"}', GeometryError, "local_costmap: footprint is .* three"),
 )
 def test_bad_parameters_are_named(tmp_path, table, error, message):
     with pytest.raises(error, match=message):
         Robot.from_nav2(write_parameters(tmp_path, table, table))
-
-
-@pytest.mark.parametrize(
-    "footprint",
-    ["", "0.3", None, [[np.nan] * 2] * 3],
-)
-def test_invalid_footprints_are_refused(footprint):
-    with pytest.raises(GeometryError, match="at least three points"):
-        Robot.from_footprint(footprint)

@@ -119,9 +119,7 @@ def test_truncated_pcd_is_refused(tmp_path):
     "old, new, message",
     ("DATA binary", "DATA zip", "DATA 'zip'"),
     ("DATA binary", "DATA binary_compressed", "pcl_convert_pcd_ascii_binary in.pcd out.pcd 1"),
-    ("POINTS 4", "POINTS 6", "6 points in 4 x 1"),
     ("WIDTH 4\n", "WEITE 4\n", "line 7 is 'WEITE 4'"),
-    ("COUNT 1 1 3 1 1", "COUNT 999999999999 1 3 1 1", "malformed header"),
     ("TYPE U F U F F", "TYPE U F U F X", "types"),
 )
 def test_pcd_headers_are_checked(tmp_path, old, new, message):
@@ -143,7 +141,6 @@ def test_further_columns_and_comments_of_a_text_are_skipped(tmp_path):
     ("1 2 3\n\n1 2 3 4", "line 3 is '1 2 3 4'; it must hold 3 columns"),
     ("x y z\n1 2 3", "line 1 is 'x y z'; it must hold only numbers"),
     ("1,2,3\n4,,6", "line 2 is '4,,6'"),
-    ("1 2\n3 4", "has 2 columns"),
     ("1 2 3 \xff", "not text"),
 )
 def test_malformed_text_is_refused(tmp_path, text, message):
@@ -151,14 +148,6 @@ def test_malformed_text_is_refused(tmp_path, text, message):
 
 
 # NumPy arrays
-
-
-@pytest.mark.parametrize(
-    "array", [np.zeros((4, 2)), np.zeros((4, 3), bool), np.zeros((4, 3), complex)]
-)
-def test_npy_of_another_shape_or_type_is_refused(tmp_path, array):
-    np.save(tmp_path / "cloud.npy", array)
-    check_refused(tmp_path / "cloud.npy", "shape (n, 3)")
 
 
 NPY = make_npy(CLOUD, "")

@@ -152,25 +152,6 @@ def test_a_mesh_of_a_missing_package_is_guessed_with_a_warning(tmp_path, cell):
     assert measure_side(relative) == 3
 
 
-@refusals(
-    "value, message",
-    ([__file__], "each must be an existing folder"),
-    (3, "package_dirs is 3"),
-)
-def test_bad_package_dirs_are_refused(cell, value, message):
-    with pytest.raises(InputError, match=message):
-        Robot.from_urdf(cell, package_dirs=value)
-
-
-def test_urdf_files_of_other_projects_are_read(data):
-    hand = ["panda_hand", "panda_leftfinger", "panda_rightfinger"]
-    gripper = Robot.from_urdf(data / "arms" / "panda" / "panda.urdf", hand)
-    # The hand is 0.204 m wide, and its fingers end 0.112 m above its frame (measured in the meshes
-    # of the folder).
-    sides = np.ptp(gripper.shape.outer.bounds, axis=0)
-    assert sides.tolist() == pytest.approx([0.0632, 0.2045, 0.1381], abs=2e-3)
-
-
 def make_chain(count, kind="fixed", extra=""):
     """Return a chain of boxes, each turned by 0.01 against the one before."""
     box = '<collision><geometry><box size="0.5 0.4 0.3"/></geometry></collision>'
@@ -217,12 +198,10 @@ def make_link(geometry):
 
 @refusals(
     "body, error, message",
-    ("", FileError, "has no <link>"),
     ('<link name="l"/>', InputError, "no such link has collision geometry; add <collision>"),
     (LINKS, FileError, "without a parent: l, m"),
     (LINKS + LINKS, FileError, "more than one link 'l'"),
     (LINKS + FORTH.replace('"m"', '"n"'), FileError, "joins 'l' to 'n' by the joint 'j'"),
-    (LINKS + FORTH + FORTH.replace('"j"', '"k"'), FileError, "a link has one parent"),
     (LINKS + FORTH + BACK, FileError, "joins '[lm]' in a loop of joints"),
     (make_link("<cone/>"), FileError, "<cone> as the geometry .*; it must be one of box"),
     (
@@ -230,13 +209,7 @@ def make_link(geometry):
         FileError,
         "lacks the length of the cylinder of link 'l'",
     ),
-    (
-        make_link('<box size="1 2"/>'),
-        FileError,
-        "has size='1 2' at the box of link 'l'; it must be 3",
-    ),
     (make_link('<mesh filename="x.stl" scale="0 1 1"/>'), InputError, "no factor may be zero"),
-    ('<link name="l"', FileError, "is not XML"),
     ('<x:if xmlns:x="http://www.ros.org/wiki/xacro"/>' + LINKS, FileError, "xacro macros"),
 )
 def test_malformed_urdf_is_refused_in_one_line(tmp_path, body, error, message):
@@ -256,6 +229,3 @@ def test_unknown_links_and_other_files_are_refused(tmp_path):
     xacro = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'  # as xacro leaves it
     path.write_text(f'<robot name="r" {xacro}>{ball}<plugin/></robot>')
     assert Robot.from_urdf(path).shape.outer.bounds[1][0] == pytest.approx(1.0, rel=0.05)
-    path.write_text("<html/>")
-    with pytest.raises(FileError, match="holds <html>, not <robot>"):
-        Robot.from_urdf(path)

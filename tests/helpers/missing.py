@@ -19,7 +19,7 @@ import cspace
 """
 
 
-def output_without(package: str, code: str) -> str:
+def output_without(package, code):
     """Return the output of code that cannot import a package."""
     run = [sys.executable, "-c", HIDE.format(package=package) + code]
     # Code that other tests have compiled for their own classes could not be read without the

@@ -49,12 +49,6 @@ def square_distance_to_box(segment, box):
     return min(candidates)
 
 
-def is_beyond(segment, box, margin):
-    """Return True if one axis separates segment and box by more than a margin."""
-    sides = zip(*segment, box[:2], box[2:], strict=True)
-    return any(max(p, q) < low - margin or min(p, q) > high + margin for p, q, low, high in sides)
-
-
 def square_distance_to_segment(point, segment):
     (px, py), (qx, qy) = segment
     dx, dy = qx - px, qy - py
@@ -62,62 +56,6 @@ def square_distance_to_segment(point, segment):
     t = Fraction(0) if length == 0 else ((point[0] - px) * dx + (point[1] - py) * dy) / length
     t = min(max(t, Fraction(0)), Fraction(1))
     return (point[0] - px - t * dx) ** 2 + (point[1] - py - t * dy) ** 2
-
-
-def is_on_boundary(point, segments):
-    return any(segment_meets_block(start, end, point, point) for start, end in segments)
-
-
-def encloses(point, segments):
-    """Return the even-odd parity of a ray to the right."""
-    x, y = point
-    inside = False
-    for (px, py), (qx, qy) in segments:
-        if (py <= y) != (qy <= y) and px + (y - py) / (qy - py) * (qx - px) > x:
-            inside = not inside
-    return inside
-
-
-def ring_segments(vertices):
-    points = [exact(vertex) for vertex in vertices]
-    return list(zip(points, points[1:] + points[:1], strict=True))
-
-
-def polygon_outer_offsets(vertices, spacing, margins, reach):
-    """Return the outer offsets of a polygon for each margin.
-
-    These are the m with |m| <= reach whose box ``h (m + [-1, 1]^2)`` is within the margin of the
-    polygon.
-    """
-    segments, h = ring_segments(vertices), Fraction(spacing)
-    offsets_by_margin = [set() for _ in margins]
-    for m in product(range(-reach, reach + 1), repeat=2):
-        box = (h * (m[0] - 1), h * (m[1] - 1), h * (m[0] + 1), h * (m[1] + 1))
-        square = 0
-        if not encloses((h * m[0], h * m[1]), segments):
-            near = (
-                segment
-                for segment in segments
-                if not is_beyond(segment, box, max(map(Fraction, margins)))
-            )
-            square = min(
-                (square_distance_to_box(segment, box) for segment in near), default=math.inf
-            )
-        for offsets, margin in zip(offsets_by_margin, map(Fraction, margins), strict=True):
-            if square <= margin * margin:
-                offsets.add(m)
-    return offsets_by_margin
-
-
-def polygon_inner_offsets(vertices, spacing, reach):
-    """Return the m, |m| <= reach, whose point ``h m`` lies in a closed polygon."""
-    segments, h = ring_segments(vertices), Fraction(spacing)
-    points = {m: (h * m[0], h * m[1]) for m in product(range(-reach, reach + 1), repeat=2)}
-    return {
-        m
-        for m, point in points.items()
-        if is_on_boundary(point, segments) or encloses(point, segments)
-    }
 
 
 def raster_offsets(raster):

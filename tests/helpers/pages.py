@@ -1,30 +1,26 @@
 """Scene nodes of pages, and messages of browsers."""
 
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from cspace.view import Viewer
 
-
-def node(viewer: Viewer, name: str) -> Any:
+def node(viewer, name):
     """Return the scene node with a name, or None."""
     return viewer.server.scene.get_handle_by_name(name)
 
 
-def camera() -> dict[str, Any]:
+def camera():
     """Return the first message of a browser."""
-    sent: dict[str, Any] = dict.fromkeys(("image_height", "image_width", "fov", "near", "far"), 1)
+    sent = dict.fromkeys(("image_height", "image_width", "fov", "near", "far"), 1)
     sent |= dict.fromkeys(("position", "look_at", "up_direction"), (0.0, 0.0, 1.0)) | {
         "wxyz": (1.0, 0.0, 0.0, 0.0)
     }
     return {"type": "ViewerCameraMessage", **sent}
 
 
-def drag(name: str, poses: Any) -> list[dict[str, Any]]:
+def drag(name, poses):
     """Return the messages of a browser whose user drags a gizmo through poses, shape (n, 4, 4), and
     releases it."""
     updates = [
@@ -40,7 +36,7 @@ def drag(name: str, poses: Any) -> list[dict[str, Any]]:
 
 
 @contextmanager
-def connected(viewer: Viewer) -> Iterator[Callable[[dict[str, Any]], None]]:
+def connected(viewer):
     """Connect to a page as a browser does; give the function that sends its messages."""
     import msgspec
     import viser
@@ -51,7 +47,7 @@ def connected(viewer: Viewer) -> Iterator[Callable[[dict[str, Any]], None]]:
         subprotocols=[f"viser-v{viser.__version__}"],  # type: ignore[list-item]
     ) as client:
 
-        def send(message: dict[str, Any]) -> None:
+        def send(message):
             client.send(msgspec.msgpack.encode(message))
 
         send(camera())

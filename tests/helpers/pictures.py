@@ -1,13 +1,9 @@
 """Contents of figures: pixels, texts, and colours of legend entries."""
 
-from collections.abc import Sequence
-from typing import Any
-
 import numpy as np
 from matplotlib.colors import to_rgb
-from numpy.typing import NDArray
 
-from cspace import BLOCKED, FREE, MIXED, CSpace, Robot, Workspace, build
+from cspace import BLOCKED, FREE, MIXED, Workspace, build
 from cspace.plot.artists import CLASSES
 from tests.helpers.handmade import fill_boxes
 
@@ -16,18 +12,18 @@ COLORS = {label: tuple(round(255 * part) for part in to_rgb(color)) for label, c
 TURNING_PATH = [(1.0, 1.0, 0.0), (1.5, 3.5, 1.5), (6.5, 4.0, 0.0)]
 
 
-def block() -> Workspace:
+def block():
     """Build walls of 8 m by 5 m around a block, x 5 to 6.5, y 1 to 2."""
     sides = np.s_[[0, -1], :], np.s_[:, [0, -1]]
     return Workspace.from_array(fill_boxes((80, 50), *sides, np.s_[50:65, 10:20]), 0.1)
 
 
-def yard(robot: Robot) -> CSpace:
+def yard(robot):
     """Build the map of a rotating robot around the block."""
     return build(block(), robot, rotations=24)
 
 
-def rendered(ax: Any, *, arranged: bool = False) -> NDArray[np.uint8]:
+def rendered(ax, *, arranged=False):
     """Render a figure to pixels (height, width, 3), first row at the bottom.
 
     Unless ``arranged``, the layout is not computed, and legends and texts are hidden.
@@ -40,37 +36,37 @@ def rendered(ax: Any, *, arranged: bool = False) -> NDArray[np.uint8]:
     return np.asarray(ax.figure.canvas.buffer_rgba())[::-1, :, :3]
 
 
-def pixel(ax: Any, image: NDArray[np.uint8], x: float, y: float) -> tuple[int, ...]:
+def pixel(ax, image, x, y):
     """Return the pixel of a point given in metres."""
     column, row = ax.transData.transform((x, y))
     return tuple(image[int(row), int(column)].tolist())
 
 
-def labels(ax: Any) -> list[str]:
+def labels(ax):
     """Return the entries of all legends."""
     legends = [*ax.figure.legends, *([ax.get_legend()] if ax.get_legend() else [])]
     return [text.get_text() for legend in legends for text in legend.get_texts()]
 
 
-def heading(ax: Any) -> str:
+def heading(ax):
     """Return the title of the figure."""
     return str(ax.figure.get_suptitle())
 
 
-def heading_box(figure: Any) -> Any:
+def heading_box(figure):
     """Return the bounding box of the figure's title."""
     (text,) = (each for each in figure.texts if each.get_text() == figure.get_suptitle())
     return text.get_window_extent()
 
 
-def check_within(figure: Any, *boxes: Any) -> None:
+def check_within(figure, *boxes):
     """Fail unless boxes lie in a figure."""
     for box in boxes:
         assert -1 <= box.x0 < box.x1 <= figure.bbox.width + 1
         assert -1 <= box.y0 < box.y1 <= figure.bbox.height + 1
 
 
-def class_of(space: CSpace, states: set[int], occupied: bool) -> str:
+def class_of(space, states, occupied):
     """Return the legend entry of a cell with these states."""
     best = min(states)
     if occupied:
@@ -79,12 +75,12 @@ def class_of(space: CSpace, states: set[int], occupied: bool) -> str:
 
 
 def check_cells(
-    space: CSpace,
-    ax: Any,
-    image: NDArray[np.uint8],
-    cells: NDArray[np.int64],
-    rotations: Sequence[Any],
-) -> set[str]:
+    space,
+    ax,
+    image,
+    cells,
+    rotations,
+):
     """Check the colours of cells; return their legend entries."""
     seen = set()
     for cell in cells:

@@ -1,11 +1,12 @@
-"""Exact collisions of configurations of plane maps, with shapely."""
+"""Configurations of maps: draws, moves, edges, and exact collisions in the plane."""
 
 import numpy as np
 import shapely
+from scipy.spatial.transform import Rotation
 
 from cspace import MIXED
 from tests.helpers.handmade import configurations
-from tests.soak.plane import Shape, surround_grid, unite_cells
+from tests.helpers.regions import Flat, cell_boxes, rotations_of
 
 ORACLE_BAND = 1e-6
 """Distance from contact, in metres, within which oracles decide nothing."""
@@ -65,23 +66,56 @@ def draw_quaternions(rotations, rng, n):
     return q / np.linalg.norm(q, axis=1, keepdims=True)
 
 
+def move(space, q, steps, turns):
+    """Add steps, shape (n, d), and rotate by rotation vectors, shape (n, 3)."""
+    dim, moved = space.grid.dim, q.copy()
+    moved[:, :dim] += steps
+    if space.size == 7:
+        moved[:, dim:] = (rotations_of(q, dim) * Rotation.from_rotvec(turns)).as_quat()
+    else:
+        moved[:, dim:] += turns[:, 2:][:, : space.size - dim]
+    return moved
+
+
+def sample_edges(space, firsts, lasts, shares):
+    """Return configurations (n, shares, size) on edges, and rotations (n,) in radians."""
+    dim = space.grid.dim
+    starts, stops = firsts[:, None, :dim], lasts[:, None, :dim]
+    positions = starts + shares[:, None] * (stops - starts)
+    # Rounding must not move a point out of the edge's bounding box, which may end at the grid.
+    positions = np.clip(positions, np.minimum(starts, stops), np.maximum(starts, stops))
+    if space.size == 7:
+        one, other = rotations_of(firsts, dim), rotations_of(lasts, dim)
+        turns = one.inv() * other
+        parts = Rotation.from_rotvec((shares[:, None] * turns.as_rotvec()[:, None]).reshape(-1, 3))
+        turned = Rotation.from_quat(np.repeat(firsts[:, dim:], len(shares), axis=0)) * parts
+        quaternions = turned.as_quat().reshape(*positions.shape[:2], 4)
+        return np.concatenate([positions, quaternions], axis=-1), turns.magnitude()
+    turn = turn_between(firsts[:, dim:], lasts[:, dim:])
+    turned = firsts[:, None, dim:] + shares[:, None] * turn[:, None]
+    return np.concatenate([positions, turned], axis=-1), np.abs(turn).max(axis=-1, initial=0.0)
+
+
+def turn_between(first, second):
+    """Return the signed angle between yaws along the shorter arc."""
+    return (np.asarray(second) - first + np.pi) % (2 * np.pi) - np.pi
+
+
 def obstacles_of(space):
     """Unite the closed obstacles, and the exterior if it is blocked."""
-    box = shapely.box(*space.grid.lower, *space.grid.upper)
-    if space.workspace.shapes is None:
-        parts = [unite_cells(space.workspace.outer, space.grid)]
-    else:
-        parts = [
-            part.intersection(box) for shape in space.workspace.shapes for part in shape.geometries
-        ]
-    shape = shapely.union_all(
-        [*parts, *([surround_grid(space.grid, 100.0)] if space.outside == "blocked" else [])]
-    )
+    grid, box = space.grid, shapely.box(*space.grid.lower, *space.grid.upper)
+    parts = Flat.boxes(cell_boxes(space.workspace.outer, grid.lower, grid.spacing)).polygons
+    if space.workspace.shapes is not None:
+        shapes = (part for shape in space.workspace.shapes for part in shape.geometries)
+        parts = [part.intersection(box) for part in shapes]
+    if space.outside == "blocked":
+        parts = [*parts, box.buffer(100.0) - box]
+    shape = shapely.union_all(parts)
     shapely.prepare(shape)
     return shape
 
 
 def collides(space, q, obstacles=None):
     """Test if a polygonal robot meets obstacles, by default its map's."""
-    robot = Shape([space.robot.geometry], np.empty((0, 2)), np.empty(0))
-    return robot.meets([obstacles_of(space)] if obstacles is None else obstacles, q, 0.0)
+    others = Flat([obstacles_of(space) if obstacles is None else obstacles])
+    return Flat([space.robot.geometry]).within(others, q, np.zeros(len(q)))

@@ -5,7 +5,6 @@ import math
 import time
 from functools import cache
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,17 +12,17 @@ from numba.core.event import trigger_event
 from ompl import base as ob
 from scipy import ndimage
 from scipy.spatial import cKDTree
-from scipy.spatial.transform import Rotation
 
 import planners
-from cspace import BLOCKED, FREE, CSpace, Robot, Rotations, Workspace, build
+from cspace import BLOCKED, FREE, Robot, Rotations, Workspace, build
 from planners.car_curves import advance, find_shortest_words
-from planners.local_planner import CURVES, CarCurves
+from planners.local_planner import CURVES
 from planners.states import find_state_kind
 from tests.helpers.handmade import fill_boxes, map_of
+from tests.helpers.placements import sample_edges, turn_between
 
 SPACES = ("plane", "turning", "space", "yawing", "floating")
-ENDPOINTS: dict[str, tuple[Any, Any]] = {
+ENDPOINTS = {
     "plane": ((1.0, 1.0), (9.0, 5.0)),
     "turning": ((0.8, 0.8, 0.0), (5.0, 3.2, 2.0)),
     "space": ((0.5, 0.5, 0.4), (3.5, 1.4, 1.6)),
@@ -32,7 +31,7 @@ ENDPOINTS: dict[str, tuple[Any, Any]] = {
 }
 """Start and goal in each room."""
 
-CAR_OPTIONS: dict[str, Any] = {"turning_radius": 0.4}
+CAR_OPTIONS = {"turning_radius": 0.4}
 ANYTIME_PLANNERS = {"BITstar", "InformedRRTstar", "PRMstar", "RRTstar", "SORRTstar"}
 """Planners that improve their path until the time limit."""
 
@@ -42,7 +41,7 @@ SPACES_WITH_CURVES = [*((name, None) for name in SPACES), *(("turning", curve) f
 FEW_ROTATIONS = {"turning": 4, "yawing": 4, "floating": Rotations.quaternions(2)}
 """A few rotation cells for each space with rotations."""
 
-ROOM_INPUTS: dict[str, Any] = {
+ROOM_INPUTS = {
     "plane": (fill_boxes((100, 60), np.s_[30:33, :45], np.s_[65:68, 20:]), Robot.disc(0.2), None),
     "turning": (
         fill_boxes((60, 40), np.s_[18:20, :26], np.s_[40:42, 14:]),
@@ -64,12 +63,12 @@ ROOM_INPUTS: dict[str, Any] = {
 """Obstacle cells of 0.1 m, robot and rotation cells of each room."""
 
 
-def options_for(drive: str | None) -> dict[str, Any]:
+def options_for(drive):
     """Return the options of a drive, with a turning radius for cars."""
     return ({} if drive is None else {"drive": drive}) | (CAR_OPTIONS if drive in CURVES else {})
 
 
-def compile_for(seconds: float) -> None:
+def compile_for(seconds):
     """Pretend to compile a function of the planners for some seconds."""
     compiled = {"dispatcher": SimpleNamespace(py_func=planners.plan)}
     with trigger_event("numba:compiler_lock"), trigger_event("numba:compile", compiled):
@@ -77,14 +76,14 @@ def compile_for(seconds: float) -> None:
 
 
 @cache
-def build_room(name: str) -> CSpace:
+def build_room(name):
     """Build the map of a room with walls across it."""
     cells, robot, rotations = ROOM_INPUTS[name]
     return build(Workspace.from_array(cells, 0.1), robot, rotations=rotations)
 
 
 @cache
-def build_open_map(name: str) -> CSpace:
+def build_open_map(name):
     """Build a map without obstacles, with a free exterior."""
     dim = 2 if name in ("plane", "turning") else 3
     workspace = Workspace.from_array(np.zeros((9, 8, 7)[:dim], dtype=bool), 1.0)
@@ -92,16 +91,14 @@ def build_open_map(name: str) -> CSpace:
     return build(workspace, robot, outside="free", rotations=FEW_ROTATIONS.get(name))
 
 
-def build_from_states(
-    state: np.ndarray, turns: int | Rotations | None = None, spacing: float = 1.0
-) -> CSpace:
+def build_from_states(state, turns=None, spacing=1.0):
     """Build a map of states (x, ...), or (rotation, x, ...) with ``turns``."""
     return map_of(
         state, turns, "blocked", spacing, occupied=(state if turns is None else state[0]) == BLOCKED
     )
 
 
-def build_halves(name: str, between: int) -> tuple[CSpace, Any, Any]:
+def build_halves(name, between):
     """Build two FREE halves around a wall; return a configuration in each."""
     turns = {"turning": 12, "yawing": 12, "floating": Rotations.quaternions(2)}.get(name)
     cells = (19, 9) if name in ("plane", "turning") else (19, 9, 9)
@@ -118,14 +115,14 @@ def build_halves(name: str, between: int) -> tuple[CSpace, Any, Any]:
     )
 
 
-def make_state(space: CSpace, si: Any, q: Any) -> Any:
+def make_state(space, si, q):
     """Return the OMPL state of a configuration."""
     state = si.allocState()
     find_state_kind(space).write(state, *map(float, q))
     return state
 
 
-def draw_around(space: CSpace, n: int, seed: int) -> np.ndarray:
+def draw_around(space, n, seed):
     """Draw configurations in and around a map, some on corners of cells."""
     rng = np.random.default_rng(seed)
     lower, upper = np.array(space.grid.lower), np.array(space.grid.upper)
@@ -137,9 +134,7 @@ def draw_around(space: CSpace, n: int, seed: int) -> np.ndarray:
     return wrap_rotations(space, np.column_stack([q, angles]))
 
 
-def draw_edges(
-    space: CSpace, n: int, seed: int, reach: float = 1.0
-) -> tuple[np.ndarray, np.ndarray]:
+def draw_edges(space, n, seed, reach=1.0):
     """Draw FREE configurations, and a configuration near each."""
     rng = np.random.default_rng(seed)
     starts = space.sample_free(n, rng)
@@ -148,7 +143,7 @@ def draw_edges(
     )
 
 
-def wrap_rotations(space: CSpace, q: np.ndarray) -> np.ndarray:
+def wrap_rotations(space, q):
     """Wrap the yaws of configurations to [-pi, pi), and normalise their quaternions."""
     turns = q[:, space.grid.dim :]
     if "qw" in space.axes:
@@ -158,40 +153,14 @@ def wrap_rotations(space: CSpace, q: np.ndarray) -> np.ndarray:
     )
 
 
-def sample_edge(
-    space: CSpace, first: np.ndarray, last: np.ndarray, shares: np.ndarray
-) -> tuple[np.ndarray, float]:
+def sample_edge(space, first, last, shares):
     """Return configurations at ``shares`` of an edge, and its rotation in radians."""
     points, angles = sample_edges(space, first[None], last[None], shares)
     return points[0], float(angles[0])
 
 
-def sample_edges(
-    space: CSpace, firsts: np.ndarray, lasts: np.ndarray, shares: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return configurations (n, shares, size) on edges, and rotations (n,) in radians."""
-    dim = space.grid.dim
-    positions = firsts[:, None, :dim] + shares[:, None] * (lasts - firsts)[:, None, :dim]
-    if "qw" in space.axes:
-        one, other = (Rotation.from_quat(np.array(rows[:, dim:])) for rows in (firsts, lasts))
-        turns = one.inv() * other
-        parts = Rotation.from_rotvec((shares[:, None] * turns.as_rotvec()[:, None]).reshape(-1, 3))
-        turned = Rotation.from_quat(np.repeat(firsts[:, dim:], len(shares), axis=0)) * parts
-        return np.concatenate(
-            [positions, turned.as_quat().reshape(*positions.shape[:2], 4)], axis=-1
-        ), turns.magnitude()
-    turn = turn_between(firsts[:, dim:], lasts[:, dim:])
-    turned = firsts[:, None, dim:] + shares[:, None] * turn[:, None]
-    return np.concatenate([positions, turned], axis=-1), np.abs(turn).max(axis=-1, initial=0.0)
-
-
-def turn_between(first: Any, second: Any) -> Any:
-    """Return the signed angle between yaws along the shorter arc."""
-    return (np.asarray(second) - first + math.pi) % (2 * math.pi) - math.pi
-
-
 @cache
-def boundary_corners(space: CSpace) -> tuple[np.ndarray, cKDTree]:
+def boundary_corners(space):
     """Return lower corners and a tree of centers of boundary cells that are not FREE."""
     shut = space.cell_states != FREE
     boundary = np.argwhere(shut & ~ndimage.binary_erosion(shut, border_value=1)).reshape(
@@ -201,7 +170,7 @@ def boundary_corners(space: CSpace) -> tuple[np.ndarray, cKDTree]:
     return corners, cKDTree(corners + space.grid.spacing / 2.0)
 
 
-def min_distance(space: CSpace, points: np.ndarray) -> float:
+def min_distance(space, points):
     """Return the distance of points to cells that are not FREE."""
     lower, upper, (corners, tree) = (
         np.array(space.grid.lower),
@@ -223,9 +192,7 @@ def min_distance(space: CSpace, points: np.ndarray) -> float:
     return least
 
 
-def sample_arc(
-    first: np.ndarray, chord: float, turn: float, way: int, along: np.ndarray
-) -> np.ndarray:
+def sample_arc(first, chord, turn, way, along):
     """Return configurations on the arc with a chord and an angle."""
     angles = turn * along
     yaw = first[2] + angles
@@ -240,18 +207,14 @@ def sample_arc(
     return np.column_stack([first[:2] + offsets, yaw])
 
 
-def shortest_word(
-    curves: CarCurves, first: np.ndarray, last: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, float]:
+def shortest_word(curves, first, last):
     """Return steering and lengths of the shortest curve, and its gap at the goal."""
     ends = tuple(first.tolist()), tuple(last.tolist())
     words = find_shortest_words(curves.kind, curves.radius, *ends, 0.0)
     return words.steering[0], words.lengths[0], words.gap
 
 
-def points_along(
-    curves: CarCurves, first: np.ndarray, last: np.ndarray, positions: np.ndarray
-) -> np.ndarray:
+def points_along(curves, first, last, positions):
     """Return configurations (n, 3) at distances from the start of a curve, metres."""
     steering, lengths, _ = shortest_word(curves, first, last)
     rows = []
@@ -267,9 +230,7 @@ def points_along(
     return points
 
 
-def plan_patiently(
-    space: CSpace, endpoints: Any, limits: tuple[float, ...], **options: Any
-) -> planners.Plan:
+def plan_patiently(space, endpoints, limits, **options):
     """Plan with growing time limits until a plan is solved."""
     for seed, limit in enumerate(limits, 1):
         plan = planners.plan(space, *endpoints, time_limit=limit, seed=seed, **options)
@@ -278,7 +239,7 @@ def plan_patiently(
     return plan
 
 
-def check(space: CSpace, plan: planners.Plan, start: Any, goal: Any) -> None:
+def check(space, plan, start, goal):
     """Check a solved plan by look-ups of configurations."""
     dim, path, waypoints = space.grid.dim, plan.path, plan.waypoints
     assert plan.solved and plan.certified and plan.status.startswith("path found") and not plan.hint
@@ -332,7 +293,7 @@ def check(space: CSpace, plan: planners.Plan, start: Any, goal: Any) -> None:
     assert all(seconds >= 0.0 for seconds in dataclasses.astuple(plan.times))
 
 
-def check_failed(space: CSpace, plan: planners.Plan) -> None:
+def check_failed(space, plan):
     """Check a plan without a path."""
     assert (
         not plan.solved
@@ -342,7 +303,7 @@ def check_failed(space: CSpace, plan: planners.Plan) -> None:
     assert all(math.isnan(value) for value in (plan.length, plan.total_rotation, plan.clearance))
 
 
-def bounds_of(states: Any) -> list[float]:
+def bounds_of(states):
     """Return the bounds of a state space, all lower bounds first."""
     part = (
         states.getSubspace(0)
@@ -353,7 +314,7 @@ def bounds_of(states: Any) -> list[float]:
     return [*(bounds.low[k] for k in range(len(dim))), *(bounds.high[k] for k in range(len(dim)))]
 
 
-def plan_in_time(space: CSpace, endpoints: Any, limit: float, **options: Any) -> planners.Plan:
+def plan_in_time(space, endpoints, limit, **options):
     """Plan, at most 4 times, until a plan ends within its limit plus a quarter of a second.
 
     A busy machine may pause a process for longer than that.
@@ -369,7 +330,7 @@ def plan_in_time(space: CSpace, endpoints: Any, limit: float, **options: Any) ->
     return plan
 
 
-def make_poses(states: Any, *rows: Any) -> list[Any]:
+def make_poses(states, *rows):
     """Return states of SE(2), or of a space of curves, for configurations (x, y, yaw)."""
     made = [states.allocState() for _ in rows]
     for state, (x, y, yaw) in zip(made, rows, strict=True):
@@ -378,7 +339,7 @@ def make_poses(states: Any, *rows: Any) -> list[Any]:
     return made
 
 
-def interpolate_poses(states: Any, first: Any, last: Any, shares: Any) -> np.ndarray:
+def interpolate_poses(states, first, last, shares):
     """Return configurations (x, y, yaw) at shares of OMPL's motion."""
     between = states.allocState()
     rows = []

@@ -7,15 +7,12 @@ import shapely
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from cspace import Robot
+from tests.soak.scenes import ROBOTS, Scale, draw_robot
 
 seeds = st.integers(0, 2**32 - 1)
 exteriors = st.sampled_from(["blocked", "free"])
 L_SHAPE = [(-0.1, -0.1), (0.6, -0.1), (0.6, 0.1), (0.1, 0.1), (0.1, 0.4), (-0.1, 0.4)]
 """Corners of an asymmetric robot, in metres."""
-
-ALIGNED_CELL_SIDE = 0.15
-"""Side of the cells that some solid robots are aligned with, in metres."""
 
 
 def bitmaps(side=12):
@@ -42,30 +39,12 @@ def stars(draw, radius=1.0):
 
 
 @st.composite
-def robots(draw, size=1.0):
-    """Draw plane robots of every kind."""
-    kind = draw(st.sampled_from(["disc", "rectangle", "star", "ring", "parts", "balls", "cells"]))
+def robots(draw, size=1.0, dim=2):
+    """Draw robots about ``size`` across of every kind, in space without meshes."""
     rng = np.random.default_rng(draw(seeds))
-    center = rng.uniform(-1, 1, 2) * size
-    if kind == "disc":
-        return Robot.disc(size * rng.uniform(0.1, 1.0), center)
-    if kind == "rectangle":
-        return Robot.rectangle(*(size * rng.uniform(0.1, 2.0, 2)), center)
-    if kind == "star":
-        return Robot.polygon(draw(stars(size)))
-    if kind == "ring":
-        hull = shapely.Point(center).buffer(size, quad_segs=3)
-        return Robot.polygon(hull.difference(shapely.Point(center).buffer(size * 0.6, quad_segs=2)))
-    if kind == "parts":
-        return Robot.polygon(
-            [shapely.Polygon(draw(stars(size / 2))), shapely.box(size, 0.0, 1.4 * size, size / 2)]
-        )
-    if kind == "balls":
-        n = int(rng.integers(2, 6))
-        return Robot.from_balls(rng.uniform(-size, size, (n, 2)), size * rng.uniform(0.1, 0.5, n))
-    occupied = rng.random((int(rng.integers(1, 6)), int(rng.integers(1, 6)))) < 0.6
-    occupied[0, 0] = True
-    return Robot.from_bitmap(occupied, size / 4 * rng.uniform(0.5, 1.5), center)
+    kind = draw(st.sampled_from(ROBOTS[2] if dim == 2 else ("balls", "box", "bitmap")))
+    scale = Scale(size / 4.0, draw(st.sampled_from([0.0, 0.5])), 0.0)
+    return draw_robot(rng, kind, rng.uniform(1.0, 8.0), scale, dim)[0]
 
 
 def uniform(low, high):
@@ -95,29 +74,3 @@ def rotation_cells(draw, max_cells=12):
     first = draw(st.sampled_from([0.0, -math.pi, -0.3, 2.0, -6.0]))
     widths = rng.uniform(0.1, 1.0, draw(st.integers(1, max_cells)))
     return first + np.append(0.0, np.cumsum(widths) / widths.sum()) * 2 * math.pi
-
-
-@st.composite
-def solid_robots(draw, size=0.4):
-    """Draw solid robots and their boxes and balls (lower, upper, radius)."""
-    kind = draw(st.sampled_from(["ball", "box", "balls", "cells"]))
-    rng = np.random.default_rng(draw(seeds))
-    center = rng.uniform(-1, 1, 3) * size
-    if draw(st.booleans()):
-        center = np.round(center / ALIGNED_CELL_SIDE) * ALIGNED_CELL_SIDE
-    if kind == "box":
-        extents = size * rng.uniform(0.1, 2.0, 3)
-        return Robot.box(extents, center), [(center - extents / 2, center + extents / 2, 0.0)]
-    if kind == "cells":
-        occupied = rng.random(rng.integers(1, 5, 3)) < 0.5
-        occupied[0, 0, 0] = True
-        side = draw(st.sampled_from([ALIGNED_CELL_SIDE, 0.11]))
-        lows = center + side * np.argwhere(occupied)
-        return Robot.from_bitmap(occupied, side, center), [(low, low + side, 0.0) for low in lows]
-    n = 1 if kind == "ball" else int(rng.integers(2, 5))
-    centers, radii = (
-        center + rng.uniform(-size, size, (n, 3)) * (n > 1),
-        size * rng.uniform(0.1, 0.9, n),
-    )
-    robot = Robot.ball(radii[0], centers[0]) if n == 1 else Robot.from_balls(centers, radii)
-    return robot, [(c, c, r) for c, r in zip(centers, radii, strict=True)]

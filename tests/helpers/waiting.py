@@ -2,12 +2,10 @@
 
 import threading
 import time
-from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
 
 
-def until(true: Callable[[], Any], seconds: float = 20.0) -> Any:
+def until(true, seconds=20.0):
     """Wait for a true value, and return it."""
     end = time.monotonic() + seconds
     while not (value := true()):
@@ -16,13 +14,11 @@ def until(true: Callable[[], Any], seconds: float = 20.0) -> Any:
     return value
 
 
-def write_while_querying(
-    query: Callable[[], object], writers: Sequence[Callable[[], object]]
-) -> None:
+def write_while_querying(query, writers):
     """Run writers in threads while two threads call ``query``; raise any error."""
     done = threading.Event()
 
-    def go_on() -> None:
+    def go_on():
         while not done.is_set():
             query()
 

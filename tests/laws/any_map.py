@@ -1,17 +1,15 @@
 """Maps of every space in several storages, with the states that they must have."""
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 import cspace
 from cspace import Robot, Rotations, Workspace
-from cspace.support.arrays import Bools, Floats, Ints, States
+from cspace.support.arrays import Bools, Floats, States
 from tests.helpers.placements import draw_configurations
+from tests.helpers.regions import rotations_of
 
 SPACING = 0.1
 
@@ -88,18 +86,18 @@ class AnyMap(NamedTuple):
     rebuild: Callable[[Bools], cspace.CSpace]
 
     @property
-    def dim(self) -> int:
+    def dim(self):
         """Dimension of the workspace."""
         return self.occupied.ndim
 
-    def draw_inside(self, rng: np.random.Generator, n: int) -> tuple[Floats, Ints]:
+    def draw_inside(self, rng, n):
         """Draw configurations inside cells, with their cells ``(rotation, x, y(, z))``."""
         cells = np.column_stack([rng.integers(0, size, n) for size in self.states.shape])
         shares = rng.uniform(0.02, 0.98, (n, self.dim))
         positions = np.array(self.space.grid.lower) + SPACING * (cells[:, 1:] + shares)
         return np.hstack([positions, self.space.rotations.centers[cells[:, 0]]]), cells
 
-    def draw_contacts(self, rng: np.random.Generator, n: int) -> Floats:
+    def draw_contacts(self, rng, n):
         """Draw configurations at which a point of the robot touches an obstacle.
 
         Rotations often lie on borders of cells, and points on corners.
@@ -111,29 +109,11 @@ class AnyMap(NamedTuple):
         shares = np.clip(rng.uniform(-1.0, 2.0, cells.shape), 0.0, 1.0)
         touched = np.array(self.space.grid.lower) + SPACING * (cells + shares)
         in_space = np.pad(points, [(0, 0), (0, 3 - self.dim)])
-        q[:, : self.dim] = touched - self.rotations_of(q).apply(in_space)[:, : self.dim]
+        moved = rotations_of(q, self.dim).apply(in_space)[:, : self.dim]
+        q[:, : self.dim] = touched - moved
         return q
 
-    def rotations_of(self, q: Floats) -> Rotation:
-        """Return the rotations of configurations."""
-        turns = q[:, self.dim :]
-        if turns.shape[1] == 4:
-            return Rotation.from_quat(turns)
-        yaw = turns if turns.shape[1] else np.zeros((len(q), 1))
-        return Rotation.from_rotvec(yaw * (0.0, 0.0, 1.0))
-
-    def move(self, q: Floats, steps: Floats, turns: Floats) -> Floats:
-        """Add steps, shape (n, d), and rotate by rotation vectors, shape (n, 3)."""
-        moved = q.copy()
-        moved[:, : self.dim] += steps
-        if len(self.space.rotations.names) == 4:
-            rotated = self.rotations_of(q) * Rotation.from_rotvec(turns)
-            moved[:, self.dim :] = rotated.as_quat()
-        else:
-            moved[:, self.dim :] += turns[:, 2:][:, : q.shape[1] - self.dim]
-        return moved
-
-    def draw_moves(self, rng: np.random.Generator, n: int) -> tuple[Floats, Floats]:
+    def draw_moves(self, rng, n):
         """Draw steps of a few cells, some along axes, and turns of up to a radian."""
         steps = rng.normal(0.0, 1.5 * SPACING, (n, self.dim))
         steps *= rng.random((n, self.dim)) < 0.7
@@ -141,22 +121,20 @@ class AnyMap(NamedTuple):
         return steps, turns
 
 
-def draw_obstacles(shape: tuple[int, ...], number: int, rng: np.random.Generator) -> Bools:
+def draw_obstacles(shape, number, rng):
     """Draw obstacle cells at random."""
     occupied = np.zeros(shape, dtype=bool)
     occupied.flat[rng.choice(occupied.size, number, replace=False)] = True
     return occupied
 
 
-def reopen(space: Any, path: Path) -> Any:
+def reopen(space, path):
     """Save a map in memory and open the file."""
     space.save(path)
     return cspace.open(path)
 
 
-def build_map(
-    space: str, storage: str, outside: str, seed: int, folder: Path, thin: bool = False
-) -> AnyMap:
+def build_map(space, storage, outside, seed, folder, thin=False):
     """Build a map of a space in memory, tiled, or saved and opened.
 
     If ``thin``, the obstacles fill only half of the cells that they touch.
@@ -164,9 +142,7 @@ def build_map(
     return build_of(MAP_INPUTS[space], storage, outside, seed, folder, thin)
 
 
-def build_of(
-    inputs: Inputs, storage: str, outside: str, seed: int, folder: Path, thin: bool = False
-) -> AnyMap:
+def build_of(inputs, storage, outside, seed, folder, thin=False):
     """Build a map as :func:`build_map`, of given inputs."""
     shape, corners, rotations, number = inputs
     low, high = corners.min(axis=0), corners.max(axis=0)
@@ -180,7 +156,7 @@ def build_of(
     lower = rng.uniform(-1.0, 1.0, len(shape))
     filled = rng.random(shape) < 0.5
 
-    def rebuild(occupied: NDArray[np.bool_], **options: Any) -> Any:
+    def rebuild(occupied, **options):
         inner = occupied & filled if thin else None
         workspace = Workspace.from_array(occupied, SPACING, lower, inner=inner)
         return cspace.build(workspace, robot, rotations=rotations, outside=outside, **options)
@@ -188,7 +164,7 @@ def build_of(
     occupied = draw_obstacles(shape, number, rng)
     memory = rebuild(occupied)
     states = memory.cell_states.reshape(-1, *shape)
-    made: Any = memory
+    made = memory
     if storage == "tiled":
         made = rebuild(occupied, store=folder / "tiled.zarr", tile=7)
     elif storage == "saved":

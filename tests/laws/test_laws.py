@@ -3,9 +3,7 @@
 import inspect
 import itertools
 import pickle
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,17 +11,14 @@ from hypothesis import given, settings
 
 import cspace
 from cspace import FREE, MIXED
-from cspace.support.arrays import Floats
 from tests.helpers.handmade import components
 from tests.helpers.maps import proven_paths
-from tests.helpers.placements import draw_configurations
+from tests.helpers.placements import draw_configurations, move
 from tests.helpers.strategies import seeds
 from tests.laws.any_map import (
     ALL_KINDS,
     LONG_INPUTS,
     SPACING,
-    AnyMap,
-    Inputs,
     build_map,
     build_of,
     draw_obstacles,
@@ -31,7 +26,7 @@ from tests.laws.any_map import (
 )
 
 BLOCKED_OUTSIDE = ("plane", "yaw in space")
-BATCH_QUERIES: dict[str, tuple[int, tuple[float, ...]]] = {
+BATCH_QUERIES = {
     "classify": (1, ()),
     "is_free": (1, ()),
     "is_free_around": (1, (0.1, 0.05)),
@@ -49,7 +44,7 @@ NUDGE = 1e-10
 """Distance in metres and radians within the slack of motions."""
 
 
-def build_kind(kind: tuple[str, str], folder: Path) -> AnyMap:
+def build_kind(kind, folder):
     """Build a map of a kind; its exterior is blocked or free, depending on the space."""
     space, storage = kind
     outside = "blocked" if space in BLOCKED_OUTSIDE else "free"
@@ -57,24 +52,24 @@ def build_kind(kind: tuple[str, str], folder: Path) -> AnyMap:
 
 
 @pytest.fixture(scope="module", params=ALL_KINDS, ids="-".join)
-def any_map(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> AnyMap:
+def any_map(request, tmp_path_factory):
     """Build a map that tests share and none changes."""
     return build_kind(request.param, tmp_path_factory.mktemp("any"))
 
 
-def queries_of(any_map: AnyMap) -> Iterator[tuple[str, int, tuple[float, ...]]]:
+def queries_of(any_map):
     """Yield the queries of a map: name, number of configurations, further arguments."""
     for name, (count, options) in BATCH_QUERIES.items():
         if hasattr(type(any_map.space), name):
             yield name, count, options
 
 
-def draw_near(any_map: AnyMap, q: Floats, rng: np.random.Generator) -> Floats:
+def draw_near(any_map, q, rng):
     """Draw configurations a few cells away, rotated by up to a radian."""
-    return any_map.move(q, *any_map.draw_moves(rng, len(q)))
+    return move(any_map.memory, q, *any_map.draw_moves(rng, len(q)))
 
 
-def label(any_map: AnyMap, worst: int) -> Any:
+def label(any_map, worst):
     """Label the components of cells whose state is at most ``worst``, by scipy."""
     kind = "any way" if len(any_map.space.rotations.names) == 4 else ""
     return components(any_map.states <= worst, kind)
@@ -85,7 +80,7 @@ def label(any_map: AnyMap, worst: int) -> Any:
 
 @settings(max_examples=6)
 @given(seeds)
-def test_no_query_proves_free_what_touches_an_obstacle(any_map: AnyMap, seed: int) -> None:
+def test_no_query_proves_free_what_touches_an_obstacle(any_map, seed):
     rng, space = np.random.default_rng(seed), any_map.space
     q = any_map.draw_contacts(rng, 400)
     assert not space.is_free(q).any()
@@ -95,18 +90,18 @@ def test_no_query_proves_free_what_touches_an_obstacle(any_map: AnyMap, seed: in
     assert not space.is_connected(q[:50], near[:50]).any()
     # The contact is halfway along a motion.
     steps, turns = any_map.draw_moves(rng, len(q))
-    start = any_map.move(q, -steps, -turns)
-    assert not space.motion_is_free(start, any_map.move(q, steps, turns)).any()
+    start = move(any_map.memory, q, -steps, -turns)
+    assert not space.motion_is_free(start, move(any_map.memory, q, steps, turns)).any()
     # The contact is in the corner of a box.
-    around = any_map.move(q, np.where(rng.random(steps.shape) < 0.5, -0.03, 0.03), 0.0 * turns)
+    around = move(
+        any_map.memory, q, np.where(rng.random(steps.shape) < 0.5, -0.03, 0.03), 0.0 * turns
+    )
     assert not space.is_free_around(around, 0.03 + NUDGE).any()
 
 
 @pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # the ball is far from its origin
 @pytest.mark.parametrize("inputs", LONG_INPUTS.values(), ids=LONG_INPUTS)
-def test_no_turn_of_a_long_robot_in_a_free_cell_touches_an_obstacle(
-    inputs: Inputs, tmp_path: Path
-) -> None:
+def test_no_turn_of_a_long_robot_in_a_free_cell_touches_an_obstacle(inputs, tmp_path):
     long_map = build_of(inputs, "memory", "free", 0, tmp_path)
     occupied = np.zeros_like(long_map.occupied)
     occupied[tuple(n // 2 for n in occupied.shape)] = True
@@ -118,22 +113,24 @@ def test_no_turn_of_a_long_robot_in_a_free_cell_touches_an_obstacle(
 
 @settings(max_examples=6)
 @given(seeds)
-def test_everything_within_the_slack_of_a_free_motion_is_free(any_map: AnyMap, seed: int) -> None:
+def test_everything_within_the_slack_of_a_free_motion_is_free(any_map, seed):
     # Many motions lead along borders of cells, or leave the grid.
     rng, space = np.random.default_rng(seed), any_map.space
     q = draw_configurations(any_map.memory, rng, 500)
     steps, turns = any_map.draw_moves(rng, len(q))
-    is_free = space.motion_is_free(q, any_map.move(q, steps, turns))
+    is_free = space.motion_is_free(q, move(any_map.memory, q, steps, turns))
     assert is_free.any() and not is_free.all()
     q, steps, turns = q[is_free], steps[is_free], turns[is_free]
     grid, dim = space.grid, any_map.dim
-    stays = grid.contains(q[:, :dim]) & grid.contains(any_map.move(q, steps, turns)[:, :dim])
+    stays = grid.contains(q[:, :dim]) & grid.contains(
+        move(any_map.memory, q, steps, turns)[:, :dim]
+    )
     for share in np.linspace(0.0, 1.0, 15):
         nudges = rng.choice([-NUDGE, 0.0, NUDGE], (2, len(q), 3))
         if space.size == 7:  # borders of quaternion cells belong to one of them
             nudges[1] = 0.0
         nudged_steps = share * steps + nudges[0][:, :dim]
-        between = any_map.move(q, nudged_steps, share * turns + nudges[1])
+        between = move(any_map.memory, q, nudged_steps, share * turns + nudges[1])
         # A motion on the border of the grid touches no cell outside.
         between[stays, :dim] = np.clip(between[stays, :dim], grid.lower, grid.upper)
         assert space.is_free(between).all()
@@ -141,18 +138,20 @@ def test_everything_within_the_slack_of_a_free_motion_is_free(any_map: AnyMap, s
 
 @settings(max_examples=6)
 @given(seeds)
-def test_everything_within_the_clearance_is_free(any_map: AnyMap, seed: int) -> None:
+def test_everything_within_the_clearance_is_free(any_map, seed):
     rng, space = np.random.default_rng(seed), any_map.space
     q = draw_configurations(any_map.memory, rng, 400)
     clearance = np.minimum(space.clearance(q), 3.0)
     assert (clearance > 0.0).any()
     course = rng.normal(size=(len(q), any_map.dim))
     course /= np.linalg.norm(course, axis=1, keepdims=True)
-    moved = any_map.move(q, 0.999999 * clearance[:, np.newaxis] * course, np.zeros((len(q), 3)))
+    moved = move(
+        any_map.memory, q, 0.999999 * clearance[:, np.newaxis] * course, np.zeros((len(q), 3))
+    )
     assert space.is_free(moved[clearance > 0.0]).all()
 
 
-def test_clearance_is_at_most_the_distance_to_any_cell_that_is_not_free(any_map: AnyMap) -> None:
+def test_clearance_is_at_most_the_distance_to_any_cell_that_is_not_free(any_map):
     q, cells = any_map.draw_inside(np.random.default_rng(3), 60)
     positions = q[:, : any_map.dim]
     lower = np.array(any_map.space.grid.lower)
@@ -162,7 +161,7 @@ def test_clearance_is_at_most_the_distance_to_any_cell_that_is_not_free(any_map:
         assert clearance <= np.linalg.norm(gaps, axis=1).min(initial=np.inf) + 1e-9
 
 
-def test_connectivity_agrees_with_labels_by_scipy(any_map: AnyMap) -> None:
+def test_connectivity_agrees_with_labels_by_scipy(any_map):
     rng = np.random.default_rng(2)
     q0, cells0 = any_map.draw_inside(rng, 150)
     q1, cells1 = any_map.draw_inside(rng, 150)
@@ -177,7 +176,7 @@ def test_connectivity_agrees_with_labels_by_scipy(any_map: AnyMap) -> None:
 
 
 @pytest.mark.parametrize("any_map", IN_MEMORY, indirect=True, ids="-".join)
-def test_paths_found_by_the_map_are_certified(any_map: AnyMap) -> None:
+def test_paths_found_by_the_map_are_certified(any_map):
     space, rng, dim = any_map.space, np.random.default_rng(11), any_map.dim
     found = 0
     for start, goal in space.sample_free(16, rng).reshape(8, 2, -1):
@@ -194,15 +193,15 @@ def test_paths_found_by_the_map_are_certified(any_map: AnyMap) -> None:
     assert found
 
 
-def test_the_nearest_free_configuration_is_free(any_map: AnyMap) -> None:
+def test_the_nearest_free_configuration_is_free(any_map):
     q, _ = any_map.draw_inside(np.random.default_rng(12), 20)
     for configuration in q:
         assert any_map.space.is_free(any_map.space.nearest_free(configuration))
 
 
 @pytest.mark.parametrize("any_map", IN_MEMORY, indirect=True, ids="-".join)
-def test_the_obstacle_distance_of_a_batch_is_its_minimum(any_map: AnyMap) -> None:
-    space: Any = any_map.space
+def test_the_obstacle_distance_of_a_batch_is_its_minimum(any_map):
+    space = any_map.space
     q = space.sample_free(6, np.random.default_rng(14))
     singles = [space.obstacle_distance(configuration[np.newaxis]) for configuration in q]
     assert space.obstacle_distance(q) == pytest.approx(min(singles))
@@ -211,14 +210,14 @@ def test_the_obstacle_distance_of_a_batch_is_its_minimum(any_map: AnyMap) -> Non
 # ---- storages ------------------------------------------------------------------------------------
 
 
-def test_classify_and_count_return_the_states_of_the_cells(any_map: AnyMap) -> None:
+def test_classify_and_count_return_the_states_of_the_cells(any_map):
     q, cells = any_map.draw_inside(np.random.default_rng(0), 400)
     np.testing.assert_array_equal(any_map.space.classify(q), any_map.states[tuple(cells.T)])
     assert any_map.space.count() == tuple(np.bincount(any_map.states.ravel(), minlength=3).tolist())
     assert not any_map.memory.cell_states.flags.writeable
 
 
-def test_equal_rotations_get_equal_states(any_map: AnyMap) -> None:
+def test_equal_rotations_get_equal_states(any_map):
     rng = np.random.default_rng(16)
     q = draw_configurations(any_map.memory, rng, 300)
     same = q.copy()
@@ -234,7 +233,7 @@ def test_equal_rotations_get_equal_states(any_map: AnyMap) -> None:
 @pytest.mark.parametrize(
     "any_map", [kind for kind in ALL_KINDS if kind[1] != "memory"], indirect=True, ids="-".join
 )
-def test_every_storage_gives_the_same_answers(any_map: AnyMap) -> None:
+def test_every_storage_gives_the_same_answers(any_map):
     space, memory = any_map.space, any_map.memory
     rng = np.random.default_rng(15)
     q = draw_configurations(memory, rng, 1000)
@@ -252,7 +251,7 @@ def test_every_storage_gives_the_same_answers(any_map: AnyMap) -> None:
 
 
 @pytest.mark.parametrize("kind", IN_MEMORY, ids="-".join)
-def test_an_updated_map_equals_a_rebuilt_one(kind: tuple[str, str], tmp_path: Path) -> None:
+def test_an_updated_map_equals_a_rebuilt_one(kind, tmp_path):
     any_map, rng = build_kind(kind, tmp_path), np.random.default_rng(4)
     space, shape = any_map.space, any_map.occupied.shape
     q = draw_configurations(any_map.memory, rng, 300)
@@ -274,8 +273,8 @@ def test_an_updated_map_equals_a_rebuilt_one(kind: tuple[str, str], tmp_path: Pa
         np.testing.assert_array_equal(getattr(space, name)(*given, *options), expected, name)
 
 
-def test_opening_a_saved_map_gives_an_equal_map(any_map: AnyMap, tmp_path: Path) -> None:
-    space: Any = any_map.space
+def test_opening_a_saved_map_gives_an_equal_map(any_map, tmp_path):
+    space = any_map.space
     is_tiled = isinstance(space, cspace.TiledCSpace)
     opened = cspace.open(space.path) if is_tiled else reopen(space, tmp_path / "again.zarr")
     assert type(opened) is type(space)
@@ -289,9 +288,7 @@ def test_opening_a_saved_map_gives_an_equal_map(any_map: AnyMap, tmp_path: Path)
 @pytest.mark.parametrize(
     ("space", "outside"), [("plane", "free"), ("yaw in space", "blocked"), ("quaternions", "free")]
 )
-def test_queries_of_a_window_equal_those_of_the_whole_map(
-    space: str, outside: str, tmp_path: Path
-) -> None:
+def test_queries_of_a_window_equal_those_of_the_whole_map(space, outside, tmp_path):
     # Configurations outside of a window are MIXED, and fewer connections are decided.
     whole = build_map(space, "tiled", outside, 8, tmp_path, thin=outside == "free")
     tiled, memory, grid, rng = whole.space, whole.memory, whole.space.grid, np.random.default_rng(9)
@@ -323,9 +320,9 @@ def test_queries_of_a_window_equal_those_of_the_whole_map(
 
 
 @pytest.mark.parametrize("name", ["plane", "quaternions"])
-def test_tile_subproblems_are_connected_within_their_tiles(name: str, tmp_path: Path) -> None:
+def test_tile_subproblems_are_connected_within_their_tiles(name, tmp_path):
     whole = build_map(name, "tiled", "free", 8, tmp_path)
-    space: Any = whole.space
+    space = whole.space
     space.compute_components()
     q, _ = whole.draw_inside(np.random.default_rng(13), 40)
     joined = [pair for pair in itertools.pairwise(q) if space.is_connected(*pair)][:4]
@@ -340,10 +337,32 @@ def test_tile_subproblems_are_connected_within_their_tiles(name: str, tmp_path: 
             np.testing.assert_array_equal(before[2], after[1])
 
 
+@pytest.mark.parametrize(
+    "any_map", [kind for kind in ALL_KINDS if "yaw" in kind[0]], indirect=True, ids="-".join
+)
+def test_returned_yaws_lie_from_minus_pi_to_below_pi(any_map):
+    # OMPL's bounds require this range. Endpoints are turned further by whole turns.
+    rng, space, memory = np.random.default_rng(17), any_map.space, any_map.memory
+    samples = memory.sample_free(60, rng)
+    ends = samples + 2.0 * np.pi * rng.integers(-3, 4, (60, 1)) * (
+        np.arange(memory.size) >= any_map.dim
+    )
+    yaws = [samples, space.rotations.centers, memory.slice_rotations]
+    yaws += [space.nearest_free(q)[np.newaxis] for q in ends[:20]]
+    for q0, q1 in itertools.pairwise(ends):
+        for straight in (True, False):
+            yaws.append(memory.find_path(q0, q1, straight=straight))
+            yaws.append(memory.find_widest_path(q0, q1, straight=straight))
+        if isinstance(space, cspace.TiledCSpace) and space.is_connected(q0, q1):
+            yaws += [np.array(part[1:]) for part in space.subproblems(q0, q1)]
+    returned = np.concatenate([rows[..., -1].ravel() for rows in yaws if len(rows)])
+    assert (returned >= -np.pi).all() and (returned < np.pi).all()
+
+
 # ---- batches -------------------------------------------------------------------------------------
 
 
-def test_a_batch_equals_single_queries(any_map: AnyMap) -> None:
+def test_a_batch_equals_single_queries(any_map):
     rng = np.random.default_rng(10)
     q = draw_configurations(any_map.memory, rng, 24)
     near = draw_near(any_map, q, rng)
@@ -362,7 +381,7 @@ def test_a_batch_equals_single_queries(any_map: AnyMap) -> None:
         assert query(*(part[:0] for part in given), *options).shape == (0,)
 
 
-def public_queries(kind: type) -> set[str]:
+def public_queries(kind):
     """Return the names of methods that take configurations or paths."""
     names = [name for name in dir(kind) if not name.startswith("_")]
     methods = {name: getattr(kind, name, None) for name in names}  # None for refused methods
@@ -372,7 +391,7 @@ def public_queries(kind: type) -> set[str]:
 
 
 @pytest.mark.parametrize("kind", [cspace.CSpace, cspace.TiledCSpace])
-def test_this_module_tests_every_query(kind: type) -> None:
+def test_this_module_tests_every_query(kind):
     here = Path(__file__).read_text(encoding="utf-8")
     assert "classify" in public_queries(kind)
     # What every space has for planners is tested with these.

@@ -11,13 +11,13 @@ from cspace.support.compiling import FILES_WITHOUT_KERNELS
 from tests.helpers.repository import ROOT
 
 
-def test_the_demo_compiles_few_functions(tmp_path: Path) -> None:
+def test_the_demo_compiles_few_functions(tmp_path):
     assert (
         0 < run_process(DEMO, tmp_path, tmp_path / "cache")["compilations"] <= MAX_DEMO_COMPILATIONS
     )
 
 
-def constants_in(code: ast.AST) -> set[str]:
+def constants_in(code):
     """Return the constants that a piece of code reads."""
     return {
         node.id
@@ -26,7 +26,7 @@ def constants_in(code: ast.AST) -> set[str]:
     }
 
 
-def definitions_in(tree: ast.Module) -> dict[str, ast.AST]:
+def definitions_in(tree):
     """Return where each name of a module is imported or assigned."""
     found = dict[str, ast.AST]()
     for node in tree.body:
@@ -39,7 +39,7 @@ def definitions_in(tree: ast.Module) -> dict[str, ast.AST]:
     return found
 
 
-def test_constants_of_kernels_are_in_files_that_the_folder_depends_on() -> None:
+def test_constants_of_kernels_are_in_files_that_the_folder_depends_on():
     # Otherwise a kernel would keep the old value of a constant.
     decorators = {"kernel", "inlined", "allocating"}
     modules, pending, known = (

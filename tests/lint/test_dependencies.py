@@ -4,7 +4,6 @@ import ast
 import re
 import sys
 import tomllib
-from collections.abc import Iterator
 from importlib.metadata import packages_distributions
 
 import pytest
@@ -13,21 +12,21 @@ from packaging.requirements import Requirement
 from tests.helpers.repository import ROOT, SOURCES
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-EXTRAS: dict[str, list[str]] = PROJECT["optional-dependencies"]
+EXTRAS = PROJECT["optional-dependencies"]
 REQUIREMENTS = [text for texts in (PROJECT["dependencies"], *EXTRAS.values()) for text in texts]
 
 
-def normalize(name: str) -> str:
+def normalize(name):
     return re.sub(r"[-_.]+", "-", name).lower()
 
 
-def distributions(texts: list[str]) -> set[str]:
+def distributions(texts):
     """Return the names of required distributions, extras such as `dask[distributed]` included."""
     requirements = [Requirement(text) for text in texts]
     return {normalize(name) for found in requirements for name in (found.name, *found.extras)}
 
 
-def walk_runtime(node: ast.AST) -> Iterator[ast.AST]:
+def walk_runtime(node):
     """Yield all nodes except those under `if TYPE_CHECKING:`."""
     yield node
     for child in ast.iter_child_nodes(node):
@@ -35,7 +34,7 @@ def walk_runtime(node: ast.AST) -> Iterator[ast.AST]:
             yield from walk_runtime(child)
 
 
-def imported_packages(tree: ast.AST) -> set[str]:
+def imported_packages(tree):
     """Return the packages that code imports, except Python's and ours."""
     names = set()
     for node in walk_runtime(tree):
@@ -47,7 +46,7 @@ def imported_packages(tree: ast.AST) -> set[str]:
     return tops - sys.stdlib_module_names - {"cspace", "planners"}
 
 
-def optional_packages(tree: ast.AST) -> dict[str, str]:
+def optional_packages(tree):
     """Return the extra of each package imported with `import_optional(package, use, extra)`."""
     calls = [
         node
@@ -57,7 +56,7 @@ def optional_packages(tree: ast.AST) -> dict[str, str]:
     return {ast.literal_eval(call.args[0]): ast.literal_eval(call.args[2]) for call in calls}
 
 
-def test_every_imported_package_is_declared() -> None:
+def test_every_imported_package_is_declared():
     installed, required = packages_distributions(), distributions(PROJECT["dependencies"])
     undeclared = []
     for file in SOURCES.values():
@@ -72,7 +71,7 @@ def test_every_imported_package_is_declared() -> None:
     assert not undeclared
 
 
-def test_extras_contain_the_packages_that_code_imports() -> None:
+def test_extras_contain_the_packages_that_code_imports():
     for file in SOURCES.values():
         for package, extra in optional_packages(
             ast.parse(file.read_text(encoding="utf-8"))
@@ -83,7 +82,7 @@ def test_extras_contain_the_packages_that_code_imports() -> None:
 
 
 @pytest.mark.parametrize("text", REQUIREMENTS)
-def test_every_dependency_has_a_lower_and_an_upper_bound(text: str) -> None:
+def test_every_dependency_has_a_lower_and_an_upper_bound(text):
     requirement = Requirement(text)
     operators = {bound.operator for bound in requirement.specifier}
     assert requirement.name == "cspace" or operators == {">=", "<"}
@@ -101,7 +100,7 @@ MACHINES = ["linux aarch64", "linux x86_64", "darwin arm64", "darwin x86_64"]
 """Values of sys_platform and platform_machine, as markers name them."""
 
 
-def test_constraints_are_plain_pins() -> None:
+def test_constraints_are_plain_pins():
     """pip refuses constraints with extras, addresses or options."""
     for pin in PINS:
         assert not pin.extras and pin.url is None
@@ -110,7 +109,7 @@ def test_constraints_are_plain_pins() -> None:
 
 @pytest.mark.parametrize("machine", MACHINES)
 @pytest.mark.parametrize("python", ["3.11", "3.12", "3.13"])
-def test_constraints_pin_every_dependency_within_its_bounds(python: str, machine: str) -> None:
+def test_constraints_pin_every_dependency_within_its_bounds(python, machine):
     system, processor = machine.split()
     environment = {"sys_platform": system, "platform_machine": processor}
     environment |= {"python_version": python, "python_full_version": f"{python}.9"}
@@ -123,7 +122,7 @@ def test_constraints_pin_every_dependency_within_its_bounds(python: str, machine
 
 
 @pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md", "docs/install.md", ".ci/run"])
-def test_commands_install_pinned_releases(page: str) -> None:
+def test_commands_install_pinned_releases(page):
     commands = re.findall(r"pip\"? install [^\n&]*", (ROOT / page).read_text(encoding="utf-8"))
     ours = [command for command in commands if re.search(r"(\s|\")\.(\[|\s|$)", command)]
     assert ours

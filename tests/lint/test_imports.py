@@ -4,7 +4,6 @@ import ast
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
 from graphlib import TopologicalSorter
 from typing import NamedTuple
 
@@ -15,6 +14,7 @@ ORDER = [
     "cspace.__main__ cspace.cli",
     "cspace.view",
     "planners",
+    "cspace.reasons",
     "cspace.plot",
     "cspace.arms",
     "cspace.spectral",
@@ -44,7 +44,7 @@ ORDER = [
 ROOM_LEVELS = {room: level for level, rooms in enumerate(ORDER) for room in rooms.split()}
 
 EXCEPTION = "cspace.methods"
-"""The only module whose functions import upper rooms: the methods ``plot``, ``view`` and
+"""The only module whose functions import upper rooms: ``plot``, ``view``, ``explain`` and
 ``export``."""
 
 
@@ -56,7 +56,7 @@ class Import(NamedTuple):
     imported: str
 
 
-def room(module: str) -> str:
+def room(module):
     """Return the folder or module of the order that contains a module."""
     return (
         module.partition(".")[0]
@@ -65,7 +65,7 @@ def room(module: str) -> str:
     )
 
 
-def imports(module: str) -> Iterator[Import]:
+def imports(module):
     """Yield all imports of a module, also for type checkers, except those of the exception."""
     if module == EXCEPTION:
         return
@@ -87,17 +87,17 @@ def imports(module: str) -> Iterator[Import]:
                     yield Import(module, node.lineno, imported)
 
 
-def test_imports_are_acyclic() -> None:
+def test_imports_are_acyclic():
     graph = {module: {other.imported for other in imports(module)} - {module} for module in SOURCES}
     assert len(list(TopologicalSorter(graph).static_order())) == len(SOURCES)
 
 
-def test_each_package_has_one_position_in_the_order() -> None:
+def test_each_package_has_one_position_in_the_order():
     assert {room(module) for module in SOURCES} == ROOM_LEVELS.keys()
     assert len(ROOM_LEVELS) == sum(len(rooms.split()) for rooms in ORDER)
 
 
-def test_imports_between_packages_point_down() -> None:
+def test_imports_between_packages_point_down():
     upward = [
         found
         for module in SOURCES
@@ -109,7 +109,7 @@ def test_imports_between_packages_point_down() -> None:
     )
 
 
-def test_only_methods_of_the_exception_import_upper_packages() -> None:
+def test_only_methods_of_the_exception_import_upper_packages():
     """Its module level has imports for type checkers only, so that it is light."""
     tree = ast.parse(SOURCES[EXCEPTION].read_text(encoding="utf-8"))
     plain = [node for node in tree.body if isinstance(node, ast.Import | ast.ImportFrom)]
@@ -118,12 +118,12 @@ def test_only_methods_of_the_exception_import_upper_packages() -> None:
     ]
 
 
-def run_python(code: str) -> None:
+def run_python(code):
     """Run code in a new interpreter."""
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
-def test_public_names_are_imported_at_their_first_use() -> None:
+def test_public_names_are_imported_at_their_first_use():
     run_python("""
 import sys, cspace
 assert "numpy" not in sys.modules, "import cspace is not light"
@@ -132,7 +132,7 @@ assert all(hasattr(cspace, name) for name in cspace.__all__) and not hasattr(csp
 """)
 
 
-def documented_names() -> dict[str, set[str]]:
+def documented_names():
     """Return the dotted names below ``cspace`` on public pages and in the API, by first package."""
     pages = [
         *ROOT.glob("docs/**/*.md"),
@@ -151,7 +151,7 @@ def documented_names() -> dict[str, set[str]]:
         if package == "cspace"
     ]
     text = re.sub(r"currentmodule:: \S+|^from \S+", "", text, flags=re.MULTILINE)
-    names: dict[str, set[str]] = {}
+    names = {}
     for name in [*re.findall(r"(?<![\w./])cspace(?:\.[a-z]\w*)+\.\w+", text), *shown]:
         package = name.split(".")[1]
         if f"cspace.{package}" in SOURCES:
@@ -159,7 +159,7 @@ def documented_names() -> dict[str, set[str]]:
     return names
 
 
-def test_packages_of_documented_names_need_no_import_of_their_own() -> None:
+def test_packages_of_documented_names_need_no_import_of_their_own():
     names = documented_names()
     assert {"arms", "plot", "spectral", "view"} <= names.keys()
     for found in names.values():

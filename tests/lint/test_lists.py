@@ -8,7 +8,6 @@ from functools import cached_property
 from importlib import import_module
 from pathlib import Path
 from types import FunctionType, ModuleType
-from typing import Any
 
 import pytest
 import yaml
@@ -20,7 +19,6 @@ import cspace.spectral
 import cspace.view
 import planners
 from cspace import InputError, Robot, Workspace
-from cspace.export.maps import EXPORT_FORMATS
 from cspace.files import points
 from cspace.files.formats import ROBOT_FORMATS, WORKSPACE_FORMATS
 from cspace.record.save import MAP_SUFFIXES
@@ -32,7 +30,7 @@ from tests.laws.test_laws import BATCH_QUERIES
 from tests.soak import files as soak
 
 DOCS = ROOT / "docs"
-LISTS: dict[str, Any] = runpy.run_path(str(DOCS / "lists.py"))
+LISTS = runpy.run_path(str(DOCS / "lists.py"))
 CODE_FOLDERS = ("cspace", "planners", "tests", "benchmarks")
 SAME_CONTENT = {
     ".yml": ".yaml",
@@ -46,12 +44,12 @@ SAME_CONTENT = {
 """Suffixes whose files are read by the code of another suffix."""
 
 
-def find_quoted(text: str) -> list[str]:
+def find_quoted(text):
     """Return texts between single or double backticks."""
     return re.findall(r"`+([^`]+)`+", text)
 
 
-def robot_hint() -> str:
+def robot_hint():
     """Return the hint and the rule that list all descriptions of robots."""
     with pytest.raises(InputError) as caught:
         Robot.open("nothing")
@@ -62,19 +60,18 @@ def robot_hint() -> str:
 
 
 @pytest.fixture(scope="module")
-def families(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    made: dict[str, Path] = soak.write_families(tmp_path_factory.mktemp("families"))
-    return made
+def families(tmp_path_factory):
+    return soak.write_families(tmp_path_factory.mktemp("families"))
 
 
-def test_every_reader_of_points_has_a_format() -> None:
+def test_every_reader_of_points_has_a_format():
     by_points = {
         suffix for suffix, known in WORKSPACE_FORMATS.items() if known.method == "from_points"
     }
     assert by_points | {".npy", ".ply"} == set(points.CLOUD_READERS)
 
 
-def test_every_reader_of_a_file_has_a_format() -> None:
+def test_every_reader_of_a_file_has_a_format():
     readers = {
         name
         for name, method in inspect.getmembers(Workspace, inspect.ismethod)
@@ -84,27 +81,15 @@ def test_every_reader_of_a_file_has_a_format() -> None:
     assert readers - {"from_moveit_scene"} <= methods  # scenes are YAML, as ROS maps are
 
 
-def test_every_format_is_tested() -> None:
-    tests = [file.read_text(encoding="utf-8") for file in (ROOT / "tests/files").glob("*.py")]
-    suffixes = {*WORKSPACE_FORMATS, *ROBOT_FORMATS} - {*SAME_CONTENT}
-    assert [suffix for suffix in suffixes if not any(f'{suffix}"' in text for text in tests)] == []
-
-
-def test_every_format_has_its_constructor_and_writer() -> None:
-    assert all(hasattr(Workspace, known.method) for known in WORKSPACE_FORMATS.values())
-    assert all(hasattr(Robot, known.method) for known in ROBOT_FORMATS.values())
-    assert all(callable(known.write) for known in EXPORT_FORMATS.values())
-
-
-def test_every_format_has_a_family_of_damaged_files(families: dict[str, Path]) -> None:
+def test_every_format_has_a_family_of_damaged_files(families):
     suffixes = {Path(name).suffix for name in families}
     read = {*WORKSPACE_FORMATS, *ROBOT_FORMATS, *MAP_SUFFIXES}
     assert {SAME_CONTENT.get(suffix, suffix) for suffix in read} <= suffixes
 
 
-def test_the_dimension_of_every_format_matches_its_workspace(families: dict[str, Path]) -> None:
+def test_the_dimension_of_every_format_matches_its_workspace(families):
     for name, path in families.items():
-        opened: Any = soak.open_file(path)
+        opened = soak.open_file(path)
         if isinstance(opened, Workspace):
             declared = WORKSPACE_FORMATS[path.suffix].dimension
             assert declared in (None, opened.grid.dim), name
@@ -113,7 +98,7 @@ def test_the_dimension_of_every_format_matches_its_workspace(families: dict[str,
 # ---- robots --------------------------------------------------------------------------------------
 
 
-def test_every_primitive_has_a_short_text() -> None:
+def test_every_primitive_has_a_short_text():
     made = {
         name
         for name, function in inspect.getmembers(primitives, inspect.isfunction)
@@ -125,7 +110,7 @@ def test_every_primitive_has_a_short_text() -> None:
 
 
 @pytest.mark.parametrize("name", sorted(SHORT_TEXTS.keys() - {"box", "footprint"}))
-def test_a_short_text_makes_the_robot_of_its_method(name: str) -> None:
+def test_a_short_text_makes_the_robot_of_its_method(name):
     example = SHORT_TEXTS[name].example
     sizes = map(float, re.split("[x,]", example.partition(":")[2]))
     method = getattr(Robot, {"rect": "rectangle"}.get(name, name))
@@ -133,7 +118,7 @@ def test_a_short_text_makes_the_robot_of_its_method(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", SHORT_TEXTS)
-def test_every_short_text_is_parsed_and_listed_in_messages(name: str) -> None:
+def test_every_short_text_is_parsed_and_listed_in_messages(name):
     kind = SHORT_TEXTS[name]
     assert kind.example.startswith(f"{name}:")
     assert Robot.parse(kind.example).dim == kind.dimension
@@ -141,18 +126,10 @@ def test_every_short_text_is_parsed_and_listed_in_messages(name: str) -> None:
     assert f"{name}:{kind.form}" in run("map", "flat.geojson", "--robot", "help").stderr
 
 
-@pytest.mark.parametrize("name", SHORT_TEXTS)
-def test_every_short_text_has_a_method_and_tests(name: str) -> None:
-    method = {"rect": "rectangle", "footprint": "from_footprint"}.get(name, name)
-    assert hasattr(Robot, method)
-    tests = [file.read_text(encoding="utf-8") for file in (ROOT / "tests").rglob("*.py")]
-    assert any(f"Robot.{method}(" in text for text in tests)
-
-
 # ---- queries -------------------------------------------------------------------------------------
 
 
-def test_every_query_of_batches_obeys_the_laws_and_answers_a_question() -> None:
+def test_every_query_of_batches_obeys_the_laws_and_answers_a_question():
     queries = {
         name
         for name, value in inspect.getmembers(cspace.CSpace, inspect.isfunction)
@@ -174,12 +151,12 @@ def test_every_query_of_batches_obeys_the_laws_and_answers_a_question() -> None:
 
 
 @pytest.mark.parametrize("page", sorted(DOCS.rglob("*.md")), ids=lambda page: page.stem)
-def test_the_lists_of_a_page_are_those_of_the_code(page: Path) -> None:
+def test_the_lists_of_a_page_are_those_of_the_code(page):
     text = page.read_text(encoding="utf-8")
     assert LISTS["fill"](text) == text, "run python docs/lists.py"
 
 
-def test_every_list_is_on_a_page() -> None:
+def test_every_list_is_on_a_page():
     pages = [page.read_text(encoding="utf-8") for page in DOCS.rglob("*.md")]
     found = {name for text in pages for name in re.findall("<!-- list: (.+?) -->", text)}
     formats = {"short texts", "workspace formats", "robot formats", "export formats"}
@@ -191,7 +168,7 @@ def test_every_list_is_on_a_page() -> None:
 PUBLIC_PACKAGES = (cspace, cspace.arms, cspace.plot, cspace.spectral, cspace.view, planners)
 
 
-def shown_in_api() -> dict[str, object]:
+def shown_in_api():
     """Return the objects of the API page by full name."""
     package, shown = "", {}
     for line in (DOCS / "api.md").read_text(encoding="utf-8").splitlines():
@@ -204,7 +181,7 @@ def shown_in_api() -> dict[str, object]:
 
 
 @pytest.mark.parametrize("package", PUBLIC_PACKAGES, ids=lambda package: package.__name__)
-def test_api_page_shows_every_public_name(package: Any) -> None:
+def test_api_page_shows_every_public_name(package):
     shown = list(shown_in_api().values())
     text = (DOCS / "api.md").read_text(encoding="utf-8")
     missing = [
@@ -217,14 +194,14 @@ def test_api_page_shows_every_public_name(package: Any) -> None:
     assert missing == []
 
 
-def test_api_page_shows_public_names_only() -> None:
+def test_api_page_shows_public_names_only():
     public = {package.__name__: set(package.__all__) for package in PUBLIC_PACKAGES}
     for full in shown_in_api():
         package, _, name = full.rpartition(".")
         assert not name.startswith("_") and name in public.get(package, {name}), full
 
 
-def test_api_pages_show_every_public_method_of_a_class() -> None:
+def test_api_pages_show_every_public_method_of_a_class():
     # Sphinx lists public methods with docstrings, except those left out by docs/lists.py.
     inside = LISTS["INSIDE"].items()
     left_out = {f"{kind}.{name}" for kind, names in inside for name in names.split(", ")}
@@ -251,7 +228,7 @@ def test_api_pages_show_every_public_method_of_a_class() -> None:
 # ---- the page for contributors -------------------------------------------------------------------
 
 
-def test_files_and_names_of_the_extending_page_exist() -> None:
+def test_files_and_names_of_the_extending_page_exist():
     named = set(find_quoted((DOCS / "extending.md").read_text(encoding="utf-8")))
     files = {name for name in named if re.fullmatch(r"[\w.]+/[\w./]*", name)}
     assert {name for name in files if not (ROOT / name).exists()} == set()
@@ -273,7 +250,7 @@ def test_files_and_names_of_the_extending_page_exist() -> None:
 # ---- the version ---------------------------------------------------------------------------------
 
 
-def test_version_is_the_same_in_every_file() -> None:
+def test_version_is_the_same_in_every_file():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     newest = re.search(

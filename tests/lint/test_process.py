@@ -3,7 +3,6 @@
 import json
 import subprocess
 import sys
-from typing import Any
 
 import numpy as np
 import pytest
@@ -64,21 +63,20 @@ if __name__ == "__main__":
 
 
 @pytest.fixture(scope="module")
-def printed() -> dict[str, Any]:
+def printed():
     # Python's warnings are ignored, because a new release of any package may deprecate something.
     command = [sys.executable, "-W", "ignore", "-c", PLANS_SCRIPT]
     run = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
     assert run.returncode == 0, run.stderr
     assert run.stderr == ""  # neither OMPL nor its bindings warn
-    document: dict[str, Any] = json.loads(run.stdout)
-    return document
+    return json.loads(run.stdout)
 
 
-def test_planners_are_imported_without_rarely_used_parts_of_scipy(printed: dict[str, Any]) -> None:
+def test_planners_are_imported_without_rarely_used_parts_of_scipy(printed):
     assert printed["unneeded"] == []
 
 
-def test_a_seed_repeats_a_run_in_another_process(printed: dict[str, Any]) -> None:
+def test_a_seed_repeats_a_run_in_another_process(printed):
     space = build(Workspace.from_array(fill_boxes((40, 40), np.s_[20, :30]), 0.1), Robot.disc(0.15))
     options = {"planner": "RRTConnect", "time_limit": 20.0}
     paths = [
@@ -88,6 +86,6 @@ def test_a_seed_repeats_a_run_in_another_process(printed: dict[str, Any]) -> Non
     assert printed["path"] == paths[0] != paths[1]
 
 
-def test_plans_leak_no_memory(printed: dict[str, Any]) -> None:
+def test_plans_leak_no_memory(printed):
     # A setup takes 30 kB, so leaking every setup would take 2.6 MiB.
     assert len(printed["growths"]) == 3 and max(printed["growths"].values()) < 1.5

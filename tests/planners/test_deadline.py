@@ -1,7 +1,6 @@
 """Time limits of plans, kept within a quarter of a second."""
 
 import time
-from typing import Any
 
 import numpy as np
 import pytest
@@ -33,9 +32,7 @@ from tests.soak.drives import weighted_length
         ("KPIECE1", "plane", None, "length"),
     ],
 )
-def test_planners_of_ompl_end_in_time(
-    planner: str, name: str, curve: str | None, objective: str
-) -> None:
+def test_planners_of_ompl_end_in_time(planner, name, curve, objective):
     parted, *apart = build_halves(name, MIXED)
     for space, endpoints in ((build_room(name), ENDPOINTS[name]), (parted, apart)):
         planners.plan(space, endpoints[0], endpoints[0])  # fills the caches of the map
@@ -45,7 +42,7 @@ def test_planners_of_ompl_end_in_time(
         assert space is not parted or not plan.solved
 
 
-def test_built_in_searches_keep_the_time_limit() -> None:
+def test_built_in_searches_keep_the_time_limit():
     # A maze misleads the search of the grid; the search of the widest path visits half a map.
     occupied = np.zeros((240, 240), dtype=bool)
     for k in range(1, 8):
@@ -68,16 +65,13 @@ def test_built_in_searches_keep_the_time_limit() -> None:
         ({"drive": "reeds-shepp", "turning_radius": 0.1}, CarCurves),
         ({"drive": "differential"}, TurnDriveTurn),
     ],
-    ids=["car", "turns on the spot"],
 )
-def test_shortening_a_path_of_the_lattice_keeps_the_time_limit(
-    options: dict[str, Any], owner: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_shortening_a_path_of_the_lattice_keeps_the_time_limit(options, owner, monkeypatch):
     # Only the costs of edges take time, 20 ms for each waypoint.
     now = [0.0]
     edge_lengths = owner.edge_lengths
 
-    def measure_slowly(*args: Any) -> Any:
+    def measure_slowly(*args):
         now[0] += 0.02
         return edge_lengths(*args)
 
@@ -94,12 +88,12 @@ def test_shortening_a_path_of_the_lattice_keeps_the_time_limit(
     assert lengths[0] < lengths[1] < lengths[2] + 1e-9
 
 
-def test_a_planner_step_that_takes_too_long_is_cut_off() -> None:
+def test_a_planner_step_that_takes_too_long_is_cut_off():
     # FMT computes costs between all near samples before it checks the time.
-    calls: list[int] = []
+    calls = []
 
     class Slow(planners.ClearanceObjective):
-        def motionCost(self, first: Any, second: Any) -> Any:  # noqa: N802 - OMPL's name
+        def motionCost(self, first, second):  # noqa: N802 - OMPL's name
             calls.append(1)
             time.sleep(0.002)
             return super().motionCost(first, second)
@@ -110,7 +104,7 @@ def test_a_planner_step_that_takes_too_long_is_cut_off() -> None:
     assert calls and plan.status.startswith("path found: the first one, by RRTConnect")
 
 
-def test_a_deadline_makes_callbacks_refuse_then_raise(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_deadline_makes_callbacks_refuse_then_raise(monkeypatch):
     now = [0.0]
     monkeypatch.setattr(type(clock), "__call__", lambda _: now[0])
     raising = Deadline(raises=True)
@@ -132,13 +126,11 @@ def test_a_deadline_makes_callbacks_refuse_then_raise(monkeypatch: pytest.Monkey
 
 
 @pytest.mark.parametrize("iterations", [None, 2])
-def test_compiling_takes_no_time_from_the_search(
-    iterations: int | None, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_compiling_takes_no_time_from_the_search(iterations, monkeypatch):
     seconds = [0.4]
 
     class Compiled(planners.MotionValidator):
-        def checkMotion(self, first: Any, second: Any) -> bool:  # noqa: N802 - OMPL's name
+        def checkMotion(self, first, second):  # noqa: N802 - OMPL's name
             if seconds:
                 compile_for(seconds.pop())
             return super().checkMotion(first, second)

@@ -3,7 +3,6 @@ office."""
 
 import math
 import sys
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +12,7 @@ from hypothesis import given, settings
 from ompl import base as ob
 
 import planners
-from cspace import CSpace, Robot, Workspace, build
+from cspace import Robot, Workspace, build
 from tests.helpers.handmade import fill_boxes
 from tests.helpers.planning import ENDPOINTS, build_room, interpolate_poses, make_poses
 from tests.helpers.strategies import seeds
@@ -24,8 +23,8 @@ from tests.soak.drives import (
     weighted_length,
 )
 
-SPOT_DRIVES: list[dict[str, Any]] = [{"drive": "differential"}, {"drive": "differential-reverse"}]
-CAR_DRIVES: list[dict[str, Any]] = [
+SPOT_DRIVES = [{"drive": "differential"}, {"drive": "differential-reverse"}]
+CAR_DRIVES = [
     {"drive": "dubins", "turning_radius": 0.3},
     {"drive": "reeds-shepp", "turning_radius": 0.3},
 ]
@@ -34,7 +33,7 @@ CURVES = {"dubins": ob.DubinsStateSpace, "reeds-shepp": ob.ReedsSheppStateSpace}
 FOOTPRINT = [(-0.2, -0.15), (0.3, -0.15), (0.3, 0.05), (0.0, 0.05), (0.0, 0.2), (-0.2, 0.2)]
 
 
-def build_world(rng: np.random.Generator) -> CSpace:
+def build_world(rng):
     """Build the map of a random plane with boxes."""
     cells = np.zeros((40, 36), dtype=bool)
     for i, j, width, height in rng.integers(1, (36, 36, 12, 12), (7, 4)):
@@ -42,7 +41,7 @@ def build_world(rng: np.random.Generator) -> CSpace:
     return build(Workspace.from_array(cells, 0.1), Robot.polygon(FOOTPRINT), rotations=24)
 
 
-def sample_motion(plan: planners.Plan) -> np.ndarray:
+def sample_motion(plan):
     """Return configurations 1 cm or 1 degree apart along a path, for cars by OMPL's own curves."""
     parts = []
     for a, b in zip(plan.waypoints[:-1], plan.waypoints[1:], strict=True):
@@ -63,9 +62,7 @@ def sample_motion(plan: planners.Plan) -> np.ndarray:
 @EVERY_DRIVE
 @settings(max_examples=10)
 @given(seed=seeds)
-def test_paths_are_certified_and_keep_exact_footprints_off_obstacles(
-    options: dict[str, Any], seed: int
-) -> None:
+def test_paths_are_certified_and_keep_exact_footprints_off_obstacles(options, seed):
     rng = np.random.default_rng(seed)
     space = build_world(rng)
     cells = 0.1 * np.argwhere(space.workspace.outer)
@@ -86,9 +83,7 @@ def test_paths_are_certified_and_keep_exact_footprints_off_obstacles(
 @pytest.mark.parametrize("options", SPOT_DRIVES, ids=str)
 @settings(max_examples=10)
 @given(seed=seeds)
-def test_the_lattice_solves_what_eight_headings_join_and_is_as_short(
-    options: dict[str, Any], seed: int
-) -> None:
+def test_the_lattice_solves_what_eight_headings_join_and_is_as_short(options, seed):
     rng = np.random.default_rng(seed)
     space = build_world(rng)
     graph = join_eight_headings(space, options["drive"])
@@ -102,7 +97,7 @@ def test_the_lattice_solves_what_eight_headings_join_and_is_as_short(
 
 
 @EVERY_DRIVE
-def test_the_lattice_is_the_default_and_repeats_its_path(options: dict[str, Any]) -> None:
+def test_the_lattice_is_the_default_and_repeats_its_path(options):
     query = build_room("turning"), *ENDPOINTS["turning"]
     plan = planners.plan(*query, time_limit=20.0, **options)
     again = planners.plan(*query, planner="lattice", time_limit=20.0, **options)
@@ -118,7 +113,7 @@ SMALLER = "a smaller turning_radius"
 
 
 @pytest.fixture(scope="module")
-def dead_end() -> CSpace:
+def dead_end():
     """Build a room with a corridor too narrow to turn in, which ends at a wall."""
     occupied = fill_boxes((80, 40), np.s_[:50, :15], np.s_[:50, 20:])
     return build(Workspace.from_array(occupied, 0.1), Robot.rectangle(0.6, 0.3), rotations=72)
@@ -129,9 +124,7 @@ OUT = (1.0, 1.75, math.pi - 1e-3), (6.5, 1.75, 0.0)
 
 
 @EVERY_DRIVE
-def test_the_lattice_leaves_a_dead_end_as_the_drive_may(
-    dead_end: CSpace, options: dict[str, Any]
-) -> None:
+def test_the_lattice_leaves_a_dead_end_as_the_drive_may(dead_end, options):
     reverses = options["drive"] in ("differential-reverse", "reeds-shepp")
     plan = planners.plan(dead_end, *OUT, time_limit=1000.0, planner="Lattice", **options)
     assert plan.solved == plan.certified == reverses
@@ -148,7 +141,7 @@ def test_the_lattice_leaves_a_dead_end_as_the_drive_may(
     assert late.hint.startswith(f"more time (time_limit=1e-05), {FINER}, ")
 
 
-def test_ompl_takes_over_when_the_lattice_finds_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ompl_takes_over_when_the_lattice_finds_nothing(monkeypatch):
     monkeypatch.setattr(
         sys.modules["planners.plan"],
         "find_lattice_path",
@@ -162,29 +155,3 @@ def test_ompl_takes_over_when_the_lattice_finds_nothing(monkeypatch: pytest.Monk
 
 
 # ---- parking -------------------------------------------------------------------------------------
-
-
-def test_a_car_parks_parallel_to_the_road_in_reverse() -> None:
-    """The gap is 1.6 times as long as the car."""
-    cars = [shapely.box(x, 0.4, x + 4.2, 2.1) for x in (0.5, 11.4, 16.3)]
-    workspace = Workspace.from_polygons(cars, 0.1, bounds=(0, 0, 21, 6.5))
-    space = build(workspace, Robot.rectangle(4.2, 1.7), rotations=144)
-
-    options = {"drive": "reeds-shepp", "turning_radius": 4.0, "time_limit": 60.0}
-    plan = planners.plan(space, (3.5, 4.2, 0.0), (8.0, 1.25, 0.0), **options)
-    assert plan.certified and -1 in plan.direction and plan.length < 40.0
-
-
-@EVERY_DRIVE
-def test_cars_leave_a_bug_trap(options: dict[str, Any]) -> None:
-    """The trap, the car and the query of OMPL.app's problem BugTrap_dcar, whose car turns within
-    1.73 m."""
-    shell = shapely.box(-20, -20, 20, 20) - shapely.box(-17, -17, 17, 17)
-    walls = (shell | shapely.box(3, -6, 20, 6)) - shapely.box(3, -3, 20, 3)
-    workspace = Workspace.from_polygons([walls], 0.5, bounds=(-55, -55, 55, 55))
-    space = build(workspace, Robot.rectangle(5.0, 2.5), rotations=72)
-    if "turning_radius" in options:
-        options = options | {"turning_radius": 3.0**0.5}
-    plan = planners.plan(space, (6.0, 12.0, 0.0), (-39.0, 0.0, 0.0), time_limit=20.0, **options)
-    assert plan.certified and plan.planner == "Lattice"
-    assert plan.lower_bound < plan.length < 140.0

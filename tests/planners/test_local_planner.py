@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 
 import planners
-from cspace import CSpace, Robot, Workspace, build
+from cspace import Robot, Workspace, build
 from planners.local_planner import local_planner
 from tests.helpers.placements import collides
 from tests.helpers.planning import (
@@ -27,7 +27,7 @@ from tests.helpers.strategies import seeds
 EACH_DRIVE = pytest.mark.parametrize("drive", ["differential", "differential-reverse"])
 
 
-def find_turns(first: np.ndarray, last: np.ndarray, drive: str) -> np.ndarray:
+def find_turns(first, last, drive):
     """Return the yaw of the straight part and both rotations.
 
     Of two directions, the least rotation wins. Shares no arithmetic with the planners.
@@ -41,7 +41,7 @@ def find_turns(first: np.ndarray, last: np.ndarray, drive: str) -> np.ndarray:
     return min(candidates, key=lambda turns: np.round(np.abs(turns[1:]).sum(), 12))
 
 
-def drive_edge(first: np.ndarray, last: np.ndarray, drive: str, count: int = 60) -> np.ndarray:
+def drive_edge(first, last, drive, count=60):
     """Return ``count`` configurations along each part of an edge."""
     heading, begin, end = find_turns(first, last, drive)
     shares = np.linspace(0.0, 1.0, count)[:, None]
@@ -53,7 +53,7 @@ def drive_edge(first: np.ndarray, last: np.ndarray, drive: str, count: int = 60)
     return np.concatenate(parts)
 
 
-def draw_edge(space: CSpace, seed: int) -> np.ndarray:
+def draw_edge(space, seed):
     """Draw two FREE configurations, mostly near each other, some at one place or yaw."""
     rng = np.random.default_rng(seed)
     first, last = space.sample_free(2, rng)
@@ -67,7 +67,7 @@ def draw_edge(space: CSpace, seed: int) -> np.ndarray:
     return np.array([first, last])
 
 
-def check_driven(plan: planners.Plan, drive: str) -> None:
+def check_driven(plan, drive):
     """Check that a path never moves sideways or rotates while it moves."""
     path = plan.path
     dx, dy = np.diff(path[:, :2], axis=0).T
@@ -88,9 +88,7 @@ def check_driven(plan: planners.Plan, drive: str) -> None:
 @EACH_DRIVE
 @settings(max_examples=200)
 @given(seed=seeds)
-def test_an_edge_is_proven_if_its_configurations_are_free_with_clearance(
-    drive: str, seed: int
-) -> None:
+def test_an_edge_is_proven_if_its_configurations_are_free_with_clearance(drive, seed):
     space = build_room("turning")
     edges = local_planner(space, drive=drive)
     first, last = draw_edge(space, seed)
@@ -109,14 +107,13 @@ def test_an_edge_is_proven_if_its_configurations_are_free_with_clearance(
     assert length == pytest.approx(math.dist(first[:2], last[:2]) + 0.5 * radians, abs=1e-9)
 
 
-def test_a_reversing_robot_backs_out_of_a_narrow_corridor() -> None:
+def test_a_reversing_robot_backs_out_of_a_narrow_corridor():
     occupied = np.ones((60, 60), dtype=bool)
     occupied[5:55, 26:34] = False  # a corridor of 0.8 m
     space = build(Workspace.from_array(occupied, 0.1), Robot.rectangle(1.2, 0.4), rotations=72)
     start, goal = (4.0, 3.0, 0.0), (2.0, 3.0, 0.0)
     plan = planners.plan(space, start, goal, drive="differential-reverse")
-    check(space, plan, start, goal)
-    assert plan.length == 2.0 and set(plan.direction.tolist()) == {-1}
+    assert plan.certified and plan.length == 2.0 and set(plan.direction.tolist()) == {-1}
     for bidirectional in (False, True):
         options = {"drive": "differential", "bidirectional": bidirectional}
         si = planners.simple_setup(space, **options).getSpaceInformation()
@@ -126,7 +123,7 @@ def test_a_reversing_robot_backs_out_of_a_narrow_corridor() -> None:
 
 
 @EACH_DRIVE
-def test_ompls_interpolation_lies_on_the_edge(drive: str) -> None:
+def test_ompls_interpolation_lies_on_the_edge(drive):
     space = build_room("turning")
     states = planners.state_space(space, drive=drive)
     shares = np.array([0.01, 0.3, 0.99])
@@ -148,7 +145,7 @@ def test_ompls_interpolation_lies_on_the_edge(drive: str) -> None:
 
 @EACH_DRIVE
 @pytest.mark.parametrize("planner", [None, "RRTConnect", "PRM"])
-def test_paths_can_be_driven_and_no_point_collides(drive: str, planner: str | None) -> None:
+def test_paths_can_be_driven_and_no_point_collides(drive, planner):
     # Rectangles along the path avoid every obstacle, by shapely.
     space = build_room("turning")
     ends = ENDPOINTS["turning"]
@@ -161,7 +158,7 @@ def test_paths_can_be_driven_and_no_point_collides(drive: str, planner: str | No
 
 
 @EACH_DRIVE
-def test_remove_turns_keeps_the_yaw_of_arrival(drive: str) -> None:
+def test_remove_turns_keeps_the_yaw_of_arrival(drive):
     edges = local_planner(build_open_map("turning"), drive=drive)
     path = np.array([(1.0, 1.0, 0.5), (3.0, 1.5, -2.0), (5.0, 4.0, 1.0), (5.0, 6.0, 0.0)])
     settled = edges.remove_turns(path)

@@ -2,19 +2,16 @@
 
 import itertools
 import math
-from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from hypothesis import strategies as st
 
 import planners
 from cspace import InputError
 from planners.local_planner import local_planner
 from planners.states import find_state_kind
 from tests.helpers.planning import (
-    ENDPOINTS,
     SPACES_WITH_CURVES,
     build_room,
     draw_edges,
@@ -24,11 +21,11 @@ from tests.helpers.planning import (
 from tests.helpers.strategies import seeds
 from tests.soak import lengths
 
-PENALTIES: dict[str, Any] = {"weight": 6.0, "clearance_threshold": 0.4}
+PENALTIES = {"weight": 6.0, "clearance_threshold": 0.4}
 
 
 @pytest.mark.parametrize(("name", "curve"), SPACES_WITH_CURVES)
-def test_the_cost_of_an_edge_is_the_integral_along_it(name: str, curve: str | None) -> None:
+def test_the_cost_of_an_edge_is_the_integral_along_it(name, curve):
     space = build_room(name)
     dim = space.grid.dim
     read = find_state_kind(space).read
@@ -39,7 +36,7 @@ def test_the_cost_of_an_edge_is_the_integral_along_it(name: str, curve: str | No
     plain = planners.WeightedLength(si, space, **options)
     between = si.allocState()
 
-    def find_costs(q: Any) -> np.ndarray:
+    def find_costs(q):
         """Return the cost of a metre at configurations."""
         shortfall = np.maximum(0.0, 1.0 - space.clearance(np.array(q)) / 0.4)
         return 1.0 + 6.0 * shortfall**2
@@ -72,33 +69,13 @@ def test_the_cost_of_an_edge_is_the_integral_along_it(name: str, curve: str | No
 @pytest.mark.parametrize("kind", lengths.WORLDS)
 @settings(max_examples=25)
 @given(seeds)
-def test_no_path_is_shorter_than_the_bound(kind: str, seed: int) -> None:
+def test_no_path_is_shorter_than_the_bound(kind, seed):
     outcomes = lengths.WORLDS[kind](np.random.default_rng(seed))
     assert lengths.is_between(*np.reshape(outcomes, (-1, 3)).T)
 
 
-@settings(max_examples=15)
-@given(seeds, st.sampled_from(sorted(ENDPOINTS)))
-def test_no_certified_path_is_shorter_than_the_bound(seed: int, name: str) -> None:
-    space = build_room(name)
-    dim = space.grid.dim
-    start, goal = space.sample_free(2, np.random.default_rng(seed))
-    goal[:dim] = start[:dim] if seed % 3 == 0 else goal[:dim]
-    if not space.is_free(goal):
-        return
-    for options in ({}, {"planner": "RRTConnect", "seed": seed % 1000}):
-        plan = planners.plan(space, start, goal, time_limit=1.0, **options)
-        if plan.certified:
-            straight = math.dist(start[:dim], goal[:dim])
-            length = plan.length + 0.5 * plan.total_rotation
-            assert straight * (1.0 - 1e-6) <= plan.lower_bound <= length
-            assert plan.gap >= 0.0
-            if len(plan.waypoints) == 2:  # a single edge is a shortest path
-                assert plan.gap < 1e-6
-
-
 @pytest.mark.parametrize("drive", ["differential", "differential-reverse"])
-def test_a_differential_drive_pays_for_each_turn_and_each_straight(drive: str) -> None:
+def test_a_differential_drive_pays_for_each_turn_and_each_straight(drive):
     space = build_room("turning")
     si = planners.simple_setup(space, drive=drive).getSpaceInformation()
     length = planners.WeightedLength(si, space, drive=drive)
@@ -112,6 +89,5 @@ def test_a_differential_drive_pays_for_each_turn_and_each_straight(drive: str) -
         rows = [make_state(space, si, q) for q in edges.insert_breakpoints(np.array([a, b]))]
         parts = [straight.motionCost(p, q).value() for p, q in itertools.pairwise(rows)]
         assert driven.motionCost(*ends).value() == pytest.approx(sum(parts))
-    for options in ({"weight": math.nan}, {"clearance_threshold": 0.0}):
-        with pytest.raises(InputError, match=next(iter(options))):
-            planners.ClearanceObjective(si, space, **options)
+    with pytest.raises(InputError, match="weight"):
+        planners.ClearanceObjective(si, space, weight=math.nan)

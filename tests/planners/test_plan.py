@@ -1,8 +1,6 @@
 """Plans in every space and along curves, by planners of OMPL and built-in searches."""
 
 import itertools
-import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,18 +13,16 @@ from tests.helpers.planning import (
     ENDPOINTS,
     SPACES_WITH_CURVES,
     build_from_states,
-    build_open_map,
     build_room,
     check,
     make_state,
     options_for,
     plan_patiently,
-    turn_between,
 )
 from tests.helpers.refusals import refusals
 
 
-def endpoints_in(name: str, curve: str | None) -> tuple[Any, Any]:
+def endpoints_in(name, curve):
     """Return a start and goal that every planner joins."""
     start, goal = ENDPOINTS[name]
     return (start, (3.0, 3.0, 0.0)) if curve else (start, goal)
@@ -47,7 +43,7 @@ def endpoints_in(name: str, curve: str | None) -> tuple[Any, Any]:
         ("FMT", "turning", "reeds-shepp"),
     ],
 )
-def test_planners_find_certified_paths(planner: str, name: str, curve: str | None) -> None:
+def test_planners_find_certified_paths(planner, name, curve):
     space = build_room(name)
     endpoints = endpoints_in(name, curve)
     limits = (20.0,) if planner == "FMT" else (0.1, 1.0, 20.0)
@@ -58,11 +54,12 @@ def test_planners_find_certified_paths(planner: str, name: str, curve: str | Non
     assert (plan.planner, plan.objective, plan.exact) == (planner, "length", False)
     assert plan.drive == (curve or "holonomic") and plan.is_connected
     assert plan.turning_radius == options.get("turning_radius")
+    assert plan.lower_bound <= plan.length + 0.5 * plan.total_rotation and plan.gap >= 0.0
     assert curve != "dubins" or set(plan.direction.tolist()) == {1}
 
 
 @pytest.mark.parametrize(("name", "curve"), SPACES_WITH_CURVES)
-def test_a_free_edge_or_no_motion_needs_no_search(name: str, curve: str | None) -> None:
+def test_a_free_edge_or_no_motion_needs_no_search(name, curve):
     space = build_room(name)
     start = ENDPOINTS[name][0]
     near = (1.2, 0.95, 0.45) if name == "turning" else (start[0], start[1] + 0.2, *start[2:])
@@ -71,6 +68,7 @@ def test_a_free_edge_or_no_motion_needs_no_search(name: str, curve: str | None) 
         plan = planners.plan(space, start, near, planner=planner, **options_for(curve))
         check(space, plan, start, near)
         assert len(plan.waypoints) == 2 and "no search needed" in plan.status
+        assert curve or plan.gap < 1e-6  # a single edge is a shortest path
     plan = planners.plan(space, start, start, **options_for(curve))
     check(space, plan, start, start)
     assert plan.path.tolist() == [list(start)] and plan.length == 0.0
@@ -80,7 +78,7 @@ def test_a_free_edge_or_no_motion_needs_no_search(name: str, curve: str | None) 
 @pytest.mark.parametrize(
     ("name", "curve"), [("floating", None), ("turning", "dubins"), ("turning", "reeds-shepp")]
 )
-def test_simplified_paths_are_certified_and_no_longer(name: str, curve: str | None) -> None:
+def test_simplified_paths_are_certified_and_no_longer(name, curve):
     space = build_room(name)
     endpoints = endpoints_in(name, curve)
     weight = 0.5 if curve is None else 0.0
@@ -96,22 +94,10 @@ def test_simplified_paths_are_certified_and_no_longer(name: str, curve: str | No
     assert min(gains) >= 1 - 1e-9 and max(gains) > 1.02
 
 
-def test_yaw_takes_the_shorter_arc_and_is_wrapped() -> None:
-    space = build_room("turning")
-    plan = planners.plan(space, (0.8, 0.8, 3.0 + 4 * math.pi), (0.9, 0.8, -3.0))
-    check(space, plan, (0.8, 0.8, 3.0), (0.9, 0.8, -3.0))
-    turns = turn_between(plan.path[:-1, 2], plan.path[1:, 2])
-    assert turns.sum() == pytest.approx(2 * math.pi - 6.0) and (turns > 0).all()
-    same = planners.plan(space, (0.8, 0.8, math.pi), (0.8, 0.8, -math.pi))
-    assert same.path.tolist() == [[0.8, 0.8, -math.pi]]
-
-
 @pytest.mark.parametrize(("name", "curve"), [("plane", None), ("turning", "reeds-shepp")])
-def test_a_path_with_false_motions_is_not_certified(
-    name: str, curve: str | None, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_path_with_false_motions_is_not_certified(name, curve, monkeypatch):
     class Lenient(planners.MotionValidator):
-        def checkMotion(self, *_: object) -> bool:  # noqa: N802 - OMPL's name
+        def checkMotion(self, *_):  # noqa: N802 - OMPL's name
             return True
 
     monkeypatch.setattr("planners.setup.MotionValidator", Lenient)
@@ -137,8 +123,8 @@ def test_a_path_with_false_motions_is_not_certified(
     ],
 )
 def test_an_unusable_endpoint_is_named_with_its_state_and_the_nearest_free_one(
-    x: float, y: float, message: str, nearest: float
-) -> None:
+    x, y, message, nearest
+):
     row = np.array([[FREE], [FREE], [MIXED], [BLOCKED], [FREE]], dtype=np.uint8)
     space = build_from_states(np.tile(row, (4, 1, 1)), 4)
     bad = (x, y, 0.1)
@@ -158,13 +144,8 @@ CAR = {"drive": "dubins", "turning_radius": 1.0}
 
 @refusals(
     "name, wrong, message",
-    ("plane", {"goal": (1.0, math.nan)}, r"goal\[1\] is nan"),
     ("plane", {"start": (1.0, 2.0, 3.0)}, r"start has shape \(3,\).*pass \(x, y\), in metres"),
-    ("turning", {"start": (1.0, 1.0, 1e9)}, "yaw of 1e.09 rad.*wrap"),
     ("floating", {"start": (0.5, 0.5, 0.5, 0, 0, 0, 2)}, "quaternion of norm 2; it must be 1"),
-    ("plane", {"time_limit": 0.0}, "time_limit is 0.0"),
-    ("plane", {"seed": 2**32 - 1}, "seed is 4294967295"),
-    ("plane", {"objective": "speed"}, "objective is 'speed'; it must be .*OverlapObjective"),
     ("plane", {"objective": lambda si: 3, "planner": "RRTstar"}, "objective returned 3"),
     ("plane", {"objective": lambda si: 3}, "is a function and no planner is named; .*'RRTstar'"),
     ("plane", {"objective": "clearance", "planner": "RRT"}, "RRT ignores objectives.*RRTstar"),
@@ -175,16 +156,13 @@ CAR = {"drive": "dubins", "turning_radius": 1.0}
         {"objective": "clearance", "exact": True},
         "planner is 'Grid', the default for objective='clearance'; .* FREE cells .*RRTstar",
     ),
-    ("turning", {"planner": "Grid", **CAR}, "Grid is for holonomic robots; .*'RRT'"),
     ("turning", {"planner": "Lattice"}, "drive is 'holonomic'.*for all other drives.*'Grid'"),
     ("turning", {"drive": "dubins"}, "turning_radius is missing.*metres"),
-    ("turning", {**CAR, "turning_radius": 1e-9}, "turning_radius is 1e-09.*on the spot"),
     ("turning", {"turning_radius": 1.0}, "turning_radius is 1.0 and drive is 'holonomic'"),
-    ("turning", {"drive": "clothoid"}, "drive is 'clothoid'.*'differential', .*'dubins'"),
     ("turning", {**CAR, "exact": True}, "exact is True and drive is 'dubins'"),
     ("yawing", CAR, "drive is 'dubins' and .* .x, y, z, yaw.*rotations=72, or leave drive"),
 )
-def test_invalid_arguments_are_refused(name: str, wrong: dict[str, Any], message: str) -> None:
+def test_invalid_arguments_are_refused(name, wrong, message):
     start, goal = ENDPOINTS[name]
     with pytest.raises(InputError, match=message) as caught:
         planners.plan(**{"space": build_room(name), "start": start, "goal": goal} | wrong)
@@ -198,9 +176,7 @@ def test_invalid_arguments_are_refused(name: str, wrong: dict[str, Any], message
     ("planner", "name", "iterations"),
     [("RRTConnect", "floating", None), ("KPIECE1", "space", None), ("RRTstar", "plane", 200)],
 )
-def test_a_seed_repeats_a_run_after_other_runs(
-    planner: str, name: str, iterations: int | None
-) -> None:
+def test_a_seed_repeats_a_run_after_other_runs(planner, name, iterations):
     paths = []
     for seed in (7, 8, 7):
         options = {"planner": planner, "iterations": iterations, "time_limit": 60.0}
@@ -211,10 +187,10 @@ def test_a_seed_repeats_a_run_after_other_runs(
 
 
 def test_ompl_is_silent_and_errors_in_callbacks_are_raised(
-    capfd: pytest.CaptureFixture[str],
-) -> None:
+    capfd,
+):
     class Broken(planners.ClearanceObjective):
-        def motionCost(self, first: Any, second: Any) -> Any:  # noqa: N802 - OMPL's name
+        def motionCost(self, first, second):  # noqa: N802 - OMPL's name
             raise KeyError("broken")
 
     space = build_room("plane")
@@ -231,7 +207,7 @@ def test_ompl_is_silent_and_errors_in_callbacks_are_raised(
 
 
 @pytest.mark.parametrize(("planner", "iterations"), [("RRTstar", 200), ("BITstar", 2000)])
-def test_planners_with_an_objective_find_a_cheaper_path(planner: str, iterations: int) -> None:
+def test_planners_with_an_objective_find_a_cheaper_path(planner, iterations):
     space = build_room("plane")
     si = planners.simple_setup(space).getSpaceInformation()
     objective = planners.ClearanceObjective(si, space)
@@ -244,11 +220,3 @@ def test_planners_with_an_objective_find_a_cheaper_path(planner: str, iterations
         edges = itertools.pairwise(states)
         costs.append(sum(objective.motionCost(*edge).value() for edge in edges))
     assert costs[1] < 0.8 * costs[0]
-
-
-def test_endpoints_lie_in_the_grid_even_if_the_exterior_is_free() -> None:
-    space = build_open_map("plane")
-    assert space.motion_is_free((12.0, 4.5), (4.5, 4.5))
-    with pytest.raises(ConfigurationError, match=r"goal .* outside the map") as caught:
-        planners.plan(space, (4.5, 4.5), (12.0, 4.5))
-    assert caught.value.nearest == (8.5, 4.5)

@@ -5,7 +5,6 @@ import math
 import sys
 from dataclasses import replace
 from types import ModuleType, SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,9 +14,9 @@ from cspace import InputError
 from cspace.arms import Arm, build_arm_space
 from cspace.files import ros as messages
 from tests.helpers.planning import ENDPOINTS, SPACES, build_room
-from tests.helpers.urdfs import joint, link, write_urdf
+from tests.helpers.urdfs import planar
 
-LIMITS: dict[str, Any] = {"max_velocity": 1.0, "max_acceleration": 1.0}
+LIMITS = {"max_velocity": 1.0, "max_acceleration": 1.0}
 
 
 class PoseStamped(messages.PoseStamped):
@@ -27,7 +26,7 @@ class PoseStamped(messages.PoseStamped):
 class Point(SimpleNamespace):
     """An element of ROS 1, whose durations have fields ``secs`` and ``nsecs``."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         duration = SimpleNamespace(secs=0, nsecs=0)
         super().__init__(positions=[], velocities=[], time_from_start=duration)
 
@@ -36,7 +35,7 @@ class PathOf2(messages.Path):
     """A message that declares its fields like ROS 2."""
 
     @classmethod
-    def get_fields_and_field_types(cls) -> dict[str, str]:
+    def get_fields_and_field_types(cls):
         return {"header": "std_msgs/Header", "poses": "sequence<fake_msgs/PoseStamped>"}
 
 
@@ -46,31 +45,24 @@ class TrajectoryOf1:
     __slots__ = ("header", "joint_names", "points")
     _slot_types = ("std_msgs/Header", "string[]", "fake_msgs/Point[]")
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.header = SimpleNamespace(frame_id="")
         self.joint_names = []
         self.points = []
 
 
 @pytest.fixture(scope="module")
-def rails_plan(tmp_path_factory: pytest.TempPathFactory) -> planners.Plan:
-    """Plan for two rails, whose joints are named like axes of the plane."""
+def joint_plan(tmp_path_factory):
+    """Plan for an arm whose joints are named like axes of the plane."""
     pytest.importorskip("yourdfpy")
-    slides = {"kind": "prismatic", "limits": (-1, 1)}
-    cube = (0.1, 0.1, 0.1)
-    parts = (
-        *(link("foot", (cube, (0, 0, -1))), link("rail"), link("head", (cube, (0, 0, 0)))),
-        joint("x", "foot", "rail", axis=(1, 0, 0), **slides),
-        joint("y", "rail", "head", axis=(0, 1, 0), **slides),
-    )
-    arm = Arm.from_urdf(write_urdf(tmp_path_factory.mktemp("arm"), *parts))
+    path = planar(tmp_path_factory.mktemp("arm"))
+    path.write_text(path.read_text().replace("shoulder", "x").replace("elbow", "y"))
+    arm = Arm.from_urdf(path)
     return planners.plan(build_arm_space({}, arm), (0.0, 0.0), (0.5, 0.5))
 
 
-def test_elements_have_the_class_declared_by_the_message(
-    rails_plan: planners.Plan, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    made: Any = ModuleType("fake_msgs.msg")
+def test_elements_have_the_class_declared_by_the_message(joint_plan, monkeypatch):
+    made = ModuleType("fake_msgs.msg")
     made.PoseStamped, made.Point = PoseStamped, Point
     monkeypatch.setitem(sys.modules, "fake_msgs", ModuleType("fake_msgs"))
     monkeypatch.setitem(sys.modules, "fake_msgs.msg", made)
@@ -80,7 +72,7 @@ def test_elements_have_the_class_declared_by_the_message(
     assert plan.to_path(message) is message
     assert {type(pose) for pose in message.poses} == {PoseStamped}
     assert all(pose.header.stamp == messages.Time(7, 8) for pose in message.poses)
-    motion = rails_plan.trajectory(**LIMITS, duration=12.5)
+    motion = joint_plan.trajectory(**LIMITS, duration=12.5)
     filled = motion.to_joint_trajectory(TrajectoryOf1(), frame_id="base")
     assert {type(point) for point in filled.points} == {Point}
     assert (filled.joint_names, filled.header.frame_id) == (["x", "y"], "base")
@@ -89,7 +81,7 @@ def test_elements_have_the_class_declared_by_the_message(
 
 
 @pytest.mark.parametrize("name", SPACES)
-def test_path_message_holds_the_poses_of_the_plan(name: str) -> None:
+def test_path_message_holds_the_poses_of_the_plan(name):
     plan = planners.plan(build_room(name), *ENDPOINTS[name], time_limit=20.0, seed=1)
     message = copy.deepcopy(plan).to_path(frame_id="odom")  # copies have no map
     assert {pose.header.frame_id for pose in message.poses} == {message.header.frame_id} == {"odom"}
@@ -105,11 +97,11 @@ def test_path_message_holds_the_poses_of_the_plan(name: str) -> None:
         assert abs(np.dot(given, expected)) == pytest.approx(1.0, abs=1e-12)
 
 
-def test_plans_and_messages_of_the_other_kind_are_refused(rails_plan: planners.Plan) -> None:
+def test_plans_and_messages_of_the_other_kind_are_refused(joint_plan):
     plan = planners.plan(build_room("plane"), *ENDPOINTS["plane"])
     lost = replace(plan, solved=False, status="no path exists: proven")
     with pytest.raises(InputError, match=r"plan moves the joints x, y; .*\.to_joint_trajectory"):
-        rails_plan.to_path()
+        joint_plan.to_path()
     with pytest.raises(InputError, match="plan has no path: no path exists: proven"):
         lost.to_path()
     with pytest.raises(InputError, match="msg has no poses"):

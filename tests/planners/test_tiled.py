@@ -7,7 +7,6 @@ import cspace
 import planners
 from cspace.errors import ConfigurationError, InputError
 from planners.local_planner import local_planner
-from tests.helpers.handmade import fill_boxes
 from tests.helpers.refusals import refusals
 
 SMALL_CAR = cspace.Robot.rectangle(0.5, 0.2)
@@ -65,25 +64,6 @@ def test_paths_through_tiles_are_certified_and_repeatable(options, car_maps):
     if "objective" not in options:
         again = planners.plan(tiled, *ends, **options)
         np.testing.assert_array_equal(plan.waypoints, again.waypoints)
-
-
-def test_the_status_tells_if_existence_is_disproven_or_undecided(tmp_path):
-    shut = build_maze(extra=(45, 46))
-    gap = cspace.Workspace.from_array(fill_boxes((60, 60), np.s_[30:32, 4:]), 0.1)
-    for name, workspace, radius, status in (
-        ("shut", shut, 0.25, "no path exists: proven"),
-        # The gap is as wide as the robot.
-        (
-            "gap",
-            gap,
-            0.2,
-            "no chain of FREE cells joins start and goal; undecided whether one exists",
-        ),
-    ):
-        robot = cspace.Robot.disc(radius)
-        tiled = cspace.build(workspace, robot, store=tmp_path / name, tile=20)
-        plan = planners.plan(tiled, [0.7, 3.2], [5.3, 3.2])
-        assert plan.status == status and plan.is_disconnected == (name == "shut")
 
 
 @refusals(

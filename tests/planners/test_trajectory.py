@@ -9,8 +9,6 @@ import math
 import pickle
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -29,7 +27,7 @@ from tests.helpers.refusals import refusals
 from tests.helpers.strategies import seeds
 from tests.helpers.urdfs import planar, planar_with_tip, pose_at, post
 
-AXES_OF_KIND: dict[str, tuple[str, ...]] = {
+AXES_OF_KIND = {
     "plane": ("x", "y"),
     "turning": ("x", "y", "yaw"),
     "floating": ("x", "y", "z", "qx", "qy", "qz", "qw"),
@@ -40,17 +38,17 @@ RADIUS = 0.4
 """Turning radius of the cars."""
 
 ROTATION_LIMITS = {"max_angular_velocity": 1.0, "max_angular_acceleration": 2.0}
-TRANSLATION_LIMITS: dict[str, Any] = {"max_velocity": 1.0, "max_acceleration": 0.5}
+TRANSLATION_LIMITS = {"max_velocity": 1.0, "max_acceleration": 0.5}
 kinds = st.sampled_from(sorted(AXES_OF_KIND))
 
 
 @cache
-def template() -> planners.Plan:
+def template():
     """Return a plan that other plans replace in part."""
     return planners.plan(build_open_map("plane"), (1.5, 1.5), (5.5, 2.5), time_limit=5.0, seed=1)
 
 
-def plan_along(kind: str, waypoints: Any, drive: str = "holonomic") -> planners.Plan:
+def plan_along(kind, waypoints, drive="holonomic"):
     """Return a plan along waypoints, without a map."""
     rows = np.asarray(waypoints, dtype=float)
     axes = AXES_OF_KIND[kind]
@@ -60,7 +58,7 @@ def plan_along(kind: str, waypoints: Any, drive: str = "holonomic") -> planners.
     return replace(template(), **changes, drive=drive, turning_radius=radius)
 
 
-def draw_waypoints(kind: str, rng: np.random.Generator, count: int) -> np.ndarray:
+def draw_waypoints(kind, rng, count):
     """Draw configurations, some equal to their predecessor in part."""
     dim = 2 if kind in ("plane", "turning") else 3
     rows = rng.uniform(-3.0, 3.0, (count, len(AXES_OF_KIND[kind])))
@@ -73,7 +71,7 @@ def draw_waypoints(kind: str, rng: np.random.Generator, count: int) -> np.ndarra
     return rows
 
 
-def draw_limits(kind: str, rng: np.random.Generator) -> dict[str, Any]:
+def draw_limits(kind, rng):
     """Draw limits of the whole translation or of each axis."""
     dim = 2 if kind in ("plane", "turning") else 3
     size = dim if rng.random() < 0.5 else None
@@ -83,7 +81,7 @@ def draw_limits(kind: str, rng: np.random.Generator) -> dict[str, Any]:
     return limits
 
 
-def displace(kind: str, first: np.ndarray, q: np.ndarray) -> np.ndarray:
+def displace(kind, first, q):
     """Return translations and rotation vectors to configurations, shape (n, k)."""
     if kind == "floating":
         turns = Rotation.from_quat(first[3:]).inv() * Rotation.from_quat(q[:, 3:])
@@ -93,7 +91,7 @@ def displace(kind: str, first: np.ndarray, q: np.ndarray) -> np.ndarray:
     return q - first
 
 
-def measure_distances(kind: str, waypoints: np.ndarray, q: np.ndarray) -> np.ndarray:
+def measure_distances(kind, waypoints, q):
     """Return distances from straight edges, in metres and radians together."""
     distances = np.full(len(q), np.inf)
     for first, last in itertools.pairwise(waypoints):
@@ -105,14 +103,14 @@ def measure_distances(kind: str, waypoints: np.ndarray, q: np.ndarray) -> np.nda
     return distances
 
 
-def find_inner_times(trajectory: planners.Trajectory, gap: float) -> np.ndarray:
+def find_inner_times(trajectory, gap):
     """Return times halfway between rows more than ``gap`` apart, far from jumps."""
     first = trajectory.times[:-1]
     last = trajectory.times[1:]
     return ((first + last) / 2.0)[last - first > gap]
 
 
-def check_derivatives(kind: str, trajectory: planners.Trajectory, h: float) -> list[Any]:
+def check_derivatives(kind, trajectory, h):
     """Check rates by differences between rows; return samples before, at and after these times."""
     t = find_inner_times(trajectory, 4.0 * h)
     before, now, after = (trajectory.sample(t + shift) for shift in (-h, 0.0, h))
@@ -125,7 +123,7 @@ def check_derivatives(kind: str, trajectory: planners.Trajectory, h: float) -> l
     return [before, now, after]
 
 
-def to_rates(kind: str, velocities: np.ndarray) -> np.ndarray:
+def to_rates(kind, velocities):
     """Return velocities with the angular speed instead of a quaternion's derivative."""
     if kind == "floating":
         speeds = 2.0 * np.linalg.norm(velocities[:, 3:], axis=1)
@@ -133,7 +131,7 @@ def to_rates(kind: str, velocities: np.ndarray) -> np.ndarray:
     return velocities
 
 
-def find_slack(kind: str, rates: np.ndarray, linear: Any, angular: float) -> float:
+def find_slack(kind, rates, linear, angular):
     """Return the least ratio of the limits to rates, shape (n, k)."""
     dim = 2 if kind in ("plane", "turning") else 3
     moved = np.abs(rates[:, :dim])
@@ -148,9 +146,7 @@ def find_slack(kind: str, rates: np.ndarray, linear: Any, angular: float) -> flo
 
 
 @given(seeds, st.integers(1, 5), kinds)
-def test_trajectories_follow_straight_edges_within_limits_from_rest_to_rest(
-    seed: int, count: int, kind: str
-) -> None:
+def test_trajectories_follow_straight_edges_within_limits_from_rest_to_rest(seed, count, kind):
     rng = np.random.default_rng(seed)
     waypoints = draw_waypoints(kind, rng, count)
     limits = draw_limits(kind, rng)
@@ -183,9 +179,7 @@ def test_trajectories_follow_straight_edges_within_limits_from_rest_to_rest(
 
 
 @given(seeds, st.lists(st.floats(0.01, 0.99), max_size=5), kinds)
-def test_an_edge_takes_the_shortest_time_in_one_part_or_several(
-    seed: int, cuts: list[float], kind: str
-) -> None:
+def test_an_edge_takes_the_shortest_time_in_one_part_or_several(seed, cuts, kind):
     rng = np.random.default_rng(seed)
     first, last = draw_waypoints(kind, rng, 2)
     step = displace(kind, first, last[None])
@@ -204,13 +198,13 @@ def test_an_edge_takes_the_shortest_time_in_one_part_or_several(
 # ---- cars ----------------------------------------------------------------------------------------
 
 
-def measure_edges(drive: str, rows: np.ndarray) -> list[float]:
+def measure_edges(drive, rows):
     """Return the metres of OMPL's shortest curves."""
     curves = OMPL_CURVES[drive](RADIUS)
     return [curves.distance(*ends) for ends in itertools.pairwise(make_poses(curves, *rows))]
 
 
-def find_speeds(rows: Any) -> tuple[np.ndarray, np.ndarray]:
+def find_speeds(rows):
     """Return speeds along the heading, negative in reverse, and across it."""
     positions, velocities, _ = rows
     yaws = positions[:, 2]
@@ -228,9 +222,7 @@ CAR_LIMITS = (*ROTATION_LIMITS, "max_lateral_acceleration")
     st.sampled_from(sorted(OMPL_CURVES)),
     st.fixed_dictionaries({}, optional=dict.fromkeys(CAR_LIMITS, st.floats(0.1, 3.0))),
 )
-def test_cars_follow_their_curves_at_their_limits(
-    seed: int, count: int, drive: str, limits: dict[str, float]
-) -> None:
+def test_cars_follow_their_curves_at_their_limits(seed, count, drive, limits):
     rows = np.random.default_rng(seed).uniform(-3.0, 3.0, (count, 3))
     plan = plan_along("turning", rows, drive)
     trajectory = plan.trajectory(max_velocity=1.5, max_acceleration=0.8, **limits)
@@ -270,7 +262,7 @@ def test_cars_follow_their_curves_at_their_limits(
 # ---- plans and arms ------------------------------------------------------------------------------
 
 
-def test_trajectories_of_plans_are_free_and_need_no_map() -> None:
+def test_trajectories_of_plans_are_free_and_need_no_map():
     room = build_room("turning")
     plan = planners.plan(room, *ENDPOINTS["turning"], drive="differential", time_limit=20.0)
     limits = TRANSLATION_LIMITS | ROTATION_LIMITS
@@ -279,12 +271,13 @@ def test_trajectories_of_plans_are_free_and_need_no_map() -> None:
     assert f"{trajectory.duration:.3f} s" in repr(trajectory)
     assert room.is_free(trajectory.positions).all()
     without_map = pickle.loads(pickle.dumps(plan)).trajectory(**limits)
-    np.testing.assert_array_equal(without_map.positions, trajectory.positions)
+    on_edges = plan.trajectory(**limits, blend=False)
+    np.testing.assert_array_equal(without_map.positions, on_edges.positions)
     kept = pickle.loads(pickle.dumps(trajectory))
     np.testing.assert_array_equal(kept.sample(1.0)[0], trajectory.sample(1.0)[0])
 
 
-def test_arms_move_within_the_velocity_limits_of_the_urdf(tmp_path: Path) -> None:
+def test_arms_move_within_the_velocity_limits_of_the_urdf(tmp_path):
     path = planar(tmp_path)
     path.write_text(path.read_text().replace('velocity="1"', 'velocity="0.4"', 1))
     space = build_arm_space({}, Arm.from_urdf(path))
@@ -298,7 +291,7 @@ def test_arms_move_within_the_velocity_limits_of_the_urdf(tmp_path: Path) -> Non
     np.testing.assert_array_equal(along.positions, slower.positions)
 
 
-def test_what_an_arm_does_not_follow_is_refused(tmp_path: Path) -> None:
+def test_what_an_arm_does_not_follow_is_refused(tmp_path):
     space = build_arm_space({"post": post()}, planar_with_tip(tmp_path))
     far = space.follow_line((-0.9, 1.6), "tip", pose_at(9.0, 0.9), tolerance=(1e-3, math.inf))
     for given_space, path, message in (
@@ -315,7 +308,7 @@ def test_what_an_arm_does_not_follow_is_refused(tmp_path: Path) -> None:
 
 
 @given(seeds, kinds, st.floats(1.0, 9.0))
-def test_a_longer_duration_slows_the_whole_motion(seed: int, kind: str, factor: float) -> None:
+def test_a_longer_duration_slows_the_whole_motion(seed, kind, factor):
     rng = np.random.default_rng(seed)
     limits = draw_limits(kind, rng)
     plan = plan_along(kind, draw_waypoints(kind, rng, 3))
@@ -332,7 +325,7 @@ def test_a_longer_duration_slows_the_whole_motion(seed: int, kind: str, factor: 
         plan.trajectory(**limits, duration=0.9 * fastest.duration)
 
 
-def test_rows_are_at_most_a_time_step_apart(tmp_path: Path) -> None:
+def test_rows_are_at_most_a_time_step_apart(tmp_path):
     plan = plan_along("floating", draw_waypoints("floating", np.random.default_rng(3), 6))
     trajectory = plan.trajectory(**TRANSLATION_LIMITS, **ROTATION_LIMITS, time_step=0.02)
     times, positions = trajectory.times, trajectory.positions
@@ -352,7 +345,7 @@ def test_rows_are_at_most_a_time_step_apart(tmp_path: Path) -> None:
     assert stay.duration == 0.0 and stay.positions.tolist() == [[1.0, 2.0]]
 
 
-def test_cubic_polynomials_of_the_joint_message_equal_the_motion() -> None:
+def test_cubic_polynomials_of_the_joint_message_equal_the_motion():
     plan = plan_along("joints", draw_waypoints("joints", np.random.default_rng(2), 4))
     trajectory = plan.trajectory(**TRANSLATION_LIMITS)
     message = trajectory.to_joint_trajectory(frame_id="base")
@@ -371,7 +364,7 @@ def test_cubic_polynomials_of_the_joint_message_equal_the_motion() -> None:
         trajectory.to_path()
 
 
-def test_poses_of_the_path_message_are_stamped() -> None:
+def test_poses_of_the_path_message_are_stamped():
     plan = plan_along("turning", draw_waypoints("turning", np.random.default_rng(1), 3))
     trajectory = plan.trajectory(**TRANSLATION_LIMITS, **ROTATION_LIMITS)
     message = messages.Path()
@@ -392,17 +385,12 @@ def test_poses_of_the_path_message_are_stamped() -> None:
 @refusals(
     "kind, drive, options, expected",
     ("plane", "holonomic", {"max_velocity": {"x": 1.0}}, "max_velocity lacks y; it must be one"),
-    ("plane", "holonomic", {"max_velocity": (1.0, -1.0)}, "max_velocity is -1.0; it must be"),
-    ("plane", "holonomic", {"max_acceleration": (1, 2, 3)}, r"max_acceleration has shape \(3,\)"),
     ("plane", "holonomic", {"max_angular_velocity": 1.0}, "1.0; the robot does not turn so"),
     ("plane", "holonomic", {"time_step": 1e-9}, "time_step is 1e-09; it makes .* rows"),
     ("turning", "holonomic", {"max_angular_velocity": 1.0}, "max_angular_acceleration is missing"),
     ("turning", "dubins", {"max_velocity": (1.0, 2.0)}, "max_velocity differs by axis"),
-    ("turning", "dubins", {"max_lateral_acceleration": -1.0}, "max_lateral_acceleration is -1.0"),
 )
-def test_trajectories_reject_invalid_arguments(
-    kind: str, drive: str, options: dict[str, Any], expected: str
-) -> None:
+def test_trajectories_reject_invalid_arguments(kind, drive, options, expected):
     plan = plan_along(kind, draw_waypoints(kind, np.random.default_rng(0), 3), drive)
     with pytest.raises(InputError, match=expected):
         plan.trajectory(**(TRANSLATION_LIMITS | options))

@@ -1,16 +1,13 @@
 """Animations of robots, slices and files."""
 
-import math
-
 import numpy as np
 import pytest
 from scipy.ndimage import label
 
 import planners
-from cspace import BLOCKED, Arm, Robot, Workspace, build, build_arm_space
+from cspace import Robot, Workspace, build
 from cspace.plot import animate
-from tests.helpers.pictures import COLORS, TURNING_PATH
-from tests.helpers.urdfs import planar
+from tests.helpers.pictures import TURNING_PATH
 
 Image = pytest.importorskip("PIL.Image")
 ROBOT = (0x3F, 0xB7, 0x95)
@@ -67,19 +64,6 @@ def test_the_robot_drives_from_start_to_goal(turning, tmp_path):
     assert (np.diff(centers[:, 0]) > -1.0).all()
 
 
-def test_the_robot_moves_over_the_slice_of_its_yaw(turning, tmp_path):
-    """Compare the areas of BLOCKED cells in two slices."""
-    path = [(2.0, 4.0, 0.0), (3.0, 3.9, math.pi / 2)]
-    pixels, _, _ = read_frames(animate(turning, path, tmp_path / "turn.gif", seconds=0.2, rate=5))
-    for frame, q in ((pixels[0], path[0]), (pixels[-1], path[-1])):
-        is_blocked = np.asarray(turning.states_at(q[2:])) == BLOCKED
-        cells = np.count_nonzero(is_blocked & ~turning.workspace.outer)
-        expected = cells / np.count_nonzero(turning.workspace.outer)
-        blue = mask_color(frame, COLORS["C-obstacle (BLOCKED)"]).sum()
-        dark = mask_color(frame, COLORS["obstacle"]).sum()
-        assert blue / dark == pytest.approx(expected, rel=0.06)
-
-
 @pytest.fixture(scope="module")
 def tunnel():
     """Build a hall with a wall below a gap."""
@@ -101,32 +85,6 @@ def test_robot_in_space_moves_along_its_path(tunnel, tmp_path):
     assert up / 1.1 == pytest.approx(right / 2.8, rel=0.05)
     assert (np.diff(rows) < 1.0).all()
     assert mask_color(pixels[0], PURPLE).sum() > 20
-
-
-def test_wall_hides_the_robot_behind_it(tunnel, tmp_path):
-    """Look along x, from either side of the wall."""
-    path = [(0.6, 1.0, 0.5, 0.0), (3.4, 1.0, 0.5, 0.0)]
-    for number, azimuth in enumerate((0.0, 180.0)):
-        options = {"camera": (0.0, azimuth), "seconds": 0.2, "rate": 5}
-        file = animate(tunnel, path, tmp_path / f"{number}.gif", **options)
-        shown = [int(mask_green(frame).sum()) for frame in read_frames(file)[0]]
-        assert shown[number] < 0.2 * shown[1 - number]
-
-
-def test_links_of_an_arm_move_and_its_foot_stays(tmp_path):
-    pytest.importorskip("yourdfpy")
-    arm = build_arm_space({}, Arm.from_urdf(planar(tmp_path)))
-    file = tmp_path / "arm.gif"
-    animate(arm, [(0.0, 0.0), (1.5, 0.0)], file, camera=(90.0, -90.0), seconds=0.8, rate=5)
-    pixels, _, _ = read_frames(file)
-    assert len(pixels) == 5
-    first, last = mask_green(pixels[0]), mask_green(pixels[-1])
-    (first_height, first_width), (last_height, last_width) = (
-        np.ptp(np.argwhere(shown), axis=0) for shown in (first, last)
-    )
-    assert first_width > 3 * first_height
-    assert last_height > 3 * last_width
-    assert (first & last).any()
 
 
 def test_trajectories_are_animated_at_true_speed(flat, tmp_path):

@@ -12,16 +12,13 @@ import matplotlib
 import numpy as np
 import pytest
 import shapely
-from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
-from matplotlib.quiver import Quiver
 from PIL import Image
 
 import cspace
 import planners
 from cspace import FREE, Robot, Workspace, build
-from cspace.plot import artists, plot
-from cspace.plot.artists import CLASSES
+from cspace.plot import plot
 from tests.helpers.pictures import (
     COLORS,
     check_cells,
@@ -56,26 +53,11 @@ def test_texts_name_axes_rotations_and_colours(flat, turning):
     assert heading(ax) == "disc 0.32 m, cells of 0.1 m"
     classes = ["obstacle", "C-obstacle (BLOCKED)", "undecided (MIXED)", "free"]
     assert labels(ax) == [*classes, "path", "robot", "start", "goal"]
-    assert labels(plot(flat, legend=False)) == []
     ax = plot(turning)
     assert "over all rotations, 24 rotation cells of 15°" in heading(ax)
     assert {"C-obstacle at every rotation", "free at every rotation"} < set(labels(ax))
     ax = plot(turning, rotation=1.5 * math.pi)
     assert "yaw -90°, in a rotation cell of 15°" in heading(ax)
-
-
-def test_exterior_of_the_grid_is_hatched():
-    """Compare the hatching with colours of classes."""
-    space = build(Workspace.from_array(np.eye(20, dtype=bool), 0.1), Robot.disc(0.1))
-    ax = plot(space, path=[(1.5, 0.2), (-1.0, 0.2)])
-    assert ax.get_xlim()[0] == pytest.approx(-1.1)
-    image = rendered(ax)
-    places = itertools.product(np.linspace(-1.0, -0.1, 40), np.linspace(0.6, 1.9, 40))
-    shown = {pixel(ax, image, x, y) for x, y in places}
-    assert len(shown) > 1
-    assert not shown & set(COLORS.values())
-    assert "outside the grid" in labels(ax)
-    assert "outside the grid" not in labels(plot(space))
 
 
 @pytest.mark.parametrize("taken", ["free", "obstacle"])
@@ -98,27 +80,6 @@ def test_unknown_cells_have_their_own_colours(taken):
             assert pixel(ax, image, *grid.center_of(cell)) == expected
 
 
-def to_lab(color):
-    """Convert sRGB to CIELAB, in which a difference of 2 is just noticeable."""
-    given = np.array(to_rgb(color))
-    linear = np.where(given <= 0.04045, given / 12.92, ((given + 0.055) / 1.055) ** 2.4)
-    to_xyz = [(0.4124, 0.3576, 0.1805), (0.2126, 0.7152, 0.0722), (0.0193, 0.1192, 0.9505)]
-    x, y, z = np.cbrt(np.array(to_xyz) @ linear / (0.9505, 1.0, 1.089))
-    return np.array([116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)])
-
-
-def test_colors_are_distinct_even_in_grey():
-    colors = {label: to_lab(color) for label, color in CLASSES}
-    assert np.diff(sorted(lightness for lightness, _, _ in colors.values())).min() > 7.0
-    pairs = itertools.combinations(colors.values(), 2)
-    assert min(np.linalg.norm(one - other) for one, other in pairs) > 20.0
-    # A path away from a section has an opacity of 40 %.
-    faint = 0.4 * np.array(to_rgb(artists.PATH_COLOR)) + 0.6
-    for color in (artists.PATH_COLOR, artists.LOST_COLOR, faint):
-        lab = to_lab(color)
-        assert min(np.linalg.norm(lab - other) for other in colors.values()) > 30.0
-
-
 def test_a_notebook_shows_the_figure(flat):
     """Represent only axes of new figures as a picture."""
     png = vars(flat.plot())["_repr_png_"]()
@@ -129,16 +90,6 @@ def test_a_notebook_shows_the_figure(flat):
 def collect_lines(ax):
     """Return the points of all lines with a label."""
     return {line.get_label(): line.get_xydata().tolist() for line in ax.lines}
-
-
-def test_path_and_marks_have_their_coordinates(flat):
-    class WithPath:
-        path = np.array([(1.0, 1.0), (1.0, 4.0), (7.0, 4.0)])
-
-    for path in (WithPath(), WithPath.path.tolist()):
-        expected = {"path": WithPath.path.tolist(), "start": [[1.0, 1.0]], "goal": [[7.0, 4.0]]}
-        assert collect_lines(plot(flat, path=path)) == expected
-    assert collect_lines(plot(flat, start=(1, 2))) == {"start": [[1.0, 2.0]]}
 
 
 def test_edges_that_an_update_blocks_are_dashed():
@@ -167,22 +118,11 @@ def test_robots_are_drawn_along_the_path_and_turned(flat, turning):
     between = [(1, 2), (1, 3), (1, 4), (2, 4), (3, 4), (4, 4), (5, 4), (6, 4)]
     expected = np.array([*between, (1, 1), (7, 4)])
     np.testing.assert_allclose(boxes, np.hstack([expected - 0.32, expected + 0.32]), atol=1e-9)
-    assert len(collect_boxes(plot(flat, path=path, robot_every=math.inf))) == 2
-    assert 5 < len(collect_boxes(plot(flat, path=path))) < 20
     # The reference point is 0.3 m behind the center; the robots at the endpoints come last.
     path = [(2, 1, math.pi / 2), (2, 4, math.pi / 2)]
     boxes = collect_boxes(plot(turning, path=path, robot_every=1.0))
     rows = [(1.8, y - 0.3, 2.2, y + 0.9) for y in (2.0, 3.0, 1.0, 4.0)]
     np.testing.assert_allclose(boxes, rows, atol=1e-9)
-    turned_in_place = collect_boxes(plot(turning, path=[(3, 3, 0), (3, 3, 3.0)]))
-    assert 4 <= len(turned_in_place) < 20
-
-
-def test_an_arrow_shows_the_yaw_of_a_mark(turning):
-    ax = plot(turning, goal=(3.0, 3.0, 2.0), rotation=0.0)
-    (arrow,) = (part for part in ax.collections if isinstance(part, Quiver))
-    np.testing.assert_allclose([arrow.U, arrow.V], [[math.cos(2.0)], [math.sin(2.0)]])
-    assert arrow.get_offsets().tolist() == [[3.0, 3.0]]
 
 
 @pytest.mark.parametrize("shape", [(3000, 2000), (5000, 7)])
@@ -224,22 +164,6 @@ def test_zoom_shows_a_part_of_a_plane_map(turning):
     check_cells(turning, ax, rendered(ax), cells, [(0.0,)])
     assert {"path", "robot"} <= set(labels(ax))
     assert not {"start", "outside the grid"} & set(labels(ax))
-    # By default it is at the middle of the path, and ends at the map's border.
-    ax = plot(turning, zoom=4.0, path=[(2, 1, 0), (2, 4, 0)])
-    assert np.mean(ax.get_xlim()) == pytest.approx(2.0)
-    ax = plot(turning, zoom=4.0, center=(0.2, 0.1))
-    assert ax.get_xlim() == pytest.approx((0.0, 1.2))
-
-
-def test_axes_of_the_caller_are_used(flat):
-    figure = Figure(figsize=(9, 4))
-    left, right = figure.subplots(1, 2)
-    assert plot(flat, ax=right) is right
-    assert (len(left.images), len(right.images)) == (0, 1)
-    assert "disc" in right.get_title()
-    assert right.get_legend() is not None
-    assert not figure.legends
-    assert plot(flat, ax=left, title="mine").get_title() == "mine"
 
 
 def test_pictures_need_no_window_and_no_display(tmp_path):

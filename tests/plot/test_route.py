@@ -1,9 +1,6 @@
 """Interpolation of paths, and bodies of robots in pictures."""
 
-import math
-
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -68,20 +65,3 @@ def test_bodies_are_placed_as_scipy_rotates_them(seed, pair, rotations):
     (outline,) = body.outlines(q, pair)
     ends = [outline.min(axis=0), outline.max(axis=0)]
     np.testing.assert_allclose(ends, np.array(extents)[:, pair], atol=1e-6)
-
-
-@pytest.mark.parametrize(
-    "robot", [Robot.ball(0.3), Robot.capsule(0.3, 0.5)], ids=["ball", "capsule"]
-)
-def test_a_body_without_a_hole_has_one_outline(robot):
-    for pair in ((0, 1), (0, 2), (1, 2)):
-        assert len(Body(robot, NONE).outlines(np.zeros(3), pair)) == 1
-
-
-def test_the_nose_points_along_the_yaw():
-    body = Body(Robot.rectangle(1.2, 0.4, center=(0.3, 0.0)), YAW)
-    yaw = 2.0
-    ahead = np.array([math.cos(yaw), math.sin(yaw)])
-    (nose,) = body.noses(np.array([3.0, 3.0, yaw]))
-    np.testing.assert_allclose(nose[0], 3.0 + 0.9 * ahead)
-    assert ((nose - 3.0) @ ahead > 0.4).all()

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from cspace import Robot, Workspace, build
-from cspace.errors import InputError
 from cspace.plot import plot
 from tests.helpers import handmade
-from tests.helpers.pictures import COLORS, class_of, heading, labels, pixel, rendered
+from tests.helpers.pictures import COLORS, class_of, labels, pixel, rendered
 
 SECTION_PATH = np.array([(0.6, 3.2, 1.8), (2.2, 1.2, 1.0), (3.8, 1.2, 1.0), (5.5, 1.5, 0.6)])
 PAIRS = [(0, 1), (0, 2), (1, 2)]
@@ -44,23 +43,6 @@ def test_sections_show_the_cells_of_the_map(shape):
             assert pixel(panel, image, *middle[[right, up]]) == COLORS[name]
 
 
-def test_sections_are_to_scale_and_share_their_axes(hall):
-    plan = plot(hall, center=(1.0, 2.0, 0.5))
-    plan.figure.draw_without_rendering()
-    windows = [panel.get_window_extent() for panel in plan.figure.axes]
-    for panel, window, pair in zip(plan.figure.axes, windows, PAIRS, strict=True):
-        upper = np.array([6.0, 4.0, 2.4])[list(pair)]
-        limits = [panel.get_xlim(), panel.get_ylim()]
-        np.testing.assert_allclose(limits, [(0, upper[0]), (0, upper[1])])
-        np.testing.assert_allclose(window.size, windows[0].width / 6.0 * upper)
-    above, front, side = windows
-    assert front.x0 == pytest.approx(above.x0)
-    assert front.y0 > above.y1
-    assert side.x0 > above.x1
-    plan.set_xlim(1.0, 2.0)
-    assert plan.figure.axes[1].get_xlim() == (1.0, 2.0)
-
-
 def test_path_and_robots_are_drawn_where_they_meet_sections(hall):
     """Draw the path faintly outside the robot's reach."""
     center = np.array([3.0, 1.2, 1.0])
@@ -93,23 +75,12 @@ def test_path_and_robots_are_drawn_where_they_meet_sections(hall):
         ({"center": (1.0, 2.0, 0.5)}, [1.0, 2.0, 0.5]),
         ({"path": [(1.0, 1.0, 0.5), (1.0, 3.0, 0.5), (1.0, 3.0, 1.0)]}, [1.0, 2.25, 0.5]),
         ({"start": (1.0, 3.0, 2.0), "goal": (5.0, 1.0, 1.0)}, [1.0, 3.0, 2.0]),
-        ({}, [3.0, 2.0, 1.2]),
         ({"path": [(-9.0, 1.0, 1.0), (-8.0, 1.0, 1.0)]}, [0.0, 1.0, 1.0]),
     ],
-    ids=["center", "path", "start", "middle", "outside"],
 )
 def test_sections_run_through_the_path_or_the_middle(hall, options, center):
     panels = plot(hall, **options).figure.axes
     assert [float(panel.get_title(loc="left")[4:-2]) for panel in reversed(panels)] == center
-
-
-def test_a_workspace_draws_itself_without_a_robot(hall):
-    ax = hall.workspace.plot(center=(3.0, 1.2, 1.0))
-    assert labels(ax) == ["obstacle", "free"]
-    assert heading(ax) == "array, cells of 0.1 m"
-    assert labels(hall.workspace.plot(legend=False)) == []
-    with pytest.raises(InputError, match="view is 'plane'"):
-        hall.workspace.plot(view="plane")
 
 
 @pytest.mark.parametrize(("yaw", "slices"), [(None, slice(None)), (np.pi / 2, slice(1, 2))])
@@ -118,11 +89,6 @@ def test_sections_show_one_rotation_or_all(yaw, slices):
     states = np.random.default_rng(0).integers(0, 3, (4, 12, 10, 8)).astype(np.uint8)
     robot = Robot.box((1.6, 0.4, 0.8), center=(0.2, 0.0, 0.0))
     space = handmade.map_in(workspace, robot, states, 4, outside="free")
-    ax = plot(space, start=(3.0, 2.0, 1.8, np.pi / 2), center=(3.1, 2.6, 1.8), rotation=yaw)
-    panels = ax.figure.axes
-    boxes = [panel.collections[0].get_paths()[0].get_extents() for panel in panels[:2]]
-    sizes = [(box.width, box.height) for box in boxes]
-    np.testing.assert_allclose(sizes, [(0.4, 1.6), (0.4, 0.8)], atol=1e-6)
     ax = plot(space, center=(3.1, 2.6, 1.8), rotation=yaw)
     image = rendered(ax)
     for i, j in np.ndindex(6, 5):

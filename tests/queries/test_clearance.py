@@ -138,7 +138,5 @@ def test_clearance_is_finite_far_away_and_zero_for_nan(dim):
         assert 0.0 <= space.clearance((far, *rest)) < np.inf
         nearest = space.nearest_free((far, *rest))
         assert nearest[0] == 5.5 and space.is_free(nearest)
-    far = np.array([(1e308, *rest), (-1e308, *rest), (1e200, *rest)])
-    assert space.clearance(far).tolist() == [space.clearance(q) for q in far]
     for wrong in (np.nan, np.inf):
         assert space.clearance_checker()(wrong, *rest) == 0.0

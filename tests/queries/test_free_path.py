@@ -1,19 +1,22 @@
-"""Paths found by the map itself."""
+"""Paths found by the map itself, also through MIXED cells that exact geometry proves free."""
 
 import itertools
 import math
 
 import numpy as np
 import pytest
+import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.sparse.csgraph import dijkstra
 
-from cspace import BLOCKED, FREE, MIXED, Rotations
-from cspace.queries.paths import pulled_straight
+import cspace
+from cspace import BLOCKED, FREE, MIXED, Robot, Rotations, Workspace
 from tests.helpers import handmade
 from tests.helpers.handmade import map_of
 from tests.helpers.oracles import path_length
+from tests.helpers.placements import collides
+from tests.helpers.planning import sample_edge
 from tests.helpers.strategies import seeds
 from tests.queries.test_widest import (
     WIDEST_SPACES,
@@ -65,25 +68,6 @@ def test_find_path_succeeds_exactly_if_free_cells_connect(seed, kind):
     assert (space.find_path(q0, q1) == smooth).all()
 
 
-PLANE = Rotations.of(None)
-
-
-def test_corners_are_cut_down_to_the_obstacle_between():
-    def is_free(
-        *q: float,
-    ) -> bool:  # a segment that does not enter the disc of radius 1 around (2, 0)
-        a, b, center = np.array(q[:2]), np.array(q[2:]), np.array([2.0, 0.0])
-        share = np.clip((center - a) @ (b - a) / max((b - a) @ (b - a), 1e-12), 0.0, 1.0)
-        return bool(np.linalg.norm(a + share * (b - a) - center) >= 1.0)
-
-    path = pulled_straight(
-        np.array([(0.0, 0.0), (0.0, 3.0), (4.0, 3.0), (4.0, 0.0)]), PLANE, is_free
-    )
-    assert all(is_free(*a, *b) for a, b in itertools.pairwise(path))
-    tangents_and_arc = 2.0 * math.sqrt(3.0) + math.pi / 3.0
-    assert tangents_and_arc <= path_length(path) <= 1.002 * tangents_and_arc
-
-
 SEARCHES = pytest.mark.parametrize("name", ["find_path", "find_widest_path"])
 
 
@@ -101,7 +85,6 @@ def test_search_stops_at_its_time_limit(name):
     ("rotations", "start", "goal"),
     [
         (4, [-math.pi], [math.pi]),
-        (Rotations.quaternions(1), [0.1, -0.5, 0.5, 0.7], [0.1, -0.5, 0.5, 0.7]),
         (Rotations.quaternions(1), [0.1, -0.5, 0.5, 0.7], [-0.1, 0.5, -0.5, -0.7]),
     ],
 )
@@ -129,3 +112,64 @@ def test_paths_are_hardly_longer_than_the_shortest_chain(name, seed):
             assert (len(path) > 0) == np.isfinite(lengths[goal])
             if len(path):
                 assert compute_length(space, path) <= 1.1 * lengths[goal] + 1e-9
+
+
+SIDE = 4.0
+"""Side of the drawn rooms in metres."""
+
+
+def build_gap(width, robot, rotations=None):
+    """Build two halves of a room joined by a gap near a wall and a wide door far away; return the
+    walls too."""
+    walls = [shapely.box(1.9, 0.0, 2.1, 0.43), shapely.box(1.9, 0.43 + width, 2.1, 3.0)]
+    workspace = Workspace.from_polygons(walls, 0.1, bounds=(0.0, 0.0, SIDE, SIDE))
+    return cspace.build(workspace, robot, rotations=rotations, outside="free"), walls
+
+
+@settings(max_examples=40)
+@given(seeds, st.sampled_from([None, 8]))
+def test_exact_paths_keep_clear_of_obstacles_and_are_no_longer(seed, rotations):
+    rng = np.random.default_rng(seed)
+    corners, sides = rng.uniform(0.0, SIDE, (6, 2)), rng.uniform(0.1, 1.2, (6, 2))
+    obstacles = [
+        shapely.box(*corner, *(corner + side)) for corner, side in zip(corners, sides, strict=True)
+    ]
+    robot = Robot.rectangle(*rng.uniform(0.1, 0.5, 2))
+    workspace = Workspace.from_polygons(
+        obstacles, rng.uniform(0.08, 0.2), bounds=(0.0, 0.0, SIDE, SIDE)
+    )
+    space = cspace.build(workspace, robot, rotations=rotations)
+    start, goal = rng.uniform(space.grid.lower, space.grid.upper, (2, 2))
+    yaw = [0.3] if rotations else []
+    ends = np.array([(*start, *yaw), (*goal, *yaw)])
+    if not space.is_free(ends, exact=True).all():
+        return
+    path = space.find_path(*ends, exact=True)
+    chain = space.find_path(*ends, exact=True, straight=False)
+    if space.is_free(ends).all():
+        through_free = space.find_path(*ends)
+        assert len(path) >= min(2, len(through_free))
+        if len(through_free):
+            assert compute_length(space, path) <= compute_length(space, through_free) * (1.0 + 1e-9)
+    for found in (path, chain):
+        for first, last in itertools.pairwise(found):
+            assert not collides(
+                space, sample_edge(space, first, last, np.linspace(0.0, 1.0, 60))[0]
+            ).any()
+    if len(path):
+        assert (path[[0, -1], :2] == ends[:, :2]).all()
+        assert space.min_path_length(*ends) <= compute_length(space, path) * (1.0 + 1e-6)
+    else:
+        assert not space.motion_is_free(*ends, exact=True)
+
+
+def test_exact_paths_turn_where_the_gap_demands_it():
+    space, walls = build_gap(0.3, Robot.rectangle(0.6, 0.22), rotations=24)
+    start, goal = (1.0, 1.0, 1.5), (3.0, 1.0, 1.5)
+    assert len(space.find_path(start, goal)) and space.find_path(start, goal)[:, 1].max() > 3.0
+    path = space.find_path(start, goal, exact=True)
+    assert path[:, 1].max() < 1.1 and space.certify_path(path, exact=True).all()
+    for first, last in itertools.pairwise(path):
+        assert not collides(
+            space, sample_edge(space, first, last, np.linspace(0.0, 1.0, 200))[0], walls
+        ).any()

@@ -4,13 +4,12 @@ import itertools
 import math
 
 import numpy as np
-import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import sparse
 
-from cspace import BLOCKED, FREE, Workspace
+from cspace import BLOCKED, FREE
 from tests.helpers.handmade import map_of
 from tests.helpers.oracles import path_length
 from tests.helpers.strategies import seeds
@@ -66,35 +65,3 @@ def test_paths_and_bounds_are_near_the_shortest_length(seed, share, block):
         assert path_length(path) <= 1.15 * expected + 0.5
         assert (path[[0, -1]] == [start, goal]).all()
         assert space.certify_path(0.25 * path).all()
-
-
-def test_no_bound_leads_through_a_corner_between_two_blocked_cells():
-    blocked = np.zeros((20, 20), dtype=bool)
-    blocked[np.arange(20), np.arange(20)] = True
-    space = map_of(
-        np.where(blocked, BLOCKED, FREE).astype(np.uint8), outside="blocked", spacing=1.0
-    )
-    assert math.isinf(space.min_path_length((2.5, 8.5), (8.5, 2.5)))
-    blocked[19, 19] = False
-    space = map_of(
-        np.where(blocked, BLOCKED, FREE).astype(np.uint8), outside="blocked", spacing=1.0
-    )
-    around = 2 * math.hypot(10.5, 16.5)
-    assert around / 1.0275 - 2.0 <= space.min_path_length((2.5, 8.5), (8.5, 2.5)) <= around
-
-
-@pytest.mark.parametrize("name", ["arena", "random512-10-0"])
-def test_paths_are_at_most_as_long_as_grid_paths(data, name):
-    workspace = Workspace.from_movingai(data / "movingai" / f"{name}.map", 1.0)
-    space = map_of(np.where(workspace.outer, BLOCKED, FREE), outside="blocked", spacing=1.0)
-    scenarios = [
-        line.split()
-        for line in (data / "movingai" / f"{name}.map.scen").read_text().splitlines()[1:]
-    ]
-    rows = workspace.grid.shape[1]
-    for _, _, _, _, *numbers in scenarios[:: max(1, len(scenarios) // 25)]:
-        u0, v0, u1, v1, grid_length = map(float, numbers)
-        q0, q1 = ((u + 0.5, rows - v - 0.5) for u, v in ((u0, v0), (u1, v1)))
-        path = space.find_path(q0, q1)
-        assert math.dist(q0, q1) * (1 - 1e-12) <= path_length(path) <= grid_length * 1.01
-        assert space.certify_path(path).all()

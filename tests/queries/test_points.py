@@ -9,6 +9,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from cspace import BLOCKED, FREE, MIXED
+from cspace.raster import Raster
 from cspace.rotations import Rotations
 from cspace.rotations.base import TWO_PI
 from tests.helpers.handmade import (
@@ -64,11 +65,8 @@ points = st.tuples(*[coordinates | st.floats(-0.5, 1.75)] * 3)
     points,
     st.sampled_from([0.0, 0.125, 0.25, 0.3, 0.5]),
 )
-@example(free_except(), ALL_FREE, (0.5, 0.5, 0.5), 0.5)
 @example(free_except(), Outside.all_of(BLOCKED), (0.5, 0.5, 0.5), 0.5)
 @example(free_except((3, 3, 3)), ALL_FREE, (0.5, 0.5, 0.5), 0.25)  # a MIXED cell shares a corner
-@example(free_except((0, 1, 1)), ALL_FREE, (0.5, 0.5, 0.5), 0.25)
-@example(free_except((3, 3), dim=2), ALL_FREE, (0.5, 0.5, 0.5), 0.25)
 def test_is_free_around_tests_all_cells_of_a_cube(state, outside, q, distance):
     q, outside = q[: state.ndim], outside.project(state.ndim)
     low = [4 * (Fraction(value) - Fraction(distance)) for value in q]
@@ -89,9 +87,6 @@ def test_is_free_around_tests_all_cells_of_a_cube(state, outside, q, distance):
 
 
 def test_is_free_around_accepts_cubes_of_any_size():
-    space = map_of(np.zeros((4, 4, 4)), outside=Outside(np.array([-9, -9, -9, -5, -5, -5]), FREE))
-    assert space.is_free_around((0.5, 0.5, 0.5), 1.0)
-    assert not space.is_free_around((0.5, 0.5, 0.5), 1e5)
     for dim in (2, 3):
         q, state = (0.45,) * dim, np.zeros((4,) * dim)
         assert map_of(state).is_free_around(q, 1e6)
@@ -142,3 +137,22 @@ def test_is_free_around_tests_exactly_the_cells_of_a_box(rotations, end, distanc
         one = np.full_like(state, FREE)
         one[cell] = MIXED
         assert not map_of(one, rotations, spacing=H).is_free_around(q, distance, angle)
+
+
+@settings(max_examples=50)
+@given(seeds, st.integers(2, 3), st.sampled_from(["free", "blocked"]))
+def test_overlap_count_counts_the_pairs_of_cells(seed, dim, outside):
+    """Use any raster, in the grid and around it."""
+    rng = np.random.default_rng(seed)
+    shape, size = (tuple(rng.integers(1, stop, dim).tolist()) for stop in (6, 5))
+    occupied, cells = rng.random(shape) < 0.4, rng.random(size) < 0.6
+    cells[tuple(rng.integers(0, size))] = True
+    raster = Raster.from_bitmap(cells, tuple(rng.integers(-4, 3, dim).tolist()))
+    space = map_of(np.zeros(shape), outside=outside, rasters=[(raster, raster)], occupied=occupied)
+    points = np.array(list(itertools.product(*(range(-3, n + 3) for n in shape))))
+    wide = np.pad(occupied, 12, constant_values=outside == "blocked")
+    offsets = np.argwhere(raster.cells) + raster.lower
+    expected = wide[tuple(np.moveaxis(points[:, None] + offsets + 12, -1, 0))].sum(axis=1)
+    q = 0.25 * points + 0.125
+    assert space.overlap_count(q).tolist() == expected.tolist()
+    assert space.contains_robot(q).tolist() == (expected == len(offsets)).tolist()

@@ -3,14 +3,13 @@
 import bisect
 import itertools
 import math
-from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from scipy.sparse.csgraph import connected_components, dijkstra
 
-from cspace import FREE, MIXED, CSpace
+from cspace import FREE, MIXED
 from tests.helpers import handmade
 from tests.helpers.oracles import link_cells, path_length, to_graph
 from tests.helpers.planning import build_from_states, turn_between
@@ -20,7 +19,7 @@ WIDEST_SPACES = ("plane", "space", "turning", "yawing")
 WIDEST_TURNS = {"turning": 5, "yawing": 4}
 
 
-def draw_map(name: str, rng: np.random.Generator) -> CSpace:
+def draw_map(name, rng):
     """Draw a small map with some MIXED cells."""
     cells = tuple(
         (rng.integers(3, 9, 2) if name in ("plane", "turning") else rng.integers(2, 5, 3)).tolist()
@@ -30,18 +29,18 @@ def draw_map(name: str, rng: np.random.Generator) -> CSpace:
     return build_from_states(state, WIDEST_TURNS.get(name), spacing=0.5)
 
 
-def list_cell_centers(space: CSpace) -> np.ndarray:
+def list_cell_centers(space):
     """Return the centers of all cells."""
     cells = np.ones((len(space.rotations), *space.grid.shape), dtype=bool)
     return np.asarray(handmade.cell_centers(space, handmade.all_cells(cells)))
 
 
-def number_cells(space: CSpace) -> np.ndarray:
+def number_cells(space):
     """Return the number of each cell, shape (rotations, ...)."""
     return np.arange(len(space.rotations) * space.grid.size).reshape(-1, *space.grid.shape)
 
 
-def link_wide_cells(space: CSpace, wide: np.ndarray, corners: bool) -> Any:
+def link_wide_cells(space, wide, corners):
     """Return the graph of wide cells, weighted by length."""
     turns, size = len(space.rotations), math.prod(space.grid.shape)
     straight = [False] * space.grid.dim
@@ -57,10 +56,10 @@ def link_wide_cells(space: CSpace, wide: np.ndarray, corners: bool) -> Any:
     return to_graph(np.concatenate(within, axis=1), wide.size)
 
 
-def find_bottleneck(space: CSpace, clearances: np.ndarray, start: int, goal: int) -> float:
+def find_bottleneck(space, clearances, start, goal):
     """Return the largest minimum clearance of a chain, or 0."""
 
-    def is_too_wide(min_clearance: float) -> bool:
+    def is_too_wide(min_clearance):
         wide = clearances >= min_clearance
         labels = connected_components(link_wide_cells(space, wide, False))[1]
         return not (wide[start] and wide[goal] and labels[start] == labels[goal])
@@ -69,7 +68,7 @@ def find_bottleneck(space: CSpace, clearances: np.ndarray, start: int, goal: int
     return [0.0, *levels][bisect.bisect_left(levels, True, key=is_too_wide)]
 
 
-def compute_length(space: CSpace, path: np.ndarray) -> float:
+def compute_length(space, path):
     """Return metres plus half a metre per radian."""
     dim = space.grid.dim
     turns = np.abs(turn_between(path[:-1, dim:], path[1:, dim:])).sum()
@@ -80,7 +79,7 @@ def compute_length(space: CSpace, path: np.ndarray) -> float:
 @settings(max_examples=8)
 @example(65537)  # the climb must not cut a corner
 @given(seeds)
-def test_path_is_widest_then_shortest(name: str, seed: int) -> None:
+def test_path_is_widest_then_shortest(name, seed):
     rng = np.random.default_rng(seed)
     space = draw_map(name, rng)
     points, numbers = list_cell_centers(space), number_cells(space)

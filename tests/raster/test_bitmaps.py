@@ -14,9 +14,9 @@ from tests.helpers.strategies import seeds
 CELLS = hnp.arrays(np.bool_, st.tuples(st.integers(1, 7), st.integers(1, 7)))
 
 
-def _unit_edges(cells: np.ndarray) -> set[tuple[int, int, int, int]]:
+def _unit_edges(cells):
     """Return the unit edges around the cells, counterclockwise; opposite edges cancel."""
-    edges: set[tuple[int, int, int, int]] = set()
+    edges = set()
     for i, j in zip(*np.nonzero(cells), strict=True):
         x = int(i)
         y = int(j)
@@ -30,7 +30,7 @@ def _unit_edges(cells: np.ndarray) -> set[tuple[int, int, int, int]]:
 
 
 @given(cells=CELLS)
-def test_segments_merge_the_unit_edges(cells: np.ndarray) -> None:
+def test_segments_merge_the_unit_edges(cells):
     units = set()
     for x0, y0, x1, y1 in boundary_segments(cells, 1.0, (0.0, 0.0)).astype(int).tolist():
         steps = max(abs(x1 - x0), abs(y1 - y0))
@@ -44,19 +44,19 @@ def test_segments_merge_the_unit_edges(cells: np.ndarray) -> None:
 
 
 @given(cells=CELLS)
-def test_segments_in_metres_are_the_grid_coordinates_to_the_last_bit(cells: np.ndarray) -> None:
+def test_segments_in_metres_are_the_grid_coordinates_to_the_last_bit(cells):
     lower = np.array([0.7, -0.3, 0.7, -0.3])
     expected = lower + 0.1 * boundary_segments(cells, 1.0, (0.0, 0.0))
     assert np.array_equal(boundary_segments(cells, 0.1, (0.7, -0.3)), expected)
 
 
-def test_a_large_square_has_four_segments() -> None:
+def test_a_large_square_has_four_segments():
     assert boundary_segments(np.ones((300, 200), dtype=bool), 0.05, (0.0, 0.0)).shape == (4, 4)
 
 
 @settings(max_examples=40)
 @given(seeds)
-def test_faces_of_cells_are_their_boundary(seed: int) -> None:
+def test_faces_of_cells_are_their_boundary(seed):
     rng = np.random.default_rng(seed)
     cells = rng.random(rng.integers(1, 7, 3)) < 0.5
     triangles = boundary_triangles(cells, 1.0, (0.0, 0.0, 0.0))

@@ -2,16 +2,16 @@
 
 import numpy as np
 import shapely
-from hypothesis import example, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from cspace import Grid, Robot
+from cspace import Grid
 from cspace.rotations import RotationCell
 from cspace.shapes import Balls, Polygons
 from tests.helpers import oracles
 from tests.helpers.placements import ORACLE_BAND
-from tests.helpers.strategies import robots, seeds, stars
+from tests.helpers.strategies import robots, seeds
 
 
 def check_between(cells, low, high):
@@ -20,31 +20,13 @@ def check_between(cells, low, high):
     assert cells <= high, f"too many {sorted(cells - high)[:5]}"
 
 
-@settings(max_examples=5)
-@given(stars(0.35), st.sampled_from([0.25, 0.37]), st.sampled_from([0.0, 0.0625, 0.3]))
-@example(np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]]), 0.25, 0.25)
-def test_polygon_rasters_are_exact_in_their_direction(vertices, spacing, margin):
-    outer, inner = (
-        oracles.raster_offsets(raster)
-        for raster in Robot.polygon(vertices).rasters(spacing, margin)
-    )
-    reach = int(1.2 / spacing) + 2
-    check_between(
-        outer,
-        *oracles.polygon_outer_offsets(vertices, spacing, (margin, margin + ORACLE_BAND), reach),
-    )
-    within = oracles.polygon_inner_offsets(vertices, spacing, reach)
-    shape = shapely.Polygon(vertices)
-    deep = {
-        m
-        for m in within
-        if shape.exterior.distance(shapely.Point(np.multiply(m, spacing))) > ORACLE_BAND
-    }
-    check_between(inner, deep, within)
-
-
 @settings(max_examples=40)
-@given(robots(), st.sampled_from([0.1, 0.25, 0.37]), st.sampled_from([0.0, 0.2]), st.floats(-7, 7))
+@given(
+    robots(),
+    st.sampled_from([0.1, 0.25, 0.37]),
+    st.sampled_from([0.0, 0.25]),
+    st.just(0.0) | st.floats(-7, 7),
+)
 def test_rasters_of_rotated_robots_agree_with_shapely(robot, spacing, margin, yaw):
     matrix = Rotation.from_rotvec([0, 0, yaw]).as_matrix()[:2, :2]
     outer, inner = robot.rasters(spacing, margin, RotationCell(matrix, 0.0, about_z=True))
@@ -59,12 +41,13 @@ def test_rasters_of_rotated_robots_agree_with_shapely(robot, spacing, margin, ya
         gap = (shapely.distance(boxes, centers) - radii).min(axis=0)
         depth = (shapely.distance(points, centers) - radii).min(axis=0)
     else:
-        turned = shapely.transform(robot.geometry, lambda corners: corners @ matrix.T)
-        gap = shapely.distance(boxes, turned)
-        border = shapely.distance(points, turned.boundary)
-        depth = np.where(shapely.intersects(turned, points), -border, border)
+        parts = getattr(robot.shape, "geometries", [robot.geometry])
+        turned = shapely.transform(parts, lambda corners: corners @ matrix.T)[:, None, None]
+        gap = shapely.distance(boxes, turned).min(axis=0)
+        border = shapely.distance(points, shapely.boundary(turned))
+        depth = np.where(shapely.intersects(turned, points), -border, border).min(axis=0)
     for raster, must, may in (
-        (outer, gap <= margin - 1e-9, gap <= margin + ORACLE_BAND),
+        (outer, (gap == 0.0) | (gap <= margin - 1e-9), gap <= margin + ORACLE_BAND),
         (inner, depth < -ORACLE_BAND, depth <= 1e-9),
     ):
         members = {m for m in oracles.raster_offsets(raster) if max(map(abs, m)) <= 30}

@@ -4,7 +4,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import nnls
 
@@ -13,7 +13,6 @@ from cspace.raster.triangles import mark_within, sweep_triangles
 from cspace.shapes import Box
 from tests.helpers.mesh_files import join_meshes, make_box
 from tests.helpers.oracles import cross, dot, units
-from tests.helpers.placements import ORACLE_BAND
 from tests.helpers.strategies import seeds
 
 
@@ -172,31 +171,14 @@ def test_a_filled_mesh_is_what_its_cells_enclose():
 
 
 @settings(max_examples=25)
-@given(seeds, st.sampled_from([0.0, 0.0, 0.3, 0.75]))
-@example(0, 0.5)
-def test_robot_boxes_agree_with_arithmetic(seed, margin):
+@given(seeds, st.sampled_from([0.0, 0.3, 0.5, 0.75]))
+def test_the_raster_of_a_mesh_of_a_box_is_that_of_the_box(seed, margin):
     rng = np.random.default_rng(seed)
-    low = rng.choice([rng.uniform(-2, 0, 3), rng.integers(-8, 0, 3) / 4.0])
-    high = low + rng.choice([rng.uniform(0.1, 3, 3), rng.integers(1, 12, 3) / 4.0])
-    spacing = 0.25
-    outer, inner = Mesh.of(make_box(low, high)).rasters(spacing, margin)
-    points = np.moveaxis(np.indices((48,) * 3), 0, -1) - 20
-    gap = np.maximum(0, np.maximum(low - (points + 1) * spacing, (points - 1) * spacing - high))
-    gap = np.linalg.norm(gap, axis=-1)
-    depth = np.minimum(points * spacing - low, high - points * spacing).min(axis=-1)
-    for raster, must, may in (
-        (outer, gap <= margin, gap <= margin + 1e-5),
-        # Lattice points on the boundary itself are skipped, because rounding may put them on either
-        # side.
-        (inner, depth > ORACLE_BAND, depth > 1e-9),
-    ):
-        cells = np.zeros((48,) * 3, dtype=bool)
-        start = np.add(raster.lower, 20)
-        assert (start >= 0).all() or not raster.count
-        window = tuple(slice(a, a + n) for a, n in zip(start, raster.cells.shape, strict=True))
-        cells[window] = raster.cells
-        assert cells[must].all()
-        assert not cells[~may].any()
+    low, extents = rng.uniform(-2, 0, 3), rng.uniform(0.1, 3, 3)
+    mesh, box = Mesh.of(make_box(low, low + extents)), Box(extents, low + extents / 2)
+    for mine, there in zip(mesh.rasters(0.25, margin), box.rasters(0.25, margin), strict=True):
+        assert mine.lower == there.lower
+        np.testing.assert_array_equal(mine.cells, there.cells)
 
 
 def measure_cube_distance(triangle, center, half):

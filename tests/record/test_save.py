@@ -1,9 +1,7 @@
 """Saved maps open equal to the original, or not at all."""
 
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,12 +18,12 @@ from tests.soak.files import reseal
 
 
 @pytest.fixture(scope="module", params=["plane", "turning", "symmetric", "solid_free"])
-def space(request: pytest.FixtureRequest) -> cspace.CSpace:
+def space(request):
     return MAP_BUILDERS[request.param]()
 
 
 @pytest.fixture(scope="module")
-def few() -> cspace.CSpace:
+def few():
     """Build a small map, nearly all FREE."""
     workspace = cspace.Workspace.from_polygons(
         "POLYGON ((0 0, 0.05 0, 0 0.05, 0 0))", 0.1, (0, 0, 0.4, 0.3)
@@ -34,7 +32,7 @@ def few() -> cspace.CSpace:
 
 
 @pytest.fixture(scope="module")
-def small(few: cspace.CSpace, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def small(few, tmp_path_factory):
     """Save that map with each suffix."""
     folder = tmp_path_factory.mktemp("small")
     for suffix in MAP_SUFFIXES:
@@ -42,7 +40,7 @@ def small(few: cspace.CSpace, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def build_pair() -> cspace.CSpace:
+def build_pair():
     """Build a map of two cells."""
     return cspace.build(cspace.Workspace.from_array([[0, 1]], 0.1), cspace.Robot.disc(0.05))
 
@@ -50,9 +48,7 @@ def build_pair() -> cspace.CSpace:
 # ---- what is saved is what opens -----------------------------------------------------------------
 
 
-def test_maps_of_every_kind_open_equal_and_rebuild_equal(
-    tmp_path: Path, space: cspace.CSpace, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_maps_of_every_kind_open_equal_and_rebuild_equal(tmp_path, space, monkeypatch):
     path = tmp_path / "map.ZARR"
     space.save(path)
     assert list(tmp_path.iterdir()) == [path]
@@ -78,7 +74,7 @@ def test_maps_of_every_kind_open_equal_and_rebuild_equal(
 
 
 @pytest.mark.parametrize("inner", [True, False])
-def test_updates_of_an_opened_map_agree_with_a_build(tmp_path: Path, inner: bool) -> None:
+def test_updates_of_an_opened_map_agree_with_a_build(tmp_path, inner):
     """Include a map without BLOCKED cells, which does not reveal whether it was built with `inner`."""
     robot, cells = cspace.Robot.rectangle(0.5, 0.3), np.eye(12, 9, dtype=bool)
     cells[4:9] = True
@@ -93,9 +89,7 @@ def test_updates_of_an_opened_map_agree_with_a_build(tmp_path: Path, inner: bool
     np.testing.assert_array_equal(opened.cell_states, again.cell_states)
 
 
-def test_arrays_of_several_chunks_open_equal(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, space: cspace.CSpace
-) -> None:
+def test_arrays_of_several_chunks_open_equal(tmp_path, monkeypatch, space):
     monkeypatch.setattr(zarr_folders, "WRITTEN_CHUNK_BYTES", 50)
     space.save(tmp_path / "map")
     same(space, cspace.open(tmp_path / "map"))
@@ -105,7 +99,7 @@ def test_arrays_of_several_chunks_open_equal(
 # ---- what may go wrong: a lost chunk that reads as FREE is a collision ---------------------------
 
 
-def change_bytes(file: Path, masks: list[int]) -> Iterator[None]:
+def change_bytes(file, masks):
     """Change one byte after another temporarily; in place, because rewriting files is slow."""
     with file.open("r+b", buffering=0) as opened:
         for at, (byte, mask) in enumerate(zip(file.read_bytes(), masks, strict=True)):
@@ -116,7 +110,7 @@ def change_bytes(file: Path, masks: list[int]) -> Iterator[None]:
                     yield
 
 
-def test_any_changed_missing_or_extra_byte_is_refused(tmp_path: Path) -> None:
+def test_any_changed_missing_or_extra_byte_is_refused(tmp_path):
     path, space = tmp_path / "map", build_pair()
     space.save(path)
     for file in files(path):
@@ -137,9 +131,7 @@ def test_any_changed_missing_or_extra_byte_is_refused(tmp_path: Path) -> None:
     same(space, cspace.open(path))
 
 
-def test_lost_and_swapped_chunks_are_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_lost_and_swapped_chunks_are_refused(tmp_path, monkeypatch):
     path = tmp_path / "map"
     monkeypatch.setattr(zarr_folders, "WRITTEN_CHUNK_BYTES", 12 * 9)  # a chunk for each slice
     MAP_BUILDERS["turning"]().save(path)
@@ -154,7 +146,7 @@ def test_lost_and_swapped_chunks_are_refused(
     assert (np.asarray(zarr.open_array(path / "cell_states", mode="r")[1]) == 255).all()
 
 
-def shapes_of(text: bytes) -> tuple[dict[str, Any], dict[str, Any]]:
+def shapes_of(text):
     """Return attributes and arrays of a text of obstacles."""
     return {"shapes_bytes": len(text)}, {"shapes": np.frombuffer(text, np.int8)}
 
@@ -192,14 +184,14 @@ def shapes_of(text: bytes) -> tuple[dict[str, Any], dict[str, Any]]:
     ({"format_version": 5}, {}, "build it again"),
 )
 def test_files_that_make_no_map_are_refused_despite_a_valid_digest(
-    tmp_path: Path, small: Path, metadata: dict[str, Any], content: dict[str, Any], message: str
-) -> None:
+    tmp_path, small, metadata, content, message
+):
     path = tmp_path / "map.zarr"
     shutil.copytree(small / "map.zarr", path)
     for name, array in content.items():
         shutil.rmtree(path / name, ignore_errors=True)
         if array is not None:
-            options: dict[str, Any] = {
+            options = {
                 "name": name,
                 "chunks": array.shape,
                 "config": {"write_empty_chunks": True},
@@ -209,7 +201,7 @@ def test_files_that_make_no_map_are_refused_despite_a_valid_digest(
     refused(path, message.strip())
 
 
-def test_other_files_and_folders_are_refused(tmp_path: Path) -> None:
+def test_other_files_and_folders_are_refused(tmp_path):
     for folder in ("empty", "strange"):
         (tmp_path / folder).mkdir()
     (tmp_path / "strange" / "zarr.json").write_text("[]")
@@ -232,9 +224,7 @@ def test_other_files_and_folders_are_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("old", [False, True])
-def test_an_interrupted_save_leaves_no_half_map(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, old: bool
-) -> None:
+def test_an_interrupted_save_leaves_no_half_map(tmp_path, monkeypatch, old):
     path, space, earlier = tmp_path / "map", build_pair(), MAP_BUILDERS["grid"]()
     space.save(path)
     number = len(list(files(path)))
@@ -245,7 +235,7 @@ def test_an_interrupted_save_leaves_no_half_map(
     for limit in range(number):
         written = 0
 
-        def stub(file: Path, content: bytes, limit: int = limit) -> int:
+        def stub(file, content, limit=limit):
             nonlocal written
             written += 1
             if written <= limit:
@@ -263,7 +253,7 @@ def test_an_interrupted_save_leaves_no_half_map(
     same(space, cspace.open(path))
 
 
-def test_a_saved_map_is_kept_without_overwrite(tmp_path: Path, small: Path) -> None:
+def test_a_saved_map_is_kept_without_overwrite(tmp_path, small):
     path, space = tmp_path / "map", cspace.open(small / "map.zarr")
     MAP_BUILDERS["grid"]().save(path)
     with pytest.raises(FileError, match="overwrite=True"):
@@ -273,7 +263,7 @@ def test_a_saved_map_is_kept_without_overwrite(tmp_path: Path, small: Path) -> N
     same(space, cspace.open(path))
 
 
-def test_overwriting_removes_nothing_but_a_map(tmp_path: Path, small: Path) -> None:
+def test_overwriting_removes_nothing_but_a_map(tmp_path, small):
     path, space = tmp_path / "map", cspace.open(small / "map.zarr")
     space.save(path)
     (path / "cell_states" / "zarr.json").unlink()  # a damaged map is one too
@@ -290,7 +280,7 @@ def test_overwriting_removes_nothing_but_a_map(tmp_path: Path, small: Path) -> N
 # ---- what other software finds -------------------------------------------------------------------
 
 
-def test_xarray_opens_the_folder(tmp_path: Path, space: cspace.CSpace) -> None:
+def test_xarray_opens_the_folder(tmp_path, space):
     space.save(tmp_path / "map.zarr")
     expected = space.to_xarray()
     with xarray.open_zarr(tmp_path / "map.zarr", consolidated=False, chunks=None) as opened:

@@ -25,11 +25,11 @@ ROTATION_SPACES = {
 EVERY = pytest.mark.parametrize("name", ROTATION_SPACES)
 
 
-def find_kind(name: str) -> Rotations:
+def find_kind(name):
     return ROTATION_SPACES[name][0]
 
 
-def draw(name: str, *shape: int) -> np.ndarray:
+def draw(name, *shape):
     """Draw configurations whose rotations are not canonical."""
     kind, dim = ROTATION_SPACES[name]
     q = RNG.normal(0.0, 4.0, (*shape, dim + len(kind.names)))
@@ -38,7 +38,7 @@ def draw(name: str, *shape: int) -> np.ndarray:
     return q
 
 
-def to_scipy(name: str, q: np.ndarray) -> Rotation:
+def to_scipy(name, q):
     """Convert the rotations of configurations to scipy."""
     (kind, dim), flat = ROTATION_SPACES[name], q.reshape(-1, q.shape[-1])
     if kind is QUATERNION:
@@ -48,7 +48,7 @@ def to_scipy(name: str, q: np.ndarray) -> Rotation:
 
 
 @EVERY
-def test_matrices_agree_with_scipy(name: str) -> None:
+def test_matrices_agree_with_scipy(name):
     _, dim = ROTATION_SPACES[name]
     q = draw(name, 3, 5)
     result = find_kind(name).rotation_matrices(q)
@@ -59,7 +59,7 @@ def test_matrices_agree_with_scipy(name: str) -> None:
 
 
 @EVERY
-def test_steps_rotate_the_shorter_way_at_constant_speed(name: str) -> None:
+def test_steps_rotate_the_shorter_way_at_constant_speed(name):
     kind, (_, dim) = find_kind(name), ROTATION_SPACES[name]
     q0 = draw(name, 40)
     q1 = draw(name, 40)
@@ -79,7 +79,7 @@ def test_steps_rotate_the_shorter_way_at_constant_speed(name: str) -> None:
     assert kind.steps_between(q0[:0], q1[:0]).shape == (0, steps.shape[1])
 
 
-def test_steps_of_half_a_turn_and_none_are_exact() -> None:
+def test_steps_of_half_a_turn_and_none_are_exact():
     kind = QUATERNION
     still = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
     assert (
@@ -92,7 +92,7 @@ def test_steps_of_half_a_turn_and_none_are_exact() -> None:
 
 
 @EVERY
-def test_canonical_numbers_give_the_same_rotation_and_are_stable(name: str) -> None:
+def test_canonical_numbers_give_the_same_rotation_and_are_stable(name):
     kind, (_, dim) = find_kind(name), ROTATION_SPACES[name]
     q = draw(name, 50)
     result = kind.make_canonical(
@@ -107,7 +107,7 @@ def test_canonical_numbers_give_the_same_rotation_and_are_stable(name: str) -> N
 
 
 @EVERY
-def test_sample_near_stays_within_its_angle(name: str) -> None:
+def test_sample_near_stays_within_its_angle(name):
     kind, (_, dim) = find_kind(name), ROTATION_SPACES[name]
     q = kind.make_canonical(draw(name, 30))
     numbers = iter(RNG.random(400).tolist())
@@ -119,7 +119,7 @@ def test_sample_near_stays_within_its_angle(name: str) -> None:
     np.testing.assert_allclose(kind.make_canonical(near), near, atol=1e-15)
 
 
-def test_wrapped_yaws_are_unchanged_and_others_are_wrapped() -> None:
+def test_wrapped_yaws_are_unchanged_and_others_are_wrapped():
     angles = np.concatenate(
         [np.linspace(-20.0, 20.0, 997), [-math.pi, math.pi, np.nextafter(math.pi, 0.0)]]
     )
@@ -140,7 +140,7 @@ def test_wrapped_yaws_are_unchanged_and_others_are_wrapped() -> None:
         (QUATERNION, [0.0, 0.0, 0.0, -1.0], "not turned"),
     ],
 )
-def test_texts_describe_rotations(kind: Rotations, rotation: list[float], text: str) -> None:
+def test_texts_describe_rotations(kind, rotation, text):
     assert kind.format_rotation(np.array(rotation)) == text
 
 
@@ -153,6 +153,6 @@ def test_texts_describe_rotations(kind: Rotations, rotation: list[float], text: 
     (QUATERNION, 0.3, "given by qx, qy, qz, qw"),
     (QUATERNION, [0.0, 0.0, 0.0, 1.00001], "norm 1.00001; it must be 1"),
 )
-def test_invalid_rotations_are_refused(kind: Rotations, rotation: object, message: str) -> None:
+def test_invalid_rotations_are_refused(kind, rotation, message):
     with pytest.raises(InputError, match=message):
         kind.check_rotation(rotation)

@@ -1,20 +1,17 @@
 """A new kind of rotation cells."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 import cspace
-from cspace import CSpace
 from cspace.rotations import Rotations
-from cspace.rotations.base import COVERING_ANGLE, Coordinate, Symmetric
+from cspace.rotations.base import COVERING_ANGLE, Coordinate
 from cspace.rotations.yaw import YawRotations
-from cspace.support.arrays import Floats, Ints
 
 COUNT = 8
 
@@ -33,31 +30,31 @@ class PitchRotations(YawRotations):
     }
 
     @classmethod
-    def of_stored_arrays(cls, coordinates: Mapping[str, Any]) -> "PitchRotations":
+    def of_stored_arrays(cls, coordinates):
         return super().of_stored_arrays({"yaw_bounds": coordinates["pitch_bounds"]})
 
-    def find_yaw(self, q: Floats) -> None:
+    def find_yaw(self, q):
         return None
 
-    def from_matrix(self, matrix: Floats) -> Floats:
+    def from_matrix(self, matrix):
         return np.arctan2(matrix[0, 2:], matrix[0, :1])
 
-    def preserve(self, shape: Symmetric) -> bool:
+    def preserve(self, shape):
         return shape.is_round
 
-    def assign_slices(self, shape: Symmetric) -> Ints:
+    def assign_slices(self, shape):
         return np.zeros(len(self), np.int64) if shape.is_round else np.arange(len(self))
 
-    def find_images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
+    def find_images(self, shape):
         return Rotations.find_images(self, shape)
 
-    def make_matrices(self, rotation: Floats, dim: int) -> Floats:
+    def make_matrices(self, rotation, dim):
         made = Rotation.from_rotvec(rotation.reshape(-1, 1) * [0.0, 1.0, 0.0]).as_matrix()
         return made.reshape(*rotation.shape[:-1], 3, 3)
 
 
 @pytest.fixture(scope="module")
-def space() -> Iterator[CSpace]:
+def space():
     """Build a map of a bar and a gap."""
     occupied = np.zeros((16, 8, 16), dtype=bool)
     occupied[7:9, :, :] = True
@@ -70,7 +67,7 @@ def space() -> Iterator[CSpace]:
         yield cspace.build(workspace, robot, rotations=PitchRotations.of_value(COUNT))
 
 
-def test_samples_and_files_keep_rotations(space: CSpace, tmp_path: Path) -> None:
+def test_samples_and_files_keep_rotations(space, tmp_path):
     q = space.sample_free(50, np.random.default_rng(6))
     assert q.shape == (50, 4) and space.is_free(q).all()
     space.save(tmp_path / "map.zarr")

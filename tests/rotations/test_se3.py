@@ -5,16 +5,12 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
 
 import cspace
-from cspace import FREE, MIXED, InputError, Robot, Rotations, Workspace
+from cspace import FREE, MIXED, Robot, Rotations, Workspace
 from tests.helpers.handmade import ALL_FREE, map_of
 from tests.helpers.maps import proven_paths
 from tests.helpers.placements import draw_quaternions
-from tests.helpers.strategies import seeds
 
 
 def draw_map(rng, n, free=0.8, shape=(2, 1, 2)):
@@ -48,13 +44,6 @@ def test_compiled_queries_use_the_cells_of_the_definition(n):
     )
 
 
-@pytest.mark.parametrize("name", ["is_free", "clearance", "nearest_free"])
-def test_queries_refuse_quaternions_without_norm_1(name):
-    space, _ = draw_map(np.random.default_rng(0), 1)
-    with pytest.raises(InputError, match=r"qx, qy, qz, qw.*norm"):
-        getattr(space, name)([0.5, 0.5, 0.5, 0.0, 0.0, 0.0, 1.00001])
-
-
 # ---- edges ---------------------------------------------------------------------------------------
 
 
@@ -80,63 +69,6 @@ def drop_near_boundaries(cells, q):
     return q[(cells.cell_of(around) == cells.cell_of(q[:, 3:])[:, None]).all(axis=1)]
 
 
-@st.composite
-def edges(draw):
-    """Draw ends of edges (n, 7) with special rotations."""
-    rng = np.random.default_rng(draw(seeds))
-    n = 40
-    cells = Rotations.quaternions(draw(st.sampled_from([1, 2, 3])))
-    q0, q1 = (
-        np.column_stack(
-            [rng.uniform(0.1, 0.9, (n, 3)) * (2, 1, 2), draw_quaternions(cells, rng, n)]
-        )
-        for _ in "ab"
-    )
-    kind = draw(st.sampled_from(["any", "small", "none", "half", "antipode"]))
-    a = Rotation.from_quat(q0[:, 3:])
-    if kind == "small":
-        q1[:, 3:] = (
-            a * Rotation.from_rotvec(rng.normal(size=(n, 3)) * 10.0 ** rng.uniform(-7, 0, (n, 1)))
-        ).as_quat()
-    if kind in ("none", "antipode"):
-        q1[:, 3:] = q0[:, 3:] * (1 if kind == "none" else -1)
-    if kind == "half":  # exactly about lattice axes
-        x, y, z, w = q0[:, 3:].T
-        q1[:, 3:] = np.stack([w, z, -y, -x], axis=1)
-    return cells.n, q0, q1
-
-
-@settings(max_examples=20)
-@given(edges(), seeds)
-def test_edges_are_free_if_all_of_their_points_are(drawn, seed):
-    """Test 300 points of free edges, or around others."""
-    n, q0, q1 = drawn
-    rng = np.random.default_rng(seed)
-    space, _ = draw_map(rng, n)
-    answers = space.motion_is_free(q0, q1)
-    check = space.edge_checker()
-    assert [
-        check(*a, *b) for a, b in zip(q0.tolist(), q1.tolist(), strict=True)
-    ] == answers.tolist()
-    other = q1 * ([1] * 3 + [-1] * 4)
-    np.testing.assert_array_equal(space.motion_is_free(q0, other), answers)
-    for a, b, free in zip(q0, q1, answers.tolist(), strict=True):
-        half = abs(a[3:] @ b[3:]) < 1e-9
-        tilts = [
-            away * np.append([0.0, 0.0, 0.0], a[3:])
-            for away in ((-1e-10, 1e-10) if half else (0.0,))
-        ]
-        q = np.concatenate([interpolate(a, b + tilt, 300) for tilt in tilts])
-        if free:
-            assert space.is_free(drop_near_boundaries(space.rotations, q)).all()
-        elif (
-            abs(a[3:] @ b[3:]) < 1.0 - 1e-8 and space.is_free(q).all()
-        ):  # OMPL does not rotate between nearer ones
-            near = np.repeat(q, 30, axis=0) + rng.normal(size=(30 * len(q), 7)) * 5e-3
-            near[:, 3:] /= np.linalg.norm(near[:, 3:], axis=1, keepdims=True)
-            assert not space.is_free(near).all()
-
-
 @pytest.mark.parametrize("n", [1, 2, 5])
 def test_edges_find_every_cell_on_their_way(n):
     """Block single cells, however short the way through them."""
@@ -150,15 +82,16 @@ def test_edges_find_every_cell_on_their_way(n):
         passed = np.unique(
             cells.cell_of(drop_near_boundaries(cells, interpolate(q0, q1, 2000))[:, 3:])
         )
+        beside = np.repeat(interpolate(q0, q1, 300), 30, axis=0)
+        beside[:, 3:] += 5e-3 * rng.normal(size=(len(beside), 4))
+        beside = cells.cell_of(beside[:, 3:] / np.linalg.norm(beside[:, 3:], axis=1)[:, None])
+        states[...] = MIXED
+        states[np.union1d(passed, beside)] = FREE
+        assert map_of(states, cells, ALL_FREE, 1.0).motion_is_free(q0, q1)
         for cell in passed[:: max(1, len(passed) // 4)]:
             states[...] = FREE
             states[cell] = MIXED
             assert not map_of(states, cells, ALL_FREE, 1.0).motion_is_free(q0, q1)
-        states[...] = MIXED
-        states[passed] = FREE
-        free = map_of(states, cells, ALL_FREE, 1.0).motion_is_free(q0, q1)
-        if len(passed) == 1 and np.abs(cells.centers[passed] @ b).max() > 0.999:
-            assert free
 
 
 @pytest.mark.parametrize("norm", [1.0, 1.0 + 0.99e-9])
@@ -179,29 +112,6 @@ def test_edges_cover_rotations_at_which_ompl_stays(norm, angle=4e-5):
 
 
 # ---- boxes ---------------------------------------------------------------------------------------
-
-
-@settings(max_examples=20)
-@given(seeds, st.sampled_from([1, 2, 4, 6]), st.sampled_from([0.0, 1e-3, 0.1, 0.7, 2.0, 4.0]))
-def test_all_rotations_in_a_free_box_are_free(seed, n, angle):
-    rng = np.random.default_rng(seed)
-    space, _ = draw_map(rng, n, 0.995 if n > 2 else 0.8)
-    q = np.column_stack(
-        [rng.uniform(0.1, 0.9, (40, 3)) * (2, 1, 2), draw_quaternions(space.rotations, rng, 40)]
-    )
-    free = q[space.is_free_around(q, 0.0, angle)]
-    assert space.is_free(free).all()
-    axes = rng.normal(size=(len(free), 200, 3))
-    axes *= (
-        angle
-        * rng.choice([1.0, 0.999, 0.5], axes.shape[:2])[..., None]
-        / np.linalg.norm(axes, axis=2, keepdims=True)
-    )
-    near = np.repeat(free, 200, axis=0)
-    near[:, 3:] = (
-        Rotation.from_rotvec(axes.reshape(-1, 3)) * Rotation.from_quat(near[:, 3:])
-    ).as_quat()
-    assert space.is_free(near).all()
 
 
 # ---- geometry ------------------------------------------------------------------------------------

@@ -12,42 +12,23 @@ from itertools import count
 from pathlib import Path
 
 from benchmarks.report import Report
-from tests.soak import arms, band, curves, drives, files, frequency, lengths, maps, use
-
-EDGES = 10_000
-PAIR_PLACEMENTS = 100_000
-"""Placements of pairs of shapes, in the plane and again in space."""
+from tests.soak import arms, band, cpp, curves, drives, files, frequency, lengths, maps, use
 
 FAMILIES: dict[str, Callable[[Report, int, int], None]] = {
-    "maps": lambda report, seed, checks: maps.check(report, seed, checks, edges_of(checks)),
-    "curves": lambda report, seed, checks: curves.check(report, seed, few_edges(report, checks)),
+    "maps": lambda report, seed, checks: maps.check(report, seed, checks, checks // 100),
+    "curves": lambda report, seed, checks: curves.check(report, seed, checks // 200),
+    "cpp": lambda report, seed, _: cpp.check(report, seed),
     "drives": lambda report, seed, _: drives.check(report, seed, 1 if report.quick else 200),
-    "exact": lambda report, seed, checks: maps.check_exact(report, seed, few_edges(report, checks)),
-    "arms": lambda report, seed, checks: arms.check(
-        report, seed, max(1000, checks // 10), few_edges(report, checks)
-    ),
-    "frequency": lambda report, seed, _: frequency.check(
-        report, seed, PAIR_PLACEMENTS // (50 if report.quick else 1)
-    ),
+    "exact": lambda report, seed, checks: maps.check_exact(report, seed, checks // 400),
+    "arms": lambda report, seed, checks: arms.check(report, seed, checks // 10, checks // 500),
+    "frequency": lambda report, seed, checks: frequency.check(report, seed, checks // 10),
     "band": lambda report, seed, _: band.check(report, seed, 20 if report.quick else 200),
-    "lengths": lambda report, seed, _: lengths.check(
-        report, seed, lengths.QUICK_WORLDS if report.quick else lengths.MAX_WORLDS
-    ),
-    "files": lambda report, seed, _: files.check(
-        report, seed, 100 if report.quick else files.MUTANTS
-    ),
+    "lengths": lambda report, seed, checks: lengths.check(report, seed, checks // 250),
+    "files": lambda report, seed, checks: files.check(report, seed, checks // 250),
     "examples": lambda report, seed, _: None if report.quick else check_examples(report, seed),
     "use": lambda report, seed, _: use.check(report, seed, *((5, 0.05) if report.quick else ())),
 }
-
-
-def edges_of(checks: int) -> int:
-    """Return the number of free edges to follow per space."""
-    return min(EDGES, max(100, checks // 100))
-
-
-def few_edges(report: Report, checks: int) -> int:
-    return edges_of(checks) // (5 if report.quick else 1)
+"""Checks by name; they get a report, a seed and the number of checks of FREE and BLOCKED."""
 
 
 def check_examples(report: Report, seed: int) -> None:
@@ -71,20 +52,14 @@ def main() -> int:
         "and use maps in threads and processes. Each run draws new cases; --seed repeats those of an earlier run. "
         'See "Tests" in docs/install.md for how to turn a failing case into a test.',
     )
-    parser.add_argument(
-        "names", metavar="NAME", nargs="*", help=f"of {', '.join(FAMILIES)} (default all)"
-    )
+    names = f"of {', '.join(FAMILIES)} (default all)"
+    parser.add_argument("names", metavar="NAME", nargs="*", help=names)
     parser.add_argument("--quick", action="store_true", help="a few minutes instead of hours")
     parser.add_argument("--seed", type=int, help="seed of everything random (default: a new one)")
-    parser.add_argument(
-        "--minutes",
-        type=float,
-        default=0.0,
-        help="repeat quick rounds, each with the next seed, until this time is over",
-    )
-    parser.add_argument(
-        "--checks", type=int, help="checks of FREE and BLOCKED (default 10^6, with --quick 50,000)"
-    )
+    repeat = "repeat quick rounds, each with the next seed, until this time is over"
+    parser.add_argument("--minutes", type=float, default=0.0, help=repeat)
+    size = "checks of FREE and BLOCKED (default 10^6, with --quick 50,000)"
+    parser.add_argument("--checks", type=int, help=size)
     options = parser.parse_args()
     if unknown := sorted({*options.names} - {*FAMILIES}):
         parser.error(f"unknown {', '.join(unknown)}; choose from {', '.join(FAMILIES)}")
@@ -99,9 +74,7 @@ def main() -> int:
             FAMILIES[name](report, round_seed, checks)
         if report.failures or time.monotonic() >= end:
             break
-    print()
-    for failure in report.failures:
-        print(f"FAILED {failure}")
+    print(*(f"\nFAILED {failure}" for failure in report.failures))
     print(f"{len(report.failures)} failed checks")
     return 1 if report.failures else 0
 

@@ -7,7 +7,6 @@ small random arms with all kinds of joints and solids.
 from __future__ import annotations
 
 import tempfile
-from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -21,13 +20,14 @@ from scipy.spatial.transform import Rotation
 from benchmarks import inputs
 from benchmarks.report import Report
 from benchmarks.suites.arm_peers import ArmProblem, Folder, Meshes, coal_solids, our_solids
-from cspace import BLOCKED, FREE, MIXED, Arm, build_arm_space
+from cspace import Arm, build_arm_space
 from cspace.arms import ArmSpace
 from cspace.errors import ConfigurationError
 from cspace.support.arrays import Bools, Floats
 from tests.helpers.solids import sample_configurations
 from tests.helpers.urdfs import collision, joint, link, write_urdf
-from tests.soak.tally import Drawn, Rng, Tally, draw_until
+from tests.soak.scenes import Rng
+from tests.soak.tally import Tally, draw_until
 
 REAL_ARMS = ("panda", "ur5")
 
@@ -45,9 +45,10 @@ STEP_SIZES = (0.03, 0.1, 0.3, 1.0)
 
 
 @dataclass(frozen=True)
-class Scene(Drawn):
+class Scene:
     """An arm among obstacles, here and in coal."""
 
+    name: str
     space: ArmSpace
     meshes: Meshes
     about: Floats
@@ -65,55 +66,41 @@ def check(report: Report, seed: int, points: int, motions: int) -> None:
         else:
             report.note(f"{robot} skipped: {inputs.NO_DATA}")
     for name, draw in kinds.items():
-        counts = Counter[str]()
 
-        def check_case(
-            tally: Tally, number: int, draw: Any = draw, counts: Counter[str] = counts
-        ) -> None:
+        def check_case(tally: Tally, number: int, draw: Any = draw) -> None:
             with suppress(ConfigurationError):  # something touches a link at every configuration
-                _check(tally, counts, draw(seed, number), np.random.default_rng([seed, number, 8]))
+                _check(tally, draw(seed, number), np.random.default_rng([seed, number, 8]))
 
-        def enough(tally: Tally, counts: Counter[str] = counts) -> bool:
-            wanted = points // len(kinds), motions * POINTS_PER_MOTION // len(kinds)
-            return counts["points"] >= wanted[0] and tally.checks["motion"] >= wanted[1]
+        def enough(tally: Tally) -> bool:
+            drawn = tally.checks["FREE"] + tally.checks["not FREE"]
+            wanted = motions * POINTS_PER_MOTION // len(kinds)
+            return drawn >= points // len(kinds) and tally.checks["motion"] >= wanted
 
         draw_until(report, name, seed, enough, check_case)
-        # Coal misses some open meshes that reach into a box, and obstacles inside a mesh.
-        report.note(
-            f"BLOCKED: {counts['BLOCKED']} checks, {counts['BLOCKED clear']} without a collision by coal"
-        )
-        report.note(
-            f"MIXED: {counts['MIXED']} configurations, {counts['MIXED clear']} without a collision by coal"
-        )
-        report.note(
-            f"{counts['refused']} motions not proven, {counts['missed']} of them without a collision by coal"
-        )
 
 
-def _check(tally: Tally, counts: Counter[str], scene: Scene, rng: Rng) -> None:
-    """Check configurations and motions of one scene."""
+def _check(tally: Tally, scene: Scene, rng: Rng) -> None:
+    """Check configurations and motions of one scene.
+
+    No BLOCKED one is false, because coal misses some open meshes that reach into a box, and
+    obstacles inside a mesh.
+    """
     arm, meshes = scene.space.arm, scene.meshes
-    q = _draw_near(
-        scene.about[rng.integers(len(scene.about), size=CONFIGURATIONS_PER_SCENE)], arm, rng
-    )
-    counts["points"] += len(q)
-    states = np.asarray(scene.space.classify(q))
-    free = q[states == FREE]
-    tally.add("FREE", scene, free, _are_wrong(meshes, free))
-    for name, state in (("BLOCKED", BLOCKED), ("MIXED", MIXED)):
-        counts[name] += int((states == state).sum())
-        counts[f"{name} clear"] += sum(not meshes.collides(each) for each in q[states == state])
-    free = free[:MAX_MOTIONS_PER_SCENE]
-    goals = _draw_near(free, arm, rng)
-    proven = np.asarray(scene.space.motion_is_free(free, goals)) if len(free) else []
-    for q0, q1, is_free in zip(free, goals, proven, strict=True):
-        positions = q0 + np.linspace(0.0, 1.0, POINTS_PER_MOTION)[:, np.newaxis] * (q1 - q0)
-        wrong = _are_wrong(meshes, positions)
-        if is_free:
-            tally.add("motion", scene, positions, wrong)
-        else:
-            counts["refused"] += 1
-            counts["missed"] += not wrong.any()
+    q = scene.about[rng.integers(len(scene.about), size=CONFIGURATIONS_PER_SCENE)]
+    q = _draw_near(q, arm, rng)
+    is_free = np.asarray(scene.space.is_free(q))
+    free, others = q[is_free], q[~is_free]
+    tally.add("FREE", scene.name, free, _are_wrong(meshes, free))
+    clear = [not meshes.collides(each) for each in others]
+    tally.add("not FREE", scene.name, others, np.zeros(len(others), dtype=bool), clear)
+    starts = free[:MAX_MOTIONS_PER_SCENE]
+    if not len(starts):
+        return
+    goals = _draw_near(starts, arm, rng)
+    proven = np.asarray(scene.space.motion_is_free(starts, goals))
+    shares = np.linspace(0.0, 1.0, POINTS_PER_MOTION)[:, np.newaxis, np.newaxis]
+    q = (starts + shares * (goals - starts))[:, proven].reshape(-1, arm.dof)
+    tally.add("motion", scene.name, q, _are_wrong(meshes, q))
 
 
 def _are_wrong(meshes: Meshes, q: Floats) -> Bools:
@@ -133,9 +120,7 @@ def draw_problem(problems: list[ArmProblem], seed: int, number: int) -> Scene:
     problem = problems[np.random.default_rng([seed, number, 7]).integers(len(problems))]
     name = f"{problem.folder.robot}, {problem.name} {problem.row['index']}"
     about = np.vstack([problem.start, problem.goals])
-    return Scene(
-        name, name, ("problem", problem.folder.robot), problem.space(), problem.meshes(), about
-    )
+    return Scene(name, problem.space(), problem.meshes(), about)
 
 
 def draw_small_arm(seed: int, number: int) -> Scene:
@@ -145,25 +130,19 @@ def draw_small_arm(seed: int, number: int) -> Scene:
         path = _write_arm(Path(folder), rng)
         arm = Arm.from_urdf(path)
         solids = []
-        for number in range(rng.integers(1, 6)):
+        for block in range(rng.integers(1, 6)):
             kind, sizes = _draw_solid(rng)
             pose = np.eye(4)
             pose[:3, :3] = Rotation.random(rng=rng).as_matrix()
             pose[:3, 3] = rng.uniform(-1.0, 1.0, 3)
-            solids.append((f"block{number}", kind, pose, sizes))
+            solids.append((f"block{block}", kind, pose, sizes))
         allowed = [(link.name, name) for link in arm.links if not link.body for name, *_ in solids]
         space = build_arm_space(our_solids(solids), arm, allowed_collisions=allowed)
         meshes = Meshes(
             path, arm.joints, coal_solids(solids), allowed=frozenset(arm.allowed_collisions)
         )
-    return Scene(
-        "arm",
-        f"draw_small_arm({seed}, {number})",
-        ("solids", "arm"),
-        space,
-        meshes,
-        sample_configurations(arm, rng, 20),
-    )
+    about = sample_configurations(arm, rng, 20)
+    return Scene(f"draw_small_arm({seed}, {number})", space, meshes, about)
 
 
 def _draw_solid(rng: Rng) -> tuple[str, tuple[float, ...]]:

@@ -2,31 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache
 from typing import Any
 
 import numpy as np
 import shapely
-import trimesh
 from scipy.spatial.transform import Rotation
 
 from benchmarks.report import Report
 from cspace.errors import InputError
 from cspace.shapes.mesh import Mesh
 from cspace.spectral import Bump, FourierOverlap, Verdict, decompose
-from cspace.support.arrays import Bools, Bytes, Floats
-from tests.soak import plane
-from tests.soak.solids import Blocks, SolidSurface, SurfacePair, draw_directions
-from tests.soak.space import draw_dented_ball
-from tests.soak.tally import Drawn, Rng, Tally, draw_until
+from cspace.support.arrays import Floats
+from tests.helpers.regions import Body, Flat
+from tests.soak.scenes import Rng, Scale, draw_polygon, draw_solid
+from tests.soak.tally import Tally, draw_until
 
-Oracle = Callable[[Floats], Bools]
-
-BUMP_EXPONENTS = (1.0, 2.0, 2.0, 3.0, 4.0)
-"""Exponents of bumps to draw from."""
-
+SOLIDS = ("boxes", "hull", "stars")
 BALLS_PER_BODY = {2: (10, 60), 3: (10, 50)}
 """Range of the number of balls per body, by dimension."""
 
@@ -40,8 +33,6 @@ Pairs are scaled, rotated and translated copies; the balls grow by far more than
 """
 
 ROTATIONS_PER_PAIR = 4
-"""Rotations tested per pair."""
-
 PLACEMENTS_PER_ROTATION = 500
 """Placements tested per rotation, a third near contact."""
 
@@ -51,209 +42,101 @@ BISECTION_STEPS = 45
 LOG_CONTACT_DISTANCES = (-11.0, -0.7)
 """Range of log10 of the distance from contact, in sizes of the domain."""
 
+Balls = tuple[Floats, Floats]
+
 
 @dataclass(frozen=True)
-class Body:
-    """A polygon or closed mesh, and its balls.
+class Part:
+    """A polygon or the triangles of a mesh, and balls outside and inside of it.
 
-    Outer balls cover the body; inner balls lie in it, and are None if none fits.
+    Inner balls are None if none fits.
     """
 
-    kind: str
     shape: Any
-    outer: tuple[Floats, Floats]
-    inner: tuple[Floats, Floats] | None
+    outer: Balls
+    inner: Balls | None
 
-    @classmethod
-    def of(cls, kind: str, shape: Any, number: int) -> Body:
-        """Decompose a body into ``number`` outer and inner balls."""
-        solid = (
-            Mesh(shape.reshape(-1, 3), np.arange(len(shape) * 3).reshape(-1, 3))
-            if _is_solid(shape)
-            else shape
-        )
-        outer = decompose(solid, kind="outer", number=number)
-        try:
-            inner = decompose(solid, kind="inner", number=number)
-        except InputError:  # no ball fits
-            return cls(kind, shape, (outer.centers, outer.radii), None)
-        return cls(kind, shape, (outer.centers, outer.radii), (inner.centers, inner.radii))
-
-    def place(self, scale: float, matrix: Floats, away: Floats) -> Body:
-        """Scale, rotate and translate the body."""
+    def place(self, scale: float, matrix: Floats, away: Floats) -> Part:
+        """Scale, rotate and translate."""
 
         def move(points: Floats) -> Floats:
-            return np.asarray(scale * points @ matrix.T + away)
+            return scale * points @ matrix.T + away
 
-        shape = move(self.shape) if _is_solid(self.shape) else shapely.transform(self.shape, move)
-        outer = (move(self.outer[0]), scale * self.outer[1])
-        inner = (move(self.inner[0]), scale * self.inner[1]) if self.inner is not None else None
-        return Body(self.kind, shape, outer, inner)
-
-
-def _is_solid(shape: Any) -> bool:
-    return isinstance(shape, np.ndarray)
-
-
-@dataclass(frozen=True)
-class PairCase(Drawn):
-    """A moving body, fixed bodies, and their overlap."""
-
-    a: Body
-    b: list[Body]
-    overlap: FourierOverlap
-
-    def rotate(self, rng: Rng) -> tuple[Floats, FourierOverlap, Oracle]:
-        """Draw a rotation; return it, its overlap and its oracle."""
-        if self.overlap.dim == 2:
-            yaw = float(rng.uniform(-np.pi, np.pi))
-            matrix = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
-            return np.array([yaw]), self.overlap.rotated(matrix), oracle(self.a, self.b, matrix)
-        rotation = Rotation.from_quat(rng.normal(size=4))
-        return (
-            rotation.as_quat(),
-            self.overlap.rotated(rotation),
-            oracle(self.a, self.b, rotation.as_matrix()),
+        flat = len(matrix) == 2
+        shape = shapely.transform(self.shape, move) if flat else move(self.shape)
+        outer, inner = (
+            balls and (move(balls[0]), scale * balls[1]) for balls in (self.outer, self.inner)
         )
-
-
-def oracle(a: Body, b: list[Body], matrix: Floats) -> Oracle:
-    """Return a function that tests translations for collisions."""
-    if len(matrix) == 2:
-        shape, others = plane.Shape([a.shape]), [body.shape for body in b]
-        shapely.prepare(others)
-        yaw = np.arctan2(matrix[1, 0], matrix[0, 0])
-        return lambda ts: shape.meets(others, np.column_stack([ts, np.full(len(ts), yaw)]), 0.0)
-    pair = SurfacePair(
-        SolidSurface.of_bodies([a.shape @ matrix.T]),
-        SolidSurface.of_bodies([each.shape for each in b]),
-    )
-    return lambda ts: pair.within(ts, np.zeros(len(ts)))
+        return Part(shape, outer, inner)
 
 
 @cache
-def draw_pool_body(seed: int, index: int, dim: int) -> Body:
+def draw_part(seed: int, index: int, dim: int) -> Part:
     """Return a body of the pool, about 1 m across."""
-    rng = np.random.default_rng([seed, index, 20 + dim])
-    kind = list(BODIES[dim])[index % len(BODIES[dim])]
-    return Body.of(kind, BODIES[dim][kind](rng), int(rng.integers(*BALLS_PER_BODY[dim])))
+    rng, metres = np.random.default_rng([seed, index, 20 + dim]), Scale(1.0, 0.0, 0.0)
+    if dim == 2:
+        shape: Any = draw_polygon(rng, np.zeros(2), 1.0, metres)
+        solid = shape
+    else:
+        shape = draw_solid(rng, SOLIDS[index % 3], 1.0, metres)
+        shape = shape - shape.mean(axis=(0, 1))
+        solid = Mesh(shape.reshape(-1, 3), np.arange(3 * len(shape)).reshape(-1, 3))
+    number = int(rng.integers(*BALLS_PER_BODY[dim]))
+    outer = decompose(solid, kind="outer", number=number)
+    try:
+        inner = decompose(solid, kind="inner", number=number)
+    except InputError:  # no ball fits
+        return Part(shape, (outer.centers, outer.radii), None)
+    return Part(shape, (outer.centers, outer.radii), (inner.centers, inner.radii))
 
 
-def draw_pair(seed: int, number: int, dim: int) -> PairCase:
-    """Draw a pair, reproducibly."""
+def unite(parts: list[Part]) -> Any:
+    """Return the exact region of parts."""
+    shapes = [part.shape for part in parts]
+    return Body.join(shapes) if isinstance(shapes[0], np.ndarray) else Flat(shapes)
+
+
+def draw_pair(seed: int, number: int, dim: int) -> tuple[FourierOverlap, Any, Any]:
+    """Draw an overlap, and the exact regions of its moving and its fixed bodies."""
     rng = np.random.default_rng([seed, number, 30 + dim])
     size = float(10.0 ** rng.uniform(-2.0, 2.0))
-    a = draw_pool_body(seed, number % POOL, dim).place(
-        size, np.eye(dim), size * rng.choice([0.0, 3.0]) * rng.normal(size=dim)
-    )
+    away = size * rng.choice([0.0, 3.0]) * rng.normal(size=dim)
+    a = draw_part(seed, number % POOL, dim).place(size, np.eye(dim), away)
     corner = size * float(rng.choice([0.0, 30.0])) * rng.normal(size=dim)
     b = [
-        draw_pool_body(seed, int(rng.integers(POOL)), dim).place(
+        draw_part(seed, int(rng.integers(POOL)), dim).place(
             size * float(rng.uniform(0.5, 2.0)),
-            draw_rotation_matrix(rng, dim),
+            Rotation.from_rotvec((rng.normal(size=3)) * (dim == 3)).as_matrix()[:dim, :dim],
             corner + size * rng.uniform(-1.5, 1.5, dim),
         )
         for _ in range(int(rng.integers(1, 4)))
     ]
-    bump, tolerance, classes = (
-        Bump(float(rng.choice(BUMP_EXPONENTS))),
-        float(rng.choice(TOLERANCES[dim])),
-        int(rng.integers(1, 9)),
-    )
-    overlap = compute_overlap(
-        a, b, float(rng.uniform(0.3, 1.2)), classes, bump, tolerance, inner=bool(rng.random() < 0.9)
-    )
-    others = " and ".join(sorted({each.kind for each in b}))
-    name = (
-        f"{a.kind} of {size:.3g} m among {others}, {bump}, {classes} classes of radii, {overlap.frequencies} "
-        f"frequencies, threshold {overlap.threshold:.3g}"
-    )
-    return PairCase(name, f"draw_pair({seed}, {number}, {dim})", (others, a.kind), a, b, overlap)
+    bump, tolerance = Bump(float(rng.choice([1.0, 2.0, 3.0, 4.0]))), rng.choice(TOLERANCES[dim])
+    share, classes = float(rng.uniform(0.3, 1.2)), int(rng.integers(1, 9))
+    inner = bool(rng.random() < 0.9)
+    overlap = compute_overlap(a, b, share, classes, bump, float(tolerance), inner)
+    return overlap, unite([a]), unite(b)
 
 
 def compute_overlap(
-    a: Body, b: list[Body], share: float, classes: int, bump: Bump, tolerance: float, inner: bool
+    a: Part, b: list[Part], share: float, classes: int, bump: Bump, tolerance: float, inner: bool
 ) -> FourierOverlap:
     """Return the overlap of bodies of growing balls.
 
     Balls grow by a share of the smaller median radius.
     """
-    sets = [a.outer, _join_sets([each.outer for each in b])]
+    sets = [a.outer, _join([each.outer for each in b])]
     if inner and a.inner is not None and all(each.inner is not None for each in b):
-        sets += [a.inner, _join_sets([each.inner for each in b if each.inner is not None])]
+        sets += [a.inner, _join([each.inner for each in b])]
     swell = share * float(min(np.median(radii) for _, radii in sets[:2]))
     return FourierOverlap.of_shapes(
         *sets, swell=swell, classes=classes, bump=bump, tolerance=tolerance
     )
 
 
-def _join_sets(sets: list[tuple[Floats, Floats]]) -> tuple[Floats, Floats]:
-    return np.concatenate([centers for centers, _ in sets]), np.concatenate(
-        [radii for _, radii in sets]
-    )
-
-
-def draw_rotation_matrix(rng: Rng, dim: int) -> Floats:
-    """Draw a rotation matrix."""
-    matrix = np.linalg.qr(rng.normal(size=(dim, dim)))[0]
-    matrix[:, 0] *= np.sign(np.linalg.det(matrix))
-    return np.asarray(matrix)
-
-
-# ---- bodies around the origin, up to two metres across -------------------------------------------
-
-
-def _star(rng: Rng) -> Any:
-    corners = int(rng.integers(3, 12))
-    turns = 2.0 * np.pi * (np.arange(corners) + rng.uniform(0.0, 0.6, corners)) / corners
-    return shapely.Polygon(
-        rng.uniform(0.3, 1.0, (corners, 1)) * np.column_stack([np.cos(turns), np.sin(turns)])
-    )
-
-
-def _ring(rng: Rng) -> Any:
-    center = shapely.Point(0.0, 0.0)
-    hole = center.buffer(float(rng.uniform(0.2, 0.8)), quad_segs=2)
-    return center.buffer(1.0, quad_segs=int(rng.integers(2, 6))).difference(hole)
-
-
-def _rectangle(rng: Rng) -> Any:
-    half = rng.uniform(0.1, 1.0, 2)
-    return shapely.box(*-half, *half)
-
-
-def _ell(rng: Rng) -> Any:
-    a, b = rng.uniform(0.2, 0.8, 2)
-    return shapely.Polygon(
-        np.array([(0.0, 0.0), (1.0, 0.0), (1.0, b), (a, b), (a, 1.0), (0.0, 1.0)]) - 0.5
-    )
-
-
-def _hull(rng: Rng) -> Floats:
-    points = draw_directions(int(rng.integers(5, 16)), rng) * rng.uniform(0.4, 1.0, 3)
-    return np.asarray(trimesh.convex.convex_hull(points).triangles)
-
-
-def _box(rng: Rng) -> Floats:
-    half = rng.uniform(0.1, 1.0, 3)
-    return np.asarray(Blocks.boxes(np.array([-half, half])).to_surface().triangles)
-
-
-def _prism(rng: Rng) -> Floats:
-    return np.asarray(
-        trimesh.creation.extrude_polygon(_ell(rng), float(rng.uniform(0.2, 1.0))).triangles
-    )
-
-
-BODIES: dict[int, dict[str, Callable[[Rng], Any]]] = {
-    2: {"star": _star, "ring": _ring, "rectangle": _rectangle, "L": _ell},
-    3: {
-        "hull": _hull,
-        "dented ball": partial(draw_dented_ball, max_subdivisions=2),
-        "box": _box,
-        "L": _prism,
-    },
-}
+def _join(balls: list[Any]) -> Balls:
+    centers, radii = zip(*balls, strict=True)
+    return np.concatenate(centers), np.concatenate(radii)
 
 
 # ---- checks --------------------------------------------------------------------------------------
@@ -261,53 +144,50 @@ BODIES: dict[int, dict[str, Callable[[Rng], Any]]] = {
 
 def check(report: Report, seed: int, wanted: int) -> None:
     """Check random pairs until enough placements were tested."""
-    for dim, where in ((2, "in the plane"), (3, "in space")):
+    for dim in (2, 3):
 
         def check_case(tally: Tally, number: int, dim: int = dim) -> None:
-            case, rng = (
-                draw_pair(seed, number, dim),
-                np.random.default_rng([seed, number, 40 + dim]),
-            )
+            rng = np.random.default_rng([seed, number, 40 + dim])
+            overlap, a, b = draw_pair(seed, number, dim)
             for _ in range(ROTATIONS_PER_PAIR):
-                _check_pose(tally, case, rng)
+                _check_pose(tally, f"draw_pair({seed}, {number}, {dim})", overlap, a, b, rng)
 
-        title = f"verdicts from frequencies {where}, {ROTATIONS_PER_PAIR} rotations of each pair"
-        draw_until(report, title, seed, lambda tally: tally.verdicts.total() >= wanted, check_case)
+        title = f"verdicts from frequencies in {dim} dimensions"
+        draw_until(report, title, seed, lambda tally: tally.checks["placed"] >= wanted, check_case)
 
 
-def _check_pose(tally: Tally, case: PairCase, rng: Rng) -> None:
+def _check_pose(tally: Tally, name: str, overlap: FourierOverlap, a: Any, b: Any, rng: Rng) -> None:
     """Check verdicts at one rotation."""
-    rotation, overlap, collide = case.rotate(rng)
-    low, high = overlap.domain
-    ts = rng.uniform(low, high, (PLACEMENTS_PER_ROTATION, case.overlap.dim))
+    yaw, dim = float(rng.uniform(-np.pi, np.pi)), overlap.dim
+    vector = yaw * np.array([0.0, 0.0, 1.0]) if dim == 2 else rng.normal(size=3)
+    turn = Rotation.from_rotvec(vector)
+    rotation = [yaw] if dim == 2 else turn.as_quat()
+    rotated = overlap.rotated(turn.as_matrix()[:2, :2] if dim == 2 else turn)
+
+    def collide(ts: Floats) -> Any:
+        q = np.column_stack([ts, np.tile(rotation, (len(ts), 1))])
+        return a.within(b, q, np.zeros(len(ts)))
+
+    low, high = rotated.domain
+    ts = rng.uniform(low, high, (PLACEMENTS_PER_ROTATION, dim))
     ts[:: PLACEMENTS_PER_ROTATION // 10] += rng.choice([-1.0, 1.0]) * (high - low)
-    contacts = _contacts(overlap, collide, ts, rng)
+    contacts = _draw_contacts(rotated, collide, ts, rng)
     ts[len(ts) - len(contacts) :] = contacts
-    meets = collide(ts)
-    _judge(tally, case, rotation, ts, meets, overlap.separated(ts).verdict)
-
-
-def _judge(
-    tally: Tally, case: PairCase, rotation: Floats, ts: Floats, meets: Bools, verdicts: Bytes
-) -> None:
-    q = np.column_stack([ts, np.broadcast_to(rotation, (len(ts), len(rotation)))])
+    meets, verdicts = collide(ts), rotated.separated(ts).verdict
+    name = f"{name} at rotation {rotation}"
+    tally.add("placed", name, ts, np.zeros(len(ts), dtype=bool), verdicts == Verdict.UNDECIDED)
     for verdict, wrong in ((Verdict.MISS, meets), (Verdict.HIT, ~meets)):
         claimed = verdicts == verdict
-        tally.add(verdict.name, case, q[claimed], wrong[claimed])
-    for verdict in Verdict:
-        claimed = verdicts == verdict
-        tally.verdicts["colliding", verdict.name] += int((claimed & meets).sum())
-        tally.verdicts["clear", verdict.name] += int((claimed & ~meets).sum())
+        tally.add(verdict.name, name, ts[claimed], wrong[claimed])
 
 
-def _contacts(overlap: FourierOverlap, collide: Oracle, ts: Floats, rng: Rng) -> Floats:
+def _draw_contacts(overlap: FourierOverlap, collide: Any, ts: Floats, rng: Rng) -> Floats:
     """Draw placements near contact, a third of ``ts``."""
     touching = ts[collide(ts)]
     if not len(touching):
         return ts[:0]
     low, high = overlap.domain
-    size = float(np.linalg.norm(high - low))
-    number = len(ts) // 3
+    size, number = float(np.linalg.norm(high - low)), len(ts) // 3
     starts = touching[rng.integers(len(touching), size=number // 5)]
     directions = rng.normal(size=starts.shape)
     directions /= np.linalg.norm(directions, axis=1)[:, None]
@@ -317,7 +197,6 @@ def _contacts(overlap: FourierOverlap, collide: Oracle, ts: Floats, rng: Rng) ->
         meets = collide(starts + center[:, None] * directions)
         near, far = np.where(meets, center, near), np.where(meets, far, center)
     picked = rng.integers(len(starts), size=number)
-    off = (
-        size * rng.choice([-1.0, 1.0], number) * 10.0 ** rng.uniform(*LOG_CONTACT_DISTANCES, number)
-    )
-    return np.asarray(starts[picked] + (far[picked] + off)[:, None] * directions[picked])
+    off = size * 10.0 ** rng.uniform(*LOG_CONTACT_DISTANCES, number)
+    off *= rng.choice([-1.0, 1.0], number)
+    return starts[picked] + (far[picked] + off)[:, None] * directions[picked]

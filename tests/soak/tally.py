@@ -1,65 +1,25 @@
-"""Random cases, and counts of their checks."""
+"""Counts of the checks of random cases."""
 
 from __future__ import annotations
 
 import time
-from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from benchmarks.report import Report
-from cspace import BLOCKED, FREE, MIXED, CSpace
+from cspace import BLOCKED, FREE, MIXED
 from cspace.support.arrays import Bools, Floats, Ints, States
-
-Rng = np.random.Generator
+from tests.soak.scenes import Case, Rng
 
 ROUNDING = 1e-9
 """Distance from contact, in metres, within which no state counts as false."""
 
 SHOWN = 20
 """Maximum number of false results printed."""
-
-
-@dataclass(frozen=True)
-class Drawn:
-    """A random case.
-
-    Attributes
-    ----------
-    name : str
-        Description of the case.
-    made_by : str
-        The call that draws it again.
-    kind : tuple of str
-        Kind of workspace and kind of robot.
-    """
-
-    name: str
-    made_by: str
-    kind: tuple[str, str]
-
-
-@dataclass(frozen=True)
-class Case(Drawn, ABC):
-    """A map, and its exact geometry."""
-
-    space: CSpace
-
-    @property
-    @abstractmethod
-    def reach(self) -> float:
-        """Upper bound of the robot's extent, in metres."""
-
-    @abstractmethod
-    def meets(self, q: Floats, distance: float | Floats) -> Bools:
-        """Return True where the robot comes within a distance."""
-
-    @abstractmethod
-    def lies_in(self, q: Floats, rng: Rng) -> Bools:
-        """Return True where the grown robot lies in obstacles."""
 
 
 @dataclass
@@ -69,68 +29,39 @@ class Tally:
     checks: Counter[str] = field(default_factory=Counter)
     open: Counter[str] = field(default_factory=Counter)
     wrong: Counter[str] = field(default_factory=Counter)
-    kinds: Counter[tuple[str, str]] = field(default_factory=Counter)
-    mixed: Counter[str] = field(default_factory=Counter)
-    verdicts: Counter[tuple[str, str]] = field(default_factory=Counter)
     false: list[str] = field(default_factory=list)
 
-    def add(
-        self, claim: str, case: Drawn, q: Floats, wrong: Bools, undecided: Bools | None = None
-    ) -> None:
-        """Count checks at configurations (..., size)."""
+    def add(self, claim: str, name: str, q: Floats, wrong: Bools, undecided: Any = False) -> None:
+        """Count checks at configurations (..., size) of a named case."""
         self.checks[claim] += wrong.size
-        self.kinds[case.kind] += wrong.size
         self.wrong[claim] += int(wrong.sum())
-        self.open[claim] += 0 if undecided is None else int(undecided.sum())
-        if wrong.any() and len(self.false) < SHOWN:
-            self.false.append(f"{claim} at {q[wrong][0].tolist()} of {case.made_by}: {case.name}")
+        self.open[claim] += int(np.sum(undecided))
+        if wrong.any():
+            self.false.append(f"{claim} at {q[wrong][0].tolist()} of {name}")
+
+    def add_free(self, claim: str, case: Case, q: Floats, refused: Any = False) -> None:
+        """Count configurations that must not collide, nor be refused by the map."""
+        wrong, undecided = find_collisions(case, q.reshape(-1, q.shape[-1]))
+        self.add(claim, case.name, q, wrong.reshape(q.shape[:-1]) | refused, undecided)
 
     def judge(self, case: Case, q: Floats, states: States) -> None:
         """Check states of configurations; count the MIXED ones that collide."""
-        free, blocked, mixed = q[states == FREE], q[states == BLOCKED], q[states == MIXED]
-        self.add("FREE", case, free, *find_collisions(case, free))
+        self.add_free("FREE", case, q[states == FREE])
+        blocked, mixed = q[states == BLOCKED], q[states == MIXED]
         apart = ~case.meets(blocked, 0.0)
-        wrong = apart.copy()
-        wrong[apart] = ~case.meets(blocked[apart], ROUNDING)
-        self.add("BLOCKED", case, blocked, wrong, apart & ~wrong)
-        self.mixed["all"] += len(mixed)
-        self.mixed["colliding"] += int(case.meets(mixed, 0.0).sum())
+        wrong = ~case.meets(blocked, ROUNDING)
+        self.add("BLOCKED", case.name, blocked, wrong, apart & ~wrong)
+        apart = ~case.meets(mixed, 0.0)
+        self.add("MIXED that is free", case.name, mixed, np.zeros(len(mixed), dtype=bool), apart)
 
     def report_to(self, report: Report) -> None:
         """Report all counts; a false result fails the run."""
         for claim, count in self.checks.items():
             wrong, undecided = self.wrong[claim], self.open[claim]
             report.check(
-                not wrong, f"{claim}: {count} checks, {wrong} false, {undecided} too close to tell"
+                not wrong, f"{claim}: {count} checks, {wrong} false, {undecided} undecided"
             )
-        for axis, label in enumerate(("obstacles", "robots")):
-            counts: Counter[str] = Counter()
-            for kind, count in self.kinds.items():
-                counts[kind[axis]] += count
-            report.note(
-                f"{label}: "
-                + ", ".join(f"{kind} {count}" for kind, count in sorted(counts.items()))
-            )
-        colliding, total = self.mixed["colliding"], self.mixed["all"]
-        if total:
-            report.note(
-                f"{colliding} of {total} MIXED configurations collide ({colliding / total:.0%})"
-            )
-        for truth in sorted({truth for truth, _ in self.verdicts}):
-            counts = Counter(
-                {
-                    verdict: count
-                    for (kind, verdict), count in self.verdicts.items()
-                    if kind == truth
-                }
-            )
-            total = counts.total()
-            shares = (
-                f"{verdict} {count} ({count / max(total, 1):.1%})"
-                for verdict, count in counts.items()
-            )
-            report.note(f"{truth}, {total} placements: {', '.join(shares)}")
-        for line in self.false:
+        for line in self.false[:SHOWN]:
             report.note(f"FALSE {line}")
 
 
@@ -146,9 +77,8 @@ def draw_until(
     while not is_enough(tally):
         check(tally, number)
         number += 1
-    report.section(
-        f"{title}: {number} random cases, seed {seed}, {time.perf_counter() - start:.0f} s"
-    )
+    seconds = time.perf_counter() - start
+    report.section(f"{title}: {number} random cases, seed {seed}, {seconds:.0f} s")
     tally.report_to(report)
     return tally
 

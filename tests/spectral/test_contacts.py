@@ -1,20 +1,17 @@
 """Verdicts about ball sets and shapes, against exact fractions, shapely and FCL."""
 
-import math
 from fractions import Fraction
 
 import numpy as np
 import pytest
 import shapely
-import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
 
 from cspace import InputError
-from cspace.spectral import FourierOverlap, Separation, Verdict, decompose
-from tests.helpers import solids
+from cspace.spectral import FourierOverlap, Verdict, decompose
 from tests.helpers.strategies import seeds
+from tests.spectral.test_placements import draw_rotations
 
 dims = st.sampled_from([2, 3])
 
@@ -73,21 +70,13 @@ def rotate(balls, matrix):
     return balls[0] @ matrix.T, balls[1]
 
 
-def draw_rotation(rng, dim):
-    """Draw a rotation matrix."""
-    if dim == 3:
-        return Rotation.random(random_state=int(rng.integers(1000))).as_matrix()
-    cosine, sine = rng.normal(size=2) + 1e-9
-    return np.array([[cosine, -sine], [sine, cosine]]) / math.hypot(cosine, sine)
-
-
 @settings(max_examples=25)
 @given(seeds, dims, st.floats(0.0, 0.2), st.integers(1, 4))
 def test_outer_balls_prove_misses_and_inner_balls_hits(seed, dim, swell, classes):
     rng = np.random.default_rng(seed)
     a, b = draw_sets(rng, dim)
     inner_a, inner_b = (a[0], 0.5 * a[1]), (b[0], 0.5 * b[1])
-    matrix = draw_rotation(rng, dim)
+    (matrix,) = draw_rotations(rng, 1, dim)
     options = {"swell": swell, "classes": classes, "tolerance": 0.3}
     overlap = FourierOverlap.of_shapes(a, b, inner_a, inner_b, **options).rotated(matrix)
     without_inner = FourierOverlap.of_shapes(a, b, **options).rotated(matrix)
@@ -125,33 +114,6 @@ def test_verdicts_about_polygons_agree_with_shapely():
         assert collides[verdicts == Verdict.HIT].all()
         counts += np.bincount(verdicts, minlength=3)
     assert (counts > 20).all()
-
-
-def test_verdicts_about_boxes_agree_with_fcl():
-    sides = (0.5, 0.3, 0.2), (0.4, 0.4, 0.6)
-    boxes = [trimesh.creation.box(each) for each in sides]
-    outer = [decompose(mesh, kind="outer", tolerance=0.08) for mesh in boxes]
-    inner = [decompose(mesh, kind="inner", tolerance=0.08) for mesh in boxes]
-    matrix = Rotation.random(random_state=0).as_matrix()
-    overlap = FourierOverlap.of_shapes(*outer, *inner, swell=0.1, tolerance=0.3).rotated(matrix)
-    placements = 0.7 * np.random.default_rng(1).uniform(*overlap.domain, (300, 3))
-    verdicts = overlap.separated(placements).verdict
-    fixed = solids.box(sides[1])
-    for t, verdict in zip(placements, verdicts, strict=True):
-        collides = solids.meet(solids.box(sides[0], t, matrix), fixed)
-        assert verdict == Verdict.UNDECIDED or collides == (verdict == Verdict.HIT)
-    assert (np.bincount(verdicts, minlength=3) > 20).all()
-
-
-def test_verdicts_about_touching_need_no_frequency():
-    a = [[0.0, 0.0], [0.2, 0.0]], 0.1
-    b = [[0.0, 0.0], [3.0, 3.0]], [0.2, 0.3]
-    overlap = FourierOverlap(a, b, band=8.0)
-    for t in ([1.5, 1.5], [100.0, 0.0], [0.0, -0.45]):
-        assert overlap.separated(t) == Separation(Verdict.MISS, 0, 0.0, 0.0)
-    assert overlap.separated([0.0, 0.1]) == Separation(Verdict.HIT, 0, 0.0, math.inf)
-    assert overlap.separated([0.0, 0.3]).verdict is Verdict.UNDECIDED
-    assert overlap.separated(np.zeros((0, 2))).verdict.shape == (0,)
 
 
 def test_verdicts_are_neither_true_nor_false():

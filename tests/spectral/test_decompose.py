@@ -176,58 +176,14 @@ def test_balls_cover_open_surfaces_and_lines():
     assert balls.hausdorff.upper <= 0.15
 
 
-def test_inner_balls_avoid_the_cavity_of_a_hollow_mesh():
-    hole = trimesh.creation.box((0.6, 0.6, 0.6))
-    hole.invert()
-    hollow = trimesh.util.concatenate([trimesh.creation.box((1, 1, 1)), hole])
-    balls = decompose(hollow, tolerance=0.15)
-    to_hole = np.linalg.norm(np.maximum(np.abs(balls.centers) - 0.3, 0.0), axis=1)
-    assert (balls.radii <= to_hole).all()
-    assert (balls.radii <= 0.5 - np.abs(balls.centers).max(axis=1)).all()
-    assert balls.shape_measure.lower <= 1 - 0.6**3 <= balls.shape_measure.upper
-
-
-@pytest.mark.parametrize("kind", ["inner", "outer"])
-def test_more_balls_are_nearer_and_as_near_as_with_a_tolerance(kind):
-    within = decompose(ELL, kind=kind, tolerance=0.1)
-    few, enough = (
-        decompose(ELL, kind=kind, number=number).hausdorff
-        for number in (6, math.ceil(1.1 * len(within)))
-    )
-    assert enough.upper <= 0.1
-    assert enough.upper < 0.7 * few.upper
-    if kind == "inner":
-        assert enough.upper <= 1.03 * enough.lower
-
-
-def test_decompose_is_deterministic_and_fills_most_of_a_shape_with_64_balls():
-    first, second = (decompose(ELL, number=64) for _ in range(2))
-    np.testing.assert_array_equal(first.centers, second.centers)
-    np.testing.assert_array_equal(first.radii, second.radii)
-    assert first.volume_ratio > 0.98
-
-
-TRIANGLE = Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]), "surface")
-
-
 @refusals(
     "shape, options, error, message",
     (RECTANGLE, {}, InputError, "number is None and tolerance is None"),
-    (RECTANGLE, {"number": 0}, InputError, "whole number above zero"),
     (RECTANGLE, {"tolerance": 1e-7}, InputError, "pass at least about"),
-    (RECTANGLE, {"number": 3, "kind": "both"}, InputError, "kind"),
     ([], {"number": 3}, GeometryError, "no geometry"),
     (shapely.LineString([(0, 0), (1, 1)]), {"number": 3}, GeometryError, "no inside"),
-    (TRIANGLE, {"number": 3}, GeometryError, "shape has no inside"),
     (Robot.disc(1.0).shape, {"number": 3}, InputError, "balls already"),
-    (shapely.Point(3, 4), {"number": 3, "kind": "outer"}, InputError, "pass a tolerance"),
 )
 def test_decompose_refuses_invalid_arguments(shape, options, error, message):
     with pytest.raises(error, match=message):
         decompose(shape, **options)
-
-
-def test_decompose_refuses_to_exceed_the_memory(monkeypatch):
-    monkeypatch.setattr("cspace.limits.free_bytes", lambda: 10_000)
-    with pytest.raises(InputError, match="memory"):
-        decompose(RECTANGLE, number=5)

@@ -9,6 +9,7 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
+from scipy.signal import convolve
 
 from cspace import Grid, InputError, Mesh
 from cspace.shapes import Balls
@@ -32,17 +33,6 @@ def place_on_grid(values, lower=0.0, spacing=0.5):
     """Return a descriptor with these values, the same lower coordinate on all axes."""
     values = np.asarray(values)
     return Descriptor(Grid((lower,) * values.ndim, spacing, values.shape), values)
-
-
-def sum_by_brute_force(f, g):
-    """Add the products of all pairs of cells at the sums of their indices."""
-    sums = np.zeros(np.add(f.shape, g.shape) - 1)
-    for index in np.ndindex(f.shape):
-        window = tuple(
-            slice(first, first + count) for first, count in zip(index, g.shape, strict=True)
-        )
-        sums[window] += f[index] * g
-    return sums
 
 
 @given(hnp.array_shapes(min_dims=2, max_dims=3, max_side=6), seeds)
@@ -79,14 +69,14 @@ def test_minkowski_sum_is_the_convolution_and_dilates_superlevel_sets(dim, seed,
     first = place_on_grid(f, -0.3)
     second = place_on_grid(g, 1.1)
     result = minkowski_sum(first, second)
-    expected = sum_by_brute_force(f, g) * 0.5**dim
+    expected = convolve(f, g, method="direct") * 0.5**dim
     if values == "whole":
         np.testing.assert_array_equal(result.values, expected)
     else:
         scale = np.abs(f).max() * g.max() * f.size + np.finfo(float).tiny
         np.testing.assert_allclose(result.values, expected, rtol=0.0, atol=1e-14 * scale + 1e-300)
     if values != "signed":
-        dilated = sum_by_brute_force(f > 0.0, (g > 0.0).astype(float)) > 0.0
+        dilated = convolve(1 * (f > 0.0), 1 * (g > 0.0), method="direct") > 0
         np.testing.assert_array_equal(superlevel(result), dilated)
     corners = first.grid.center_of(np.array(f.shape) - 1) + second.grid.center_of([0] * dim)
     center = result.grid.center_of(np.array(f.shape) - 1)
@@ -106,19 +96,6 @@ def test_sample_adds_the_bumps_of_all_balls(dim, seed, alpha):
     distances = np.linalg.norm(points[..., None, :] - centers, axis=-1) / balls.radii
     expected = bump.profile(distances).sum(axis=-1)
     np.testing.assert_allclose(balls.sample(grid).values, expected, atol=1e-12)
-
-
-@pytest.mark.parametrize("dim", [2, 3])
-def test_union_of_balls_keeps_values_and_integrals(dim):
-    rng = np.random.default_rng(1)
-    parts = [
-        BallDescriptor(rng.uniform(-0.5, 0.5, (4, dim)), rng.uniform(0.2, 0.5, 4)) for _ in range(2)
-    ]
-    whole = union(*parts)
-    grid = Grid((-1.0,) * dim, 0.04, (50,) * dim)
-    sampled = union(*(part.sample(grid) for part in parts))
-    np.testing.assert_allclose(whole.sample(grid).values, sampled.values)
-    assert sampled.integral == pytest.approx(whole.integral, rel=1e-3)
 
 
 @given(seeds, st.integers(1, 8))
@@ -163,22 +140,15 @@ def test_indicator_of_a_hollow_mesh_includes_its_boundary(spacing):
 
 PLANE = place_on_grid(np.ones((3, 3)))
 DISC = BallDescriptor([[0.0, 0.0]], 1.0)
-SPACE = Grid((0, 0, 0), 1.0, (2, 2, 2))
 
 
 @refusals(
     "ask, message",
-    (lambda: place_on_grid(np.full((2, 2), math.nan)), "must be finite"),
     (lambda: union(PLANE, place_on_grid(np.ones((3, 3)), lower=0.1)), "sample all on it"),
     (lambda: union(DISC, BallDescriptor([[0.0, 0.0]], 1.0, Bump(3.0))), "they must agree"),
     (lambda: union(PLANE, DISC), "sampled on a grid"),
     (lambda: minkowski_sum(PLANE, place_on_grid(np.ones((3, 3, 3)))), "they must agree"),
-    (lambda: minkowski_sum(PLANE, np.ones((3, 3))), "no Descriptor"),
-    (lambda: superlevel(PLANE, [0.0, 1.0]), "threshold"),
-    (lambda: indicator(shapely.box(0, 0, 1, 1), SPACE), "shape has 2 dimensions"),
-    (lambda: indicator(np.full((3, 3), 0.5), PLANE.grid), "boolean"),
     (lambda: BallDescriptor([[0.0, 0.0]], 0.0), "above zero"),
-    (lambda: BallDescriptor(np.empty((0, 2)), 1.0), "at least 1"),
 )
 def test_descriptors_refuse_invalid_arguments(ask, message):
     with pytest.raises(InputError, match=message):

@@ -165,10 +165,7 @@ BALL = ([[0.0, 0.0, 0.0]], [0.3])
 
 @refusals(
     "arguments, options, message",
-    ((DISC, DISC, 8, 0), {}, "n is 0"),
     ((DISC, BALL, 8), {}, "b has 3 dimensions"),
-    ((DISC, DISC, 8), {"penalty": -1.0}, "penalty"),
-    ((DISC, DISC, 8), {"separation": 0.0}, "separation"),
     ((DISC, DISC, []), {}, "rotations is empty"),
     ((DISC, DISC, Rotations.quaternions(2)), {}, "in the plane turns"),
 )

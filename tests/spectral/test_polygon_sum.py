@@ -1,6 +1,5 @@
 """Minkowski sums of polygons, against exact fractions."""
 
-import math
 from fractions import Fraction
 from itertools import pairwise
 
@@ -14,8 +13,8 @@ from cspace import Grid
 from cspace.errors import GeometryError, InputError
 from cspace.spectral import Descriptor, minkowski_sum
 from tests.helpers.refusals import refusals
+from tests.helpers.strategies import stars
 
-numbers = st.floats(-5.0, 5.0, allow_subnormal=False)
 eighths = st.integers(-8, 8).map(lambda n: n / 8)
 
 
@@ -73,14 +72,10 @@ def is_in_sum(first, second, point):
 
 @st.composite
 def star_polygons(draw):
-    """Draw a polygon, possibly with a hole; it may cross itself."""
-    count = draw(st.integers(3, 7))
-    center = np.array([draw(numbers), draw(numbers)])
-    angles = sorted(draw(st.lists(st.floats(0, 6.28), min_size=count, max_size=count, unique=True)))
-    radii = draw(st.lists(st.floats(0.05, 2.0), min_size=count, max_size=count))
-    spokes = [(r * math.cos(a), r * math.sin(a)) for r, a in zip(radii, angles, strict=True)]
-    ring = center + np.array(spokes)
-    holes = [center + 0.3 * np.array(spokes)] if draw(st.booleans()) else []
+    """Draw a star-shaped polygon, possibly with a hole."""
+    ring = draw(stars(2.0))
+    center = ring.mean(axis=0)
+    holes = [center + 0.3 * (ring - center)] if draw(st.booleans()) else []
     return shapely.Polygon(ring, holes)
 
 
@@ -136,14 +131,6 @@ def test_lines_points_and_collections_have_sums():
     assert minkowski_sum(squares, square).inner.area == pytest.approx(8.0, abs=1e-6)
 
 
-def test_holes_remain_unless_filled():
-    frame = shapely.box(0, 0, 3, 3) - shapely.box(1, 1, 2, 2)
-    inner, outer = minkowski_sum(frame, shapely.box(-0.25, -0.25, 0.25, 0.25))
-    assert inner.area == pytest.approx(3.5**2 - 0.5**2, abs=1e-6)
-    assert len(outer.interiors) == len(inner.interiors) == 1
-    assert not minkowski_sum(frame, shapely.box(0, 0, 1.5, 1.5)).outer.interiors
-
-
 def test_coordinates_may_be_large():
     rectangle = shapely.affinity.translate(shapely.box(0, 0, 2, 1), 500_000.1, 5_200_000.7)
     inner, outer = minkowski_sum(rectangle, shapely.Point(0, 0).buffer(0.4))
@@ -152,7 +139,6 @@ def test_coordinates_may_be_large():
 
 
 POINT = shapely.Point(0, 0)
-BOW = shapely.Polygon([(0, 0), (1, 1), (1, 0), (0, 1)])
 FINE_CIRCLE = POINT.buffer(1, 4000).boundary
 
 
@@ -160,7 +146,6 @@ FINE_CIRCLE = POINT.buffer(1, 4000).boundary
     "first, second, error, message",
     (POINT, Descriptor(Grid((0, 0), 1.0, (1, 1)), [[1.0]]), InputError, "is a Point, no Desc"),
     (shapely.Polygon(), POINT, GeometryError, "empty"),
-    (BOW, POINT, GeometryError, "polygons"),
     (FINE_CIRCLE, FINE_CIRCLE, InputError, "at most 10,000,000 are united; simplify"),
 )
 def test_minkowski_sum_refuses_invalid_geometries(first, second, error, message):

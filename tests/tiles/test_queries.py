@@ -1,7 +1,6 @@
 """Queries of tiled maps: equality with the map in memory, caches and refusals."""
 
 import itertools
-import pickle
 import threading
 from pathlib import Path
 
@@ -11,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import cspace
-from cspace.errors import ConfigurationError, InputError
+from cspace.errors import ConfigurationError
 from tests.helpers.handmade import fill_boxes
 from tests.helpers.maps import proven_paths
 from tests.helpers.placements import draw_configurations
@@ -229,41 +228,12 @@ def walled(tmp_path_factory):
     return build_pair(workspace, cspace.Robot.disc(0.15), store, tile=15)
 
 
-def test_paths_of_tile_subproblems_form_a_certified_path(walled):
-    start = (0.7, 3.2)
-    goal = (5.3, 3.2)
-    subproblems = walled.tiled.subproblems(start, goal)
-    assert len(subproblems) > 3
-    paths = [open_part().find_path(first, last) for open_part, first, last in subproblems]
-    path = np.concatenate(paths)
-    assert path[[0, -1]].tolist() == [[*start], [*goal]]
-    assert walled.space.certify_path(path).all()
-
-
 def test_the_nearest_free_configuration_is_that_of_the_map_in_memory(walled, tmp_path):
     for q in ((3.1, 2.0), (-0.4, 1.0)):
         nearest = walled.tiled.nearest_free(q)
         distance = np.linalg.norm(walled.space.nearest_free(q) - q)
         assert np.linalg.norm(nearest - q) == pytest.approx(distance)
         assert walled.space.is_free(nearest)
-
-
-def test_opened_and_pickled_maps_keep_their_properties(walled):
-    space, tiled = walled
-    for again in (cspace.open(tiled.path), pickle.loads(pickle.dumps(tiled))):
-        assert (again.grid, again.outside, again.margin) == (space.grid, "blocked", 0.0)
-        assert (again.robot.spec, again.rotations) == (space.robot.spec, space.rotations)
-        assert "12 tiles of 15 x 15" in repr(again)
-    assert (type(tiled.is_free((1.0, 1.0))), type(tiled.classify((1.0, 1.0)))) == (bool, int)
-
-
-def test_errors_name_the_first_unusable_row(walled):
-    q = np.ones((3000, 2))
-    q[100, 0] = np.nan
-    with pytest.raises(InputError, match="number 100 is"):
-        walled.tiled.clearance(q)
-    with pytest.raises(InputError, match="number 100 is"):
-        walled.tiled.motion_is_free(np.ones(2), q)
 
 
 def test_geometry_needs_a_map_in_memory(walled):

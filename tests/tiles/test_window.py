@@ -3,12 +3,10 @@
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 import cspace
 from cspace.errors import ConfigurationError, InputError
-from tests.tiles.worlds import CAR, build_kind, build_pair, random_workspace
+from tests.tiles.worlds import CAR, build_kind, build_pair
 
 
 def draw_within(space, lower, upper, n, rng):
@@ -40,33 +38,6 @@ def test_windows_use_exact_shapes(outside, tmp_path):
             window.motion_is_free(q, ends, exact=True), space.motion_is_free(q, ends, exact=True)
         )
         assert (is_free != space.is_free(q)).any()
-
-
-@settings(max_examples=8)
-@given(
-    seed=st.integers(0, 2**16),
-    lower=st.tuples(st.floats(-0.3, 2.5), st.floats(-0.3, 2.5)),
-    sides=st.tuples(st.floats(0.4, 2.0), st.floats(0.4, 2.0)),
-    outside=st.sampled_from(["blocked", "free"]),
-)
-def test_a_window_proves_what_the_map_proves_within_it(
-    seed, lower, sides, outside, tmp_path_factory
-):
-    workspace = cspace.Workspace.from_array(random_workspace((33, 29), seed).outer, 0.1)
-    store = tmp_path_factory.mktemp("window") / "m"
-    options = {"rotations": 4, "outside": outside, "tile": 12}
-    space, tiled = build_pair(workspace, CAR, store, **options)
-    window = tiled.window(lower, np.add(lower, sides))
-    rng = np.random.default_rng(seed)
-    corners = np.clip([lower, np.add(lower, sides)], 0.0, space.grid.upper)
-    q = draw_within(space, *corners, 100, rng)
-    np.testing.assert_array_equal(window.classify(q), space.classify(q))
-    q = draw_within(space, (-1.0, -1.0), (4.3, 3.9), 400, rng)
-    states = window.classify(q)
-    known = states != cspace.MIXED
-    np.testing.assert_array_equal(states[known], space.classify(q)[known])
-    apart = window.is_disconnected(q[:200], q[200:])
-    assert not (apart & ~space.is_disconnected(q[:200], q[200:])).any()
 
 
 def test_saved_windows_keep_their_unknown_exterior(tmp_path):

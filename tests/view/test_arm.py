@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +13,6 @@ import planners
 from cspace.errors import ConfigurationError, InputError
 from cspace.plot.arms import GHOST_COUNT
 from cspace.plot.artists import CLASSES, COLLIDES, ROBOT_FILL_COLOR
-from cspace.view import Viewer
 from cspace.view.scene import rgb
 from tests.helpers.pages import connected, drag, node
 from tests.helpers.refusals import refusals
@@ -39,38 +35,38 @@ GOAL = np.array([2.0, -0.6])
 
 
 @pytest.fixture(scope="module")
-def arm(tmp_path_factory: pytest.TempPathFactory) -> Any:
+def arm(tmp_path_factory):
     return cspace.Arm.from_urdf(planar_with_tool(tmp_path_factory.mktemp("arm")))
 
 
 @pytest.fixture
-def space(arm: Any) -> Any:
+def space(arm):
     return cspace.build_arm_space({"post": posed_box((0.2, 0.2, 1.0), 1.55, 0.6)}, arm)
 
 
 @pytest.fixture
-def viewer(space: Any) -> Iterator[Viewer]:
+def viewer(space):
     with space.view(block=False, port=0, start=START, goal=GOAL) as viewer:
         viewer.page.panel.time_limit.value = 30.0
         assert viewer.page.wait(60.0)
         yield viewer
 
 
-def elbow_at(q: Any) -> np.ndarray:
+def elbow_at(q):
     return np.array([math.cos(q[0]), math.sin(q[0]), 0.0])
 
 
-def tip_at(q: Any) -> np.ndarray:
+def tip_at(q):
     return elbow_at(q) + elbow_at([sum(q)])
 
 
-def find_center(handle: Any) -> np.ndarray:
+def find_center(handle):
     """Return the mean corner of a posed mesh."""
     turn = Rotation.from_quat(handle.wxyz, scalar_first=True)
     return np.asarray(turn.apply(handle.vertices).mean(axis=0) + handle.position)
 
 
-def plan_to(viewer: Viewer, pose: np.ndarray) -> None:
+def plan_to(viewer, pose):
     """Drag the tool to a pose and release it."""
     viewer.page.drag(pose)
     viewer.page.release()
@@ -80,7 +76,7 @@ def plan_to(viewer: Viewer, pose: np.ndarray) -> None:
 # ---- the scene -----------------------------------------------------------------------------------
 
 
-def test_links_follow_the_joints(viewer: Viewer) -> None:
+def test_links_follow_the_joints(viewer):
     moved = np.array([0.3, 0.7])
     viewer.page.move(moved)
     for name, q in (("robot", moved), ("start", START), ("goal", GOAL)):
@@ -98,9 +94,7 @@ def test_links_follow_the_joints(viewer: Viewer) -> None:
         ((0.35, 0.0), "**BLOCKED**", CLASSES[COLLIDES][1]),
     ],
 )
-def test_the_page_shows_state_and_closest_pair(
-    space: Any, viewer: Viewer, q: Any, text: str, color: str
-) -> None:
+def test_the_page_shows_state_and_closest_pair(space, viewer, q, text, color):
     viewer.page.move(np.array(q))
     assert viewer.page.wait(60.0)
     content = viewer.page.panel.state.content
@@ -112,7 +106,7 @@ def test_the_page_shows_state_and_closest_pair(
     np.testing.assert_allclose(node(viewer, "/contact").points[0], contact.points, atol=1e-6)
 
 
-def test_a_page_given_a_start_alone_shows_no_goal_until_one_is_set(space: Any) -> None:
+def test_a_page_given_a_start_alone_shows_no_goal_until_one_is_set(space):
     with space.view(block=False, port=0, start=START) as viewer:
         page = viewer.page
         page.move(np.array([0.3, 0.7]))
@@ -126,9 +120,7 @@ def test_a_page_given_a_start_alone_shows_no_goal_until_one_is_set(space: Any) -
         assert page.panel.proof.content == "**The straight motion is free: proven.**"
 
 
-def test_refresh_draws_the_scene_as_it_is_now(
-    space: Any, viewer: Viewer, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_refresh_draws_the_scene_as_it_is_now(space, viewer, caplog):
     scan = np.random.default_rng(0).uniform((-2.0, -2.0, 0.3), (2.0, 2.0, 0.5), (1000, 3))
     q = np.array([0.3, 0.7])
     viewer.page.move(q)
@@ -152,7 +144,7 @@ def test_refresh_draws_the_scene_as_it_is_now(
     assert not caplog.records
 
 
-def test_sliders_stay_within_the_limits(tmp_path: Path) -> None:
+def test_sliders_stay_within_the_limits(tmp_path):
     bar = ((0.3, 0.1, 0.1), (0.15, 0, 0))
     lift = joint("up", "base", "lift", kind="prismatic", at=(0, 0, 1), limits=(-0.2501, 0.4))
     turn = joint("round", "lift", "wrist", kind="continuous", at=(0.5, 0, 0), limits=None)
@@ -170,7 +162,7 @@ def test_sliders_stay_within_the_limits(tmp_path: Path) -> None:
 # ---- plans and the tool --------------------------------------------------------------------------
 
 
-def test_a_plan_is_drawn_as_the_path_of_the_tool_and_pale_arms(viewer: Viewer) -> None:
+def test_a_plan_is_drawn_as_the_path_of_the_tool_and_pale_arms(viewer):
     page = viewer.page
     page.search()
     assert page.wait(60.0)
@@ -192,9 +184,9 @@ def test_a_plan_is_drawn_as_the_path_of_the_tool_and_pale_arms(viewer: Viewer) -
     assert page.wait(60.0)
 
 
-def test_a_tool_dragged_in_a_browser_is_followed_and_planned_to(viewer: Viewer) -> None:
+def test_a_tool_dragged_in_a_browser_is_followed_and_planned_to(viewer):
     page = viewer.page
-    tool: Any = viewer.canvas.tool
+    tool = viewer.canvas.tool
     assert (tool.name, tool.position_only) == ("tool0", True)  # two joints reach a position alone
     np.testing.assert_allclose(node(viewer, "/tool").position, tip_at(START), atol=1e-9)
     target = (0.2, 1.5, 0.0)
@@ -209,7 +201,7 @@ def test_a_tool_dragged_in_a_browser_is_followed_and_planned_to(viewer: Viewer) 
         send(release)
         until(lambda: page.plan is not None)
     assert page.wait(60.0)
-    plan: Any = page.plan
+    plan = page.plan
     assert plan.certified and not tool.is_held
     np.testing.assert_allclose(plan.path[0], START)
     np.testing.assert_allclose(tip_at(plan.path[-1]), target, atol=2e-4)
@@ -221,7 +213,7 @@ def test_a_tool_dragged_in_a_browser_is_followed_and_planned_to(viewer: Viewer) 
     np.testing.assert_allclose(page.plan.path[0], plan.path[-1], atol=1e-9)
 
 
-def test_poses_that_cannot_be_planned_to_are_shown_with_the_reason(viewer: Viewer) -> None:
+def test_poses_that_cannot_be_planned_to_are_shown_with_the_reason(viewer):
     page = viewer.page
     for y in (-2.5, -3.0):
         plan_to(viewer, pose_at(0.0, y))
@@ -241,7 +233,7 @@ def test_poses_that_cannot_be_planned_to_are_shown_with_the_reason(viewer: Viewe
     assert not node(viewer, "/gap")
 
 
-def test_a_free_configuration_at_the_pose_is_preferred(arm: Any) -> None:
+def test_a_free_configuration_at_the_pose_is_preferred(arm):
     # The block holds the elbow of the nearer of the two configurations.
     blocked = cspace.build_arm_space({"block": posed_box((0.2, 0.2, 0.2), 0.6, -0.8)}, arm)
     with blocked.view(block=False, port=0, start=START) as viewer:
@@ -251,20 +243,20 @@ def test_a_free_configuration_at_the_pose_is_preferred(arm: Any) -> None:
         np.testing.assert_allclose(elbow_at(viewer.canvas.robot), (0.6, 0.8, 0.0), atol=1e-3)
 
 
-def test_a_page_of_a_plan_has_its_trajectory(space: Any) -> None:
+def test_a_page_of_a_plan_has_its_trajectory(space):
     plan = planners.plan(space, START, GOAL, time_limit=30.0, seed=1)
     with space.view(block=False, port=0, path=plan) as viewer:
-        motion: Any = viewer.page.trajectory
+        motion = viewer.page.trajectory
         viewer.page.go(0.4)
         expected = motion.sample(0.4 * motion.duration)[0]
         np.testing.assert_allclose(viewer.canvas.robot, expected)
 
 
-def test_users_choose_the_frame_and_whether_its_rotation_matters(tmp_path: Path) -> None:
+def test_users_choose_the_frame_and_whether_its_rotation_matters(tmp_path):
     arm = cspace.Arm.from_urdf(random_chain(tmp_path, 1, 6))
     with cspace.build_arm_space({}, arm).view(block=False, port=0, frame="l6") as viewer:
         page = viewer.page
-        tool: Any = viewer.canvas.tool
+        tool = viewer.canvas.tool
         assert (tool.name, tool.position_only) == ("l6", False)
         page.panel.tool_frame.value = "tool0"
         until(lambda: tool.name == "tool0")
@@ -286,8 +278,6 @@ def test_users_choose_the_frame_and_whether_its_rotation_matters(tmp_path: Path)
     (InputError, {"frame": "hand"}, "frame is 'hand'"),
     (InputError, {"frame": "foot"}, "frame is 'foot'"),
 )
-def test_view_of_an_arm_refuses_invalid_arguments(
-    space: Any, error: type[Exception], options: dict[str, Any], message: str
-) -> None:
+def test_view_of_an_arm_refuses_invalid_arguments(space, error, options, message):
     with pytest.raises(error, match=message):
         space.view(block=False, port=0, **options)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -22,13 +20,13 @@ from cspace.view.blocks import Cells
     ],
     ids=["SE2", "SE3"],
 )
-def parts(request: pytest.FixtureRequest) -> tuple[cspace.Workspace, cspace.Robot, Any]:
+def parts(request):
     shape, robot, rotations = request.param
     occupied = np.random.default_rng(0).random(shape) < 0.04
     return cspace.Workspace.from_array(occupied, 0.1), robot, rotations
 
 
-def reduce_by_brute_force(classes: Any, side: int) -> Any:
+def reduce_by_brute_force(classes, side):
     """Return the largest class in each block."""
     largest = np.empty([math.ceil(n / side) for n in classes.shape], dtype=np.uint8)
     for index in np.ndindex(largest.shape):
@@ -38,9 +36,7 @@ def reduce_by_brute_force(classes: Any, side: int) -> Any:
 
 
 @pytest.mark.parametrize("side", [1, 3])
-def test_blocks_show_the_largest_class_until_they_are_invalidated(
-    parts: Any, side: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_blocks_show_the_largest_class_until_they_are_invalidated(parts, side, monkeypatch):
     workspace, robot, rotations = parts
     space = cspace.build(workspace, robot, rotations=rotations)
     monkeypatch.setattr(blocks, "MAX_BLOCKS", space.grid.size // side**space.grid.dim + 1)
@@ -59,9 +55,7 @@ def test_blocks_show_the_largest_class_until_they_are_invalidated(
     assert (cells.make_blocks(last).classes != before).any()
 
 
-def test_a_tiled_map_is_drawn_as_an_overview(
-    parts: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_tiled_map_is_drawn_as_an_overview(parts, tmp_path, monkeypatch):
     workspace, robot, rotations = parts
     space = cspace.build(workspace, robot, rotations=rotations)
     tiled = cspace.build(workspace, robot, rotations=rotations, store=tmp_path / "m", tile=8)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +10,6 @@ import shapely
 import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import cspace
@@ -19,11 +17,11 @@ from cspace.plot.artists import CLASSES, OBSTACLE
 from cspace.rotations import Rotations
 from cspace.view.blocks import Cells
 from cspace.view.map_canvas import Poses
-from cspace.view.scene import KINDS, Section, Stage, extract_border, make_robot_surface, rgb
+from cspace.view.scene import KINDS, Stage, extract_border, make_robot_surface, rgb
 from tests.helpers.handmade import fill_boxes
 
 
-def count_squares(rectangles: Any, shape: tuple[int, ...]) -> NDArray[np.int64]:
+def count_squares(rectangles, shape):
     """Count how often rectangles cover each unit square, by axis, side and position."""
     counts = np.zeros((3, 2, *np.add(shape, 1)), dtype=np.int64)
     for corners in rectangles:
@@ -35,7 +33,7 @@ def count_squares(rectangles: Any, shape: tuple[int, ...]) -> NDArray[np.int64]:
     return counts
 
 
-def find_squares(solid: Any, has_boundary: bool, lid: bool) -> NDArray[np.int64]:
+def find_squares(solid, has_boundary, lid):
     """Find the unit squares between solid cells and others, one cell at a time."""
     counts = np.zeros((3, 2, *np.add(solid.shape, 1)), dtype=np.int64)
     for cell, axis, up in itertools.product(np.argwhere(solid), range(3), (0, 1)):
@@ -57,16 +55,14 @@ def find_squares(solid: Any, has_boundary: bool, lid: bool) -> NDArray[np.int64]
     has_boundary=st.booleans(),
     lid=st.booleans(),
 )
-def test_rectangles_cover_the_border_once(
-    seed: int, share: float, has_boundary: bool, lid: bool
-) -> None:
+def test_rectangles_cover_the_border_once(seed, share, has_boundary, lid):
     solid = np.random.default_rng(seed).random((5, 3, 4)) < share
     actual = count_squares(extract_border(solid, has_boundary, lid), solid.shape)
     np.testing.assert_array_equal(actual, find_squares(solid, has_boundary, lid))
 
 
 @pytest.mark.parametrize("cut", [0.6, 1.75, 4.5, 9.0])
-def test_solids_end_at_the_cut(cut: float) -> None:
+def test_solids_end_at_the_cut(cut):
     occupied = fill_boxes((12, 10, 8), np.s_[:, :, 0], np.s_[3, 4:6, :])
     workspace = cspace.Workspace.from_array(occupied, 0.5, lower=(-1.0, 2.0, 0.5))
     room = cspace.build(workspace, cspace.Robot.ball(0.4))
@@ -79,14 +75,14 @@ def test_solids_end_at_the_cut(cut: float) -> None:
     assert stage.make_section(blocks, cut).height == cut
 
 
-def read_pixel(section: Section, x: float, y: float) -> tuple[int, ...]:
+def read_pixel(section, x, y):
     """Return the pixel at a position; the first row has the largest y."""
     rows, columns = section.image.shape[:2]
     across, up = (np.array([x, y]) - section.lower) / (section.upper - section.lower)
     return tuple(section.image[int((1.0 - up) * rows), int(across * columns)].tolist())
 
 
-def test_sections_show_cells_at_their_positions() -> None:
+def test_sections_show_cells_at_their_positions():
     obstacle = (*rgb(CLASSES[OBSTACLE][1]), 255)
     occupied = fill_boxes((9, 6, 4), np.s_[7, 1, 2])
     flat = cspace.Workspace.from_array(occupied[:, :, 2], 0.1)
@@ -105,7 +101,7 @@ def test_sections_show_cells_at_their_positions() -> None:
     )  # free cells are transparent
 
 
-def test_a_plane_robot_becomes_a_slab() -> None:
+def test_a_plane_robot_becomes_a_slab():
     outline = shapely.box(0, 0, 2, 1) - shapely.box(0.5, 0.25, 1.0, 0.75)
     mesh = trimesh.Trimesh(*make_robot_surface(cspace.Robot.polygon(outline), 0.5))
     mesh.merge_vertices()
@@ -123,9 +119,7 @@ def test_a_plane_robot_becomes_a_slab() -> None:
     ],
     ids=["R2", "SE2", "R3xSO2", "SE3"],
 )
-def test_poses_and_dials_give_back_the_configuration(
-    dim: int, cells: Any, angles: tuple[str, ...]
-) -> None:
+def test_poses_and_dials_give_back_the_configuration(dim, cells, angles):
     rotations = Rotations.of(cells)
     rng = np.random.default_rng(0)
     poses = Poses(dim, rotations)

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import socket
-from collections.abc import Iterator
-from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -37,7 +34,7 @@ KINDS = {
 """Robot, rotation cells and dials of angles of each kind of map."""
 
 
-def build_room(kind: str) -> cspace.CSpace:
+def build_room(kind):
     """Build a map of a room with a column."""
     robot, rotations, _ = KINDS[kind]
     occupied = np.zeros((24, 20, 12)[: robot.dim], dtype=bool)
@@ -46,13 +43,13 @@ def build_room(kind: str) -> cspace.CSpace:
 
 
 @pytest.fixture(scope="module", params=KINDS)
-def viewed(request: pytest.FixtureRequest) -> Iterator[tuple[str, Any, Viewer]]:
+def viewed(request):
     space = build_room(request.param)
     with space.view(block=False, port=0) as viewer:
         yield request.param, space, viewer
 
 
-def test_sliders_match_the_axes_of_the_map(viewed: Any) -> None:
+def test_sliders_match_the_axes_of_the_map(viewed):
     kind, space, viewer = viewed
     panel = viewer.page.panel
     positions = [f"{axis} (m)" for axis in "xyz"[: space.grid.dim]]
@@ -61,7 +58,7 @@ def test_sliders_match_the_axes_of_the_map(viewed: Any) -> None:
     assert panel.drive.visible == (kind == "SE2")
 
 
-def test_the_scene_follows_the_robot_and_the_choices(viewed: Any) -> None:
+def test_the_scene_follows_the_robot_and_the_choices(viewed):
     _, space, viewer = viewed
     page = viewer.page
     dim = space.grid.dim
@@ -85,7 +82,7 @@ def test_the_scene_follows_the_robot_and_the_choices(viewed: Any) -> None:
     until(lambda: node(viewer, "/mixed") and not node(viewer, "/obstacles"))
 
 
-def test_a_page_shows_plans_proofs_and_errors(viewed: Any) -> None:
+def test_a_page_shows_plans_proofs_and_errors(viewed):
     _, space, viewer = viewed
     page = viewer.page
     goal = page.marks["goal"]
@@ -104,14 +101,14 @@ def test_a_page_shows_plans_proofs_and_errors(viewed: Any) -> None:
     assert "lies outside the map" in page.panel.answer.content
 
 
-def test_the_first_cut_is_above_the_robot_on_its_path() -> None:
+def test_the_first_cut_is_above_the_robot_on_its_path():
     path = [(0.45, 0.45, 0.35), (1.95, 0.45, 0.75)]
     with build_room("R3").view(block=False, port=0, path=path) as viewer:
         cut = viewer.page.panel.shown["cut at z (m)"]
         assert cut.value == pytest.approx(0.9)  # 0.75 + 0.1 in steps of 0.1
 
 
-def test_a_page_proves_that_no_path_exists_until_the_map_changes() -> None:
+def test_a_page_proves_that_no_path_exists_until_the_map_changes():
     occupied = np.zeros((30, 20), dtype=bool)
     occupied[14:16] = True
     space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), cspace.Robot.disc(0.2))
@@ -131,7 +128,7 @@ def test_a_page_proves_that_no_path_exists_until_the_map_changes() -> None:
     assert "closed" in viewer._repr_html_()
 
 
-def test_the_page_of_a_tiled_map_proves_and_plans(tmp_path: Path) -> None:
+def test_the_page_of_a_tiled_map_proves_and_plans(tmp_path):
     occupied = np.zeros((40, 30), dtype=bool)
     occupied[20, :15] = True
     workspace = cspace.Workspace.from_array(occupied, 0.1)
@@ -145,22 +142,20 @@ def test_the_page_of_a_tiled_map_proves_and_plans(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("has_times", [True, False], ids=["trajectory", "path"])
-def test_paths_are_played_at_true_speed_or_in_eight_seconds(
-    has_times: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_paths_are_played_at_true_speed_or_in_eight_seconds(has_times, monkeypatch):
     """Replace the clock, so that each frame has an exact time."""
     space = build_room("R2")
     plan = planners.plan(space, (0.5, 0.5), (2.0, 0.5))
     trajectory = plan.trajectory(max_velocity=2.0, max_acceleration=8.0)
     now = [0.0]
 
-    def sleep(seconds: float) -> None:
+    def sleep(seconds):
         now[0] += seconds
 
     clock = SimpleNamespace(perf_counter=lambda: now[0], sleep=sleep)
-    path: Any = trajectory if has_times else plan.path
+    path = trajectory if has_times else plan.path
     with space.view(path=path, block=False, port=0) as viewer:
-        frames: list[tuple[float, Any]] = []
+        frames = []
         monkeypatch.setattr("cspace.view.page.time", clock)
         monkeypatch.setattr(viewer.canvas, "place", lambda q: frames.append((now[0], q)))
         viewer.page.play()
@@ -172,14 +167,12 @@ def test_paths_are_played_at_true_speed_or_in_eight_seconds(
             np.testing.assert_allclose(q, expected, atol=1e-9)
 
 
-def test_the_command_opens_a_page(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_opens_a_page(tmp_path, monkeypatch, capfd):
     space = build_room("R2")
     space.save(tmp_path / "map.zarr")
-    seen: list[Viewer] = []
+    seen = []
 
-    def wait(viewer: Viewer) -> None:
+    def wait(viewer):
         seen.append(viewer)
         viewer.close()
 
@@ -203,12 +196,12 @@ def test_the_command_opens_a_page(
     ({"goal": (0.0, np.nan)}, "goal"),
     ({"frame": "tool0"}, "a map has no frames"),
 )
-def test_view_refuses_invalid_arguments(options: dict[str, Any], message: str) -> None:
+def test_view_refuses_invalid_arguments(options, message):
     with pytest.raises(InputError, match=message):
         build_room("R2").view(block=False, **options)
 
 
-def test_view_refuses_a_port_that_is_taken() -> None:
+def test_view_refuses_a_port_that_is_taken():
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         with pytest.raises(InputError, match=f"port is {port}; other programs use it"):
@@ -227,19 +220,17 @@ def test_view_refuses_a_port_that_is_taken() -> None:
         ("null", "127.0.0.1:8080", "127.0.0.1", False),
     ],
 )
-def test_only_pages_of_the_server_are_of_its_site(
-    origin: str | None, asked: str, host: str, same: bool
-) -> None:
+def test_only_pages_of_the_server_are_of_its_site(origin, asked, host, same):
     assert is_same_site(origin, asked, host) == same
 
 
-def test_the_server_closes_connections_of_other_sites() -> None:
+def test_the_server_closes_connections_of_other_sites():
     import viser
     from websockets.exceptions import ConnectionClosedError
     from websockets.sync.client import connect
 
-    protocol: Any = f"viser-v{viser.__version__}"
-    foreign: Any = "http://example.org"
+    protocol = f"viser-v{viser.__version__}"
+    foreign = "http://example.org"
     with build_room("R2").view(block=False, port=0) as viewer:
         url = viewer.url.replace("http", "ws")
         with (

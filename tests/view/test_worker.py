@@ -8,13 +8,13 @@ from cspace.view.page import Worker
 from tests.helpers.waiting import until
 
 
-def test_a_worker_merges_requests_survives_errors_and_ends() -> None:
+def test_a_worker_merges_requests_survives_errors_and_ends():
     others = set(threading.enumerate())
     go = threading.Event()
-    runs: list[int] = []
-    errors: list[Exception] = []
+    runs = []
+    errors = []
 
-    def work() -> None:
+    def work():
         go.wait(10.0)
         runs.append(len(runs))
         if len(runs) == 2:

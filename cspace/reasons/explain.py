@@ -1,0 +1,386 @@
+"""Explain why a path between two configurations exists, or does not."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Final, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import ndimage
+
+from cspace.engines.slices import slice_rasters
+from cspace.errors import ConfigurationError, InputError
+from cspace.interface import format_configuration
+from cspace.obstacles import Obstacle
+from cspace.reasons.margins import (
+    bound_growth,
+    bound_shrinkage,
+    find_free_way,
+    find_shrunk_way,
+    states_of_slices,
+)
+from cspace.reasons.removals import Removals, find_removals, remove_obstacles
+from cspace.reasons.windows import Trial, try_finer
+from cspace.support.arrays import FREE, STATE_NAMES, Bools, Floats, Ints
+from cspace.support.check import check_flag, check_points
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from cspace.space import CSpace
+
+Verdict = Literal[
+    "connected",
+    "disconnected",
+    "undecided",
+    "start BLOCKED",
+    "start MIXED",
+    "goal BLOCKED",
+    "goal MIXED",
+]
+"""What is proven about a path between two configurations."""
+
+BORDER: Final = "the border of the map"
+"""Name of the space outside the grid among the obstacles of an explanation."""
+
+TITLE_COLUMNS: Final = 64
+"""Width of a picture's title, in characters."""
+
+MAX_TRIED_NAMES: Final = 4
+"""Number of named obstacles that are removed one by one, to see if a path exists without."""
+
+MAX_NAMED_OBSTACLES: Final = 3
+"""Number of obstacles that a sentence names."""
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """Reason why a path between two configurations exists, or does not.
+
+    Attributes
+    ----------
+    space : CSpace
+        The map.
+    start, goal : tuple of float
+        The two configurations, metres and radians.
+    verdict : str
+        "connected" or "disconnected", both proven; "undecided"; or the state of the start or the
+        goal, for example "start BLOCKED".
+    barrier : ndarray of int64, shape (n, 1 + d)
+        Cells ``(rotation, x, ...)`` that are not FREE. If they were, FREE cells would join start
+        and goal. Empty if they are connected.
+    obstacles : tuple of str
+        Obstacles that the robot touches in the barrier: quoted names of
+        :attr:`cspace.CSpace.obstacles`; connected pieces of the workspace by a point of theirs,
+        those nearest to the bottleneck first; and the border of the map.
+    bottleneck : ndarray of float64, shape (size,)
+        Configuration where the way between the two is narrowest: on the widest one, or on the one
+        that keeps nearest to FREE cells.
+    margin : tuple of float
+        Two margins, metres, as of :func:`cspace.build`, between which the largest one lies that
+        leaves a path. For a robot grown by the first a path is proven; for one grown by the second
+        it is proven that none exists. A negative margin shrinks the robot. The first is minus
+        infinity, and the second infinity, if nothing is proven.
+    passes_without : tuple of str
+        Named obstacles whose removal alone gives a path, proven. At most four are tried.
+    trial : Trial
+        If undecided, the spacing and the rotations that would decide, and what they decide.
+    free_yaws : tuple of ndarray of float64, shape (n, 2)
+        Intervals of yaw, radians, at which start and goal are proven free; from the lower to the
+        upper bound, which may be above pi. Empty arrays if the robot does not rotate.
+    passes_if_turning : bool
+        True if a path is proven for a robot that could change between all yaws at which it is
+        free, as if turning on the spot never collided.
+    """
+
+    space: CSpace
+    start: tuple[float, ...]
+    goal: tuple[float, ...]
+    verdict: Verdict
+    barrier: Ints
+    obstacles: tuple[str, ...]
+    bottleneck: Floats
+    margin: tuple[float, float]
+    passes_without: tuple[str, ...]
+    trial: Trial | None
+    free_yaws: tuple[Floats, Floats]
+    passes_if_turning: bool
+
+    @property
+    def spacing(self) -> float | None:
+        """Spacing that would decide, metres; None if the map decides or nothing is known."""
+        return None if self.trial is None else self.trial.spacing
+
+    @cached_property
+    def sentences(self) -> list[str]:
+        """At most three sentences that a person would say; the first one is the reason."""
+        further = [*self._describe_margin(), *self._describe_changes()]
+        return [self._describe_reason(), *further][:3]
+
+    def __str__(self) -> str:
+        """Return the sentences."""
+        return " ".join(self.sentences)
+
+    def __repr__(self) -> str:
+        """Return verdict and sentences."""
+        return f"Explanation({self.verdict}: {self})"
+
+    @property
+    def _place(self) -> str:
+        """Position of the bottleneck, for people."""
+        place = ", ".join(f"{x:.2f}" for x in self.bottleneck[: self.space.dim])
+        return f"at ({place})"
+
+    @property
+    def _touched(self) -> str:
+        """Obstacles at the barrier, for people."""
+        if not self.obstacles:
+            return "an obstacle"
+        *most, last = self.obstacles
+        if len(most) >= MAX_NAMED_OBSTACLES:
+            *most, last = [*most[:MAX_NAMED_OBSTACLES], "others"]
+        return f"{', '.join(most)} and {last}" if most else last
+
+    def _describe_reason(self) -> str:
+        """Return the sentence of the verdict."""
+        end, _, state = self.verdict.partition(" ")
+        if state:
+            proof = "touches" if state == "BLOCKED" else "may touch"
+            return f"The {end} lies in a {state} cell: the robot {proof} {self._touched}."
+        if self.verdict == "connected":
+            return f"A path exists; it is narrowest {self._place}."
+        if self.verdict == "disconnected":
+            return f"No path: {self._place} the robot does not pass {self._touched}."
+        count = len(self.barrier)
+        cells = "1 MIXED cell lies" if count == 1 else f"{count} MIXED cells lie"
+        return f"Undecided: {self._place} {cells} on the way, beside {self._touched}."
+
+    def _describe_margin(self) -> list[str]:
+        """Return the sentence of the margin, if anything is proven of it."""
+        low, high = self.margin
+        if self.verdict == "connected":
+            more = "" if math.isinf(high) else f", but not by {high:.3g} m"
+            return [f"The robot may grow by {max(low, 0.0):.3g} m all around{more}."]
+        if math.isinf(low):
+            return ["No shrinking of the robot is known to give a path."]
+        less = f", but not by {-high:.3g} m" if high < 0.0 else ""
+        return [f"It passes if the robot shrinks by {max(-low, 0.0):.3g} m all around{less}."]
+
+    def _describe_changes(self) -> list[str]:
+        """Return sentences on changes that give a path, or would decide."""
+        sentences = []
+        if self.passes_without:
+            names = " or ".join(map(repr, self.passes_without))
+            sentences.append(f"It passes without {names}.")
+        if self.trial is not None:
+            sentences.append(str(self.trial))
+        if self.verdict != "connected" and self.passes_if_turning and self.space.rotations.names:
+            sentences.append("It would pass if the robot could turn anywhere.")
+        return sentences
+
+    def plot(self) -> Axes:
+        """Draw the map with start, goal, barrier, and the robot at the bottleneck.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+        """
+        from cspace.plot import plot
+
+        space = self.space
+        view = {"view": "3d"} if space.dim == 3 else {}
+        way = self.bottleneck[np.newaxis]
+        axes = plot(space, start=self.start, goal=self.goal, path=way, title="", **view)  # type: ignore[arg-type]
+        centers = space.grid.center_of(self.barrier[:, 1:])
+        color = "#d62728"
+        axes.plot(*centers.T, "s", color=color, markersize=3.0, zorder=5)
+        position = self.bottleneck[: space.dim, np.newaxis]
+        axes.plot(*position, "o", color=color, markersize=14.0, fillstyle="none", zorder=6)
+        axes.set_title(textwrap.fill(self.sentences[0], TITLE_COLUMNS), fontsize="medium")
+        return axes
+
+
+class Ends(NamedTuple):
+    """Start and goal of an explanation.
+
+    Attributes
+    ----------
+    points : ndarray of float64, shape (2, size)
+    cells : ndarray of int64, shape (2, 1 + d)
+        Their cells ``(rotation, x, ...)``.
+    """
+
+    points: Floats
+    cells: Ints
+
+
+def explain(space: CSpace, start: ArrayLike, goal: ArrayLike, refine: bool) -> Explanation:
+    """Explain a path or its absence; see :meth:`cspace.CSpace.explain`."""
+    check_flag(refine, "refine")
+    ends = check_ends(space, start, goal)
+    first, second = ends.points
+    verdict = _decide(space, ends)
+    is_connected = verdict == "connected"
+    way = (find_free_way if is_connected else find_shrunk_way)(space, ends.cells)
+    is_apart = not is_connected and bool(space.is_disconnected(first, second))
+    if is_apart:
+        high = bound_shrinkage(space, ends.cells, way.low)
+    else:
+        high = bound_growth(space, ends.cells)
+    barrier = way.barrier
+    named = {name: Obstacle.of(shape, space.grid) for name, shape in space.obstacles.items()}
+    touched = touched_cells(space, barrier)
+    in_barrier = [name for name, obstacle in named.items() if _meets(obstacle, touched)]
+    removed_alone = [
+        name
+        for name in in_barrier[:MAX_TRIED_NAMES]
+        if remove_obstacles(space, [name]).is_connected(first, second)
+    ]
+    trial = None
+    if verdict == "undecided":
+        trial = try_finer(space, way, (way.low, high), refine)
+    position = space.grid.center_of(way.bottleneck[1:])
+    bottleneck = np.concatenate([position, space.rotations.centers[way.bottleneck[0]]])
+    pieces = _describe_pieces(space, list(named.values()), touched, position)
+    return Explanation(
+        space=space,
+        start=tuple(first.tolist()),
+        goal=tuple(second.tolist()),
+        verdict=verdict,
+        barrier=barrier,
+        obstacles=(*map(repr, in_barrier), *pieces),
+        bottleneck=bottleneck,
+        margin=(way.low, max(high, way.low)),
+        passes_without=tuple(removed_alone),
+        trial=trial,
+        free_yaws=(_find_free_yaws(space, ends.cells[0]), _find_free_yaws(space, ends.cells[1])),
+        passes_if_turning=_passes_if_turning(space, ends.cells),
+    )
+
+
+def find_removals_between(space: CSpace, start: ArrayLike, goal: ArrayLike) -> Removals | None:
+    """Find the fewest obstacles to remove; see :meth:`cspace.CSpace.removals`."""
+    return find_removals(space, check_ends(space, start, goal).cells)
+
+
+def check_ends(space: CSpace, start: ArrayLike, goal: ArrayLike) -> Ends:
+    """Check the two configurations of an explanation.
+
+    Raises InputError for maps of other kinds, ConfigurationError for configurations outside.
+    """
+    if not space.in_memory:
+        hint = "ask space.window(lower, upper), or space.overview()"
+        raise InputError("space", "is a tiled map", "reasons need a map in memory", hint)
+    if len(space.rotations.names) > 1:
+        problem = f"has the axes {', '.join(space.axes)}"
+        rule = "reasons are for maps of positions, with or without a yaw"
+        raise InputError("space", problem, rule, "build a map with rotations=72")
+    points = []
+    for name, q in (("start", start), ("goal", goal)):
+        given = check_points(q, name, space.size)
+        if given.ndim != 1:
+            hint = "pass one start and one goal"
+            raise InputError(name, f"has shape {given.shape}", "it must be one configuration", hint)
+        point = space.rotations.make_canonical(given, name)
+        if not space.grid.contains(point[: space.dim]):
+            problem = f"{format_configuration(point.tolist())} lies outside the map"
+            hint = "ask grid.lower and grid.upper"
+            raise ConfigurationError(name, problem, "it must lie in the grid", hint)
+        points.append(point)
+    rows = np.array(points)
+    positions = space.grid.cell_of(rows[:, : space.dim])
+    cells = np.column_stack([space.rotations.find_cells(rows), positions])
+    return Ends(rows, cells)
+
+
+def _decide(space: CSpace, ends: Ends) -> Verdict:
+    """Return what the map proves about two configurations."""
+    for name, point in zip(("start", "goal"), ends.points, strict=True):
+        state = int(space.classify(point))
+        if state != FREE:
+            verdict: Verdict = f"{name} {STATE_NAMES[state].upper()}"  # type: ignore[assignment]
+            return verdict
+    if space.is_connected(*ends.points):
+        return "connected"
+    return "disconnected" if space.is_disconnected(*ends.points) else "undecided"
+
+
+def touched_cells(space: CSpace, cells: Ints) -> Bools:
+    """Return the workspace cells that the robot may touch in configuration cells.
+
+    ``cells`` has shape (n, 1 + d). The result has a layer more on each side, for the space outside,
+    shape (nx + 2, ...).
+    """
+    touched = np.zeros(np.array(space.grid.shape) + 2, dtype=np.bool_)
+    rasters = slice_rasters(space.robot, space.grid.spacing, space.margin, space.rotations)
+    last = np.array(touched.shape) - 1
+    for rotation, *position in cells.tolist():
+        outer, _ = rasters[space.slice_of[rotation]]
+        offsets = np.argwhere(outer.cells) + outer.lower + position + 1
+        touched[tuple(np.clip(offsets, 0, last).T)] = True
+    return touched
+
+
+def _meets(obstacle: Obstacle, touched: Bools) -> bool:
+    """Return True if an obstacle has one of the touched cells."""
+    in_grid = touched[(slice(1, -1),) * touched.ndim]
+    window = tuple(map(slice, *obstacle.box))
+    return bool((obstacle.outer & in_grid[window]).any())
+
+
+def _describe_pieces(
+    space: CSpace, named: list[Obstacle], touched: Bools, position: Floats
+) -> list[str]:
+    """Describe the touched obstacles without names, those nearest to a position first."""
+    in_grid = touched[(slice(1, -1),) * touched.ndim]
+    unnamed = space.workspace.outer.copy()
+    for obstacle in named:
+        unnamed[tuple(map(slice, *obstacle.box))] &= ~obstacle.outer
+    pieces, _ = ndimage.label(unnamed, structure=np.ones((3,) * unnamed.ndim))
+    cells = np.argwhere(in_grid & unnamed)
+    centers = space.grid.center_of(cells)
+    order = np.argsort(np.linalg.norm(centers - position, axis=1), kind="stable")
+    _, nearest = np.unique(pieces[tuple(cells[order].T)], return_index=True)
+    descriptions = []
+    for index in np.sort(nearest):
+        place = ", ".join(f"{x:.2f}" for x in centers[order[index]])
+        descriptions.append(f"the obstacle at ({place})")
+    outside = touched.copy()
+    outside[(slice(1, -1),) * touched.ndim] = False
+    if outside.any() and space.outside == "blocked":
+        descriptions.append(BORDER)
+    return descriptions
+
+
+def _find_free_yaws(space: CSpace, cell: Ints) -> Floats:
+    """Return the intervals of yaw that are FREE at the position of a cell, shape (n, 2)."""
+    if not space.rotations.names:
+        return np.empty((0, 2))
+    is_free = states_of_slices(space)[space.slice_of, *cell[1:]] == FREE
+    bounds = np.asarray(space.rotations.stored_arrays["yaw_bounds"])
+    if is_free.all():
+        return np.array([[-math.pi, math.pi]])
+    intervals: list[list[float]] = []
+    # The walk begins behind a yaw cell that is not FREE, so that no interval is cut in two.
+    after = int(np.argmin(is_free)) + 1
+    for number in np.roll(np.arange(len(bounds)), -after).tolist():
+        if not is_free[number]:
+            continue
+        low, high = bounds[number].tolist()
+        if intervals and is_free[number - 1]:
+            intervals[-1][1] += (high - low) % (2.0 * math.pi)
+        else:
+            intervals.append([low, low + (high - low) % (2.0 * math.pi)])
+    return np.array(intervals).reshape(-1, 2)
+
+
+def _passes_if_turning(space: CSpace, cells: Ints) -> bool:
+    """Return True if cells that are FREE at some yaw join two cells."""
+    is_free_at_some = (states_of_slices(space) == FREE).any(axis=0)
+    pieces, _ = ndimage.label(is_free_at_some)
+    start, goal = pieces[tuple(cells[:, 1:].T)]
+    return bool(start != 0 and start == goal)

@@ -1,0 +1,279 @@
+"""Fastest motions along segments, within limits of velocity and acceleration.
+
+The squared speed along a path is limited at each point by the velocities, and its slope, twice the
+acceleration along the path, by the accelerations. A pass back finds the largest squared speeds from
+which the robot can still slow down in time, and a pass ahead the largest ones that it reaches
+(J. E. Bobrow, S. Dubowsky and J. S. Gibson, 1985; H. Pham and Q.-C. Pham, "A new approach to
+time-optimal path parameterization based on reachability analysis", 2018).
+"""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from cspace.rotations import Rotations
+from cspace.support.arrays import Bools, Floats, Ints
+from cspace.support.compiling import kernel
+from planners.segments import Segments, place_along
+from planners.smoothing import LimitRates
+
+INTERVALS_PER_CURVE: Final = 2
+"""Number of constant accelerations along each curve."""
+
+HALVINGS = 40
+"""Number of halvings in the search for the largest squared speed."""
+
+MIN_COEFFICIENT = 1e-300
+"""Smallest squared acceleration that counts, relative to the limit."""
+
+MIN_PHASE_SHARE: Final = 1e-12
+"""Smallest share of the duration that a phase takes; shorter ones are rounding errors, and skipped.
+"""
+
+MIN_SPEED: Final = 1e-150
+"""Smallest mean speed on a curve, which makes a path with such a curve slower than one without."""
+
+MAX_RATE_STEP: Final = 1e-8
+"""Largest jump of the rates between two curves without a stop, relative to these."""
+
+
+class Phases(NamedTuple):
+    """Parts of a motion with constant acceleration.
+
+    Each is on one segment; in the last part the robot rests.
+    """
+
+    times: Floats  # seconds at which they start
+    segments: Ints
+    positions: Floats  # length along the segment at that time, and its derivatives by time
+    speeds: Floats
+    accelerations: Floats
+
+
+class MotionBounds(NamedTuple):
+    """Limits of a motion."""
+
+    velocity: LimitRates
+    acceleration: LimitRates
+    lateral: float  # largest acceleration across the direction of driving
+
+
+def find_phases(
+    segments: Segments, rotations: Rotations, passes: Bools, bounds: MotionBounds
+) -> Phases:
+    """Return the fastest motion along segments, from rest to rest.
+
+    ``passes``, shape (m - 1,), is True if no stop is needed between two segments. A straight
+    segment or an arc has one largest speed and acceleration, so it is accelerated, driven and
+    slowed down as a whole. A curve is cut into intervals of constant acceleration.
+    """
+    is_curve = segments.is_curve
+    counts = np.where(is_curve, INTERVALS_PER_CURVE, 1)
+    owners = np.repeat(np.arange(len(counts)), counts)
+    lengths = segments.lengths[owners] / counts[owners]
+    begins = (np.arange(len(owners)) - np.repeat(np.cumsum(counts) - counts, counts)) * lengths
+    parts = segments.select(owners)
+    ends = [place_along(parts, rotations, s)[1:] for s in (begins, begins + lengths)]
+    is_curved = is_curve[owners]
+    caps = []
+    squares_of_terms = []
+    for share, (first, second) in zip((0.0, 2.0), ends, strict=True):
+        bent = np.where(is_curved[:, np.newaxis], second, 0.0)
+        caps.append(bounds.velocity.largest(first) ** 2)
+        # The acceleration is first u + bent x, where x is the squared speed here, and the one at
+        # the start plus 2 u times the length at the end.
+        along = bounds.acceleration.group(first + share * lengths[:, np.newaxis] * bent)
+        across = bounds.acceleration.group(bent)
+        squares_of_terms += [_multiply_terms(*pair) for pair in zip(along, across, strict=True)]
+        if parts.drives.any():
+            sideways = np.abs(first[:, 2]) * np.linalg.norm(first[:, :2], axis=1)
+            with np.errstate(divide="ignore"):
+                largest = np.where(is_curved, bounds.lateral / sideways, np.inf)
+            caps[-1] = np.minimum(caps[-1], largest)
+    with np.errstate(divide="ignore"):
+        on_arcs = bounds.lateral / np.abs(parts.curvatures)
+    begin_caps, end_caps = (np.minimum(cap, on_arcs) for cap in caps)
+    may_pass = np.ones(len(owners) - 1, dtype=np.bool_)
+    may_pass[np.cumsum(counts)[:-1] - 1] = passes
+    nodes = np.zeros(len(owners) + 1)
+    nodes[1:-1] = np.where(may_pass, np.minimum(end_caps[:-1], begin_caps[1:]), 0.0)
+    terms = np.stack(squares_of_terms, axis=1)
+    bound_squares(lengths, np.ascontiguousarray(terms), is_curved, nodes)
+    gains = bounds.acceleration.largest(ends[0][0])
+    phases = _fill_phases(owners, begins, lengths, is_curved, begin_caps, gains, nodes)
+    excess = _find_excess(segments, rotations, phases, bounds)
+    return slow_down(phases, max(excess, 1.0))
+
+
+def _multiply_terms(along: Floats, across: Floats) -> Floats:
+    """Return the products of two terms of an acceleration, shape (n, 3)."""
+    products = (along * along, along * across, across * across)
+    return np.column_stack([product.sum(axis=1) for product in products])
+
+
+@kernel
+def bound_squares(lengths: Floats, terms: Floats, is_curved: Bools, squares: Floats) -> None:
+    """Lower squared speeds to the largest ones that the accelerations allow.
+
+    Arrays of n intervals, in which the acceleration u along the path is constant:
+
+    * ``lengths``, shape (n,)
+    * ``terms``, shape (n, c, 3): coefficients p, q, r of constraints
+      ``p u^2 + 2 q u x + r x^2 <= 1``, where x is the squared speed at the start
+    * ``is_curved``, shape (n,): False if q and r are zero
+    * ``squares``, shape (n + 1,): the largest squared speeds by the velocities, and the result
+    """
+    n = len(lengths)
+    for k in range(n - 1, -1, -1):
+        squares[k] = find_largest(lengths[k], terms[k], is_curved[k], squares[k], squares[k + 1])
+    for k in range(n):
+        _, highest = find_accelerations(terms[k], squares[k])
+        reached = squares[k] + 2.0 * lengths[k] * highest
+        squares[k + 1] = max(min(squares[k + 1], reached), 0.0)
+
+
+@kernel
+def find_largest(length: float, terms: Floats, is_curved: bool, cap: float, end: float) -> float:
+    """Return the largest squared speed up to ``cap`` from which the robot slows down to ``end``."""
+    if not is_curved:
+        lowest, _ = find_accelerations(terms, 0.0)
+        return min(cap, end - 2.0 * length * lowest)
+    if can_slow_down(length, terms, cap, end):
+        return cap
+    low = 0.0
+    high = cap
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        if can_slow_down(length, terms, middle, end):
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+@kernel
+def can_slow_down(length: float, terms: Floats, square: float, end: float) -> bool:
+    """Return True if an allowed acceleration leads from a squared speed to at most another."""
+    lowest, highest = find_accelerations(terms, square)
+    most = 0.5 * (end - square) / length
+    least = -0.5 * square / length
+    return lowest <= min(highest, most) and highest >= least
+
+
+@kernel
+def find_accelerations(terms: Floats, square: float) -> tuple[float, float]:
+    """Return the least and the largest acceleration at a squared speed; least > largest if none."""
+    lowest = -np.inf
+    highest = np.inf
+    for k in range(len(terms)):
+        p = terms[k, 0]
+        q = terms[k, 1] * square
+        r = terms[k, 2] * square * square
+        if p <= MIN_COEFFICIENT:
+            if r > 1.0:
+                return 1.0, -1.0
+            continue
+        discriminant = q * q - p * (r - 1.0)
+        if discriminant < 0.0:
+            return 1.0, -1.0
+        root = np.sqrt(discriminant)
+        lowest = max(lowest, (-q - root) / p)
+        highest = min(highest, (-q + root) / p)
+    return lowest, highest
+
+
+def _fill_phases(
+    owners: Ints,
+    begins: Floats,
+    lengths: Floats,
+    is_curved: Bools,
+    caps: Floats,
+    gains: Floats,
+    squares: Floats,
+) -> Phases:
+    """Return the phases between squared speeds at the ends of n intervals, shape (n + 1,).
+
+    A straight interval has three: it is accelerated, driven at the largest speed if that is
+    reached, and slowed down. ``caps`` and ``gains`` are its largest squared speed and acceleration.
+    """
+    before = squares[:-1]
+    after = squares[1:]
+    # Rounding must not put the peak below the speed at an end.
+    peaks = np.minimum(caps, 0.5 * (before + after) + gains * lengths)
+    peaks = np.maximum(peaks, np.maximum(before, after))
+    up = (peaks - before) / (2.0 * gains)
+    down = (peaks - after) / (2.0 * gains)
+    fastest = np.sqrt(peaks)
+    first = np.sqrt(before)
+    last = np.sqrt(after)
+    cruise = np.where(peaks >= caps, np.maximum(lengths - up - down, 0.0), 0.0)
+    tiny = np.finfo(float).tiny
+    even = np.where(is_curved, 2.0 * lengths / np.maximum(first + last, MIN_SPEED), 0.0)
+    zeros = np.zeros(len(lengths))
+    changes = 0.5 * (after - before) / np.where(is_curved, lengths, 1.0)
+    columns = (
+        (
+            np.where(is_curved, even, (fastest - first) / gains),
+            np.where(is_curved, 0.0, cruise / np.maximum(fastest, tiny)),
+            np.where(is_curved, 0.0, (fastest - last) / gains),
+        ),
+        (owners, owners, owners),
+        (begins, begins + up, begins + lengths - down),
+        (first, fastest, fastest),
+        (np.where(is_curved, changes, gains), zeros, -gains),
+    )
+    table = np.stack([np.stack(column, axis=1).ravel() for column in columns], axis=1)
+    table = table[table[:, 0] > MIN_PHASE_SHARE * table[:, 0].sum()]
+    rest = (0.0, owners[-1], begins[-1] + lengths[-1], 0.0, 0.0)
+    durations, segments, *motion = np.vstack([table, rest]).T
+    times = np.cumsum([0.0, *durations[:-1]])
+    return Phases(times, segments.astype(np.int64), *motion)
+
+
+def _find_excess(
+    segments: Segments, rotations: Rotations, phases: Phases, bounds: MotionBounds
+) -> float:
+    """Return the factor by which curves must be slower, since limits hold at interval ends."""
+    durations = np.diff(phases.times)
+    excess = 1.0
+    curved = np.flatnonzero(segments.is_curve[phases.segments[:-1]])
+    if not len(curved):
+        return excess
+    parts = segments.select(phases.segments[curved])
+    accelerations = phases.accelerations[curved]
+    for share in (0.0, 0.25, 0.5, 0.75, 1.0):
+        elapsed = share * durations[curved]
+        speeds = phases.speeds[curved] + elapsed * accelerations
+        mean_speeds = phases.speeds[curved] + 0.5 * elapsed * accelerations
+        lengths = phases.positions[curved] + elapsed * mean_speeds
+        _, first, second = place_along(parts, rotations, lengths)
+        velocities = first * speeds[:, np.newaxis]
+        changes = first * accelerations[:, np.newaxis] + second * speeds[:, np.newaxis] ** 2
+        excess = max(excess, bounds.velocity.shares(velocities).max())
+        excess = max(excess, np.sqrt(bounds.acceleration.shares(changes).max()))
+        if parts.drives.any():
+            sideways = np.abs(velocities[:, 2]) * np.linalg.norm(velocities[:, :2], axis=1)
+            excess = max(excess, np.sqrt(sideways.max() / bounds.lateral))
+    return float(excess)
+
+
+def slow_down(phases: Phases, factor: float) -> Phases:
+    """Slow a motion evenly by a factor."""
+    return Phases(
+        phases.times * factor,
+        phases.segments,
+        phases.positions,
+        phases.speeds / factor,
+        phases.accelerations / factor**2,
+    )
+
+
+def find_passes(segments: Segments, rotations: Rotations) -> Bools:
+    """Return whether the rates continue from each segment to the next, shape (m - 1,)."""
+    ends = place_along(segments, rotations, segments.lengths)[1][:-1]
+    begins = place_along(segments, rotations, np.zeros(len(segments.lengths)))[1][1:]
+    jumps = np.abs(ends - begins).max(axis=1, initial=0.0)
+    largest = np.maximum(np.abs(ends), np.abs(begins)).max(axis=1, initial=0.0)
+    return np.asarray(jumps <= MAX_RATE_STEP * largest)

@@ -1,0 +1,363 @@
+"""Smooth paths of trajectories: proofs, limits, continuity, commands and refusals.
+
+Oracles: shapely places the robot among the occupied cells, positions are differenced, and an arm's
+configurations are tested one by one.
+"""
+
+import dataclasses
+import math
+import pickle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+from shapely import affinity
+
+import cspace
+import planners
+import planners.segments as segments_module
+from cspace import InputError
+from cspace.arms import Arm, build_arm_space
+from planners.segments import Segments, place_along, prove_segments
+from tests.helpers.urdfs import planar, post
+
+FOOTPRINT = [(-0.4, -0.2), (0.4, -0.2), (0.4, 0.2), (-0.4, 0.2)]
+LIMITS: dict[str, Any] = {"max_velocity": 1.2, "max_acceleration": 0.8}
+TURNING_LIMITS: dict[str, Any] = {"max_angular_velocity": 1.0, "max_angular_acceleration": 2.0}
+SPACING = 0.05
+SLACK = 1.01
+
+
+def draw_occupied(seed: int) -> np.ndarray:
+    """Draw a plane with rectangles of occupied cells."""
+    rng = np.random.default_rng(seed)
+    occupied = np.zeros((140, 120), dtype=bool)
+    for _ in range(14):
+        i = rng.integers(0, 130)
+        j = rng.integers(0, 110)
+        width, height = rng.integers(3, 20, 2)
+        occupied[i : i + width, j : j + height] = True
+    return occupied
+
+
+def build_plan(
+    seed: int, drive: str, rotations: int | None, turning_radius: float | None = None
+) -> planners.Plan:
+    """Plan between the two farthest of some free configurations that a path joins."""
+    workspace = cspace.Workspace.from_array(draw_occupied(seed), SPACING)
+    robot = cspace.Robot.polygon(FOOTPRINT) if rotations else cspace.Robot.disc(0.3)
+    space = cspace.build(workspace, robot, rotations=rotations)
+    free = space.sample_free(200, rng=np.random.default_rng(seed))
+    free = free[np.argsort(free[:, 0])]
+    for start, goal in zip(free, free[::-1], strict=True):
+        try:
+            plan = planners.plan(
+                space, start, goal, drive=drive, turning_radius=turning_radius, time_limit=10.0
+            )
+        except cspace.ConfigurationError:  # on the border of a cell
+            continue
+        if plan.solved:
+            return plan
+    raise AssertionError("no path found")
+
+
+def count_collisions(seed: int, rows: np.ndarray) -> int:
+    """Count the rows at which the robot overlaps an occupied cell."""
+    cells = np.argwhere(draw_occupied(seed)) * SPACING
+    tree = shapely.STRtree([shapely.box(x, y, x + SPACING, y + SPACING) for x, y in cells])
+    collisions = 0
+    for row in rows:
+        robot = shapely.Point(0.0, 0.0).buffer(0.299)
+        if len(row) == 3:
+            turned = affinity.rotate(
+                shapely.Polygon(FOOTPRINT), row[2], origin=(0.0, 0.0), use_radians=True
+            )
+            robot = turned.buffer(-1e-6)
+        placed = affinity.translate(robot, row[0], row[1])
+        collisions += len(tree.query(placed, predicate="intersects")) > 0
+    return collisions
+
+
+def difference(trajectory: planners.Trajectory, t: np.ndarray, h: float) -> np.ndarray:
+    """Return central differences of positions, yaw the shorter way."""
+    steps = trajectory.sample(t + h)[0] - trajectory.sample(t - h)[0]
+    if steps.shape[1] == 3:
+        steps[:, 2] = (steps[:, 2] + math.pi) % (2.0 * math.pi) - math.pi
+    return steps / (2.0 * h)
+
+
+@pytest.mark.parametrize(
+    ("drive", "rotations"),
+    [("holonomic", None), ("holonomic", 36), ("differential", 36), ("differential-reverse", 36)],
+)
+@pytest.mark.parametrize("seed", [1, 2])
+def test_blended_motion_is_free_smooth_and_within_limits(
+    seed: int, drive: str, rotations: int | None
+) -> None:
+    plan = build_plan(seed, drive, rotations)
+    limits = LIMITS | (TURNING_LIMITS if rotations else {})
+    trajectory = plan.trajectory(**limits)
+    assert trajectory.certified
+    assert plan.space is not None
+    assert trajectory.recheck(plan.space).all()
+    assert trajectory.positions[[0, -1]] == pytest.approx(plan.path[[0, -1]], abs=1e-9)
+    assert trajectory.duration <= plan.trajectory(**limits, blend=False).duration
+    t = np.linspace(0.0, trajectory.duration, 2001)
+    positions, velocities, _ = trajectory.sample(t)
+    assert count_collisions(seed, positions[::4]) == 0
+    assert difference(trajectory, t, 1e-6) == pytest.approx(velocities, abs=1e-4)
+    jumps = trajectory.sample(t + 1e-4)[1] - trajectory.sample(t - 1e-4)[1]
+    accelerations = np.abs(jumps) / 2e-4
+    assert np.linalg.norm(velocities[:, :2], axis=1).max() <= SLACK * 1.2
+    assert np.linalg.norm(accelerations[:, :2], axis=1).max() <= SLACK * 0.8
+    if rotations:
+        assert np.abs(velocities[:, 2]).max() <= SLACK * 1.0
+        assert accelerations[:, 2].max() <= SLACK * 2.0
+    if drive != "holonomic":
+        yaw = positions[:, 2]
+        sideways = np.cos(yaw) * velocities[:, 1] - np.sin(yaw) * velocities[:, 0]
+        assert np.abs(sideways).max() < 1e-9
+
+
+def test_per_axis_limits_hold_on_curves() -> None:
+    plan = build_plan(1, "holonomic", None)
+    trajectory = plan.trajectory(max_velocity=(1.0, 0.4), max_acceleration=(0.3, 0.9))
+    t = np.linspace(0.0, trajectory.duration, 2001)
+    _, velocities, accelerations = trajectory.sample(t)
+    assert (np.abs(velocities).max(axis=0) <= [SLACK, SLACK * 0.4]).all()
+    assert (np.abs(accelerations).max(axis=0) <= [SLACK * 0.3, SLACK * 0.9]).all()
+
+
+def test_robot_passes_a_corner_in_the_open_at_speed_unless_told_to_stop() -> None:
+    plan = build_plan(1, "differential", 36)
+    limits = LIMITS | TURNING_LIMITS
+    blended = plan.trajectory(**limits)
+    stopping = plan.trajectory(**limits, blend=False)
+    assert blended.duration < 0.95 * stopping.duration
+    corners = np.linalg.norm(stopping.velocities, axis=1) == 0.0
+    on_edges = stopping.positions[corners]
+    for waypoint in plan.waypoints:
+        assert np.abs(on_edges[:, :2] - waypoint[:2]).max(axis=1).min() < 1e-9
+
+
+def test_small_lateral_limit_slows_a_differential_drive() -> None:
+    plan = build_plan(1, "differential", 36)
+    limits = LIMITS | TURNING_LIMITS
+    trajectory = plan.trajectory(**limits, max_lateral_acceleration=0.1)
+    t = np.linspace(0.0, trajectory.duration, 2001)
+    _, velocities, _ = trajectory.sample(t)
+    lateral = np.linalg.norm(velocities[:, :2], axis=1) * np.abs(velocities[:, 2])
+    assert lateral.max() <= SLACK * 0.1
+
+
+def test_obstacle_on_the_curve_is_found_by_recheck() -> None:
+    plan = build_plan(1, "holonomic", None)
+    trajectory = plan.trajectory(**LIMITS)
+    assert plan.space is not None
+    space: Any = plan.space
+    x, y = trajectory.sample(0.5 * trajectory.duration)[0]
+    space.add_obstacle("cart", shapely.box(x - 0.1, y - 0.1, x + 0.1, y + 0.1))
+    free = trajectory.recheck(space)
+    assert not free.all()
+    assert free[0]
+    assert not plan.trajectory(**LIMITS).certified
+
+
+def test_plan_without_map_stops_at_corners() -> None:
+    plan = build_plan(1, "holonomic", None)
+    pickled = pickle.loads(pickle.dumps(plan))
+    stopping = plan.trajectory(**LIMITS, blend=False)
+    without_map = pickled.trajectory(**LIMITS)
+    assert without_map.certified
+    assert without_map.duration == stopping.duration
+    assert plan.space is not None
+    assert without_map.recheck(plan.space).all()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_arm_blends_are_free_and_within_limits(tmp_path: Path, seed: int) -> None:
+    space = build_arm_space({"post": post()}, Arm.from_urdf(planar(tmp_path)))
+    plan = planners.plan(space, (-0.6, 0.3), (1.4, -0.2), seed=seed, time_limit=5.0)
+    trajectory = plan.trajectory(max_velocity=1.0, max_acceleration=2.0)
+    t = np.linspace(0.0, trajectory.duration, 2001)
+    positions, velocities, accelerations = trajectory.sample(t)
+    assert trajectory.certified
+    assert np.asarray(space.is_free(positions)).all()
+    assert np.abs(velocities).max() <= SLACK
+    assert np.abs(accelerations).max() <= SLACK * 2.0
+    stopping = plan.trajectory(max_velocity=1.0, max_acceleration=2.0, blend=False)
+    assert trajectory.duration <= stopping.duration
+
+
+def test_motions_of_an_arm_with_deviations_are_proven_only_if_all_near_ones_are_free(
+    tmp_path: Path,
+) -> None:
+    space = build_arm_space({"post": post()}, Arm.from_urdf(planar(tmp_path)))
+    rng = np.random.default_rng(0)
+    ends = space.sample_free(300, rng=rng).reshape(150, 2, -1)
+    starts = ends[:, 0]
+    lasts = starts + 0.3 * (ends[:, 1] - starts)
+    deviation = np.array([0.08, 0.05])
+    proven = space.motions_are_free_around(starts, lasts, deviation)
+    t = np.linspace(0.0, 1.0, 60)[:, np.newaxis, np.newaxis]
+    straight = starts + t * (lasts - starts)
+    shares = np.array([(a, b) for a in (-1.0, 0.0, 1.0) for b in (-1.0, 0.0, 1.0)])
+    near = straight[np.newaxis] + (shares * deviation)[:, np.newaxis, np.newaxis]
+    are_free = np.asarray(space.is_free(near.clip(-3.0, 3.0))).all(axis=(0, 1))
+    assert not (proven & ~are_free).any()
+    assert np.count_nonzero(proven) >= 0.6 * np.count_nonzero(are_free)
+    assert 10 < np.count_nonzero(are_free) < 140
+    with pytest.raises(InputError, match="deviation"):
+        space.motions_are_free_around(starts, lasts, -deviation)
+
+
+def test_invalid_arguments_are_refused() -> None:
+    plan = build_plan(1, "holonomic", None)
+    trajectory = plan.trajectory(**LIMITS)
+    workspace = cspace.Workspace.from_array(draw_occupied(1), SPACING)
+    space = cspace.build(workspace, cspace.Robot.polygon(FOOTPRINT), rotations=4)
+    with pytest.raises(InputError, match="axes"):
+        trajectory.recheck(space)
+    flag: Any = "yes"
+    with pytest.raises(InputError, match="blend"):
+        plan.trajectory(**LIMITS, blend=flag)
+    for value in (0.0, math.nan, -1.0):
+        with pytest.raises(InputError, match="max_acceleration"):
+            plan.trajectory(max_velocity=1.0, max_acceleration=value)
+
+
+@pytest.mark.parametrize("drives", [0, 1, -1], ids=["free yaw", "ahead", "reverse"])
+def test_curves_through_cells_are_proven_only_if_the_robot_stays_free(drives: int) -> None:
+    workspace = cspace.Workspace.from_array(draw_occupied(3), SPACING)
+    space = cspace.build(workspace, cspace.Robot.polygon(FOOTPRINT), rotations=36)
+    rng = np.random.default_rng(3)
+    starts = space.sample_free(150, rng=rng)
+    yaws = starts[:, 2] + (math.pi if drives < 0 else 0.0)
+    none = np.zeros(150)
+    rates = np.column_stack([np.cos(yaws), np.sin(yaws), none])
+    lengths = rng.uniform(0.1, 1.2, 150)
+    bends = rng.uniform(-1.0, 1.0, (150, 3))
+    twists = rng.uniform(-2.0, 2.0, (150, 3))
+    signs = np.full(150, drives)
+    segments = Segments(starts, rates, bends, twists, none, signs, lengths, starts)
+    proven = prove_segments(space, False, segments)
+    shares = np.linspace(0.0, 1.0, 400)
+    places = [place_along(segments, space.rotations, share * lengths)[0] for share in shares]
+    curves = np.stack(places, axis=1)
+    assert count_collisions(3, curves[proven, ::10].reshape(-1, 3)) == 0
+    assert np.asarray(space.is_free(curves[proven])).all()
+    assert 20 < np.count_nonzero(proven) < 130
+    collides = [count_collisions(3, curve[::10]) > 0 for curve in curves[~proven]]
+    assert np.mean(collides) > 0.2
+
+
+@pytest.mark.parametrize("drives", [0, 1, -1], ids=["free yaw", "ahead", "reverse"])
+def test_derivatives_along_curves_equal_differences(drives: int) -> None:
+    rng = np.random.default_rng(4)
+    starts = rng.uniform(-1.0, 1.0, (20, 3))
+    rates = rng.uniform(0.5, 1.0, (20, 3))
+    bends, twists = rng.uniform(-0.3, 0.3, (2, 20, 3))
+    none = np.zeros(20)
+    signs = np.full(20, drives)
+    curves = Segments(starts, rates, bends, twists, none, signs, none + 1.0, starts)
+    rotations = cspace.Rotations.of(4)
+    s = rng.uniform(0.2, 0.8, 20)
+    h = 1e-5
+    (before, *_), (here, first, second), (after, *_) = (
+        place_along(curves, rotations, s + step) for step in (-h, 0.0, h)
+    )
+    assert (after - before) / (2.0 * h) == pytest.approx(first, abs=1e-6)
+    assert (after - 2.0 * here + before) / h**2 == pytest.approx(second, abs=1e-3)
+
+
+def test_differential_drive_stops_before_it_turns_on_the_spot() -> None:
+    # Blends that shrank to nothing had curvatures of 1e11 per metre, next to which every jump of
+    # the velocity seemed to be rounding.
+    trajectory = build_plan(18, "differential", 36).trajectory(**LIMITS, **TURNING_LIMITS)
+    t = np.linspace(0.0, trajectory.duration, 20001)
+    velocities = trajectory.sample(t)[1]
+    largest = np.linalg.norm(np.diff(velocities[:, :2], axis=0), axis=1).max() / t[1]
+    assert largest <= SLACK * 0.8
+
+
+def test_path_keeps_its_edges_if_no_curve_is_proven(monkeypatch: pytest.MonkeyPatch) -> None:
+    plan = build_plan(1, "differential", 36)
+    limits = LIMITS | TURNING_LIMITS
+    stopping = plan.trajectory(**limits, blend=False)
+
+    def prove(space: Any, curves: Segments) -> np.ndarray:
+        """Prove no curve."""
+        return np.zeros(len(curves.lengths), dtype=bool)
+
+    monkeypatch.setattr(segments_module, "_prove_curves", prove)
+    trajectory = plan.trajectory(**limits)
+    assert trajectory.duration == stopping.duration
+    assert trajectory.certified
+
+
+def test_quaternions_beside_blends_never_jump_to_their_negative() -> None:
+    occupied = np.zeros((20, 20, 20), dtype=bool)
+    occupied[8:12, 8:12, :14] = True
+    workspace = cspace.Workspace.from_array(occupied, 0.1)
+    rotations = cspace.Rotations.quaternions(2)
+    space = cspace.build(workspace, cspace.Robot.box((0.3, 0.2, 0.1)), rotations=rotations)
+    ends = (0.5, 1.0, 0.5, 0.0, 0.0, 0.0, 1.0), (1.5, 1.0, 0.5, 0.0, 0.0, 0.0, 1.0)
+    plan = planners.plan(space, *ends, seed=1, time_limit=5.0)
+    waypoints = plan.waypoints.copy()
+    waypoints[1::2, 3:] *= -1.0  # the same rotations
+    plan = dataclasses.replace(plan, waypoints=waypoints)
+    trajectory = plan.trajectory(**LIMITS, **TURNING_LIMITS)
+    assert np.abs(np.diff(trajectory.positions[:, 3:], axis=0)).max() < 0.1
+
+
+@pytest.mark.parametrize("drive", ["differential", "differential-reverse", "reeds-shepp"])
+def test_commands_replayed_by_a_unicycle_stay_near_the_path(drive: str) -> None:
+    plan = build_plan(1, drive, 36, 0.5 if drive == "reeds-shepp" else None)
+    limits = LIMITS | ({} if drive == "reeds-shepp" else TURNING_LIMITS)
+    trajectory = plan.trajectory(**limits)
+    uniform = trajectory.sample_uniform(1000.0)
+    assert np.diff(uniform.times) == pytest.approx(1e-3)
+    assert uniform.duration - trajectory.duration < 1e-3
+    assert uniform.positions[-1] == pytest.approx(trajectory.positions[-1], abs=1e-9)
+    x, y, yaw = uniform.positions[0]
+    errors = []
+    for row, v, omega in zip(uniform.positions, uniform.v, uniform.omega, strict=True):
+        errors.append(math.hypot(x - row[0], y - row[1]))
+        x += 1e-3 * v * math.cos(yaw + 5e-4 * omega)
+        y += 1e-3 * v * math.sin(yaw + 5e-4 * omega)
+        yaw += 1e-3 * omega
+    assert max(errors) < 0.05
+    assert (uniform.v < -0.1).any() == (drive != "differential")
+
+
+def test_steering_angles_are_those_of_the_turning_radius(tmp_path: Path) -> None:
+    plan = build_plan(1, "reeds-shepp", 36, 0.5)
+    trajectory = plan.trajectory(**LIMITS)
+    steering = trajectory.steering(0.4)
+    turned = np.unique(np.round(np.abs(steering), 9))
+    assert turned == pytest.approx([0.0, math.atan(0.8)], abs=1e-9)
+    moving = np.abs(trajectory.v) > 1e-6
+    curvatures = trajectory.omega[moving] / trajectory.v[moving]
+    assert steering[moving] == pytest.approx(np.arctan(0.4 * curvatures), abs=1e-6)
+    file = tmp_path / "drive.csv"
+    trajectory.to_csv(file, wheelbase=0.4)
+    rows = np.genfromtxt(file, delimiter=",", names=True)
+    assert rows["steering"] == pytest.approx(steering)
+    assert rows["v"] == pytest.approx(trajectory.v)
+    twists = trajectory.to_twists()
+    assert [twist.angular.z for twist in twists] == trajectory.omega.tolist()
+    assert [twist.linear.x for twist in twists] == trajectory.v.tolist()
+
+
+def test_commands_of_other_robots_are_refused() -> None:
+    trajectory = build_plan(1, "holonomic", 36).trajectory(**LIMITS, **TURNING_LIMITS)
+    for command in (lambda: trajectory.v, lambda: trajectory.omega, trajectory.to_twists):
+        with pytest.raises(InputError, match="without a drive"):
+            command()
+    with pytest.raises(InputError, match="a car steers"):
+        trajectory.steering(0.4)
+    for rate in (0.0, math.nan, 1e9):
+        with pytest.raises(InputError, match="rate"):
+            trajectory.sample_uniform(rate)

@@ -1,0 +1,277 @@
+"""Explanations against doors of known width, and against searches of their own."""
+
+import itertools
+import math
+from collections import deque
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import cspace
+import planners
+from cspace import FREE
+from cspace.errors import ConfigurationError, InputError
+from tests.helpers.commands import document
+
+SIDE = 4.0
+
+
+def build_door(width, robot, spacing, rotations=None, **options):
+    """Build the map of a room that a wall at x = 2 divides, with a door in the middle."""
+    low, high = SIDE / 2.0 - width / 2.0, SIDE / 2.0 + width / 2.0
+    walls = [shapely.box(1.85, -1.0, 2.15, low), shapely.box(1.85, high, 2.15, SIDE + 1.0)]
+    workspace = cspace.Workspace.from_polygons(walls, spacing, (0.0, 0.0, SIDE, SIDE))
+    return cspace.build(workspace, robot, rotations=rotations, **options)
+
+
+def joins(space, cells, start, goal):
+    """Return whether FREE cells and some other cells join two configurations, by a plain search."""
+    states = space.cell_states if space.rotations.names else space.cell_states[None]
+    is_open = states == FREE
+    is_open[tuple(cells.T)] = True
+    count = len(states)
+
+    def cell_of(q):
+        rotation = int(space.rotations.find_cells(np.asarray(q, dtype=float)))
+        return (rotation, *space.grid.cell_of(np.asarray(q[: space.dim], dtype=float)).tolist())
+
+    first, last = cell_of(start), cell_of(goal)
+    if not is_open[first]:
+        return False
+    queue, reached = deque([first]), {first}
+    while queue:
+        cell = queue.popleft()
+        for axis, step in itertools.product(range(len(cell)), (-1, 1)):
+            near = list(cell)
+            near[axis] += step
+            if axis == 0:
+                near[0] %= count
+            near = tuple(near)
+            if any(not 0 <= i < n for i, n in zip(near, states.shape, strict=True)):
+                continue
+            if is_open[near] and near not in reached:
+                reached.add(near)
+                queue.append(near)
+    return last in reached
+
+
+@settings(max_examples=40)
+@given(
+    width=st.floats(0.25, 1.4),
+    radius=st.floats(0.08, 0.6),
+    spacing=st.sampled_from([0.05, 0.08, 0.1]),
+    margin=st.sampled_from([0.0, 0.07]),
+)
+def test_the_margin_of_a_disc_in_a_door_is_between_its_bounds(width, radius, spacing, margin):
+    space = build_door(width, cspace.Robot.disc(radius), spacing, margin=margin)
+    explanation = space.explain((0.8, 2.0), (3.2, 2.0))
+    low, high = explanation.margin
+    assert low <= width / 2.0 - radius <= high
+    if explanation.verdict == "disconnected":
+        assert high <= 0.0
+    if explanation.verdict == "connected":
+        assert low >= margin
+        assert not len(explanation.barrier)
+
+
+@settings(max_examples=15)
+@given(
+    width=st.floats(0.3, 1.2),
+    robot=st.tuples(st.floats(0.3, 0.9), st.floats(0.15, 0.7)),
+    rotations=st.sampled_from([1, 12, 24]),
+)
+def test_the_margin_of_a_rectangle_in_a_door_is_between_its_bounds(width, robot, rotations):
+    length, breadth = robot
+    space = build_door(width, cspace.Robot.rectangle(length, breadth), 0.1, rotations)
+    low, high = space.explain((0.8, 2.0, 0.0), (3.2, 2.0, 0.0)).margin
+    assert low <= (width - min(robot)) / 2.0 + 1e-12  # the widest that passes, if it turns
+    # A robot with one cell of all yaws may pass at the worst of its yaws alone, so low is smaller.
+    assert high >= (width - min(robot)) / 2.0
+
+
+@pytest.mark.parametrize("side", [0.5, 0.8, 1.2])
+def test_the_margin_of_a_box_in_a_window_is_between_its_bounds(side):
+    occupied = np.ones((20, 20, 20), dtype=bool)
+    occupied[:9] = occupied[11:] = False
+    occupied[9:11, 5:15, 5:15] = False  # one metre wide
+    workspace = cspace.Workspace.from_array(occupied, 0.1)
+    space = cspace.build(workspace, cspace.Robot.box((0.3, side, side)))
+    explanation = space.explain((0.5, 1.0, 1.0), (1.5, 1.0, 1.0))
+    low, high = explanation.margin
+    assert low <= 0.5 - side / 2.0 <= high
+    assert explanation.verdict != ("connected" if side > 1.0 else "disconnected")
+    assert (explanation.verdict == "connected") == (side == 0.5)
+
+
+@settings(max_examples=25)
+@given(seed=st.integers(0, 2**32 - 1), rotations=st.sampled_from([None, 8]))
+def test_the_cells_of_a_barrier_would_join_start_and_goal(seed, rotations):
+    rng = np.random.default_rng(seed)
+    occupied = rng.random((24, 20)) < 0.06
+    space = cspace.build(
+        cspace.Workspace.from_array(occupied, 0.1),
+        cspace.Robot.rectangle(0.3, 0.12),
+        rotations=rotations,
+    )
+    angles = () if rotations is None else (float(rng.uniform(-3.0, 3.0)),)
+    ends = [(*rng.uniform((0.0, 0.0), (2.4, 2.0)).tolist(), *angles) for _ in range(2)]
+    explanation = space.explain(*ends)
+    assert joins(space, explanation.barrier, *ends)
+    if len(explanation.barrier):
+        assert not joins(space, explanation.barrier[:0], *ends)
+    centers = space.grid.center_of(explanation.barrier[:, 1:])
+    for cell, center in zip(explanation.barrier, centers, strict=True):
+        q = np.concatenate([center, space.rotations.centers[cell[0]]])
+        assert not space.is_free(q)
+    low, high = explanation.margin
+    assert low <= high
+    assert (explanation.verdict == "connected") == bool(space.is_connected(*ends))
+    if explanation.verdict == "disconnected":
+        assert space.is_disconnected(*ends)
+
+
+@settings(max_examples=20)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_bounds_of_the_margin_hold_on_maps_of_the_grown_robot(seed):
+    rng = np.random.default_rng(seed)
+    boxes = [
+        shapely.box(x, y, x + w, y + d)
+        for x, y, w, d in rng.uniform((0.6, 0.1, 0.1, 0.1), (1.3, 0.8, 0.8, 0.8), (5, 4))
+    ]
+    workspace = cspace.Workspace.from_polygons(boxes, 0.08, (0.0, 0.0, 2.4, 1.6))
+    fine = cspace.Workspace.from_polygons(boxes, 0.02, (0.0, 0.0, 2.4, 1.6))
+    radius = float(rng.uniform(0.03, 0.3))
+    ends = (0.3, 0.8), (2.1, 0.8)
+    space = cspace.build(workspace, cspace.Robot.disc(radius))
+    low, high = space.explain(*ends).margin
+    if radius + low > 0.0:
+        # The fine map proves a path for the robot of the lower bound, less its own resolution.
+        smaller = max(radius + low - 0.06, 1e-3)
+        assert not cspace.build(fine, cspace.Robot.disc(smaller)).is_disconnected(*ends)
+        assert not cspace.build(fine, cspace.Robot.disc(radius + low - 1e-9)).is_disconnected(*ends)
+    if math.isfinite(high) and radius + high > 0.0:
+        assert not cspace.build(fine, cspace.Robot.disc(radius + high + 1e-9)).is_connected(*ends)
+
+
+def test_windows_decide_a_door_that_the_map_leaves_undecided():
+    for width, decided in ((0.5, "open"), (0.34, "shut")):
+        space = build_door(width, cspace.Robot.disc(0.19), 0.1)
+        ends = (0.8, 2.0), (3.2, 2.0)
+        explanation = space.explain(*ends, refine=True)
+        assert explanation.verdict == "undecided"
+        assert explanation.trial.decided == decided
+        finer = build_door(width, cspace.Robot.disc(0.19), explanation.spacing)
+        assert finer.is_connected(*ends) == (decided == "open")
+        assert finer.is_disconnected(*ends) == (decided == "shut")
+        assert space.explain(*ends).trial.decided == "untried"
+
+
+def test_an_explanation_names_the_obstacle_in_the_door():
+    space = build_door(1.2, cspace.Robot.disc(0.3), 0.05)
+    space.add_obstacle("crate", shapely.box(1.8, 1.4, 2.2, 2.6))
+    space.add_obstacle("plant", shapely.box(0.1, 3.5, 0.4, 3.9))
+    explanation = space.explain((0.8, 2.0), (3.2, 2.0))
+    assert "'crate'" in explanation.obstacles
+    assert "'plant'" not in explanation.obstacles
+    assert explanation.passes_without == ("crate",)
+    assert "It passes without 'crate'." in str(explanation)
+    assert abs(explanation.bottleneck[0] - 2.0) < 0.5
+    assert str(explanation).startswith("No path: at (")
+    assert len(explanation.sentences) <= 3
+
+
+def test_a_start_in_an_obstacle_is_named():
+    space = build_door(1.2, cspace.Robot.disc(0.3), 0.05)
+    explanation = space.explain((2.0, 0.5), (3.2, 2.0))
+    assert explanation.verdict == "start BLOCKED"
+    assert str(explanation).startswith("The start lies in a BLOCKED cell: the robot touches")
+    assert space.explain((0.8, 2.0), (2.0, 0.5)).verdict == "goal BLOCKED"
+    assert cspace.reasons.explain.BORDER in space.explain((0.1, 2.0), (0.8, 2.0)).obstacles
+
+
+def test_free_yaws_contain_the_yaws_that_are_free():
+    space = build_door(0.6, cspace.Robot.rectangle(1.2, 0.3), 0.05, 36)
+    explanation = space.explain((2.0, 2.0, 0.0), (3.0, 2.0, 0.0))
+    (start_yaws, goal_yaws) = explanation.free_yaws
+    assert goal_yaws.tolist() == [[-math.pi, math.pi]]
+    for yaw in np.linspace(-3.1, 3.1, 401):
+        listed = any(
+            low <= yaw + turn <= high for low, high in start_yaws for turn in (0.0, 2.0 * math.pi)
+        )
+        if listed != bool(space.is_free((2.0, 2.0, float(yaw)))):
+            assert np.abs(start_yaws - yaw).min() < 1e-6
+
+
+def test_a_robot_that_cannot_turn_would_pass_if_it_could():
+    crossing = np.ones((70, 70), dtype=bool)
+    crossing[32:39] = crossing[:, 32:39] = False
+    space = cspace.build(
+        cspace.Workspace.from_array(crossing, 0.1), cspace.Robot.rectangle(2.5, 0.3), rotations=36
+    )
+    explanation = space.explain((1.5, 3.55, 0.0), (3.55, 5.5, math.pi / 2.0))
+    assert explanation.verdict in ("disconnected", "undecided")
+    assert explanation.passes_if_turning
+
+
+def test_equal_start_and_goal_and_empty_workspaces_are_explained():
+    space = cspace.build(
+        cspace.Workspace.from_array(np.zeros((20, 20), dtype=bool), 0.1), cspace.Robot.disc(0.2)
+    )
+    explanation = space.explain((1.0, 1.0), (1.0, 1.0))
+    assert explanation.verdict == "connected"
+    assert str(explanation).startswith("A path exists")
+    free_outside = cspace.build(space.workspace, space.robot, outside="free")
+    assert free_outside.explain((1.0, 1.0), (0.5, 1.5)).margin[1] == math.inf
+
+
+def test_explanations_are_drawn():
+    space = build_door(0.4, cspace.Robot.disc(0.3), 0.05)
+    axes = space.explain((0.8, 2.0), (3.2, 2.0)).plot()
+    assert axes.get_title().startswith("No path")
+
+
+@pytest.mark.parametrize(
+    ("start", "error", "problem"),
+    [
+        ((9.0, 9.0), ConfigurationError, "outside the map"),
+        ((math.nan, 0.0), InputError, "nan"),
+        ([(1.0, 1.0), (2.0, 2.0)], InputError, "shape"),
+    ],
+    ids=["outside", "NaN", "several"],
+)
+def test_explain_refuses(start, error, problem):
+    space = build_door(0.4, cspace.Robot.disc(0.3), 0.1)
+    with pytest.raises(error, match=problem):
+        space.explain(start, (0.8, 2.0))
+
+
+def test_explain_refuses_quaternions():
+    workspace = cspace.Workspace.from_array(np.zeros((5, 5, 5), dtype=bool), 0.2)
+    space = cspace.build(
+        workspace, cspace.Robot.box((0.2, 0.2, 0.1)), rotations=cspace.Rotations.quaternions(1)
+    )
+    q = (0.5, 0.5, 0.5, 0.0, 0.0, 0.0, 1.0)
+    with pytest.raises(InputError, match="with or without a yaw"):
+        space.explain(q, q)
+
+
+def test_a_plan_without_a_path_prints_the_reason():
+    space = build_door(0.4, cspace.Robot.disc(0.3), 0.05)
+    plan = planners.plan(space, (0.8, 2.0), (3.2, 2.0))
+    assert plan.explain().sentences[0] in repr(plan)
+    assert plan.explain().verdict == "disconnected"
+
+
+def test_the_command_explains_and_draws(tmp_path):
+    space = build_door(0.4, cspace.Robot.disc(0.3), 0.05)
+    space.save(tmp_path / "door.zarr")
+    picture = tmp_path / "why.png"
+    explained = document(
+        f"explain {tmp_path / 'door.zarr'} --start 0.8,2 --goal 3.2,2", "--picture", picture
+    )
+    assert explained["verdict"] == "disconnected"
+    assert explained["reason"].startswith("No path")
+    assert picture.stat().st_size > 0

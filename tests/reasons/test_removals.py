@@ -1,0 +1,69 @@
+"""The fewest obstacles to remove, against maps of all subsets."""
+
+import itertools
+
+import numpy as np
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import cspace
+
+
+def build_scene(boxes, base, rotations=None):
+    """Build a map with named boxes over the cells of a base."""
+    robot = cspace.Robot.rectangle(0.3, 0.2)
+    space = cspace.build(cspace.Workspace.from_array(base, 0.1), robot, rotations=rotations)
+    for number, box in enumerate(boxes):
+        space.add_obstacle(f"box {number}", shapely.box(*box))
+    return space
+
+
+def fewest_by_maps(base, boxes, ends, rotations):
+    """Return the size of the smallest set of boxes without which a new map proves a path."""
+    for size in range(len(boxes) + 1):
+        for removed in itertools.combinations(range(len(boxes)), size):
+            rest = [box for number, box in enumerate(boxes) if number not in removed]
+            if build_scene(rest, base, rotations).is_connected(*ends):
+                return size
+    return None
+
+
+@settings(max_examples=25)
+@given(seed=st.integers(0, 2**32 - 1), rotations=st.sampled_from([None, 6]))
+def test_removals_are_the_fewest_of_all_subsets(seed, rotations):
+    rng = np.random.default_rng(seed)
+    base = rng.random((24, 16)) < 0.02
+    corners = rng.uniform((0.3, 0.0), (2.0, 1.5), (4, 2))
+    sizes = rng.uniform(0.1, (0.5, 1.4), (4, 2))
+    boxes = np.column_stack([corners, corners + sizes]).tolist()
+    angles = () if rotations is None else (0.0,)
+    ends = (0.2, 0.8, *angles), (2.2, 0.8, *angles)
+    space = build_scene(boxes, base, rotations)
+    removals = space.removals(*ends)
+    fewest = fewest_by_maps(base, boxes, ends, rotations)
+    if removals is None:
+        assert fewest is None
+        return
+    assert len(removals) == removals.at_least == fewest
+    assert removals.is_fewest
+    rest = [box for number, box in enumerate(boxes) if f"box {number}" not in removals]
+    assert build_scene(rest, base, rotations).is_connected(*ends)
+    assert list(space.obstacles) == [f"box {number}" for number in range(4)]
+
+
+def test_many_obstacles_get_bounds_from_both_sides():
+    # Fourteen walls, one behind the other: all of them must leave.
+    boxes = [(0.5 + 0.2 * n, 0.0, 0.55 + 0.2 * n, 1.6) for n in range(14)]
+    space = build_scene(boxes, np.zeros((40, 16), dtype=bool))
+    removals = space.removals((0.25, 0.8), (3.8, 0.8))
+    assert sorted(removals) == sorted(f"box {number}" for number in range(14))
+    assert 4 <= removals.at_least < 14
+    assert not removals.is_fewest
+
+
+def test_nothing_is_removed_if_a_path_exists():
+    space = build_scene([], np.zeros((20, 16), dtype=bool))
+    removals = space.removals((0.3, 0.8), (1.6, 0.8))
+    assert removals == []
+    assert removals.is_fewest
