@@ -145,6 +145,8 @@ def test_incomplete_tiled_maps_are_refused(tmp_path: Path, program: Path) -> Non
     build_tiles("R2", "blocked", tmp_path / "tiles")
     shutil.rmtree(tmp_path / "tiles" / "0.1")
     assert "0.1/zarr.json" in open_in_cpp(program, tmp_path / "tiles")[0]
-    names = json.loads((tmp_path / "tiles" / "zarr.json").read_bytes())["attributes"]["arrays"]
-    reseal(tmp_path / "tiles", arrays=names.replace(" exterior", ""))
+    names = json.loads((tmp_path / "tiles" / "frame" / "zarr.json").read_bytes())["attributes"][
+        "arrays"
+    ]
+    reseal(tmp_path / "tiles" / "frame", arrays=names.replace(" exterior", ""))
     assert "not complete" in open_in_cpp(program, tmp_path / "tiles")[0]

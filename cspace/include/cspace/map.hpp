@@ -26,6 +26,7 @@
 #include <cmath>
 #include <cstdint>
 #include <cstring>
+#include <fstream>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -201,8 +202,15 @@ class Map {
     }
   }
 
+  /// Return the folder that describes a map: of a complete tiled map, its frame.
+  static std::string folder_of(const std::string& path) {
+    const std::string frame = path + "/frame";
+    const bool is_tiled = detail::Folder(path, false).is_tiled;
+    return is_tiled && std::ifstream(frame + "/zarr.json").good() ? frame : path;
+  }
+
   void read(const std::string& path, bool check_digest) {
-    detail::Folder folder(path, check_digest);
+    detail::Folder folder(folder_of(path), check_digest);
     const detail::Json& attributes = folder.attributes;
     read_grid(attributes, folder.is_tiled);
     const Index slices = attributes["slices"].integer(1);
@@ -394,7 +402,7 @@ class Map {
     const std::string path = tiles_->path + "/" + name;
     with_file(path, [&] {
       detail::Folder folder(path, tiles_->check_digest);
-      if (folder.is_tiled || folder.attributes["stamp"].text() != tiles_->stamp) detail::refuse("it is a tile of another map");
+      if (folder.is_tiled || folder.attributes["stamp"].text() != tiles_->stamp + " " + name) detail::refuse("it is a tile of another map");
       std::vector<double> corner;
       for (const detail::Json& number : folder.attributes["lower"].list()) corner.push_back(number.number());
       if (corner != lower || folder.attributes["spacing"].number() != spacing_) detail::refuse("it is a tile of another place");
