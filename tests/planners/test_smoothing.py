@@ -264,6 +264,55 @@ def test_curves_through_cells_are_proven_only_if_the_robot_stays_free(drives: in
     assert np.mean(collides) > 0.2
 
 
+@pytest.mark.parametrize("drives", [0, 1], ids=["free yaw", "ahead"])
+def test_proven_curves_pass_free_cells_only(drives: int) -> None:
+    rng = np.random.default_rng(5)
+    occupied = rng.random((200, 200)) < 0.004
+    workspace = cspace.Workspace.from_array(occupied, SPACING)
+    space = cspace.build(workspace, cspace.Robot.rectangle(0.3, 0.02), rotations=72)
+    count = 1500
+    starts = space.sample_free(count, rng=rng)
+    yaws = starts[:, 2]
+    none = np.zeros(count)
+    rates = np.column_stack([np.cos(yaws), np.sin(yaws), none])
+    lengths = rng.uniform(0.1, 0.4, count)
+    bends = rng.uniform(-1.5, 1.5, (count, 3))
+    signs = np.full(count, drives)
+    curves = Segments(starts, rates, bends, 0.0 * bends, none, signs, lengths, starts)
+    proven = prove_segments(space, False, curves)
+    shares = np.linspace(0.0, 1.0, 500)
+    places = [place_along(curves, space.rotations, share * lengths)[0] for share in shares]
+    are_free = np.asarray(space.is_free(np.stack(places, axis=1))).all(axis=1)
+    assert not (proven & ~are_free).any()
+    assert np.count_nonzero(proven) > 0.7 * np.count_nonzero(are_free)
+    assert 100 < np.count_nonzero(~are_free)
+
+
+def test_curves_of_an_arm_are_proven_only_if_all_their_points_are_free(tmp_path: Path) -> None:
+    space = build_arm_space({"post": post()}, Arm.from_urdf(planar(tmp_path)))
+    rng = np.random.default_rng(0)
+    count = 300
+    starts = space.sample_free(count, rng=rng)
+    starts *= 0.6
+    rates = rng.uniform(-0.8, 0.8, (count, 2))
+    bends = rng.uniform(-2.0, 2.0, (count, 2))
+    none = np.zeros(count)
+    ones = none + 1.0
+    curves = Segments(starts, rates, bends, -bends, none, none.astype(np.int64), ones, starts)
+    proven = prove_segments(space, True, curves)
+    shares = np.linspace(0.0, 1.0, 200)
+    places = [place_along(curves, space.rotations, share * ones)[0] for share in shares]
+    meets = [
+        any(planar_arm_meets_post(*row) for row in curve.tolist())
+        for curve in np.stack(places, axis=1)[:, ::4]
+    ]
+    are_free = np.asarray(space.is_free(np.stack(places, axis=1))).all(axis=1)
+    assert not (proven & np.array(meets)).any()
+    assert not (proven & ~are_free).any()
+    assert np.count_nonzero(proven) > 0.8 * np.count_nonzero(are_free)
+    assert 20 < np.count_nonzero(meets) < 280
+
+
 @pytest.mark.parametrize("drives", [0, 1, -1], ids=["free yaw", "ahead", "reverse"])
 def test_derivatives_along_curves_equal_differences(drives: int) -> None:
     rng = np.random.default_rng(4)
