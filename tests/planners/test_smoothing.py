@@ -285,7 +285,7 @@ def test_proven_curves_pass_free_cells_only(drives: int) -> None:
     are_free = np.asarray(space.is_free(np.stack(places, axis=1))).all(axis=1)
     assert not (proven & ~are_free).any()
     assert np.count_nonzero(proven) > 0.7 * np.count_nonzero(are_free)
-    assert 100 < np.count_nonzero(~are_free)
+    assert np.count_nonzero(~are_free) > 100
 
 
 def test_curves_of_an_arm_are_proven_only_if_all_their_points_are_free(tmp_path: Path) -> None:
@@ -293,7 +293,7 @@ def test_curves_of_an_arm_are_proven_only_if_all_their_points_are_free(tmp_path:
     rng = np.random.default_rng(0)
     count = 300
     starts = space.sample_free(count, rng=rng)
-    starts *= 0.6
+    starts *= 0.5
     rates = rng.uniform(-0.8, 0.8, (count, 2))
     bends = rng.uniform(-2.0, 2.0, (count, 2))
     none = np.zeros(count)
