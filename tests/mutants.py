@@ -390,7 +390,7 @@ MUTANTS = (
     ),
     # Planners: trajectories.
     Mutant(
-        "planners/trajectory.py",
+        "planners/timing.py",
         "phases.accelerations / factor**2",
         "phases.accelerations / factor",
         "tests/planners/test_trajectory.py",
