@@ -76,6 +76,12 @@ def soak(session: nox.Session) -> None:
 
 
 @nox.session(venv_backend="none")
+def cpp(session: nox.Session) -> None:
+    """Compile the C++ header with OMPL, its example and the package for Nav2; `nox -s soak -- cpp` compares all answers."""
+    session.run(PYTHON, "-m", "pytest", "-q", "-n0", "tests/cpp/ompl", *session.posargs)
+
+
+@nox.session(venv_backend="none")
 def mutants(session: nox.Session) -> None:
     """Put faults into copies of the packages, and see that tests find them, e.g. `nox -s mutants -- raster`."""
     session.run(PYTHON, "-m", "tests.mutants", *session.posargs)

@@ -19,6 +19,7 @@ BENCHMARKS = {
     "classify": "10^7 look-ups against the same look-up as a numpy expression",
     "edges": "10^6 edges of 50 cells in one call, against OMPL's discrete validator; turns and solids too",
     "callbacks": "OMPL's isValid and checkMotion on our checkers, against an empty checker and the discrete validator",
+    "cpp": "the C++ header on a saved map: states and motions, equal to Python's",
     "planning": "time to a first solution on real maps, against OMPL with a callback of prepared shapely or of FCL",
     "paths": "lengths of default paths, against OMPL on equal collision checks; drives",
     "replanning": "plans anew as a crate moves on real maps: the rate of each planner",

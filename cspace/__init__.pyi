@@ -41,6 +41,8 @@ from .spectral import BallDecomposition as BallDecomposition
 from .support.arrays import BLOCKED as BLOCKED
 from .support.arrays import FREE as FREE
 from .support.arrays import MIXED as MIXED
+from .support.headers import get_cmake_dir as get_cmake_dir
+from .support.headers import get_include as get_include
 from .tiles.space import TiledCSpace as TiledCSpace
 from .workspace import LazyWorkspace as LazyWorkspace
 from .workspace import Workspace as Workspace

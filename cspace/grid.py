@@ -25,6 +25,10 @@ MAX_COORDINATE: Final = 2.0**22
 """Largest coordinate, in cells from the origin, for which :data:`SLACK` covers the rounding."""
 
 
+FARTHEST_CELL: Final = 2**62
+"""Largest cell of a look-up; a box up to it has no end, and points beyond it count to it."""
+
+
 def check_reach(far: float, name: str, origin: str, hint: str) -> None:
     """Refuse shapes so far from an origin that rounding matters.
 
@@ -87,6 +91,7 @@ class Grid:
         axes: Sequence[str] | None = None,
         units: Sequence[str] | None = None,
     ) -> None:
+        """Check the numbers and names, and convert them to tuples."""
         corner = check_finite(lower, "lower")
         if corner.ndim != 1 or len(corner) not in (2, 3):
             rule = "it must have length 2 or 3"
@@ -110,6 +115,7 @@ class Grid:
         if len(unit_names) != dim:
             problem = f"are {', '.join(unit_names)}"
             raise InputError("units", problem, rule, "leave them out")
+        # The class is frozen, so plain assignment is refused.
         object.__setattr__(self, "lower", tuple(corner.tolist()))
         object.__setattr__(self, "spacing", side)
         object.__setattr__(self, "shape", tuple(counts.tolist()))
@@ -195,8 +201,8 @@ class Grid:
         cells = np.floor((array - self.lower) / self.spacing)
         # Points on the upper boundary belong to the last cell.
         cells -= (cells == self.shape) & (array <= self.upper)
-        # Clip to 2^62 cells, beyond which an int64 would overflow.
-        return np.clip(cells, -(2.0**62), 2.0**62).astype(np.int64)
+        # Clip to a number of cells well within int64.
+        return np.clip(cells, -FARTHEST_CELL, FARTHEST_CELL).astype(np.int64)
 
     def center_of(self, cells: ArrayLike) -> Floats:
         """Return the centers of cells.

@@ -81,7 +81,8 @@ def map_bytes(shape: Sequence[int], slices: int = 1, overlap: bool = False) -> i
     counts are stored.
     """
     cells = math.prod(map(int, shape)) * slices
-    return cells * (5 if overlap else 1) + TRANSFORM_BYTES
+    bytes_per_cell = 1 + 4 * overlap  # a state, and a count of 32 bits
+    return cells * bytes_per_cell + TRANSFORM_BYTES
 
 
 def free_bytes() -> int:
@@ -153,6 +154,7 @@ def check_cells(path: StrPath, shape: Sequence[int], memory: float = 1.0) -> Non
     into memory.
     """
     count = math.prod(map(int, shape))
+    # Sides that a float cannot hold exactly are shortened.
     sides = [f"{n}" if n < 2**53 else f"{n:.4g}" for n in shape]
     declared = f"declares {' x '.join(sides)} cells"
     limit = f"{_LIMITS.get().max_cells:.4g}"
@@ -203,7 +205,7 @@ def check_memory(
     if needed <= MAX_MEMORY_FRACTION * free:
         return
     if not hint:
-        # Other work and rounding take a part, so the advice leaves some memory.
+        # Other work and rounding take a part, so the advice uses 80 % of the memory.
         excess = max(needed / (0.8 * MAX_MEMORY_FRACTION * free), 1.0)
         coarser = grid.spacing * excess ** (1.0 / len(grid.shape))
         fewer = "fewer rotations, " if slices > 1 else ""
@@ -228,7 +230,7 @@ def _memory_parts(description: str, needed: float, free: float) -> tuple[str, st
 def bytes_text(size: float) -> str:
     """Format a number of bytes for people."""
     units = ["TB", "GB", "MB", "kB", "bytes"]
-    while size >= 999.5 and len(units) > 1:
+    while size >= 999.5 and len(units) > 1:  # three digits would round it to 1000
         size /= 1000
         units.pop()
     return f"{size:.3g} {units[-1]}"
@@ -239,9 +241,11 @@ def _container_bytes() -> float:
 
     Cached files count as free.
     """
+    # Version 2 of control groups: "0::/group" names a folder of limits and counters.
     root = Path("/sys/fs/cgroup")
     try:
-        _, _, group = Path("/proc/self/cgroup").read_text(encoding="ascii").strip().rpartition(":")
+        membership = Path("/proc/self/cgroup").read_text(encoding="ascii")
+        _, _, group = membership.strip().rpartition(":")
         folder = root / group.lstrip("/")
         if not (folder / "memory.max").exists():
             folder = root

@@ -248,6 +248,7 @@ class MapExport:
     _contents: Contents
     _write: Callable[..., None]
     _clearances_of_cells: Callable[[int | None], Any]
+    _distance_arrays: Callable[[], dict[str, Any]]
 
     def to_xarray(self) -> xarray.Dataset:
         """Return the map with named dimensions, coordinates and units.
@@ -258,10 +259,18 @@ class MapExport:
 
         return to_xarray(self._contents)
 
-    def save(self, path: str | Path, *, overwrite: bool = False, compress: bool = True) -> None:
+    def save(
+        self,
+        path: str | Path,
+        *,
+        overwrite: bool = False,
+        compress: bool = True,
+        clearance: bool = False,
+    ) -> None:
         """Save as a Zarr folder, complete or not at all.
 
-        :func:`cspace.open`, ``xarray.open_zarr`` and any other reader of Zarr version 3 open it.
+        :func:`cspace.open`, ``xarray.open_zarr``, any other reader of Zarr version 3, and the C++
+        header of :func:`cspace.get_include` open it.
 
         Parameters
         ----------
@@ -270,7 +279,10 @@ class MapExport:
         overwrite : bool
             True to replace an existing map; other folders are never replaced.
         compress : bool
-            True to compress the arrays by zstd; False to write raw bytes.
+            True to compress the arrays by zstd; False to write raw bytes, which C++ maps into
+            memory.
+        clearance : bool
+            True to add the distances of cells, four bytes a state, for clearances in C++.
 
         Raises
         ------
@@ -281,7 +293,11 @@ class MapExport:
         """
         from cspace.record.save import save
 
-        self._write(partial(save, path=path, overwrite=overwrite, compress=compress), exterior=True)
+        def write(contents: Contents) -> None:
+            derived = self._distance_arrays() if clearance else None
+            save(contents, path, overwrite, compress, derived)
+
+        self._write(write, exterior=True)
 
     def export(
         self, path: str | Path, *, overwrite: bool = False, rotation: ArrayLike | None = None

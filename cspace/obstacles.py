@@ -49,6 +49,7 @@ class CellsInMemory:
     """Outer and inner cells in memory; one array if they are equal."""
 
     def __init__(self, outer: Bools, inner: Bools) -> None:
+        """Keep the arrays, without copies."""
         self.outer = outer
         self.inner = inner
 
@@ -75,6 +76,7 @@ class LazyCells:
     """
 
     def __init__(self, array: Any, digest: str = "") -> None:
+        """Keep the array, after checking its type and shape, but not its values."""
         check_dims(array, "occupied")  # of xarray
         self.array = array = _unwrap(array)
         self.shape = tuple(int(n) for n in array.shape)
@@ -87,11 +89,11 @@ class LazyCells:
         """Return the cells of a box, which are both the outer and the inner ones."""
         hint = "restore the array and build the map again"
         with decoding(self.name, "array of cells", "a part is missing or damaged", hint):
-            part = self.array[box]
-            if hasattr(part, "compute"):
+            values = self.array[box]
+            if hasattr(values, "compute"):
                 # In this thread: a dask worker that waited for its own cluster would hang.
-                part = part.compute(scheduler="synchronous")
-            cells = check_cells(np.asarray(part), "occupied")
+                values = values.compute(scheduler="synchronous")
+            cells = check_cells(np.asarray(values), "occupied")
         if cells.shape != tuple(side.stop - side.start for side in box):
             raise changed_source(self.name, "its shape is different now")
         return cells, cells
@@ -112,6 +114,7 @@ class LazyCells:
         if self._file is None:
             self._digest = self._digest or self._digest_cells()
             return self._digest
+        # What the numbers in the files mean, then the state of each file.
         parts = [f"{self.shape} {np.dtype(self.array.dtype).str}"]
         if isinstance(self.array, np.memmap):
             parts.append(f"{self.array.offset} {self.array.strides}")
@@ -192,6 +195,7 @@ class ShapeCells:
     """
 
     def __init__(self, shape: Shape, grid: Grid) -> None:
+        """Keep the shape and the grid on which it is rasterized."""
         self.shape = shape
         self.grid = grid
 
@@ -340,16 +344,18 @@ class ObstacleLayers:
 
         Returns the boxes of cells that may have changed.
         """
+        # Cells of the new and of the old obstacle may change.
         changed = [obstacle, self.named.get(name)]
         if obstacle is None:
             del self.named[name]
         else:
             self.named[name] = obstacle
-        return [each.box for each in changed if each is not None and each.outer.size]
+        return [item.box for item in changed if item is not None and item.outer.size]
 
     def cells(self, first: Ints, stop: Ints) -> tuple[Bools, Bools, Bools]:
         """Return the outer, inner and unknown cells from ``first`` to before ``stop``."""
         window = tuple(map(slice, first, stop))
+        # The base, and over it each obstacle, under which nothing is unknown.
         outer = self.outer[window].copy()
         inner = self.inner[window].copy()
         unknown = np.zeros_like(outer) if self.unknown is None else self.unknown[window].copy()

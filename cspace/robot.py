@@ -75,6 +75,7 @@ class Robot:
     shape: Shape
 
     def __init__(self, name: str, shape: ShapeLike) -> None:
+        """Convert the shape; the class is frozen."""
         object.__setattr__(self, "name", name)
         object.__setattr__(self, "shape", as_shape(shape))
 
@@ -506,21 +507,22 @@ class Robot:
         if isinstance(path, str) and primitives.is_short_text(path) and not Path(path).exists():
             hint = f"use Robot.parse({path!r})"
             raise InputError("robot", f"is {path!r}", "it must be a file", hint)
-        file, part = _split_part(path, ROBOT_FORMATS)
+        file, part_name = _split_part(path, ROBOT_FORMATS)
         short_texts = primitives.SHORT_TEXT_FORMS
         rule = f"it must be a file that describes a robot; Robot.parse takes {short_texts}"
         reader = ROBOT_FORMATS[check_suffix(file, ROBOT_FORMATS, rule, "robot")]
-        given = {"solid": solid, "package_dirs": package_dirs}
-        options = {option: value for option, value in given.items() if value is not None}
+        # Options that the format does not take are refused.
+        options = {"solid": solid, "package_dirs": package_dirs}
+        options = {option: value for option, value in options.items() if value is not None}
         for option, value in options.items():
             if option not in reader.options:
-                known = [
-                    suffix for suffix, other in ROBOT_FORMATS.items() if option in other.options
+                suffixes = [
+                    suffix for suffix, form in ROBOT_FORMATS.items() if option in form.options
                 ]
                 problem = f"is {value!r} for {path}"
-                rule = f"it applies to {', '.join(known)}"
+                rule = f"it applies to {', '.join(suffixes)}"
                 raise InputError(option, problem, rule, "leave it out")
-        return _read_robot(reader.method, Path(file), part, options)
+        return _read_robot(reader.method, Path(file), part_name, options)
 
     @property
     def geometry(self) -> BaseGeometry:
@@ -592,10 +594,11 @@ class Robot:
 
 def _split_part(path: StrPath, suffixes: Collection[str]) -> tuple[StrPath, str]:
     """Return the file of a path such as ``FILE.urdf#LINK``, and the name of the part or ""."""
-    file, mark, part = str(path).rpartition("#")
+    file, mark, name = str(path).rpartition("#")
+    # A file may have the mark in its own name.
     if not mark or Path(path).suffix.lower() in suffixes:
         return path, ""
-    return file, part
+    return file, name
 
 
 def robot_of(source: Robot | ShapeLike) -> Robot:

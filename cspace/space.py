@@ -1122,6 +1122,11 @@ class CSpace(ConfigurationMap, MapReasons, MapExport):
                 contents = replace(contents, exterior=self._exterior)
             write(contents)
 
+    def _distance_arrays(self) -> dict[str, NDArray[Any]]:
+        """Return the distances of cells by the names of a saved map's arrays."""
+        boxes = self.distances.whole().boxes
+        return {"distances": self.distances.array(), "distance_boxes": boxes}
+
     def _clearances_of_cells(self, number: int | None) -> Floats:
         """Return the clearance at each cell's center, in metres, for a slice or the best of all."""
         from cspace.queries.distance import ROUNDING_FACTOR

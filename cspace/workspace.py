@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from cspace.errors import FileError, InputError, UnitWarning, warn_user
 from cspace.files.access import UNKNOWNS
-from cspace.grid import SLACK, Grid
+from cspace.grid import FARTHEST_CELL, SLACK, Grid
 from cspace.limits import MESH_CELL_BYTES, WORKSPACE_CELL_BYTES, PlannedGrid, check_memory
 from cspace.methods import WorkspacePlot
 from cspace.shapes import Balls, Mesh, Polygons, Shape, ShapeLike, Voxels, as_shape
@@ -125,15 +125,16 @@ class Workspace(WorkspacePlot):
                 hint = "pass one entry per cell"
                 raise InputError(name, problem, "they must be equal", hint)
         if inner is not outer:
-            lost = np.argwhere(inner > outer)
-            if len(lost):
-                problem = f"has cell {tuple(lost[0].tolist())}, which is not in outer"
+            not_outer = np.argwhere(inner > outer)
+            if len(not_outer):
+                problem = f"has cell {tuple(not_outer[0].tolist())}, which is not in outer"
                 rule = "it must be a subset of outer"
                 raise InputError("inner", problem, rule, "add it to outer")
             if np.array_equal(inner, outer):
                 inner = outer
         if unknown is not None and not unknown.any():
             unknown = None
+        # The class is frozen, so plain assignment is refused.
         shapes = None if self.shapes is None else tuple(self.shapes)
         object.__setattr__(self, "outer", outer)
         object.__setattr__(self, "inner", inner)
@@ -143,17 +144,18 @@ class Workspace(WorkspacePlot):
     def __repr__(self) -> str:
         """Return source, cells, and the occupied and unknown shares."""
         grid = self.grid
-        known = self.outer
+        known_occupied = self.outer
         unknown_text = ""
         if self.unknown is not None:
-            known = self.outer & ~self.unknown
+            known_occupied = self.outer & ~self.unknown
             unknown_text = f", {_percent_text(self.unknown)} unknown"
             if not self.outer[self.unknown].any():
                 unknown_text += ", taken as free"
             elif self.outer[self.unknown].all():
                 unknown_text += ", taken as occupied"
         cells = f"{' x '.join(map(str, grid.shape))} cells of {grid.spacing:g} {grid.unit}"
-        return f"Workspace({self.source}: {cells}, {_percent_text(known)} occupied{unknown_text})"
+        occupied = f"{_percent_text(known_occupied)} occupied"
+        return f"Workspace({self.source}: {cells}, {occupied}{unknown_text})"
 
     @classmethod
     def from_array(
@@ -194,6 +196,7 @@ class Workspace(WorkspacePlot):
         from cspace.obstacles import LazyCells, check_no_chunk_missing, is_lazy
 
         check_positive(spacing, "spacing", "metres, after the array of cells")
+        # Open a file first. Then a lazy array stays as it is, and any other becomes an array.
         source = "array"
         array = occupied
         if isinstance(array, str | os.PathLike):
@@ -353,8 +356,8 @@ class Workspace(WorkspacePlot):
         """
         from cspace.files.images import read_movingai_map, read_movingai_voxels
 
-        solid = str(path).lower().endswith(".3dmap")
-        cells = read_movingai_voxels(path) if solid else read_movingai_map(path)
+        is_in_space = Path(path).suffix.lower() == ".3dmap"
+        cells = read_movingai_voxels(path) if is_in_space else read_movingai_map(path)
         return cls(Grid(np.zeros(cells.ndim), spacing, cells.shape), cells, cells, source=str(path))
 
     @classmethod
@@ -376,8 +379,9 @@ class Workspace(WorkspacePlot):
         from cspace.obstacles import Obstacle, ShapeCells
 
         check_positive(spacing, "spacing")
-        boxes = np.array([shape.outer.bounds for shape in shapes])
-        corners = np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
+        # The box around the boxes of all shapes; each is (lower, upper), shape (2, dim).
+        lowers, uppers = zip(*(shape.outer.bounds for shape in shapes), strict=True)
+        corners = np.stack([np.min(lowers, axis=0), np.max(uppers, axis=0)])
         box = corners if bounds is None else check_bounds(bounds, shapes[0].dim)
         is_simple = len(shapes) == 1 and not isinstance(shapes[0], Mesh)
         cost = WORKSPACE_CELL_BYTES if is_simple else MESH_CELL_BYTES
@@ -781,6 +785,7 @@ class LazyWorkspace(Workspace):
     def __init__(
         self, grid: Grid, cells: Source, source: str, shapes: tuple[Shape, ...] | None = None
     ) -> None:
+        """Keep the source of the cells; the class is frozen like its base."""
         object.__setattr__(self, "grid", grid)
         object.__setattr__(self, "source", source)
         object.__setattr__(self, "shapes", shapes)
@@ -866,10 +871,10 @@ def reader_of(path: StrPath, options: Iterable[str] = ()) -> Callable[..., Works
     from cspace.files.formats import find_constructor
 
     reader: Callable[..., Workspace] = getattr(Workspace, find_constructor(path))
-    known = _options_of(reader)
+    accepted = _options_of(reader)
     for name in options:
-        if name not in known:
-            rule = f"its format takes {', '.join(known)}"
+        if name not in accepted:
+            rule = f"its format takes {', '.join(accepted)}"
             raise InputError(name, f"is given for {path}", rule, "leave it out")
     return reader
 
@@ -889,9 +894,11 @@ def check_extent(spacing: float, bounds: ArrayLike | None, dim: int) -> None:
 
 def covering_shape(corners: Floats, spacing: float) -> list[int]:
     """Return the number of cells along each axis of the grid between two corners."""
+    lower, upper = corners
     with np.errstate(over="ignore"):
-        counts = np.maximum(1.0, np.ceil((corners[1] - corners[0]) / spacing - _SLIVER))
-    return [int(min(n, 2.0**62)) for n in counts]
+        counts = np.maximum(1.0, np.ceil((upper - lower) / spacing - _SLIVER))
+    # Numbers beyond int64 are refused later, because they do not fit into memory.
+    return [int(min(n, FARTHEST_CELL)) for n in counts]
 
 
 def covering_grid(corners: Floats, spacing: float, bytes_a_cell: int) -> Grid:
@@ -913,7 +920,8 @@ def warn_of_units(corners: Floats, spacing: float, what: str, bounded: bool) -> 
     quarter of a cell. ``corners``, shape (2, d), is the box of the obstacles; a single point raises
     no warning. ``what`` names the obstacles in the message.
     """
-    sides = corners[1] - corners[0]
+    lower, upper = corners
+    sides = upper - lower
     min_extent = _MIN_EXTENT_IN_BOUNDS if bounded else _MIN_EXTENT
     if 0.0 < sides.max() < min_extent * spacing:
         size = " m x ".join(f"{side:g}" for side in sides)
@@ -930,7 +938,8 @@ def warn_of_nothing(outer: Bools, grid: Grid, corners: Floats) -> None:
     ``corners``, shape (2, d), is the obstacles' box in metres.
     """
     if not outer.any():
-        obstacles = f"from {in_metres(corners[0])} to {in_metres(corners[1])}"
+        lower, upper = corners
+        obstacles = f"from {in_metres(lower)} to {in_metres(upper)}"
         bounds = f"{in_metres(grid.lower)} to {in_metres(grid.upper)}"
         warn_user(
             f"the obstacles reach {obstacles} and none lies within the bounds, {bounds}; the map "

@@ -598,26 +598,26 @@ MUTANTS = (
     ),
     Mutant(
         "cspace/tiles/labels.py",
-        "yield last, nodes[beyond][axis][0] if beyond in nodes else outside",
-        "yield last, outside",
+        "labels = _pair_up(last_layer, first_layer)",
+        "labels = _pair_up(last_layer, last_layer)",
         "tests/tiles/test_queries.py",
     ),
     Mutant(
         "cspace/tiles/labels.py",
-        "yield self.exterior, padded[neighbors]",
-        "yield self.exterior, self.exterior",
+        "if mixed and exterior is not None:",
+        "if mixed and exterior is None:",
         "tests/tiles/test_queries.py",
     ),
     Mutant(
         "cspace/tiles/parts.py",
-        "rows = np.flatnonzero(out & (inside == is_inside))",
-        "rows = np.flatnonzero(out & inside)",
+        "remaining = np.flatnonzero(out & (inside == is_inside))",
+        "remaining = np.flatnonzero(out & inside)",
         "tests/tiles/test_queries.py",
     ),
     Mutant(
         "cspace/tiles/parts.py",
-        "part, rows in self.parts_near(cells, folder.halo, is_inside)",
-        "part, rows in self.parts_near(cells, 1, is_inside)",
+        "space, rows in self.parts_near(first_cells, self.folder.halo, is_inside)",
+        "space, rows in self.parts_near(first_cells, 1, is_inside)",
         "tests/tiles/test_queries.py",
     ),
     Mutant(
@@ -628,8 +628,8 @@ MUTANTS = (
     ),
     Mutant(
         "cspace/tiles/parts.py",
-        "lowest[here] = np.minimum(lowest[here], ",
-        "lowest[here] = np.minimum(BLOCKED, ",
+        "seen[np.ix_(slices, *coarse)] |= ",
+        "seen[np.ix_(slices, *coarse)] = ",
         "tests/tiles/test_window.py",
     ),
     Mutant(
@@ -640,8 +640,8 @@ MUTANTS = (
     ),
     Mutant(
         "cspace/tiles/folder.py",
-        "if tile.grid != self.sub_grid(self.locate_tile(index)):",
-        "if tile.grid.shape != self.sub_grid(self.locate_tile(index)).shape:",
+        "return f\"{self.layout['stamp']} {self.tile_path(tile).name}\"",
+        "return f\"{self.layout['stamp']}\"",
         "tests/tiles/test_build.py",
     ),
     # Plot, view and command line.

@@ -42,11 +42,11 @@ from cspace.engines.slices import Progress
 from cspace.errors import ConfigurationError, InputError
 from cspace.exact.boundaries import Problem, Proofs
 from cspace.exact.proofs import BoundaryProofs, ExactQueries
-from cspace.grid import Grid
+from cspace.grid import FARTHEST_CELL, Grid
 from cspace.limits import PlannedGrid, check_memory
 from cspace.obstacles import ObstacleLayers
 from cspace.record.contents import Contents
-from cspace.record.exterior import FARTHEST_CELL, Exterior
+from cspace.record.exterior import Exterior
 from cspace.robot import Robot
 from cspace.rotations import Rotations
 from cspace.shapes import Point

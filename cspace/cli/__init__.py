@@ -14,6 +14,7 @@ import typer
 from typer.core import TyperGroup
 
 from cspace.cli.compile import compile_ahead
+from cspace.cli.config import config
 from cspace.cli.info import info
 from cspace.cli.maps import export, make, picture, view
 from cspace.cli.planning import demo, explain, plan
@@ -102,6 +103,7 @@ _COMMANDS: dict[str, Callable[..., None]] = {
     "view": view,
     "export": export,
     "compile": compile_ahead,
+    "config": config,
 }
 for _name, _command in _COMMANDS.items():
     app.command(_name)(_command)

@@ -20,6 +20,7 @@ def check_outputs(paths: Iterable[Path | None], suffixes: Collection[str], overw
     """
     from cspace.files.access import check_output
 
+    # Each by itself, with the image of a ROS map, and then against each other.
     outputs = [path for path in paths if path is not None]
     for path in outputs:
         suffix = path.suffix.lower()
@@ -56,6 +57,7 @@ def read_path(file: Path, axes: Sequence[str]) -> list[list[float]]:
     """
     import numpy as np
 
+    # First what is no table of numbers, then a table that is no path on this map.
     columns = ", ".join(axes)
     rule = f"the map's axes are {columns}"
     hint = "write a path on this map with cspace plan"

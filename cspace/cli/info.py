@@ -67,6 +67,7 @@ def info(
     from cspace.opening import open_map
     from cspace.support.check import check_positive
 
+    # Each kind has options of its own, and a function that describes it.
     kind = kind or _guess_kind(file)
     options = drop_none(spacing=spacing, solid=solid, srdf=srdf, package_dirs=package_dirs or None)
     refuse_options(options, _OPTIONS_BY_KIND[kind], f"{file} is read as {kind}")
@@ -110,6 +111,7 @@ def describe_arm(arm: Arm) -> dict[str, Any]:
     """Describe an arm: its joints, links and pairs of links."""
     import numpy as np
 
+    # Limits of the joints, then triangles of the links, then what may touch.
     joints = ByName()
     limits = np.stack([arm.lower, arm.upper], axis=1).tolist()
     for joint, unit, (low, high) in zip(arm.joints, arm.units, limits, strict=True):
@@ -119,7 +121,7 @@ def describe_arm(arm: Arm) -> dict[str, Any]:
             joints[with_unit(joint, unit)] = [low, high]
     triangles = ByName()
     for link in arm.links:
-        surfaces = [part.shape.outer.surface for part in link.parts]
+        surfaces = [posed.shape.outer.surface for posed in link.parts]
         triangles[link.name] = sum(len(faces) for _, faces in surfaces)
     allowed = sum(triangles.keys() >= set(pair) for pair in arm.allowed_collisions)
     forbidden = math.comb(len(triangles), 2) - allowed
@@ -165,6 +167,7 @@ def describe_robot(robot: Robot, spacing: float | None = None) -> dict[str, Any]
 
     from cspace.workspace import covering_shape
 
+    # One object if the shape is exact; else bounds from outside and from inside.
     outer = robot.shape.outer
     inner = robot.shape.inner
     box = np.array(outer.bounds)
@@ -240,6 +243,7 @@ def _describe_cells(workspace: Workspace) -> dict[str, Any]:
     if workspace.unknown is not None:
         counts["unknown"] = int(np.count_nonzero(workspace.unknown))
         occupied = occupied & ~workspace.unknown
+    # The kinds of cells add up to the total.
     counts["occupied"] = int(np.count_nonzero(occupied))
     counts["free"] = grid.size - sum(counts.values())
     counts["total"] = grid.size

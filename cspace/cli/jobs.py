@@ -87,6 +87,7 @@ def _ask_map(
     space: CSpace, first: tuple[float, ...], last: tuple[float, ...], crate: Any, file: Path
 ) -> None:
     """Query a map at and between two configurations, save it, and add an obstacle."""
+    # One configuration and a batch are compiled apart.
     for q in (first, [first, last]):
         space.is_free(q)
         space.clearance(q)

@@ -132,6 +132,7 @@ def make(
     from cspace.record.save import MAP_SUFFIXES
     from cspace.workspace import Workspace
 
+    # Check the options and the output before the long work of reading and building.
     cells = parse_rotation_cells(rotations)
     output = Path(workspace.with_suffix(".zarr").name) if output is None else output
     if tile is None:
@@ -215,6 +216,7 @@ def picture(
         axes = space.axes
         units = space.units
         dim = space.grid.dim
+        # Parse what depends on the axes of the map.
         options = drop_none(view=view, zoom=zoom, cut=cut)
         options |= read_marks(start, goal, axes, units)
         if rotation is not None:
@@ -314,6 +316,7 @@ def view(
     from cspace.arms import build_arm_space
     from cspace.opening import open_map
 
+    # A URDF is an arm; other options than a map's are refused for a map.
     space: CSpace | TiledCSpace | ArmSpace
     if file.suffix.lower() == ".urdf":
         space = build_arm_space({}, read_arm(file, srdf, solid, package_dirs))

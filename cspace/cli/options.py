@@ -84,6 +84,7 @@ def open_robot(text: str, solid: Solid | None, package_dirs: list[Path] | None) 
     from cspace.shapes.primitives import is_short_text
 
     options = drop_none(solid=solid, package_dirs=package_dirs or None)
+    # After "footprint:" come corners, a short text, or the name of a file.
     prefix, _, file = text.partition("footprint:")
     has_file = file and not file.lstrip().startswith("[") and not is_short_text(file)
     if prefix == "" and has_file:
@@ -154,8 +155,8 @@ def read_marks(
     start: str | None, goal: str | None, axes: Sequence[str], units: Sequence[str]
 ) -> dict[str, tuple[float, ...]]:
     """Parse ``--start`` and ``--goal``, if given, by :func:`parse_configuration`."""
-    given = drop_none(start=start, goal=goal)
-    return {name: parse_configuration(text, name, axes, units) for name, text in given.items()}
+    texts = drop_none(start=start, goal=goal)
+    return {name: parse_configuration(text, name, axes, units) for name, text in texts.items()}
 
 
 def parse_rotation(text: str, argument: str, space: ConfigurationMap) -> tuple[float, ...]:
@@ -175,6 +176,7 @@ def _parse_numbers(
     text: str, argument: str, axes: Sequence[str], units: Sequence[str], rule: str
 ) -> tuple[float, ...]:
     """Parse one number for each axis, separated by commas."""
+    # An angle may have a unit. Too few or too many numbers are a ValueError as well.
     numbers = []
     try:
         for field, axis, unit in zip(text.split(","), axes, units, strict=True):
@@ -204,7 +206,8 @@ def parse_box(text: str, argument: str) -> tuple[float, ...]:
         rule = "it must be XMIN,YMIN,XMAX,YMAX, metres, or six numbers in space"
         hint = f"write e.g. {argument}=-1,-1,0,4,3,2.5"
         raise InputError(argument, f"is {text!r}", rule, hint) from None
-    check_bounds(values, 2 if len(values) <= 4 else 3)
+    dim = 2 if len(values) <= 4 else 3
+    check_bounds(values, dim)
     return values
 
 
@@ -215,6 +218,7 @@ def parse_angle(text: str, argument: str, name: str) -> float:
     and exceeds 2 pi, because degrees were then probably intended.
     """
     word = text.strip()
+    # The unit at the end, if there is one.
     unit = next((unit for unit in ("deg", "rad") if word.endswith(unit)), "")
     number = word.removesuffix(unit)
     problem = f"has the {name} {text!r}"

@@ -105,6 +105,7 @@ def plan(
     from cspace.opening import open_map
     from cspace.plot import PICTURE_SUFFIXES, save_plot
 
+    # Check all outputs before the search, so that no result is lost.
     check_outputs(output or [], _PATH_SUFFIXES, overwrite)
     check_outputs([picture], PICTURE_SUFFIXES, overwrite)
     check_outputs([animate], (".gif",), overwrite)
@@ -118,6 +119,7 @@ def plan(
     options |= {"time_limit": time_limit, "simplify": simplify}
     with clock.step("plan"):
         planned = planners.plan(space, first, last, **options)
+    # The proven distance to obstacles may take as long as the search.
     with clock.step("measure"):
         described = _describe(planned)
         if planned.solved:
@@ -198,6 +200,7 @@ def demo(
     from cspace.builder import build
     from cspace.plot import save_plot
 
+    # Each step is timed. Nothing is written before all is computed.
     check_folder(output)
     files = {
         "map": output / "map.zarr",

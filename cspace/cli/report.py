@@ -21,6 +21,9 @@ from cspace.errors import CspaceError
 _UNIT: Final = re.compile(r"_(m[23]?|rad[23]?|rad2?_m2?|rad_or_m|m_or_rad|deg|bytes)$")
 """The unit at the end of a name."""
 
+_UNIT_CHARACTERS: Final = str.maketrans("_23", " ²³")
+"""Characters of a unit as people read them."""
+
 _LOWER_BOUND_LABELS: Final = ("obstacle distance", "clearance")
 """Labels of proven lower bounds; zero means only that nothing was proven."""
 
@@ -29,6 +32,7 @@ class Clock:
     """Durations of named steps, seconds."""
 
     def __init__(self) -> None:
+        """Begin without steps."""
         self.seconds: dict[str, float] = {}
 
     @contextmanager
@@ -95,6 +99,7 @@ def _replace_infinite(value: Any) -> Any:
 def _list_rows(document: dict[str, Any], indent: str = "") -> Iterator[tuple[str, str]]:
     """Yield the names and values of a table; a nested document has a heading without a value."""
     for name, value in document.items():
+        # A name such as ``length_m`` becomes a label and, after the value, a unit.
         unit = _UNIT.search(name)
         label = name[: unit.start()] if unit else name
         if not isinstance(document, ByName):
@@ -114,7 +119,7 @@ def _format_unit(unit: str) -> str:
     """Return a unit as it follows a number, e.g. " rad² m" for "rad2_m"."""
     if unit == "deg":
         return "°"
-    return " " + unit.replace("_", " ").replace("2", "²").replace("3", "³")
+    return " " + unit.translate(_UNIT_CHARACTERS)
 
 
 def _format_value(value: Any) -> str:

@@ -90,6 +90,7 @@ def choose_engine(rasters: Sequence[Raster], *, counts: bool = False) -> str:
 
 def _count_rows(cells: Bools) -> int:
     """Return the number of runs of set entries along the last axis."""
+    # A run begins at the first entry of a line, or after an entry that is not set.
     begin_lines = np.count_nonzero(cells[..., :1])
     begin_after_gaps = np.count_nonzero(cells[..., 1:] > cells[..., :-1])
     return int(begin_lines + begin_after_gaps)

@@ -146,16 +146,19 @@ class ClippedRuns(NamedTuple):
 
         All rasters are handled at once, because many are small.
         """
-        table, owner = extract_runs(rasters)
-        all_cells = np.bincount(owner, table[:, 3], len(rasters))
-        layer_and_row = table[:, :2]
-        start = np.maximum(table[:, 2], 1 - shape[2])
-        stop = np.minimum(table[:, 2] + table[:, 3], shape[2])
-        can_hit = (np.abs(layer_and_row) < shape[:2]).all(axis=1) & (start < stop)
-        table = np.column_stack([layer_and_row, start, stop - start])[can_hit]
+        table, owner = extract_runs(rasters)  # the owner of a run is the number of its raster
+        x, y, z, length = table.T
+        layers, rows, cells = shape
+        offset_counts = np.bincount(owner, length, len(rasters))
+        # An offset falls on the map from some cell of it if it is shorter than the map.
+        start = np.maximum(z, 1 - cells)
+        stop = np.minimum(z + length, cells)
+        can_hit = (np.abs(x) < layers) & (np.abs(y) < rows) & (start < stop)
+        table = np.column_stack([x, y, start, stop - start])[can_hit]
         owner = owner[can_hit]
-        is_clipped = np.bincount(owner, table[:, 3], len(rasters)) < all_cells
-        by_raster_and_length = np.lexsort((table[:, 3], owner))
+        length = (stop - start)[can_hit]
+        is_clipped = np.bincount(owner, length, len(rasters)) < offset_counts
+        by_raster_and_length = np.lexsort((length, owner))
         first_runs = np.searchsorted(owner, np.arange(1, len(rasters)))
         tables = np.split(table[by_raster_and_length], first_runs)
         return list(map(cls, tables, is_clipped.tolist()))
@@ -203,6 +206,7 @@ class Padding(NamedTuple):
 
         The first ``results`` cells of the map are robot positions.
         """
+        # Offsets of all rasters lie in this box; negative ones need padding before the map.
         lower = np.array([to_three_axes(raster.lower, 0) for raster in rasters]).min(axis=0)
         upper = np.array([to_three_axes(raster.upper, 0) for raster in rasters]).max(axis=0)
         largest = np.array(shape) - 1  # larger offsets cannot fall on the map
@@ -214,7 +218,9 @@ class Padding(NamedTuple):
         cells = round_up(shape[2] + max(cells_before, cells_after))
         layers = layers_before + shape[0] + layers_after
         # The last row of a layer may be padding; its farthest offset is so many rows behind it.
-        rows_behind = rows_before + rows_after + int(unused[1]) + 3
+        # Three more are for whole words that are read at the end.
+        _, unused_rows, _ = unused.tolist()
+        rows_behind = rows_before + rows_after + unused_rows + 3
         before = layers_before, rows_before, cells_before
         return cls(before, rows, cells, layers * rows + rows_behind)
 
@@ -233,6 +239,7 @@ class PaddedBits:
         rasters: Sequence[Raster],
         outside: bool,
     ) -> None:
+        """Pack the map into bits, amid padding."""
         self.results = results
         self.padding = Padding.of(occupied.shape, results, rasters)
         packed = np.packbits(occupied, axis=2, bitorder="little")
@@ -241,6 +248,7 @@ class PaddedBits:
         if outside and used_bits:
             # Set the unused bits of the last byte of each row.
             packed[:, :, -1] |= np.uint8(0xFF << used_bits & 0xFF)
+        # Shifts read up to three words beyond the last row.
         total_words = self.padding.total_rows * self.padding.cells // WORD_BITS + 3
         fill = ~np.uint64(0) if outside else np.uint64(0)
         self.words = np.full(total_words, fill)
@@ -250,6 +258,7 @@ class PaddedBits:
         layer_bytes = self.padding.rows * self.padding.cells // BYTE_BITS
         padded_bytes = self.words.view(np.uint8)[: stop_layer * layer_bytes]
         padded = padded_bytes.reshape(stop_layer, self.padding.rows, -1)
+        # Copy the map behind the padding of its layers, rows and bytes of rows.
         padded = padded[first_layer:, first_row : first_row + rows]
         padded[:, :, first_byte : first_byte + row_bytes] = packed
 
@@ -257,6 +266,7 @@ class PaddedBits:
         """Return the tasks of one raster, by its runs from :class:`ClippedRuns`."""
         layer_bits = self.padding.rows * self.padding.cells
         strides = np.array([layer_bits, self.padding.cells, 1])
+        # Runs are (x, y, z, length). From a result to a run there are so many bits.
         distances = (runs[:, :3] + self.padding.before) @ strides
         lengths = np.ascontiguousarray(runs[:, 3])
         blocks = self._split_results(int(distances.max()) // WORD_BITS)

@@ -85,6 +85,7 @@ def collide(
     members = []
     for raster, result in zip(rasters, out, strict=True):
         clipped = clip_raster(raster, occupied.shape)
+        # Half of each cell, which was subtracted, and the offsets that always fall outside.
         missing = clipped.count / 2.0 + (raster.count - clipped.count) * outside
         if clipped.count:
             members.append(Member(clipped, missing, result))
@@ -97,17 +98,18 @@ def collide(
     starts = [range(0, n, step) for n, step in axes]
     corners = list(itertools.product(*starts))
     threads = workers or cores()
-    # If there are fewer tiles than threads, several threads share a tile.
-    parts = min(len(members), math.ceil(threads / len(corners)))
+    # If there are fewer tiles than threads, several threads share a tile, and each takes a group
+    # of its rasters.
+    group_count = min(len(members), math.ceil(threads / len(corners)))
     batch_size = max(1, MAX_SPECTRA_BYTES // tiling.bytes)
     batches = [members[first : first + batch_size] for first in range(0, len(members), batch_size)]
-    total = len(batches) * len(corners) * parts
+    total = len(batches) * len(corners) * group_count
     finished = itertools.count(1)
     advance = None if progress is None else lambda _: progress(next(finished), total)
     for batch in batches:
         spectra = in_threads(tiling.transform_raster, [member.raster for member in batch], threads)
         pairs = list(zip(batch, spectra, strict=True))
-        groups = [pairs[part::parts] for part in range(parts)]
+        groups = [pairs[first::group_count] for first in range(group_count)]
         tasks = list(itertools.product(corners, groups))
         in_threads(partial(fill_tile, occupied, outside, add, tiling), tasks, threads, advance)
 
@@ -174,13 +176,14 @@ class Tiling(NamedTuple):
         The window reaches from ``first`` up to ``stop``. Other numbers are left out after the
         transform along each axis.
         """
-        *leading, last = _make_box(first, stop)
-        for axis, kept in enumerate(leading):
+        *leading_windows, last_window = _make_box(first, stop)
+        for axis, window in enumerate(leading_windows):
             product = scipy.fft.ifft(product, axis=axis, overwrite_x=True)
-            all_before = (slice(None),) * axis
-            product = product[(*all_before, kept)]
+            axes_before = (slice(None),) * axis
+            product = product[(*axes_before, window)]
+        # The spectrum of real numbers has half its entries along the last axis.
         numbers = scipy.fft.irfft(product, n=self.size[-1], overwrite_x=True)
-        return np.asarray(numbers[..., last])
+        return np.asarray(numbers[..., last_window])
 
 
 def choose_tiling(shape: Sequence[int], rasters: Sequence[Raster]) -> Tiling:
@@ -188,6 +191,7 @@ def choose_tiling(shape: Sequence[int], rasters: Sequence[Raster]) -> Tiling:
     lower = np.min([raster.lower for raster in rasters], axis=0)
     reach = np.max([raster.upper for raster in rasters], axis=0) - lower
     count = max(raster.count for raster in rasters)
+    # A tile reads ``reach`` cells more than it has results, so small tiles read much twice.
     tilings_by_cost = {}
     for step in STEPS:
         tiles = np.ceil(np.array(shape) / step)
@@ -196,6 +200,7 @@ def choose_tiling(shape: Sequence[int], rasters: Sequence[Raster]) -> Tiling:
         is_proven = error_bound(size, count, "float32") < MAX_ERROR
         precision = "float32" if is_proven else "float64"
         tiling = Tiling(lower, size, size - reach, precision)
+        # Large tiles leave the cache, which the last factor estimates.
         cost = tiles.prod() * tiling.bytes * (1.0 + tiling.bytes / CACHE_BYTES)
         tilings_by_cost[cost] = tiling
     return tilings_by_cost[min(tilings_by_cost)]
@@ -206,6 +211,7 @@ def error_bound(size: Ints, count: int, precision: str) -> float:
 
     ``size`` is the number of cells of a tile along each axis, and ``count`` that of a raster.
     """
+    # The names of the proof: g, |w|, |a| and u.
     growth = 0.0
     for length in size.tolist():
         for prime, error in PASS_ERRORS.items():
@@ -227,6 +233,7 @@ def fill_tile(occupied: Bools, outside: bool, add: bool, tiling: Tiling, task: T
     corner = np.array(first_result)
     results = _make_box(corner, corner + tiling.step)
     cells = tiling.read_tile(occupied, outside, corner)
+    # In a tile of one value, all sums are equal, and no transform is needed.
     level = cells.flat[0]
     if (cells == level).all():
         for member, _ in pairs:

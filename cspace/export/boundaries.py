@@ -36,6 +36,7 @@ def free_boundary(state: States, grid: Grid) -> Surface:
         raise InputError("the map", "has no FREE cell", rule, hint)
     vertices, faces, turns = boundary_mesh(free, grid.spacing, grid.lower)
     faces_inwards = turns[:, None] < 0
+    # The reverse order of its corners turns a face around.
     return vertices, np.where(faces_inwards, faces[:, ::-1], faces)
 
 
@@ -63,6 +64,7 @@ def _write_ply(file: IO[bytes], vertices: Floats, faces: Ints) -> None:
     )
     file.write(header.encode())
     file.write(vertices.astype("<f8").tobytes())
+    # A face is the number of its corners, then their indices.
     rows = np.empty(len(faces), dtype=[("count", "u1"), ("corners", "<i4", 3)])
     rows["count"] = 3
     rows["corners"] = faces
@@ -83,6 +85,7 @@ def _write_stl(file: IO[bytes], vertices: Floats, faces: Ints) -> None:
     """
     with np.errstate(over="ignore", under="ignore"):
         corners = vertices.astype("<f4")[faces]
+    # Two edges of each face; single precision may make them shorter, but not zero along an axis.
     edges = np.diff(vertices[faces], axis=1)
     are_merged = (edges != 0.0) & (np.diff(corners, axis=1) == 0.0)
     if are_merged.any() or not np.isfinite(corners).all():
@@ -91,8 +94,10 @@ def _write_stl(file: IO[bytes], vertices: Floats, faces: Ints) -> None:
         raise InputError("path", problem, rule, "write .ply or .obj instead")
     record = [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]
     rows = np.zeros(len(faces), dtype=record)
-    rows["normal"] = np.sign(np.cross(edges[:, 0], edges[:, 1]))  # faces lie along the axes
+    first_edges, second_edges = np.moveaxis(edges, 1, 0)
+    rows["normal"] = np.sign(np.cross(first_edges, second_edges))  # faces lie along the axes
     rows["corners"] = corners
+    # A comment of 80 bytes, the number of triangles in 4 bytes, and the triangles.
     file.write(b"binary STL, metres".ljust(80))
     file.write(len(faces).to_bytes(4, "little"))
     file.write(rows.tobytes())

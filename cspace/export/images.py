@@ -46,13 +46,16 @@ def write_geotiff(state: States, grid: Grid, path: StrPath, overwrite: bool = Fa
     from PIL import Image
     from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
+    # Version, revision and number of keys; then for each key that its one value follows.
     directory = [1, 1, 0, len(_GEO_KEYS)]
     for key, value in _GEO_KEYS:
         directory += [key, 0, 1, value]
+    left, _ = grid.lower
+    _, top = grid.upper
     tags = ImageFileDirectory_v2()
     for tag, kind, values in (
         (_SCALE, _DOUBLE, (grid.spacing, grid.spacing, 0.0)),
-        (_TIE_POINT, _DOUBLE, (0.0, 0.0, 0.0, grid.lower[0], grid.upper[1], 0.0)),
+        (_TIE_POINT, _DOUBLE, (0.0, 0.0, 0.0, left, top, 0.0)),  # pixel, then its position
         (_DIRECTORY, _SHORT, directory),
     ):
         tags[tag] = values
@@ -85,6 +88,7 @@ def write_ros_map(state: States, grid: Grid, path: StrPath, overwrite: bool = Fa
         "resolution": grid.spacing,
         "origin": [*grid.lower, 0.0],
         "negate": 0,
+        # The levels of GREY_LEVELS are below, between and above these shares of black.
         "occupied_thresh": 0.65,
         "free_thresh": 0.1,
     }

@@ -30,6 +30,7 @@ def _select_layers(contents: Contents, cells: Sequence[int]) -> dict[str, NDArra
 
     The arrays of a single cell keep their names; otherwise the index of the cell is appended.
     """
+    # Names have equally many digits, so that they sort in the order of the cells.
     arrays = arrays_of(contents)
     digits = len(str(cells[-1]))
     layers: dict[str, NDArray[Any]] = {}
@@ -179,6 +180,7 @@ def export(
     MissingPackageError
         If netCDF is asked for, and xarray is not installed.
     """
+    # What the format holds: any dimension or one; all rotations, all or one, or one.
     suffix = check_suffix(path, EXPORT_FORMATS, "the suffix selects the format")
     form = EXPORT_FORMATS[suffix]
     if form.dimension not in (None, contents.grid.dim):

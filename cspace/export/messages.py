@@ -58,6 +58,7 @@ def occupancy_grid_of(
         states = np.where(lowest == stack.max(axis=0), lowest, MIXED)
     else:
         states = space.states_at(rotation)
+    # Look the occupancy up by the value of the state.
     percent_of_state = np.array([OCCUPANCY[state] for state in sorted(OCCUPANCY)], dtype=np.int8)
     percent = percent_of_state[states]
     size = {"info.width": grid.shape[0], "info.height": grid.shape[1]}
@@ -85,14 +86,15 @@ def costmap_of(
     if grid.dim == 3:
         hint = "build a map of the plane"
         raise InputError("the map", "is one in space", "a costmap is plane", hint)
-    number = None
+    number = None  # of the slice; without one, the costs hold at the best rotation of each cell
     if rotation is not None:
         cell = space.rotations.find_cells(space.rotations.check_rotation(rotation))
         number = int(space.slice_of[int(cell)])
     inscribed = space.robot.inscribed_radius + space.margin
     clearance = clearances(number)
     costs = costs_of(clearance, workspace.outer, workspace.unknown, inscribed, scaling, radius)
-    size = {"metadata.size_x": grid.shape[0], "metadata.size_y": grid.shape[1]}
+    nx, ny = grid.shape
+    size = {"metadata.size_x": nx, "metadata.size_y": ny}
     filled = Costmap() if msg is None else msg
     return _fill_grid(filled, "nav2_msgs/Costmap", costs, grid, "metadata", size, frame_id)
 
@@ -112,6 +114,7 @@ def fill_path(
     stamp = getattr(getattr(msg, "header", None), "stamp", None)
     poses = []
     for index, row in enumerate(rows.tolist()):
+        # The position, and the rotation as a quaternion; missing coordinates are those of none.
         values = dict(zip(axes, row, strict=True))
         if "yaw" in values:
             half_yaw = values["yaw"] / 2.0
@@ -168,18 +171,24 @@ def make_twists(make: Callable[[], Message], v: Floats, omega: Floats) -> list[M
     return twists
 
 
+_NANO: Final = 10**9
+"""Nanoseconds of a second."""
+
+
 def _add_seconds(msg: object, kind: str, name: str, seconds: float) -> None:
     """Add seconds to a time of a message.
 
     ``name`` is the dotted path of the time. The sum is rounded to nanoseconds.
     """
     time: object = msg
-    for part in name.split("."):
-        time = getattr(time, part, None)
+    for field in name.split("."):
+        time = getattr(time, field, None)
     # A time of ROS 1 has other names for the same fields.
     second_name, nano_name = ("secs", "nsecs") if hasattr(time, "secs") else ("sec", "nanosec")
-    old = 10**9 * getattr(time, second_name, 0) + getattr(time, nano_name, 0)
-    whole, nanoseconds = divmod(old + round(1e9 * seconds), 10**9)
+    old_seconds = getattr(time, second_name, 0)
+    old_nanoseconds = getattr(time, nano_name, 0)
+    total = _NANO * old_seconds + old_nanoseconds + round(_NANO * seconds)
+    whole, nanoseconds = divmod(total, _NANO)
     fields = {f"{name}.{second_name}": whole, f"{name}.{nano_name}": nanoseconds}
     _set_fields(msg, kind, fields)
 
@@ -200,6 +209,7 @@ def costs_of(
     of the robot's inscribed circle, metres. `scaling` is ``cost_scaling_factor``, per metre.
     `radius` is ``inflation_radius``, metres from the obstacles.
     """
+    # Costs fall from below INSCRIBED with the clearance, and are zero beyond the radius.
     decay = np.exp(-scaling * np.minimum(clearance, radius))
     costs = ((INSCRIBED - 1) * decay).astype(np.uint8)
     costs[clearance + inscribed > radius] = 0
@@ -230,6 +240,7 @@ def _fill_grid(
     if grid.dim == 3:
         hint = "cut it, or export another format"
         raise InputError("the map", "is one in space", f"{kind} is plane", hint)
+    # The origin is the pose of the lower corner, which is not turned.
     position = f"{info}.origin.position"
     orientation = f"{info}.origin.orientation"
     typecode = "b" if cells.dtype == np.int8 else "B"

@@ -45,8 +45,10 @@ def write_vti(
     extent = " ".join(f"0 {count}" for count in shape)
     origin = " ".join(map(repr, lower))
     spacing = " ".join([repr(grid.spacing)] * 3)
+    # The arrays follow the header, each after its number of bytes in 8 bytes. The header says at
+    # which offset each begins.
     elements = []
-    offset = 0  # of each array, after its number of bytes in 8 bytes
+    offset = 0
     for name, array in (*fields.items(), *arrays.items()):
         vtk_type, stored_type = _VTK_TYPES[str(array.dtype)]
         elements.append(

@@ -64,6 +64,7 @@ def check_file(
     a plain file, is larger than :mod:`cspace.limits` allows, or is a git-lfs pointer, which git-lfs
     leaves in place of a large file.
     """
+    # It must be a plain file, then not a pointer to one, then not too large.
     file, what = inspect_path(path, kind)
     if what != "file":
         problem = f"is {what}" if what else "does not exist"
@@ -156,6 +157,7 @@ class ContentError(Exception):
         *,
         kind: type[CspaceError] = FileError,
     ) -> None:
+        """Keep the parts of the message."""
         super().__init__(problem)
         self.parts = problem, rule, hint
         self.kind = kind
@@ -331,7 +333,7 @@ def is_count(word: str) -> bool:
 
 def _with_article(kind: str) -> str:
     """Return the kind of a file with its article."""
-    article = "an" if kind[:1].lower() in "aeio" else "a"
+    article = "an" if kind[:1].lower() in "aeio" else "a"  # no kind begins with a vowel u
     return f"{article} {kind}"
 
 
@@ -364,6 +366,7 @@ def replacing(
         temporary = _make_temporary_name(target)
         try:
             yield temporary
+            # Another process may have made the target meanwhile.
             _check_target(target, overwrite, folder)
             _move(temporary, target)
         finally:
@@ -404,6 +407,7 @@ def _check_target(target: Path, overwrite: bool, folder: Callable[[Path], bool] 
     check_output(target, overwrite)
     if not target.exists():
         return
+    # A file replaces a file, and a folder replaces an empty folder or an earlier output.
     problem = ""
     if folder is None:
         if not target.is_file():
@@ -438,6 +442,7 @@ def _move(temporary: Path, target: Path) -> None:
         target.rename(aside)
         temporary.rename(target)
     except BaseException:
+        # Put the old folder back, also after Ctrl-C.
         if aside.exists() and not target.exists():
             aside.rename(target)
         _remove(aside)

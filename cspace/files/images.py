@@ -126,21 +126,30 @@ def _open_image(data: bytes) -> Image:
             Image.MAX_IMAGE_PIXELS = limit
 
 
+_WHITE_8_BIT: Final = 2**8 - 1
+"""Largest level of a channel of 8 bits."""
+
+_WHITE_16_BIT: Final = 2**16 - 1
+"""Largest level of a channel of 16 bits."""
+
+
 def _convert_image(image: Image) -> Shades:
     """Convert an image of Pillow to shades.
 
     Raises an error if the meaning of its pixels is unknown.
     """
+    # Shades of grey have one axis of pixels; colours, and an alpha channel, have a third axis.
     mode, white_level = _choose_channels(image)
     rows = np.asarray(image if image.mode == mode else image.convert(mode))
     # Rows count from the top, but y counts from the bottom.
     pixels = rows[::-1].swapaxes(0, 1)
-    if white_level == 65535 and (pixels.min() < 0 or pixels.max() > white_level):
+    if white_level == _WHITE_16_BIT and (pixels.min() < 0 or pixels.max() > white_level):
         raise _make_mode_error(image)
     if pixels.ndim == 2:
         return Shades(pixels.astype(np.uint16), white_level, True)
-    levels = pixels[..., :3].sum(axis=2, dtype=np.uint16)
-    opaque = pixels[..., 3] == 255 if mode == "RGBA" else True
+    red_green_blue = pixels[..., :3]
+    levels = red_green_blue.sum(axis=2, dtype=np.uint16)
+    opaque = pixels[..., 3] == _WHITE_8_BIT if mode == "RGBA" else True
     return Shades(levels, white_level, opaque)
 
 
@@ -148,14 +157,14 @@ def _choose_channels(image: Image) -> tuple[str, int]:
     """Return Pillow's mode in which to read an image, and its level of white."""
     has_alpha = image.has_transparency_data
     if image.mode in ("1", "L") and not has_alpha:
-        return "L", 255
+        return "L", _WHITE_8_BIT
     # Mode "I" is 16-bit grey in these two formats, but has an unknown range in the others.
     is_16_bit = image.mode == "I" and image.format in ("PNG", "PPM")
     if (is_16_bit or image.mode.startswith("I;16")) and not has_alpha:
-        return image.mode, 65535
+        return image.mode, _WHITE_16_BIT
     if image.mode in ("1", "L", *COLOUR_MODES):
         mode = "RGBA" if has_alpha else "RGB"
-        return mode, 3 * 255
+        return mode, 3 * _WHITE_8_BIT  # the sum of the three colours
     raise _make_mode_error(image)
 
 
@@ -171,6 +180,10 @@ BLOCKED_CHARACTERS: Final = "@OTW"
 _DROP_CELLS: Final = str.maketrans("", "", PASSABLE_CHARACTERS + BLOCKED_CHARACTERS)
 
 
+_MAP_HEADER_LINES: Final = 4
+"""Number of lines of a ``.map`` file before its rows."""
+
+
 def read_movingai_map(path: StrPath) -> Bools:
     """Read the blocked cells of a ``.map`` file, shape (width, height).
 
@@ -183,7 +196,7 @@ def read_movingai_map(path: StrPath) -> Bools:
     with decoding(path, "MovingAI map"):
         lines = _read_lines(path, "MovingAI map")
         width, height = _parse_map_header(lines)
-        rows = lines[4:]
+        rows = lines[_MAP_HEADER_LINES:]
         widths = set(map(len, rows))
         if len(rows) != height or widths != {width}:
             problem = f"has {len(rows)} rows of {sorted(widths)[:5]} characters"
@@ -192,7 +205,8 @@ def read_movingai_map(path: StrPath) -> Bools:
         wrong = text.translate(_DROP_CELLS)
         if wrong:
             row, column = divmod(text.index(wrong[0]), width)
-            problem = f"line {row + 5}, column {column + 1} is {wrong[0]!r}"
+            line = _MAP_HEADER_LINES + row + 1
+            problem = f"line {line}, column {column + 1} is {wrong[0]!r}"
             rule = f"cells are '{PASSABLE_CHARACTERS}' (passable) or '{BLOCKED_CHARACTERS}'"
             raise ContentError(problem, rule, "replace it")
         characters = np.frombuffer(text.encode(), dtype=np.uint8).reshape(height, width)
@@ -202,7 +216,8 @@ def read_movingai_map(path: StrPath) -> Bools:
 
 
 def _parse_map_header(lines: list[str]) -> tuple[int, int]:
-    """Return the width and the height of a map."""
+    """Return the width and the height of a map, from its first four lines."""
+    # The two sizes may come in either order.
     sizes: dict[str, str] = {}
     for line in lines[1:3]:
         key, _, size = line.partition(" ")
@@ -228,6 +243,7 @@ def read_movingai_voxels(path: StrPath) -> Bools:
     """
     lines = _read_lines(path, "MovingAI voxel map", memory=100.0)
     with decoding(path, "MovingAI voxel map"):
+        # The header, then a voxel in each line.
         keyword, *sizes = lines[0].split() or [""]
         shape = _parse_counts(sizes)
         if keyword != "voxel" or min(shape, default=0) < 1:

@@ -94,20 +94,21 @@ def _read_gltf(file: Path) -> Surface:
     header = _parse_gltf_header(text)
     for buffer in header.get("buffers", []):
         buffer["content"] = _read_buffer(buffer, embedded, file)
-    parts = [
-        [_read_gltf_part(part, header) for part in mesh["primitives"]]
+    # For each mesh, the points and corners of its primitives, as views of the buffers.
+    primitives = [
+        [_read_gltf_part(primitive, header) for primitive in mesh["primitives"]]
         for mesh in header.get("meshes", [])
     ]
     placed = list(_place_gltf_meshes(header))
-    # Parts may share arrays, and a mesh may be placed several times, so the memory is checked
+    # Primitives may share arrays, and a mesh may be placed several times, so the memory is checked
     # before anything is copied.
     unfolded_bytes = 0
     for mesh, _ in placed:
-        for points, corners in parts[mesh]:
+        for points, corners in primitives[mesh]:
             unfolded_bytes += surface_bytes(len(points), len(corners) // 3)
     check_bytes(file, unfolded_bytes, "unfolds to", memory=3.0)
     surfaces = {
-        mesh: [_make_gltf_surface(points, corners) for points, corners in parts[mesh]]
+        mesh: [_make_gltf_surface(points, corners) for points, corners in primitives[mesh]]
         for mesh, _ in placed
     }
     return _join_placed(surfaces, placed)
@@ -196,6 +197,7 @@ def _read_buffer(buffer: Json, embedded: bytes, file: Path) -> bytes:
 
     ``embedded`` is the binary chunk of the file. Other files must lie within its folder.
     """
+    # The bytes are in the file itself, in the text of the header, or in a file of their own.
     uri = buffer.get("uri")
     if uri is None:
         content = embedded
@@ -227,6 +229,7 @@ def _place_gltf_meshes(header: Json) -> Iterator[tuple[int, Floats]]:
     if not scenes:
         return
     scene = _look_up(header, "scenes", header.get("scene", 0))
+    # Nodes to visit, each with the transform of the node above it.
     pending = [(number, np.eye(4)) for number in scene.get("nodes", [])]
     seen: set[int] = set()
     while pending:
@@ -259,8 +262,8 @@ def _parse_gltf_transform(node: Json) -> Floats:
 def _make_affine(linear: Floats, offset: ArrayLike = 0.0) -> Floats:
     """Return the matrix of an affine transform, shape (4, 4)."""
     matrix = np.eye(4)
-    matrix[:3, :3] = linear
-    matrix[:3, 3] = offset
+    matrix[:3, :3] = linear  # shape (3, 3)
+    matrix[:3, 3] = offset  # shape (3,)
     return matrix
 
 
@@ -296,19 +299,27 @@ def _look_up(header: Json, kind: str, number: int) -> Json:
     return items[number]
 
 
+_GLB_HEADER_BYTES: Final = 12
+"""Size of the header of a GLB file: its magic number, version and length."""
+
+_GLB_CHUNK_HEADER_BYTES: Final = 8
+"""Size of the header of a chunk of a GLB file: its length and kind."""
+
+
 def _split_glb(data: bytes) -> tuple[bytes, bytes]:
     """Return the JSON header and the binary chunk of a GLB file.
 
     Raises ContentError if its chunks do not fill the file exactly.
     """
+    # A header of 12 bytes, then chunks, each with its size and kind in 8 bytes before it.
     magic, version, length = struct.unpack_from("<4sII", data)
     if magic != b"glTF" or version != 2:
         raise ContentError("does not begin with a GLB header of version 2")
     chunks: dict[bytes, bytes] = {}
-    position = 12
+    position = _GLB_HEADER_BYTES
     while position < len(data):
         size, kind = struct.unpack_from("<I4s", data, position)
-        start = position + 8
+        start = position + _GLB_CHUNK_HEADER_BYTES
         position = start + size
         chunks.setdefault(kind, data[start:position])
     if not position == length == len(data):
@@ -499,8 +510,9 @@ def _make_rotation(values: Floats) -> Floats:
     """
     from scipy.spatial.transform import Rotation
 
-    length = np.linalg.norm(values[:3]) or 1.0
-    rotation_vector = values[3] * (values[:3] / length)
+    *axis, angle = values
+    length = np.linalg.norm(axis) or 1.0  # an axis of zeros turns nothing
+    rotation_vector = angle * (np.array(axis) / length)
     return np.asarray(Rotation.from_rotvec(rotation_vector, degrees=True).as_matrix())
 
 
@@ -521,8 +533,8 @@ def _read_surfaces(geometry: Element, collada: _Collada) -> list[Surface]:
             continue
         if element.tag != "mesh":
             raise unsupported_part(f"a geometry that is a {element.tag}")
-        parts = [part for part in element if part.tag not in _SURFACELESS_CHILDREN]
-        surfaces += [_read_collada_part(part, collada) for part in parts]
+        primitives = [child for child in element if child.tag not in _SURFACELESS_CHILDREN]
+        surfaces += [_read_collada_part(primitive, collada) for primitive in primitives]
     return surfaces
 
 
@@ -574,6 +586,7 @@ def _read_positions(vertices: Element, collada: _Collada) -> Floats:
     inputs = vertices.findall("input[@semantic='POSITION']")
     if len(inputs) != 1:
         raise ContentError(f"has vertices with {len(inputs)} sources of positions instead of one")
+    # The input names a source, whose accessor names an array of numbers.
     accessor = collada.resolve(inputs[0]).find("technique_common/accessor")
     if accessor is None:
         raise ContentError("has a source of positions without an accessor")
@@ -581,6 +594,7 @@ def _read_positions(vertices: Element, collada: _Collada) -> Floats:
     if array not in collada.arrays:
         collada.arrays[array] = np.array((array.text or "").split(), dtype=np.float64)
     values = collada.arrays[array]
+    # The accessor takes ``count`` rows of ``stride`` numbers, from the number ``first`` on.
     count = int(accessor.get("count", "0"))
     stride = int(accessor.get("stride", "1"))
     first = int(accessor.get("offset", "0"))
@@ -660,16 +674,18 @@ def _read_stl(file: Path) -> Surface:
     It may be binary or text. Triangles share no vertices.
     """
     data = read_bytes(file, _MESH_KIND, memory=12.0)
-    declared = int.from_bytes(data[80:_STL_HEADER_BYTES], "little")
+    count_field = data[_STL_HEADER_BYTES - 4 : _STL_HEADER_BYTES]
+    declared = int.from_bytes(count_field, "little")
+    # Binary files may begin with "solid" too, so their exact size decides.
     if len(data) == _STL_HEADER_BYTES + _STL_RECORD.itemsize * declared:
         records = np.frombuffer(data, _STL_RECORD, declared, _STL_HEADER_BYTES)
         vertices = records["corners"].reshape(-1, 3).astype(np.float64)
     elif data.lstrip()[:5].lower() == b"solid":
         vertices = _parse_stl_text(data)
     else:
-        held = max(0.0, (len(data) - _STL_HEADER_BYTES) / _STL_RECORD.itemsize)
+        present = max(0.0, (len(data) - _STL_HEADER_BYTES) / _STL_RECORD.itemsize)
         raise ContentError(
-            f"declares {declared} triangles but has bytes for {held:g}, as a binary STL file"
+            f"declares {declared} triangles but has bytes for {present:g}, as a binary STL file"
         )
     return vertices, np.arange(len(vertices), dtype=np.int64).reshape(-1, 3)
 
@@ -692,6 +708,7 @@ def _parse_stl_text(data: bytes) -> Floats:
     # Single blanks, because patterns that skip blanks take quadratic time on long runs of them.
     text = b" ".join(_SOLIDS.sub(b"", text).split())
     facets = _FACET.findall(text)
+    # Nothing but whole facets: "facet" also ends "endfacet", so it occurs twice in each.
     counts = [text.count(word) for word in (b"facet", b"normal", b"vertex")]
     if counts != [2 * len(facets), len(facets), 3 * len(facets)]:
         raise ContentError(f"has stray words of facets besides its {len(facets)} whole ones")
@@ -738,19 +755,20 @@ def flatten_trimesh(shape: Any, name: str) -> Surface:
     else:
         hint = "pass a file name, a trimesh.Trimesh, a trimesh.Scene, or vertices and faces"
         raise InputError(name, f"is a {type(shape).__name__}", "a mesh is needed", hint)
+    # Refuse what has no triangles instead of leaving it out.
     surfaces = []
-    for part, transform in parts:
-        if not isinstance(part, trimesh.Trimesh) or not len(part.faces):
-            is_cloud = isinstance(part, trimesh.PointCloud)
+    for geometry, transform in parts:
+        if not isinstance(geometry, trimesh.Trimesh) or not len(geometry.faces):
+            is_cloud = isinstance(geometry, trimesh.PointCloud)
             content = "cloud of points" if is_cloud else "part without triangles"
-            content = f"{content} ({type(part).__name__})"
+            content = f"{content} ({type(geometry).__name__})"
             if len(parts) == 1:
                 raise _make_empty_error(name, content)
             problem = f"has a {content} among its meshes"
             hint = "remove it, or pass the meshes alone"
             raise GeometryError(name, problem, "it would be lost", hint)
-        points = check_finite(part.vertices, f"vertices of {name}")
-        surface = points, np.asarray(part.faces, dtype=np.int64)
+        points = check_finite(geometry.vertices, f"vertices of {name}")
+        surface = points, np.asarray(geometry.faces, dtype=np.int64)
         surfaces.append(transform_surface(surface, transform))
     if not surfaces:
         raise _make_empty_error(name, "")

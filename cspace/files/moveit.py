@@ -115,8 +115,9 @@ def make_table_parser(fields: Mapping[str, Parser]) -> Callable[[Any, str], dict
     def parse(value: Any, place: str) -> dict[str, Any]:
         if not isinstance(value, dict | None):
             raise wrong_value(value, place or "the file", "it must be a table of names and values")
-        given = value or {}
-        for name in given:
+        # A field that is missing is parsed as None, for which its parser has a default or an error.
+        table = value or {}
+        for name in table:
             if name not in fields:
                 raise ContentError(
                     f"has the unknown field {str(name)[:40]!r} at {place or 'the top'}",
@@ -124,7 +125,7 @@ def make_table_parser(fields: Mapping[str, Parser]) -> Callable[[Any, str], dict
                     "correct or remove it",
                 )
         return {
-            name: parser(given.get(name), f"{place}.{name}".lstrip("."))
+            name: parser(table.get(name), f"{place}.{name}".lstrip("."))
             for name, parser in fields.items()
         }
 
@@ -256,7 +257,8 @@ def _make_motion(position: Floats, quaternion: Floats, place: str) -> Floats:
         )
     motion = np.eye(4)
     motion[:3, 3] = position
-    if quaternion[:3].any():
+    *imaginary, _ = quaternion
+    if any(imaginary):  # else it is the identity, whatever its norm
         # Squares of tiny numbers would lose digits.
         scaled = quaternion / np.abs(quaternion).max()
         motion[:3, :3] = Rotation.from_quat(scaled).as_matrix()
@@ -276,11 +278,12 @@ def parse_primitive(value: Any, place: str) -> tuple[str, list[float]]:
     """Parse a ``shape_msgs/SolidPrimitive`` as its kind and its dimensions in metres."""
     fields = _parse_primitive_fields(value, place)
     kind = str(fields["type"]).lower()
-    numbered = {str(number): name for number, name in enumerate(PRIMITIVES, 1)}
-    kind = numbered.get(kind, kind)
+    # Messages have the number of a kind, and files may have its name.
+    names_by_number = {str(number): name for number, name in enumerate(PRIMITIVES, 1)}
+    kind = names_by_number.get(kind, kind)
     if kind not in PRIMITIVES:
-        known = ", ".join(f"{name} ({number})" for number, name in numbered.items())
-        raise wrong_value(fields["type"], f"{place}.type", f"it must be one of {known}")
+        choices = ", ".join(f"{name} ({number})" for number, name in names_by_number.items())
+        raise wrong_value(fields["type"], f"{place}.type", f"it must be one of {choices}")
     names = PRIMITIVES[kind]
     sizes = fields["dimensions"]
     # Messages often pad dimensions to three numbers with zeros.

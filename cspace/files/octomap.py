@@ -59,7 +59,8 @@ def read_octomap(
     Raises FileError if the file is missing, is not an OctoMap, has an unsupported type, is
     truncated or damaged, has no known cell, or is larger than :mod:`cspace.limits` allows.
     """
-    # Each byte becomes four leaves at most, of ten 8-byte numbers with their intermediate results.
+    # A byte becomes four leaves at most, of ten 8-byte numbers with their intermediate results:
+    # 320 bytes.
     content = read_bytes(path, _OCTOMAP_KIND, memory=320.0)
     with decoding(path, _OCTOMAP_KIND):
         header, end = _parse_octomap_header(content)
@@ -67,11 +68,11 @@ def read_octomap(
     first = leaves.corners.min(axis=0)
     ends = leaves.corners + leaves.sides[:, None]
     shape = tuple((ends.max(axis=0) - first).tolist())
-    check_cells(path, shape, memory=3.0)
+    check_cells(path, shape, memory=3.0)  # the states and two masks
     states = np.full(shape, _UNSEEN, dtype=np.uint8)
     _fill_leaves(states, leaves._replace(corners=leaves.corners - first))
     unseen = states == _UNSEEN
-    occupied = states == 1
+    occupied = states == 1  # as _fill_leaves writes it
     if unknown_is_occupied:
         occupied |= unseen
     # The origin is in the middle of the octree.
@@ -100,6 +101,7 @@ def _parse_octomap_header(content: bytes) -> tuple[_OctomapHeader, int]:
 
 def _check_octomap_header(entries: dict[str, str], binary: bool) -> _OctomapHeader:
     """Check the entries of a header and convert them."""
+    # The type of the tree, its number of nodes, and the side of a cell.
     tree = entries.get("id", "")
     size = entries.get("size", "")
     resolution = entries.get("res", "")
@@ -165,6 +167,7 @@ def _decode_binary(data: bytes) -> tuple[_Leaves, int]:
     It has one record per inner node, with two bits for each of its eight children: 01 is a free
     leaf, 10 an occupied leaf, 11 an inner node, and 00 unknown.
     """
+    # Kinds of the children of each record, shape (records, 8).
     records = np.frombuffer(data, dtype="<u2", count=len(data) // 2)
     first_bits = np.arange(0, 16, 2, dtype=np.uint16)
     kinds = (records[:, None] >> first_bits & 0b11).astype(np.uint8)
@@ -174,6 +177,7 @@ def _decode_binary(data: bytes) -> tuple[_Leaves, int]:
     if not kinds.any(axis=1).all():
         raise ContentError("holds an inner node without children")
     is_leaf = (kinds == _FREE_LEAF) | (kinds == _OCCUPIED_LEAF)
+    # A leaf has half the side of its parent.
     parents, children = np.nonzero(is_leaf)
     leaf_sides = sides[parents] // 2
     corners = _unravel(firsts[parents] + leaf_sides * _CHILD_OFFSETS[children])
@@ -208,7 +212,8 @@ def _place_nodes(masks: Bytes, smallest: int) -> tuple[Ints, Ints]:
 
     Raises ContentError if a node lies too deep or records are missing.
     """
-    every_mask = np.arange(256, dtype=np.uint8)[:, None]
+    # For each mask of eight children, the offsets of the children, in cells of half a side.
+    every_mask = np.arange(2**8, dtype=np.uint8)[:, None]
     has_child = np.unpackbits(every_mask, axis=1, bitorder="little") == 1
     # The last pending node is the next one, so children are appended in reverse.
     offsets_by_mask = [_CHILD_OFFSETS[children][::-1].tolist() for children in has_child]

@@ -97,7 +97,7 @@ def _load_yaml(text: str) -> Any:
     # PyYAML is eight times faster if it was built with libyaml.
     loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     documents: list[Any] = []
-    levels = [_Level(documents)]
+    levels = [_Level(documents)]  # the open lists and tables, the innermost last
     for event in yaml.parse(text, Loader=loader):
         if getattr(event, "anchor", None) or getattr(event, "tag", None):
             raise _make_yaml_error(event, "an anchor, alias or tag")
@@ -120,6 +120,7 @@ def _load_yaml(text: str) -> Any:
 
 def _parse_word(word: str) -> Any:
     """Convert an unquoted YAML word to None, a bool, a number or text."""
+    # The pattern has a group for each kind of word; the last group that matched is the kind.
     match = _PLAIN_WORD.fullmatch(word)
     kind = match.lastgroup if match else None
     if kind == "null":
@@ -155,7 +156,8 @@ def read_json(
         lists = text.count("[")
         needed = each_list * lists + _MEMORY_PER_JSON_BYTE * len(text)
         check_file_memory(path, f"holds {lists:,} lists", needed)
-        # int() takes quadratic time; the float of a very long integer is infinite.
+        # int() takes quadratic time; the float of a very long integer is infinite. Eighteen digits
+        # fit into 64 bits.
         return json.loads(text, parse_int=lambda word: float(word) if len(word) > 18 else int(word))
 
 
@@ -175,6 +177,7 @@ def parse_xml(data: bytes) -> Element:
         raise ContentError("declares an XML entity, which is refused") from error
     except ParseError as error:
         raise ContentError(f"is not XML ({error})") from error
+    # Level by level, because a recursion could exceed Python's limit.
     elements = [root]
     level = 0
     while elements:
@@ -193,6 +196,7 @@ def check_nesting(text: str, opening: str, closing: str) -> None:
     level_change = np.zeros(256, dtype=np.int32)  # by character
     level_change[list(map(ord, opening))] = 1
     level_change[list(map(ord, closing))] = -1
+    # The level at each character is the sum of the changes before it.
     level = 0
     for start in range(0, len(text), _CHARACTERS_PER_BLOCK):
         block = text[start : start + _CHARACTERS_PER_BLOCK].encode("latin-1", "replace")

@@ -80,7 +80,7 @@ def _read_text(path: StrPath) -> Floats:
 
     Further columns are ignored.
     """
-    rows = read_columns(read_text(path, "point cloud", memory=12.0))
+    rows = read_columns(read_text(path, "point cloud", memory=12.0))  # shape (n, columns)
     if not len(rows):
         return np.zeros((0, 3))
     if rows.shape[1] < 3:
@@ -97,6 +97,7 @@ def read_pcd(path: StrPath) -> Floats:
     are skipped. ``VIEWPOINT`` is not applied, as in the Point Cloud Library. Truncation of an
     ``ascii`` file within its last number cannot be detected.
     """
+    # A header of text lines, then the points as text or as records.
     content = read_bytes(path, _PCD_KIND, memory=12.0)
     entries, header_lines, header_end = _parse_pcd_header(content)
     encoding = " ".join(entries["DATA"])
@@ -115,9 +116,9 @@ def read_pcd(path: StrPath) -> Floats:
         raise ContentError(f"has a malformed header: {error}; {rule}") from error
     fields = _find_coordinates(entries["FIELDS"], counts)
     if encoding == "binary":
-        held = (len(content) - header_end) // record.itemsize
-        if held < expected:
-            raise ContentError(f"holds {held} points but its header says {expected}")
+        count = (len(content) - header_end) // record.itemsize
+        if count < expected:
+            raise ContentError(f"holds {count} points but its header says {expected}")
         cloud = np.frombuffer(content, record, expected, header_end)
         return np.concatenate([cloud[str(field)] for field in fields], axis=1, dtype=np.float64)
     rows = read_columns(content[header_end:].decode("latin-1"), header_lines + 1)
@@ -127,6 +128,7 @@ def read_pcd(path: StrPath) -> Floats:
         return np.zeros((0, 3))
     if rows.shape[1] != sum(counts):
         raise ContentError(f"has {rows.shape[1]} columns but its header says {sum(counts)}")
+    # A field before x, y or z may have several columns.
     columns = [sum(counts[:field]) for field in fields]
     return np.ascontiguousarray(rows[:, columns])
 

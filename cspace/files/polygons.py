@@ -60,7 +60,8 @@ def transform_surface(surface: Surface, transform: Floats) -> Surface:
         return surface
     points, faces = surface
     linear = transform[:3, :3]
-    moved = points @ linear.T + transform[:3, 3]
+    offset = transform[:3, 3]
+    moved = points @ linear.T + offset
     if np.linalg.det(linear) < 0.0:
         faces = faces[:, ::-1]
     return moved, faces
@@ -71,6 +72,7 @@ def surface_bytes(points: int, faces: int) -> int:
 
     A small file can place one surface any number of times.
     """
+    # Three numbers of 8 bytes for each point and face, and the objects around them.
     return 24 * (points + faces) + 1000
 
 
@@ -78,11 +80,11 @@ def join_surfaces(parts: Sequence[Surface]) -> Surface:
     """Join surfaces into one surface; without parts it is empty."""
     vertices = [np.empty((0, 3))]
     faces = [np.empty((0, 3), dtype=np.int64)]
-    count = 0
-    for part_vertices, part_faces in parts:
-        vertices.append(part_vertices)
-        faces.append(part_faces + count)
-        count += len(part_vertices)
+    count = 0  # of vertices before a part; its faces count from its own first vertex
+    for points, triangles in parts:
+        vertices.append(points)
+        faces.append(triangles + count)
+        count += len(points)
     return np.concatenate(vertices), np.concatenate(faces)
 
 
@@ -106,6 +108,7 @@ def triangulate(vertices: Floats, corners: Ints, sizes: Ints) -> Ints:
         raise ContentError(
             f"has a face that names vertex {wrong[0]}, counted from 0, of {len(vertices)}"
         )
+    # All polygons of one size are cut at once.
     firsts = np.cumsum(sizes) - sizes
     faces = [np.empty((0, 3), dtype=np.int64)]
     for size in np.unique(sizes):
@@ -125,6 +128,7 @@ def _check_repeats(polygons: Ints) -> None:
     Otherwise two bytes of text could become a triangle. A polygon with holes names the ends of its
     bridges twice, so at least half of its corners are distinct.
     """
+    # Sorted, a vertex is new where the number changes.
     steps = np.diff(np.sort(polygons, axis=1), axis=1)
     distinct = 1 + np.count_nonzero(steps, axis=1)
     if (2 * distinct < polygons.shape[1]).any():
@@ -134,6 +138,7 @@ def _check_repeats(polygons: Ints) -> None:
 
 def _cut_fans(vertices: Floats, polygons: Ints) -> Ints:
     """Cut polygons, shape (P, n) with n > 3, into fans of triangles."""
+    # Judge the shape of each polygon in the scale of its coordinates, up to their rounding.
     points = _scale_polygons(vertices[polygons])
     sizes = np.asarray(np.linalg.norm(points, axis=2).max(axis=1))
     slacks = np.asarray(FILE_ROUNDING + MAX_BEND * sizes)
@@ -147,11 +152,13 @@ def _cut_fans(vertices: Floats, polygons: Ints) -> Ints:
             "enclose a shape that bends or crosses itself; none of the tried corners sees it whole"
         )
         raise _make_face_error(polygons[np.argmin(apexes)], problem)
+    # Name the corners of each polygon from its apex on. Triangle k of the fan has the apex and the
+    # corners k + 1 and k + 2.
     count = polygons.shape[1]
     order = (apexes[:, None] + np.arange(count)) % count
     from_apex = np.take_along_axis(polygons, order, axis=1)
-    first_corners = np.repeat(from_apex[:, :1], count - 2, axis=1)
-    fans = np.stack([first_corners, from_apex[:, 1:-1], from_apex[:, 2:]], axis=2)
+    apex_corners = np.repeat(from_apex[:, :1], count - 2, axis=1)
+    fans = np.stack([apex_corners, from_apex[:, 1:-1], from_apex[:, 2:]], axis=2)
     return np.asarray(fans.reshape(-1, 3))
 
 
@@ -177,6 +184,7 @@ def _find_apexes(points: Floats, normals: Floats, area_slacks: Floats) -> Ints:
         rest = np.flatnonzero(apexes < 0)
         if not len(rest):
             break
+        # Spokes lead from the apex to the other corners, in order.
         spokes = points[rest] - points[rest, apex : apex + 1]
         spokes = np.roll(spokes, -apex, axis=1)[:, 1:]
         crosses = np.cross(spokes[:, :-1], spokes[:, 1:])
@@ -199,6 +207,7 @@ def _fit_planes(points: Floats, sizes: Floats, slacks: Floats) -> tuple[Floats, 
     normals = doubled_areas / np.where(lengths > 0.0, lengths, 1.0)[:, None]
     heights = np.abs(np.einsum("pij,pj->pi", points, normals))
     flat = heights.max(axis=1) <= slacks
+    # A thin polygon is measured across the line that fits its corners best.
     if thin.any():
         _, _, axes = np.linalg.svd(points[thin], full_matrices=False)
         across = axes[:, 1:].transpose(0, 2, 1)  # the axes but the longest
@@ -208,11 +217,15 @@ def _fit_planes(points: Floats, sizes: Floats, slacks: Floats) -> tuple[Floats, 
     return normals, flat
 
 
+_MAX_NAMED_VERTICES: Final = 8
+"""Largest number of vertices that the error for a face names."""
+
+
 def _make_face_error(polygon: Ints, what: str) -> ContentError:
     """Return the error for a face without clear triangles."""
-    names = ", ".join(map(str, polygon[:8].tolist()))
-    more = ", ..." if len(polygon) > 8 else ""
-    place = f"(vertices {names}{more}, counted from 0)"
+    names = ", ".join(map(str, polygon[:_MAX_NAMED_VERTICES].tolist()))
+    ellipsis = ", ..." if len(polygon) > _MAX_NAMED_VERTICES else ""
+    place = f"(vertices {names}{ellipsis}, counted from 0)"
     problem = f"has a face of {len(polygon)} corners {place} that {what}"
     rule = "more than three corners must lie flat, and one of them must see the whole face"
     hint = "triangulate the faces where the file is written"
@@ -236,6 +249,8 @@ def read_obj(file: Path) -> Surface:
     file has free-form surfaces, refers to other files, or has a polygon whose triangles are
     ambiguous.
     """
+    # Words of each vertex and of all corners; for each face, its number of corners and the number
+    # of vertices before it.
     points: list[list[bytes]] = []
     corners: list[bytes] = []
     sizes: list[int] = []
@@ -283,6 +298,7 @@ def _parse_vertices(points: list[list[bytes]]) -> Floats:
 
     A fourth number is a weight, which must be 1; six or more numbers include a colour.
     """
+    # Three or four numbers are a position; a colour adds three.
     for count in set(map(len, points)) & {0, 1, 2, 5}:
         raise ContentError(f"has a vertex with {count} numbers; a vertex has x, y and z")
     if any(float(point[3]) != 1.0 for point in points if len(point) == 4):
@@ -317,6 +333,10 @@ _NO_FACES: Final = np.empty(0, dtype=np.int64)
 
 _MEMORY_PER_PLY_BYTE: Final = 8.0
 """Bytes of memory to read one byte of a PLY file."""
+
+
+_MAX_PLY_HEADER_BYTES: Final = 2**16
+"""Number of bytes of a PLY file in which its header is looked for."""
 
 
 class PlyHeader(NamedTuple):
@@ -358,7 +378,7 @@ def read_ply_header(path: StrPath) -> PlyHeader:
     """
     file = check_file(path, PLY_KIND)
     with decoding(file, PLY_KIND), file.open("rb") as stream:
-        return _parse_ply_header(stream.read(2**16))
+        return _parse_ply_header(stream.read(_MAX_PLY_HEADER_BYTES))
 
 
 def read_ply(path: StrPath) -> tuple[Floats, Ints, Ints]:
@@ -371,6 +391,7 @@ def read_ply(path: StrPath) -> tuple[Floats, Ints, Ints]:
     holds another number of elements than declared, is binary with polygons of unequal size, or has
     surfaces of another kind.
     """
+    # trimesh reads binary files, whose sizes are compared with the header afterwards.
     content = read_bytes(path, PLY_KIND, memory=_MEMORY_PER_PLY_BYTE)
     header = _parse_ply_header(content)
     if not {"x", "y", "z"} <= {name for name, _ in header.properties["vertex"]}:
@@ -417,6 +438,7 @@ def _read_ply_text(text: bytes, header: PlyHeader) -> tuple[Floats, Ints, Ints]:
     sizes: list[int] = []
     try:
         for element, tokens in zip(elements, rows, strict=True):
+            # A property is one word; a list is its length and so many words more.
             end = 0
             for name, is_list in header.properties[element]:
                 length = int(tokens[end]) if is_list else 0
@@ -437,6 +459,7 @@ def _read_ply_text(text: bytes, header: PlyHeader) -> tuple[Floats, Ints, Ints]:
 
 def _parse_ply_header(content: bytes) -> PlyHeader:
     """Parse the header of a PLY file."""
+    # Each element is followed by its properties, so ``name`` is the last element.
     lines = iterate_header_lines(content)
     first, _ = next(lines, ("", 0))
     if first.split() != ["ply"]:
@@ -489,6 +512,7 @@ def _read_corners(data: Any, name: str, lists: list[str]) -> tuple[Ints, Ints]:
 
     Refuses faces of different sizes, because trimesh applies the size of the first face to all.
     """
+    # trimesh gives a list as two fields: "f0" has the lengths, and "f1" the values.
     for list_name in lists:
         lengths = data[list_name]["f0"]
         if (lengths != lengths[0]).any():

@@ -129,6 +129,7 @@ def _read_header(path: StrPath) -> _MapHeader:
 
     Raises an error that names the key if a value is missing or wrong.
     """
+    # The keys that must be there, then words, then numbers, then the image.
     document = read_yaml(path, "ROS map")
     if not isinstance(document, dict):
         problem = f"holds {type(document).__name__}"
@@ -205,6 +206,7 @@ def _classify_pixels(header: _MapHeader, image: Shades) -> tuple[Bools, Bools]:
     classified first.
     """
     shades = image.shades
+    # In raw mode, levels are percentages; in the other modes, they are shades of a probability.
     if header.mode == "raw":
         percent = np.floor(255.0 * shades + 0.5)
         free_levels = percent < 100.0 * header.free_thresh
@@ -405,10 +407,11 @@ def read_occupancy_grid(
         problem = f"has shape {values.shape} and type {values.dtype}"
         rule = f"it must have width x height = {width} x {height} whole numbers, from -1 to 100"
         raise InputError("msg.data", problem, rule, "pass the whole message")
+    # Row by row from the lowest y; other numbers than per cent stand for unknown cells.
     percent = values.reshape(height, width).T
-    known = (percent >= 0) & (percent <= 100)
-    free = known & (percent / 100.0 < low)
-    occupied = known & (percent / 100.0 >= high)
+    is_known = (percent >= 0) & (percent <= 100)
+    free = is_known & (percent / 100.0 < low)
+    occupied = is_known & (percent / 100.0 >= high)
     position = "info.origin.position"
     coordinates = [_get_field(msg, f"{position}.{name}") for name in "xy"]
     x, y = check_finite(coordinates, f"msg.{position}").tolist()
@@ -438,6 +441,7 @@ def _parse_resolution(msg: object) -> float:
     """
     value = check_positive(_get_field(msg, "info.resolution"), "msg.info.resolution")
     single = np.float32(value)
+    # The shortest text of a float32 is the decimal number that was rounded to it.
     return float(str(single)) if float(single) == value else value
 
 
@@ -456,7 +460,7 @@ def _parse_yaw(msg: object) -> float:
         rule = "a map must lie flat, turned about z only"
         problem = f"is ({x:g}, {y:g}, {z:g}, {w:g}), which is tilted"
         raise InputError(f"msg.{place}", problem, rule, "set x and y to 0")
-    return 2.0 * math.atan2(z, w)
+    return 2.0 * math.atan2(z, w)  # a quaternion has half the angle
 
 
 DEFAULT_FOOTPRINT_PADDING: Final = 0.01
@@ -527,6 +531,7 @@ def read_nav2(path: StrPath, costmap: str | None = None) -> CostmapRobot:
     if not robots:
         rule = f"it has {', '.join(tables)}"
         raise FileError(file, f"has no costmap {costmap!r}", rule, "name one of these")
+    # Costmaps may agree; then it does not matter which one is taken.
     name, robot = next(iter(robots.items()))
     if len(set(robots.values())) > 1:
         listed = "; ".join(f"{name} has {robot}" for name, robot in robots.items())
@@ -552,8 +557,9 @@ def _iterate_tables(value: Any, path: tuple[str, ...]) -> Iterator[tuple[str, Ma
 def _parse_robot(table: Mapping[str, Any], place: str) -> CostmapRobot:
     """Parse the robot of a costmap's parameters."""
     footprint: Any = table.get("footprint")
-    given_padding = table.get("footprint_padding", DEFAULT_FOOTPRINT_PADDING)
-    padding = check_not_negative(given_padding, f"{place}: footprint_padding")
+    padding = check_not_negative(
+        table.get("footprint_padding", DEFAULT_FOOTPRINT_PADDING), f"{place}: footprint_padding"
+    )
     if footprint in _NO_FOOTPRINT:
         radius = check_positive(table["robot_radius"], f"{place}: robot_radius")
         return CostmapRobot((), radius, padding)

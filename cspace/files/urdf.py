@@ -112,6 +112,7 @@ def locate_meshes(
     See :func:`find_meshes` for the search. ``places`` has, for each mesh, its place in the file,
     for messages.
     """
+    # Files under a mesh's full name come first. Else one file with the rest of its name is a guess.
     folder = Path(path).resolve().parent
     meshes: dict[str, Path] = {}
     guesses: dict[str, Path] = {}
@@ -184,6 +185,7 @@ def _find_parents(root: Element, links: set[str]) -> dict[str, str]:
 
     Refuses joints of unknown links or without an axis, and links with two parents.
     """
+    # yourdfpy checks none of this.
     parents: dict[str, str] = {}
     for joint in root.findall("joint"):
         name = joint.get("name")
@@ -213,8 +215,8 @@ def _find_parents(root: Element, links: set[str]) -> dict[str, str]:
 
 def _read_attribute(element: Element, tag: str, name: str) -> str | None:
     """Return an attribute of a part of an element, or None."""
-    part = element.find(tag)
-    return None if part is None else part.get(name)
+    child = element.find(tag)
+    return None if child is None else child.get(name)
 
 
 def _check_tree(names: list[str], parents: dict[str, str]) -> None:
@@ -222,7 +224,8 @@ def _check_tree(names: list[str], parents: dict[str, str]) -> None:
     try:
         TopologicalSorter({child: [parent] for child, parent in parents.items()}).prepare()
     except CycleError as error:
-        problem = f"joins {error.args[1][0]!r} in a loop of joints"
+        _, (link, *_) = error.args  # the message, and the links of the loop
+        problem = f"joins {link!r} in a loop of joints"
         raise ContentError(problem, "links must form a tree", "remove a joint") from error
     roots = [name for name in names if name not in parents]
     if len(roots) != 1:
@@ -235,9 +238,10 @@ def _check_numbers(element: Element, place: str) -> None:
 
     Raises ContentError. ``place`` names the element in messages.
     """
-    for part in element.iter():
-        for name, count in _NUMBERS_PER_ATTRIBUTE.get(str(part.tag), {}).items():
-            text = part.get(name)
+    # The element and all elements in it.
+    for member in element.iter():
+        for name, count in _NUMBERS_PER_ATTRIBUTE.get(str(member.tag), {}).items():
+            text = member.get(name)
             if text is None:
                 continue
             try:
@@ -247,7 +251,7 @@ def _check_numbers(element: Element, place: str) -> None:
             is_scalar = name == "scale" and len(numbers) == 1
             if len(numbers) != count and not is_scalar:
                 rule = "it must be one number" if count == 1 else f"it must be {count} numbers"
-                problem = f"has {name}={text!r} at the {part.tag} of {place}"
+                problem = f"has {name}={text!r} at the {member.tag} of {place}"
                 raise ContentError(problem, rule, "correct it")
 
 
@@ -256,6 +260,7 @@ def _check_geometry(geometry: Element | None, place: str) -> None:
 
     Raises ContentError. ``place`` names the geometry in messages.
     """
+    # One child, with all attributes of its kind.
     shapes = [] if geometry is None else list(geometry)
     if len(shapes) != 1 or shapes[0].tag not in GEOMETRIES:
         kinds = ", ".join(f"<{shape.tag:.40}>" for shape in shapes) or "nothing"
@@ -314,6 +319,7 @@ def zero_poses(urdf: URDF) -> dict[str, Floats]:
             pose = poses[name]
             if joint.origin is not None:
                 pose = pose @ joint.origin
+            # The joint that it mimics is at zero, so it moves by its offset.
             if joint.mimic is not None and joint.type in _MOVING_TYPES:
                 motion = np.eye(4)
                 displacement = joint.mimic.offset * joint.axis / np.linalg.norm(joint.axis)
@@ -393,6 +399,7 @@ def _find_existing(places: Iterable[Path]) -> list[Path]:
 
 def _check_single(files: Sequence[Path], place: str, folder: Path) -> None:
     """Raise FileError unless exactly one file matches a mesh."""
+    # No file, or several of which none has the full name.
     hint = (
         "put it there, correct its name, or pass package_dirs=FOLDER, where FOLDER holds the "
         "folder of its package"
@@ -472,6 +479,7 @@ def read_srdf(path: str | os.PathLike[str], urdf: URDF) -> Srdf:
             reader.read_states(),
             reader.read_end_effectors(),
         )
+    # The reader has collected the names that it skipped.
     skipped = []
     if reader.unknown:
         skipped.append(f"{', '.join(reader.unknown)}, which the URDF does not have")
@@ -492,6 +500,7 @@ class _Reader:
     """
 
     def __init__(self, root: Element, urdf: URDF) -> None:
+        """List the links and joints of the robot, virtual joints included."""
         self._root = root
         self._links = urdf.link_map
         self._joint_above = {joint.child: joint for joint in urdf.robot.joints}
@@ -512,12 +521,13 @@ class _Reader:
 
         Like MoveIt, apply the defaults first, then enabled, then disabled pairs.
         """
+        # A dict instead of a set keeps the order of the links.
         solid = {name: None for name, link in self._links.items() if link.collisions}
         allowed: dict[tuple[str, str], str] = {}
         for (name,), reason in self._iterate_links("disable_default_collisions", "link"):
             if name in solid:
-                others = (other for other in solid if other != name)
-                allowed |= {_sort_pair(name, other): reason for other in others}
+                partners = (link for link in solid if link != name)
+                allowed |= {_sort_pair(name, partner): reason for partner in partners}
         for names, _ in self._iterate_links("enable_collisions", "link1", "link2"):
             allowed.pop(_sort_pair(*names), None)
         for names, reason in self._iterate_links("disable_collisions", "link1", "link2"):
@@ -556,19 +566,20 @@ class _Reader:
                 base = _get_attribute(member, "base_link")
                 tip = _get_attribute(member, "tip_link")
                 if self._check_known([base, tip], self._links):
+                    # Joints above both ends are not between them.
                     joints |= self._list_joints_above(base) ^ self._list_joints_above(tip)
                 continue
-            known = {"joint": self._joint_types, "link": self._links, "group": groups}
-            if member.tag not in known:
+            known_names = {"joint": self._joint_types, "link": self._links, "group": groups}
+            if member.tag not in known_names:
                 continue
             member_name = _get_attribute(member, "name")
-            if not self._check_known([member_name], known[member.tag]):
+            if not self._check_known([member_name], known_names[member.tag]):
                 continue
             if member.tag == "joint":
                 joints.add(member_name)
             elif member.tag == "group":
                 joints |= self._collect_joints(member_name, groups, enclosing | {name})
-            elif member_name in self._joint_above:
+            elif member_name in self._joint_above:  # a link stands for the joint above it
                 joints.add(self._joint_above[member_name].name)
         return joints
 
@@ -586,6 +597,7 @@ class _Reader:
         states = {}
         for state in self._root.findall("group_state"):
             name = "/".join(filter(None, (state.get("group"), _get_attribute(state, "name"))))
+            # Texts by joint. Skip a state that no joint of the robot takes part in.
             values = {
                 _get_attribute(joint, "name"): _get_attribute(joint, "value")
                 for joint in state.findall("joint")

@@ -47,6 +47,7 @@ def read_shapes(source: Any) -> list[BaseGeometry]:
     Raises GeometryError if there is no geometry, or one is malformed, empty, self-crossing, or has
     coordinates that are not finite or three-dimensional.
     """
+    # Each simple geometry has a name for messages, such as "polygons[2], part 0".
     names: list[str] = []
     shapes: list[BaseGeometry] = []
     for name, shape in _iterate_geometries(source, "polygons"):
@@ -80,7 +81,7 @@ def _iterate_geometries(source: Any, name: str) -> Iterator[tuple[str, BaseGeome
         yield from _parse_geojson(source, name)
     elif isinstance(source, str | os.PathLike):
         yield from _read_text_geometries(source, name)
-    elif isinstance(source, Iterable):
+    elif isinstance(source, Iterable):  # of any of these
         for index, item in enumerate(source):
             yield from _iterate_geometries(item, f"{name}[{index}]")
     else:
@@ -91,6 +92,7 @@ def _iterate_geometries(source: Any, name: str) -> Iterator[tuple[str, BaseGeome
 
 def _read_text_geometries(source: StrPath, name: str) -> Iterator[tuple[str, BaseGeometry]]:
     """Yield the geometries of a WKT string or a file, each with its name."""
+    # WKT has no suffix of a file, because it ends with a parenthesis or EMPTY.
     suffix = Path(source).suffix.lower()
     file = os.fspath(source)
     if suffix == ".wkt":
@@ -153,6 +155,7 @@ def _parse_geojson(document: Any, name: str) -> Iterator[tuple[str, BaseGeometry
         problem = f"has geometry {document!r:.60}"
         hint = "remove or correct the feature"
         raise GeometryError(name, problem, "an obstacle needs one", hint)
+    # Collections and features hold geometries, in which the recursion ends.
     kind = document.get("type")
     if kind == "FeatureCollection":
         features = document.get("features")
@@ -198,10 +201,12 @@ def check_shapes(shapes: Sequence[BaseGeometry], names: Sequence[str]) -> None:
 
     array = np.array(shapes, dtype=object)
     points, owners = shapely.get_coordinates(array, return_index=True)
+    # The owner of a point is the index of its shape.
     broken = np.flatnonzero(~np.isfinite(points).all(axis=1))
     if len(broken):
-        x, y = points[broken[0]]
-        index = int(owners[broken[0]])
+        first = broken[0]
+        x, y = points[first]
+        index = int(owners[first])
         problem = f"has a vertex at ({x}, {y})"
         rule = "NaN and infinities are refused"
         hint = "drop or replace it"
@@ -209,6 +214,7 @@ def check_shapes(shapes: Sequence[BaseGeometry], names: Sequence[str]) -> None:
     is_invalid = ~shapely.is_valid(array)
     reason = shapely.is_valid_reason(array[is_invalid.argmax()])
     flat = "drop them with shapely.force_2d if height does not matter"
+    # For each reason, the mask of the shapes to refuse, and the parts of the message.
     for refused, problem, rule, hint in (
         (shapely.is_empty(array), "is empty", "an obstacle must cover some ground", "remove it"),
         (shapely.has_z(array), "has z coordinates", "obstacles in the plane have two", flat),

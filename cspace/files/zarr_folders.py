@@ -8,7 +8,6 @@ package as codec, and a missing chunk is read as the fill value, which could pas
 
 from __future__ import annotations
 
-import itertools
 import json
 import math
 import re
@@ -77,6 +76,7 @@ class Layout:
     @classmethod
     def of(cls, shape: Sequence[int], dtype: str, compressed: bool) -> Layout:
         """Choose chunks of whole rows, of at most ``WRITTEN_CHUNK_BYTES`` if possible."""
+        # From the first axis on, until an index of the rest fits into a chunk.
         chunks = list(shape)
         for axis, count in enumerate(shape):
             bytes_per_index = np.dtype(dtype).itemsize * math.prod(shape[axis + 1 :])
@@ -92,6 +92,7 @@ class Layout:
         Raises ContentError if this module cannot read such an array, and any error if the metadata
         are malformed.
         """
+        # Its kind, then the type of its entries, then its shape and chunks.
         if (metadata["zarr_format"], metadata.get("node_type")) != (3, "array"):
             raise ContentError("holds no array", _ARRAY_RULE, _ARRAY_HINT)
         codecs = _check_codecs(metadata)
@@ -122,7 +123,7 @@ class Layout:
 
     def describe(self, fill: Any, attributes: Mapping[str, Any], axes: Sequence[str]) -> bytes:
         """Return the content of the array's metadata file."""
-        special = {"nan": "NaN", "inf": "Infinity"}
+        special = {"nan": "NaN", "inf": "Infinity"}  # numbers that JSON lacks
         document = {
             "zarr_format": 3,
             "node_type": "array",
@@ -143,11 +144,14 @@ class Layout:
         The box defaults to the whole array, and cells are clipped to the array.
         """
         box = box or tuple(slice(0, count) for count in self.shape)
+        # Chunks along each axis that meet the box.
         spans = [
             range(cells.start // side, -(-cells.stop // side))
             for cells, side in zip(box, self.chunks, strict=True)
         ]
-        for index in itertools.product(*spans):
+        # Files may declare any number of chunks, which itertools.product would list in memory.
+        for place in np.ndindex(*map(len, spans)):
+            index = [span[k] for span, k in zip(spans, place, strict=True)]
             axes = zip(index, self.chunks, self.shape, strict=True)
             cells = tuple(slice(i * side, min((i + 1) * side, count)) for i, side, count in axes)
             yield f"c/{'/'.join(map(str, index))}", cells
@@ -185,6 +189,7 @@ def _zstd_size(content: bytes) -> int | None:
     # RFC 8878: magic, descriptor, window (unless a single segment), dictionary, declared size.
     if content[:4] != _ZSTD_MAGIC:
         raise ContentError("has a chunk that is not compressed by zstd")
+    # The bits of the descriptor say how many bytes the next fields take.
     descriptor = content[4]
     is_single_segment = descriptor >> 5 & 1
     window_bytes = 1 - is_single_segment
@@ -192,8 +197,9 @@ def _zstd_size(content: bytes) -> int | None:
     size_bytes = (is_single_segment, 2, 4, 8)[descriptor >> 6]
     if not size_bytes:
         return None
-    start = 5 + window_bytes + dictionary_bytes
+    start = 5 + window_bytes + dictionary_bytes  # after the magic number and the descriptor
     declared = int.from_bytes(content[start : start + size_bytes], "little")
+    # Two bytes count from 256 on, because one byte serves smaller sizes.
     return declared + 256 if size_bytes == 2 else declared
 
 
@@ -243,6 +249,7 @@ class ZarrArray:
     """
 
     def __init__(self, path: StrPath) -> None:
+        """Read the metadata of the array, but no chunk."""
         self.filename = Path(path).absolute()  # workers have other working folders
         file = self.filename / ROOT_FILE
         with decoding(path, _ARRAY_KIND, _ARRAY_RULE, _ARRAY_HINT):
@@ -268,12 +275,12 @@ class ZarrArray:
         entries = np.empty([cells.stop - cells.start for cells in box], dtype=self.dtype)
         with decoding(self.filename, _ARRAY_KIND):
             for name, cells in self._layout.iterate_chunks(tuple(box)):
-                here, there = intersect_boxes(box, cells)
+                in_box, in_chunk = intersect_boxes(box, cells)
                 content = read_member(self.filename, name, "chunk")
                 if content is not None:
-                    entries[here] = self._layout.decode(content)[there]
+                    entries[in_box] = self._layout.decode(content)[in_chunk]
                 elif self._may_miss_chunks:
-                    entries[here] = self._fill
+                    entries[in_box] = self._fill
                 else:
                     raise missing_chunk(f"its chunk {name}")
         return entries

@@ -41,7 +41,8 @@ class Raster:
         """Trim a bitmap; its first entry is the offset ``lower``."""
         window = []
         for axis in range(cells.ndim):
-            other_axes = tuple(other for other in range(cells.ndim) if other != axis)
+            # Indices along the axis at which a cell is set.
+            other_axes = tuple(k for k in range(cells.ndim) if k != axis)
             occupied = np.flatnonzero(cells.any(axis=other_axes))
             if not len(occupied):
                 return cls(np.zeros((0,) * cells.ndim, dtype=np.bool_), (0,) * cells.ndim)
@@ -93,6 +94,7 @@ def extract_runs(rasters: Sequence[Raster]) -> tuple[Ints, Ints]:
     """
     runs_of_rasters = []
     for raster in rasters:
+        # Between gaps at both ends, the cells step up where a run starts and down where it stops.
         gap = np.int8(0)
         steps = np.diff(raster.cells.view(np.int8), prepend=gap, append=gap)
         first = np.argwhere(steps == 1)
@@ -137,7 +139,7 @@ def allocate_bitmap(low: Floats, high: Floats) -> tuple[Bools, tuple[int, ...]]:
     InputError if the box has more cells than a raster may.
     """
     lower = np.floor(low) - 2
-    shape = np.ceil(high) + 3 - lower
+    shape = np.ceil(high) + 3 - lower  # up to two cells beyond the last one
     if np.prod(shape) > MAX_RASTER_CELLS:
         size = " x ".join(f"{n:.0f}" for n in shape)
         raise InputError(

@@ -90,10 +90,12 @@ def _find_edge_runs(cells: NDArray[np.int8]) -> _EdgeRuns:
     """Find runs of equal edges on the lattice lines across the first axis."""
     lines = len(cells) + 1
     length = cells.shape[1]
-    # One column of padding on both sides begins and ends the runs.
+    # A step is the difference of the cells after and before a line, 1 or -1 at an edge. One column
+    # of padding on both sides begins and ends the runs.
     steps = np.zeros((lines, length + 2), dtype=np.int8)
     steps[:-1, 1:-1] = cells
     steps[1:, 1:-1] -= cells
+    # Along a line, a run starts or stops where the step changes.
     before = steps[:, :-1]
     after = steps[:, 1:]
     changes = before != after
@@ -126,6 +128,7 @@ def rectangle_triangles(squares: Bools, axis: int, spacing: float, lower: Any) -
 
     ``squares[k, i, j]`` lies in the lattice plane k. Returns shape (n, 3, 3).
     """
+    # Corners of rectangles are (layer, row, column).
     low, high = merge_into_rectangles(squares)
     layer, low_row, low_column = low.T
     _, high_row, high_column = high.T
@@ -155,6 +158,7 @@ def boundary_mesh(cells: Bools, spacing: float, lower: Any) -> tuple[Floats, Int
     quads = []
     windings = []
     for axis in range(3):
+        # A square at lattice point p has the corners p, p + first, p + first + second, p + second.
         first, second = np.delete(strides, axis)
         gap = np.int8(0)
         steps = np.asarray(np.diff(cells.view(np.int8), axis=axis, prepend=gap, append=gap))
@@ -180,7 +184,8 @@ def cover_with_boxes(cells: Bools, spacing: float, lower: Any) -> tuple[Floats, 
     corner = np.asarray(lower, dtype=np.float64)
     layers = cells if cells.ndim == 3 else cells[None]
     low, high = merge_into_rectangles(layers)
-    high[:, 0] += 1
+    high[:, 0] += 1  # a box is one layer thick
+    # In the plane, drop the layer.
     axes = slice(3 - cells.ndim, 3)
     return corner + spacing * low[:, axes], corner + spacing * high[:, axes]
 
@@ -196,7 +201,7 @@ def merge_into_rectangles(squares: Bools) -> tuple[Ints, Ints]:
     is_edge[..., :-1] = squares
     is_edge[..., 1:] ^= squares
     layer, row, column = np.nonzero(is_edge)
-    # Edges come in pairs: where a run starts and where it stops.
+    # Edges come in pairs: where a run starts, at even places, and where it stops, at odd ones.
     layer = layer[::2]
     row = row[::2]
     start = column[::2]
@@ -205,6 +210,7 @@ def merge_into_rectangles(squares: Bools) -> tuple[Ints, Ints]:
     order = np.lexsort((row, stop, start, layer))
     runs = np.stack([layer, start, stop, row], axis=1)[order]
     begins_rectangle = np.ones(len(runs), dtype=np.bool_)
+    # A run continues a rectangle if it differs from the run before by the next row alone.
     begins_rectangle[1:] = (np.diff(runs, axis=0) != (0, 0, 0, 1)).any(axis=1)
     ends_rectangle = np.ones(len(runs), dtype=np.bool_)
     ends_rectangle[:-1] = begins_rectangle[1:]
@@ -296,12 +302,13 @@ def _count_quarter_turns(yaw: float, shape: tuple[int, ...]) -> int | None:
 
     Returns None if ``yaw`` is no multiple of pi / 2 up to rounding.
     """
-    # Larger multiples of pi / 2 have a rounding error above the tolerance.
+    # Beyond two turns, multiples of pi / 2 have a rounding error above the tolerance.
     if abs(yaw) > 4.0 * math.pi:
         return None
     quarters = round(yaw / (math.pi / 2))
     error = abs(yaw - quarters * (math.pi / 2))
     max_displacement = error * math.hypot(*shape)  # cells
+    # A small share of the slack, so that the other roundings have the rest.
     return quarters % 4 if max_displacement <= SLACK / 64 else None
 
 

@@ -98,6 +98,7 @@ def rounded_cells(boxes: RoundedBoxes, grid: Grid) -> tuple[Bools, Bools]:
     """
     outer = np.zeros(grid.shape, dtype=np.bool_)
     inner = np.zeros(grid.shape, dtype=np.bool_)
+    # From metres to cells, from the corner of the grid on.
     lower = np.asarray(grid.lower)
     lows = (boxes.lows - lower) / grid.spacing
     highs = (boxes.highs - lower) / grid.spacing
@@ -143,6 +144,7 @@ def _mark_in_slabs(out: Bools, boxes: RoundedBoxes, b0: float, b1: float) -> Non
     highs = boxes.highs
     if out.ndim == 2:
         out = out[:, None]
+        # The layer lies between 0 and 1; two cells more on both sides are farther than any cube.
         lows = np.insert(lows, 1, -2.0, axis=1)
         highs = np.insert(highs, 1, 3.0, axis=1)
     radii = boxes.radii[:, None]
@@ -162,7 +164,7 @@ def _mark_near(
     start: int,
     stop: int,
 ) -> None:
-    """Set ``out[i]`` if cube ``i`` is within the radius of a box.
+    """Set ``out[i]`` if cube ``i``, ``i + [b0, b1]^3``, is within the radius of a box.
 
     Covers first indices in ``[start, stop)``. ``first`` and ``last``, shape (n, 3), are the indices
     of the cubes around each box. The gap along an axis is zero if the intervals of cube and box

@@ -68,6 +68,7 @@ def outline_rasters(
     If they do, the part is the region that they enclose by even-odd parity. The rasters hold for
     all rotations of the rotation cell.
     """
+    # Segments of each part at the representative rotation, and how far they move within the cell.
     outlines = []
     growths = []
     for segments, _ in parts:
@@ -86,6 +87,7 @@ def outline_rasters(
         mark_touched(outer, segments, growth + radius, -1.0, 1.0, SLACK)
         if not filled:
             continue
+        # Points that the boundary may reach are not inner ones.
         enclosed = np.zeros_like(outer)
         mark_inside(enclosed, segments, 0.0)
         outer |= enclosed
@@ -108,6 +110,7 @@ def outline_cells(parts: Sequence[tuple[Floats, bool]], grid: Grid) -> tuple[Boo
         local, window = _to_window(segments, grid)
         if local is None:
             continue
+        # A cell that the boundary does not touch lies in the region if its center does.
         touched = np.zeros(outer[window].shape, dtype=np.bool_)
         enclosed = np.zeros_like(touched)
         mark_touched(touched, local, np.zeros(len(local)), 0.0, 1.0, SLACK)
@@ -144,14 +147,16 @@ def _cut_segments(segments: Floats, rotation: RotationCell) -> Floats:
     Within a rotation cell it varies by less than a quarter of a cell along a piece.
     """
     swing = float(rotation.displacement(np.array([1.0, 0.0])))
-    lengths = np.hypot(segments[:, 2] - segments[:, 0], segments[:, 3] - segments[:, 1])
+    x0, y0, x1, y1 = segments.T
+    lengths = np.hypot(x1 - x0, y1 - y0)
+    # Along a piece the distance from the origin varies by at most its length.
     counts = np.maximum(np.ceil(4.0 * swing * lengths).astype(np.int64), 1)
     owner = np.repeat(np.arange(len(counts)), counts)
     first_piece = np.cumsum(counts) - counts
     index = np.arange(len(owner)) - first_piece[owner]
     count = counts[owner]
-    begin = segments[owner, :2]
-    end = segments[owner, 2:]
+    begin = np.stack([x0, y0], axis=1)[owner]
+    end = np.stack([x1, y1], axis=1)[owner]
     # Neighbouring pieces must share endpoints to the last bit, so both ends use the same formula.
     piece_begin = begin + (end - begin) * (index / count)[:, None]
     piece_end = begin + (end - begin) * ((index + 1) / count)[:, None]
@@ -177,6 +182,7 @@ def _segment_over_slab(
         return math.inf, -math.inf
     if px == qx:
         return min(py, qy), max(py, qy)
+    # Clip the segment, from 0 at p to 1 at q, to both sides of the slab.
     t0 = min(max((x0 - px) / (qx - px), 0.0), 1.0)
     t1 = min(max((x1 - px) / (qx - px), 0.0), 1.0)
     y0 = py + t0 * (qy - py)
@@ -193,11 +199,12 @@ def mark_touched(
     b1: float,
     slack: float,
 ) -> None:
-    """Set ``out[i]`` if box ``i`` meets a segment grown by its radius.
+    """Set ``out[i]`` if box ``i``, ``i + [b0, b1]^2``, meets a segment grown by its radius.
 
-    Gaps up to ``slack`` count as touching. The grown segment is convex, so its part over the x-slab
-    of a box spans a y-interval; the box meets it if and only if their y-intervals overlap. That
-    interval is the hull of the intervals of the two end discs and the rectangle between them.
+    ``segments`` are (px, py, qx, qy), shape (n, 4), in cells; ``radii`` have shape (n,). Gaps up to
+    ``slack`` count as touching. The grown segment is convex, so its part over the x-slab of a box
+    spans a y-interval; the box meets it if and only if their y-intervals overlap. That interval is
+    the hull of the intervals of the two end discs and the rectangle between them.
     """
     nx, ny = out.shape
     for e in range(segments.shape[0]):
@@ -210,6 +217,7 @@ def mark_touched(
         oy = scale * (qx - px)
         first_x = max(0, math.ceil(min(px, qx) - radius - slack - b1))
         last_x = min(nx - 1, math.floor(max(px, qx) + radius + slack - b0))
+        # For each column of boxes, the y-interval of the grown segment.
         for i in range(first_x, last_x + 1):
             x0 = i + b0 - slack
             x1 = i + b1 + slack
@@ -236,8 +244,9 @@ def mark_touched(
 def mark_inside(out: Bools, segments: Floats, c: float) -> None:
     """Fill closed curves by even-odd parity.
 
-    Sets ``out[i, j]`` if the point ``(i + c, j + c)`` is inside. Exact for points farther from the
-    curve than rounding; ``out`` must be all False.
+    ``segments`` are (px, py, qx, qy), shape (n, 4), in cells. Sets ``out[i, j]`` if the point
+    ``(i + c, j + c)`` is inside. Exact for points farther from the curve than rounding; ``out``
+    must be all False.
     """
     nx, ny = out.shape
     for e in range(segments.shape[0]):

@@ -74,6 +74,7 @@ class WindingNumber:
     """
 
     def __init__(self, triangles: Floats, windings: Ints) -> None:
+        """Keep the triangles with their intervals along x."""
         self._triangles = np.ascontiguousarray(triangles)
         self._windings = windings
         x = self._triangles[..., 0]
@@ -85,6 +86,7 @@ class WindingNumber:
 
         ``points``, shape (n, 3), must be farther from the surfaces than rounding.
         """
+        # Sorted along x, the points that may be above or below a triangle are consecutive.
         order = np.argsort(points[:, 0])
         ascending = points[order]
         first = np.searchsorted(ascending[:, 0], self._low, side="left")
@@ -116,6 +118,7 @@ def _cut_triangle(triangle: Floats, x: float) -> tuple[int, float, float, float,
     its ends. The point is computed from the nearer end, so that all triangles at an edge compute
     the same point.
     """
+    # The plane meets two edges or none; the higher crossing tells the facing.
     facing = 0
     crossings = 0
     low_y = 0.0
@@ -130,8 +133,10 @@ def _cut_triangle(triangle: Floats, x: float) -> tuple[int, float, float, float,
         direction = -1 if p_is_left else 1
         if not p_is_left:
             p, q = q, p
-        y = interpolate_at(x, p[0], q[0], p[1], q[1])
-        z = interpolate_at(x, p[0], q[0], p[2], q[2])
+        left_x, left_y, left_z = p
+        right_x, right_y, right_z = q
+        y = interpolate_at(x, left_x, right_x, left_y, right_y)
+        z = interpolate_at(x, left_x, right_x, left_z, right_z)
         is_highest = crossings == 0 or y > high_y
         if crossings == 0 or not is_highest:
             low_y = y
@@ -169,6 +174,7 @@ def _sum_crossings(
 ) -> None:
     """Add ``windings`` of the triangles that an upward ray from each point crosses.
 
+    ``points`` have the shape (n, 3), ``triangles`` (m, 3, 3), ``sums`` (n,), and the rest (m,).
     Points ``first[t]`` to ``stop[t]`` have an x-coordinate within that of triangle ``t``.
     """
     for t in range(len(triangles)):
@@ -401,9 +407,11 @@ def _dilate(cells: Bools, radius: float) -> Bools:
     distance from the cells grown by one, less than one cell in total. So the result is complete and
     has no point more than one cell too far.
     """
+    # The lattice points of a cube and its neighbours touch it in any case.
     grown = np.asarray(scipy.ndimage.binary_dilation(cells, np.ones((3, 3, 3))))
     if radius == 0.0 or not grown.any():
         return grown
     distances = np.asarray(scipy.ndimage.distance_transform_edt(~grown))
     half_diagonal = math.sqrt(3.0) / 2.0
+    # The last term covers the rounding of the distances.
     return distances <= radius + half_diagonal + 2.0**-20

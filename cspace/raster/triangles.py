@@ -84,6 +84,9 @@ _MAX_HALVINGS: Final = 63
 _MAX_PROJECTIONS: Final = 3
 """Number of alternating projections of cube and triangle that are tried before all features."""
 
+_CLIPPING_ROOM: Final = 0.001
+"""Distance, in cells, that a clipped triangle may reach beyond its corners; it is below 2^-27."""
+
 _RADIUS_SLACK: Final = 2.0**-20
 """Rounding allowance of a radius, in cells, before the share of the triangles' extent."""
 
@@ -103,9 +106,8 @@ def mark_touched(
     """
     before = b0 - slack
     after = b1 + slack
-    # The clipped triangle may reach 2^-27 cells farther than its corners.
-    lows = triangles.min(axis=1) - (after + 0.001)
-    highs = triangles.max(axis=1) - (before - 0.001)
+    lows = triangles.min(axis=1) - (after + _CLIPPING_ROOM)
+    highs = triangles.max(axis=1) - (before - _CLIPPING_ROOM)
     boxes = index_boxes(lows, highs, out.shape)
     in_slabs(_mark_touched, out, triangles, *boxes, before, after)
 
@@ -172,6 +174,7 @@ def subdivide(
     corners = np.ascontiguousarray(triangles.swapaxes(0, 1))
     pieces = []
     for _ in range(_MAX_HALVINGS):
+        # Side e leads from corner e to the next one.
         sides = np.linalg.norm(corners[[1, 2, 0]] - corners, axis=2)
         nearest = _measure_levers(corners, about_z).min(axis=0)
         is_long = sides.max(axis=0) > np.maximum(max_side, max_relative * nearest)
@@ -179,6 +182,7 @@ def subdivide(
         corners = corners[:, is_long]
         if not corners.size:
             break
+        # Corners have the shape (3, n, 3). Cut each triangle at the middle of its longest side.
         begin = sides[:, is_long].argmax(axis=0)
         end = (begin + 1) % 3
         columns = np.arange(len(begin))
@@ -207,6 +211,7 @@ def mark_within(out: Bools, swept: SweptTriangles, half: float, radius: float) -
     zero. Lengths are in cells, in the index frame of ``out``.
     """
     extent = float(np.ptp(swept.triangles.reshape(-1, 3), axis=0).max())
+    # Distances are rounded in proportion to the coordinates.
     slack = _RADIUS_SLACK + 2.0**-34 * extent
     growth = np.tile(swept.swing * swept.farthest[:, None], 3)
     if swept.about_z:
@@ -234,22 +239,25 @@ def interpolate_at(plane: float, pa: float, qa: float, pc: float, qc: float) -> 
 
 @kernel
 def _clip(triangle: Floats, low: float, high: float, clipped: Floats) -> int:
-    """Clip a triangle to the slab ``low <= x <= high``.
+    """Clip a triangle, shape (3, 3), to the slab ``low <= x <= high``.
 
-    Writes the (y, z) of the corners in order, and returns the number of corners.
+    Writes the (y, z) of the corners in order into ``clipped``, shape (9, 2), and returns the number
+    of corners.
     """
     count = 0
     for e in range(3):
-        p, q = triangle[e], triangle[(e + 1) % 3]
-        if low <= p[0] <= high:
-            clipped[count, 0] = p[1]
-            clipped[count, 1] = p[2]
+        px, py, pz = triangle[e]
+        qx, qy, qz = triangle[(e + 1) % 3]
+        if low <= px <= high:
+            clipped[count, 0] = py
+            clipped[count, 1] = pz
             count += 1
-        first, second = (low, high) if p[0] < q[0] else (high, low)
+        # The edge from p to q meets the planes in this order.
+        first, second = (low, high) if px < qx else (high, low)
         for plane in (first, second):
-            if min(p[0], q[0]) < plane < max(p[0], q[0]):
-                clipped[count, 0] = interpolate_at(plane, p[0], q[0], p[1], q[1])
-                clipped[count, 1] = interpolate_at(plane, p[0], q[0], p[2], q[2])
+            if min(px, qx) < plane < max(px, qx):
+                clipped[count, 0] = interpolate_at(plane, px, qx, py, qy)
+                clipped[count, 1] = interpolate_at(plane, px, qx, pz, qz)
                 count += 1
     return count
 
@@ -258,19 +266,21 @@ def _clip(triangle: Floats, low: float, high: float, clipped: Floats) -> int:
 def _heights_between(polygon: Floats, n: int, low: float, high: float) -> tuple[float, float]:
     """Return the z-interval of a polygon between two y-values.
 
-    That is the part with ``low <= y <= high``. The polygon is convex, with ``n`` corners (y, z).
-    Returns (inf, -inf) if there is no such part.
+    That is the part with ``low <= y <= high``. The polygon is convex; its ``n`` corners (y, z) are
+    the first rows of ``polygon``, shape (9, 2). Returns (inf, -inf) if there is no such part.
     """
     lowest = math.inf
     highest = -math.inf
+    # The extremes are at corners between the two values, or where edges from p to q cross them.
     for e in range(n):
-        p, q = polygon[e], polygon[(e + 1) % n]
-        if low <= p[0] <= high:
-            lowest = min(lowest, p[1])
-            highest = max(highest, p[1])
+        py, pz = polygon[e]
+        qy, qz = polygon[(e + 1) % n]
+        if low <= py <= high:
+            lowest = min(lowest, pz)
+            highest = max(highest, pz)
         for plane in (low, high):
-            if min(p[0], q[0]) < plane < max(p[0], q[0]):
-                z = interpolate_at(plane, p[0], q[0], p[1], q[1])
+            if min(py, qy) < plane < max(py, qy):
+                z = interpolate_at(plane, py, qy, pz, qz)
                 lowest = min(lowest, z)
                 highest = max(highest, z)
     return lowest, highest
@@ -293,25 +303,29 @@ def _mark_touched(
     are in cells. Only boxes with ``start <= i < stop`` are set. ``first`` and ``last``, shape
     (n, 3), are the indices of the boxes around each triangle.
     """
-    polygon = np.empty((9, 2))  # corners (y, z) of a triangle clipped to a slab
+    # Corners (y, z) of a triangle clipped to a slab; an edge adds at most three of them.
+    polygon = np.empty((9, 2))
     for t in range(len(triangles)):
-        for i in range(max(start, first[t, 0]), min(stop - 1, last[t, 0]) + 1):
+        first_i, first_j, first_k = first[t]
+        last_i, last_j, last_k = last[t]
+        for i in range(max(start, first_i), min(stop - 1, last_i) + 1):
             corners = _clip(triangles[t], i + before, i + after, polygon)
             if corners == 0:
                 continue
+            # Cut the polygon into strips along z, as wide as a box.
             low_y = high_y = polygon[0, 0]
             for e in range(1, corners):
                 low_y = min(low_y, polygon[e, 0])
                 high_y = max(high_y, polygon[e, 0])
-            first_y = max(first[t, 1], math.ceil(low_y - after))
-            last_y = min(last[t, 1], math.floor(high_y - before))
-            for j in range(first_y, last_y + 1):
+            lowest_j = max(first_j, math.ceil(low_y - after))
+            highest_j = min(last_j, math.floor(high_y - before))
+            for j in range(lowest_j, highest_j + 1):
                 low_z, high_z = _heights_between(polygon, corners, j + before, j + after)
                 if low_z > high_z:
                     continue
-                first_z = max(first[t, 2], math.ceil(low_z - after))
-                last_z = min(last[t, 2], math.floor(high_z - before))
-                for k in range(first_z, last_z + 1):
+                lowest_k = max(first_k, math.ceil(low_z - after))
+                highest_k = min(last_k, math.floor(high_z - before))
+                for k in range(lowest_k, highest_k + 1):
                     out[i, j, k] = True
 
 
@@ -328,7 +342,8 @@ def _cube_point_distance(point: Row, half: float) -> float:
 def _cube_edges_distance(p: Floats, q: Floats, center: Row, half: float) -> float:
     """Return the distance between a segment and the edges of a cube.
 
-    Only pairs of interior points count; inf if there are none.
+    The segment leads from ``p`` to ``q``, shape (3,); the cube has the sides ``2 * half``. Only
+    pairs of interior points count; inf if there are none.
     """
     best = math.inf
     for axis in range(3):
@@ -341,9 +356,11 @@ def _cube_edges_distance(p: Floats, q: Floats, center: Row, half: float) -> floa
             continue
         for edge_u in (center[u] - half - p[u], center[u] + half - p[u]):
             for edge_v in (center[v] - half - p[v], center[v] + half - p[v]):
+                # Point t of the segment, from 0 to 1, is the nearest to the line of the edge.
                 t = (edge_u * du + edge_v * dv) / squared_length
                 height = p[axis] + t * (q[axis] - p[axis]) - center[axis]
                 if 0.0 <= t <= 1.0 and abs(height) <= half:
+                    # The parallelogram of the segment and the way to the edge, as seen.
                     area = abs(edge_u * dv - edge_v * du)
                     best = min(best, area / math.sqrt(squared_length))
     return best
@@ -351,11 +368,15 @@ def _cube_edges_distance(p: Floats, q: Floats, center: Row, half: float) -> floa
 
 @kernel
 def _cube_triangle_distance(triangle: Floats, center: Row, half: float) -> float:
-    """Return the distance between a triangle and a disjoint cube."""
+    """Return the distance between a triangle, shape (3, 3), and a disjoint cube.
+
+    It is attained between a corner of either and the other one, or between two edges.
+    """
     best = math.inf
-    for x in (center[0] - half, center[0] + half):
-        for y in (center[1] - half, center[1] + half):
-            for z in (center[2] - half, center[2] + half):
+    center_x, center_y, center_z = center
+    for x in (center_x - half, center_x + half):
+        for y in (center_y - half, center_y + half):
+            for z in (center_z - half, center_z + half):
                 best = min(best, point_triangle((x, y, z), triangle))
     for e in range(3):
         p, q = triangle[e], triangle[(e + 1) % 3]
@@ -388,12 +409,13 @@ def _is_near(
         x, y, z = in_triangle
         in_cube = min(max(x, -half), half), min(max(y, -half), half), min(max(z, -half), half)
         gap = minus(in_triangle, in_cube)
+        gap_x, gap_y, gap_z = gap
         square = dot(gap, gap)
         if square <= max_distance * max_distance:
             return True
-        # Along any direction, a corner of the triangle comes first.
+        # Along the gap, the corner of the triangle that comes first must be far beyond the cube.
         triangle_start = min(dot(gap, a), dot(gap, b), dot(gap, c))
-        cube_end = half * (abs(gap[0]) + abs(gap[1]) + abs(gap[2]))
+        cube_end = half * (abs(gap_x) + abs(gap_y) + abs(gap_z))
         if triangle_start - cube_end > (max_distance + slack) * math.sqrt(square):
             return False
     return _cube_triangle_distance(triangle, center, half) <= max_distance + slack
@@ -447,12 +469,14 @@ def _mark_within(
         reach = swept.swing * swept.farthest[t] + radius + slack
         x, y, z = triangle[0]
         slope_x, slope_y, half_height = _plane_heights(triangle, reach, half)
-        for i in range(max(start, first[t, 0]), min(stop - 1, last[t, 0]) + 1):
-            for j in range(first[t, 1], last[t, 1] + 1):
+        first_i, first_j, first_k = first[t]
+        last_i, last_j, last_k = last[t]
+        for i in range(max(start, first_i), min(stop - 1, last_i) + 1):
+            for j in range(first_j, last_j + 1):
                 height = z + slope_x * (i - x) + slope_y * (j - y)
-                first_z = max(first[t, 2], math.ceil(height - half_height))
-                last_z = min(last[t, 2], math.floor(height + half_height))
-                for k in range(first_z, last_z + 1):
+                lowest_k = max(first_k, math.ceil(height - half_height))
+                highest_k = min(last_k, math.floor(height + half_height))
+                for k in range(lowest_k, highest_k + 1):
                     center = float(i), float(j), float(k)
                     if not out[i, j, k] and _is_swept_near(swept, t, center, half, radius, slack):
                         out[i, j, k] = True
@@ -466,16 +490,18 @@ def _plane_heights(triangle: Floats, distance: float, half: float) -> tuple[floa
     plane. It is unlimited if the plane is steep or the triangle thin. The distance includes the
     allowance for rounding; with the slope it grows faster than the error of the heights.
     """
-    n = normal_of(triangle)
+    normal = normal_of(triangle)
+    normal_x, normal_y, normal_z = normal
     a = row_at(triangle[0], 0)
     ab = minus(row_at(triangle[1], 0), a)
     ac = minus(row_at(triangle[2], 0), a)
     bc = minus(ac, ab)
     longest = max(dot(ab, ab), dot(ac, ac), dot(bc, bc))
-    length = math.sqrt(dot(n, n))
-    if abs(n[2]) <= max(MIN_NORMAL_Z * length, THIN * longest):
+    length = math.sqrt(dot(normal, normal))
+    if abs(normal_z) <= max(MIN_NORMAL_Z * length, THIN * longest):
         return 0.0, 0.0, _UNLIMITED
-    cube_extent = half * (abs(n[0]) + abs(n[1]) + abs(n[2]))
-    slope_x = -n[0] / n[2]
-    slope_y = -n[1] / n[2]
-    return slope_x, slope_y, (distance * length + cube_extent) / abs(n[2])
+    # Half the extent of a cube along the normal.
+    cube_extent = half * (abs(normal_x) + abs(normal_y) + abs(normal_z))
+    slope_x = -normal_x / normal_z
+    slope_y = -normal_y / normal_z
+    return slope_x, slope_y, (distance * length + cube_extent) / abs(normal_z)

@@ -20,7 +20,7 @@ from cspace.support.arrays import STATE_NAMES
 
 FORMAT: Final = "cspace-map"
 VERSION: Final = 6
-"""Version of the format; a reader refuses all others."""
+"""Version of the format, frozen by docs/reference/format.md; a reader refuses all others."""
 
 AXES: Final = ("x", "y", "z")
 
@@ -28,7 +28,7 @@ STACKED: Final = ("cell_states", "overlap_counts")
 """Arrays with one entry for each slice."""
 
 
-class Stored(NamedTuple):
+class StoredArray(NamedTuple):
     """Type, axes and attributes of a stored array.
 
     Attributes
@@ -51,18 +51,18 @@ class Stored(NamedTuple):
     sizes: Mapping[str, int] = {}
 
 
-def _stored(axes: str, dtype: str, lost: Any, long_name: str, **attributes: Any) -> Stored:
+def _describe(axes: str, dtype: str, lost: Any, long_name: str, **attributes: Any) -> StoredArray:
     """Describe an array by the names of its axes, separated by spaces."""
-    return Stored(tuple(axes.split()), dtype, lost, {"long_name": long_name, **attributes})
+    return StoredArray(tuple(axes.split()), dtype, lost, {"long_name": long_name, **attributes})
 
 
-def _floats(axes: str, long_name: str, units: str, **attributes: str) -> Stored:
+def _describe_floats(axes: str, long_name: str, units: str, **attributes: str) -> StoredArray:
     """Describe an array of float64."""
-    return _stored(axes, "float64", math.nan, long_name, units=units, **attributes)
+    return _describe(axes, "float64", math.nan, long_name, units=units, **attributes)
 
 
-ARRAYS: Final[dict[str, Stored]] = {
-    "cell_states": _stored(
+ARRAYS: Final[dict[str, StoredArray]] = {
+    "cell_states": _describe(
         "slice cells",
         "uint8",
         255,
@@ -70,17 +70,17 @@ ARRAYS: Final[dict[str, Stored]] = {
         flag_values=list(range(len(STATE_NAMES))),
         flag_meanings=" ".join(STATE_NAMES),
     ),
-    "outer": _stored("cells", "bool", True, "workspace cells that meet an obstacle"),
-    "inner": _stored("cells", "bool", True, "workspace cells that lie in obstacles"),
-    "unknown": _stored("cells", "bool", True, "workspace cells that nothing is known of"),
-    "overlap_counts": _stored(
+    "outer": _describe("cells", "bool", True, "workspace cells that meet an obstacle"),
+    "inner": _describe("cells", "bool", True, "workspace cells that lie in obstacles"),
+    "unknown": _describe("cells", "bool", True, "workspace cells that nothing is known of"),
+    "overlap_counts": _describe(
         "slice cells",
         "int32",
         -1,
         "number of coinciding pairs of obstacle cell and robot offset",
         units="1",
     ),
-    "slice_of": _stored(
+    "slice_of": _describe(
         "rotation",
         "int64",
         np.iinfo(np.int64).max,
@@ -88,40 +88,61 @@ ARRAYS: Final[dict[str, Stored]] = {
         comment="where cell_states has the axis slice, cell_states.isel(slice=slice_of) has the "
         "axis rotation",
     ),
-    "exterior": _stored(
+    "exterior": _describe(
         "slice corner",
         "int64",
         np.iinfo(np.int64).max,
         "first and last cell of the box of cells that are MIXED outside the grid, and the state "
         "of those beyond it",
     ),
-    "shapes": _stored(
+    "distances": _describe(
+        "slice cells",
+        "float32",
+        0.0,
+        "distance from the center of a cell to the nearest cell that is not FREE, in cells",
+        units="1",
+    ),
+    "distance_boxes": _describe_floats(
+        "slice bound axis",
+        "corners of the box of all cells that are not FREE, in cells",
+        "1",
+    ),
+    "shapes": _describe(
         "byte", "int8", -1, "obstacles as a JSON list of what makes each shape again"
     ),
     **{
-        axis: _floats(axis, f"{axis} of the middle of a cell", "m", axis=axis.upper())
+        axis: _describe_floats(axis, f"{axis} of the middle of a cell", "m", axis=axis.upper())
         for axis in AXES
     },
 }
 """Every array that a map may hold, except those that describe its rotation cells."""
 
+DERIVED: Final = ("distances", "distance_boxes")
+"""Arrays for readers without this package, which computes them again."""
 
-def stored() -> dict[str, Stored]:
-    """Return every array that a map may hold, by name."""
-    arrays = dict(ARRAYS)
-    for rotations in Rotations.KINDS.values():
-        for name, coordinate in rotations.COORDINATES.items():
+
+def describe_arrays() -> dict[str, StoredArray]:
+    """Return the descriptions of all arrays that a map may hold, by name.
+
+    They are :data:`ARRAYS` and the arrays of every kind of rotation cells.
+    """
+    descriptions = dict(ARRAYS)
+    for kind in Rotations.KINDS.values():
+        for name, coordinate in kind.COORDINATES.items():
+            # The first axis counts the rotation cells; the coordinate names and sizes the others.
             axes = " ".join(["rotation", *coordinate.axes])
+            # The CF attribute ``bounds`` names the array with the boundaries of the cells.
             bounds = {"bounds": coordinate.bounds} if coordinate.bounds else {}
-            array = _floats(axes, coordinate.about, coordinate.units, **bounds)
-            arrays[name] = array._replace(sizes=coordinate.axes)
-    return arrays
+            description = _describe_floats(axes, coordinate.about, coordinate.units, **bounds)
+            descriptions[name] = description._replace(sizes=coordinate.axes)
+    return descriptions
 
 
 def axes_of(name: str, dim: int) -> tuple[str, ...]:
     """Return the axes of an array on a grid."""
+    # "cells" stands for the axes of the grid.
     axes: list[str] = []
-    for axis in stored()[name].axes:
+    for axis in describe_arrays()[name].axes:
         axes += AXES[:dim] if axis == "cells" else [axis]
     return tuple(axes)
 
@@ -135,7 +156,7 @@ def grid_of(metadata: Mapping[str, Any]) -> Grid:
 
 def attributes_of(name: str, grid: Grid) -> dict[str, Any]:
     """Return the attributes of an array on a grid, with the name and unit of an axis."""
-    attributes = dict(stored()[name].attributes)
+    attributes = dict(describe_arrays()[name].attributes)
     if name in AXES:
         number = AXES.index(name)
         attributes["long_name"] = f"{grid.axes[number]} of the middle of a cell"
@@ -171,12 +192,13 @@ def metadata_of(contents: Contents) -> dict[str, Any]:
 
 
 def arrays_of(contents: Contents) -> dict[str, Any]:
-    """Return the arrays of a map, by the names of :func:`stored`, without copies of cells.
+    """Return the arrays of a map, by the names of :func:`describe_arrays`, without copies of cells.
 
     Optional arrays are ``inner`` if it differs from ``outer``, ``unknown`` if there are such cells,
     ``overlap_counts`` if the map has them, the arrays of rotation cells if the robot rotates, and
     ``shapes`` if the obstacles have shapes.
     """
+    # What every map has, then what it may have.
     workspace = contents.workspace
     grid = contents.grid
     arrays: dict[str, Any] = {
@@ -216,10 +238,11 @@ def shapes_from(array: NDArray[Any]) -> tuple[Shape, ...]:
 
 
 def turns_of(names: Iterable[str]) -> tuple[str, ...]:
-    """Return the names of all arrays of rotation cells; empty if the robot does not rotate."""
-    given = set(names)
-    for rotations in Rotations.KINDS.values():
-        coordinates = tuple(rotations.COORDINATES)
-        if coordinates and coordinates[0] in given:
+    """Return which names are of arrays of rotation cells; empty if the robot does not rotate."""
+    all_names = set(names)
+    for kind in Rotations.KINDS.values():
+        coordinates = tuple(kind.COORDINATES)
+        # The first name of a kind is in no other kind.
+        if coordinates and coordinates[0] in all_names:
             return coordinates
     return ()

@@ -15,9 +15,6 @@ from cspace.support.words import Outside
 OUTSIDES: Final[tuple[Outside, ...]] = get_args(Outside)
 """Assumptions about the workspace outside its grid."""
 
-FARTHEST_CELL: Final = 2**62
-"""Largest cell of a look-up; a box up to it has no end."""
-
 UNKNOWN: Final = "unknown"
 """Outside a part of a larger map nothing is known, so all cells there are MIXED."""
 
@@ -61,7 +58,7 @@ class Exterior:
         ``box`` has the first and last obstacle cell; only policy "free" reads it. The rest is as
         for :meth:`of`.
         """
-        nowhere = np.repeat([0, -1], len(shape))
+        nowhere = np.repeat([0, -1], len(shape))  # an empty box: its first cell is 0, its last -1
         rows = list[list[int]]()
         for outer, inner in rasters:
             if policy == UNKNOWN:
@@ -85,8 +82,10 @@ class Exterior:
 
         ``shape`` is that of the grid; the result has shape (slices,).
         """
-        first, last = np.split(self.table[:, :-1], 2, axis=1)
+        boxes = self.table[:, :-1]
+        beyond = self.table[:, -1]
+        first, last = np.split(boxes, 2, axis=1)
         # A box that is empty or within the grid has no MIXED cell outside the grid.
         is_empty = (first > last).any(axis=1)
         is_in_grid = ((first >= 0) & (last < shape)).all(axis=1)
-        return np.asarray((self.table[:, -1] == BLOCKED) & (is_empty | is_in_grid))
+        return np.asarray((beyond == BLOCKED) & (is_empty | is_in_grid))

@@ -17,7 +17,7 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
@@ -35,15 +35,16 @@ from cspace.limits import check_bytes
 from cspace.record.contents import Contents
 from cspace.record.description import (
     AXES,
+    DERIVED,
     FORMAT,
     VERSION,
     arrays_of,
     attributes_of,
     axes_of,
+    describe_arrays,
     grid_of,
     metadata_of,
     shapes_from,
-    stored,
     turns_of,
 )
 from cspace.record.exterior import UNKNOWN, Exterior
@@ -83,6 +84,9 @@ _MAX_EXTERIOR_CELL: Final = 2**40
 _ROTATION_ROUNDING: Final = 1e-12
 """Maximum difference of coordinates between machines; proofs have far more slack."""
 
+_LATER_ARRAY: Final = re.compile(r"[a-z][a-z0-9_]*")
+"""Names that later releases may give to arrays."""
+
 _OTHER_ENTRIES: Final = re.compile(
     r"zarr\.json|\.cspace-.*|frame.*|\d+(\.\d+)+(-\w+)?|components\.npz|"
     r"record|labels_[01]|geometry|vertices|faces|centers|radii"
@@ -119,7 +123,11 @@ def making_map(path: StrPath) -> Iterator[None]:
 def write_folder(
     folder: Path, attributes: Mapping[str, Any], files: Iterable[tuple[str, bytes]] = ()
 ) -> None:
-    """Write a Zarr group with a digest of its attributes and of named files, attributes last."""
+    """Write a Zarr group with a digest of its attributes and of named files, attributes last.
+
+    ``files`` are names, relative to the folder, and contents.
+    """
+    # The digest is part of the attributes, so it is computed with zeros in its own place.
     document = {
         "zarr_format": 3,
         "node_type": "group",
@@ -182,25 +190,41 @@ def read_format(path: StrPath) -> str:
 
 def is_map_folder(folder: Path) -> bool:
     """Return True if a folder holds nothing but a map, maybe damaged or of an earlier version."""
-    known = stored()
+    array_names = describe_arrays()
     names = [entry.name for entry in folder.iterdir()]
-    return all(name in known or _OTHER_ENTRIES.fullmatch(name) for name in names)
+    return all(name in array_names or _OTHER_ENTRIES.fullmatch(name) for name in names)
 
 
 # ---- writing -------------------------------------------------------------------------------------
 
 
-def save(contents: Contents, path: StrPath, overwrite: bool = False, compress: bool = True) -> None:
-    """Save a map as a Zarr folder, complete or not at all; see :meth:`cspace.CSpace.save`."""
+def save(
+    contents: Contents,
+    path: StrPath,
+    overwrite: bool = False,
+    compress: bool = True,
+    derived: Mapping[str, NDArray[Any]] | None = None,
+) -> None:
+    """Save a map as a Zarr folder, complete or not at all; see :meth:`cspace.CSpace.save`.
+
+    ``derived`` are arrays in addition, of the names in ``DERIVED``.
+    """
     rule = "a map is saved as a Zarr folder; space.export writes other formats"
     check_suffix(path, MAP_SUFFIXES, rule)
     with replacing(path, overwrite, folder=is_map_folder) as temporary:
-        write_map(contents, temporary, compress)
+        write_map(contents, temporary, compress, derived)
 
 
-def write_map(contents: Contents, folder: Path, compress: bool = True, **more: Any) -> None:
-    """Write a map into a new folder; ``more`` are attributes in addition."""
-    arrays = arrays_of(contents)
+def write_map(
+    contents: Contents,
+    folder: Path,
+    compress: bool = True,
+    derived: Mapping[str, NDArray[Any]] | None = None,
+    **extra: Any,
+) -> None:
+    """Write a map into a new folder; ``extra`` are attributes in addition."""
+    arrays = {**arrays_of(contents), **(derived or {})}
+    # What describes the map, then what a reader needs to unpack its arrays.
     attributes = {
         **metadata_of(contents),
         "arrays": " ".join(arrays),
@@ -208,7 +232,7 @@ def write_map(contents: Contents, folder: Path, compress: bool = True, **more: A
         "shapes_bytes": len(arrays.get("shapes", ())),
         # The CF conventions' name of the arrays that label others.
         "coordinates": " ".join((*turns_of(arrays), "slice_of")),
-        **more,
+        **extra,
     }
     write_folder(folder, attributes, _iterate_files(arrays, contents.grid, compress))
 
@@ -218,7 +242,7 @@ def _iterate_files(
 ) -> Iterator[tuple[str, bytes]]:
     """Yield the name and content of each file of the arrays."""
     for name, values in arrays.items():
-        _, dtype, lost, *_ = stored()[name]
+        _, dtype, lost, *_ = describe_arrays()[name]
         layout = Layout.of(values.shape, dtype, compress)
         axes = axes_of(name, grid.dim)
         yield f"{name}/{ROOT_FILE}", layout.describe(lost, attributes_of(name, grid), axes)
@@ -240,28 +264,32 @@ def read_map_and_attributes(path: StrPath, form: str = FORMAT) -> tuple[Contents
         grid = grid_of(attributes)
         layouts = _expect_layouts(attributes, grid)
         check_bytes(path, sum(layout.nbytes for layout in layouts.values()), "unpacks to")
-        arrays = _read_arrays(path, layouts, digest)
+        arrays = _read_arrays(path, attributes["arrays"].split(), layouts, digest)
         if digest.hexdigest() != attributes["digest"]:
             raise map_error(path, "its files differ from their digest")
         contents = _make_contents(attributes, grid, arrays)
-        for name, value in metadata_of(contents).items():
-            given = attributes[name]
-            if name not in _FREE_ATTRIBUTES and given != value:
-                raise ValueError(f"its attribute {name!r} is {given!r:.40}, not {value!r:.40}")
+        # The map that was made must describe itself by the same attributes.
+        for name, expected in metadata_of(contents).items():
+            value = attributes[name]
+            if name not in _FREE_ATTRIBUTES and value != expected:
+                raise ValueError(f"its attribute {name!r} is {value!r:.40}, not {expected!r:.40}")
         return contents, attributes
 
 
 def _expect_layouts(attributes: Mapping[str, Any], grid: Grid) -> dict[str, Layout]:
-    """Return the layout that each array of a map must have.
+    """Return the layout that each array of a map must have, except arrays that are skipped.
 
-    Raises ValueError if an array is missing or unknown, or a size is not positive.
+    Raises ValueError if an array is missing or has no valid name, or a size is not positive.
     """
     names = attributes["arrays"].split()
+    known = describe_arrays()
+    arrays = {name: known[name] for name in names if name in known and name not in DERIVED}
     required = ("cell_states", "outer", "slice_of", *AXES[: grid.dim], *turns_of(names))
     missing = [name for name in required if name not in names]
-    unknown = sorted(set(names).difference(stored()))
+    unknown = sorted(name for name in names if not _LATER_ARRAY.fullmatch(name))
     if missing or unknown:
         raise ValueError(f"it lacks {missing} and has {unknown}")
+    # Lengths of all axes by name; some arrays bring axes of their own.
     sizes = {
         "slice": attributes["slices"],
         "rotation": attributes["rotations"],
@@ -270,8 +298,7 @@ def _expect_layouts(attributes: Mapping[str, Any], grid: Grid) -> dict[str, Layo
         **dict(zip(AXES, grid.shape, strict=False)),
     }
     layouts = {}
-    for name in names:
-        expected = stored()[name]
+    for name, expected in arrays.items():
         all_sizes = {**sizes, **expected.sizes}
         shape = [all_sizes[axis] for axis in axes_of(name, grid.dim)]
         if min(shape) < 1:
@@ -281,9 +308,9 @@ def _expect_layouts(attributes: Mapping[str, Any], grid: Grid) -> dict[str, Layo
 
 
 def _read_arrays(
-    path: StrPath, layouts: Mapping[str, Layout], digest: Any
+    path: StrPath, names: Sequence[str], layouts: Mapping[str, Layout], digest: Any
 ) -> dict[str, NDArray[Any]]:
-    """Read all arrays, and add their files to the digest."""
+    """Read the arrays that have a layout, and add the files of all arrays to the digest."""
 
     def read(name: str) -> bytes:
         content = read_member(path, name, "part of a saved map")
@@ -293,8 +320,13 @@ def _read_arrays(
         return content
 
     arrays = {}
-    for name, layout in layouts.items():
+    for name in names:
         given = Layout.parse(json.loads(read(f"{name}/{ROOT_FILE}")))
+        layout = layouts.get(name)
+        if layout is None:
+            for file, _ in given.iterate_chunks():
+                read(f"{name}/{file}")
+            continue
         if given != layout:
             problem = f"is {given.dtype} {given.shape}, not {layout.dtype} {layout.shape}"
             raise ValueError(f"its array {name!r} {problem}, or has other chunks")
@@ -302,7 +334,7 @@ def _read_arrays(
         for file, cells in layout.iterate_chunks():
             chunk = layout.decode(read(f"{name}/{file}"))
             # Chunks at the border reach beyond the array.
-            inside = tuple(slice(0, part.stop - part.start) for part in cells)
+            inside = tuple(slice(0, side.stop - side.start) for side in cells)
             values[cells] = chunk[inside]
         arrays[name] = values
     return arrays
@@ -312,6 +344,7 @@ def _make_contents(
     attributes: Mapping[str, Any], grid: Grid, arrays: Mapping[str, NDArray[Any]]
 ) -> Contents:
     """Make a map of its attributes and arrays; raise any error if they describe no map."""
+    # The digest is right, but the files may be forged, so each part is checked before its use.
     if not _UNITS.issuperset(grid.units):
         raise ValueError(f"its units are {grid.units}")
     states = arrays["cell_states"]
@@ -372,6 +405,7 @@ def _check_rotations(
 
 def check_exterior(table: Ints, outside: str) -> Exterior:
     """Return the exterior of a table; raise ValueError if it contradicts the space outside."""
+    # A row is the first cell of a box, its last cell, and the state beyond.
     boxes = table[:, :-1]
     states = table[:, -1]
     if not np.isin(states, _EXTERIOR_STATES[outside]).all():

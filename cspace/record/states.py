@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.support.arrays import Ints, States, frozen
+from cspace.support.arrays import BLOCKED, Ints, States, frozen
 
 
 def count_states(states: States) -> Ints:
-    """Count the states of each slice, shape (slices, 3)."""
-    return np.array([np.bincount(part.reshape(-1), minlength=3) for part in states])
+    """Count the FREE, MIXED and BLOCKED cells of each slice, shape (slices, 3)."""
+    return np.array([np.bincount(cells.ravel(), minlength=BLOCKED + 1) for cells in states])
 
 
 def read_only(array: NDArray[Any]) -> NDArray[Any]:

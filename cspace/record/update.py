@@ -96,6 +96,7 @@ class Patch:
 
         Raises InputError if the cells or the position of the box are invalid.
         """
+        # Check the box first, then the optional inner cells.
         outer = _copy_cells(cells, "cells")
         first = _check_first_cell(lower, grid.dim)
         hint = "pass one entry per cell of the box"
@@ -113,9 +114,9 @@ class Patch:
         if inside.shape != outer.shape:
             problem = f"has shape {inside.shape} but cells has {outer.shape}"
             raise InputError("inner", problem, "they must be equal", hint)
-        lost = np.argwhere(inside & ~outer)
-        if len(lost):
-            entry = tuple(lost[0].tolist())
+        not_outer = np.argwhere(inside & ~outer)
+        if len(not_outer):
+            entry = tuple(not_outer[0].tolist())
             problem = f"has entry {entry}, which is not in cells"
             rule = "it must be a subset of cells"
             raise InputError("inner", problem, rule, "add it to cells")
@@ -171,6 +172,7 @@ class Updater:
         exterior: Exterior,
         drop_derived: Callable[[Workspace, ObstacleLayers | None], None],
     ) -> None:
+        """Copy the workspace, and measure how far the robot's rasters reach."""
         self._grid = contents.grid
         self._layers = layers
         self._states = contents.states
@@ -180,6 +182,7 @@ class Updater:
         self._drop_derived = drop_derived
         self._sides = group_rasters(rasters, contents.proves_blocked)
         self._reach = _reach(self._sides, contents.grid.shape, contents.outside == "blocked")
+        # Cells of the largest raster along each axis, and number of rotation cells of each slice.
         self._size = np.max([outer.cells.shape for outer, _ in rasters], axis=0)
         self._weights = np.bincount(contents.slice_of, minlength=len(contents.states))
         self._workspace = copy_workspace(contents.workspace, live=True)
@@ -213,6 +216,7 @@ class Updater:
         if self._layers is None:
             self._layers = _layers_of(self._workspace)
         boxes = self._layers.set_obstacle(name, obstacle)
+        # The old and the new place of an obstacle are one box if a robot can touch both.
         if len(boxes) == 2 and not self._are_apart(*boxes):
             firsts, stops = zip(*boxes, strict=True)
             boxes = [(np.min(firsts, axis=0), np.max(stops, axis=0))]
@@ -337,6 +341,7 @@ class Updater:
         elif self._stay_equal(patch):
             _overwrite(old.outer, window, patch.outer)
         else:
+            # One array was both; the patch makes two of it.
             outer = old.outer.copy()
             inner = old.outer.copy()
             outer[window] = patch.outer
@@ -367,15 +372,17 @@ def _reach(sides: RasterGroups, shape: Sequence[int], exterior_blocked: bool) ->
 
     A robot that touches the blocked exterior from everywhere depends on no cell.
     """
+    # The box around all runs; it is inverted if there are none.
     low = np.full(3, _NEVER)
     high = np.full(3, -_NEVER)
     for side in sides:
         for runs in ClippedRuns.of(side, to_three_axes(shape)):
             if not len(runs.table) or (runs.clipped and exterior_blocked):
                 continue
-            first = runs.table[:, :3]
-            last = first.copy()
-            last[:, 2] += runs.table[:, 3] - 1  # a run lies along the last axis
+            # Runs are (x, y, z, length) and lie along the last axis.
+            x, y, z, length = runs.table.T
+            first = np.stack([x, y, z], axis=1)
+            last = np.stack([x, y, z + length - 1], axis=1)
             low = np.minimum(low, first.min(axis=0))
             high = np.maximum(high, last.max(axis=0))
     missing_axes = 3 - len(shape)

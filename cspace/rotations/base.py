@@ -126,7 +126,8 @@ class RotationCell:
         """Return the maximum displacement of points, shape (..., d), within the cell."""
         arms = points[..., :2] if self.about_z else points
         levers = np.linalg.norm(arms, axis=-1)
-        chord = 2.0 * math.sin(min(self.covering_angle, math.pi) / 2.0)  # of the unit circle
+        # A point turns along a circle around its axis, by at most this chord of the unit circle.
+        chord = 2.0 * math.sin(min(self.covering_angle, math.pi) / 2.0)
         return np.asarray(chord * levers)
 
 

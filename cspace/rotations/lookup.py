@@ -42,7 +42,10 @@ MIN_ARC_ANGLE: Final = 1e-9
 
 @inlined
 def rotation_in(borders: Floats, row: Floats) -> Numbers:
-    """Return the rotation at the end of the numbers of a configuration."""
+    """Return the rotation at the end of the numbers of a configuration.
+
+    ``borders`` have two axes for quaternions, and no entry for a robot that does not turn.
+    """
     if borders.ndim == 2:
         return row[-4], row[-3], row[-2], row[-1]
     return (row[-1] if borders.shape[0] > 0 else 0.0,)
@@ -58,8 +61,11 @@ def is_rotation(rotation: Numbers) -> bool:
 
 @inlined
 def rotation_cell(borders: Floats, rotation: Numbers) -> int:
-    """Return the rotation cell that contains a rotation."""
-    if len(rotation) == 4:
+    """Return the rotation cell that contains a rotation.
+
+    ``borders`` are those of :class:`cspace.rotations.base.RotationTable`.
+    """
+    if len(rotation) == 4:  # a quaternion
         chart, i, j, k = find_parts(borders[0], rotation)
         return cell_index(borders[0], chart, i, j, k)
     if borders.shape[0] == 0:
@@ -90,6 +96,7 @@ def arc_angle_and_error(first: Numbers, second: Numbers, arc: int) -> tuple[floa
     """
     if len(first) == 4:
         path = find_arc(first, second, arc)
+        # Twice the half angle is the angle of the quaternions, and a rotation turns twice that.
         angle = 4.0 * path.half_angle
         error = angle if path.is_tiny else 0.0
         return angle, error
@@ -104,7 +111,7 @@ def rotation_along(first: Numbers, second: Numbers, arc: int, t: float) -> Numbe
     """
     if len(first) == 4:
         path = find_arc(first, second, arc)
-        angle = 2.0 * path.half_angle
+        angle = 2.0 * path.half_angle  # between the quaternions
         first_weight = 1.0 - t
         second_weight = t
         if angle > MIN_ARC_ANGLE:
@@ -149,10 +156,12 @@ def find_cell(borders: Floats, yaw: float) -> int:
     """
     yaw = wrap_to_cells(borders, yaw)
     count = borders.shape[0] - 1
+    # The number of cells of equal width below the yaw.
     guess = (yaw - borders[0]) * (count / TWO_PI)
     low = int(guess) if 0.0 <= guess < count else 0
     if borders[low] <= yaw < borders[low + 1]:
         return low
+    # Bisect between the boundaries ``low`` and ``high``.
     low = 0
     high = count
     while high - low > 1:
@@ -166,7 +175,10 @@ def find_cell(borders: Floats, yaw: float) -> int:
 
 @kernel
 def first_widened_cell(borders: Floats, angle: float) -> int:
-    """Return the first cell, widened by ANGLE_SLACK, that contains an angle."""
+    """Return the first cell, widened by ANGLE_SLACK, that contains an angle.
+
+    ``borders``, shape (n + 1,), are in radians. Indices of cells go on in other turns.
+    """
     revolutions = math.floor((angle - borders[0]) / TWO_PI)
     count = borders.shape[0] - 1
     k = find_cell(borders, angle)
@@ -245,6 +257,7 @@ def find_part(borders: Floats, quotient: float) -> int:
     # This polynomial is the arc tangent to a few thousandths.
     angle = quotient * (QUARTER_PI + 0.273 * (1.0 - abs(quotient)))
     guess = (angle + QUARTER_PI) * (parts / (2.0 * QUARTER_PI))
+    # From the guess, step to the part that contains the quotient.
     part = int(min(max(guess, 0.0), parts - 1.0))
     while part > 0 and quotient < borders[part]:
         part -= 1
@@ -263,18 +276,22 @@ def find_parts(borders: Floats, q: Numbers) -> tuple[int, int, int, int]:
     for component in range(1, 4):
         if abs(q[component]) > abs(q[chart]):
             chart = component
+    largest = q[chart]
     a, b, c = OTHER_COMPONENTS[chart]
     return (
         chart,
-        find_part(borders, q[a] / q[chart]),
-        find_part(borders, q[b] / q[chart]),
-        find_part(borders, q[c] / q[chart]),
+        find_part(borders, q[a] / largest),
+        find_part(borders, q[b] / largest),
+        find_part(borders, q[c] / largest),
     )
 
 
 @kernel
 def cell_index(borders: Floats, chart: int, i: int, j: int, k: int) -> int:
-    """Return the index of a cell."""
+    """Return the index of a cell by its chart and its parts of the three axes.
+
+    ``borders``, shape (n + 1,), bound the n parts of an axis.
+    """
     n = borders.shape[0] - 1
     return int(((chart * n + i) * n + j) * n + k)
 
@@ -314,6 +331,7 @@ def find_arc(q0: Numbers, q1: Numbers, arc: int) -> Arc:
     is_beyond_right_angle = dot_product(a, b) < 0.0
     if is_beyond_right_angle != (arc == 1):
         b = normalise(b, -1.0)
+    # For unit vectors at an angle t, |b - a| = 2 sin(t / 2) and |b + a| = 2 cos(t / 2).
     difference = mix(b, a, 1.0, -1.0)
     total = mix(b, a, 1.0, 1.0)
     tangent = math.sqrt(dot_product(difference, difference) / dot_product(total, total))
@@ -335,21 +353,23 @@ def next_part(borders: Floats, arc: Arc, done: float) -> tuple[int, float, float
     point = mix(arc.first, mix(end, arc.first, 1.0, -1.0), 1.0, done)
     chart, i, j, k = find_parts(borders, point)
     parts = i, j, k
+    # With the sign that makes the largest component positive, quotients compare without division.
     sign = math.copysign(1.0, point[chart])
     largest = sign * point[chart]
     largest_at_end = sign * end[chart]
-    share = 1.0
+    share = 1.0  # of the rest of the chord, to the boundary of the cell that it meets first
     for n in range(3):
         component = OTHER_COMPONENTS[chart][n]
-        other = sign * point[component]
-        other_at_end = sign * end[component]
+        value = sign * point[component]
+        value_at_end = sign * end[component]
         low = borders[parts[n]] - QUOTIENT_SLACK
         high = borders[parts[n] + 1] + QUOTIENT_SLACK
         # Zero on a boundary of the cell, and negative inside.
-        above = other - high * largest
-        above_at_end = other_at_end - high * largest_at_end
-        below = low * largest - other
-        below_at_end = low * largest_at_end - other_at_end
+        above = value - high * largest
+        above_at_end = value_at_end - high * largest_at_end
+        below = low * largest - value
+        below_at_end = low * largest_at_end - value_at_end
+        # The functions are linear along the chord, so these are their zeros.
         if above_at_end > 0.0:
             share = min(share, above / (above - above_at_end))
         if below_at_end > 0.0:
@@ -373,6 +393,7 @@ def parts_around(borders: Floats, largest: float, other: float, reach: float) ->
     length = math.hypot(largest, other)
     if not reach < length:
         return 0, last
+    # Parts are intervals of quotients, the tangents of angles from -pi / 4 to pi / 4.
     center = math.atan(other / largest) if largest != 0.0 else 2.0 * QUARTER_PI
     swing = math.asin(reach / length) + 2.0 * QUOTIENT_SLACK
     if abs(center) + swing >= 3.0 * QUARTER_PI:  # beyond the other end as well

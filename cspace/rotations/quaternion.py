@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace.errors import InputError
 from cspace.rotations.base import (
+    ANGLE_SLACK,
     COVERING_ANGLE,
     Coordinate,
     Rotations,
@@ -80,7 +81,7 @@ class QuaternionRotations(Rotations):
     @classmethod
     def of_stored_arrays(cls, coordinates: Mapping[str, NDArray[Any]]) -> QuaternionRotations:
         """Create as many cells as there are centers."""
-        cells_per_chart = len(coordinates["quaternion"]) / 4.0
+        cells_per_chart = len(coordinates["quaternion"]) / 4.0  # n^3 for each largest component
         return cls(max(1, round(cells_per_chart ** (1.0 / 3.0))))
 
     def format_rotation(self, rotation: Floats) -> str:
@@ -88,7 +89,7 @@ class QuaternionRotations(Rotations):
         identity = np.array([0.0, 0.0, 0.0, 1.0])
         vector = self.rotation_between(identity, rotation)
         angle = float(np.linalg.norm(vector))
-        if angle <= 1e-9:
+        if angle <= ANGLE_SLACK:
             return "not turned"
         axis = np.round(vector / angle, 2) + 0.0  # adding zero drops the sign of -0
         axis_text = ", ".join(f"{x:.2g}" for x in axis.tolist())
@@ -125,6 +126,7 @@ class QuaternionRotations(Rotations):
             hint = "divide it by its norm; the order is qx, qy, qz, qw"
             problem = f"has a quaternion of norm {worst:.9g}"
             raise InputError(name, problem, "it must be 1", hint)
+        # A norm that is off by rounding alone, two units in the last place, counts as 1.
         return np.where(errors <= 4e-16, rotation, rotation / norms)
 
     def rotation_between(self, first: Floats, second: Floats) -> Floats:
@@ -133,11 +135,13 @@ class QuaternionRotations(Rotations):
         They have shape (..., 3), radians, about axes fixed to the first.
         """
         cosine = (first * second).sum(axis=-1, keepdims=True)
-        # The difference makes the result exactly zero for equal rotations.
+        # A quaternion and its negative are one rotation. The difference of quaternions makes the
+        # result exactly zero for equal rotations.
         nearer = np.where(cosine < 0.0, -second, second)
         difference = multiply(first * _CONJUGATE, nearer - first)[..., :3]
         sine = np.linalg.norm(difference, axis=-1, keepdims=True)
         angle = 2.0 * np.arctan2(sine, np.abs(cosine))
+        # The vector has the length of the angle; for tiny angles, twice the sine.
         is_turn = sine > 0.0
         scale = np.divide(angle, sine, out=np.full_like(sine, 2.0), where=is_turn)
         return np.asarray(difference * scale)
@@ -145,6 +149,7 @@ class QuaternionRotations(Rotations):
     def rotate(self, rotation: Floats, by: Floats) -> Floats:
         """Rotate quaternions, shape (..., 4), by rotation vectors, shape (..., 3)."""
         half_angle = np.linalg.norm(by, axis=-1, keepdims=True) / 2.0
+        # The axis times the sine of half the angle; numpy's sinc(x) is sin(pi x) / (pi x).
         imaginary = by * np.sinc(half_angle / np.pi) / 2.0
         turn = np.concatenate([imaginary, np.cos(half_angle)], axis=-1)
         rotated = multiply(rotation, turn)
@@ -178,6 +183,7 @@ class QuaternionRotations(Rotations):
         q = check_points(rotation, "rotation", 4)
         self.canonical_rotation(q, "rotation")
         largest = np.abs(q).argmax(axis=-1)  # the first of equals
+        # A cell is given by its largest component, and the parts of the quotients of the others.
         others = np.take_along_axis(q, np.asarray(OTHER_COMPONENTS)[largest], axis=-1)
         quotients = others / np.take_along_axis(q, largest[..., None], axis=-1)
         parts = np.searchsorted(self.borders, quotients, side="right") - 1
@@ -214,6 +220,7 @@ class QuaternionRotations(Rotations):
             return np.zeros(len(self), dtype=np.int64)
         smallest = np.arange(len(self))
         for matrix, change in self._list_changes(shape):
+            # Positions stay, so the change is a symmetry of the robot.
             if (matrix == np.eye(3)).all():
                 images = self.cell_of(self.centers @ change)
                 smallest = np.minimum(smallest, smallest[images])
@@ -233,18 +240,20 @@ class QuaternionRotations(Rotations):
 
         The first transforms positions, the second quaternions.
         """
-        symmetries = np.array(shape.symmetries)
+        symmetries = np.array(shape.symmetries)  # shape (n, 3, 3)
         signs = np.linalg.det(symmetries)
         # Rotations come first.
         order = np.argsort(-signs, kind="stable")
         symmetries = symmetries[order]
         # A mirror is a rotation times the point reflection.
         rotations = self.from_matrix(symmetries * signs[order, None, None])[:, None, None]
+        # Products with the unit quaternions are the columns of linear maps of quaternions.
         units = np.eye(4)
         half_turns = multiply(units, rotations * _CONJUGATE).swapaxes(1, 2)
         changes = np.round(multiply(multiply(half_turns, units), rotations))
         matrices = _HALF_TURNS @ symmetries[:, None].swapaxes(-1, -2)
         pairs = zip(matrices.reshape(-1, 3, 3), changes.reshape(-1, 4, 4), strict=True)
+        # Of equal changes, keep the first, which is a rotation if one of them is.
         distinct: dict[bytes, tuple[Floats, Floats]] = {}
         for matrix, change in pairs:
             distinct.setdefault(change.tobytes(), (matrix, change))
@@ -290,9 +299,10 @@ class QuaternionRotations(Rotations):
         """
         n = self.n
         borders = self.borders
-        parts = np.stack(np.unravel_index(cells, (4, n, n, n)), axis=-1)
-        low = borders[parts[:, 1:]]
-        widths = np.diff(borders)[parts[:, 1:]]
+        charts, *parts_by_axis = np.unravel_index(cells, (4, n, n, n))
+        parts = np.stack(parts_by_axis, axis=-1)
+        low = borders[parts]
+        widths = np.diff(borders)[parts]
         # Quotients u have the density (1 + |u|^2)^-2, which is largest at the point of a cell
         # nearest to zero. Draw by rejection.
         nearest = np.maximum(np.maximum(low, -low - widths), 0.0)
@@ -306,7 +316,7 @@ class QuaternionRotations(Rotations):
             accepted = rng.random(len(pending)) * max_density[pending] <= density
             quotients[pending[accepted]] = drawn[accepted]
             pending = pending[~accepted]
-        return _quaternions(parts[:, 0], quotients)
+        return _quaternions(charts, quotients)
 
     def angles_to_centers(self, q: Floats) -> Floats:
         """Return the angles to all centers.
@@ -323,9 +333,9 @@ class QuaternionRotations(Rotations):
         Their shape is (count, 6). They may lie in another chart, in which another component is
         largest.
         """
-        indices = np.indices((4, self.n, self.n, self.n)).reshape(4, -1).T
-        charts = indices[:, 0]
-        parts = indices[:, 1:]
+        # A cell has a chart, its largest component, and a part of each of three axes.
+        charts, *parts_by_axis = np.indices((4, self.n, self.n, self.n)).reshape(4, -1)
+        parts = np.stack(parts_by_axis, axis=1)
         middles = (self.borders[:-1] + self.borders[1:]) / 2.0
         neighbors = []
         for axis in range(3):
@@ -365,10 +375,12 @@ def _chart(n: int) -> _Chart:
 
     One chart is computed first, because all charts have the same cells.
     """
-    borders = np.tan(np.pi / 4.0 * np.linspace(-1.0, 1.0, n + 1))
+    angles = np.pi / 4.0 * np.linspace(-1.0, 1.0, n + 1)
+    # The C library's tangent, as in C++; numpy's differs from it in the last bit on some machines.
+    borders = np.array([math.tan(angle) for angle in angles.tolist()])
     borders = (borders - borders[::-1]) / 2.0  # symmetric to the last bit
     borders[[0, -1]] = -1.0, 1.0
-    parts = np.indices((n, n, n)).reshape(3, -1).T
+    parts = np.indices((n, n, n)).reshape(3, -1).T  # of each cell along the axes, shape (n^3, 3)
     # Cells that differ by mirrors and permutations of the axes have centers that differ likewise.
     mirrored = np.minimum(parts, n - 1 - parts)
     order = np.argsort(mirrored, axis=1, kind="stable")
@@ -376,6 +388,7 @@ def _chart(n: int) -> _Chart:
     classes, class_of = np.unique(ascending, axis=0, return_inverse=True)
     class_of = class_of.ravel()
     class_centers, class_angles = _find_smallest_caps(borders[classes[:, None] + _CORNERS])
+    # Undo the permutations and the mirrors of the class for each cell.
     quotients = np.empty((n**3, 3))
     np.put_along_axis(quotients, order, class_centers[class_of], axis=1)
     quotients *= np.where(mirrored == parts, 1.0, -1.0)
@@ -394,11 +407,13 @@ def _integrate_measure(parts: Ints, n: int) -> Floats:
     The cells are given by their parts, shape (m, 3). Gauss-Legendre quadrature over the arc
     tangents of the quotients.
     """
+    # Large cells need more nodes along an axis; with these, the error is near rounding.
     nodes, weights = np.polynomial.legendre.leggauss(max(4, 4 + 24 // n))
     angles = np.pi / (2.0 * n) * (parts[..., None] + (nodes + 1.0) / 2.0) - np.pi / 4.0
     squares = np.tan(angles) ** 2
     x, y, z = np.moveaxis(squares, 1, 0)
     density = (1.0 + x[:, :, None, None] + y[:, None, :, None] + z[:, None, None, :]) ** -2.0
+    # The quotient tan(a) has the derivative 1 + tan(a)^2.
     by_axis = np.moveaxis(weights * (1.0 + squares), 1, 0)
     return np.asarray(np.einsum("mi,mj,mk,mijk->m", *by_axis, density))
 
@@ -417,9 +432,11 @@ def _find_smallest_caps(boxes: Floats) -> tuple[Floats, Floats]:
     """
     from scipy.optimize import lsq_linear
 
+    # Corners as unit quaternions whose last component is the largest, shape (m, 8, 4).
     ones = np.ones((*boxes.shape[:2], 1))
     corners = np.concatenate([boxes, ones], axis=2)
     corners /= np.linalg.norm(corners, axis=2, keepdims=True)
+    # Least squares: X w is as near to zero as possible, and the sum of w to 1.
     equations = np.concatenate([corners, ones], axis=2)
     target = np.array([0.0, 0.0, 0.0, 0.0, 1.0])
     # scipy's nnls misses the least sum on some machines if corners lie symmetrically.

@@ -78,8 +78,8 @@ class YawRotations(Rotations):
     @classmethod
     def of_stored_arrays(cls, coordinates: Mapping[str, NDArray[Any]]) -> YawRotations:
         """Make cells from their bounds."""
-        bounds = coordinates["yaw_bounds"]
-        return cls.of_value([*bounds[:, 0].tolist(), float(bounds[-1, 1])])
+        starts, stops = coordinates["yaw_bounds"].T
+        return cls.of_value([*starts.tolist(), float(stops[-1])])
 
     def format_rotation(self, rotation: Floats) -> str:
         """Format a rotation for people."""
@@ -88,7 +88,8 @@ class YawRotations(Rotations):
         return f"yaw {wrapped_degrees + 0.0:g}°"  # adding zero drops the sign of -0
 
     def from_matrix(self, matrix: Floats) -> Floats:
-        """Return the rotation of a rotation matrix."""
+        """Return the rotation of a rotation matrix, shape (1,)."""
+        # The image of the x axis is the first column.
         return wrapped(np.arctan2(matrix[1, :1], matrix[0, :1]))
 
     def find_yaw(self, q: Floats) -> float | None:
@@ -100,7 +101,8 @@ class YawRotations(Rotations):
     ) -> Sequence[float]:
         """Sample a rotation within an angle."""
         turn = (2.0 * next(numbers) - 1.0) * angle
-        yaw = math.remainder(rotation[0] + turn, TWO_PI)
+        (center,) = rotation
+        yaw = math.remainder(center + turn, TWO_PI)
         if yaw == math.pi:
             yaw = -math.pi
         return (yaw,)
@@ -125,8 +127,10 @@ class YawRotations(Rotations):
 
     def make_matrices(self, rotation: Floats, dim: int) -> Floats:
         """Return the matrices of yaws."""
-        cos = np.cos(rotation[..., 0])
-        sin = np.sin(rotation[..., 0])
+        yaws = rotation[..., 0]
+        cos = np.cos(yaws)
+        sin = np.sin(yaws)
+        # In space, the z axis stays.
         matrices = np.zeros((*rotation.shape[:-1], dim, dim)) + np.eye(dim)
         matrices[..., 0, 0] = cos
         matrices[..., 0, 1] = -sin
@@ -241,12 +245,14 @@ class YawRotations(Rotations):
             if symmetry is None:
                 continue
             for quarter in _QUARTER_MATRICES:
+                plane_matrix = quarter * (1.0, determinant)
                 matrix = np.eye(len(symmetry))
-                matrix[:2, :2] = quarter * (1.0, determinant)
-                x, y = matrix[:2, :2] @ symmetry[:2, 0]  # image of the robot's x axis
+                matrix[:2, :2] = plane_matrix
+                x, y = plane_matrix @ symmetry[:2, 0]  # image of the robot's x axis
                 # A mirror reverses the sense of rotation.
                 yaws = determinant * self._yaws + np.arctan2(y, x)
                 cells = self.cell_of(yaws)
+                # The image of a center must be the center of a cell; the sine ignores whole turns.
                 errors = np.abs(np.sin((yaws - self._yaws[cells]) / 2.0))
                 if errors.max() < ANGLE_SLACK / 8.0:
                     images.append((matrix, cells))
@@ -264,11 +270,14 @@ def _check_borders(value: ArrayLike) -> Floats:
         rule = f"it must be a count, or from 2 to {MAX_YAW_CELLS + 1} borders"
         hint = "pass e.g. 72, or numpy.linspace(0, 2 * numpy.pi, 73)"
         raise InputError("rotations", problem, rule, hint)
+    # They need not begin at any angle, but must end where they begin.
     angles = check_finite(value, "rotations")
+    first = angles[0]
+    last = angles[-1]
     ascends = (np.diff(angles) > 0).all()
-    is_turn = abs(angles[-1] - angles[0] - TWO_PI) <= ANGLE_SLACK
-    if not ascends or not is_turn or abs(angles[0]) > TWO_PI:
-        problem = f"reach from {angles[0]:g} to {angles[-1]:g} rad, or do not ascend"
+    is_turn = abs(last - first - TWO_PI) <= ANGLE_SLACK
+    if not ascends or not is_turn or abs(first) > TWO_PI:
+        problem = f"reach from {first:g} to {last:g} rad, or do not ascend"
         rule = f"borders must ascend over {TWO_PI:.9f}, from one between -2 pi and 2 pi"
         hint = "end with the first border plus 2 pi (numpy.radians turns degrees)"
         raise InputError("rotations", problem, rule, hint)
@@ -289,6 +298,7 @@ def _find_symmetry_about_z(shape: Symmetric, determinant: float) -> Floats | Non
     Its determinant is 1 for a turn, -1 for a mirror.
     """
     for symmetry in shape.symmetries:
+        # It acts on x and y by this matrix, and must leave z as it is.
         (a, b), (c, d) = symmetry[:2, :2].tolist()
         keeps_z = bool((symmetry[2:, 2:] == 1.0).all())
         if keeps_z and a * d - b * c == determinant:

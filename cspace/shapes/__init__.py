@@ -80,11 +80,12 @@ def as_shape(source: ShapeLike, radius: ArrayLike | None = None, name: str = "sh
 
     from cspace.files.vector import read_shapes
 
+    # From the most specific type to the least.
     if isinstance(source, Shape) and radius is None:
         return source
-    given: Any = source
+    value: Any = source
     if radius is not None or isinstance(source, BallSet):
-        return Balls.of(given, radius)
+        return Balls.of(value, radius)
     if isinstance(source, str | os.PathLike):
         return _read_text(source, name)
     shape = getattr(source, "shape", None)
@@ -92,22 +93,22 @@ def as_shape(source: ShapeLike, radius: ArrayLike | None = None, name: str = "sh
     is_robot = isinstance(getattr(source, "name", None), str)
     if is_robot and isinstance(shape, Shape):
         return shape
-    is_array = isinstance(given, np.ndarray) and given.ndim > 0
-    if is_array or isinstance(given, list | tuple):
-        return _convert_sequence(given, name)
-    if isinstance(given, shapely.Geometry | Mapping):
-        return Polygons(read_shapes(given))
-    if hasattr(given, "vertices") or hasattr(given, "geometry"):
-        return _make_mesh(given)
+    is_array = isinstance(value, np.ndarray) and value.ndim > 0
+    if is_array or isinstance(value, list | tuple):
+        return _convert_sequence(value, name)
+    if isinstance(value, shapely.Geometry | Mapping):
+        return Polygons(read_shapes(value))
+    if hasattr(value, "vertices") or hasattr(value, "geometry"):
+        return _make_mesh(value)
     hint = (
         "pass e.g. shapely.box(0, 0, 1, 1), trimesh.creation.box((1, 1, 1)), or points and "
         "their radius"
     )
-    problem = f"is a {type(given).__name__}"
+    problem = f"is a {type(value).__name__}"
     raise InputError(name, problem, "a polygon or a mesh is needed", hint)
 
 
-def _convert_sequence(given: Any, name: str) -> Shape:
+def _convert_sequence(values: Any, name: str) -> Shape:
     """Make the shape of a list or array.
 
     It holds geometries, corners of a polygon, or vertices and faces.
@@ -116,23 +117,24 @@ def _convert_sequence(given: Any, name: str) -> Shape:
 
     from cspace.files.vector import read_shapes
 
-    if getattr(given, "dtype", None) == np.bool_:
+    if getattr(values, "dtype", None) == np.bool_:
         rule = "their size must be given"
         hint = "pass cspace.shapes.Voxels.of(cells, spacing), in metres"
         raise InputError(name, "is an array of cells", rule, hint)
-    first: Any = next(iter(given), {})
+    first: Any = next(iter(values), {})
     if isinstance(first, shapely.Geometry | Mapping):
-        return Polygons(read_shapes(given))
+        return Polygons(read_shapes(values))
+    # The shape of a row tells points from vertices and faces; () is a plain number.
     row_shape = np.shape(first)
-    if row_shape == (2,) and len(given) > 2:
-        return Polygons.of(given)
-    is_one_point = row_shape == () and len(given) in (2, 3)
+    if row_shape == (2,) and len(values) > 2:
+        return Polygons.of(values)
+    is_one_point = row_shape == () and len(values) in (2, 3)
     if is_one_point or row_shape in ((2,), (3,)):
         hint = "pass their radius, e.g. radius=0.1 in metres, 0.0 for points alone"
-        if row_shape == (2,) or len(given) == 2:
+        if row_shape == (2,) or len(values) == 2:
             hint += ", or at least 3 corners of a polygon"
         raise InputError(name, "is points", "points need a radius", hint)
-    return _make_mesh(given)
+    return _make_mesh(values)
 
 
 def _make_mesh(source: MeshLike) -> Mesh:

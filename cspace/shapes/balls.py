@@ -52,6 +52,7 @@ class Balls(ExactShape):
     kind = "balls"
 
     def __init__(self, centers: Floats, radii: Floats) -> None:
+        """Keep the balls, and make their arrays read-only."""
         self.centers = frozen(centers)
         self.radii = frozen(radii)
         self.dim = centers.shape[1]
@@ -134,6 +135,7 @@ class Balls(ExactShape):
 
         array = check_points(points, "points", self.dim)
         inside = np.zeros(array.shape[:-1], dtype=np.bool_)
+        # For balls of one radius, the nearest center decides.
         for radius in np.unique(self.radii):
             centers = self.centers[self.radii == radius]
             distances, _ = cKDTree(centers).query(array)
@@ -152,7 +154,7 @@ class Balls(ExactShape):
         import shapely
 
         points = shapely.points(self.centers)
-        discs = shapely.buffer(points, self.radii, quad_segs=_DISC_SIDES // 4)
+        discs = shapely.buffer(points, self.radii, quad_segs=_DISC_SIDES // 4)  # a quarter's sides
         return shapely.union_all(discs)
 
     @property
@@ -162,10 +164,12 @@ class Balls(ExactShape):
             return super().surface
         import trimesh
 
+        # Many balls are drawn coarsely: 80 triangles each instead of 1,280.
         subdivisions = 3 if len(self.radii) < 64 else 1
         ball = trimesh.creation.icosphere(subdivisions=subdivisions)
         corners = np.asarray(ball.vertices)
         corners_of_balls = self.centers[:, None] + self.radii[:, None, None] * corners
+        # Faces of a ball count its corners behind those of the balls before it.
         first_corners = len(corners) * np.arange(len(self.radii))
         faces_of_balls = np.asarray(ball.faces, dtype=np.int64) + first_corners[:, None, None]
         return corners_of_balls.reshape(-1, 3), faces_of_balls.reshape(-1, 3)
@@ -261,6 +265,7 @@ def check_balls(centers: ArrayLike | BallSet, radii: ArrayLike | None) -> tuple[
     elif radii is None:
         rule = "balls need one number, or one per center"
         raise InputError("radii", "is missing", rule, "pass it in metres")
+    # From here on, the radii are given: one for all balls, or one for each.
     points = check_finite(centers, "centers")
     sizes = check_finite(radii, "radii")
     if points.ndim != 2 or points.shape[1] not in (2, 3) or not len(points):

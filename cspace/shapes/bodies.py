@@ -64,29 +64,37 @@ def find_bodies(vertices: Floats, faces: Ints) -> tuple[Body, ...]:
     -------
     tuple of Body
     """
+    # Equal vertices get one number, so that triangles meet where only coordinates agree.
     _, vertex_numbers = unique_rows(vertices)
     corners = vertex_numbers[faces]
-    is_proper = (corners != np.roll(corners, 1, axis=1)).all(axis=1)
+    has_distinct_corners = (corners != np.roll(corners, 1, axis=1)).all(axis=1)
     a, b, c = np.moveaxis(vertices[faces], 1, 0)
-    has_no_area = is_proper & (np.cross(b - a, c - a) == 0.0).all(axis=1)
+    has_no_area = has_distinct_corners & (np.cross(b - a, c - a) == 0.0).all(axis=1)
     closed: list[Body] = []
     open_bodies: list[Body] = []
-    remaining = np.flatnonzero(is_proper & ~has_no_area)
-    none = np.empty(0, dtype=np.int64)
-    passes = ((none, 2), (none, len(faces)), (np.flatnonzero(has_no_area), len(faces)))
+    remaining = np.flatnonzero(has_distinct_corners & ~has_no_area)
+    no_triangles = np.empty(0, dtype=np.int64)
+    # The triangles that each pass adds, and how many triangles may share an edge that joins them.
+    passes = (
+        (no_triangles, 2),
+        (no_triangles, len(faces)),
+        (np.flatnonzero(has_no_area), len(faces)),
+    )
     for added, max_shared in passes:
         if not len(remaining):
             break
-        chosen = np.sort(np.concatenate([remaining, added]))
+        # What is open after one pass is tried again by the next one.
+        candidates = np.sort(np.concatenate([remaining, added]))
         open_bodies = []
-        for found in _split_bodies(vertices[faces[chosen]], corners[chosen], max_shared):
-            body = replace(found, faces=chosen[found.faces])
+        triangles = vertices[faces[candidates]]
+        for local_body in _split_bodies(triangles, corners[candidates], max_shared):
+            body = replace(local_body, faces=candidates[local_body.faces])
             if body.closed:
                 closed.append(body)
             elif not has_no_area[body.faces].all():
                 # Open parts without any area are not worth a body.
                 open_bodies.append(body)
-        remaining = np.concatenate([none, *(body.faces for body in open_bodies)])
+        remaining = np.concatenate([no_triangles, *(body.faces for body in open_bodies)])
     bodies = _orient_outward(vertices, faces, closed) + open_bodies
     return tuple(sorted(bodies, key=lambda body: int(body.faces[0])))
 
@@ -175,7 +183,7 @@ def _orient_outward(vertices: Floats, faces: Ints, bodies: list[Body]) -> list[B
     ``vertices`` has shape (V, 3), ``faces`` (F, 3). A cavity has all of its corners in bodies that
     face outward. Any other body that faces inward would wrongly cancel whatever it overlaps.
     """
-    volume = np.array([body.volume for body in bodies])
+    volume = np.array([body.volume for body in bodies])  # negative if a body faces inward
     outward = volume > 0.0
     inward = volume < 0.0
     if not inward.any():
@@ -188,6 +196,7 @@ def _orient_outward(vertices: Floats, faces: Ints, bodies: list[Body]) -> list[B
         # The winding number of the outward bodies around the corners of an inward body decides.
         from cspace.raster.surfaces import WindingNumber
 
+        # Masks and indices of triangles: those of outward bodies, and those of inward bodies.
         around = outward[owner] & (multiplicity != 0)
         within = np.flatnonzero(inward[owner])
         center = triangles.reshape(-1, 3).mean(axis=0)
@@ -234,6 +243,7 @@ def _number_edges(corners: Ints) -> tuple[Ints, Ints]:
     start = corners
     end = np.roll(corners, -1, axis=1)
     vertex_count = int(corners.max()) + 1
+    # One number for a pair of vertices, in either order.
     key = np.minimum(start, end) * vertex_count + np.maximum(start, end)
     _, edge = np.unique(key.ravel(), return_inverse=True)
     return edge.reshape(key.shape), np.where(start < end, 1, -1)
@@ -284,11 +294,13 @@ def _balance(
     """
     # Bodies can touch along an edge, so each body counts only its own triangles there.
     edge_count = int(edge.max()) + 1
+    # One number for a pair of body and edge; each triangle has three of them.
     key = np.repeat(body[chosen], 3) * edge_count + edge[chosen].ravel()
     body_edges, body_edge = np.unique(key, return_inverse=True)
     owner = body_edges // edge_count
     balance = np.bincount(body_edge, weights=direction[chosen].ravel(), minlength=len(body_edges))
     sides = np.bincount(body_edge, minlength=len(body_edges))
+    # A body without chosen triangles is neither.
     balanced = np.bincount(body[chosen], minlength=count) > 0
     manifold = balanced.copy()
     balanced[owner[balance != 0.0]] = False
@@ -304,6 +316,7 @@ def _orient_alike(edge: Ints, direction: Ints, body: Ints, count: int) -> tuple[
     and ``direction`` have shape (n, 3), ``body`` (n,).
     """
     triangle_count = len(edge)
+    # One number for a pair of body and edge. Sides are numbered through all triangles.
     key = np.repeat(body, 3) * (int(edge.max()) + 1) + edge.ravel()
     # The two sides at each edge follow each other.
     side_a, side_b = np.argsort(key, kind="stable").reshape(-1, 2).T
@@ -324,7 +337,7 @@ def _orient_alike(edge: Ints, direction: Ints, body: Ints, count: int) -> tuple[
     is_orientable[body[given_label == reversed_label]] = False
     # The first triangle of each body keeps its direction.
     bodies, first = np.unique(body, return_index=True)
-    kept_label = np.zeros(count, dtype=labels.dtype)
-    kept_label[bodies] = given_label[first]
-    is_kept = (given_label == kept_label[body]) | ~is_orientable[body]
-    return np.where(is_kept, 1, -1), is_orientable
+    label_of_body = np.zeros(count, dtype=labels.dtype)
+    label_of_body[bodies] = given_label[first]
+    keeps_direction = (given_label == label_of_body[body]) | ~is_orientable[body]
+    return np.where(keeps_direction, 1, -1), is_orientable

@@ -296,10 +296,13 @@ class Mesh(ExactShape):
         """
         import shapely
 
+        # Triangles seen from above: corners (x, y), shape (F, 3, 2).
         corners = self.boundary().simplices[..., :2]
         sides = np.roll(corners, -1, axis=1) - corners
         longest_side = np.linalg.norm(sides, axis=-1).max(axis=1)
-        twice_area = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0])
+        first_x, first_y = sides[:, 0].T
+        second_x, second_y = sides[:, 1].T
+        twice_area = np.abs(first_x * second_y - first_y * second_x)
         # Unions and buffers lose triangles seen edge-on, so their sides stand for them.
         is_line = 4.0 * twice_area <= _SHADOW_MARGIN * longest_side
         union = shapely.union_all(shapely.polygons(corners[~is_line]))
@@ -309,6 +312,7 @@ class Mesh(ExactShape):
             rule = "it must have an area there"
             raise GeometryError(self.source, "is flat, seen from above", rule, "check its axes")
         lines = shapely.linestrings(corners[is_line][:, [0, 1, 2, 0]])
+        # Lines well inside the shadow add nothing.
         near_shadow = shadow.buffer(_SHADOW_MARGIN / 2.0, join_style="mitre")
         shapely.prepare(near_shadow)
         lines_beside = lines[~shapely.covers(near_shadow, lines)]
@@ -335,13 +339,14 @@ class Mesh(ExactShape):
 
     def transform_features(self, matrix: Floats) -> Floats:
         """Return the transformed triangles, each rotated to begin at its smallest corner."""
+        # Adding zero drops the sign of -0, so that equal corners are equal bit for bit.
         corners = (self.vertices @ matrix.T + 0.0)[self.faces]
         is_mirror = np.linalg.det(matrix) < 0.0
         if is_mirror:
             corners = corners[:, ::-1]  # keeps the normals outward
         _, ranks = unique_rows(corners.reshape(-1, 3))
         smallest = ranks.reshape(-1, 3).argmin(axis=1)
-        order = (smallest[:, None] + np.arange(3)) % 3
+        order = (smallest[:, None] + np.arange(3)) % 3  # from the smallest corner around
         return np.take_along_axis(corners, order[..., None], axis=1).reshape(-1, 9)
 
     def contains(self, points: ArrayLike) -> Bools:
@@ -369,6 +374,7 @@ class Mesh(ExactShape):
         if self.solid == "surface":
             return np.zeros(array.shape[:-1], dtype=np.bool_)
         lower, upper = self.bounds
+        # Only points in the bounding box need their winding number.
         inside = np.asarray(((lower <= array) & (array <= upper)).all(axis=-1))
         if inside.any():
             inside[inside] = self._winding.evaluate(array[inside] - lower) != 0
@@ -436,6 +442,7 @@ class Mesh(ExactShape):
 
     def _open_body_messages(self, option: str, fills: bool) -> Iterator[str]:
         """Yield a warning for each kind of body without an interior."""
+        # Texts for the hints: how to choose each way of treating an open body.
         surface = option.format("surface")
         fill = f"{option.format('fill')} to fill what the cells enclose"
         or_fill = f", or {fill}" if fills else ""
@@ -474,9 +481,9 @@ def _fill_cracks(shadow: BaseGeometry, width: float) -> BaseGeometry:
         return not shapely.Polygon(hole).buffer(-width / 2.0).is_empty
 
     filled = []
-    for part in shapely.get_parts(shadow):
-        holes = [hole for hole in part.interiors if is_wide(hole)]
-        filled.append(shapely.Polygon(part.exterior, holes))
+    for polygon in shapely.get_parts(shadow):
+        holes = [hole for hole in polygon.interiors if is_wide(hole)]
+        filled.append(shapely.Polygon(polygon.exterior, holes))
     return shapely.MultiPolygon(filled)
 
 
@@ -512,6 +519,7 @@ def _check_vertices(values: Any, source: str) -> Floats:
 
 def _check_faces(values: Any, vertices: int, source: str) -> Ints:
     """Return faces as an array, shape (F, 3), if they name vertices."""
+    # First what a list of triangles must be, then the vertices that it names.
     faces = np.asarray(values)
     if faces.size == 0:
         hint = "for a cloud of points use Workspace.from_points"

@@ -44,6 +44,7 @@ class Polygons(ExactShape):
     dim = 2
 
     def __init__(self, geometries: Sequence[BaseGeometry]) -> None:
+        """Keep the geometries, with tiny coordinates set to zero."""
         import shapely
 
         coordinates = shapely.get_coordinates(list(geometries))
@@ -60,6 +61,7 @@ class Polygons(ExactShape):
         """
         import shapely
 
+        # Check every simple polygon of the shape by a name of its own.
         parts = shapely.get_parts(list(_as_geometries(shape))).tolist()
         if not parts:
             hint = "pass at least three vertices"
@@ -68,13 +70,13 @@ class Polygons(ExactShape):
         if len(parts) > 1:
             names = [f"polygon[{number}]" for number in range(len(parts))]
         check_shapes(parts, names)
-        for name, part in zip(names, parts, strict=True):
-            if part.geom_type != "Polygon":
-                problem = f"is a {part.geom_type}"
+        for name, polygon in zip(names, parts, strict=True):
+            if polygon.geom_type != "Polygon":
+                problem = f"is a {polygon.geom_type}"
                 rule = "each part must be a Polygon"
                 raise GeometryError(name, problem, rule, "remove other parts")
-            if not part.area > 0.0:
-                problem = f"has area {part.area:g}"
+            if not polygon.area > 0.0:
+                problem = f"has area {polygon.area:g}"
                 rule = "it must be above zero"
                 raise GeometryError(name, problem, rule, "pass its whole boundary")
         return cls(parts)
@@ -134,11 +136,13 @@ class Polygons(ExactShape):
         """Return the parts that can touch a grid."""
         import shapely
 
+        # One cell more on each side, for rounding.
         lower = np.asarray(grid.lower) - grid.spacing
         upper = np.asarray(grid.upper) + grid.spacing
         low, high = self.bounds
         if (lower <= low).all() and (high <= upper).all():
             return self.parts
+        # Parts keep their order.
         near = np.sort(self._index.query(shapely.box(*lower, *upper)))
         return list(_iterate_parts(self._index.geometries[near]))
 
@@ -155,7 +159,8 @@ class Polygons(ExactShape):
 
         array = check_points(points, "points", self.dim)
         shapely.prepare(self.outline)
-        return np.asarray(shapely.intersects_xy(self.outline, array[..., 0], array[..., 1]))
+        x, y = np.moveaxis(array, -1, 0)
+        return np.asarray(shapely.intersects_xy(self.outline, x, y))
 
     def boundary(self) -> RoundedSimplices:
         """Return the boundary as segments."""
@@ -184,6 +189,7 @@ class Polygons(ExactShape):
         """Return the transformed segments, both ways round, with the number of their part."""
         segments_of_parts = [segments for segments, _ in self.parts]
         part_numbers = np.repeat(np.arange(len(self.parts)), list(map(len, segments_of_parts)))
+        # A segment (x0, y0, x1, y1) has a start and an end.
         segments = np.concatenate(segments_of_parts)
         starts = segments[:, :2] @ matrix.T
         ends = segments[:, 2:] @ matrix.T
@@ -202,10 +208,11 @@ class Polygons(ExactShape):
         """Make the polygons of a :attr:`spec`."""
         import shapely
 
-        parts = [shapely.from_wkb(base64.b64decode(text, validate=True)) for text in spec["wkb"]]
-        if all(part.geom_type == "Polygon" for part in parts):
-            return cls.of(parts)
-        return cls(parts)
+        contents = [base64.b64decode(text, validate=True) for text in spec["wkb"]]
+        geometries = shapely.from_wkb(contents).tolist()
+        if all(geometry.geom_type == "Polygon" for geometry in geometries):
+            return cls.of(geometries)
+        return cls(geometries)
 
 
 def _drop_tiny(coordinates: Floats) -> Floats:
@@ -244,4 +251,5 @@ def _iterate_parts(geometries: Iterable[BaseGeometry]) -> Iterator[tuple[Floats,
         elif hasattr(shape, "geoms"):
             yield from _iterate_parts(list(shape.geoms))
         else:
-            yield point_segments(np.asarray(shape.coords)[:, :2]), False
+            points = np.asarray(shape.coords)
+            yield point_segments(points[:, :2]), False

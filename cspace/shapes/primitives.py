@@ -59,10 +59,10 @@ def ellipse(radius_x: float, radius_y: float, center: ArrayLike = (0.0, 0.0)) ->
 
     Its semi-axes lie along x and y.
     """
-    radii = (check_positive(radius_x, "radius_x"), check_positive(radius_y, "radius_y"))
+    radii = check_positive(radius_x, "radius_x"), check_positive(radius_y, "radius_y")
     center_point = check_point(center)
     outer, inner = ellipse_bounds(radii, center_point)
-    is_disc = radii[0] == radii[1] and not center_point.any()
+    is_disc = radius_x == radius_y and not center_point.any()
     shape = BoundedShape(Polygons.of(outer), Polygons.of(inner), is_round_about_z=is_disc)
     return NamedShape(f"ellipse {radius_x:g} m x {radius_y:g} m", shape)
 
@@ -95,7 +95,8 @@ def _translate(bounds: BoundsPair, center: ArrayLike) -> BoundedShape:
     """Move the bounds of a solid of revolution to a center."""
     shift = check_point(center, dim=3)
     outer, inner = (Mesh.of((vertices + shift, faces)) for vertices, faces in bounds)
-    return BoundedShape(outer, inner, is_round_about_z=not shift[:2].any())
+    is_on_axis = not shift[:2].any()
+    return BoundedShape(outer, inner, is_round_about_z=is_on_axis)
 
 
 def footprint(corners: str | ArrayLike, padding: float = 0.0) -> NamedShape:
@@ -108,6 +109,7 @@ def footprint(corners: str | ArrayLike, padding: float = 0.0) -> NamedShape:
     from cspace.files.ros import parse_footprint
 
     points = parse_footprint(corners)
+    # As in Nav2, the padding moves each coordinate away from zero.
     polygon = Polygons.of(points + check_not_negative(padding, "padding") * np.sign(points))
     return NamedShape(f"polygon with {polygon.corners} corners", polygon)
 
@@ -196,6 +198,7 @@ def parse_short_text(text: str, argument: str = "shape") -> NamedShape:
 
     Raises InputError or GeometryError if the text after the colon is malformed.
     """
+    # A text is NAME:SIZES or NAME:SIZES@CENTER.
     name, _, rest = text.partition(":")
     if name == "footprint":
         return _parse_footprint(text, rest, argument)

@@ -78,12 +78,14 @@ def read_urdf(
     links = fixed_links(urdf) if link is None else check_names(link, "link")
     for name in links:
         check_known(name, "link", urdf.link_map)
+    # The bounds of all collision geometries, moved to the frame of the first link.
     outer_surfaces = []
     inner_surfaces = []
     is_curved = False
     meshes = find_meshes(urdf, links, path, folders)
     poses = zero_poses(urdf)
     for name in links:
+        # Solving by the first link's pose gives the pose relative to it.
         pose: Floats = np.linalg.solve(poses[links[0]], poses[name]).astype(np.float64)
         for number, collision in enumerate(urdf.link_map[name].collisions):
             place = f"{file}: link {name!r}, collision {number}"
@@ -105,11 +107,11 @@ def read_urdf(
 
 
 def _check_shapes(
-    urdf: URDF, given: str | Sequence[str] | None, links: Sequence[str], file: str
+    urdf: URDF, chosen: str | Sequence[str] | None, links: Sequence[str], file: str
 ) -> None:
     """Refuse links without collision geometry.
 
-    Warns if links that move are left out.
+    Warns if links that move are left out, unless the user has chosen ``links``.
     """
     with_geometry = [name for name in urdf.link_map if urdf.link_map[name].collisions]
     omitted = [name for name in with_geometry if name not in links]
@@ -120,7 +122,7 @@ def _check_shapes(
         if with_geometry:
             hint = f"name links that have: {', '.join(with_geometry)}"
         raise InputError("link", problem, rule, hint)
-    if given is None and omitted:
+    if chosen is None and omitted:
         problem = f"{file}: {', '.join(omitted)} move against {links[0]} and are omitted"
         hint = "name all links, which are placed with their joints at zero"
         warn_user(f"{problem}; to include them, {hint}")
@@ -160,6 +162,7 @@ def _make_bounds(geometry: Any, meshes: Mapping[str, Path], place: str) -> Bound
 
     They are the same object if it is not curved.
     """
+    # A geometry has one kind, and None for the others.
     kind = next(name for name in GEOMETRIES if getattr(geometry, name) is not None)
     shape = getattr(geometry, kind)
     place = f"{place}: {kind}"
@@ -180,8 +183,8 @@ def _make_bounds(geometry: Any, meshes: Mapping[str, Path], place: str) -> Bound
 
 def _scale_mesh(file: Path, scale: Any, place: str) -> Surface:
     """Read the surface of a mesh, scaled by one factor or three."""
-    given = 1.0 if scale is None else scale
-    factors = check_finite(np.broadcast_to(given, 3), f"{place}: scale")
+    scale = 1.0 if scale is None else scale
+    factors = check_finite(np.broadcast_to(scale, 3), f"{place}: scale")
     if not factors.all():
         problem = f"is {factors.tolist()}"
         rule = "no factor may be zero"
@@ -304,6 +307,7 @@ class _Reader:
     """Maker of the shapes of collision objects."""
 
     def __init__(self, path: StrPath, folders: Sequence[Path]) -> None:
+        """Remember where meshes lie, and that no name is used yet."""
         self._path = path
         self._folders = folders
         self._names = set[str]()
@@ -316,6 +320,7 @@ class _Reader:
         if not shapes:
             rule = "it must have primitives or meshes"
             raise ContentError(f"has no shape at {place}", rule, "add them, or remove the object")
+        # Several shapes of an object are numbered.
         names = [name]
         if len(shapes) > 1:
             names = [f"{name}/{number}" for number in range(len(shapes))]
@@ -352,26 +357,27 @@ class _Reader:
         """Yield the meshes of an object as shapes, with their poses."""
         poses = check_poses(item, "meshes", "mesh_poses", place)
         for number, (mesh, pose) in enumerate(zip(item["meshes"], poses, strict=True)):
-            here = f"meshes[{number}] of {place}"
+            mesh_place = f"meshes[{number}] of {place}"
             is_inline = bool(mesh["vertices"] or mesh["triangles"])
             if is_inline and (mesh["resource"] or mesh["dimensions"] is not None):
-                problem = f"has vertices and a resource or dimensions at {here}"
+                problem = f"has vertices and a resource or dimensions at {mesh_place}"
                 raise ContentError(problem, "a mesh has one of them", "remove one")
+            # Read the file that the resource names, or else the listed triangles.
             if mesh["resource"]:
                 resource = mesh["resource"]
-                files = locate_meshes({resource: here}, self._path, self._folders)
-                surface = _scale_mesh(files[resource], mesh["dimensions"], here)
+                files = locate_meshes({resource: mesh_place}, self._path, self._folders)
+                surface = _scale_mesh(files[resource], mesh["dimensions"], mesh_place)
             else:
-                surface = _read_inline_mesh(mesh, here)
-            yield Mesh(*surface, source=f"{os.fspath(self._path)}: {here}"), pose
+                surface = _read_inline_mesh(mesh, mesh_place)
+            yield Mesh(*surface, source=f"{os.fspath(self._path)}: {mesh_place}"), pose
 
 
 def _read_inline_mesh(mesh: Mapping[str, Any], place: str) -> Surface:
     """Return the surface of a mesh that lists its vertices and triangles."""
     count = len(mesh["vertices"])
-    known = set(range(count))
+    vertex_numbers = set(range(count))
     for triangle in mesh["triangles"]:
-        if len(triangle) != 3 or not known.issuperset(triangle):
+        if len(triangle) != 3 or not vertex_numbers.issuperset(triangle):
             rule = f"it must be three numbers of its {count} vertices, from 0"
             raise wrong_value(triangle, f"a triangle of {place}", rule)
     vertices = np.array(mesh["vertices"]).reshape(-1, 3)
@@ -405,6 +411,7 @@ def _transform_exact(shape: ExactShape, pose: Floats) -> ExactShape:
     """Move a shape by a pose, shape (4, 4)."""
     rotation = pose[:3, :3]
     translation = pose[:3, 3]
+    # Balls stay balls, and boxes that do not turn stay boxes; all else becomes a mesh.
     if isinstance(shape, Balls):
         return Balls.of(shape.centers @ rotation.T + translation, shape.radii)
     if isinstance(shape, Box) and np.array_equal(rotation, np.eye(3)):

@@ -174,6 +174,7 @@ class Shape(ABC):
     @cached_property
     def symmetries(self) -> list[Floats]:
         """Signed permutation matrices, shape (dim, dim), that map the shape to itself."""
+        # Few matrices keep the bounding box, which is tested quickly.
         matrices = _signed_permutations(self.dim)
         bounds = np.array(self.outer.bounds)
         mapped_bounds = np.sort(bounds @ matrices.mT, axis=1)
@@ -188,6 +189,7 @@ class Shape(ABC):
         """
         if self.is_round_about_z:
             return 0
+        # Count the turns about z among the symmetries; mirrors have the determinant -1.
         order = 0
         for matrix in self.symmetries:
             keeps_z = bool((matrix[2:, 2:] == 1.0).all())
@@ -384,6 +386,7 @@ def unique_rows(rows: NDArray[Any]) -> tuple[NDArray[Any], Ints]:
     """
     last_column_first = rows.T[::-1]  # as lexsort expects
     order = np.lexsort(last_column_first)
+    # Equal rows follow each other now; the first one of them is new.
     rows = rows[order]
     is_new = np.ones(len(rows), dtype=np.bool_)
     is_new[1:] = (rows[1:] != rows[:-1]).any(axis=1)
@@ -428,6 +431,7 @@ class BoundedShape(Shape):
     def __init__(
         self, outer: ExactShape, inner: ExactShape, is_round_about_z: bool = False
     ) -> None:
+        """Keep both bounds."""
         self._outer = outer
         self._inner = inner
         self.dim = outer.dim
@@ -519,9 +523,10 @@ def capsule_bounds(radius: float, length: float) -> BoundsPair:
 
     The capsule is centered at the origin; `length` is the length of its cylinder, and 0 for a ball.
     """
+    # A quarter circle from the equator to the pole, as (distance from the axis, height).
     angle = np.linspace(0.0, math.pi / 2.0, CIRCLE_SIDES // 4 + 1)
     arc = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    arc[-1, 0] = 0.0
+    arc[-1, 0] = 0.0  # the pole lies on the axis, in spite of rounding
 
     def make_profile(factor: float) -> Floats:
         upper = factor * arc + (0.0, length / 2.0)
@@ -549,6 +554,7 @@ def ellipse_bounds(radii: tuple[float, float], center: Floats) -> tuple[Floats, 
 
     Raises InputError if the center is so far from the origin that rounding blurs the ellipse.
     """
+    # A corner is rounded in proportion to its distance from the origin, measured in radii.
     slack = _BOUND_SLACK + 2.0**-50 * float((1.0 + np.abs(center) / radii).max())
     if slack > _MAX_ELLIPSE_SLACK:
         problem = f"is {tuple(center.tolist())}"
@@ -568,7 +574,7 @@ def _make_ring() -> Floats:
     """
     angles = np.linspace(0.0, math.pi / 2.0, CIRCLE_SIDES // 4 + 1)
     cosines = np.cos(angles)
-    cosines[-1] = 0.0
+    cosines[-1] = 0.0  # exactly, so that the sines mirror the cosines
     sines = cosines[::-1]
     # The last angle begins the next quarter.
     x = cosines[:-1]
@@ -586,9 +592,9 @@ def _revolve(profile: Floats) -> Surface:
     mirror image.
     """
     ring = _make_ring()
-    inner_corners = profile[1:-1].tolist()
+    (_, lowest), *inner_corners, (_, highest) = profile.tolist()
     rings = [np.insert(radius * ring, 2, height, axis=1) for radius, height in inner_corners]
-    poles = np.array([(0.0, 0.0, profile[0, 1]), (0.0, 0.0, profile[-1, 1])])
+    poles = np.array([(0.0, 0.0, lowest), (0.0, 0.0, highest)])
     # Vertices are numbered ring by ring, from the bottom; the poles come last.
     lower_pole = CIRCLE_SIDES * len(rings)
     upper_pole = lower_pole + 1
@@ -599,6 +605,7 @@ def _revolve(profile: Floats) -> Surface:
         (lower_pole, second, first),
         (upper_pole, top_ring + first, top_ring + second),
     ]
+    # Two triangles for each side, between a ring and the next one above.
     for low in range(0, top_ring, CIRCLE_SIDES):
         high = low + CIRCLE_SIDES
         faces.append((low + first, low + second, high + second))

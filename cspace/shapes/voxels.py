@@ -50,6 +50,7 @@ class Box(ExactShape):
     is_boxes = True
 
     def __init__(self, extents: Floats, center: Floats) -> None:
+        """Keep the box by its sides and center, and by its corners."""
         self.extents = frozen(extents)
         self.center = frozen(center)
         self.lower = frozen(center - extents / 2)
@@ -89,7 +90,7 @@ class Box(ExactShape):
             from cspace.raster.surfaces import SolidSurface, surface_rasters
 
             triangles = self.boundary().simplices
-            windings = np.ones(12, dtype=np.int64)
+            windings = np.ones(len(triangles), dtype=np.int64)
             solid = SolidSurface(triangles, triangles, windings, source="box")
             return surface_rasters(solid, spacing, margin, rotation)
         from cspace.raster.boxes import RoundedBoxes, rounded_rasters
@@ -156,6 +157,7 @@ class Voxels(ExactShape):
     kind = "cells"
 
     def __init__(self, occupied: Bools, side: float, lower: Floats) -> None:
+        """Keep the bitmap, the side of its cells and the corner of the first cell."""
         self.occupied = frozen(occupied)
         self.side = side
         self.lower = frozen(lower)
@@ -214,6 +216,7 @@ class Voxels(ExactShape):
         from cspace.raster.boxes import rounded_rasters
 
         boxes = self._boxes
+        # The boxes give the outer cells. The inner ones are cells within the union, not one box.
         outward = np.full(len(boxes.radii), margin)
         no_inner = np.full(len(boxes.radii), np.inf)
         outer, _ = rounded_rasters(boxes, spacing, outward, no_inner)
@@ -243,7 +246,7 @@ class Voxels(ExactShape):
         array = check_points(points, "points", self.dim)
         # Points outside fall into the padding, which is empty.
         padded = np.pad(self.occupied, 1)
-        cells = np.floor((array - self.lower) / self.side) + 1.0
+        cells = np.floor((array - self.lower) / self.side) + 1.0  # in the padded bitmap
         cells = np.clip(cells, 0, np.array(padded.shape) - 1).astype(np.int64)
         indices = tuple(np.moveaxis(cells, -1, 0))
         return np.asarray(padded[indices])
@@ -260,6 +263,7 @@ class Voxels(ExactShape):
         """Boxes that cover the cells in space."""
         if self.dim == 2:
             return super().boxes
+        # The size of a box is that of the connected part that it belongs to.
         labels, _ = scipy.ndimage.label(self.occupied)
         extents_of_parts = [
             max(cells.stop - cells.start for cells in box)

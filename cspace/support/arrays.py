@@ -78,6 +78,7 @@ def block_starts(shape: Sequence[int], side: int) -> list[Ints]:
 
 def intersect_boxes(box: Sequence[slice], other: Sequence[slice]) -> tuple[Box, Box]:
     """Return the intersection of two boxes, in the indices of each box."""
+    # Along each axis, from the later start to the earlier stop.
     in_box = list[slice]()
     in_other = list[slice]()
     for a, b in zip(box, other, strict=True):

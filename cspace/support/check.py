@@ -31,6 +31,7 @@ def check_real(values: ArrayLike, name: str) -> NDArray[Any]:
     is not a real number, or is too large for float64.
     """
     check_unmasked(values, name)
+    # numpy would make NaN of None and objects of texts, and other types only if they hold numbers.
     try:
         array = np.asarray(values)
         if values is None or array.dtype.kind in "US":
@@ -54,9 +55,9 @@ def check_finite(values: ArrayLike, name: str) -> Floats:
     Raises InputError if a value is not a real number, is NaN or is infinite.
     """
     array = np.asarray(check_real(values, name), dtype=np.float64)
-    usable = np.isfinite(array)
-    if not usable.all():
-        entry, value = _first_wrong_entry(array, name, ~usable)
+    is_finite = np.isfinite(array)
+    if not is_finite.all():
+        entry, value = _first_wrong_entry(array, name, ~is_finite)
         raise InputError(
             entry,
             f"is {value}",
@@ -98,6 +99,7 @@ def check_positive(value: Any, name: str, unit: str = "metres") -> float:
         example = ", e.g. 0.05" if unit == "metres" else ""
         rule = "it must be one number above zero"
         raise InputError(name, problem, rule, f"pass it in {unit}{example}")
+    # Squares and cubes of such numbers stay in the range of float64.
     if not 1e-100 < array < 1e100:
         rule = "it must be in [1e-100, 1e100]"
         raise InputError(name, problem, rule, f"check its unit ({unit})")
@@ -130,6 +132,7 @@ def check_count(
     except TypeError:
         number = None
     highest = MAX_COUNT if maximum is None else maximum
+    # Otherwise name the range, as short as it goes.
     if number is not None and minimum <= number <= highest:
         return number
     if maximum is not None or (number is not None and number > highest):
@@ -159,6 +162,7 @@ def check_known(value: object, name: str, known: Collection[str], verb: str = "i
     """Return a name that is known; raise InputError with the nearest known name otherwise."""
     if isinstance(value, str) and value in known:
         return value
+    # Otherwise hint at the most similar name, or at all of them.
     similar = difflib.get_close_matches(str(value), known, n=1)
     rule = f"there are {', '.join(known)}"
     hint = "name one of these"
@@ -262,7 +266,8 @@ def check_bounds(bounds: ArrayLike, dim: int = 2) -> Floats:
         hint = f"{hint}, or the lower and the upper corner"
         raise InputError("bounds", f"is {bounds!r}", rule, hint)
     corners = box.reshape(2, dim)
-    if (corners[1] <= corners[0]).any():
+    lower, upper = corners
+    if (upper <= lower).any():
         rule = f"{', '.join(names[dim:])} must be above {', '.join(names[:dim])}"
         raise InputError("bounds", f"is {box.tolist()}", rule, hint)
     return corners
@@ -274,6 +279,7 @@ def check_pairs(edges: ArrayLike, vertices: Floats) -> Ints:
     Raises InputError if they are no such pairs.
     """
     pairs = check_real(edges, "edges")
+    # An empty list has one axis, and floats.
     if pairs.size == 0:
         pairs = np.empty((0, 2), dtype=np.int64)
     if pairs.dtype.kind not in "iu" or pairs.ndim != 2 or pairs.shape[1] != 2 or vertices.ndim != 2:
@@ -285,7 +291,7 @@ def check_pairs(edges: ArrayLike, vertices: Floats) -> Ints:
         raise InputError("edges", problem, rule, "pass shapes (m, 2) and (n, size)")
     wrong = (pairs < 0) | (pairs >= len(vertices))
     if wrong.any():
-        row = int(np.argwhere(wrong)[0, 0])
+        row = int(wrong.any(axis=1).argmax())  # the first one
         pair = tuple(pairs[row].tolist())
         rule = f"there are {len(vertices)} vertices, counted from 0"
         hint = f"pass indices from 0 to {len(vertices) - 1}"
@@ -332,11 +338,12 @@ def check_cells(values: ArrayLike, name: str) -> Bools:
     if not is_boolean:
         _check_zeros_and_ones(array, name)
     # A boolean array may contain bytes other than 0 and 1; comparing bytes with 0 normalises them.
-    values_stored = array.view(np.uint8) if is_boolean else array
-    is_ours = array.base is None and not array.flags.writeable and array.flags.c_contiguous
-    if is_ours and is_boolean and values_stored.max() <= 1:
+    stored_values = array.view(np.uint8) if is_boolean else array
+    # Nobody can write into such an array, so it needs no copy.
+    is_constant = array.base is None and not array.flags.writeable and array.flags.c_contiguous
+    if is_constant and is_boolean and stored_values.max() <= 1:
         return array
-    return frozen(np.ascontiguousarray(values_stored != 0))
+    return frozen(np.ascontiguousarray(stored_values != 0))
 
 
 def _check_zeros_and_ones(array: NDArray[Any], name: str) -> None:
@@ -345,6 +352,7 @@ def _check_zeros_and_ones(array: NDArray[Any], name: str) -> None:
     if not wrong.any():
         return
     entry, value = _first_wrong_entry(array, name, wrong)
+    # Occupancy grids of ROS get a message of their own.
     problem = f"is {value}"
     rule = "whole numbers must be 0 or 1"
     hint = "compare with a threshold first, e.g. array >= 50"

@@ -92,6 +92,7 @@ def _compile(function: F, **options: Any) -> F:
 @cache
 def cache_folder() -> Path | None:
     """Return the folder of this version's code, or None if no folder is safe to use."""
+    # Code depends on the versions of numba and Python, and on the sources of the kernels.
     name = f"numba-{numba.__version__}-{sys.implementation.cache_tag}-{_digest_sources()}"
     temporary = f"{tempfile.gettempdir()}/cache-{os.geteuid()}"
     places = (_CONFIG.CACHE_DIR, os.environ.get("XDG_CACHE_HOME"), "~/.cache", temporary)
@@ -109,7 +110,7 @@ def cache_folder() -> Path | None:
 
 def _digest_sources() -> str:
     """Return a digest of all that is compiled into kernels."""
-    root = Path(__file__).parents[2]
+    root = Path(__file__).parents[2]  # the folder of both packages
     digest = hashlib.sha256()
     for package in ("cspace", "planners"):
         for file in sorted((root / package).rglob("*.py")):
@@ -117,7 +118,7 @@ def _digest_sources() -> str:
             name = file.relative_to(root).as_posix()
             if name in FILES_WITHOUT_KERNELS or _KERNELS.search(source):
                 digest.update(source)
-    return digest.hexdigest()[:16]
+    return digest.hexdigest()[:16]  # 64 bits tell the sources of one machine apart
 
 
 def is_private(folder: Path) -> bool:
@@ -184,6 +185,7 @@ class _SaveLock(event.Listener):
     """
 
     def __init__(self, file: Path) -> None:
+        """Open the file that processes lock."""
         self._file = os.open(file, os.O_RDWR)
 
     def on_start(self, event: Any) -> None:

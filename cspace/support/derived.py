@@ -24,6 +24,7 @@ class lazy(Generic[Part]):  # noqa: N801 - used as a decorator
     """
 
     def __init__(self, make: Callable[[Any], Part]) -> None:
+        """Keep the method, and take over its name and docstring."""
         self._make = make
         self._name = make.__name__
         self.__doc__ = make.__doc__

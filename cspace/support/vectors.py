@@ -122,6 +122,7 @@ def triangle_weights(a: Row, b: Row, c: Row) -> tuple[float, float]:
     ab = minus(b, a)
     ac = minus(c, a)
     bc = minus(c, b)
+    # Signed areas over the sides opposite the corners, each times the same factor.
     weight_a = dot(ab, b) * dot(ac, c) - dot(ab, c) * dot(ac, b)
     weight_b = dot(ab, c) * dot(ac, a) - dot(ab, a) * dot(ac, c)
     weight_c = dot(ab, a) * dot(ac, b) - dot(ab, b) * dot(ac, a)
@@ -155,6 +156,8 @@ def gap_between(p: Row, u: Row, q: Row, v: Row) -> Row:
     Collision Detection", 2005, section 5.1.9.
     """
     r = minus(p, q)
+    # The nearest points of the lines, then of the segments: s for the lines, t for that s clipped
+    # to its segment, and s again for that t. The area is zero if the segments are parallel.
     uu = dot(u, u)
     vv = dot(v, v)
     uv = dot(u, v)
@@ -199,11 +202,12 @@ def point_triangle(p: Row, triangle: Floats) -> float:
     longest_square = max(dot(ab, ab), dot(bc, bc), dot(ca, ca))
     normal = normal_of(triangle)
     length = math.sqrt(dot(normal, normal))
-    if length <= THIN * longest_square:
+    if length <= THIN * longest_square:  # the length is the longest side times the height
         # Every point of the triangle is within its height of its sides.
         return max(0.0, distance - THIN * math.sqrt(longest_square))
     n = normal[0] / length, normal[1] / length, normal[2] / length
     ap = minus(p, a)
+    # Beside the triangle, seen along the normal, the nearest point is on a side.
     is_beside = (
         dot(n, cross(ab, ap)) < 0.0
         or dot(n, cross(bc, minus(p, b))) < 0.0
@@ -214,10 +218,13 @@ def point_triangle(p: Row, triangle: Floats) -> float:
 
 @kernel
 def box_distance(box: Floats, p: Row) -> float:
-    """Return the distance of a point from a box, given by its center and half sides."""
-    dx = max(abs(p[0] - box[0]) - box[3], 0.0)
-    dy = max(abs(p[1] - box[1]) - box[4], 0.0)
-    dz = max(abs(p[2] - box[2]) - box[5], 0.0)
+    """Return the distance of a point from a box, shape (6,): its center, then its half sides."""
+    center = row_at(box, 0)
+    half_x, half_y, half_z = row_at(box, 3)
+    x, y, z = minus(p, center)
+    dx = max(abs(x) - half_x, 0.0)
+    dy = max(abs(y) - half_y, 0.0)
+    dz = max(abs(z) - half_z, 0.0)
     return math.sqrt(dx * dx + dy * dy + dz * dz)
 
 

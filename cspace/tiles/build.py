@@ -14,14 +14,14 @@ import numpy as np
 from cspace.engines.slices import raster_bytes
 from cspace.errors import FileError, InputError
 from cspace.files.access import replacing
-from cspace.limits import WORKSPACE_CELL_BYTES, check_memory, map_bytes
+from cspace.limits import WORKSPACE_CELL_BYTES, map_bytes
 from cspace.obstacles import Source, changed_source
 from cspace.record.contents import Contents
 from cspace.record.exterior import UNKNOWN
 from cspace.record.save import TILES_FORMAT, read_format
 from cspace.robot import Robot
 from cspace.support.arrays import StrPath
-from cspace.tiles.folder import Index, TileFolder, as_box, grow, make_frame, make_stamp, write_root
+from cspace.tiles.folder import TileFolder, as_box, grow, make_frame, make_stamp, write_root
 from cspace.tiles.work import run_tasks
 from cspace.workspace import Workspace
 
@@ -53,13 +53,12 @@ def build_tiles(
     exceeds the memory; FileError if ``store`` holds something else, cannot be written, or the
     workspace changes.
     """
+    # Open the folder, which may have some tiles already, build the others, and complete it.
     grid = workspace.grid
     stamp = workspace.cells.stamp
     frame = make_frame(workspace, robot, proves_blocked=inner, **options)
     slices = len(frame.states)
     sides = resolve_tile(tile, grid.shape, slices)
-    rasters = raster_bytes(robot, grid.spacing, frame.margin, frame.rotations, slices)
-    check_memory(rasters, "the map", grid, slices=slices)
     layout = {
         "shape": list(grid.shape),
         "side": list(sides),
@@ -69,7 +68,7 @@ def build_tiles(
     folder = _open_or_create(Path(store), frame, layout)
     if folder.frame.exterior is not None:
         return folder
-    missing = [index for index in folder if not folder.tile_path(index).exists()]
+    missing = [tile for tile in range(len(folder)) if not folder.tile_path(tile).exists()]
     build = partial(build, inner=inner, method=method, workers=1 if client else workers)
     task = partial(build_tile, folder, workspace.cells, build)
     run_tasks(task, missing, len(folder), bytes_to_build(folder), client, workers, progress)
@@ -83,7 +82,7 @@ def _open_or_create(path: Path, frame: Contents, layout: dict[str, Any]) -> Tile
         with replacing(path, overwrite=True, folder=lambda _: False) as temporary:
             write_root(temporary, frame, layout)
     folder = TileFolder.open(path)
-    if folder.layout != layout:
+    if folder.layout["stamp"] != layout["stamp"]:
         problem = "holds another map, or one of other obstacles"
         rule = "a build resumes only with the same robot, rotations, options and obstacles"
         raise FileError(str(path), problem, rule, "choose another name, or remove it")
@@ -91,9 +90,12 @@ def _open_or_create(path: Path, frame: Contents, layout: dict[str, Any]) -> Tile
 
 
 def bytes_to_build(folder: TileFolder) -> float:
-    """Estimate the memory to build one tile, in bytes."""
-    sides = np.add(folder.tile, 2 * (folder.halo + folder.reach))
-    window = np.minimum(sides, folder.grid.shape).tolist()
+    """Estimate the memory to build one tile, in bytes.
+
+    That is for the window around it, which is built, and its copies.
+    """
+    border = 2 * (folder.halo + folder.reach)
+    window = [min(side + border, n) for side, n in zip(folder.tile, folder.grid.shape, strict=True)]
     frame = folder.frame
     slices = folder.slices
     rasters = raster_bytes(frame.robot, frame.grid.spacing, frame.margin, frame.rotations, slices)
@@ -102,7 +104,7 @@ def bytes_to_build(folder: TileFolder) -> float:
 
 
 def build_tile(
-    folder: TileFolder, source: Source, build: Callable[..., tuple[Contents, Any]], index: Index
+    folder: TileFolder, source: Source, build: Callable[..., tuple[Contents, Any]], tile: int
 ) -> None:
     """Build and write a tile, as a task.
 
@@ -112,11 +114,12 @@ def build_tile(
     """
     frame = folder.frame
     name = frame.workspace.source
-    cells = folder.locate_tile(index)
+    cells = folder.locate_tile(tile)
     window = folder.clip(grow(cells, folder.reach))
     outer, inner = source.read(as_box(window))
     if source.stamp != folder.layout["source_stamp"]:
         raise changed_source(name, "its size, time or digest differs")
+    # Build the window, and cut the tile out of it.
     around = Workspace(folder.sub_grid(window), outer, inner)
     built, _ = build(
         around, frame.robot, frame.rotations, outside=frame.outside, margin=frame.margin
@@ -124,7 +127,7 @@ def build_tile(
     in_window = as_box(cells - window[0])
     workspace = Workspace(folder.sub_grid(cells), outer[in_window], inner[in_window], source=name)
     states = built.states[:, *in_window]
-    folder.write_tile(index, replace(frame, workspace=workspace, states=states, outside=UNKNOWN))
+    folder.write_tile(tile, replace(frame, workspace=workspace, states=states, outside=UNKNOWN))
 
 
 def resolve_tile(
@@ -143,5 +146,5 @@ def resolve_tile(
     sides = np.minimum(cells, shape)
     while slices * math.prod(sides.tolist()) > MAX_TILE_STATES and sides.max() > 1:
         longest = np.argmax(sides)
-        sides[longest] = -(-sides[longest] // 2)
+        sides[longest] = -(-sides[longest] // 2)  # half, rounded up
     return tuple(sides.tolist())

@@ -7,30 +7,27 @@ the cells around them, clipped to the grid. It is named by its index, such as ``
 under another name first, so a tile with its name is complete.
 
 A *stamp* is a digest of everything that the map depends on, so that only a build of the same map
-resumes, and only with its own tiles. Each tile has the stamp of its map. The frame of a complete
-map also has the states outside the grid.
+resumes, and only with its own tiles. Each tile has the stamp of its map and its own index. The
+folder ``frame`` of a complete map has the frame again, with the states outside the grid and the
+counts of the states.
 """
 
 from __future__ import annotations
 
 import hashlib
-import itertools
 import json
 import math
 import shutil
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from tempfile import mkdtemp
 from typing import Any, Final
 
 import numpy as np
 
 from cspace.engines.slices import slice_rasters
 from cspace.files.access import replacing
-from cspace.files.zarr_folders import ROOT_FILE
 from cspace.grid import Grid
 from cspace.raster import Raster
 from cspace.record.contents import Contents
@@ -60,8 +57,8 @@ MAX_HALO_CELLS: Final = 64
 TILE_SIDES_PER_HALO: Final = 16
 """Shortest side of a tile, in widths of its halo; halos then add little to a map."""
 
-Index = tuple[int, ...]
-"""Index of a tile along each axis."""
+FRAME: Final = "frame"
+"""Folder of the frame of a complete map."""
 
 # Boxes of cells are arrays of two corners, shape (2, d): the first cell, and the cell after the
 # last.
@@ -79,7 +76,7 @@ class TileFolder:
     path : Path
     layout : mapping
         ``shape`` of the grid and ``side`` of a tile, in cells; ``stamp``, and ``source_stamp`` of
-        the workspace.
+        the workspace; of a complete map also ``counts`` of its FREE, MIXED and BLOCKED cells.
     frame : Contents
         Map of the first cell; if all tiles are complete, with the states outside the grid.
     """
@@ -96,8 +93,9 @@ class TileFolder:
     def sub_grid(self, corners: Ints) -> Grid:
         """Return the grid of a box of cells, inside the whole grid or not."""
         cell = self.frame.grid
-        lower = np.array(cell.lower) + cell.spacing * corners[0]
-        return Grid(lower, cell.spacing, corners[1] - corners[0], cell.axes, cell.units)
+        first, stop = corners
+        lower = np.array(cell.lower) + cell.spacing * first
+        return Grid(lower, cell.spacing, stop - first, cell.axes, cell.units)
 
     @property
     def tile(self) -> tuple[int, ...]:
@@ -111,6 +109,11 @@ class TileFolder:
         return min(MAX_HALO_CELLS, max(MIN_HALO_CELLS, width))
 
     @property
+    def cells_of_tile(self) -> int:
+        """Largest number of cells of a tile with its halo."""
+        return math.prod(side + 2 * self.halo for side in self.tile)
+
+    @property
     def slices(self) -> int:
         """Number of slices."""
         return len(self.frame.states)
@@ -120,10 +123,11 @@ class TileFolder:
         """Number of cells along an axis from which the robot may touch a cell, rounded up."""
         frame = self.frame
         farthest_corner = np.abs(frame.robot.shape.outer.bounds).max(axis=0)
-        radius = np.linalg.norm(farthest_corner)
-        angle = min(frame.rotations.covering_angles.max(), math.pi)
-        # The outer raster is that of a robot whose points move within a rotation cell.
-        metres = radius * (1.0 + 2.0 * math.sin(angle / 2.0)) + frame.margin
+        radius = float(np.linalg.norm(farthest_corner))
+        # The outer raster is that of a robot whose points turn by at most this angle.
+        angle = float(frame.rotations.covering_angles.max())
+        metres = radius * (1.0 + angle) + frame.margin
+        # Two cells more: one for the parts of both rasters, one for rounding.
         return math.ceil(metres / frame.grid.spacing) + 2
 
     # ---- tiles -----------------------------------------------------------------------------------
@@ -134,57 +138,52 @@ class TileFolder:
         counts = -(-np.array(self.layout["shape"]) // self.tile)
         return tuple(counts.tolist())
 
-    def __iter__(self) -> Iterator[Index]:
-        """Iterate over the indices of all tiles."""
-        return itertools.product(*map(range, self.counts))
-
     def __len__(self) -> int:
         """Return the number of tiles."""
         return math.prod(self.counts)
 
-    def find_number(self, index: Index) -> int:
-        """Return the position of a tile among all tiles."""
-        return int(np.ravel_multi_index(index, self.counts))
+    @property
+    def numbers(self) -> Ints:
+        """Number of each tile, in an array of the shape ``counts``."""
+        return np.arange(len(self)).reshape(self.counts)
 
-    def find_index(self, number: int) -> Index:
-        """Return the index of the tile at a position among all tiles."""
-        return tuple(map(int, np.unravel_index(number, self.counts)))
-
-    def locate_interior(self, index: Index) -> Ints:
+    def locate_interior(self, tile: int) -> Ints:
         """Return the corners of a tile without its halo."""
+        index = np.unravel_index(tile, self.counts)
         first = np.multiply(index, self.tile)
         return self.clip(np.stack([first, first + self.tile]))
 
-    def locate_tile(self, index: Index) -> Ints:
+    def locate_tile(self, tile: int) -> Ints:
         """Return the corners of a tile with its halo."""
-        return self.clip(grow(self.locate_interior(index), self.halo))
+        return self.clip(grow(self.locate_interior(tile), self.halo))
 
-    def locate_interior_in_tile(self, index: Index) -> Box:
+    def locate_interior_in_tile(self, tile: int) -> Box:
         """Return the interior of a tile, in the indices of the tile's arrays."""
-        return as_box(self.locate_interior(index) - self.locate_tile(index)[0])
+        return as_box(self.locate_interior(tile) - self.locate_tile(tile)[0])
 
     def clip(self, corners: Ints) -> Ints:
         """Return the part of a box in the grid."""
         return np.clip(corners, 0, self.layout["shape"])
 
-    def list_tiles(self, corners: Ints) -> Iterator[Index]:
-        """Iterate over the tiles whose interiors meet a box."""
+    def list_tiles(self, corners: Ints) -> list[int]:
+        """Return the tiles whose interiors meet a box."""
         first, stop = self.clip(corners)
-        stop_index = -(-stop // self.tile)
-        return itertools.product(*map(range, first // self.tile, stop_index))
+        tiles = np.stack([first // self.tile, -(-stop // self.tile)])
+        return [int(tile) for tile in self.numbers[as_box(tiles)].flat]
 
-    def group_by_tile(self, cells: Ints, rows: Ints) -> Iterator[tuple[Index, Ints]]:
+    def group_by_tile(self, cells: Ints, rows: Ints) -> Iterator[tuple[int, Ints]]:
         """Group rows of cells, shape (n, d), by the tiles that the cells lie in.
 
         Yields each tile with its rows. A cell outside the grid counts to the nearest tile.
         """
         indices = tuple((cells[rows] // self.tile).T)
-        numbers = np.ravel_multi_index(indices, self.counts, mode="clip")
-        for number in np.unique(numbers):
-            yield self.find_index(number), rows[numbers == number]
+        tiles = np.ravel_multi_index(indices, self.counts, mode="clip")
+        for tile in np.unique(tiles).tolist():
+            yield tile, rows[tiles == tile]
 
-    def tile_path(self, index: Index) -> Path:
+    def tile_path(self, tile: int) -> Path:
         """Return the folder of a tile, which exists if the tile is complete."""
+        index = np.unravel_index(tile, self.counts)
         return self.path / ".".join(map(str, index))
 
     @property
@@ -192,52 +191,41 @@ class TileFolder:
         """Fraction of complete tiles, below 1 until the map is complete."""
         if self.frame.exterior is not None:
             return 1.0
-        done = sum(self.tile_path(index).exists() for index in self)
-        return min(done / len(self), 1.0 - 2.0**-20)
+        done = sum(self.tile_path(tile).exists() for tile in range(len(self)))
+        return min(done / len(self), 1.0 - 2.0**-20)  # not 1, though all tiles may be there
 
-    def read_tile(self, index: Index) -> Contents:
+    def read_tile(self, tile: int) -> Contents:
         """Read a tile, as a map whose outside is unknown.
 
         Raises FileError if it is missing, damaged or a tile of another map or place.
         """
-        path = self.tile_path(index)
-        tile, attributes = read_map_and_attributes(path)
-        self._check_stamp(index, attributes)
-        if tile.grid != self.sub_grid(self.locate_tile(index)):
-            raise map_error(path, "it is a tile of another place")
-        return tile
+        contents, attributes = read_map_and_attributes(self.tile_path(tile))
+        self._check_stamp(tile, attributes)
+        return contents
 
-    def read_summaries(self) -> list[dict[str, Any]]:
-        """Read the attributes of all tiles.
+    def _make_stamp(self, tile: int) -> str:
+        """Return the stamp of a tile, which depends on the map and on the tile's place."""
+        return f"{self.layout['stamp']} {self.tile_path(tile).name}"
 
-        Raises FileError if a tile is of another map.
-        """
-        summaries = []
-        for index in self:
-            attributes, _ = read_root(self.tile_path(index), FORMAT)
-            self._check_stamp(index, attributes)
-            summaries.append(attributes)
-        return summaries
+    def _check_stamp(self, tile: int, attributes: Mapping[str, Any]) -> None:
+        """Raise FileError unless the attributes of a tile have its stamp."""
+        if attributes.get("stamp") != self._make_stamp(tile):
+            raise map_error(self.tile_path(tile), "it is a tile of another map or place")
 
-    def _check_stamp(self, index: Index, attributes: Mapping[str, Any]) -> None:
-        """Raise FileError unless the attributes of a tile have the stamp of the map."""
-        if attributes.get("stamp") != self.layout["stamp"]:
-            raise map_error(self.tile_path(index), "it is a tile of another map")
-
-    def write_tile(self, index: Index, contents: Contents) -> None:
+    def write_tile(self, tile: int, contents: Contents) -> None:
         """Write a tile; its name appears when it is complete.
 
         Its attributes also have the number of FREE, MIXED and BLOCKED cells of its interior, and
         the box of obstacles in it.
         """
-        states = contents.states[:, *self.locate_interior_in_tile(index)]
+        states = contents.states[:, *self.locate_interior_in_tile(tile)]
         rotations_of_slice = np.bincount(self.frame.slice_of)
         counts = rotations_of_slice @ count_states(states)
-        first_cell = tuple(self.locate_tile(index)[0].tolist())
+        first_cell = tuple(self.locate_tile(tile)[0].tolist())
         occupied = Raster.from_bitmap(contents.workspace.outer, first_cell)
         box = [occupied.lower, occupied.upper] if occupied.count else None
-        summary = {"stamp": self.layout["stamp"], "counts": counts.tolist(), "obstacles": box}
-        with replacing(self.tile_path(index), overwrite=True, folder=is_map_folder) as temporary:
+        summary = {"stamp": self._make_stamp(tile), "counts": counts.tolist(), "obstacles": box}
+        with replacing(self.tile_path(tile), overwrite=True, folder=is_map_folder) as temporary:
             write_map(contents, temporary, **summary)
 
     # ---- the folder ------------------------------------------------------------------------------
@@ -249,7 +237,8 @@ class TileFolder:
         Raises FileError if it is missing or was changed, of another version, or describes no map.
         """
         root = Path(path).absolute()  # workers have other working folders
-        frame, attributes = read_map_and_attributes(root, TILES_FORMAT)
+        frame_path = root / FRAME if (root / FRAME).exists() else root
+        frame, attributes = read_map_and_attributes(frame_path, TILES_FORMAT)
         with making_map(root):
             layout = attributes["tiles"]
             sizes = np.array([layout["shape"], layout["side"]])
@@ -258,30 +247,37 @@ class TileFolder:
             return cls(root, layout, frame)
 
     def complete(self) -> TileFolder:
-        """Write the states outside the grid; return the complete folder.
+        """Write the counts and the states outside the grid; return the complete folder.
 
         Raises FileError if a tile is of another map.
         """
         frame = self.frame
         shape = self.layout["shape"]
-        no_box = [[max(shape)] * len(shape), [-1] * len(shape)]
-        boxes = np.array([tile["obstacles"] or no_box for tile in self.read_summaries()])
-        obstacles = np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
+        counts = np.zeros(3, dtype=np.int64)
+        # First and last cells of boxes of obstacles, in turn; those of no obstacle come first.
+        corners = [[max(shape)] * len(shape), [-1] * len(shape)]
+        for tile in range(len(self)):
+            summary, _ = read_root(self.tile_path(tile), FORMAT)
+            self._check_stamp(tile, summary)
+            counts += summary["counts"]
+            corners += summary["obstacles"] or []
+        first_cells = corners[::2]
+        last_cells = corners[1::2]
+        obstacles = np.stack([np.min(first_cells, axis=0), np.max(last_cells, axis=0)])
         rasters = slice_rasters(frame.robot, frame.grid.spacing, frame.margin, frame.rotations)
         exterior = Exterior.around(shape, obstacles, rasters, frame.outside)
-        temporary = Path(mkdtemp(prefix=".cspace-", dir=self.path))
-        write_root(temporary, replace(frame, exterior=exterior), self.layout)
-        with suppress(OSError):  # another build of the map has just written the same
-            (temporary / "exterior").rename(self.path / "exterior")
-        (temporary / ROOT_FILE).replace(self.path / ROOT_FILE)
+        layout = {**self.layout, "counts": counts.tolist()}
+        with replacing(self.path / FRAME, overwrite=True, folder=is_map_folder) as temporary:
+            write_root(temporary, replace(frame, exterior=exterior), layout)
         for leftover in self.path.glob(".cspace-*"):
             shutil.rmtree(leftover, ignore_errors=True)
         return TileFolder.open(self.path)
 
 
 def grow(corners: Ints, cells: int) -> Ints:
-    """Return a box with more cells on every side."""
-    return np.stack([corners[0] - cells, corners[1] + cells])
+    """Return a box, shape (2, d), with more cells on every side."""
+    first, stop = corners
+    return np.stack([first - cells, stop + cells])
 
 
 def as_box(corners: Ints) -> Box:

@@ -5,7 +5,6 @@ All outside a part is unknown, so MIXED there; each proof by a part holds in the
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import lru_cache, partial
@@ -20,8 +19,8 @@ from cspace.record.contents import Contents
 from cspace.record.exterior import UNKNOWN, Exterior
 from cspace.shapes import Shape
 from cspace.space import CSpace
-from cspace.support.arrays import BLOCKED, MIXED, Bools, Floats, Ints, States, reduce_blocks
-from cspace.tiles.folder import ONE_MORE, Index, TileFolder, as_box, grow
+from cspace.support.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, States, reduce_blocks
+from cspace.tiles.folder import ONE_MORE, TileFolder, as_box, grow
 from cspace.tiles.motions import cut_motions
 from cspace.workspace import Workspace
 
@@ -49,17 +48,17 @@ class OpenTile(NamedTuple):
     space: CSpace
     components: Components
 
-    def find_nodes(self, cells: Ints, mixed: bool = False) -> Ints:
+    def find_labels(self, cells: Ints, mixed: bool = False) -> Ints:
         """Return the components of cells of the whole map, shape (..., 1 + d), or -1."""
         return self.components.of(cells - np.array([0, *self.first]), mixed)
 
 
-def open_tile(folder: TileFolder, index: Index) -> OpenTile:
+def open_tile(folder: TileFolder, number: int) -> OpenTile:
     """Read a tile."""
-    tile = folder.read_tile(index)
+    tile = folder.read_tile(number)
     closed = np.zeros(folder.slices, dtype=np.bool_)
     components = Components(tile.states, tile.slice_of, tile.rotations.neighbors, closed)
-    return OpenTile(folder.locate_tile(index)[0], tile, CSpace(tile), components)
+    return OpenTile(folder.locate_tile(number)[0], tile, CSpace(tile), components)
 
 
 class OpenTiles:
@@ -78,18 +77,19 @@ class OpenTiles:
     """
 
     def __init__(self, folder: TileFolder, max_bytes: int) -> None:
+        """Make the cache of tiles, which is empty."""
         self.folder = folder
-        sides = np.add(folder.tile, 2 * folder.halo).tolist()
-        tile_bytes = (folder.slices + WORKSPACE_CELL_BYTES) * math.prod(sides)
+        tile_bytes = (folder.slices + WORKSPACE_CELL_BYTES) * folder.cells_of_tile
         keep_recent = lru_cache(max(1, max_bytes // tile_bytes))
-        self.tile: Callable[[Index], OpenTile] = keep_recent(partial(open_tile, folder))
+        self.tile: Callable[[int], OpenTile] = keep_recent(partial(open_tile, folder))
         self.frame = CSpace(folder.frame)
 
     def window(self, corners: Ints, exterior: Exterior | None = None) -> CSpace:
         """Return a box of cells, in the grid or not, as a map in memory.
 
-        All outside it is unknown, unless the states outside are given. Raises InputError if the map
-        does not fit into memory.
+        ``corners``, shape (2, d), are the first cell and the cell after the last one. All outside
+        is unknown, unless the states outside are given. Raises InputError if the map does not fit
+        into memory.
         """
         folder = self.folder
         frame = folder.frame
@@ -102,14 +102,14 @@ class OpenTiles:
         if frame.exterior is not None:
             _write_outside(frame.exterior, corners[0], states)
         outer, inner = np.zeros((2, *grid.shape), dtype=np.bool_)
-        for index in folder.list_tiles(corners):
-            tile = self.tile(index)
-            shared = np.clip(folder.locate_interior(index), *corners)
-            here = as_box(shared - corners[0])
-            there = as_box(shared - tile.first)
-            states[:, *here] = tile.contents.states[:, *there]
-            outer[here] = tile.contents.workspace.outer[there]
-            inner[here] = tile.contents.workspace.inner[there]
+        for number in folder.list_tiles(corners):
+            tile = self.tile(number)
+            shared = np.clip(folder.locate_interior(number), *corners)
+            in_window = as_box(shared - corners[0])
+            in_tile = as_box(shared - tile.first)
+            states[:, *in_window] = tile.contents.states[:, *in_tile]
+            outer[in_window] = tile.contents.workspace.outer[in_tile]
+            inner[in_window] = tile.contents.workspace.inner[in_tile]
         source = f"a window of {folder.path.name}"
         workspace = Workspace(grid, outer, inner, source=source, shapes=self._shapes_in(corners))
         return self._make_part(workspace, states, exterior)
@@ -140,28 +140,27 @@ class OpenTiles:
         grid = folder.grid
         factor = max(1, -(-max(grid.shape) // max_cells))
         shape = tuple(-(-n // factor) for n in grid.shape)
-        lowest = np.full((folder.slices, *shape), BLOCKED, dtype=np.uint8)
-        highest = np.zeros_like(lowest)
+        # A set bit of a coarse cell, ``1 << state``, says that one of its cells has the state.
+        seen = np.zeros((folder.slices, *shape), dtype=np.uint8)
         outer = np.zeros(shape, dtype=np.bool_)
         slices = np.arange(folder.slices)
-        for index in folder:
-            tile = folder.read_tile(index)
-            own = folder.locate_interior_in_tile(index)
+        for number in range(len(folder)):
+            tile = folder.read_tile(number)
+            interior = folder.locate_interior_in_tile(number)
             # Coarse cells in the tile, and the first cell of each there.
-            sides = [np.arange(*ends) // factor for ends in folder.locate_interior(index).T]
+            sides = [np.arange(*ends) // factor for ends in folder.locate_interior(number).T]
             pairs = [np.unique(side, return_index=True) for side in sides]
             coarse, starts = zip(*pairs, strict=True)
-            tile_states = tile.states[:, *own]
-            layers = [slices, *starts]
-            here = np.ix_(slices, *coarse)
             # A coarse cell may have parts in several tiles.
-            lowest[here] = np.minimum(lowest[here], reduce_blocks(tile_states, layers, np.minimum))
-            highest[here] = np.maximum(highest[here], reduce_blocks(tile_states, layers))
-            outer[np.ix_(*coarse)] |= reduce_blocks(tile.workspace.outer[own], starts)
-        states = np.where(lowest == highest, lowest, np.uint8(MIXED))
+            bits = np.left_shift(1, tile.states[:, *interior], dtype=np.uint8)
+            seen[np.ix_(slices, *coarse)] |= reduce_blocks(bits, [slices, *starts], np.bitwise_or)
+            outer[np.ix_(*coarse)] |= reduce_blocks(tile.workspace.outer[interior], starts)
         for axis, n in enumerate(grid.shape):
             if n % factor:  # the last coarse cells extend beyond the map, where nothing is known
-                np.moveaxis(states, 1 + axis, 0)[-1] = MIXED
+                np.moveaxis(seen, 1 + axis, 0)[-1] |= 1 << MIXED
+        states = np.full_like(seen, MIXED)
+        states[seen == 1 << FREE] = FREE
+        states[seen == 1 << BLOCKED] = BLOCKED
         coarse_grid = Grid(grid.lower, grid.spacing * factor, shape, grid.axes, grid.units)
         # Obstacles fill no coarse cell for certain, so the inner cells are empty.
         inner = np.zeros_like(outer)
@@ -184,54 +183,61 @@ class OpenTiles:
         near = ((cells >= -reach) & (cells < np.add(folder.grid.shape, reach))).all(axis=1)
         if not near.all():
             yield self.frame, np.flatnonzero(~near)
-        for index, rows in folder.group_by_tile(cells, np.flatnonzero(near)):
+        for number, rows in folder.group_by_tile(cells, np.flatnonzero(near)):
+            # The box around the cells of the group, grown by the reach.
             group = cells[rows]
             needed = grow(np.stack([group.min(axis=0), group.max(axis=0) + 1]), reach)
             if is_inside or folder.frame.outside != "free":
                 needed = folder.clip(needed)
-            in_tile = np.clip(needed, *folder.locate_tile(index))
+            in_tile = np.clip(needed, *folder.locate_tile(number))
             if np.array_equal(in_tile, needed):
-                yield self.tile(index).space, rows
+                yield self.tile(number).space, rows
             else:
                 yield self.window(needed), rows
 
     def motions_are_free(self, starts: Floats, ends: Floats, out: Bools) -> None:
-        """Write whether motions, from ``starts`` to ``ends`` of shape (n, size), are free."""
+        """Write True for each motion that is proven free, else False.
+
+        Motions lead from ``starts`` to ``ends``, both of shape (n, size); ``out`` has shape (n,).
+        """
         grid = self.folder.grid
         first = starts[:, : grid.dim]
         last = ends[:, : grid.dim]
+        # Upper bounds of the numbers of pieces, shorter than the halo, that motions are cut into.
         cells = np.abs(last - first).max(axis=1) / grid.spacing
         pieces = cells / (self.folder.halo - 1) + 2.0
         inside = grid.contains(first) & grid.contains(last)
         may_leave = self.folder.frame.outside == "free"
         out[:] = (inside | may_leave) & (pieces <= MAX_PIECES)
+        # Motions that leave the grid need the cells outside, so they are proven apart from others.
         for is_inside in (True, False):
-            rows = np.flatnonzero(out & (inside == is_inside))
-            batch = int(MAX_PIECES / pieces[rows].max(initial=1.0))
-            for begin in range(0, len(rows), batch):
-                chosen = rows[begin : begin + batch]
-                out[chosen] = self._prove_motions(starts[chosen], ends[chosen], is_inside)
+            remaining = np.flatnonzero(out & (inside == is_inside))
+            batch_size = int(MAX_PIECES / pieces[remaining].max(initial=1.0))
+            while len(remaining):
+                rows, remaining = np.split(remaining, [batch_size])
+                out[rows] = self._prove_motions(starts[rows], ends[rows], is_inside)
 
     def _prove_motions(self, starts: Floats, ends: Floats, is_inside: bool) -> Bools:
-        """Return whether motions are free that lie in the closed grid, or that leave it.
+        """Return which motions are proven free by the tiles that they cross, shape (n,).
 
-        A motion in the closed grid ignores the cells outside, as in a map in memory.
+        ``starts`` and ``ends`` have the shape (n, size). Either all motions lie in the closed grid,
+        and ignore the cells outside as in a map in memory, or all leave it.
         """
-        folder = self.folder
-        grid = folder.grid
-        rotations = folder.frame.rotations
-        motions, *ends_of_pieces = cut_motions(grid, rotations, folder.halo - 1, starts, ends)
-        pieces = np.stack(ends_of_pieces)
-        cells = grid.cell_of(pieces[0, :, : grid.dim])
+        grid = self.folder.grid
+        rotations = self.folder.frame.rotations
+        longest = self.folder.halo - 1  # a piece and its neighbor cells lie in a tile and its halo
+        motions, *ends_of_pieces = cut_motions(grid, rotations, longest, starts, ends)
+        pieces = np.stack(ends_of_pieces)  # their starts, then their ends, shape (2, m, size)
+        first_cells = grid.cell_of(pieces[0, :, : grid.dim])
         out = np.ones(len(starts), dtype=np.bool_)
-        for part, rows in self.parts_near(cells, folder.halo, is_inside):
+        for space, rows in self.parts_near(first_cells, self.folder.halo, is_inside):
             q0, q1 = pieces[:, rows]
             if is_inside:
-                # Rounding may put the border of the grid just outside the part.
+                # Rounding may put the border of the grid just outside the map of the tile.
                 for q in (q0, q1):
                     position = q[:, : grid.dim]
-                    position.clip(part.grid.lower, part.grid.upper, out=position)
-            unproven = rows[~part.motion_is_free(q0, q1)]
+                    position.clip(space.grid.lower, space.grid.upper, out=position)
+            unproven = rows[~space.motion_is_free(q0, q1)]
             out[motions[unproven]] = False
         return out
 
@@ -241,8 +247,9 @@ def _write_outside(exterior: Exterior, first: Ints, states: States) -> None:
 
     The first cell of the box is ``first``.
     """
-    for row, part in zip(exterior.table, states, strict=True):
+    # A row has the first and the last cell of a box of MIXED cells, and the state of all others.
+    for row, slice_states in zip(exterior.table, states, strict=True):
         *mixed_cells, other_state = row
-        part[...] = other_state
+        slice_states[...] = other_state
         mixed = np.reshape(mixed_cells, (2, -1)) + ONE_MORE - first
-        part[as_box(np.clip(mixed, 0, part.shape))] = MIXED
+        slice_states[as_box(np.clip(mixed, 0, slice_states.shape))] = MIXED

@@ -64,6 +64,7 @@ class TiledCSpace(ConfigurationMap):
     in_memory = False
 
     def __init__(self, folder: TileFolder, cache_bytes: int = DEFAULT_CACHE_BYTES) -> None:
+        """Keep the folder; tiles are read when queries need them."""
         self._folder = folder
         self._lock = RLock()
         self._cache_bytes = int(cache_bytes)
@@ -124,8 +125,7 @@ class TiledCSpace(ConfigurationMap):
     def count(self) -> tuple[int, int, int]:
         """Return the number of FREE, MIXED and BLOCKED cells over all rotation cells."""
         with self._at_one_moment():
-            counts = [tile["counts"] for tile in self._folder.read_summaries()]
-        free, mixed, blocked = np.sum(counts, axis=0).tolist()
+            free, mixed, blocked = self._folder.layout["counts"]
         return free, mixed, blocked
 
     @property
@@ -153,27 +153,29 @@ class TiledCSpace(ConfigurationMap):
     ) -> int:
         """Write the answers of maps in memory that have all cells within reach of rows.
 
-        Return the index of the first unusable row, or -1.
+        ``rows`` are configurations, shape (n, size), ``out`` has shape (n,), and ``reach`` is in
+        cells. Return the index of the first unusable row, or -1.
         """
         with self._at_one_moment():
             bad = self.find_unusable(rows)
             if bad < 0:
                 cells = self.grid.cell_of(rows[:, : self.dim])
-                for part, chosen in self._tiles.parts_near(cells, reach):
-                    out[chosen] = query(part, rows[chosen])
+                for space, chosen in self._tiles.parts_near(cells, reach):
+                    out[chosen] = query(space, rows[chosen])
             return bad
 
     def _write_states(self, rows: Floats, out: States) -> int:
         # A point on a border belongs to the cell that the whole map gives it.
-        def classify(part: CSpace, some: Floats) -> States:
-            return part.classify(self._centers_of(self._cells_of(some)))
+        def classify(space: CSpace, points: Floats) -> States:
+            return space.classify(self._centers_of(self._cells_of(points)))
 
         return self._ask(classify, rows, out, reach=0)
 
     def _centers_of(self, cells: Ints) -> Floats:
-        """Return the centers of cells, shape (n, 1 + dim)."""
-        positions = self.grid.center_of(cells[:, 1:])
-        return np.concatenate([positions, self.rotations.centers[cells[:, 0]]], axis=1)
+        """Return the centers of cells, which are (rotation, x, y(, z)), shape (n, 1 + dim)."""
+        rotations, *position_cells = cells.T
+        positions = self.grid.center_of(np.stack(position_cells, axis=1))
+        return np.concatenate([positions, self.rotations.centers[rotations]], axis=1)
 
     def _write_free(self, exact: bool, rows: Floats, out: Bools) -> int:
         self._refuse_geometry(exact)
@@ -189,10 +191,8 @@ class TiledCSpace(ConfigurationMap):
             return bad
 
     def _write_free_around(self, distance: float, angle: float, rows: Floats, out: Bools) -> int:
-        def test(part: CSpace, some: Floats) -> Bools:
-            return part.is_free_around(some, distance, angle)
-
-        return self._ask(test, rows, out, reach=math.ceil(distance / self.grid.spacing) + 1)
+        query = partial(CSpace.is_free_around, distance=distance, angle=angle)
+        return self._ask(query, rows, out, reach=math.ceil(distance / self.grid.spacing) + 1)
 
     def _write_clearances(self, rows: Floats, out: Floats) -> int:
         # Beyond the halo of a tile, cells are unknown and count as not FREE. A clearance may be two
@@ -257,13 +257,14 @@ class TiledCSpace(ConfigurationMap):
         goal = make_canonical(self._check_configurations(q1, "q1"), "q1")
         with self._at_one_moment():
             tiles, cells = self._components.chain(self._cells_of(start), self._cells_of(goal))
+        # Each subproblem leads from the start or a crossing to the next crossing or the goal.
         crossings = self._centers_of(np.array(cells, dtype=np.int64).reshape(-1, 1 + self.dim))
         starts = [start, *crossings]
         goals = [*crossings, goal]
         open_parts = [partial(self._open_part, tile) for tile in tiles]
         return list(zip(open_parts, starts, goals, strict=False))  # no tiles without a chain
 
-    def _open_part(self, tile: tuple[int, ...]) -> CSpace:
+    def _open_part(self, tile: int) -> CSpace:
         """Return a tile as a map in memory."""
         with self._at_one_moment():
             return self._tiles.tile(tile).space
@@ -312,15 +313,18 @@ class TiledCSpace(ConfigurationMap):
         folder = self._folder
         grid = self.grid
         box = grid.coordinates([np.asarray(lower), np.asarray(upper)], "window")
+        # Two corners, shape (2, d): the first cell, and the cell after the last one.
         cells = folder.clip(grid.cell_of(box) + ONE_MORE)
-        if box.ndim != 2 or (box[0] > box[1]).any() or (cells[0] >= cells[1]).any():
+        is_box = box.ndim == 2 and (box[0] <= box[1]).all()
+        if not is_box or (cells[0] >= cells[1]).any():
             problem = f"is from {lower!r} to {upper!r}"
             rule = f"it must be a box in the map, {grid.lower} to {grid.upper}"
             raise InputError("window", problem, rule, "pass them in metres")
         reached = grow(cells, folder.reach)
         inside = folder.clip(reached)
+        is_whole = (inside[1] - inside[0] == grid.shape).all()
         with self._at_one_moment():
-            if (inside[1] - inside[0] == grid.shape).all():
+            if is_whole:
                 return self._tiles.window(inside, folder.frame.exterior)
             return self._tiles.window(reached)
 

@@ -2,29 +2,24 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Callable, Sequence
+from concurrent.futures import CancelledError
 from contextlib import suppress
-from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final
 
 from cspace import __version__
-from cspace.errors import CspaceError, InputError, import_optional
+from cspace.errors import InputError
 from cspace.limits import MAX_MEMORY_FRACTION, bytes_text, free_bytes
 from cspace.support.threads import cores, in_threads
-from cspace.tiles.folder import Index
 
 if TYPE_CHECKING:
     from distributed import Client
 
-DASK_USE: Final = "it runs tasks on the workers of a cluster"
-"""Why dask is needed, for the error if it is not installed."""
-
 TASK_RETRIES: Final = 3
 """Number of times that a task runs again after its worker was lost."""
 
-Task = Callable[[Index], Any]
-"""Function of the index of a tile."""
+Task = Callable[[int], Any]
+"""Function of the number of a tile."""
 
 Progress = Callable[[int, int], None]
 """Function that is called with the number of finished tiles, and of all tiles."""
@@ -32,7 +27,7 @@ Progress = Callable[[int, int], None]
 
 def run_tasks(
     task: Task,
-    tiles: Sequence[Index],
+    tiles: Sequence[int],
     total: int,
     needed: float,
     client: Client | None = None,
@@ -45,8 +40,6 @@ def run_tasks(
     threads are as many as fit. Raises InputError if one does not fit, or if the cluster fails, and
     any error of a task.
     """
-    if not tiles:
-        return []
 
     def advance(count: int) -> None:
         if progress is not None:
@@ -64,57 +57,35 @@ def run_tasks(
 
 
 def _run_on_cluster(
-    task: Task, tiles: Sequence[Index], client: Any, advance: Callable[[int], None]
+    task: Task, tiles: Sequence[int], client: Any, advance: Callable[[int], None]
 ) -> list[Any]:
     """Return the results of tasks that run on the workers of a cluster."""
-    distributed = import_optional("distributed", DASK_USE, "distributed")
-    futures: list[Any] = []
+    _check_workers(client)
+    # Every worker gets a copy and keeps it for all its tasks.
+    copies = client.scatter(task, hash=False, broadcast=True)
+    futures = client.map(_run_task, list(tiles), task=copies, pure=False, retries=TASK_RETRIES)
     try:
-        _check_workers(client)
-        # Every worker gets a copy and keeps it for all its tasks.
-        copies = client.scatter(task, hash=False, broadcast=True)
-        futures = client.map(_run_task, list(tiles), task=copies, pure=False, retries=TASK_RETRIES)
-        results = []
-        for future in futures:
-            results.append(future.result())
-            advance(len(results))
-        return results
-    except CspaceError:
-        raise
-    except (Exception, asyncio.CancelledError) as error:  # of any class if the scheduler dies
-        lost = distributed.scheduler.KilledWorker, asyncio.CancelledError, OSError, TimeoutError
-        if isinstance(error, lost) or client.status != "running":
-            problem = f"lost its scheduler or its workers ({type(error).__name__}: {error})"
-            hint = "restart it and repeat the call: finished tiles are kept"
-            raise InputError("client", problem, "the cluster must be running", hint) from error
-        raise
+        # One thread waits for the results in turn.
+        return in_threads(lambda future: future.result(), futures, 1, advance)
+    except (CancelledError, TimeoutError) as error:
+        problem = f"lost its scheduler or its workers ({type(error).__name__}: {error})"
+        hint = "restart it and repeat the call: finished tiles are kept"
+        raise InputError("client", problem, "the cluster must be running", hint) from error
     finally:
         with suppress(Exception):  # the scheduler may be gone
             client.cancel(futures)
 
 
-def _run_task(index: Index, task: Task) -> Any:
+def _run_task(tile: int, task: Task) -> Any:
     """Run a task on a worker."""
-    try:
-        return task(index)
-    except CspaceError as error:
-        # The cause may be of any class, and not every class can be pickled.
-        error.__cause__ = error.__context__ = None
-        raise
+    return task(tile)
 
 
 def _check_workers(client: Any) -> None:
     """Raise InputError unless there are workers, all with this version of cspace."""
-
-    # Sent by value, because a worker may lack this module.
-    def find_version() -> str:
-        try:
-            return str(import_module("cspace").__version__)
-        except ImportError:
-            return "none"
-
-    versions = set(client.run(find_version).values())
+    workers = client.get_versions(packages=["cspace"])["workers"].values()
+    versions = {str(worker["packages"]["cspace"]) for worker in workers}
     if versions != {__version__}:
-        found = f"workers with cspace {', '.join(sorted(versions))}" if versions else "no workers"
+        problem = f"workers with cspace {', '.join(sorted(versions))}" if versions else "no workers"
         rule = f"all must have cspace {__version__}, like this process"
-        raise InputError("client", f"has {found}", rule, "install it there and start workers")
+        raise InputError("client", f"has {problem}", rule, "install it there and start workers")

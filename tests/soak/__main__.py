@@ -12,11 +12,12 @@ from itertools import count
 from pathlib import Path
 
 from benchmarks.report import Report
-from tests.soak import arms, band, curves, drives, files, frequency, lengths, maps, use
+from tests.soak import arms, band, cpp, curves, drives, files, frequency, lengths, maps, use
 
 FAMILIES: dict[str, Callable[[Report, int, int], None]] = {
     "maps": lambda report, seed, checks: maps.check(report, seed, checks, checks // 100),
     "curves": lambda report, seed, checks: curves.check(report, seed, checks // 200),
+    "cpp": lambda report, seed, _: cpp.check(report, seed),
     "drives": lambda report, seed, _: drives.check(report, seed, 1 if report.quick else 200),
     "exact": lambda report, seed, checks: maps.check_exact(report, seed, checks // 400),
     "arms": lambda report, seed, checks: arms.check(report, seed, checks // 10, checks // 500),

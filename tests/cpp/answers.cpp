@@ -1,0 +1,111 @@
+// Answers of the C++ header for tests, which compare them with Python's.
+//
+//   answers query MAP QUERIES ANSWERS [unchecked]   rows of two configurations: states of the first, motions, clearances
+//   answers open MAP...                             one line a map: "opened", or the text of the error
+//   answers time MAP QUERIES                        nanoseconds of CPU time a state at random, a state in cache, and a motion
+#include <ctime>
+#include <fstream>
+#include <iostream>
+#include <iterator>
+#include <thread>
+
+#include <cspace/map.hpp>
+
+namespace {
+
+std::vector<double> read_numbers(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  const std::string bytes((std::istreambuf_iterator<char>(file)), std::istreambuf_iterator<char>());
+  std::vector<double> numbers(bytes.size() / sizeof(double));
+  std::memcpy(numbers.data(), bytes.data(), numbers.size() * sizeof(double));
+  return numbers;
+}
+
+/// Answer rows [begin, end) of queries.
+void answer(const cspace::Map& map, const std::vector<double>& rows, std::size_t begin, std::size_t end, char* states,
+            char* motions, double* clearances) {
+  const std::size_t size = map.size();
+  for (std::size_t k = begin; k < end; ++k) {
+    const double* q0 = &rows[2 * size * k];
+    const double* q1 = q0 + size;
+    if (!map.is_usable(q0) || !map.is_usable(q1)) {
+      states[k] = motions[k] = 9;
+      continue;
+    }
+    states[k] = static_cast<char>(map.state(q0));
+    motions[k] = map.motion_is_free(q0, q1);
+    if (map.has_clearance()) clearances[k] = map.clearance(q0);
+  }
+}
+
+void query(const cspace::Map& map, const std::vector<double>& rows, const std::string& answers) {
+  const std::size_t n = rows.size() / (2 * map.size());
+  std::vector<char> states(n), motions(n);
+  std::vector<double> clearances(n);
+  // Two threads share the map.
+  std::thread other([&] { answer(map, rows, n / 2, n, states.data(), motions.data(), clearances.data()); });
+  answer(map, rows, 0, n / 2, states.data(), motions.data(), clearances.data());
+  other.join();
+  std::ofstream file(answers, std::ios::binary);
+  file.write(states.data(), static_cast<std::streamsize>(n)).write(motions.data(), static_cast<std::streamsize>(n));
+  file.write(reinterpret_cast<const char*>(clearances.data()), static_cast<std::streamsize>(n * sizeof(double)));
+}
+
+/// Open a map with and without its digest, and query it around its grid.
+std::string open(const std::string& path) {
+  std::string text;
+  for (const bool check_digest : {true, false}) {
+    try {
+      const cspace::Map map = cspace::Map::open(path, check_digest);
+      if (check_digest) text = "opened";
+      std::vector<double> q0(map.size(), 0.0), q1(map.size(), 0.0);
+      q0.back() = q1.back() = 1.0;
+      for (std::size_t k = 0; k < 500; ++k) {
+        for (std::size_t axis = 0; axis < map.dim(); ++axis) {
+          const double width = map.upper()[axis] - map.lower()[axis];
+          q0[axis] = q1[axis];
+          q1[axis] = map.lower()[axis] + width * (1.4 * std::fmod(0.618 * static_cast<double>(k * (axis + 1)), 1.0) - 0.2);
+        }
+        if (map.state(q0) == cspace::FREE && map.has_clearance()) map.clearance(q0);
+        map.motion_is_free(q0, q1);
+      }
+    } catch (const cspace::FileError& error) {
+      if (check_digest) text = error.what();
+    }
+  }
+  return text;
+}
+
+double nanoseconds(std::clock_t start, std::size_t n) {
+  const double spent = static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC;
+  return 1e9 * spent / static_cast<double>(n);
+}
+
+/// Time the states of the first configurations in their order, then 32 of them again and again, then the motions.
+void time(const cspace::Map& map, const std::vector<double>& rows) {
+  const std::size_t size = map.size(), n = rows.size() / (2 * size);
+  std::size_t sum = 0;
+  auto start = std::clock();
+  for (std::size_t k = 0; k < n; ++k) sum += map.state(&rows[2 * size * k]);
+  const double at_random = nanoseconds(start, n);
+  start = std::clock();
+  for (std::size_t k = 0; k < n; ++k) sum += map.state(&rows[2 * size * (k & 31)]);
+  const double in_cache = nanoseconds(start, n);
+  start = std::clock();
+  for (std::size_t k = 0; k < n; ++k) sum += map.motion_is_free(&rows[2 * size * k], &rows[2 * size * k + size]);
+  std::cout << at_random << " " << in_cache << " " << nanoseconds(start, n) << " " << sum << "\n";
+}
+
+}  // namespace
+
+int main(int count, char** arguments) {
+  const std::vector<std::string> words(arguments + 1, arguments + count);
+  if (words.size() >= 4 && words[0] == "query")
+    query(cspace::Map::open(words[1], words.size() == 4), read_numbers(words[2]), words[3]);
+  else if (words.size() == 3 && words[0] == "time")
+    time(cspace::Map::open(words[1]), read_numbers(words[2]));
+  else if (words.size() >= 2 && words[0] == "open")
+    for (std::size_t k = 1; k < words.size(); ++k) std::cout << open(words[k]) << "\n";
+  else
+    return 1;
+}

@@ -1,0 +1,150 @@
+"""The C++ header answers as Python does, and refuses damaged files."""
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import cspace
+from tests.helpers.cpp import (
+    SPACES,
+    answers_of,
+    build_program,
+    build_space,
+    count_differences,
+    draw_queries,
+    open_in_cpp,
+    why_no_compiler,
+)
+from tests.helpers.refusals import refusals
+from tests.record.test_format import FROZEN
+from tests.soak.cpp import build_tiles, write_damaged
+from tests.soak.files import reseal
+
+pytestmark = pytest.mark.skipif(bool(why_no_compiler()), reason=why_no_compiler())
+
+N = 2000
+"""Number of queries of each map; the soak has 10^6 states and 10^5 motions."""
+
+
+@pytest.fixture(scope="module")
+def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return build_program(tmp_path_factory.mktemp("program") / "answers", "-O0")
+
+
+def saved(folder: Path, **options: bool) -> Path:
+    build_space("SE2 shared", "free").save(folder / "map", **options)
+    return folder / "map"
+
+
+@pytest.mark.parametrize("outside", ["blocked", "free"])
+@pytest.mark.parametrize("name", SPACES)
+def test_states_motions_and_clearances_equal_those_of_python(
+    tmp_path: Path, program: Path, name: str, outside: str
+) -> None:
+    space = build_space(name, outside)
+    space.save(tmp_path / "map", compress=outside == "free", clearance=True)
+    queries = draw_queries(space, N, np.random.default_rng(1))
+    found = count_differences(space, program, tmp_path / "map", queries)
+    free = found.pop("motions that are free")
+    assert free > 0 or name == "SE3 coarse"
+    assert found == {"states": 0, "motions": 0, "clearances": 0}
+
+
+def test_a_window_with_an_unknown_outside_answers_equally(tmp_path: Path, program: Path) -> None:
+    build_tiles("SE2", "free", tmp_path / "tiles")
+    tiles = cspace.open(tmp_path / "tiles")
+    assert isinstance(tiles, cspace.TiledCSpace)
+    window = tiles.window((0.0, 1.5), (2.0, 4.0))
+    assert window.outside == "unknown"
+    window.save(tmp_path / "map")
+    queries = draw_queries(window, N, np.random.default_rng(1))
+    found = count_differences(window, program, tmp_path / "map", queries, "unchecked")
+    assert (found["states"], found["motions"]) == (0, 0)
+
+
+@pytest.mark.parametrize("outside", ["blocked", "free"])
+@pytest.mark.parametrize("name", ["R2", "SE2 shared", "R3 yaw"])
+def test_tiled_maps_answer_as_the_map_in_memory(
+    tmp_path: Path, program: Path, name: str, outside: str
+) -> None:
+    space = build_tiles(name, outside, tmp_path / "tiles")
+    queries = draw_queries(space, N, np.random.default_rng(3))
+    found = count_differences(space, program, tmp_path / "tiles", queries)
+    assert (found["states"], found["motions"]) == (0, 0)
+
+
+@pytest.mark.parametrize("name", ["flat", "solid"])
+def test_frozen_maps_give_the_answers_of_their_day(
+    program: Path, tmp_path: Path, name: str
+) -> None:
+    answers = json.loads((FROZEN / "answers.json").read_text(encoding="utf-8"))[name]
+    shutil.copytree(FROZEN / name, tmp_path / name)
+    states, motions, _ = answers_of(program, tmp_path / name, np.array(answers["queries"]))
+    assert states.tolist() == answers["states"]
+    assert motions.tolist() == answers["motions"]
+
+
+# ---- files that are no map -----------------------------------------------------------------------
+
+
+def test_damaged_files_are_refused(tmp_path: Path, program: Path) -> None:
+    build_space("SE2 shared", "free").save(tmp_path / "map", clearance=True)
+    maps = write_damaged(tmp_path / "map", tmp_path / "damaged", 40, np.random.default_rng(5))
+    for path, answer in zip(maps, open_in_cpp(program, *maps), strict=True):
+        assert answer.startswith(str(path)), answer
+
+
+def test_arrays_of_later_releases_are_skipped_and_digested(tmp_path: Path, program: Path) -> None:
+    path = saved(tmp_path)
+    shutil.copytree(path / "slice_of", path / "added_later")
+    names = json.loads((path / "zarr.json").read_bytes())["attributes"]["arrays"]
+    reseal(path, arrays=f"{names} added_later", new_attribute=[1, {"a": None}])
+    assert open_in_cpp(program, path) == ["opened"]
+    assert isinstance(cspace.open(path), cspace.CSpace)
+    chunk = path / "added_later" / "c" / "0"
+    chunk.write_bytes(chunk.read_bytes()[::-1])
+    assert "digest" in open_in_cpp(program, path)[0]
+    with pytest.raises(cspace.FileError, match="digest"):
+        cspace.open(path)
+
+
+@refusals(
+    "changes, message",
+    ({"format": "zarr"}, "another format"),
+    ({"format_version": 7}, "format version 7"),
+    ({"arrays": "cell_states slice_of exterior yaw ../map"}, "an array '../map'"),
+    ({"arrays": "cell_states outer slice_of exterior x y"}, "axes do not match"),
+    ({"slices": 10**14}, "another shape"),
+    ({"slices": 10**400}, "the number 1000"),
+    ({"rotations": 10**14}, "another shape"),
+    ({"rotations": 0}, "the number 0"),
+    ({"spacing": -1.0}, "its grid is none"),
+    ({"spacing": float("nan")}, "lack a number"),
+    ({"lower": [1e9, 0.0]}, "too far from the origin"),
+    ({"shape": [10**14, 10**14]}, "too far from the origin"),
+    ({"outside": "blocked"}, "contradicts the space outside"),
+    ({"units": "m ft"}, "units"),
+    ({"axes": "x y"}, "axes do not match"),
+    ({"compressed": False}, "another shape, type or chunks"),
+    ({"lower": "[" * 9999}, "lack a list"),
+)
+def test_forged_attributes_are_refused_despite_a_valid_digest(
+    tmp_path: Path, program: Path, changes: dict[str, Any], message: str
+) -> None:
+    path = saved(tmp_path)
+    reseal(path, **changes)
+    answer = open_in_cpp(program, path)[0]
+    assert answer.startswith(str(path)) and message in answer, answer
+
+
+def test_incomplete_tiled_maps_are_refused(tmp_path: Path, program: Path) -> None:
+    build_tiles("R2", "blocked", tmp_path / "tiles")
+    shutil.rmtree(tmp_path / "tiles" / "0.1")
+    assert "0.1/zarr.json" in open_in_cpp(program, tmp_path / "tiles")[0]
+    names = json.loads((tmp_path / "tiles" / "zarr.json").read_bytes())["attributes"]["arrays"]
+    reseal(tmp_path / "tiles", arrays=names.replace(" exterior", ""))
+    assert "not complete" in open_in_cpp(program, tmp_path / "tiles")[0]
