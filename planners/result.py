@@ -510,13 +510,16 @@ class Plan:
     ) -> Trajectory:
         """Compute the fastest motion along the path within limits.
 
-        It begins and ends at rest. Corners become curves, as large as the map proves them free: a
-        parabola (T. Kunz and M. Stilman, 2012), or for a differential drive a turn while it drives.
-        On the way, corners move outward. The robot stops at corners whose blends are not proven, at
-        cusps, and before and after other turns on the spot. It does not stop between edges of the
-        same direction, nor between the arcs and straights of a car.
+        It begins and ends at rest. The path becomes a smooth curve that passes outside its corners,
+        a cubic B-spline, as far as the map proves it free. The robot stops at corners where no
+        curve is proven, at cusps, and before and after other turns on the spot. It does not stop
+        between edges of the same direction, nor between the arcs and straights of a car.
 
-        Blends are proven by FREE cells alone, even if the plan is ``exact``, or by the hulls of an
+        Limits hold at every instant. Speeds along a curve are the largest that they allow, with
+        constant accelerations between points of the curve (J. E. Bobrow and others, 1985; H. Pham
+        and Q.-C. Pham, 2018).
+
+        Curves are proven by FREE cells alone, even if the plan is ``exact``, or by the hulls of an
         arm. Without a proof, as in a space of your own or after pickling, all corners stop the
         robot; so do those of quaternions beside an edge that rotates.
 

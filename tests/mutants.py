@@ -293,7 +293,7 @@ MUTANTS = (
     ),
     Mutant(
         "cspace/arms/joint_map.py",
-        "last = np.where(continues_above, FARTHEST_CELL, np.array(grid.shape) - 1)",
+        "last = np.where(upper_limits > highest, FARTHEST_CELL, np.array(grid.shape) - 1)",
         "last = np.array(grid.shape) - 1",
         "tests/arms/test_joint_map.py",
     ),
@@ -330,8 +330,8 @@ MUTANTS = (
     ),
     Mutant(
         "planners/car_curves.py",
-        "turned = half if steer != 0 else 0.0",
-        "turned = 0.0",
+        "turn = half if steer != 0 else 0.0",
+        "turn = 0.0",
         "tests/planners/test_car_curves.py",
     ),
     Mutant(
@@ -390,7 +390,7 @@ MUTANTS = (
     ),
     # Planners: trajectories.
     Mutant(
-        "planners/trajectory.py",
+        "planners/timing.py",
         "phases.accelerations / factor**2",
         "phases.accelerations / factor",
         "tests/planners/test_trajectory.py",

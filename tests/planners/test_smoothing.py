@@ -176,6 +176,16 @@ def test_plan_without_map_stops_at_corners() -> None:
     assert without_map.recheck(plan.space).all()
 
 
+def planar_arm_meets_post(shoulder: float, elbow: float) -> bool:
+    """Place both bars of the planar arm, and return True if one overlaps the post."""
+    bar = shapely.box(1e-6, -0.05 + 1e-6, 1.0 - 1e-6, 0.05 - 1e-6)
+    obstacle = shapely.box(1.45, 0.5, 1.65, 0.7)
+    upper = affinity.rotate(bar, shoulder, origin=(0.0, 0.0), use_radians=True)
+    fore = affinity.rotate(bar, shoulder + elbow, origin=(0.0, 0.0), use_radians=True)
+    fore = affinity.translate(fore, math.cos(shoulder), math.sin(shoulder))
+    return bool(upper.intersects(obstacle) or fore.intersects(obstacle))
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_arm_blends_are_free_and_within_limits(tmp_path: Path, seed: int) -> None:
     space = build_arm_space({"post": post()}, Arm.from_urdf(planar(tmp_path)))
@@ -184,7 +194,8 @@ def test_arm_blends_are_free_and_within_limits(tmp_path: Path, seed: int) -> Non
     t = np.linspace(0.0, trajectory.duration, 2001)
     positions, velocities, accelerations = trajectory.sample(t)
     assert trajectory.certified
-    assert np.asarray(space.is_free(positions)).all()
+    assert not any(planar_arm_meets_post(*row) for row in positions[::4].tolist())
+    assert np.abs(difference(trajectory, t, 1e-6) - velocities).max() < 1e-4
     assert np.abs(velocities).max() <= SLACK
     assert np.abs(accelerations).max() <= SLACK * 2.0
     stopping = plan.trajectory(max_velocity=1.0, max_acceleration=2.0, blend=False)
@@ -251,6 +262,55 @@ def test_curves_through_cells_are_proven_only_if_the_robot_stays_free(drives: in
     assert 20 < np.count_nonzero(proven) < 130
     collides = [count_collisions(3, curve[::10]) > 0 for curve in curves[~proven]]
     assert np.mean(collides) > 0.2
+
+
+@pytest.mark.parametrize("drives", [0, 1], ids=["free yaw", "ahead"])
+def test_proven_curves_pass_free_cells_only(drives: int) -> None:
+    rng = np.random.default_rng(5)
+    occupied = rng.random((200, 200)) < 0.004
+    workspace = cspace.Workspace.from_array(occupied, SPACING)
+    space = cspace.build(workspace, cspace.Robot.rectangle(0.3, 0.02), rotations=72)
+    count = 1500
+    starts = space.sample_free(count, rng=rng)
+    yaws = starts[:, 2]
+    none = np.zeros(count)
+    rates = np.column_stack([np.cos(yaws), np.sin(yaws), none])
+    lengths = rng.uniform(0.1, 0.4, count)
+    bends = rng.uniform(-1.5, 1.5, (count, 3))
+    signs = np.full(count, drives)
+    curves = Segments(starts, rates, bends, 0.0 * bends, none, signs, lengths, starts)
+    proven = prove_segments(space, False, curves)
+    shares = np.linspace(0.0, 1.0, 500)
+    places = [place_along(curves, space.rotations, share * lengths)[0] for share in shares]
+    are_free = np.asarray(space.is_free(np.stack(places, axis=1))).all(axis=1)
+    assert not (proven & ~are_free).any()
+    assert np.count_nonzero(proven) > 0.7 * np.count_nonzero(are_free)
+    assert np.count_nonzero(~are_free) > 100
+
+
+def test_curves_of_an_arm_are_proven_only_if_all_their_points_are_free(tmp_path: Path) -> None:
+    space = build_arm_space({"post": post()}, Arm.from_urdf(planar(tmp_path)))
+    rng = np.random.default_rng(0)
+    count = 300
+    starts = space.sample_free(count, rng=rng)
+    starts *= 0.5
+    rates = rng.uniform(-0.8, 0.8, (count, 2))
+    bends = rng.uniform(-2.0, 2.0, (count, 2))
+    none = np.zeros(count)
+    ones = none + 1.0
+    curves = Segments(starts, rates, bends, -bends, none, none.astype(np.int64), ones, starts)
+    proven = prove_segments(space, True, curves)
+    shares = np.linspace(0.0, 1.0, 200)
+    places = [place_along(curves, space.rotations, share * ones)[0] for share in shares]
+    meets = [
+        any(planar_arm_meets_post(*row) for row in curve.tolist())
+        for curve in np.stack(places, axis=1)[:, ::4]
+    ]
+    are_free = np.asarray(space.is_free(np.stack(places, axis=1))).all(axis=1)
+    assert not (proven & np.array(meets)).any()
+    assert not (proven & ~are_free).any()
+    assert np.count_nonzero(proven) > 0.8 * np.count_nonzero(are_free)
+    assert 20 < np.count_nonzero(meets) < 280
 
 
 @pytest.mark.parametrize("drives", [0, 1, -1], ids=["free yaw", "ahead", "reverse"])
