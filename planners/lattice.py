@@ -365,16 +365,7 @@ def _trace_path(nodes: Nodes, node: int, endpoints: Endpoints, merges: bool) -> 
 
 def shorten_path(edges: LocalPlanner, path: Floats, until: float) -> Floats:
     """Shorten a path, shape (n, 3), by proven edges, until a reading of the clock."""
-    check = edges.edge_checker()
-
-    def is_free(*q: float) -> bool:
-        return clock() < until and check(*q)
-
-    def measure(*q: float) -> float:
-        first, last = np.reshape(q, (2, 1, 3))
-        return float(edges.edge_lengths(first, last)[0]) + COST_PER_EDGE
-
-    # Waypoints of a curve's ends alone give a second round nothing to cut.
+    # Without cut corners, a second round of skipping gains little.
     for _ in range(1 if edges.turning_radius is not None else SPOT_ROUNDS):
         path = _shorten_once(edges, path, until)
     return path

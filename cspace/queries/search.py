@@ -40,6 +40,9 @@ EXACT_WEIGHT: Final = 1.0
 SHORT_WEIGHT: Final = 1.2
 """Weight of the estimate in searches for short chains, which expand far fewer cells."""
 
+PLANE_WEIGHT: Final = 1.1
+"""Largest weight of the straight estimate, which is below the cost wherever obstacles are."""
+
 POPS_PER_CLOCK_CHECK: Final = 2**14
 """Cells taken from the queue between two checks of the time limit, about 10 ms."""
 
@@ -317,8 +320,7 @@ def _estimate_cost(graph: Graph, start: int, goal: int, weight: float, until: fl
     goal_rotation, goal_position = divmod(goal, math.prod(shape))
     cell = np.unravel_index(goal_position, shape)
     if len(graph.slice_of) == 1:
-        weight = float(__import__("os").environ.get("PW","1.2"))
-        return straight_estimate(shape, cell, weight)
+        return straight_estimate(shape, cell, min(weight, PLANE_WEIGHT))
     lowest = graph.states.min(axis=0)
     factors = graph.factors.min(axis=0, keepdims=True) if graph.factors.size else NO_FACTORS
     ends = np.unravel_index(start % math.prod(shape), shape), cell
