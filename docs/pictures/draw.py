@@ -324,7 +324,7 @@ def draw_trajectory() -> Figure:
         left.set(title=f'drive="{drive}"', xlabel="x [m]", ylabel="y [m]")
         trajectory.plot(right)
         right.set_title(
-            f"{trajectory.duration:.1f} s; purple: speed, green: angular speed; dots: stops"
+            f"{trajectory.duration:.1f} s; blue: speed, orange: angular speed; dots: stops"
         )
     return figure
 
