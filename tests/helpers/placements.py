@@ -80,6 +80,7 @@ def move(space, q, steps, turns):
 def sample_edges(space, firsts, lasts, shares):
     """Return configurations (n, shares, size) on edges, and rotations (n,) in radians."""
     dim = space.grid.dim
+    firsts, lasts = np.array(firsts), np.array(lasts)  # scipy's rotations need writable arrays
     starts, stops = firsts[:, None, :dim], lasts[:, None, :dim]
     positions = starts + shares[:, None] * (stops - starts)
     # Rounding must not move a point out of the edge's bounding box, which may end at the grid.

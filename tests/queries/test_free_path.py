@@ -123,7 +123,9 @@ def build_gap(width, robot, rotations=None):
     walls too."""
     walls = [shapely.box(1.9, 0.0, 2.1, 0.43), shapely.box(1.9, 0.43 + width, 2.1, 3.0)]
     workspace = Workspace.from_polygons(walls, 0.1, bounds=(0.0, 0.0, SIDE, SIDE))
-    return cspace.build(workspace, robot, rotations=rotations, outside="free"), walls
+    return cspace.build(workspace, robot, rotations=rotations, outside="free"), shapely.union_all(
+        walls
+    )
 
 
 @settings(max_examples=40)
