@@ -6,12 +6,14 @@ import math
 import numpy as np
 import pytest
 from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import planners
 from cspace import InputError
 from planners.local_planner import local_planner
 from planners.states import find_state_kind
 from tests.helpers.planning import (
+    ENDPOINTS,
     SPACES_WITH_CURVES,
     build_room,
     draw_edges,
@@ -72,6 +74,26 @@ def test_the_cost_of_an_edge_is_the_integral_along_it(name, curve):
 def test_no_path_is_shorter_than_the_bound(kind, seed):
     outcomes = lengths.WORLDS[kind](np.random.default_rng(seed))
     assert lengths.is_between(*np.reshape(outcomes, (-1, 3)).T)
+
+
+@settings(max_examples=15)
+@given(seeds, st.sampled_from(sorted(ENDPOINTS)))
+def test_no_certified_path_is_shorter_than_the_bound(seed, name):
+    space = build_room(name)
+    dim = space.grid.dim
+    start, goal = space.sample_free(2, np.random.default_rng(seed))
+    goal[:dim] = start[:dim] if seed % 3 == 0 else goal[:dim]
+    if not space.is_free(goal):
+        return
+    for options in ({}, {"planner": "RRTConnect", "seed": seed % 1000}):
+        plan = planners.plan(space, start, goal, time_limit=1.0, **options)
+        if plan.certified:
+            straight = math.dist(start[:dim], goal[:dim])
+            length = plan.length + 0.5 * plan.total_rotation
+            assert straight * (1.0 - 1e-6) <= plan.lower_bound <= length
+            assert plan.gap >= 0.0
+            if len(plan.waypoints) == 2:  # a single edge is a shortest path
+                assert plan.gap < 1e-6
 
 
 @pytest.mark.parametrize("drive", ["differential", "differential-reverse"])

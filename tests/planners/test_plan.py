@@ -54,7 +54,6 @@ def test_planners_find_certified_paths(planner, name, curve):
     assert (plan.planner, plan.objective, plan.exact) == (planner, "length", False)
     assert plan.drive == (curve or "holonomic") and plan.is_connected
     assert plan.turning_radius == options.get("turning_radius")
-    assert plan.lower_bound <= plan.length + 0.5 * plan.total_rotation and plan.gap >= 0.0
     assert curve != "dubins" or set(plan.direction.tolist()) == {1}
 
 
@@ -68,7 +67,6 @@ def test_a_free_edge_or_no_motion_needs_no_search(name, curve):
         plan = planners.plan(space, start, near, planner=planner, **options_for(curve))
         check(space, plan, start, near)
         assert len(plan.waypoints) == 2 and "no search needed" in plan.status
-        assert curve or plan.gap < 1e-6  # a single edge is a shortest path
     plan = planners.plan(space, start, start, **options_for(curve))
     check(space, plan, start, start)
     assert plan.path.tolist() == [list(start)] and plan.length == 0.0
