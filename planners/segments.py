@@ -218,7 +218,7 @@ def _test_boxes(space: Any, curves: Segments, begins: Floats, widths: Floats, le
     half = 0.5 * widths[:, np.newaxis]
     hull = np.stack([begin_rates, begin_rates + half * begin_bends, end_rates])
     spreads = half * np.abs(hull).max(axis=0)
-    turns = spreads[:, dim:].max(axis=1, initial=0.0)
+    turns = np.linalg.norm(spreads[:, dim:], axis=1)
     driven = np.flatnonzero(curves.drives)
     if len(driven):
         yaws = np.arctan2(hull[:, driven, 1], hull[:, driven, 0])

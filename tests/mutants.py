@@ -36,6 +36,31 @@ class Mutant:
 
 
 MUTANTS = (
+    # Reasons.
+    Mutant(
+        "cspace/reasons/margins.py",
+        "depths = depths - cell.displacement(points) - DEPTH_SLACK * (1.0 + shape.span)",
+        "depths = depths - DEPTH_SLACK * (1.0 + shape.span)",
+        "tests/reasons/test_explain.py",
+    ),
+    Mutant(
+        "cspace/reasons/margins.py",
+        'shrunk, space.outside != "free")',
+        'shrunk, space.outside == "blocked")',
+        "tests/reasons/test_explain.py",
+    ),
+    Mutant(
+        "cspace/reasons/windows.py",
+        "if is_solid and window.is_disconnected(*ends)",
+        "if window.is_disconnected(*ends)",
+        "tests/reasons/test_explain.py",
+    ),
+    Mutant(
+        "cspace/reasons/removals.py",
+        "masks[states != FREE] = NEVER",
+        "masks[states == 2] = NEVER",
+        "tests/reasons/test_removals.py",
+    ),
     # Rotations.
     Mutant(
         "cspace/rotations/base.py",

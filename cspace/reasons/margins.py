@@ -32,6 +32,7 @@ from scipy.sparse import csgraph
 
 from cspace.engines import ENGINES, choose_engine
 from cspace.engines.slices import slice_rasters
+from cspace.errors import InputError
 from cspace.queries.components import Components
 from cspace.queries.distance import Distances, compute_distances
 from cspace.queries.search import find_chain, turn_costs
@@ -122,7 +123,9 @@ def find_shrunk_way(space: CSpace, ends: Ints) -> Way:
             )
             for depth, (outer, _) in zip(depths, pairs, strict=True)
         ]
-        candidates = ~_collide(space, space.workspace.outer, shrunk)
+        # An unknown outside, as of a window, may be occupied.
+        is_hit = _collide(space, space.workspace.outer, shrunk, space.outside != "free")
+        candidates = ~is_hit
         if _are_joined(space, candidates, ends):
             enough = middle
             is_free = candidates
@@ -210,11 +213,14 @@ def _make_width_map(space: CSpace, widths: Distances) -> WidthMap:
     return WidthMap(widths, space.slice_of, space.rotations, turns)
 
 
-def _collide(space: CSpace, occupied: Bools, rasters: Sequence[Raster]) -> Bools:
-    """Return the cells of each slice at which a raster meets occupied cells."""
+def _collide(space: CSpace, occupied: Bools, rasters: Sequence[Raster], outside: bool) -> Bools:
+    """Return the cells of each slice at which a raster meets occupied cells.
+
+    All space outside the grid is occupied too if ``outside``.
+    """
     hits = np.zeros((len(rasters), *space.grid.shape), dtype=np.bool_)
     engine = ENGINES[choose_engine(rasters)]
-    engine.collide(occupied, rasters, list(hits), outside=space.outside == "blocked")
+    engine.collide(occupied, rasters, list(hits), outside=outside)
     return hits
 
 
@@ -254,7 +260,7 @@ def bound_shrinkage(space: CSpace, ends: Ints, low: float) -> float:
 
     The margin is zero or negative, and above ``low``, at which a path is proven. Start and goal are
     proven disconnected for the robot as it is. The result is 0 for robots whose surface has too
-    many pieces.
+    many pieces, and for filled meshes.
     """
     shrunk = ShrunkRobot.of(space)
     if shrunk is None:
@@ -291,7 +297,7 @@ class ShrunkRobot(NamedTuple):
 
     @classmethod
     def of(cls, space: CSpace) -> ShrunkRobot | None:
-        """Measure the depths of a map's inner rasters; None if they are too many."""
+        """Measure the depths of a map's inner rasters; None if they are unknown or too many."""
         shape = space.robot.shape.inner
         rotations = space.rotations
         rasters = slice_rasters(space.robot, space.grid.spacing, 0.0, rotations)
@@ -301,7 +307,11 @@ class ShrunkRobot(NamedTuple):
             all_cells = rotations.make_shape_cells(space.dim)
             rotation_cells = [all_cells[number] for number in first_cells]
         n_points = sum(inner.count for _, inner in rasters)
-        if n_points * len(shape.boundary().simplices) > MAX_PAIRS:
+        try:
+            n_pieces = len(shape.boundary().simplices)
+        except InputError:  # the inside of a filled mesh depends on the spacing
+            return None
+        if n_points * n_pieces > MAX_PAIRS:
             return None
         depths = [
             measure_depths(shape, inner, cell, space.grid.spacing)
@@ -316,7 +326,7 @@ class ShrunkRobot(NamedTuple):
             Raster.from_bitmap(inner.cells & (depths >= depth), inner.lower)
             for (_, inner), depths in zip(self.rasters, self.depths, strict=True)
         ]
-        hits = _collide(space, space.workspace.inner, inner_rasters)
+        hits = _collide(space, space.workspace.inner, inner_rasters, space.outside == "blocked")
         states = np.where(hits, np.uint8(BLOCKED), np.uint8(MIXED))
         pairs = [
             (outer, inner) for (outer, _), inner in zip(self.rasters, inner_rasters, strict=True)

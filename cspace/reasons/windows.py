@@ -1,4 +1,4 @@
-"""Finer windows of a map, to decide what the map leaves undecided."""
+"""Finer windows of a map, which decide passages that its own cells leave undecided."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MARGIN_CELLS: Final = 8
 
 
 Decision = Literal["open", "shut", "nothing", "untried"]
-"""What a finer window proves."""
+"""Result of a finer window."""
 
 
 class Trial(NamedTuple):
@@ -36,8 +36,8 @@ class Trial(NamedTuple):
     rotations : int
         Number of its yaw cells; 1 if the robot does not rotate.
     decided : {"open", "shut", "nothing", "untried"}
-        What a window of it around the MIXED cells proves: that the way is open, or that it is shut
-        there; "nothing" if no window down to a sixteenth of the map's spacing decides.
+        Proof of a window of such cells around the MIXED cells: the way is open there, or shut;
+        "nothing" if no window down to a sixteenth of the map's spacing decides.
     """
 
     spacing: float
@@ -117,4 +117,7 @@ def _decide_window(space: CSpace, way: Way, factor: int) -> Decision:
         return "nothing"
     if window.is_connected(*ends):
         return "open"
-    return "shut" if window.is_disconnected(*ends) else "nothing"
+    # Occupied cells without shapes, such as unknown ones, may be free inside.
+    workspace = space.workspace
+    is_solid = workspace.shapes is not None or np.array_equal(workspace.outer, workspace.inner)
+    return "shut" if is_solid and window.is_disconnected(*ends) else "nothing"

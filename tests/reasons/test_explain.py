@@ -7,6 +7,7 @@ from collections import deque
 import numpy as np
 import pytest
 import shapely
+import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -90,6 +91,16 @@ def test_the_margin_of_a_rectangle_in_a_door_is_between_its_bounds(width, robot,
     assert low <= (width - min(robot)) / 2.0 + 1e-12  # the widest that passes, if it turns
     # A robot with one cell of all yaws may pass at the worst of its yaws alone, so low is smaller.
     assert high >= (width - min(robot)) / 2.0
+
+
+def test_the_margin_holds_at_all_yaws_of_coarse_cells():
+    # Offsets of the inner raster lie less deep in the robot at other yaws of their cell.
+    walls = [shapely.box(3.8, -1.0, 4.2, 3.85), shapely.box(3.8, 4.15, 4.2, 9.0)]
+    workspace = cspace.Workspace.from_polygons(walls, 0.05, (0.0, 0.0, 8.0, 8.0))
+    space = cspace.build(workspace, cspace.Robot.rectangle(0.8, 1.4), rotations=6)
+    explanation = space.explain((2.0, 4.0, 0.0), (6.0, 4.0, 0.0))
+    assert explanation.verdict == "disconnected"
+    assert (0.3 - 0.8) / 2.0 <= explanation.margin[1] < 0.0
 
 
 @pytest.mark.parametrize("side", [0.5, 0.8, 1.2])
@@ -275,3 +286,47 @@ def test_the_command_explains_and_draws(tmp_path):
     assert explained["verdict"] == "disconnected"
     assert explained["reason"].startswith("No path")
     assert picture.stat().st_size > 0
+
+
+def test_windows_of_tiled_maps_know_nothing_of_obstacles_beyond(tmp_path):
+    # A wall just beyond the window shuts the corridor that the window sees half of.
+    occupied = np.zeros((200, 60), dtype=bool)
+    occupied[100:104, :28] = occupied[100:104, 31:] = True
+    workspace = cspace.Workspace.from_array(occupied, 0.1)
+    robot = cspace.Robot.disc(0.45)
+    tiled = cspace.build(workspace, robot, store=tmp_path / "map", tile=48)
+    ends = (8.0, 2.95), (12.4, 2.95)
+    whole = cspace.build(workspace, robot).explain(*ends)
+    part = tiled.window((7.0, 2.0), (13.0, 4.0))
+    assert part.outside == "unknown"
+    explanation = part.explain(*ends)
+    assert explanation.margin[0] <= whole.margin[1]
+    narrow = tiled.window((7.0, 0.0), (9.0, 6.0))
+    side = float(narrow.grid.upper[0]) - 0.05
+    start, goal = (7.5, 0.1), (side, 0.1)
+    low = narrow.explain(start, goal).margin[0]
+    # Proven of the window: a path of the robot that shrinks so is also one of the whole map.
+    assert low <= cspace.build(workspace, robot).explain(start, goal).margin[1]
+
+
+def test_cells_that_may_be_empty_prove_no_way_shut():
+    occupied = np.zeros((40, 40), dtype=bool)
+    occupied[18:22] = True
+    occupied[18:22, 18:22] = False
+    workspace = cspace.Workspace.from_array(occupied, 0.1, inner=np.zeros_like(occupied))
+    space = cspace.build(workspace, cspace.Robot.disc(0.22))
+    explanation = space.explain((0.8, 2.0), (3.2, 2.0), refine=True)
+    assert explanation.verdict == "undecided"
+    assert explanation.trial.decided == "nothing"
+
+
+def test_filled_meshes_are_explained():
+    occupied = np.ones((20, 20, 20), dtype=bool)
+    occupied[:9] = occupied[11:] = False
+    occupied[9:11, 8:12, 8:12] = False
+    box = trimesh.creation.box((0.6, 0.6, 0.6))
+    robot = cspace.Robot.from_mesh(box, solid="fill")
+    space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), robot)
+    explanation = space.explain((0.4, 1.0, 1.0), (1.6, 1.0, 1.0))
+    assert explanation.verdict != "connected"
+    assert explanation.margin[1] >= 0.0
