@@ -156,10 +156,10 @@ def test_small_lateral_limit_slows_a_differential_drive() -> None:
 
 
 def test_obstacle_on_the_curve_is_found_by_recheck() -> None:
-    plan = build_plan(1, "holonomic", None)
+    shared = build_plan(1, "holonomic", None)
+    space: Any = copy.copy(shared.space)
+    plan = dataclasses.replace(shared, space=space)
     trajectory = plan.trajectory(**LIMITS)
-    assert plan.space is not None
-    space: Any = copy.copy(plan.space)  # other tests use the plan
     x, y = trajectory.sample(0.5 * trajectory.duration)[0]
     space.add_obstacle("cart", shapely.box(x - 0.1, y - 0.1, x + 0.1, y + 0.1))
     free = trajectory.recheck(space)
