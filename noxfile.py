@@ -77,8 +77,8 @@ def soak(session: nox.Session) -> None:
 
 @nox.session(venv_backend="none")
 def cpp(session: nox.Session) -> None:
-    """Compile the C++ header with OMPL, its example and the package for Nav2; `nox -s soak -- cpp` compares all answers."""
-    session.run(PYTHON, "-m", "pytest", "-q", "-n0", "tests/cpp/ompl", *session.posargs)
+    """Compile the C++ headers, the example for OMPL and the package for Nav2; `nox -s soak -- cpp` compares all answers."""
+    session.run(PYTHON, "-m", "pytest", "-q", "-n0", "tests/cpp", *session.posargs)
 
 
 @nox.session(venv_backend="none")
