@@ -648,10 +648,10 @@ class CSpace(ConfigurationMap, MapReasons, MapExport):
         # If components are known already, they save a search that cannot succeed.
         if "_components" in vars(self) and not self.is_connected(*endpoints):
             return self._no_path()
-        until = clock() + seconds
         rotations = self.rotations
-        first, last = self._cells_of(endpoints)
         turns = rotations.neighbors, self._turn_costs
+        until = clock() + seconds
+        first, last = self._cells_of(endpoints)
         factors = NO_FACTORS if factors is None else factors
         cells = find_chain(self._seen, self._slice_of, turns, first, last, until, factors=factors)
         if not len(cells):

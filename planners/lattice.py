@@ -1,11 +1,9 @@
 """Search on a lattice of headings, for non-holonomic drives.
 
-Two searches run, one after the other. The first runs on the grid, from the goal, through FREE cells
-alone. There, a robot drives from cell to cell along its heading, and turns on the spot to the next
-heading. It gives the cost to the goal from every cell and heading. The second runs from the start
-and is guided by these costs. It keeps one configuration for each cell and heading (hybrid A*), so
-positions are not rounded, and the map proves each motion. From nodes near the goal, and from some
-others, one edge may lead to the goal itself. Then :func:`shorten_path` shortens the path.
+The search runs from the start, guided by the length of the shortest chain of cells to the goal that
+are FREE at any yaw. It keeps one configuration for each cell and heading (hybrid A*), so positions
+are not rounded, and the map proves each motion. From nodes near the goal, and from some others, one
+edge may lead to the goal itself. Then :func:`shorten_path` shortens the path.
 
 References
 ----------
@@ -22,15 +20,24 @@ from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cspace.queries.edges import edge_is_free
 from cspace.queries.paths import MAX_SHORTENING_SECONDS, pulled_straight
 from cspace.queries.points import position_in_plane
-from cspace.queries.search import Estimate, Progress, check_deadline, pop_first, push, reach_cell
+from cspace.queries.search import (
+    Estimate,
+    Progress,
+    check_deadline,
+    make_progress,
+    measure_positions,
+    pop_first,
+    push,
+    remaining_cost,
+    sparse_zeros,
+)
 from cspace.record.cells import Map
 from cspace.rotations.base import METRES_PER_RADIAN, TWO_PI, wrapped
-from cspace.support.arrays import FREE, Bools, Floats, Ints
+from cspace.support.arrays import Bools, Floats, Ints
 from cspace.support.compiling import clock, kernel
 from planners.car_curves import MAX_GAP, POINT_ERROR, Pose, advance, pose_is_free, segment_is_free
 from planners.local_planner import Endpoints, LocalPlanner
@@ -46,22 +53,10 @@ MAX_NODES: Final = (100_000, 200_000, 800_000)
 """Number of nodes after which the search on each lattice ends; a car then tries the next finer
 lattice."""
 
+SPOT_GREED: Final = 1.2
 CAR_GREED: Final = 1.5
-"""Weight of the remaining cost for cars; above 1, paths are found sooner but may be longer."""
-
-UNREACHED_CELLS: Final = 400.0
-"""Cells added to the cost of the start, as the estimated cost of states that the first search did
-not reach."""
-
-MARGIN_CELLS: Final = (0.0, 40.0)
-"""Cells of cost by which the first search goes on past the start: for robots that turn on the spot,
-and for cars."""
-
-INITIAL_QUEUE_LENGTH: Final = 2**14
-"""Entries that the queue of the first search can hold at first; the length doubles as needed."""
-
-MAX_SPREAD: Final = 4
-"""Largest number of states reached from one state in the first search."""
+"""Weight of the remaining cost, for robots that turn on the spot and for cars; above 1, paths are
+found sooner but may be longer."""
 
 REVERSE_WEIGHT: Final = 1.5
 """Cost of a metre that a car drives in reverse, in metres driven ahead."""
@@ -100,7 +95,10 @@ ARC_ERROR: Final = MAX_GAP * (1.0 + TWO_PI) + POINT_ERROR
 COST_PER_EDGE: Final = 1e-6
 """Cost of an edge when a path is shortened, metres; it makes collinear drives one edge."""
 
-MAX_SHORTCUTS: Final = 60
+SPOT_ROUNDS: Final = 2
+"""Number of times that paths of robots that turn on the spot are shortened."""
+
+MAX_SHORTCUTS: Final = 24
 """Largest number of earlier waypoints tested for an edge to a waypoint."""
 
 NO_NODE = -1
@@ -120,7 +118,6 @@ class Motions(NamedTuple):
     """The m motions of a robot at each of h headings. Costs are in metres."""
 
     headings: Floats  # (h,), yaws, radians
-    nearest: Ints  # (h,), the nearest heading of the guide
     next_heading: Ints  # (h, m), the heading after each motion
     steering: Ints  # (m,), 1 to the left, -1 to the right, 0 straight on or on the spot
     lengths: Floats  # (h, m), negative in reverse, zero on the spot
@@ -132,30 +129,11 @@ class Motions(NamedTuple):
     near: float  # distance from the goal within which each node tries an edge to the goal
 
 
-class Ground(NamedTuple):
-    """Grid cells and h headings, for the first search. Costs are in cells.
-
-    There are :data:`MAX_STEP_CELLS` more cells on each side, which are not FREE.
-    """
-
-    can_drive: Bools  # (h, nx, ny), whether the robot may drive ahead from a cell
-    can_turn: Bools  # (h, nx, ny), whether it may turn from a heading to the next
-    steps: Ints  # (h, 2), the cells along x and y of a drive
-    drive_costs: Floats  # (h,)
-    turn_costs: Floats  # (h,), of the turn to the next heading
-    reverse_cost: (
-        float  # factor of the cost of a drive in reverse; infinite if the robot does not reverse
-    )
-
-
 class Guide(NamedTuple):
-    """Costs to the goal, from cells and headings, which the first search finds."""
+    """The goal, and an estimate of the cost to its position."""
 
     goal: Pose
-    headings: Floats  # (h,), yaws
-    costs: NDArray[np.float32]  # (h, nx, ny), in cells, with the cells of Ground
-    reached: Ints  # (h, nx, ny), 0 for states that were not reached
-    unreached: float  # metres added to the straight distance of states not reached
+    estimate: Estimate
 
 
 class Nodes(NamedTuple):
@@ -169,16 +147,21 @@ class Nodes(NamedTuple):
     poses: Floats  # (n, 3)
     motions: Ints  # (n, 2), the motion that led to each node, and its heading
     keys: Ints  # (n,), hash key of its cell and heading
-    table: Ints  # hash table of nodes by key; -1 stands for none
+    table: Ints  # hash table of nodes by key, each plus 1; 0 stands for none
     counts: Ints  # (2,), numbers of nodes and of expanded nodes
 
 
 def find_lattice_path(
-    edges: LocalPlanner, endpoints: Endpoints, simplify: bool, seconds: float
+    edges: LocalPlanner,
+    endpoints: Endpoints,
+    simplify: bool,
+    seconds: float,
+    may_exist: Callable[[], bool],
 ) -> tuple[Floats, str]:
     """Find a path on a lattice, and shorten it.
 
-    The map is in memory. Returns configurations (x, y, yaw), shape (n, 3), and a note. If the
+    The map is in memory. A long search asks once whether a path ``may_exist``; the answer takes no
+    time of the limit. Returns configurations (x, y, yaw), shape (n, 3), and a note. If the
     search finds no path, n is 0. The note names a lattice that has no path, or what ended the
     search before its time.
     """
@@ -186,24 +169,21 @@ def find_lattice_path(
     if edges.edge_checker()(*start, *goal):
         return np.array(endpoints), ""
     path = np.empty((0, 3))
-    note = ""
     until = clock() + seconds
     is_car = edges.turning_radius is not None
     try:
-        guide, reaches_start = _measure_guide(edges, endpoints, until)
-        if not is_car and not reaches_start:
-            note = f"the lattice of {len(guide.headings)} headings has no path"
+        guide = _measure_guide(edges, endpoints, until)
         levels = [_list_spot_motions(edges, endpoints)]
         if is_car:
-            levels = [_list_car_motions(edges, start, count, guide) for count in CAR_HEADINGS]
+            levels = [_list_car_motions(edges, start, count) for count in CAR_HEADINGS]
         for motions, max_nodes in zip(levels, MAX_NODES, strict=False):
-            path, reason = _search(edges, motions, guide, endpoints, max_nodes, until)
+            path, reason = _search(edges, motions, guide, endpoints, max_nodes, until, may_exist)
             if len(path):
                 break
     except TimeoutError:
-        return path, note
+        return path, ""
     if not len(path):
-        return path, note or reason
+        return path, reason
     if not edges.are_free(path):
         return np.empty((0, 3)), "rounding keeps the path of the lattice from being proven"
     if simplify:
@@ -230,127 +210,16 @@ def _list_drives(endpoints: Endpoints) -> Drives:
     return Drives(all_yaws[order], all_steps[order], order >= len(yaws))
 
 
-def _measure_guide(edges: LocalPlanner, endpoints: Endpoints, until: float) -> tuple[Guide, bool]:
-    """Compute the cost to the goal from cells and headings.
+def _measure_guide(edges: LocalPlanner, endpoints: Endpoints, until: float) -> Guide:
+    """Measure the way to the goal over cells FREE at any yaw.
 
-    Also return whether the start is reached. The search goes on past the start, by a margin. Raises
-    TimeoutError after ``until``.
+    Raises TimeoutError after ``until``.
     """
-    grid = edges.cells.grid
-    is_car = edges.turning_radius is not None
-    yaws, steps, _ = _list_drives(endpoints)
-    free = np.stack([_find_free_cells(edges, yaw) for yaw in yaws])
-    turns = [np.abs(wrapped(yaws - q[2])) for q in endpoints]
-    cells = [grid.cell_of(q[:2]) + MAX_STEP_CELLS for q in endpoints]
-    start, goal = (
-        int(np.ravel_multi_index((turn.argmin(), *cell), free.shape))
-        for turn, cell in zip(turns, cells, strict=True)
-    )
-    x, y = np.ogrid[: free.shape[1], : free.shape[2]]
-    to_start = np.hypot(x - cells[0][0], y - cells[0][1]).astype(np.float32)
-    estimate = Estimate(1.0, to_start[None], _cells_per_radian(edges) * turns[0])
-    ground = _make_ground(edges, free, yaws, steps)
-    progress = make_progress(free.size, INITIAL_QUEUE_LENGTH)
-    progress.previous[goal] = goal + 1
-    push(progress, 0.0, goal)
-    while not spread_costs(ground, estimate, progress, start, MARGIN_CELLS[is_car]):
-        check_deadline(until)
-        if progress.length[0] + MAX_SPREAD >= len(progress.queue):
-            doubled = 2 * len(progress.queue)
-            progress = progress._replace(
-                keys=np.resize(progress.keys, doubled), queue=np.resize(progress.queue, doubled)
-            )
-    reaches_start = bool(progress.previous[start])
-    # On the spot, the guide reaches all states that may lie on the path; cars may pass between
-    # them.
-    unreached = math.inf
-    if is_car or not reaches_start:
-        unreached = float(progress.cost[start] + UNREACHED_CELLS) * grid.spacing
-    guide = Guide(
-        goal=cast(Pose, endpoints[1]),
-        headings=yaws,
-        costs=progress.cost.reshape(free.shape),
-        reached=progress.previous.reshape(free.shape),
-        unreached=unreached,
-    )
-    return guide, reaches_start
-
-
-def _cells_per_radian(edges: LocalPlanner) -> float:
-    """Return the cells that a radian of rotation costs in the first search."""
-    return (edges.turning_radius or METRES_PER_RADIAN) / edges.cells.grid.spacing
-
-
-def _make_ground(edges: LocalPlanner, free: Bools, yaws: Floats, steps: Ints) -> Ground:
-    """Make the cells and headings of the first search."""
-    reverse_cost = math.inf
-    if _can_reverse(edges):
-        reverse_cost = REVERSE_WEIGHT if edges.turning_radius is not None else 1.0
-    can_drive = [
-        _can_drive(cells, dx, dy) for cells, (dx, dy) in zip(free, steps.tolist(), strict=True)
-    ]
-    can_turn = [_can_turn(edges, free, yaws, k) for k in range(len(yaws))]
-    turns = np.diff(yaws, append=yaws[0] + TWO_PI)
-    return Ground(
-        can_drive=np.stack(can_drive),
-        can_turn=np.stack(can_turn),
-        steps=steps,
-        drive_costs=np.hypot(steps[:, 0], steps[:, 1]),
-        turn_costs=_cells_per_radian(edges) * turns,
-        reverse_cost=reverse_cost,
-    )
-
-
-def _find_free_cells(edges: LocalPlanner, yaw: float) -> Bools:
-    """Return which cells of :class:`Ground` are FREE at a yaw, shape (nx, ny)."""
-    return np.pad(edges.cells.states_at(yaw) == FREE, MAX_STEP_CELLS)
-
-
-def _can_drive(free: Bools, dx: int, dy: int) -> Bools:
-    """Return from which cells a drive to the cell ``(dx, dy)`` further is free.
-
-    The drive leads from center to center. Cells are closed: a segment through a corner touches all
-    four cells.
-    """
-    can_drive: Bools = free
-    columns = range(min(dx, 0), max(dx, 0) + 1)
-    rows = range(min(dy, 0), max(dy, 0) + 1)
-    for i, j in itertools.product(columns, rows):
-        # The corners of cell (i, j) do not all lie strictly on one side of the segment.
-        is_touched = 2 * abs(dx * j - dy * i) <= abs(dx) + abs(dy)
-        if is_touched:
-            can_drive = can_drive & np.roll(free, (-i, -j), axis=(0, 1))
-    return can_drive
-
-
-def _can_turn(edges: LocalPlanner, free: Bools, yaws: Floats, k: int) -> Bools:
-    """Return at which cells the robot may turn from heading k to the next.
-
-    A car needs FREE cells at both headings alone, because it turns as it drives. Other robots turn
-    on the spot, so all rotation cells between must be FREE.
-    """
-    after = (k + 1) % len(yaws)
-    can_turn: Bools = free[k] & free[after]
-    if edges.turning_radius is None:
-        rotations = edges.space.rotations
-        first, last = rotations.cell_of(yaws[[k, after]])
-        cells_to_last = (last - first) % len(rotations)
-        for number in range(1, cells_to_last):
-            between = (first + number) % len(rotations)
-            can_turn = can_turn & _find_free_cells(edges, rotations.centers[between, 0])
-    return can_turn
-
-
-def make_progress(count: int, length: int) -> Progress:
-    """Make an empty search over ``count`` nodes, with room for ``length`` in its queue."""
-    return Progress(
-        cost=np.zeros(count, dtype=np.float32),
-        previous=np.zeros(count, dtype=np.int64),
-        closed=np.zeros(count, dtype=np.bool_),
-        keys=np.empty(length),
-        queue=np.empty(length, dtype=np.int64),
-        length=np.zeros(1, dtype=np.int64),
-    )
+    lowest = edges.cells.kernel_map.states.min(axis=0)
+    cells = edges.cells.grid.cell_of(np.array(endpoints)[:, :2])
+    last_cell = np.array(edges.cells.grid.shape) - 1
+    start, goal = [(0, *cell) for cell in np.minimum(cells, last_cell).tolist()]
+    return Guide(cast(Pose, endpoints[1]), measure_positions(lowest, start, goal, until))
 
 
 def _can_reverse(edges: LocalPlanner) -> bool:
@@ -378,7 +247,6 @@ def _list_spot_motions(edges: LocalPlanner, endpoints: Endpoints) -> Motions:
     radians = np.abs(wrapped(yaws[next_heading] - yaws[:, None]))
     return Motions(
         headings=yaws,
-        nearest=np.arange(len(yaws)),
         next_heading=next_heading,
         steering=np.zeros(len(turns), dtype=np.int64),
         lengths=lengths,
@@ -386,12 +254,12 @@ def _list_spot_motions(edges: LocalPlanner, endpoints: Endpoints) -> Motions:
         costs=METRES_PER_RADIAN * radians + np.abs(lengths),
         side=spacing,
         switch_cost=0.0,
-        greed=1.0,
+        greed=SPOT_GREED,
         near=NEAR_CELLS * spacing,
     )
 
 
-def _list_car_motions(edges: LocalPlanner, start: Pose, count: int, guide: Guide) -> Motions:
+def _list_car_motions(edges: LocalPlanner, start: Pose, count: int) -> Motions:
     """List the motions of a car.
 
     These are arcs to the next of ``count`` headings, and drives straight on, ahead or in reverse.
@@ -415,7 +283,6 @@ def _list_car_motions(edges: LocalPlanner, start: Pose, count: int, guide: Guide
     costs = radius * np.abs(lengths) * np.where(reverses, REVERSE_WEIGHT, 1.0)
     return Motions(
         headings=yaws,
-        nearest=np.abs(wrapped(guide.headings - yaws[:, None])).argmin(axis=1),
         next_heading=(np.arange(count)[:, None] + turns) % count,
         steering=steering,
         lengths=np.tile(lengths, (count, 1)),
@@ -435,6 +302,7 @@ def _search(
     endpoints: Endpoints,
     max_nodes: int,
     until: float,
+    may_exist: Callable[[], bool],
 ) -> tuple[Floats, str]:
     """Search from the start for a path to the goal, shape (n, 3).
 
@@ -447,40 +315,31 @@ def _search(
     progress = make_progress(capacity, capacity)
     nodes = Nodes(
         progress=progress,
-        poses=np.empty((capacity, 3)),
-        motions=np.empty((capacity, 2), dtype=np.int64),
-        keys=np.empty(capacity, dtype=np.int64),
-        table=np.full(table_size, NO_NODE),
+        poses=sparse_zeros(3 * capacity, np.float64).reshape(-1, 3),
+        motions=sparse_zeros(2 * capacity, np.int64).reshape(-1, 2),
+        keys=sparse_zeros(capacity, np.int64),
+        table=sparse_zeros(table_size, np.int64),
         counts=np.zeros(2, dtype=np.int64),
     )
     radius = edges.turning_radius
     heading = int(np.abs(wrapped(motions.headings - start[2])).argmin())
     add_node(map_, motions, radius, guide, nodes, start, heading, 0.0, NO_NODE, 0)
     is_free = edges.edge_checker()
-    best = math.inf
-    last = NO_NODE
     reason = f"the lattice search ended at its limit of {max_nodes:,} nodes"
-    # No node that waits can beat a path cheaper than the first key of the queue.
-    while nodes.counts[0] < max_nodes and progress.keys[0] < best:
+    while nodes.counts[0] < max_nodes:
         node = expand_nodes(map_, motions, radius, guide, nodes, max_nodes)
-        if last != NO_NODE and clock() > until:
-            break
         check_deadline(until)
         if node == NO_NODE:
             reason = "the lattice search reached no more nodes"
             break
-        q = nodes.poses[node]
-        if node == TIME_CHECK or not is_free(*q.tolist(), *goal):
-            continue
-        total = progress.cost[node] + edges.edge_lengths(q[None], np.array([goal]))[0]
-        if total < best:
-            best = total
-            last = node
-        if motions.greed > 1.0:  # its remaining costs are no lower bounds anyway
-            break
-    if last == NO_NODE:
-        return np.empty((0, 3)), reason
-    return _trace_path(nodes, last, endpoints, radius is None), ""
+        if node == TIME_CHECK:
+            began = clock()
+            if not may_exist():
+                break
+            until += clock() - began
+        elif is_free(*nodes.poses[node].tolist(), *goal):
+            return _trace_path(nodes, node, endpoints, radius is None), ""
+    return np.empty((0, 3)), reason
 
 
 def _trace_path(nodes: Nodes, node: int, endpoints: Endpoints, merges: bool) -> Floats:
@@ -506,6 +365,14 @@ def _trace_path(nodes: Nodes, node: int, endpoints: Endpoints, merges: bool) -> 
 
 def shorten_path(edges: LocalPlanner, path: Floats, until: float) -> Floats:
     """Shorten a path, shape (n, 3), by proven edges, until a reading of the clock."""
+    # Without cut corners, a second round of skipping gains little.
+    for _ in range(1 if edges.turning_radius is not None else SPOT_ROUNDS):
+        path = _shorten_once(edges, path, until)
+    return path
+
+
+def _shorten_once(edges: LocalPlanner, path: Floats, until: float) -> Floats:
+    """Shorten a path by skipping waypoints and, unless it has curves, by cutting corners."""
     check = edges.edge_checker()
 
     def is_free(*q: float) -> bool:
@@ -553,51 +420,6 @@ def _skip_waypoints(
         kept.append(int(previous[kept[-1]]))
     kept.reverse()
     return path[kept]
-
-
-@kernel
-def spread_costs(
-    ground: Ground, estimate: Estimate, progress: Progress, start: int, margin: float
-) -> bool:
-    """Spread the costs of states from the goal; return True when done.
-
-    A state is a heading and a cell, ``(heading * nx + i) * ny + j``. Return False after many
-    states, or if the queue is nearly full; the next call goes on.
-    """
-    _, nx, ny = estimate.positions.shape
-    headings = len(ground.steps)
-    can_reverse = ground.reverse_cost < math.inf
-    for _ in range(NODES_PER_CLOCK_CHECK):
-        if progress.length[0] == 0:
-            return True
-        if progress.length[0] + MAX_SPREAD >= len(progress.queue):
-            return False
-        state = pop_first(progress)
-        if progress.closed[state]:
-            continue
-        progress.closed[state] = True
-        row, j = divmod(state, ny)
-        heading, i = divmod(row, nx)
-        bound = progress.cost[state] + estimate.positions[0, i, j] + estimate.rotations[heading]
-        if progress.closed[start] and bound > progress.cost[start] + margin:
-            return True
-        before = (heading - 1 + headings) % headings
-        after = (heading + 1) % headings
-        if ground.can_turn[heading, i, j]:
-            reach_cell(estimate, progress, state, after, 0, i, j, ground.turn_costs[heading])
-        if ground.can_turn[before, i, j]:
-            reach_cell(estimate, progress, state, before, 0, i, j, ground.turn_costs[before])
-        # The search runs backwards: the robot drives ahead from the cell behind to this one, or
-        # back to it.
-        dx = ground.steps[heading, 0]
-        dy = ground.steps[heading, 1]
-        cost = ground.drive_costs[heading]
-        if ground.can_drive[heading, i - dx, j - dy]:
-            reach_cell(estimate, progress, state, heading, 0, i - dx, j - dy, cost)
-        if can_reverse and ground.can_drive[heading, i, j]:
-            cost *= ground.reverse_cost
-            reach_cell(estimate, progress, state, heading, 0, i + dx, j + dy, cost)
-    return False
 
 
 @kernel
@@ -673,10 +495,10 @@ def add_node(
     progress = nodes.progress
     key = make_key(map_, motions, q, heading)
     slot = find_slot(nodes, key)
-    known = nodes.table[slot]
+    known = nodes.table[slot] - 1
     if known >= 0 and progress.cost[known] <= cost + KNOWN_TOLERANCE * motions.side:
         return
-    left = estimate_cost_to_goal(map_, motions, guide, q[0], q[1], heading)
+    left = estimate_cost_to_goal(map_, guide, q[0], q[1])
     bound = cost + motions.greed * left
     if not bound < math.inf:
         return
@@ -687,7 +509,7 @@ def add_node(
         progress.closed[known] = True
     node = nodes.counts[0]
     nodes.counts[0] += 1
-    nodes.table[slot] = node
+    nodes.table[slot] = node + 1
     nodes.keys[node] = key
     for axis in range(3):
         nodes.poses[node, axis] = q[axis]
@@ -712,7 +534,7 @@ def find_slot(nodes: Nodes, key: int) -> int:
     """Return the slot of the hash table that holds a key, or the free slot for it."""
     mask = len(nodes.table) - 1
     slot = (key * HASH_FACTOR >> HASH_SHIFT) & mask
-    while nodes.table[slot] >= 0 and nodes.keys[nodes.table[slot]] != key:
+    while nodes.table[slot] > 0 and nodes.keys[nodes.table[slot] - 1] != key:
         slot = (slot + 1) & mask
     return slot
 
@@ -737,15 +559,11 @@ def motion_is_free(
 
 
 @kernel
-def estimate_cost_to_goal(
-    map_: Map, motions: Motions, guide: Guide, x: float, y: float, heading: int
-) -> float:
-    """Estimate the cost from a position and heading to the goal, metres."""
-    i = math.floor((x - map_.lower[1]) / map_.spacing) + MAX_STEP_CELLS
-    j = math.floor((y - map_.lower[2]) / map_.spacing) + MAX_STEP_CELLS
+def estimate_cost_to_goal(map_: Map, guide: Guide, x: float, y: float) -> float:
+    """Estimate the cost from a position to the goal, metres."""
+    _, nx, ny = guide.estimate.shape
+    i = min(math.floor((x - map_.lower[1]) / map_.spacing), nx - 1)
+    j = min(math.floor((y - map_.lower[2]) / map_.spacing), ny - 1)
     straight = math.hypot(x - guide.goal[0], y - guide.goal[1])
-    k = motions.nearest[heading]
-    if guide.reached[k, i, j] == 0:
-        return straight + guide.unreached
-    metres: float = guide.costs[k, i, j] * map_.spacing
+    metres = remaining_cost(guide.estimate, 0, i, j) * map_.spacing
     return max(straight, metres)

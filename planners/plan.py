@@ -49,15 +49,12 @@ from planners.local_planner import (
 )
 from planners.objectives import CLEARANCE, LENGTH, check_has_cells, find_clear_path
 from planners.result import Plan, Times
-from planners.search import GRACE_SECONDS, NO_SEARCH, SearchResult, Task, run_ompl
+from planners.search import NO_SEARCH, SearchResult, Task, run_ompl, shorten
 from planners.setup import MakeObjective, make_bounded_states
 from planners.states import check_space, find_state_kind
 
 MAX_SEED: Final = 2**32 - 2
 """Largest seed: OMPL's generator takes 32 bits, and refuses zero."""
-
-GRID_TIME_SHARE: Final = 0.5
-"""Share of the time limit after which another search takes over from "Grid"."""
 
 LATE_SHARE: Final = 0.95
 """Share of the time limit after which a search counts as ended by it."""
@@ -152,6 +149,7 @@ def plan(
     exact: bool = False,
     drive: Drive = HOLONOMIC,
     turning_radius: float | None = None,
+    previous: Plan | None = None,
 ) -> Plan:
     """Find and prove a path on a map or for an arm.
 
@@ -163,9 +161,15 @@ def plan(
     is the length and the single edge from start to goal is free. OMPL's messages are held back
     while it runs.
 
-    *Time.* Search and simplification end within the time limit plus 0.25 s. The first plan on a map
-    also computes components and compiles functions; these times are not limited, see
+    *Time.* Search and simplification end within the time limit plus 0.25 s. Limits count the
+    process's CPU time, so other programs on a busy machine change no result. The first plan on a
+    map also computes components and compiles functions; these times are not limited, see
     :attr:`Plan.times`.
+
+    *Replanning.* Where obstacles or the robot move, pass the last plan as ``previous``. If the
+    robot reaches a waypoint of it by a free edge, and the way from there to the goal is still free,
+    that way is shortened, and no search is run. It may be longer than a path that has become free
+    since, so plan without ``previous`` now and then.
 
     *FREE cells.* Unless ``exact``, a path of any drive leads through FREE cells. So a plan ends
     soon if no chain of FREE cells joins start and goal, and :attr:`Plan.hint` says what to try. If
@@ -186,8 +190,8 @@ def plan(
     *Default.* Without a planner, another objective or ``iterations``, built-in searches go first if
     FREE cells join start and goal, or if ``exact``. "Grid" plans for holonomic robots: in the plane
     no path through FREE cells is shorter, in other spaces few are. Unless ``exact``, "Lattice"
-    plans for other drives. OMPL's default planner takes over if "Grid" has no path after half the
-    time limit, or "Lattice" has none.
+    plans for other drives. If they end without a path before the time limit, OMPL's default planner
+    takes over.
 
     *Repeatable runs.* "Grid" always gives the same path. A seed sets OMPL's global seed generator,
     from which every planner and sampler made afterwards draws its own seed, and the random starts
@@ -228,7 +232,8 @@ def plan(
         curves that leave the goal. Planners that also follow edges backwards are refused for Dubins
         curves; for "differential" their edges must be free both ways.
     time_limit : float
-        Seconds after which the search ends. Simplification then has another 0.1 s.
+        Seconds of the process's CPU time after which the search ends; of the clock for PRM and
+        PRMstar. Simplification then has another 0.1 s.
     iterations : int, optional
         Largest number of checks of OMPL's termination condition, about one for each iteration of
         the planner. For BiRRT, the largest number of further searches for a shorter path. Not for
@@ -265,6 +270,9 @@ def plan(
         - "dubins", "reeds-shepp": the shortest curve of a car, forwards only, or also in reverse.
     turning_radius : float, optional
         Smallest turning radius of the car, in metres; needed by curves alone.
+    previous : Plan, optional
+        The last plan for a space with these axes, in memory. It may have another start, goal and
+        drive. A plan without a path counts as none.
 
     Returns
     -------
@@ -314,17 +322,40 @@ def plan(
         simplify=simplify,
         seed=None if seed is None else check_count(seed, "seed", 0, MAX_SEED),
         is_named=planner is not None,
+        previous=_check_previous(space, previous),
     )
     task = _set_endpoints(_choose_searches(task), start, goal)
     path_exists = cache(lambda: space.path_exists(*task.endpoints[:2]))
-    # A path of "Grid" proves that one exists. So components are labelled only if it finds none.
-    searches_first = task.planner == GRID and not edges.exact
+    # A path through FREE cells proves that one exists. So components are labelled only if a search
+    # that is quick finds none.
+    searches_first = task.planner in (GRID, LATTICE) and not edges.exact
     subproblems: Sequence[Subproblem] = []
     if searches_first or edges.may_join(path_exists()):
         subproblems = _list_subproblems(task)
     result = _search_tile_by_tile(task, subproblems, lambda: edges.may_join(path_exists()))
     exists = True if searches_first and result.proven else path_exists()
     return _make_plan(task, result, exists, began)
+
+
+def _check_previous(space: Space, previous: Plan | None) -> Floats:
+    """Return the waypoints of the previous plan, shape (n, size); n is 0 if there are none."""
+    if previous is None:
+        return np.empty((0, space.size))
+    if not isinstance(previous, Plan):
+        raise InputError(
+            "previous",
+            f"is {previous!r}",
+            "it is what planners.plan returned before",
+            "pass the last plan, or leave previous out",
+        )
+    if previous.axes != space.axes or not space.in_memory:
+        raise InputError(
+            "previous",
+            f"has the axes ({', '.join(previous.axes)}) and space is {space!r}",
+            "it is a plan for the axes of the space, which is in memory",
+            "leave previous out",
+        )
+    return previous.waypoints
 
 
 def _choose_searches(task: Task) -> Task:
@@ -536,18 +567,25 @@ def _skip_waypoints(edges: LocalPlanner, path: Floats) -> Floats:
 
 
 def _search(task: Task, may_exist: Callable[[], bool]) -> SearchResult:
-    """Search for a path in a space in memory."""
+    """Search for a path in a space in memory.
+
+    The planner has all the time there is. If it ends early without a path, its fallback has the
+    rest.
+    """
     start, *goals = task.endpoints
     if start in goals:
         return SearchResult(np.array([start]), "the start is the goal")
+    if len(task.previous):
+        result = _follow_previous(task)
+        if len(result.path):
+            return result
     if task.planner in _list_searches(task.edges.space):
-        result = _search_built_in(task)
+        result = _search_built_in(task, may_exist)
     else:
         result = run_ompl(task)
     fallback = task.fallback
-    seconds_left = task.time_limit
-    if fallback != GRID:
-        seconds_left -= result.planning
+    # A planner that fails in a tile leaves all the time to the grid.
+    seconds_left = task.time_limit - (result.planning if fallback != GRID else 0.0)
     if len(result.path) or fallback is None or seconds_left <= 0.0 or not may_exist():
         return result
     second_task = replace(task, planner=fallback, fallback=None, time_limit=seconds_left)
@@ -555,28 +593,51 @@ def _search(task: Task, may_exist: Callable[[], bool]) -> SearchResult:
     note = second.note
     if len(second.path):
         note = f"by {fallback}, as {task.planner} found none"
-    planning = result.planning + second.planning
-    return replace(second, note=note, planning=planning, lattice=result.lattice)
+    return replace(
+        second, note=note, planning=result.planning + second.planning, lattice=result.lattice
+    )
 
 
-def _search_built_in(task: Task) -> SearchResult:
-    """Run a built-in search; "Grid" leaves time for a fallback."""
-    if task.edges.space.has_cells:
+def _follow_previous(task: Task) -> SearchResult:
+    """Join the start to the previous plan, where the edges from there to the goal are free."""
+    began = clock()
+    edges = task.edges
+    start, goal = np.array(task.endpoints[:2])
+    ahead = np.vstack([task.previous, goal])
+    blocked = np.flatnonzero(~edges.edges_are_free(ahead))
+    ahead = ahead[blocked[-1] + 1 if len(blocked) else 0 :]
+    lengths = edges.edge_lengths(ahead[:-1], ahead[1:])
+    left = np.append(np.cumsum(lengths[::-1])[::-1], 0.0)
+    totals = edges.edge_lengths(np.broadcast_to(start, ahead.shape), ahead) + left
+    is_free = edges.edge_checker()
+    path = np.empty((0, edges.space.size))
+    for k in np.argsort(totals, kind="stable").tolist():
+        if is_free(*start.tolist(), *ahead[k].tolist()):
+            path = np.vstack([start, ahead[k:]])
+            differs_from_next = (path[1:] != path[:-1]).any(axis=1)
+            path = path[np.append(differs_from_next, True)]
+            if task.simplify and task.objective == LENGTH:
+                path = shorten(edges, path, began + task.time_limit)
+            break
+    return SearchResult(path, "along the previous plan", clock() - began)
+
+
+def _search_built_in(task: Task, may_exist: Callable[[], bool]) -> SearchResult:
+    """Run a built-in search."""
+    is_by_length = task.planner in (GRID, LATTICE) and task.objective == LENGTH
+    if task.edges.space.has_cells and not is_by_length:
         # A search from the start to itself fills the caches of the map, which the time limit leaves
         # out.
         start = task.endpoints[0]
-        _find_path(replace(task, endpoints=(start, start), simplify=False))
-    if task.fallback is not None and task.planner == GRID:
-        task = replace(task, time_limit=max(GRID_TIME_SHARE * task.time_limit, GRACE_SECONDS))
+        _find_path(replace(task, endpoints=(start, start), simplify=False), may_exist)
     began = clock()
-    path, proof = _find_path(task)
+    path, proof = _find_path(task, may_exist)
     planning = clock() - began
-    is_by_length = task.planner in (GRID, LATTICE) and task.objective == LENGTH
     note = NO_SEARCH if len(path) == 2 and is_by_length else ""
     return SearchResult(path, note, planning, lattice=proof)
 
 
-def _find_path(task: Task) -> tuple[Floats, str]:
+def _find_path(task: Task, may_exist: Callable[[], bool]) -> tuple[Floats, str]:
     """Find a path by a built-in search.
 
     Returns its waypoints, shape (n, size), and what a lattice proves, in words. If no path is
@@ -585,7 +646,7 @@ def _find_path(task: Task) -> tuple[Floats, str]:
     edges = task.edges
     seconds = task.time_limit
     if task.planner == LATTICE:
-        return find_lattice_path(edges, task.endpoints, task.simplify, seconds)
+        return find_lattice_path(edges, task.endpoints, task.simplify, seconds, may_exist)
     if task.planner == GRID and task.objective == CLEARANCE:
         return find_clear_path(edges, task.endpoints, task.simplify, seconds), ""
     options = SearchOptions(task.simplify, edges.exact, task.iterations, task.seed, seconds)

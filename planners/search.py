@@ -135,6 +135,7 @@ class Task:
     simplify: bool
     seed: int | None
     is_named: bool  # whether the user chose the planner
+    previous: Floats  # (n, size), waypoints of the plan before this one
     fallback: PlannerName | None = None  # planner that takes over if this one finds no path
     endpoints: Endpoints = ()  # start and goals as OMPL holds them, the nearest goal first
 

@@ -372,18 +372,6 @@ MUTANTS = (
         "tests/planners/test_car_curves.py",
     ),
     Mutant(
-        "planners/lattice.py",
-        "reach_cell(estimate, progress, state, heading, 0, i - dx, j - dy, cost)",
-        "reach_cell(estimate, progress, state, heading, 0, i + dx, j + dy, cost)",
-        "tests/planners/test_lattice.py",
-    ),
-    Mutant(
-        "planners/lattice.py",
-        "drive_costs=np.hypot(steps[:, 0], steps[:, 1])",
-        "drive_costs=np.abs(steps).sum(axis=1) ** 2.0",
-        "tests/planners/test_lattice.py",
-    ),
-    Mutant(
         "planners/plan.py",
         "proven=len(rows) > 0 and part.are_free(rows)",
         "proven=len(rows) > 0",

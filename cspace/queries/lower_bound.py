@@ -39,7 +39,7 @@ from typing import Final
 import numpy as np
 from scipy import ndimage
 
-from cspace.queries.search import NO_FACTORS, Estimate, Graph, Moves, search, times_in_box
+from cspace.queries.search import NO_FACTORS, Graph, Moves, search, straight_estimate, times_in_box
 from cspace.record.states import read_only
 from cspace.support.arrays import BLOCKED, FREE, Bools, Floats, Ints
 
@@ -147,13 +147,10 @@ def _distance_of_corners(passable: Bools, pinches: Bools, start: Ints, goal: Int
         moves=_list_moves(),
         factors=NO_FACTORS,
     )
-    nx, ny = pinches.shape
-    x, y = np.ogrid[:nx, :ny]
-    straight = np.hypot(x - goal[0], y - goal[1], dtype=np.float32)
-    estimate = Estimate(1.0, straight[np.newaxis], np.zeros(1))
+    estimate = straight_estimate((1, *pinches.shape), (0, int(goal[0]), int(goal[1])), 1.0)
     first = int(np.ravel_multi_index(tuple(start), pinches.shape))
     last = int(np.ravel_multi_index(tuple(goal), pinches.shape))
-    progress = search(graph, estimate, first, last, math.inf, pinches.ravel())
+    progress = search(graph, estimate, first, last, math.inf, excluded=pinches.ravel())
     return float(progress.cost[last]) if progress.closed[last] else math.inf
 
 

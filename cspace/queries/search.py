@@ -7,6 +7,7 @@ one position, a chain rotates between neighbouring rotation cells.
 The estimate of the remaining cost is the length of the shortest chain over positions that are
 passable at any rotation, and the cost of rotating to the goal's rotation cell (P. Hart, N. Nilsson
 and B. Raphael, "A formal basis for the heuristic determination of minimum cost paths", 1968).
+A search from the goal to the start measures these lengths, and only near the way between them.
 
 Kernels see three axes: a map of the plane has one layer of cells along the first.
 """
@@ -14,14 +15,17 @@ Kernels see three axes: a map of the plane has one layer of cells along the firs
 from __future__ import annotations
 
 import math
+import mmap
 from collections.abc import Sequence
+from contextlib import suppress
 from functools import cache
 from itertools import product
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.queries.points import Cell
 from cspace.record.states import read_only
 from cspace.rotations import Rotations
 from cspace.rotations.base import METRES_PER_RADIAN
@@ -36,11 +40,21 @@ EXACT_WEIGHT: Final = 1.0
 SHORT_WEIGHT: Final = 1.2
 """Weight of the estimate in searches for short chains, which expand far fewer cells."""
 
+STRAIGHT_WEIGHT: Final = 1.1
+"""Largest weight of the estimate that ignores obstacles."""
+
 POPS_PER_CLOCK_CHECK: Final = 2**14
 """Cells taken from the queue between two checks of the time limit, about 10 ms."""
 
 INITIAL_QUEUE_LENGTH: Final = 2**14
 """Entries that the queue of a search can hold at first; the length doubles as needed."""
+
+GUIDE_MARGIN_CELLS: Final = 10.0
+"""Cells by which chains over positions may be longer than the shortest one to be measured."""
+
+TIE_WEIGHT: Final = 1.001
+"""Weight of the estimate over positions; above 1, the search goes on along one of the chains that
+are equally short."""
 
 MAX_OFFSET_SUM: Final = 3
 """Largest sum of the offsets of a move along all axes, in cells."""
@@ -104,12 +118,24 @@ class Estimate(NamedTuple):
     ----------
     weight : float
         Factor of the estimate.
-    positions : ndarray of float32, shape (nx, ny, nz)
+    shape : tuple of int
+        Number of nodes along each axis.
+    goal : tuple of int
+        Cell ``(x, y, z)`` of the goal.
+    positions : ndarray of float32, shape (cells,) or (0,)
+        Cost from each measured position; empty for the straight distance.
+    measured : ndarray of bool, the shape of positions
+    beyond : float
+        Cost from all other positions.
     rotations : ndarray of float64, shape (rotations,)
     """
 
     weight: float
+    shape: Cell
+    goal: Cell
     positions: Costs
+    measured: Bools
+    beyond: float
     rotations: Floats
 
 
@@ -278,6 +304,25 @@ def times_in_box(step: Sequence[int], lower: Sequence[float]) -> tuple[float, fl
     return enter, leave
 
 
+def straight_estimate(shape: Cell, goal: Cell, weight: float) -> Estimate:
+    """Estimate the cost to the node ``goal`` as if there were no obstacles."""
+    return Estimate(
+        weight=weight,
+        shape=shape,
+        goal=goal,
+        positions=np.empty(0, dtype=np.float32),
+        measured=np.empty(0, dtype=np.bool_),
+        beyond=0.0,
+        rotations=np.zeros(1),
+    )
+
+
+def _locate(index: int, shape: Cell) -> Cell:
+    """Return the cell of an index over all cells."""
+    i, j, k = np.unravel_index(index, shape)
+    return int(i), int(j), int(k)
+
+
 def _estimate_cost(graph: Graph, start: int, goal: int, weight: float, until: float) -> Estimate:
     """Compute the estimate of the cost from each cell to the goal.
 
@@ -285,33 +330,47 @@ def _estimate_cost(graph: Graph, start: int, goal: int, weight: float, until: fl
     ``until``.
     """
     shape = graph.states.shape[1:]
-    size = math.prod(shape)
-    goal_rotation, goal_position = divmod(goal, size)
+    goal_rotation, goal_position = divmod(goal, math.prod(shape))
+    goal_cell = _locate(goal_position, shape)
     # Without rotations, straight distances are as good as a search, and quicker.
     if len(graph.slice_of) == 1:
-        nx, ny, nz = shape
-        x, y, z = np.ogrid[:nx, :ny, :nz]
-        goal_x, goal_y, goal_z = np.unravel_index(goal_position, shape)
-        squares = (x - goal_x) ** 2 + (y - goal_y) ** 2 + (z - goal_z) ** 2
-        return Estimate(weight, np.sqrt(squares, dtype=np.float32), np.zeros(1))
-    # Search backwards from the goal over positions that are FREE, the lowest state, at any
-    # rotation, each at its lowest cost.
-    lowest_states = graph.states.min(axis=0, keepdims=True)
+        return straight_estimate(shape, goal_cell, min(weight, STRAIGHT_WEIGHT))
+    # A position is passable if it is FREE, the lowest state, at any rotation.
+    lowest = graph.states.min(axis=0)
     factors = graph.factors.min(axis=0, keepdims=True) if graph.factors.size else NO_FACTORS
+    start_cell = _locate(start % math.prod(shape), shape)
+    estimate = measure_positions(lowest, start_cell, goal_cell, until, factors)
+    rotations = _compute_rotation_costs(graph, goal_rotation)
+    return estimate._replace(weight=weight, rotations=rotations)
+
+
+def measure_positions(
+    states: States,
+    start: Cell,
+    goal: Cell,
+    until: float,
+    factors: Costs = NO_FACTORS,
+) -> Estimate:
+    """Measure the shortest chains from positions to the goal, around the way from the start.
+
+    ``states``, shape (nx, ny, nz), are the lowest at any rotation, and start and goal cells of
+    them. Raises TimeoutError after ``until``.
+    """
     no_rotations = np.empty((1, 0), dtype=np.int64)
-    position_graph = graph._replace(
-        states=read_only(lowest_states),
+    graph = Graph(
+        states=read_only(states[np.newaxis]),
         slice_of=np.zeros(1, dtype=np.int64),
         neighbors=no_rotations,
         turns=no_rotations.astype(np.float64),
+        moves=_list_moves(2 if states.shape[0] == 1 else 3),
         factors=factors,
     )
-    no_estimate = Estimate(0.0, np.zeros(shape, dtype=np.float32), np.zeros(1))
-    progress = search(position_graph, no_estimate, goal_position, start % size, until)
-    # Positions that were not expanded are at least as far away as the start.
-    farthest = progress.cost[progress.closed].max()
-    costs = np.where(progress.closed, progress.cost, farthest)
-    return Estimate(weight, costs.reshape(shape), _compute_rotation_costs(graph, goal_rotation))
+    first, last = (int(np.ravel_multi_index(cell, states.shape)) for cell in (goal, start))
+    to_start = straight_estimate(states.shape, start, TIE_WEIGHT)
+    reached = search(graph, to_start, first, last, until, margin=GUIDE_MARGIN_CELLS)
+    beyond = float(reached.cost[last]) + GUIDE_MARGIN_CELLS
+    estimate = straight_estimate(states.shape, goal, 1.0)
+    return estimate._replace(positions=reached.cost, measured=reached.closed, beyond=beyond)
 
 
 def _compute_rotation_costs(graph: Graph, goal: int) -> Floats:
@@ -336,28 +395,24 @@ def search(
     start: int,
     goal: int,
     until: float,
+    *,
+    margin: float = 0.0,
     excluded: Bools | None = None,
 ) -> Progress:
     """Expand nodes from ``start`` on until ``goal`` is reached or no node is left.
 
-    ``excluded``, shape (nodes,), are nodes that no chain may pass. Raises TimeoutError after
-    ``until``.
+    It goes on to the nodes of chains that promise to be longer by ``margin``. ``excluded``, shape
+    (nodes,), are nodes that no chain may pass. Raises TimeoutError after ``until``.
     """
-    n_cells = len(graph.slice_of) * estimate.positions.size
-    progress = Progress(
-        cost=np.zeros(n_cells, dtype=np.float32),
-        previous=np.zeros(n_cells, dtype=np.int64),
-        closed=np.zeros(n_cells, dtype=np.bool_) if excluded is None else excluded,
-        keys=np.empty(INITIAL_QUEUE_LENGTH),
-        queue=np.empty(INITIAL_QUEUE_LENGTH, dtype=np.int64),
-        length=np.ones(1, dtype=np.int64),
-    )
+    n_nodes = len(graph.slice_of) * math.prod(estimate.shape)
+    progress = make_progress(n_nodes, INITIAL_QUEUE_LENGTH)
+    if excluded is not None:
+        progress = progress._replace(closed=excluded)
     # The start is its own predecessor.
     progress.previous[start] = start + 1
-    progress.keys[0] = 0.0
-    progress.queue[0] = start
+    push(progress, 0.0, start)
     max_new_entries = len(graph.moves.steps) + graph.neighbors.shape[1]
-    while not expand_cells(graph, estimate, progress, goal):
+    while not expand_cells(graph, estimate, progress, goal, margin):
         check_deadline(until)
         # Double the queue if one more cell could overflow it.
         if progress.length[0] + max_new_entries >= len(progress.queue):
@@ -367,13 +422,40 @@ def search(
     return progress
 
 
-@kernel
-def expand_cells(graph: Graph, estimate: Estimate, progress: Progress, goal: int) -> bool:
-    """Expand queued nodes; return True if the goal was expanded or no node is left.
+def make_progress(count: int, length: int) -> Progress:
+    """Make an empty search over ``count`` nodes, with room for ``length`` in its queue."""
+    return Progress(
+        cost=sparse_zeros(count, np.float32),
+        previous=sparse_zeros(count, np.int64),
+        closed=sparse_zeros(count, np.bool_),
+        keys=np.empty(length),
+        queue=np.empty(length, dtype=np.int64),
+        length=np.zeros(1, dtype=np.int64),
+    )
 
+
+def sparse_zeros(count: int, kind: type[np.generic]) -> NDArray[Any]:
+    """Return zeros, shape (count,), that take time and memory only where they are touched.
+
+    Large arrays of numpy come in pages of megabytes, and a search touches few bytes of each.
+    """
+    memory = mmap.mmap(-1, count * np.dtype(kind).itemsize)
+    if hasattr(mmap, "MADV_NOHUGEPAGE"):
+        with suppress(OSError):  # a system without large pages
+            memory.madvise(mmap.MADV_NOHUGEPAGE)
+    return np.frombuffer(memory, dtype=kind)
+
+
+@kernel
+def expand_cells(
+    graph: Graph, estimate: Estimate, progress: Progress, goal: int, margin: float
+) -> bool:
+    """Expand queued nodes; return True when the search is done, or no node is left.
+
+    It is done when the goal was expanded, and all others are dearer by more than ``margin``.
     Return False after many cells, or if the queue is nearly full; the next call goes on.
     """
-    nx, ny, nz = estimate.positions.shape
+    nx, ny, nz = estimate.shape
     steps = graph.moves.steps
     n_moves = steps.shape[0]
     n_neighbors = graph.neighbors.shape[1]
@@ -382,12 +464,12 @@ def expand_cells(graph: Graph, estimate: Estimate, progress: Progress, goal: int
             return True
         if progress.length[0] + n_moves + n_neighbors >= progress.keys.shape[0]:
             return False
+        if progress.closed[goal] and progress.keys[0] >= progress.cost[goal] + margin:
+            return True
         cell = pop_first(progress)
         if progress.closed[cell]:
             continue
         progress.closed[cell] = True
-        if cell == goal:
-            return True
         # Decode the cell's index over all rotation cells.
         k = cell % nz
         j = cell // nz % ny
@@ -462,7 +544,7 @@ def reach_cell(
 
     ``step`` is the cost of the step, in cells.
     """
-    nx, ny, nz = estimate.positions.shape
+    nx, ny, nz = estimate.shape
     reached = ((rotation * nx + u) * ny + v) * nz + w
     cost = progress.cost[cell] + step
     if progress.closed[reached]:
@@ -471,8 +553,39 @@ def reach_cell(
     if is_first or np.float32(cost) < progress.cost[reached]:
         progress.cost[reached] = cost
         progress.previous[reached] = cell + 1
-        remaining = estimate.positions[u, v, w] + estimate.rotations[rotation]
+        remaining = remaining_cost(estimate, u, v, w) + estimate.rotations[rotation]
         push(progress, cost + estimate.weight * remaining, reached)
+
+
+@kernel
+def remaining_cost(estimate: Estimate, i: int, j: int, k: int) -> float:
+    """Estimate the cost from a position to the goal's, in cells."""
+    _, ny, nz = estimate.shape
+    if len(estimate.positions) > 0:
+        position = (i * ny + j) * nz + k
+        if estimate.measured[position]:
+            return float(estimate.positions[position])
+        return estimate.beyond
+    return unhindered_cost(estimate, i, j, k)
+
+
+@kernel
+def unhindered_cost(estimate: Estimate, i: int, j: int, k: int) -> float:
+    """Return the cost from a position to the goal's without obstacles, in cells."""
+    a = abs(i - estimate.goal[0])
+    b = abs(j - estimate.goal[1])
+    c = abs(k - estimate.goal[2])
+    long = max(a, b, c)
+    short = min(a, b, c)
+    middle = a + b + c - long - short
+    if estimate.shape[0] > 1:
+        # A shortest chain moves along one, two and three axes.
+        return long - middle + math.sqrt(2.0) * (middle - short) + math.sqrt(3.0) * short
+    # In the plane, it combines two of the moves (1, 0), (1, 1) and (2, 1).
+    knights = min(middle, long - middle)
+    diagonals = middle - knights
+    straights = long - 2 * knights - diagonals
+    return straights + math.sqrt(2.0) * diagonals + math.sqrt(5.0) * knights
 
 
 @kernel

@@ -146,7 +146,10 @@ def _remove_unused(parent: Path) -> None:
 
 
 class _Clock(event.Listener):
-    """A clock in seconds that stops while functions are compiled, for time limits."""
+    """A clock of the process's CPU time that stops while functions are compiled, for time limits.
+
+    Other programs on the machine do not make it run faster than the work goes on.
+    """
 
     # Number of nested compilations, start of the outermost one, and seconds that all earlier ones
     # took. Threads read it at once.
@@ -154,16 +157,16 @@ class _Clock(event.Listener):
     _is_told = False
 
     def __call__(self) -> float:
-        """Return the time in seconds without compilations."""
+        """Return the CPU time in seconds without compilations."""
         depth, since, seconds = self._stops
-        return (since if depth else time.perf_counter()) - seconds
+        return (since if depth else time.process_time()) - seconds
 
     def on_start(self, event: Any) -> None:
         """Stop the clock, and tell the user once if it has stood for long."""
         depth, since, seconds = self._stops
-        self._stops = depth + 1, since if depth else time.perf_counter(), seconds
+        self._stops = depth + 1, since if depth else time.process_time(), seconds
         module = event.data["dispatcher"].py_func.__module__
-        has_waited = time.perf_counter() - self() > LONG_WAIT_SECONDS
+        has_waited = time.process_time() - self() > LONG_WAIT_SECONDS
         if has_waited and not self._is_told and module.startswith(("cspace.", "planners.")):
             self._is_told = True
             how_often = "once" if cache_folder() else "at each start, as no cache is safe"
@@ -173,7 +176,7 @@ class _Clock(event.Listener):
         """Let the clock go on after the outermost compilation."""
         depth, since, seconds = self._stops
         if depth == 1:
-            seconds += time.perf_counter() - since
+            seconds += time.process_time() - since
         self._stops = depth - 1, since, seconds
 
 
