@@ -59,9 +59,9 @@ if TYPE_CHECKING:
     from cspace.obstacles import ObstacleLayers
     from cspace.queries.components import Components
     from cspace.queries.distance import DistanceMap, Distances
+    from cspace.queries.frontier import Costs
     from cspace.queries.overlaps import RobotRows
     from cspace.queries.sampling import FreeCells
-    from cspace.queries.search import Costs
     from cspace.record.update import Update, Updater
 
 
@@ -642,8 +642,9 @@ class CSpace(ConfigurationMap, MapReasons, MapExport):
         It is shortened if ``straight``. With ``factors`` of cells, shape (slices, ...), the length
         of a move is multiplied by those of its cells, and ``cost`` is that of an edge.
         """
+        from cspace.queries.guide import NO_FACTORS
         from cspace.queries.paths import in_time, pulled_straight, waypoints
-        from cspace.queries.search import NO_FACTORS, find_chain
+        from cspace.queries.search import find_chain
 
         # If components are known already, they save a search that cannot succeed.
         if "_components" in vars(self) and not self.is_connected(*endpoints):
@@ -653,7 +654,7 @@ class CSpace(ConfigurationMap, MapReasons, MapExport):
         until = clock() + seconds
         first, last = self._cells_of(endpoints)
         factors = NO_FACTORS if factors is None else factors
-        cells = find_chain(self._seen, self._slice_of, turns, first, last, until, factors=factors)
+        cells = find_chain(self._seen, self._slice_of, turns, first, last, until, factors)
         if not len(cells):
             return self._no_path()
         path = waypoints(self.grid, rotations, endpoints, cells)

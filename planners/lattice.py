@@ -22,19 +22,20 @@ from typing import Final, NamedTuple, cast
 import numpy as np
 
 from cspace.queries.edges import edge_is_free
-from cspace.queries.paths import MAX_SHORTENING_SECONDS, pulled_straight
-from cspace.queries.points import position_in_plane
-from cspace.queries.search import (
+from cspace.queries.frontier import (
     Estimate,
     Progress,
     check_deadline,
     make_progress,
-    measure_positions,
     pop_first,
     push,
     remaining_cost,
     sparse_zeros,
 )
+from cspace.queries.guide import measure_way
+from cspace.queries.moves import list_moves
+from cspace.queries.paths import MAX_SHORTENING_SECONDS, pulled_straight
+from cspace.queries.points import position_in_plane
 from cspace.record.cells import Map
 from cspace.rotations.base import METRES_PER_RADIAN, TWO_PI, wrapped
 from cspace.support.arrays import Bools, Floats, Ints
@@ -44,6 +45,10 @@ from planners.local_planner import Endpoints, LocalPlanner
 
 MAX_STEP_CELLS: Final = 2
 """Largest number of cells along x and y of one straight drive; 2 gives 16 headings."""
+
+MAX_DEVIATION: Final = math.radians(14.0)
+"""Largest angle between a move of the guide and the robot's yaw on it; beyond it, another move is
+nearer."""
 
 CAR_HEADINGS: Final = (24, 48, 96)
 """Numbers of headings of the lattices for a car, coarse to fine; an arc leads from one heading to
@@ -211,15 +216,32 @@ def _list_drives(endpoints: Endpoints) -> Drives:
 
 
 def _measure_guide(edges: LocalPlanner, endpoints: Endpoints, until: float) -> Guide:
-    """Measure the way to the goal over cells FREE at any yaw.
+    """Measure the way to the goal over cells that are FREE at yaws along the way.
 
     Raises TimeoutError after ``until``.
     """
-    lowest = edges.cells.kernel_map.states.min(axis=0)
+    map_ = edges.cells.kernel_map
     cells = edges.cells.grid.cell_of(np.array(endpoints)[:, :2])
     last_cell = np.array(edges.cells.grid.shape) - 1
-    start, goal = [(0, *cell) for cell in np.minimum(cells, last_cell).tolist()]
-    return Guide(cast(Pose, endpoints[1]), measure_positions(lowest, start, goal, until))
+    start, goal = [(0, int(i), int(j)) for i, j in np.minimum(cells, last_cell)]
+    estimate = measure_way(map_.states, _list_slices_along_moves(edges), start, goal, until)
+    return Guide(cast(Pose, endpoints[1]), estimate)
+
+
+def _list_slices_along_moves(edges: LocalPlanner) -> Ints:
+    """List the slices of the yaws near each move of the guide, shape (moves, n)."""
+    rotations = edges.space.rotations
+    steps = list_moves(2).steps
+    yaws = np.arctan2(steps[:, 2], steps[:, 1])[:, np.newaxis]
+    if _can_reverse(edges):
+        yaws = np.hstack([yaws, yaws + math.pi])
+    # The yaws of all rotation cells near the direction of the move, the nearest first.
+    count = math.ceil(MAX_DEVIATION * len(rotations) / TWO_PI)
+    deviations = MAX_DEVIATION * np.arange(-count, count + 1) / count
+    deviations = deviations[np.argsort(np.abs(deviations))]
+    near = wrapped(yaws[:, np.newaxis, :] + deviations[:, np.newaxis])
+    slice_of = edges.cells.kernel_map.rotations.slice_of
+    return slice_of[rotations.cell_of(near.reshape(len(steps), -1))]
 
 
 def _can_reverse(edges: LocalPlanner) -> bool:

@@ -39,7 +39,10 @@ from typing import Final
 import numpy as np
 from scipy import ndimage
 
-from cspace.queries.search import NO_FACTORS, Graph, Moves, search, straight_estimate, times_in_box
+from cspace.queries.frontier import estimate_without_obstacles
+from cspace.queries.guide import NO_FACTORS
+from cspace.queries.moves import Moves, times_in_box
+from cspace.queries.search import Graph, search
 from cspace.record.states import read_only
 from cspace.support.arrays import BLOCKED, FREE, Bools, Floats, Ints
 
@@ -147,10 +150,12 @@ def _distance_of_corners(passable: Bools, pinches: Bools, start: Ints, goal: Int
         moves=_list_moves(),
         factors=NO_FACTORS,
     )
-    estimate = straight_estimate((1, *pinches.shape), (0, int(goal[0]), int(goal[1])), 1.0)
+    nodes_shape = (1, *pinches.shape)
+    goal_node = (0, int(goal[0]), int(goal[1]))
+    estimate = estimate_without_obstacles(nodes_shape, goal_node, 1.0)
     first = int(np.ravel_multi_index(tuple(start), pinches.shape))
     last = int(np.ravel_multi_index(tuple(goal), pinches.shape))
-    progress = search(graph, estimate, first, last, math.inf, excluded=pinches.ravel())
+    progress = search(graph, estimate, first, last, math.inf, pinches.ravel())
     return float(progress.cost[last]) if progress.closed[last] else math.inf
 
 

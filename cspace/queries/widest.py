@@ -23,8 +23,9 @@ from numpy.typing import NDArray
 from cspace.grid import Grid
 from cspace.queries.callbacks import edge_checker
 from cspace.queries.distance import Distances
+from cspace.queries.frontier import check_deadline
 from cspace.queries.paths import in_time, pulled_straight, waypoints
-from cspace.queries.search import EXACT_WEIGHT, check_deadline, find_chain
+from cspace.queries.search import find_chain
 from cspace.record.cells import Map, make_map_record
 from cspace.record.states import read_only
 from cspace.rotations import Rotations
@@ -119,13 +120,13 @@ class WidthMap:
         return float(queue.level[0]) / LEVELS_PER_CELL
 
     def shortest(self, start: Ints, goal: Ints, min_width: float, until: float) -> Ints:
-        """Return the shortest chain of cells with ``min_width`` or above, shape (n, 1 + d).
+        """Return a short chain of cells with ``min_width`` or above, shape (n, 1 + d).
 
         Raises TimeoutError after ``until``.
         """
         states = narrow_states(self.widths, min_width)
         turns = self.rotations.neighbors, self.turns
-        return find_chain(states, self.slice_of, turns, start, goal, until, weight=EXACT_WEIGHT)
+        return find_chain(states, self.slice_of, turns, start, goal, until)
 
 
 def narrow_states(widths: Distances, min_width: float) -> Bytes:

@@ -1,0 +1,258 @@
+"""The nodes that a search has reached, its queue, and its estimate of the remaining cost."""
+
+from __future__ import annotations
+
+import math
+import mmap
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace.queries.points import Cell
+from cspace.support.arrays import Bools, Floats, Ints
+from cspace.support.compiling import clock, kernel
+
+Costs = NDArray[np.float32]
+
+POPS_PER_CLOCK_CHECK: Final = 2**14
+"""Nodes taken from the queue between two checks of the time limit, about 10 ms."""
+
+INITIAL_QUEUE_LENGTH: Final = 2**14
+"""Entries that the queue of a search can hold at first; the length doubles as needed."""
+
+
+class Estimate(NamedTuple):
+    """Estimate of the remaining cost: that of positions, and that of rotations, in cells.
+
+    Attributes
+    ----------
+    weight : float
+        Factor of the estimate.
+    shape : tuple of int
+        Number of nodes along each axis.
+    goal : tuple of int
+        Node ``(x, y, z)`` of the goal.
+    positions : ndarray of float32, shape (nx, ny, nz), or empty
+        Cost from each measured block of nodes, in blocks; empty for the cost without obstacles.
+    measured : ndarray of bool, the shape of positions
+    side : int
+        Nodes along each side of a block.
+    beyond : float
+        Cost from all other blocks.
+    rotations : ndarray of float64, shape (rotations,)
+    """
+
+    weight: float
+    shape: Cell
+    goal: Cell
+    positions: Costs
+    measured: Bools
+    side: int
+    beyond: float
+    rotations: Floats
+
+
+class Progress(NamedTuple):
+    """State of a search, which kernels change.
+
+    Attributes
+    ----------
+    cost : ndarray of float32, shape (cells,)
+        Cost of the best chain found to each reached cell, in cells.
+    previous : ndarray of int64, shape (cells,)
+        The cell before each reached cell of its best chain, plus 1; 0 for cells not reached, so
+        that a large map takes memory only where the search leads.
+    closed : ndarray of bool, shape (cells,)
+        True for cells that were expanded.
+    keys, queue : ndarray of float64 and int64, shape (n,)
+        Binary heap of cells by their expected cost.
+    length : ndarray of int64, shape (1,)
+        Number of entries of the heap.
+    """
+
+    cost: Costs
+    previous: Ints
+    closed: Bools
+    keys: Floats
+    queue: Ints
+    length: Ints
+
+
+def check_deadline(until: float) -> None:
+    """Raise TimeoutError after ``until``, in seconds of :data:`cspace.support.compiling.clock`."""
+    if clock() > until:
+        raise TimeoutError
+
+
+def estimate_without_obstacles(shape: Cell, goal: Cell, weight: float) -> Estimate:
+    """Estimate the cost to the node ``goal`` as if there were no obstacles."""
+    return Estimate(
+        weight=weight,
+        shape=shape,
+        goal=goal,
+        positions=np.empty((0, 0, 0), dtype=np.float32),
+        measured=np.empty((0, 0, 0), dtype=np.bool_),
+        side=1,
+        beyond=0.0,
+        rotations=np.zeros(1),
+    )
+
+
+def make_progress(count: int, queue_length: int) -> Progress:
+    """Make an empty search over ``count`` nodes."""
+    return Progress(
+        cost=sparse_zeros(count, np.float32),
+        previous=sparse_zeros(count, np.int64),
+        closed=sparse_zeros(count, np.bool_),
+        keys=np.empty(queue_length),
+        queue=np.empty(queue_length, dtype=np.int64),
+        length=np.zeros(1, dtype=np.int64),
+    )
+
+
+def begin_at(start: int, count: int) -> Progress:
+    """Make a search over ``count`` nodes in which the start waits to be expanded."""
+    progress = make_progress(count, INITIAL_QUEUE_LENGTH)
+    # The start is its own predecessor.
+    progress.previous[start] = start + 1
+    push(progress, 0.0, start)
+    return progress
+
+
+def expand_until_done(
+    expand: Callable[[Progress], bool], progress: Progress, max_new_entries: int, until: float
+) -> Progress:
+    """Call ``expand`` until it returns True; double the queue as needed.
+
+    ``expand`` adds at most ``max_new_entries`` to the queue for each node; it returns False if
+    there may be no room for more. Raises TimeoutError after ``until``.
+    """
+    while not expand(progress):
+        check_deadline(until)
+        if progress.length[0] + max_new_entries >= len(progress.queue):
+            keys = np.concatenate([progress.keys, np.empty_like(progress.keys)])
+            queue = np.concatenate([progress.queue, np.empty_like(progress.queue)])
+            progress = progress._replace(keys=keys, queue=queue)
+    return progress
+
+
+def sparse_zeros(count: int, kind: type[np.generic]) -> NDArray[Any]:
+    """Return zeros, shape (count,), that take time and memory only where they are touched.
+
+    Large arrays of numpy come in pages of megabytes, and a search touches few bytes of each.
+    """
+    memory = mmap.mmap(-1, count * np.dtype(kind).itemsize)
+    if hasattr(mmap, "MADV_NOHUGEPAGE"):
+        with suppress(OSError):  # a system without large pages
+            memory.madvise(mmap.MADV_NOHUGEPAGE)
+    return np.frombuffer(memory, dtype=kind)
+
+
+@kernel
+def reach_cell(
+    estimate: Estimate,
+    progress: Progress,
+    cell: int,
+    rotation: int,
+    u: int,
+    v: int,
+    w: int,
+    step: float,
+) -> None:
+    """Record a step from a cell to (u, v, w) at a rotation, if its chain is the cheapest so far.
+
+    ``step`` is the cost of the step, in cells.
+    """
+    nx, ny, nz = estimate.shape
+    reached = ((rotation * nx + u) * ny + v) * nz + w
+    cost = progress.cost[cell] + step
+    if progress.closed[reached]:
+        return
+    is_first = progress.previous[reached] == 0
+    if is_first or np.float32(cost) < progress.cost[reached]:
+        progress.cost[reached] = cost
+        progress.previous[reached] = cell + 1
+        remaining = remaining_cost(estimate, u, v, w) + estimate.rotations[rotation]
+        push(progress, cost + estimate.weight * remaining, reached)
+
+
+@kernel
+def remaining_cost(estimate: Estimate, i: int, j: int, k: int) -> float:
+    """Estimate the cost from a position to the goal's, in cells."""
+    unhindered = unhindered_cost(estimate, i, j, k)
+    if len(estimate.positions) == 0:
+        return unhindered
+    u = i // estimate.side
+    v = j // estimate.side
+    w = k // estimate.side
+    if estimate.measured[u, v, w]:
+        return max(unhindered, estimate.side * float(estimate.positions[u, v, w]))
+    return max(unhindered, estimate.beyond)
+
+
+@kernel
+def unhindered_cost(estimate: Estimate, i: int, j: int, k: int) -> float:
+    """Return the cost from a position to the goal's without obstacles, in cells."""
+    a = abs(i - estimate.goal[0])
+    b = abs(j - estimate.goal[1])
+    c = abs(k - estimate.goal[2])
+    long = max(a, b, c)
+    short = min(a, b, c)
+    middle = a + b + c - long - short
+    if estimate.shape[0] > 1:
+        # A shortest chain moves along one, two and three axes.
+        return long - middle + math.sqrt(2.0) * (middle - short) + math.sqrt(3.0) * short
+    # In the plane, it combines two of the moves (1, 0), (1, 1) and (2, 1).
+    knights = min(middle, long - middle)
+    diagonals = middle - knights
+    straights = long - 2 * knights - diagonals
+    return straights + math.sqrt(2.0) * diagonals + math.sqrt(5.0) * knights
+
+
+@kernel
+def push(progress: Progress, key: float, cell: int) -> None:
+    """Add a cell to the binary heap, in which a smaller key is nearer to the root."""
+    keys = progress.keys
+    queue = progress.queue
+    position = progress.length[0]
+    progress.length[0] += 1
+    # Entries with larger keys move down, from the last place towards the root.
+    while position > 0:
+        parent = (position - 1) // 2
+        if keys[parent] <= key:
+            break
+        keys[position] = keys[parent]
+        queue[position] = queue[parent]
+        position = parent
+    keys[position] = key
+    queue[position] = cell
+
+
+@kernel
+def pop_first(progress: Progress) -> int:
+    """Remove the cell of the lowest key from the heap, and return it."""
+    keys = progress.keys
+    queue = progress.queue
+    first: int = queue[0]
+    progress.length[0] -= 1
+    count = progress.length[0]
+    # The last entry sinks from the root.
+    key = keys[count]
+    cell = queue[count]
+    position = 0
+    child = 1
+    while child < count:
+        if child + 1 < count and keys[child + 1] < keys[child]:
+            child += 1
+        if keys[child] >= key:
+            break
+        keys[position] = keys[child]
+        queue[position] = queue[child]
+        position = child
+        child = 2 * position + 1
+    keys[position] = key
+    queue[position] = cell
+    return first
