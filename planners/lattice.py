@@ -32,7 +32,7 @@ from cspace.queries.frontier import (
     remaining_cost,
     sparse_zeros,
 )
-from cspace.queries.guide import measure_way
+from cspace.queries.guide import Directions, measure_way
 from cspace.queries.moves import list_moves
 from cspace.queries.paths import MAX_SHORTENING_SECONDS, pulled_straight
 from cspace.queries.points import position_in_plane
@@ -46,6 +46,9 @@ from planners.local_planner import Endpoints, LocalPlanner
 MAX_STEP_CELLS: Final = 2
 """Largest number of cells along x and y of one straight drive; 2 gives 16 headings."""
 
+MAX_BLOCK_SIDE: Final = 8
+"""Largest number of cells along each side of the blocks of the guide."""
+
 MAX_DEVIATION: Final = math.radians(14.0)
 """Largest angle between a move of the guide and the robot's yaw on it; beyond it, another move is
 nearer."""
@@ -54,7 +57,7 @@ CAR_HEADINGS: Final = (24, 48, 96)
 """Numbers of headings of the lattices for a car, coarse to fine; an arc leads from one heading to
 the next."""
 
-MAX_NODES: Final = (100_000, 200_000, 800_000)
+MAX_NODES: Final = (1_000_000, 200_000, 800_000)
 """Number of nodes after which the search on each lattice ends; a car then tries the next finer
 lattice."""
 
@@ -123,6 +126,7 @@ class Motions(NamedTuple):
     """The m motions of a robot at each of h headings. Costs are in metres."""
 
     headings: Floats  # (h,), yaws, radians
+    nearest: Ints  # (h,), the nearest direction of the guide
     next_heading: Ints  # (h, m), the heading after each motion
     steering: Ints  # (m,), 1 to the left, -1 to the right, 0 straight on or on the spot
     lengths: Floats  # (h, m), negative in reverse, zero on the spot
@@ -135,9 +139,10 @@ class Motions(NamedTuple):
 
 
 class Guide(NamedTuple):
-    """The goal, and an estimate of the cost to its position."""
+    """The goal, and an estimate of the cost to it from positions and directions."""
 
     goal: Pose
+    yaws: Floats  # (directions,)
     estimate: Estimate
 
 
@@ -178,9 +183,9 @@ def find_lattice_path(
     is_car = edges.turning_radius is not None
     try:
         guide = _measure_guide(edges, endpoints, until)
-        levels = [_list_spot_motions(edges, endpoints)]
+        levels = [_list_spot_motions(edges, endpoints, guide)]
         if is_car:
-            levels = [_list_car_motions(edges, start, count) for count in CAR_HEADINGS]
+            levels = [_list_car_motions(edges, start, count, guide) for count in CAR_HEADINGS]
         for motions, max_nodes in zip(levels, MAX_NODES, strict=False):
             path, reason = _search(edges, motions, guide, endpoints, max_nodes, until, may_exist)
             if len(path):
@@ -216,32 +221,59 @@ def _list_drives(endpoints: Endpoints) -> Drives:
 
 
 def _measure_guide(edges: LocalPlanner, endpoints: Endpoints, until: float) -> Guide:
-    """Measure the way to the goal over cells that are FREE at yaws along the way.
+    """Measure the way to the goal over blocks of cells.
 
     Raises TimeoutError after ``until``.
     """
-    map_ = edges.cells.kernel_map
-    cells = edges.cells.grid.cell_of(np.array(endpoints)[:, :2])
-    last_cell = np.array(edges.cells.grid.shape) - 1
-    start, goal = [(0, int(i), int(j)) for i, j in np.minimum(cells, last_cell)]
-    estimate = measure_way(map_.states, _list_slices_along_moves(edges), start, goal, until)
-    return Guide(cast(Pose, endpoints[1]), estimate)
-
-
-def _list_slices_along_moves(edges: LocalPlanner) -> Ints:
-    """List the slices of the yaws near each move of the guide, shape (moves, n)."""
-    rotations = edges.space.rotations
-    steps = list_moves(2).steps
-    yaws = np.arctan2(steps[:, 2], steps[:, 1])[:, np.newaxis]
+    grid = edges.cells.grid
+    cells_per_radian = (edges.turning_radius or METRES_PER_RADIAN) / grid.spacing
+    moves = list_moves(2)
+    yaws = np.arctan2(moves.steps[:, 2], moves.steps[:, 1])
+    order = np.argsort(yaws)
+    yaws = yaws[order]
+    count = len(yaws)
+    ahead = moves.steps[order, np.newaxis]
+    costs = moves.lengths[order, np.newaxis]
     if _can_reverse(edges):
-        yaws = np.hstack([yaws, yaws + math.pi])
-    # The yaws of all rotation cells near the direction of the move, the nearest first.
+        weight = REVERSE_WEIGHT if edges.turning_radius is not None else 1.0
+        ahead = np.concatenate([ahead, -ahead], axis=1)
+        costs = np.concatenate([costs, weight * costs], axis=1)
+    numbers = np.arange(count)
+    neighbors = np.stack([numbers - 1, numbers + 1], axis=1) % count
+    directions = Directions(
+        slices=_list_slices_near(edges, yaws),
+        moves=ahead,
+        move_costs=costs,
+        neighbors=neighbors,
+        turn_costs=cells_per_radian * np.abs(wrapped(yaws[neighbors] - yaws[:, np.newaxis])),
+    )
+    turns = [np.abs(wrapped(yaws - q[2])) for q in endpoints]
+    cells = np.minimum(grid.cell_of(np.array(endpoints)[:, :2]), np.array(grid.shape) - 1)
+    start, goal = (
+        (int(turn.argmin()), (0, int(i), int(j))) for turn, (i, j) in zip(turns, cells, strict=True)
+    )
+    states = edges.cells.kernel_map.states
+    # No chain leads across a wall of blocks, because an obstacle blocks two radii of the robot.
+    cells_per_radius = int(edges.cells.robot.inscribed_radius / grid.spacing)
+    side = min(max(cells_per_radius, 1), MAX_BLOCK_SIDE)
+    estimate = measure_way(states, directions, start, goal, side, until)
+    return Guide(cast(Pose, endpoints[1]), yaws, estimate)
+
+
+def _list_slices_near(edges: LocalPlanner, yaws: Floats) -> Ints:
+    """List the slices of the rotation cells near each yaw, shape (yaws, n), the nearest first."""
+    rotations = edges.space.rotations
     count = math.ceil(MAX_DEVIATION * len(rotations) / TWO_PI)
     deviations = MAX_DEVIATION * np.arange(-count, count + 1) / count
     deviations = deviations[np.argsort(np.abs(deviations))]
-    near = wrapped(yaws[:, np.newaxis, :] + deviations[:, np.newaxis])
-    slice_of = edges.cells.kernel_map.rotations.slice_of
-    return slice_of[rotations.cell_of(near.reshape(len(steps), -1))]
+    near = wrapped(yaws[:, np.newaxis] + deviations)
+    slices: Ints = edges.cells.kernel_map.rotations.slice_of[rotations.cell_of(near)]
+    return slices
+
+
+def _find_nearest(guide: Guide, yaws: Floats) -> Ints:
+    """Find the direction of the guide nearest to each yaw, shape (n,)."""
+    return np.abs(wrapped(guide.yaws - yaws[:, np.newaxis])).argmin(axis=1)
 
 
 def _can_reverse(edges: LocalPlanner) -> bool:
@@ -249,7 +281,7 @@ def _can_reverse(edges: LocalPlanner) -> bool:
     return edges.drive in ("differential-reverse", "reeds-shepp")
 
 
-def _list_spot_motions(edges: LocalPlanner, endpoints: Endpoints) -> Motions:
+def _list_spot_motions(edges: LocalPlanner, endpoints: Endpoints, guide: Guide) -> Motions:
     """List the motions of a robot that turns on the spot.
 
     These are turns to the next headings, and drives ahead and perhaps in reverse. The headings are
@@ -269,6 +301,7 @@ def _list_spot_motions(edges: LocalPlanner, endpoints: Endpoints) -> Motions:
     radians = np.abs(wrapped(yaws[next_heading] - yaws[:, None]))
     return Motions(
         headings=yaws,
+        nearest=_find_nearest(guide, yaws),
         next_heading=next_heading,
         steering=np.zeros(len(turns), dtype=np.int64),
         lengths=lengths,
@@ -281,7 +314,7 @@ def _list_spot_motions(edges: LocalPlanner, endpoints: Endpoints) -> Motions:
     )
 
 
-def _list_car_motions(edges: LocalPlanner, start: Pose, count: int) -> Motions:
+def _list_car_motions(edges: LocalPlanner, start: Pose, count: int, guide: Guide) -> Motions:
     """List the motions of a car.
 
     These are arcs to the next of ``count`` headings, and drives straight on, ahead or in reverse.
@@ -305,6 +338,7 @@ def _list_car_motions(edges: LocalPlanner, start: Pose, count: int) -> Motions:
     costs = radius * np.abs(lengths) * np.where(reverses, REVERSE_WEIGHT, 1.0)
     return Motions(
         headings=yaws,
+        nearest=_find_nearest(guide, yaws),
         next_heading=(np.arange(count)[:, None] + turns) % count,
         steering=steering,
         lengths=np.tile(lengths, (count, 1)),
@@ -520,7 +554,7 @@ def add_node(
     known = nodes.table[slot] - 1
     if known >= 0 and progress.cost[known] <= cost + KNOWN_TOLERANCE * motions.side:
         return
-    left = estimate_cost_to_goal(map_, guide, q[0], q[1])
+    left = estimate_cost_to_goal(map_, guide, motions.nearest[heading], q[0], q[1])
     bound = cost + motions.greed * left
     if not bound < math.inf:
         return
@@ -581,11 +615,11 @@ def motion_is_free(
 
 
 @kernel
-def estimate_cost_to_goal(map_: Map, guide: Guide, x: float, y: float) -> float:
-    """Estimate the cost from a position to the goal, metres."""
+def estimate_cost_to_goal(map_: Map, guide: Guide, direction: int, x: float, y: float) -> float:
+    """Estimate the cost from a position and direction to the goal, metres."""
     _, nx, ny = guide.estimate.shape
     i = min(math.floor((x - map_.lower[1]) / map_.spacing), nx - 1)
     j = min(math.floor((y - map_.lower[2]) / map_.spacing), ny - 1)
     straight = math.hypot(x - guide.goal[0], y - guide.goal[1])
-    metres = remaining_cost(guide.estimate, 0, i, j) * map_.spacing
+    metres = remaining_cost(guide.estimate, direction, 0, i, j) * map_.spacing
     return max(straight, metres)

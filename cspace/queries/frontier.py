@@ -35,7 +35,7 @@ class Estimate(NamedTuple):
         Number of nodes along each axis.
     goal : tuple of int
         Node ``(x, y, z)`` of the goal.
-    positions : ndarray of float32, shape (nx, ny, nz), or empty
+    positions : ndarray of float32, shape (directions, x, y, z), or empty
         Cost from each measured block of nodes, in blocks; empty for the cost without obstacles.
     measured : ndarray of bool, the shape of positions
     side : int
@@ -93,8 +93,8 @@ def estimate_without_obstacles(shape: Cell, goal: Cell, weight: float) -> Estima
         weight=weight,
         shape=shape,
         goal=goal,
-        positions=np.empty((0, 0, 0), dtype=np.float32),
-        measured=np.empty((0, 0, 0), dtype=np.bool_),
+        positions=np.empty((0, 0, 0, 0), dtype=np.float32),
+        measured=np.empty((0, 0, 0, 0), dtype=np.bool_),
         side=1,
         beyond=0.0,
         rotations=np.zeros(1),
@@ -175,21 +175,22 @@ def reach_cell(
     if is_first or np.float32(cost) < progress.cost[reached]:
         progress.cost[reached] = cost
         progress.previous[reached] = cell + 1
-        remaining = remaining_cost(estimate, u, v, w) + estimate.rotations[rotation]
+        remaining = remaining_cost(estimate, 0, u, v, w) + estimate.rotations[rotation]
         push(progress, cost + estimate.weight * remaining, reached)
 
 
 @kernel
-def remaining_cost(estimate: Estimate, i: int, j: int, k: int) -> float:
-    """Estimate the cost from a position to the goal's, in cells."""
+def remaining_cost(estimate: Estimate, direction: int, i: int, j: int, k: int) -> float:
+    """Estimate the cost from a position and direction to the goal's, in cells."""
     unhindered = unhindered_cost(estimate, i, j, k)
     if len(estimate.positions) == 0:
         return unhindered
     u = i // estimate.side
     v = j // estimate.side
     w = k // estimate.side
-    if estimate.measured[u, v, w]:
-        return max(unhindered, estimate.side * float(estimate.positions[u, v, w]))
+    if estimate.measured[direction, u, v, w]:
+        cost = float(estimate.positions[direction, u, v, w])
+        return max(unhindered, estimate.side * cost)
     return max(unhindered, estimate.beyond)
 
 

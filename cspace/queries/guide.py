@@ -1,11 +1,11 @@
-"""The way to a goal over positions, which guides searches among rotations.
+"""The way to a goal over blocks of cells, which guides searches among rotations.
 
-Positions are blocks of cells. A block is passable in a direction if one of its cells is FREE at a
-rotation that the robot may have there. So a chain of blocks may promise a way that the robot cannot
-take, but leads through every passage that it can. A search from the goal to the start measures the
-shortest chains, and only near the way between the two. It examines the cells that it meets, so that
-its time does not grow with the map (P. Hart, N. Nilsson and B. Raphael, "A formal basis for the
-heuristic determination of minimum cost paths", 1968).
+A state is a direction of the robot and a block. A block is passable in a direction if one of its
+cells is FREE at one of the rotations of that direction. So a chain of blocks may promise a way that
+the robot cannot take, but hardly a passage of the robot is missed. A search from the goal to the
+start measures the shortest chains, and only near the way between the two. It examines the cells
+that it meets, so that its time does not grow with the map (P. Hart, N. Nilsson and B. Raphael, "A
+formal basis for the heuristic determination of minimum cost paths", 1968).
 """
 
 from __future__ import annotations
@@ -27,13 +27,10 @@ from cspace.queries.frontier import (
     reach_cell,
     sparse_zeros,
 )
-from cspace.queries.moves import Moves, list_moves
+from cspace.queries.moves import list_moves
 from cspace.queries.points import Cell
-from cspace.support.arrays import FREE, Ints, States
+from cspace.support.arrays import FREE, Floats, Ints, States
 from cspace.support.compiling import kernel
-
-BLOCK_SIDE: Final = 2
-"""Cells along each side of a block."""
 
 MARGIN_BLOCKS: Final = 10.0
 """Blocks by which a chain may be longer than the shortest one to be measured."""
@@ -46,33 +43,66 @@ NO_FACTORS: Final[Costs] = np.empty((0, 0, 0, 0), dtype=np.float32)
 """Stands for cells that all cost their length."""
 
 
+class Directions(NamedTuple):
+    """Directions of a robot, and what it may do in each. Costs are in cells.
+
+    Attributes
+    ----------
+    slices : ndarray of int64, shape (directions, n)
+        Slices of the rotations of each direction.
+    moves : ndarray of int64, shape (directions, m, 3)
+        Offsets of the blocks to which the robot may move.
+    move_costs : ndarray of float64, shape (directions, m)
+    neighbors : ndarray of int64, shape (directions, k)
+        Directions to which it may turn.
+    turn_costs : ndarray of float64, shape (directions, k)
+    """
+
+    slices: Ints
+    moves: Ints
+    move_costs: Floats
+    neighbors: Ints
+    turn_costs: Floats
+
+
 class Blocks(NamedTuple):
-    """Blocks of cells and the moves between them, for kernels.
+    """Blocks of cells, for kernels.
 
     Attributes
     ----------
     states : ndarray of uint8, shape (slices, nx, ny, nz), read-only
     factors : ndarray of float32, the shape of states, or empty
         Factor of the cost of moves in each cell.
-    moves : Moves
-    slices : ndarray of int64, shape (moves, n) or (1, n)
-        Slices of the rotations that the robot may have on each move, or on all.
-    prices : ndarray of float32, shape (moves or 1, x, y, z)
+    side : int
+        Cells along each side of a block.
+    prices : ndarray of float32, shape (directions, x, y, z)
         Factor of the cost in each block, infinite if it is not passable, 0 if not examined yet.
     """
 
     states: States
     factors: Costs
-    moves: Moves
-    slices: Ints
+    side: int
     prices: Costs
+
+
+def any_direction(states: States) -> Directions:
+    """Make the single direction of a robot that makes every move at every rotation."""
+    moves = list_moves(2 if states.shape[1] == 1 else 3)
+    return Directions(
+        slices=np.arange(len(states))[np.newaxis],
+        moves=moves.steps[np.newaxis],
+        move_costs=moves.lengths[np.newaxis],
+        neighbors=np.empty((1, 0), dtype=np.int64),
+        turn_costs=np.empty((1, 0)),
+    )
 
 
 def measure_way(
     states: States,
-    slices: Ints,
-    start: Cell,
-    goal: Cell,
+    directions: Directions,
+    start: tuple[int, Cell],
+    goal: tuple[int, Cell],
+    side: int,
     until: float,
     factors: Costs = NO_FACTORS,
 ) -> Estimate:
@@ -81,11 +111,11 @@ def measure_way(
     Parameters
     ----------
     states : ndarray of uint8, shape (slices, nx, ny, nz), read-only
-    slices : ndarray of int64, shape (moves, n) or (1, n)
-        Slices of the rotations that the robot may have on each move of
-        :func:`cspace.queries.moves.list_moves`, or on all.
-    start, goal : tuple of int
-        Cells of the grid.
+    directions : Directions
+    start, goal : tuple
+        A direction, and a cell of the grid.
+    side : int
+        Cells along each side of a block.
     until : float
         Reading of :data:`cspace.support.compiling.clock` at which the search ends.
     factors : ndarray of float32, the shape of states, optional
@@ -102,98 +132,131 @@ def measure_way(
         If time runs out.
     """
     nx, ny, nz = states.shape[1:]
-    shape = -(-nx // BLOCK_SIDE), -(-ny // BLOCK_SIDE), -(-nz // BLOCK_SIDE)
-    moves = list_moves(2 if nx == 1 else 3)
-    size = math.prod(shape)
-    blocks = Blocks(
-        states=states,
-        factors=factors,
-        moves=moves,
-        slices=slices,
-        prices=sparse_zeros(len(slices) * size, np.float32).reshape(-1, *shape),
-    )
-    start_block = _block_of(start)
-    first, last = (int(np.ravel_multi_index(_block_of(cell), shape)) for cell in (goal, start))
-    to_start = estimate_without_obstacles(shape, start_block, TIE_WEIGHT)
+    block_shape = -(-nx // side), -(-ny // side), -(-nz // side)
+    start_direction, start_cell = start
+    goal_direction, goal_cell = goal
+    start_block = tuple(index // side for index in start_cell)
+    goal_block = tuple(index // side for index in goal_cell)
+    to_start = estimate_without_obstacles(block_shape, start_block, TIE_WEIGHT)
+    n_directions = len(directions.slices)
+    turn_costs = directions.turn_costs / side
+    if n_directions > 1:
+        # A search over positions alone, which is quicker, guides this one.
+        one = any_direction(states)
+        back = measure_way(states, one, (0, goal_cell), (0, start_cell), side, until, factors)
+        to_start = to_start._replace(
+            positions=back.positions,
+            measured=back.measured,
+            beyond=back.beyond / side,
+            rotations=measure_turns(directions.neighbors, turn_costs, start_direction),
+        )
+    shape = (n_directions, *block_shape)
+    count = math.prod(shape)
+    blocks = Blocks(states, factors, side, sparse_zeros(count, np.float32).reshape(shape))
+    first = int(np.ravel_multi_index((goal_direction, *goal_block), shape))
+    last = int(np.ravel_multi_index((start_direction, *start_block), shape))
     progress = expand_until_done(
-        lambda progress: expand_blocks(blocks, to_start, progress, last),
-        begin_at(first, size),
-        len(moves.steps),
+        lambda progress: expand_blocks(blocks, directions, to_start, progress, last),
+        begin_at(first, count),
+        directions.moves.shape[1] + directions.neighbors.shape[1],
         until,
     )
-    estimate = estimate_without_obstacles((nx, ny, nz), goal, 1.0)
-    return estimate._replace(
+    return estimate_without_obstacles((nx, ny, nz), goal_cell, 1.0)._replace(
         positions=progress.cost.reshape(shape),
         measured=progress.closed.reshape(shape),
-        side=BLOCK_SIDE,
-        beyond=BLOCK_SIDE * (float(progress.cost[last]) + MARGIN_BLOCKS),
+        side=side,
+        beyond=side * (float(progress.cost[last]) + MARGIN_BLOCKS),
     )
 
 
-def _block_of(cell: Cell) -> Cell:
-    """Return the block of a cell."""
-    i, j, k = cell
-    return i // BLOCK_SIDE, j // BLOCK_SIDE, k // BLOCK_SIDE
+def measure_turns(neighbors: Ints, turns: Floats, goal: int) -> Floats:
+    """Measure the lowest cost of turning from each rotation to ``goal``, shape (rotations,).
+
+    ``neighbors``, shape (rotations, n), are rotations, padded with -1, and ``turns`` the costs of
+    turning to them.
+    """
+    costs = np.full(len(neighbors), np.inf)
+    costs[goal] = 0.0
+    is_settled = False
+    while not is_settled:
+        by_neighbors = np.where(neighbors < 0, np.inf, costs[neighbors] + turns)
+        lower_costs = np.minimum(costs, by_neighbors.min(axis=1))
+        is_settled = np.array_equal(costs, lower_costs)
+        costs = lower_costs
+    return costs
 
 
 @kernel
-def expand_blocks(blocks: Blocks, to_start: Estimate, progress: Progress, start: int) -> bool:
-    """Expand queued blocks from the goal on; return True when done, or no block is left.
+def expand_blocks(
+    blocks: Blocks, directions: Directions, to_start: Estimate, progress: Progress, start: int
+) -> bool:
+    """Expand queued states from the goal on; return True when done, or no state is left.
 
     It is done when the start was expanded, and chains through all others are longer by a margin.
-    Return False after many blocks, or if the queue is nearly full; the next call goes on.
+    Return False after many states, or if the queue is nearly full; the next call goes on.
     """
     nx, ny, nz = to_start.shape
-    steps = blocks.moves.steps
+    n_moves = directions.moves.shape[1]
+    n_turns = directions.neighbors.shape[1]
     for _ in range(POPS_PER_CLOCK_CHECK):
         if progress.length[0] == 0:
             return True
-        if progress.length[0] + len(steps) >= len(progress.keys):
+        if progress.length[0] + n_moves + n_turns >= len(progress.keys):
             return False
         if progress.closed[start] and progress.keys[0] > progress.cost[start] + MARGIN_BLOCKS:
             return True
-        block = pop_first(progress)
-        if progress.closed[block]:
+        state = pop_first(progress)
+        if progress.closed[state]:
             continue
-        progress.closed[block] = True
-        k = block % nz
-        j = block // nz % ny
-        i = block // (nz * ny)
+        progress.closed[state] = True
+        k = state % nz
+        j = state // nz % ny
+        i = state // (nz * ny) % nx
+        direction = state // (nz * ny * nx)
         # The search runs backwards: the robot makes each move from the block behind to this one.
-        for move in range(len(steps)):
-            u = i - steps[move, 0]
-            v = j - steps[move, 1]
-            w = k - steps[move, 2]
+        for move in range(n_moves):
+            u = i - directions.moves[direction, move, 0]
+            v = j - directions.moves[direction, move, 1]
+            w = k - directions.moves[direction, move, 2]
             if 0 <= u < nx and 0 <= v < ny and 0 <= w < nz:
-                row = move if len(blocks.slices) > 1 else 0
-                price = price_of(blocks, row, u, v, w)
+                price = price_of(blocks, directions.slices, direction, u, v, w)
                 if price < math.inf:
-                    cost = price * blocks.moves.lengths[move]
-                    reach_cell(to_start, progress, block, 0, u, v, w, cost)
+                    cost = price * directions.move_costs[direction, move]
+                    reach_cell(to_start, progress, state, direction, u, v, w, cost)
+        for turn in range(n_turns):
+            other = directions.neighbors[direction, turn]
+            price = price_of(blocks, directions.slices, other, i, j, k)
+            if price < math.inf:
+                cost = price * directions.turn_costs[direction, turn] / blocks.side
+                reach_cell(to_start, progress, state, other, i, j, k, cost)
     return False
 
 
 @kernel
-def price_of(blocks: Blocks, row: int, u: int, v: int, w: int) -> float:
+def price_of(blocks: Blocks, slices: Ints, direction: int, u: int, v: int, w: int) -> float:
     """Return the factor of the cost in block (u, v, w); infinity if it is not passable.
 
-    ``row`` is that of ``blocks.slices``.
+    ``slices`` are those of :class:`Directions`.
     """
-    price = blocks.prices[row, u, v, w]
+    price = blocks.prices[direction, u, v, w]
     if price == 0.0:
-        price = examine_block(blocks, row, u, v, w)
-        blocks.prices[row, u, v, w] = price
+        price = examine_block(blocks, slices[direction], u, v, w)
+        blocks.prices[direction, u, v, w] = price
     return float(price)
 
 
 @kernel
-def examine_block(blocks: Blocks, row: int, u: int, v: int, w: int) -> np.float32:
-    """Return the factor of the first cell found FREE in a block; infinity if none is."""
+def examine_block(blocks: Blocks, slices: Ints, u: int, v: int, w: int) -> np.float32:
+    """Return the factor of the first cell found FREE in a block; infinity if none is.
+
+    ``slices``, shape (n,), are those that the robot may have.
+    """
     _, nx, ny, nz = blocks.states.shape
-    for number in blocks.slices[row]:
-        for i in range(BLOCK_SIDE * u, min(BLOCK_SIDE * (u + 1), nx)):
-            for j in range(BLOCK_SIDE * v, min(BLOCK_SIDE * (v + 1), ny)):
-                for k in range(BLOCK_SIDE * w, min(BLOCK_SIDE * (w + 1), nz)):
+    side = blocks.side
+    for number in slices:
+        for i in range(side * u, min(side * (u + 1), nx)):
+            for j in range(side * v, min(side * (v + 1), ny)):
+                for k in range(side * w, min(side * (w + 1), nz)):
                     if blocks.states[number, i, j, k] == FREE:
                         return factor_at(blocks.factors, number, i, j, k)
     return np.float32(math.inf)

@@ -30,7 +30,7 @@ from cspace.queries.frontier import (
     pop_first,
     reach_cell,
 )
-from cspace.queries.guide import NO_FACTORS, factor_at, measure_way
+from cspace.queries.guide import NO_FACTORS, any_direction, factor_at, measure_turns, measure_way
 from cspace.queries.moves import Moves, list_moves
 from cspace.queries.points import Cell
 from cspace.record.states import read_only
@@ -42,6 +42,9 @@ from cspace.support.compiling import kernel
 WEIGHT: Final = 1.2
 """Weight of the estimate; above 1, the search expands far fewer cells, for chains that are hardly
 longer."""
+
+BLOCK_SIDE: Final = int(__import__("os").environ.get("BS", "2"))
+"""Cells along each side of the blocks of the guide."""
 
 WEIGHT_IN_THE_OPEN: Final = 1.1
 """Weight of the estimate that ignores obstacles."""
@@ -173,27 +176,17 @@ def _estimate_cost(graph: Graph, start: int, goal: int, until: float) -> Estimat
     if len(graph.slice_of) == 1:
         return estimate_without_obstacles(shape, goal_cell, WEIGHT_IN_THE_OPEN)
     start_cell = _locate(start % size, shape)
-    # The robot may move in any direction at any rotation.
-    all_slices = np.arange(len(graph.states))[np.newaxis]
-    estimate = measure_way(graph.states, all_slices, start_cell, goal_cell, until, graph.factors)
-    rotations = _compute_rotation_costs(graph, goal_rotation)
+    estimate = measure_way(
+        graph.states,
+        any_direction(graph.states),
+        (0, start_cell),
+        (0, goal_cell),
+        BLOCK_SIDE,
+        until,
+        graph.factors,
+    )
+    rotations = measure_turns(graph.neighbors, graph.turns, goal_rotation)
     return estimate._replace(weight=WEIGHT, rotations=rotations)
-
-
-def _compute_rotation_costs(graph: Graph, goal: int) -> Floats:
-    """Compute the lowest cost of rotating from each rotation cell to ``goal``, in cells.
-
-    Costs, shape (rotations,), are lowered by way of neighbors until none changes.
-    """
-    costs = np.full(len(graph.slice_of), np.inf)
-    costs[goal] = 0.0
-    is_settled = False
-    while not is_settled:
-        by_neighbors = np.where(graph.neighbors < 0, np.inf, costs[graph.neighbors] + graph.turns)
-        lower_costs = np.minimum(costs, by_neighbors.min(axis=1))
-        is_settled = np.array_equal(costs, lower_costs)
-        costs = lower_costs
-    return costs
 
 
 def search(
