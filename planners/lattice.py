@@ -57,9 +57,10 @@ CAR_HEADINGS: Final = (24, 48, 96)
 """Numbers of headings of the lattices for a car, coarse to fine; an arc leads from one heading to
 the next."""
 
-MAX_NODES: Final = (1_000_000, 200_000, 800_000)
-"""Number of nodes after which the search on each lattice ends; a car then tries the next finer
-lattice."""
+MAX_NODES: Final = 1_000_000
+CAR_MAX_NODES: Final = (100_000, 200_000, 800_000)
+"""Number of nodes after which the search ends; on each lattice of a car, which then tries the next
+finer one."""
 
 SPOT_GREED: Final = 1.2
 CAR_GREED: Final = 1.5
@@ -183,10 +184,11 @@ def find_lattice_path(
     is_car = edges.turning_radius is not None
     try:
         guide = _measure_guide(edges, endpoints, until)
-        levels = [_list_spot_motions(edges, endpoints, guide)]
+        levels = [(_list_spot_motions(edges, endpoints, guide), MAX_NODES)]
         if is_car:
-            levels = [_list_car_motions(edges, start, count, guide) for count in CAR_HEADINGS]
-        for motions, max_nodes in zip(levels, MAX_NODES, strict=False):
+            lattices = [_list_car_motions(edges, start, count, guide) for count in CAR_HEADINGS]
+            levels = list(zip(lattices, CAR_MAX_NODES, strict=True))
+        for motions, max_nodes in levels:
             path, reason = _search(edges, motions, guide, endpoints, max_nodes, until, may_exist)
             if len(path):
                 break

@@ -56,6 +56,11 @@ from planners.states import check_space, find_state_kind
 MAX_SEED: Final = 2**32 - 2
 """Largest seed: OMPL's generator takes 32 bits, and refuses zero."""
 
+QUICK_PLANNER: Final[PlannerName] = "RRTConnect"
+QUICK_ITERATIONS: Final = 500
+"""Planner of the first path of robots that rotate, and its largest number of iterations, which take
+about 10 ms."""
+
 LATE_SHARE: Final = 0.95
 """Share of the time limit after which a search counts as ended by it."""
 
@@ -567,11 +572,7 @@ def _skip_waypoints(edges: LocalPlanner, path: Floats) -> Floats:
 
 
 def _search(task: Task, may_exist: Callable[[], bool]) -> SearchResult:
-    """Search for a path in a space in memory.
-
-    The planner has all the time there is. If it ends early without a path, its fallback has the
-    rest.
-    """
+    """Search for a path in a space in memory; of several, take the shortest."""
     start, *goals = task.endpoints
     if start in goals:
         return SearchResult(np.array([start]), "the start is the goal")
@@ -579,22 +580,67 @@ def _search(task: Task, may_exist: Callable[[], bool]) -> SearchResult:
         result = _follow_previous(task)
         if len(result.path):
             return result
-    if task.planner in _list_searches(task.edges.space):
-        result = _search_built_in(task, may_exist)
-    else:
-        result = run_ompl(task)
+    stages = [task]
+    if _begins_quickly(task):
+        stages = [replace(task, planner=QUICK_PLANNER, iterations=QUICK_ITERATIONS), task]
+    results: list[tuple[PlannerName, SearchResult]] = []
+    for stage in stages:
+        seconds_left = task.time_limit - _add_planning(results)
+        if seconds_left > 0.0:
+            stage = replace(stage, time_limit=seconds_left)
+            results.append((stage.planner, _run_planner(stage, may_exist)))
     fallback = task.fallback
-    # A planner that fails in a tile leaves all the time to the grid.
-    seconds_left = task.time_limit - (result.planning if fallback != GRID else 0.0)
-    if len(result.path) or fallback is None or seconds_left <= 0.0 or not may_exist():
-        return result
-    second_task = replace(task, planner=fallback, fallback=None, time_limit=seconds_left)
-    second = _search(second_task, may_exist)
-    note = second.note
-    if len(second.path):
-        note = f"by {fallback}, as {task.planner} found none"
+    if fallback is not None and not any(len(result.path) for _, result in results):
+        # A planner that fails in a tile leaves all the time to the grid.
+        used = 0.0 if fallback == GRID else _add_planning(results)
+        if used < task.time_limit and may_exist():
+            stage = replace(task, planner=fallback, time_limit=task.time_limit - used)
+            results.append((fallback, _run_planner(stage, may_exist)))
+    return _choose_shortest(task, results)
+
+
+def _add_planning(results: Sequence[tuple[PlannerName, SearchResult]]) -> float:
+    """Return the seconds of several searches."""
+    return sum(result.planning for _, result in results)
+
+
+def _begins_quickly(task: Task) -> bool:
+    """Return True if a plan begins with a quick search: rotations are many, and edges cheap."""
+    edges = task.edges
+    return task.fallback == QUICK_PLANNER and bool(edges.space.rotations.names) and not edges.exact
+
+
+def _run_planner(task: Task, may_exist: Callable[[], bool]) -> SearchResult:
+    """Search by the planner of a task alone."""
+    if task.planner in _list_searches(task.edges.space):
+        return _search_built_in(task, may_exist)
+    return run_ompl(task)
+
+
+def _choose_shortest(
+    task: Task, results: Sequence[tuple[PlannerName, SearchResult]]
+) -> SearchResult:
+    """Choose the shortest path of several searches; its times are those of all."""
+
+    def measure(result: SearchResult) -> float:
+        rows = result.path
+        return float(task.edges.edge_lengths(rows[:-1], rows[1:]).sum())
+
+    found = [(name, result) for name, result in results if len(result.path)]
+    name, best = results[-1]
+    note = best.note
+    if found:
+        name, best = min(found, key=lambda named: measure(named[1]))
+        note = best.note
+        if name != task.planner:
+            others = "found a longer one" if len(found) > 1 else "found none"
+            note = f"by {name}, as {task.planner} {others}"
     return replace(
-        second, note=note, planning=result.planning + second.planning, lattice=result.lattice
+        best,
+        note=note,
+        planning=_add_planning(results),
+        simplification=sum(result.simplification for _, result in results),
+        lattice="".join(result.lattice for _, result in results),
     )
 
 

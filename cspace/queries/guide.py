@@ -135,8 +135,8 @@ def measure_way(
     block_shape = -(-nx // side), -(-ny // side), -(-nz // side)
     start_direction, start_cell = start
     goal_direction, goal_cell = goal
-    start_block = tuple(index // side for index in start_cell)
-    goal_block = tuple(index // side for index in goal_cell)
+    start_block = _find_block(start_cell, side)
+    goal_block = _find_block(goal_cell, side)
     to_start = estimate_without_obstacles(block_shape, start_block, TIE_WEIGHT)
     n_directions = len(directions.slices)
     turn_costs = directions.turn_costs / side
@@ -167,6 +167,12 @@ def measure_way(
         side=side,
         beyond=side * (float(progress.cost[last]) + MARGIN_BLOCKS),
     )
+
+
+def _find_block(cell: Cell, side: int) -> Cell:
+    """Return the block of a cell."""
+    i, j, k = cell
+    return i // side, j // side, k // side
 
 
 def measure_turns(neighbors: Ints, turns: Floats, goal: int) -> Floats:
