@@ -14,7 +14,6 @@ path planning for autonomous driving", 2008.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple, cast
@@ -42,9 +41,6 @@ from cspace.support.arrays import Bools, Floats, Ints
 from cspace.support.compiling import clock, kernel
 from planners.car_curves import MAX_GAP, POINT_ERROR, Pose, advance, pose_is_free, segment_is_free
 from planners.local_planner import Endpoints, LocalPlanner
-
-MAX_STEP_CELLS: Final = 2
-"""Largest number of cells along x and y of one straight drive; 2 gives 16 headings."""
 
 MAX_BLOCK_SIDE: Final = 8
 """Largest number of cells along each side of the blocks of the guide."""
@@ -209,8 +205,7 @@ def _list_drives(endpoints: Endpoints) -> Drives:
     These are the directions from a cell to others near it, and the yaws of start and goal, at which
     a drive is about as long as the one at the nearest direction.
     """
-    reach = range(-MAX_STEP_CELLS, MAX_STEP_CELLS + 1)
-    steps = np.array([step for step in itertools.product(reach, repeat=2) if math.gcd(*step) == 1])
+    steps = list_moves(2).steps[:, 1:]
     yaws = wrapped(np.arctan2(steps[:, 1], steps[:, 0]))
     own_yaws = np.unique([q[2] for q in endpoints])
     turns = np.abs(wrapped(yaws - own_yaws[:, None]))
@@ -228,49 +223,58 @@ def _measure_guide(edges: LocalPlanner, endpoints: Endpoints, until: float) -> G
     Raises TimeoutError after ``until``.
     """
     grid = edges.cells.grid
-    cells_per_radian = (edges.turning_radius or METRES_PER_RADIAN) / grid.spacing
     moves = list_moves(2)
     yaws = np.arctan2(moves.steps[:, 2], moves.steps[:, 1])
     order = np.argsort(yaws)
     yaws = yaws[order]
-    count = len(yaws)
-    ahead = moves.steps[order, np.newaxis]
-    costs = moves.lengths[order, np.newaxis]
-    if _can_reverse(edges):
-        weight = REVERSE_WEIGHT if edges.turning_radius is not None else 1.0
-        ahead = np.concatenate([ahead, -ahead], axis=1)
-        costs = np.concatenate([costs, weight * costs], axis=1)
-    numbers = np.arange(count)
-    neighbors = np.stack([numbers - 1, numbers + 1], axis=1) % count
-    directions = Directions(
-        slices=_list_slices_near(edges, yaws),
-        moves=ahead,
-        move_costs=costs,
-        neighbors=neighbors,
-        turn_costs=cells_per_radian * np.abs(wrapped(yaws[neighbors] - yaws[:, np.newaxis])),
-    )
-    turns = [np.abs(wrapped(yaws - q[2])) for q in endpoints]
+    directions = _list_directions(edges, yaws, moves.steps[order], moves.lengths[order])
+    nearest = [int(np.abs(wrapped(yaws - q[2])).argmin()) for q in endpoints]
     cells = np.minimum(grid.cell_of(np.array(endpoints)[:, :2]), np.array(grid.shape) - 1)
     start, goal = (
-        (int(turn.argmin()), (0, int(i), int(j))) for turn, (i, j) in zip(turns, cells, strict=True)
+        (direction, (0, int(i), int(j))) for direction, (i, j) in zip(nearest, cells, strict=True)
     )
-    states = edges.cells.kernel_map.states
     # No chain leads across a wall of blocks, because an obstacle blocks two radii of the robot.
     cells_per_radius = int(edges.cells.robot.inscribed_radius / grid.spacing)
     side = min(max(cells_per_radius, 1), MAX_BLOCK_SIDE)
+    states = edges.cells.kernel_map.states
     estimate = measure_way(states, directions, start, goal, side, until)
     return Guide(cast(Pose, endpoints[1]), yaws, estimate)
+
+
+def _list_directions(edges: LocalPlanner, yaws: Floats, steps: Ints, lengths: Floats) -> Directions:
+    """List what the robot may do in each direction of the guide.
+
+    ``yaws``, shape (n,), are ascending. ``steps``, shape (n, 3), are moves along them, and
+    ``lengths`` theirs.
+    """
+    moves = steps[:, np.newaxis]
+    costs = lengths[:, np.newaxis]
+    if _can_reverse(edges):
+        weight = REVERSE_WEIGHT if edges.turning_radius is not None else 1.0
+        moves = np.concatenate([moves, -moves], axis=1)
+        costs = np.concatenate([costs, weight * costs], axis=1)
+    numbers = np.arange(len(yaws))
+    neighbors = np.stack([numbers - 1, numbers + 1], axis=1) % len(yaws)
+    turns = np.abs(wrapped(yaws[neighbors] - yaws[:, np.newaxis]))
+    cells_per_radian = (edges.turning_radius or METRES_PER_RADIAN) / edges.cells.grid.spacing
+    return Directions(
+        slices=_list_slices_near(edges, yaws),
+        moves=moves,
+        move_costs=costs,
+        neighbors=neighbors,
+        turn_costs=cells_per_radian * turns,
+    )
 
 
 def _list_slices_near(edges: LocalPlanner, yaws: Floats) -> Ints:
     """List the slices of the rotation cells near each yaw, shape (yaws, n), the nearest first."""
     rotations = edges.space.rotations
+    slice_of: Ints = edges.cells.kernel_map.rotations.slice_of
     count = math.ceil(MAX_DEVIATION * len(rotations) / TWO_PI)
     deviations = MAX_DEVIATION * np.arange(-count, count + 1) / count
     deviations = deviations[np.argsort(np.abs(deviations))]
     near = wrapped(yaws[:, np.newaxis] + deviations)
-    slices: Ints = edges.cells.kernel_map.rotations.slice_of[rotations.cell_of(near)]
-    return slices
+    return np.asarray(slice_of[rotations.cell_of(near)])
 
 
 def _find_nearest(guide: Guide, yaws: Floats) -> Ints:
@@ -425,7 +429,8 @@ def shorten_path(edges: LocalPlanner, path: Floats, until: float) -> Floats:
     """Shorten a path, shape (n, 3), by proven edges, until a reading of the clock."""
     # Without cut corners, a second round of skipping gains little.
     for _ in range(1 if edges.turning_radius is not None else SPOT_ROUNDS):
-        path = _shorten_once(edges, path, until)
+        if clock() < until:
+            path = _shorten_once(edges, path, until)
     return path
 
 

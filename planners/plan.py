@@ -162,9 +162,9 @@ def plan(
     unless ``drive`` restricts it. "differential" is for robots that turn on the spot and drive
     straight on, as most mobile robots do.
 
-    No search of OMPL is run if the map proves that no path exists. Nor is one run if the objective
-    is the length and the single edge from start to goal is free. OMPL's messages are held back
-    while it runs.
+    If the map proves that no path exists, no search of OMPL is run but the quick one (*Default*).
+    Nor is one run if the objective is the length and the single edge from start to goal is free.
+    OMPL's messages are held back while it runs.
 
     *Time.* Search and simplification end within the time limit plus 0.25 s. Limits count the
     process's CPU time, so other programs on a busy machine change no result. The first plan on a
@@ -193,17 +193,18 @@ def plan(
     motions join its rows. Drives, "Grid", "MaxClearance" and "clearance" are for maps.
 
     *Default.* Without a planner, another objective or ``iterations``, built-in searches go first if
-    FREE cells join start and goal, or if ``exact``. "Grid" plans for holonomic robots: in the plane
-    no path through FREE cells is shorter, in other spaces few are. Unless ``exact``, "Lattice"
-    plans for other drives. If they end without a path before the time limit, OMPL's default planner
-    takes over.
+    FREE cells join start and goal, or if ``exact``. "Grid" plans for holonomic robots; few paths
+    through FREE cells are shorter. Unless ``exact``, "Lattice" plans for other drives. If they end
+    without a path before the time limit, OMPL's default planner takes over. If the robot rotates,
+    RRTConnect searches first, unless ``exact`` or for Dubins curves, for at most 500 iterations,
+    some 10 ms. The plan takes its path if the built-in search finds no shorter one in time.
 
-    *Repeatable runs.* "Grid" always gives the same path. A seed sets OMPL's global seed generator,
-    from which every planner and sampler made afterwards draws its own seed, and the random starts
-    of poses. So the same call with the same seed gives the same path, in any process and after any
-    other plans. Searches that the clock ends are an exception: give ``iterations`` to planners that
-    use up the time limit. So are PRM and PRMstar, which search in a second thread, and OMPL used by
-    other threads at the same time.
+    *Repeatable runs.* If named, "Grid" and "Lattice" always give the same path. A seed sets OMPL's
+    global seed generator, from which every planner and sampler made afterwards draws its own seed,
+    and the random starts of poses. So the same call with the same seed gives the same path, in any
+    process and after any other plans. Searches that the clock ends are an exception: give
+    ``iterations`` to planners that use up the time limit. So are PRM and PRMstar, which search in a
+    second thread, and OMPL used by other threads at the same time.
 
     Parameters
     ----------
@@ -630,6 +631,7 @@ def _choose_shortest(
     name, best = results[-1]
     note = best.note
     if found:
+        found.sort(key=lambda named: named[0] != task.planner)  # it goes first if lengths are equal
         name, best = min(found, key=lambda named: measure(named[1]))
         note = best.note
         if name != task.planner:

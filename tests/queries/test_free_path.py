@@ -111,7 +111,8 @@ def test_paths_are_hardly_longer_than_the_shortest_chain(name, seed):
             path = space.find_path(points[start], points[goal])
             assert (len(path) > 0) == np.isfinite(lengths[goal])
             if len(path):
-                assert compute_length(space, path) <= 1.1 * lengths[goal] + 1e-9
+                excess = space.grid.spacing  # blocks of cells guide the search
+                assert compute_length(space, path) <= 1.1 * lengths[goal] + excess
 
 
 SIDE = 4.0

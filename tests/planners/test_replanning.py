@@ -1,0 +1,94 @@
+"""Plans that go on from a previous one, and the quick search with which default plans begin."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from shapely.geometry import box
+
+import planners
+from cspace import InputError, Robot, Workspace, build
+from tests.helpers.planning import ENDPOINTS, build_room, check, options_for
+from tests.helpers.strategies import seeds
+from tests.soak.drives import weighted_length
+
+ROTATING = [
+    ("turning", "holonomic"),
+    ("turning", "differential"),
+    ("turning", "reeds-shepp"),
+    ("yawing", "holonomic"),
+]
+
+
+# ---- never worse than a quick plan ---------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("name", "drive"), ROTATING)
+@settings(max_examples=4)
+@given(seeds)
+def test_a_default_plan_is_no_longer_than_a_quick_one(name, drive, seed):
+    space = build_room(name)
+    rng = np.random.default_rng(seed)
+    start, goal = space.sample_free(2, rng)
+    if space.is_disconnected(start, goal):
+        return
+    options = options_for(drive) | {"seed": seed % 1000, "time_limit": 30.0}
+    quick = planners.plan(space, start, goal, planner="RRTConnect", iterations=500, **options)
+    plan = planners.plan(space, start, goal, **options)
+    if quick.certified:
+        check(space, plan, start, goal)
+        assert weighted_length(plan) <= weighted_length(quick) + 1e-9
+
+
+# ---- previous plans ------------------------------------------------------------------------------
+
+
+def build_hall():
+    """Build a hall with a wall in its middle, open at both ends."""
+    occupied = np.zeros((100, 60), dtype=bool)
+    occupied[48:52, 15:45] = True
+    return build(Workspace.from_array(occupied, 0.1), Robot.rectangle(0.5, 0.3), rotations=24)
+
+
+@pytest.mark.parametrize("drive", ["holonomic", "differential", "reeds-shepp"])
+def test_a_plan_goes_on_along_the_previous_one(drive):
+    space = build_hall()
+    start, goal = (1.0, 2.0, 0.0), (9.0, 2.0, 0.0)
+    options = options_for(drive)
+    before = planners.plan(space, start, goal, **options)
+    halfway = before.path[len(before.path) // 3]
+    plan = planners.plan(space, halfway, (9.0, 2.5, 0.1), previous=before, **options)
+    check(space, plan, halfway, (9.0, 2.5, 0.1))
+    assert plan.status == "path found: along the previous plan"
+    assert weighted_length(plan) < weighted_length(before)
+    # An obstacle across the previous path makes it plan anew, on the other side of the wall.
+    space.add_obstacle("crate", box(4.5, 0.0, 5.5, 1.5))
+    again = planners.plan(space, start, goal, previous=before, **options)
+    check(space, again, start, goal)
+    assert not again.status.endswith("previous plan") and again.path[:, 1].max() > 4.5
+    # An obstacle that the robot is past changes nothing.
+    space.remove_obstacle("crate")
+    space.add_obstacle("crate", box(0.6, 1.6, 1.0, 2.4))
+    again = planners.plan(space, before.path[-2], goal, previous=before, **options)
+    check(space, again, before.path[-2], goal)
+    assert again.status.endswith("previous plan")
+
+
+def test_a_previous_plan_without_a_path_counts_as_none():
+    space = build_room("plane")
+    start, goal = ENDPOINTS["plane"]
+    none = planners.plan(space, start, goal, planner="RRTConnect", iterations=1)
+    assert not none.solved
+    plan = planners.plan(space, start, goal, previous=none)
+    assert plan.certified and plan.status == "path found"
+
+
+@pytest.mark.parametrize(
+    ("previous", "message"),
+    [("the last one", "what planners.plan returned"), (None, "a plan for the axes of the space")],
+)
+def test_unsuitable_previous_plans_are_refused(previous, message):
+    plane = build_room("plane")
+    if previous is None:
+        previous = planners.plan(build_room("space"), *ENDPOINTS["space"])
+    with pytest.raises(InputError, match=message):
+        planners.plan(plane, *ENDPOINTS["plane"], previous=previous)
