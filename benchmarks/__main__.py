@@ -22,7 +22,7 @@ BENCHMARKS = {
     "cpp": "the C++ header on a saved map: states and motions, equal to Python's",
     "planning": "time to a first solution on real maps, against OMPL with a callback of prepared shapely or of FCL",
     "paths": "lengths of default paths, against OMPL on equal collision checks; drives",
-    "replanning": "plans anew as a crate moves on real maps: the rate of each planner",
+    "replanning": "plans anew among moving obstacles: the rate of each planner; plans on large maps",
     "trajectories": "durations on real maps and of arms, against the least conceivable; CPU times",
     "rotations": "SE(3) and R^3 x yaw: builds, look-ups, edges and plans, against FCL and a loop of fftconvolve",
     "arms": "poses, changing scenes and paths of arms, to 14 joints, against OMPL with coal and VAMP; false frees",
@@ -58,7 +58,8 @@ def main(arguments: list[str] | None = None) -> int:
         "--output",
         metavar="FOLDER",
         type=Path,
-        help="peers: write benchmarks.md and benchmarks.png into FOLDER if all results are right",
+        help="peers: write benchmarks.md and benchmarks.png into FOLDER if all results are right; "
+        "replanning: pictures of the slowest plans",
     )
     parser.add_argument(
         "--from",
@@ -77,7 +78,7 @@ def main(arguments: list[str] | None = None) -> int:
         return 0
 
     arguments = [*options.names, *(["--quick"] if options.quick else [])]
-    report = Report(options.quick, f"python -m benchmarks {shlex.join(arguments)}")
+    report = Report(options.quick, f"python -m benchmarks {shlex.join(arguments)}", folder)
     names = list(BENCHMARKS) if "all" in options.names else options.names
     for name in names:
         report.start(name)

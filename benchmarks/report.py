@@ -41,10 +41,13 @@ class Report:
         Whether the run has smaller sizes and fewer repetitions than the targets assume.
     command : str
         The command of this run.
+    folder : Path, optional
+        Folder for pictures.
     """
 
-    def __init__(self, quick: bool, command: str = "") -> None:
+    def __init__(self, quick: bool, command: str = "", folder: Path | None = None) -> None:
         self.quick = quick
+        self.folder = folder
         self.command = command
         self.benchmark = ""
         self.case = ""

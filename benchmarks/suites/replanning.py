@@ -16,6 +16,7 @@ import planners
 from benchmarks import inputs
 from benchmarks.report import Report
 from benchmarks.suites.paths import OUR_TIME_LIMIT, Problem, list_problems
+from benchmarks.suites.replanning_scenes import run_scenes
 from benchmarks.timing import Timing
 from cspace import CSpace
 from cspace.rotations.base import METRES_PER_RADIAN
@@ -85,11 +86,12 @@ class Replanning:
 
 
 def run(report: Report, seed: int) -> None:
-    """Plan anew as a crate moves, on four maps."""
+    """Plan anew as a crate moves, on four maps; drive through scenes."""
     if inputs.data_folder() is None:
         report.note(inputs.NO_DATA + "; generated maps take their place")
     for problem in list_problems(report.quick, seed):
         measure(report, problem, QUICK_MOVES if report.quick else MOVES, seed)
+    run_scenes(report, seed)
 
 
 def measure(report: Report, problem: Problem, moves: int, seed: int) -> None:
