@@ -759,12 +759,12 @@ class CSpace(ConfigurationMap, MapReasons, MapExport):
         straight: bool = True,
         time_limit: float | None = None,
     ) -> Floats:
-        """Find a shortest path among those of the largest possible clearance.
+        """Find a short path among those of the largest possible clearance.
 
         Among all chains of FREE cells that join the two, rotating on the spot between rotation
         cells, the smallest clearance of the chain is the largest possible. If start or goal has
         less clearance, the path leaves it by steepest ascent of clearance, so that the endpoints do
-        not limit the rest. The chain between is a shortest one, counting a radian as half a metre,
+        not limit the rest. The chain between is a short one, counting a radian as half a metre,
         and is then shortened without losing clearance. The path is deterministic.
 
         Clearance is the distance of :meth:`clearance` at the centers of cells, rounded down to a

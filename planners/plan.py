@@ -226,7 +226,7 @@ def plan(
         - "Grid", :meth:`cspace.CSpace.find_path`: a short holonomic path in milliseconds if FREE
           cells join start and goal; deterministic.
         - "MaxClearance", :meth:`cspace.CSpace.find_widest_path`: the path of largest clearance, and
-          of these the shortest; deterministic unless the time limit ends it; not for tiled maps.
+          of these a short one; deterministic unless the time limit ends it; not for tiled maps.
         - "Lattice": a search along headings for drives that are not holonomic, Dolgov and others
           (2008); deterministic.
         - "BiRRT", :meth:`cspace.ArmSpace.find_path`: two trees of an arm's motions, in compiled

@@ -372,6 +372,30 @@ MUTANTS = (
         "tests/planners/test_car_curves.py",
     ),
     Mutant(
+        "cspace/queries/guide.py",
+        "v = j - directions.moves[direction, move, 1]",
+        "v = j + directions.moves[direction, move, 1]",
+        "tests/planners/test_lattice.py",
+    ),
+    Mutant(
+        "cspace/queries/guide.py",
+        "return np.float32(math.inf)",
+        "return np.float32(1.0)",
+        "tests/planners/test_lattice.py",
+    ),
+    Mutant(
+        "planners/plan.py",
+        "name, best = min(found",
+        "name, best = max(found",
+        "tests/planners/test_replanning.py",
+    ),
+    Mutant(
+        "planners/plan.py",
+        "ahead = ahead[blocked[-1] + 1 if",
+        "ahead = ahead[blocked[-1] if",
+        "tests/planners/test_replanning.py",
+    ),
+    Mutant(
         "planners/plan.py",
         "proven=len(rows) > 0 and part.are_free(rows)",
         "proven=len(rows) > 0",
