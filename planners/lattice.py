@@ -279,7 +279,8 @@ def _list_slices_near(edges: LocalPlanner, yaws: Floats) -> Ints:
 
 def _find_nearest(guide: Guide, yaws: Floats) -> Ints:
     """Find the direction of the guide nearest to each yaw, shape (n,)."""
-    return np.abs(wrapped(guide.yaws - yaws[:, np.newaxis])).argmin(axis=1)
+    turns = np.abs(wrapped(guide.yaws - yaws[:, np.newaxis]))
+    return np.asarray(turns.argmin(axis=1))
 
 
 def _can_reverse(edges: LocalPlanner) -> bool:

@@ -589,7 +589,10 @@ def _search(task: Task, may_exist: Callable[[], bool]) -> SearchResult:
         seconds_left = task.time_limit - _add_planning(results)
         if seconds_left > 0.0:
             stage = replace(stage, time_limit=seconds_left)
-            results.append((stage.planner, _run_planner(stage, may_exist)))
+            result = _run_planner(stage, may_exist)
+            results.append((stage.planner, result))
+            if len(result.path):
+                may_exist = _is_certain  # a quick path saves labelling the cells
     fallback = task.fallback
     if fallback is not None and not any(len(result.path) for _, result in results):
         # A planner that fails in a tile leaves all the time to the grid.
@@ -598,6 +601,11 @@ def _search(task: Task, may_exist: Callable[[], bool]) -> SearchResult:
             stage = replace(task, planner=fallback, time_limit=task.time_limit - used)
             results.append((fallback, _run_planner(stage, may_exist)))
     return _choose_shortest(task, results)
+
+
+def _is_certain() -> bool:
+    """Return True: a path exists, because a search found one."""
+    return True
 
 
 def _add_planning(results: Sequence[tuple[PlannerName, SearchResult]]) -> float:
