@@ -855,6 +855,6 @@ def _make_plan(task: Task, result: SearchResult, exists: bool | None, began: flo
         exact=edges.exact,
         seed=task.seed,
         time_limit=task.time_limit,
-        times=Times(setup, result.planning, result.simplification, time.perf_counter() - searched),
+        times=Times(max(setup, 0.0), result.planning, result.simplification, time.perf_counter() - searched),
         space=edges.space,
     )

@@ -46,9 +46,9 @@ class Times:
         Checks of the input, the test whether a path exists, OMPL's set-up, caches of the map, and
         compilation.
     planning : float
-        The search.
+        The search, in CPU time of the process, as the time limit counts it.
     simplification : float
-        Shortening the path; built-in searches count it as planning.
+        Shortening the path, in CPU time; built-in searches count it as planning.
     checking : float
         The final check of every edge.
     """
