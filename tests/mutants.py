@@ -379,8 +379,8 @@ MUTANTS = (
     ),
     Mutant(
         "cspace/queries/guide.py",
-        "return np.float32(math.inf)",
-        "return np.float32(1.0)",
+        "if blocks.states[number, i, j, k] <= blocks.worst_state:",
+        "if blocks.states[number, i, j, k] <= 2:",
         "tests/planners/test_lattice.py",
     ),
     Mutant(

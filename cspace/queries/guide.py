@@ -73,6 +73,8 @@ class Blocks(NamedTuple):
     states : ndarray of uint8, shape (slices, nx, ny, nz), read-only
     factors : ndarray of float32, the shape of states, or empty
         Factor of the cost of moves in each cell.
+    worst_state : int
+        Largest state that the robot may pass: FREE, or MIXED if geometry decides.
     side : int
         Cells along each side of a block.
     prices : ndarray of float32, shape (directions, x, y, z)
@@ -81,6 +83,7 @@ class Blocks(NamedTuple):
 
     states: States
     factors: Costs
+    worst_state: int
     side: int
     prices: Costs
 
@@ -104,7 +107,9 @@ def measure_way(
     goal: tuple[int, Cell],
     side: int,
     until: float,
+    *,
     factors: Costs = NO_FACTORS,
+    worst_state: int = FREE,
 ) -> Estimate:
     """Measure the shortest chains from blocks to the goal, near the way from the start.
 
@@ -120,6 +125,8 @@ def measure_way(
         Reading of :data:`cspace.support.compiling.clock` at which the search ends.
     factors : ndarray of float32, the shape of states, optional
         Factor, 1 or above, of the cost of moves in each cell.
+    worst_state : int
+        Largest state that the robot may pass: FREE, or MIXED if geometry decides.
 
     Returns
     -------
@@ -143,7 +150,16 @@ def measure_way(
     if n_directions > 1:
         # A search over positions alone, which is quicker, guides this one.
         one = any_direction(states)
-        back = measure_way(states, one, (0, goal_cell), (0, start_cell), side, until, factors)
+        back = measure_way(
+            states,
+            one,
+            (0, goal_cell),
+            (0, start_cell),
+            side,
+            until,
+            factors=factors,
+            worst_state=worst_state,
+        )
         to_start = to_start._replace(
             positions=back.positions,
             measured=back.measured,
@@ -152,7 +168,13 @@ def measure_way(
         )
     shape = (n_directions, *block_shape)
     count = math.prod(shape)
-    blocks = Blocks(states, factors, side, sparse_zeros(count, np.float32).reshape(shape))
+    blocks = Blocks(
+        states=states,
+        factors=factors,
+        worst_state=worst_state,
+        side=side,
+        prices=sparse_zeros(count, np.float32).reshape(shape),
+    )
     first = int(np.ravel_multi_index((goal_direction, *goal_block), shape))
     last = int(np.ravel_multi_index((start_direction, *start_block), shape))
     progress = expand_until_done(
@@ -239,32 +261,26 @@ def expand_blocks(
 
 
 @kernel
-def price_of(blocks: Blocks, slices: Ints, direction: int, u: int, v: int, w: int) -> float:
+def price_of(blocks: Blocks, slices: Ints, direction: int, u: int, v: int, w: int) -> np.float32:
     """Return the factor of the cost in block (u, v, w); infinity if it is not passable.
 
-    ``slices`` are those of :class:`Directions`.
+    ``slices`` are those of :class:`Directions`. The factor is that of the first cell found that the
+    robot may pass.
     """
-    price = blocks.prices[direction, u, v, w]
-    if price == 0.0:
-        price = examine_block(blocks, slices[direction], u, v, w)
-        blocks.prices[direction, u, v, w] = price
-    return float(price)
-
-
-@kernel
-def examine_block(blocks: Blocks, slices: Ints, u: int, v: int, w: int) -> np.float32:
-    """Return the factor of the first cell found FREE in a block; infinity if none is.
-
-    ``slices``, shape (n,), are those that the robot may have.
-    """
+    known: np.float32 = blocks.prices[direction, u, v, w]
+    if known > 0.0:
+        return known
     _, nx, ny, nz = blocks.states.shape
     side = blocks.side
-    for number in slices:
+    for number in slices[direction]:
         for i in range(side * u, min(side * (u + 1), nx)):
             for j in range(side * v, min(side * (v + 1), ny)):
                 for k in range(side * w, min(side * (w + 1), nz)):
-                    if blocks.states[number, i, j, k] == FREE:
-                        return factor_at(blocks.factors, number, i, j, k)
+                    if blocks.states[number, i, j, k] <= blocks.worst_state:
+                        factor = factor_at(blocks.factors, number, i, j, k)
+                        blocks.prices[direction, u, v, w] = factor
+                        return factor
+    blocks.prices[direction, u, v, w] = math.inf
     return np.float32(math.inf)
 
 

@@ -183,7 +183,7 @@ def _estimate_cost(graph: Graph, start: int, goal: int, until: float) -> Estimat
         (0, goal_cell),
         BLOCK_SIDE,
         until,
-        graph.factors,
+        factors=graph.factors,
     )
     rotations = measure_turns(graph.neighbors, graph.turns, goal_rotation)
     return estimate._replace(weight=WEIGHT, rotations=rotations)
