@@ -243,9 +243,8 @@ class Json {
   std::string text_, line_;
 };
 
-/// An array in the order of C, in chunks of whole rows of at most 16 MiB.
-///
-/// Chunks divide one axis. A block has all entries of an index along this axis and the axes before.
+/// An array in the order of C, in chunks of whole rows of at most 16 MiB, which divide one axis.
+/// A block has all entries of an index along this axis and the axes before.
 class Array {
  public:
   Array() = default;
