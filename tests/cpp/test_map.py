@@ -151,3 +151,17 @@ def test_incomplete_tiled_maps_are_refused(tmp_path: Path, program: Path) -> Non
     ]
     reseal(tmp_path / "tiles" / "frame", arrays=names.replace(" exterior", ""))
     assert "not complete" in open_in_cpp(program, tmp_path / "tiles")[0]
+
+
+def test_tiles_of_another_map_or_size_are_refused(tmp_path: Path, program: Path) -> None:
+    build_tiles("R2", "blocked", tmp_path / "tiles")
+    tile, border_tile = tmp_path / "tiles" / "0.1", tmp_path / "tiles" / "3.2"
+    stamp = json.loads((tile / "zarr.json").read_bytes())["attributes"]["stamp"]
+    shutil.rmtree(tile)
+    shutil.copytree(border_tile, tile)
+    assert (
+        "0.1: is not a usable map: it is a tile of another map"
+        in open_in_cpp(program, tmp_path / "tiles")[0]
+    )
+    reseal(tile, stamp=stamp)
+    assert "0.1: is a tile of another size" in open_in_cpp(program, tmp_path / "tiles")[0]

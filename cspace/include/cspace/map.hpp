@@ -641,9 +641,9 @@ class Map {
     if (side.size() != dim()) detail::refuse("its tiles are none");
     const Index halo = std::clamp<Index>(*std::min_element(side.begin(), side.end()) / 16, 4, 64);
     tiles_.reset(new Tiles{path, layout["stamp"].text(), check_digest, halo});
-    std::copy(side.begin(), side.end(), tiles_->side.end() - dim_);
     Index total = 1;
-    for (int axis = 0; axis < 3; ++axis) {
+    for (int axis = 3 - dim_; axis < 3; ++axis) {
+      tiles_->side[axis] = std::min(side[axis + dim_ - 3], cells_[axis]);
       tiles_->counts[axis] = (cells_[axis] - 1) / tiles_->side[axis] + 1;
       total *= tiles_->counts[axis];
       if (total > detail::MAX_TILES) detail::refuse("it has more than 2^22 tiles");
