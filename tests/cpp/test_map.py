@@ -117,20 +117,21 @@ def test_arrays_of_later_releases_are_skipped_and_digested(tmp_path: Path, progr
     ({"format": "zarr"}, "another format"),
     ({"format_version": 7}, "format version 7"),
     ({"arrays": "cell_states slice_of exterior yaw ../map"}, "an array '../map'"),
-    ({"arrays": "cell_states outer slice_of exterior x y"}, "axes do not match"),
+    ({"arrays": "cell_states outer slice_of exterior x y"}, "lacks the array 'yaw_bounds'"),
     ({"slices": 10**14}, "another shape"),
-    ({"slices": 10**400}, "the number 1000"),
+    ({"slices": 10**400}, "it has 1000"),
     ({"rotations": 10**14}, "another shape"),
-    ({"rotations": 0}, "the number 0"),
+    ({"rotations": 0}, "it has 0"),
     ({"spacing": -1.0}, "its grid is none"),
-    ({"spacing": float("nan")}, "lack a number"),
+    ({"spacing": float("nan")}, "it has NaN"),
     ({"lower": [1e9, 0.0]}, "too far from the origin"),
     ({"shape": [10**14, 10**14]}, "too far from the origin"),
     ({"outside": "blocked"}, "contradicts the space outside"),
     ({"units": "m ft"}, "units"),
-    ({"axes": "x y"}, "axes do not match"),
-    ({"compressed": False}, "another shape, type or chunks"),
-    ({"lower": "[" * 9999}, "lack a list"),
+    ({"axes": "x y"}, "too many rotation cells"),
+    ({"axes": "x y roll pitch"}, "axes do not match"),
+    ({"compressed": False}, "another shape, type, chunks or codec"),
+    ({"lower": "[" * 9999}, "instead of numbers"),
 )
 def test_forged_attributes_are_refused_despite_a_valid_digest(
     tmp_path: Path, program: Path, changes: dict[str, Any], message: str
@@ -150,3 +151,17 @@ def test_incomplete_tiled_maps_are_refused(tmp_path: Path, program: Path) -> Non
     ]
     reseal(tmp_path / "tiles" / "frame", arrays=names.replace(" exterior", ""))
     assert "not complete" in open_in_cpp(program, tmp_path / "tiles")[0]
+
+
+def test_tiles_of_another_map_or_size_are_refused(tmp_path: Path, program: Path) -> None:
+    build_tiles("R2", "blocked", tmp_path / "tiles")
+    tile, border_tile = tmp_path / "tiles" / "0.1", tmp_path / "tiles" / "3.2"
+    stamp = json.loads((tile / "zarr.json").read_bytes())["attributes"]["stamp"]
+    shutil.rmtree(tile)
+    shutil.copytree(border_tile, tile)
+    assert (
+        "0.1: is not a usable map: it is a tile of another map"
+        in open_in_cpp(program, tmp_path / "tiles")[0]
+    )
+    reseal(tile, stamp=stamp)
+    assert "0.1: is a tile of another size" in open_in_cpp(program, tmp_path / "tiles")[0]

@@ -226,6 +226,7 @@ def count_differences(
 def open_in_cpp(program: Path, *maps: Path) -> list[str]:
     """Open maps in C++ and query them; return "opened" or the text of the error of each."""
     command = [str(program), "open", *map(str, maps)]
-    done = subprocess.run(command, text=True, capture_output=True, check=False)
+    done = subprocess.run(command, capture_output=True, check=False)
     assert done.returncode == 0, done.stderr
-    return done.stdout.splitlines()
+    # Errors cite damaged texts, which may be no UTF-8, or break lines.
+    return done.stdout.decode(errors="replace").split("\n")[:-1]
