@@ -1,11 +1,13 @@
 """Search on a lattice of headings, for non-holonomic drives.
 
 Two searches run, one after the other. The first runs on the grid, from the goal, through FREE cells
-alone. There, a robot drives from cell to cell along its heading, and turns on the spot to the next
-heading. It gives the cost to the goal from every cell and heading. The second runs from the start
-and is guided by these costs. It keeps one configuration for each cell and heading (hybrid A*), so
-positions are not rounded, and the map proves each motion. From nodes near the goal, and from some
-others, one edge may lead to the goal itself. Then :func:`shorten_path` shortens the path.
+alone, or through all that are not BLOCKED if geometry decides. There, a robot drives from cell to
+cell along its heading, and turns on the spot to the next heading. It gives the cost to the goal
+from every cell and heading. The second runs from the start and is guided by these costs. It keeps
+one configuration for each cell and heading (hybrid A*), so positions are not rounded, and map or
+geometry prove each motion. From nodes near the goal, and from some others, one edge may lead to the
+goal itself. For a car that reverses, start and goal change roles if there is less room at the goal.
+Then :func:`shorten_path` shortens the path.
 
 References
 ----------
@@ -24,15 +26,24 @@ from typing import Final, NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.interface import Endpoint
 from cspace.queries.edges import edge_is_free
 from cspace.queries.paths import MAX_SHORTENING_SECONDS, pulled_straight
 from cspace.queries.points import position_in_plane
 from cspace.queries.search import Estimate, Progress, check_deadline, pop_first, push, reach_cell
 from cspace.record.cells import Map
 from cspace.rotations.base import METRES_PER_RADIAN, TWO_PI, wrapped
-from cspace.support.arrays import FREE, Bools, Floats, Ints
+from cspace.support.arrays import BLOCKED, FREE, Bools, Floats, Ints
 from cspace.support.compiling import clock, kernel
-from planners.car_curves import MAX_GAP, POINT_ERROR, Pose, advance, pose_is_free, segment_is_free
+from planners.car_curves import (
+    MAX_GAP,
+    POINT_ERROR,
+    Geometry,
+    Pose,
+    advance,
+    piece_is_free,
+    segment_is_free,
+)
 from planners.local_planner import Endpoints, LocalPlanner
 
 MAX_STEP_CELLS: Final = 2
@@ -42,7 +53,10 @@ CAR_HEADINGS: Final = (24, 48, 96)
 """Numbers of headings of the lattices for a car, coarse to fine; an arc leads from one heading to
 the next."""
 
-MAX_NODES: Final = (100_000, 200_000, 800_000)
+REVERSING_HEADINGS: Final = (*CAR_HEADINGS, 192, 384)
+"""Numbers of headings for a car that reverses; the finest lattices move to and fro in slots."""
+
+MAX_NODES: Final = (100_000, 200_000, 800_000, 800_000, 800_000)
 """Number of nodes after which the search on each lattice ends; a car then tries the next finer
 lattice."""
 
@@ -68,6 +82,19 @@ REVERSE_WEIGHT: Final = 1.5
 
 SWITCH_RADII: Final = 0.5
 """Cost of a car's change between driving ahead and in reverse, in turning radii."""
+
+MIN_STRAIGHT_RADII: Final = 0.07
+"""Shortest straight drive of a car, in turning radii.
+
+On shorter drives, curves that turn to and fro are as short up to
+:data:`planners.car_curves.TIE_TOLERANCE`, and the proof of an edge needs these, too.
+"""
+
+ROOM_RADII: Final = 0.25
+"""Distance along each axis within which the room of start and goal counts, in turning radii."""
+
+ROOM_RADIANS: Final = 0.5
+"""Rotation to either side at which the room of start and goal counts, too."""
 
 NEAR_CELLS: Final = 8.0
 """Distance from the goal, in cells, within which each node tries an edge to the goal."""
@@ -130,6 +157,7 @@ class Motions(NamedTuple):
     switch_cost: float  # of a change between driving ahead and in reverse
     greed: float  # weight of the remaining cost; above 1, paths are found sooner but may be longer
     near: float  # distance from the goal within which each node tries an edge to the goal
+    geometry: Geometry  # proves motions of a car that cells do not prove
 
 
 class Ground(NamedTuple):
@@ -182,33 +210,60 @@ def find_lattice_path(
     search finds no path, n is 0. The note names a lattice that has no path, or what ended the
     search before its time.
     """
-    start, goal = cast(tuple[Pose, Pose], endpoints)
-    if edges.edge_checker()(*start, *goal):
+    if edges.edge_checker()(*endpoints[0], *endpoints[1]):
         return np.array(endpoints), ""
+    is_backwards = _starts_at_goal(edges, endpoints)
+    if is_backwards:
+        endpoints = endpoints[::-1]
     path = np.empty((0, 3))
     note = ""
     until = clock() + seconds
     is_car = edges.turning_radius is not None
     try:
-        guide, reaches_start = _measure_guide(edges, endpoints, until)
+        guide, reaches_start = _measure_guide(edges, endpoints, is_backwards, until)
         if not is_car and not reaches_start:
             note = f"the lattice of {len(guide.headings)} headings has no path"
-        levels = [_list_spot_motions(edges, endpoints)]
-        if is_car:
-            levels = [_list_car_motions(edges, start, count, guide) for count in CAR_HEADINGS]
+        levels = _list_levels(edges, endpoints, guide, is_backwards)
         for motions, max_nodes in zip(levels, MAX_NODES, strict=False):
             path, reason = _search(edges, motions, guide, endpoints, max_nodes, until)
+            if is_backwards:
+                path = path[::-1]
+            if len(path) and not edges.are_free(path):
+                path = np.empty((0, 3))
+                reason = "rounding keeps the path of the lattice from being proven"
             if len(path):
                 break
     except TimeoutError:
         return path, note
     if not len(path):
         return path, note or reason
-    if not edges.are_free(path):
-        return np.empty((0, 3)), "rounding keeps the path of the lattice from being proven"
     if simplify:
         path = shorten_path(edges, path, until + MAX_SHORTENING_SECONDS)
     return path, ""
+
+
+def _starts_at_goal(edges: LocalPlanner, endpoints: Endpoints) -> bool:
+    """Return True if the search should start at the goal, and its path be driven backwards.
+
+    A search out of a tight place is shorter than one into it, because few motions are free there. A
+    car that reverses can drive its paths both ways.
+    """
+    if edges.turning_radius is None or not _can_reverse(edges):
+        return False
+    room_at_start, room_at_goal = (_measure_room(edges, q) for q in endpoints)
+    return room_at_goal < room_at_start
+
+
+def _measure_room(edges: LocalPlanner, q: Endpoint) -> int:
+    """Count the cells near a configuration that the robot may pass at yaws near its own."""
+    grid = edges.cells.grid
+    reach = math.ceil(ROOM_RADII * float(edges.turning_radius or 0.0) / grid.spacing)
+    center = grid.cell_of(q[:2]) + MAX_STEP_CELLS
+    low = np.maximum(center - reach, 0)
+    high = center + reach + 1
+    window = np.s_[low[0] : high[0], low[1] : high[1]]
+    yaws = (q[2] - ROOM_RADIANS, q[2], q[2] + ROOM_RADIANS)
+    return sum(int(_find_free_cells(edges, yaw)[window].sum()) for yaw in yaws)
 
 
 def _list_drives(endpoints: Endpoints) -> Drives:
@@ -230,7 +285,9 @@ def _list_drives(endpoints: Endpoints) -> Drives:
     return Drives(all_yaws[order], all_steps[order], order >= len(yaws))
 
 
-def _measure_guide(edges: LocalPlanner, endpoints: Endpoints, until: float) -> tuple[Guide, bool]:
+def _measure_guide(
+    edges: LocalPlanner, endpoints: Endpoints, is_backwards: bool, until: float
+) -> tuple[Guide, bool]:
     """Compute the cost to the goal from cells and headings.
 
     Also return whether the start is reached. The search goes on past the start, by a margin. Raises
@@ -249,7 +306,7 @@ def _measure_guide(edges: LocalPlanner, endpoints: Endpoints, until: float) -> t
     x, y = np.ogrid[: free.shape[1], : free.shape[2]]
     to_start = np.hypot(x - cells[0][0], y - cells[0][1]).astype(np.float32)
     estimate = Estimate(1.0, to_start[None], _cells_per_radian(edges) * turns[0])
-    ground = _make_ground(edges, free, yaws, steps)
+    ground = _make_ground(edges, free, yaws, steps, is_backwards)
     progress = make_progress(free.size, INITIAL_QUEUE_LENGTH)
     progress.previous[goal] = goal + 1
     push(progress, 0.0, goal)
@@ -281,7 +338,9 @@ def _cells_per_radian(edges: LocalPlanner) -> float:
     return (edges.turning_radius or METRES_PER_RADIAN) / edges.cells.grid.spacing
 
 
-def _make_ground(edges: LocalPlanner, free: Bools, yaws: Floats, steps: Ints) -> Ground:
+def _make_ground(
+    edges: LocalPlanner, free: Bools, yaws: Floats, steps: Ints, is_backwards: bool
+) -> Ground:
     """Make the cells and headings of the first search."""
     reverse_cost = math.inf
     if _can_reverse(edges):
@@ -291,19 +350,29 @@ def _make_ground(edges: LocalPlanner, free: Bools, yaws: Floats, steps: Ints) ->
     ]
     can_turn = [_can_turn(edges, free, yaws, k) for k in range(len(yaws))]
     turns = np.diff(yaws, append=yaws[0] + TWO_PI)
+    drive_costs = np.hypot(steps[:, 0], steps[:, 1])
+    if is_backwards:
+        # What the search drives ahead, the robot will drive in reverse.
+        drive_costs *= reverse_cost
+        reverse_cost = 1.0 / reverse_cost
     return Ground(
         can_drive=np.stack(can_drive),
         can_turn=np.stack(can_turn),
         steps=steps,
-        drive_costs=np.hypot(steps[:, 0], steps[:, 1]),
+        drive_costs=drive_costs,
         turn_costs=_cells_per_radian(edges) * turns,
         reverse_cost=reverse_cost,
     )
 
 
 def _find_free_cells(edges: LocalPlanner, yaw: float) -> Bools:
-    """Return which cells of :class:`Ground` are FREE at a yaw, shape (nx, ny)."""
-    return np.pad(edges.cells.states_at(yaw) == FREE, MAX_STEP_CELLS)
+    """Return which cells of :class:`Ground` the robot may pass at a yaw, shape (nx, ny).
+
+    These are FREE, or also MIXED if the geometry decides those.
+    """
+    states = edges.cells.states_at(yaw)
+    may_pass = states != BLOCKED if edges.exact else states == FREE
+    return np.pad(may_pass, MAX_STEP_CELLS)
 
 
 def _can_drive(free: Bools, dx: int, dy: int) -> Bools:
@@ -358,6 +427,17 @@ def _can_reverse(edges: LocalPlanner) -> bool:
     return edges.drive in ("differential-reverse", "reeds-shepp")
 
 
+def _list_levels(
+    edges: LocalPlanner, endpoints: Endpoints, guide: Guide, is_backwards: bool
+) -> list[Motions]:
+    """List the motions of each lattice, coarse to fine."""
+    if edges.turning_radius is None:
+        return [_list_spot_motions(edges, endpoints)]
+    start = endpoints[0]
+    counts = REVERSING_HEADINGS if _can_reverse(edges) else CAR_HEADINGS
+    return [_list_car_motions(edges, start, count, guide, is_backwards) for count in counts]
+
+
 def _list_spot_motions(edges: LocalPlanner, endpoints: Endpoints) -> Motions:
     """List the motions of a robot that turns on the spot.
 
@@ -388,10 +468,13 @@ def _list_spot_motions(edges: LocalPlanner, endpoints: Endpoints) -> Motions:
         switch_cost=0.0,
         greed=1.0,
         near=NEAR_CELLS * spacing,
+        geometry=None,
     )
 
 
-def _list_car_motions(edges: LocalPlanner, start: Pose, count: int, guide: Guide) -> Motions:
+def _list_car_motions(
+    edges: LocalPlanner, start: Endpoint, count: int, guide: Guide, is_backwards: bool
+) -> Motions:
     """List the motions of a car.
 
     These are arcs to the next of ``count`` headings, and drives straight on, ahead or in reverse.
@@ -404,15 +487,17 @@ def _list_car_motions(edges: LocalPlanner, start: Pose, count: int, guide: Guide
     # The chord of an arc is twice as long as the diagonal of a cell. In larger cells, one
     # configuration often replaces another that alone leads into a tight slot.
     side = 0.5 * max(2.0 * radius * math.sin(0.5 * arc), spacing) / math.sqrt(2.0)
-    straight = max(arc * radius, 1.01 * math.sqrt(2.0) * side)
+    straight = max(arc, MIN_STRAIGHT_RADII, 1.01 * math.sqrt(2.0) * side / radius)
     steering = np.array([1, -1, 0])
-    lengths = np.array([arc, arc, straight / radius])
+    lengths = np.array([arc, arc, straight])
     if _can_reverse(edges):
         steering = np.tile(steering, 2)
         lengths = np.concatenate([lengths, -lengths])
-    reverses = lengths < 0.0
-    turns = np.where(reverses, -steering, steering)
-    costs = radius * np.abs(lengths) * np.where(reverses, REVERSE_WEIGHT, 1.0)
+    costs = radius * np.abs(lengths) * np.where(lengths < 0.0, REVERSE_WEIGHT, 1.0)
+    if is_backwards:
+        # The costs are of the motions as the robot will drive them.
+        lengths = -lengths
+    turns = np.where(lengths < 0.0, -steering, steering)
     return Motions(
         headings=yaws,
         nearest=np.abs(wrapped(guide.headings - yaws[:, None])).argmin(axis=1),
@@ -425,6 +510,7 @@ def _list_car_motions(edges: LocalPlanner, start: Pose, count: int, guide: Guide
         switch_cost=SWITCH_RADII * radius,
         greed=CAR_GREED,
         near=max(NEAR_RADII * radius, NEAR_CELLS * spacing),
+        geometry=edges.geometry(),
     )
 
 
@@ -730,10 +816,12 @@ def motion_is_free(
         return edge_is_free(map_, start, (yaw,), end, (q[2],))
     steer = motions.steering[move]
     length = motions.lengths[0, move]  # at all headings
-    if not pose_is_free(map_, q, ARC_ERROR * radius, ARC_ERROR):
+    geometry = motions.geometry
+    if not piece_is_free(map_, geometry, radius, q, 0.0, 0.0, ARC_ERROR):
         return False
     begin = (0.0, 0.0, yaw)
-    return segment_is_free(map_, radius, (x, y, yaw), begin, steer, length, ARC_ERROR)
+    origin = (x, y, yaw)
+    return segment_is_free(map_, geometry, radius, origin, begin, steer, length, ARC_ERROR)
 
 
 @kernel

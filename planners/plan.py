@@ -185,9 +185,9 @@ def plan(
 
     *Default.* Without a planner, another objective or ``iterations``, built-in searches go first if
     FREE cells join start and goal, or if ``exact``. "Grid" plans for holonomic robots: in the plane
-    no path through FREE cells is shorter, in other spaces few are. Unless ``exact``, "Lattice"
-    plans for other drives. OMPL's default planner takes over if "Grid" has no path after half the
-    time limit, or "Lattice" has none.
+    no path through FREE cells is shorter, in other spaces few are. "Lattice" plans for cars, and
+    unless ``exact`` for other drives. OMPL's default planner takes over if "Grid" has no path after
+    half the time limit, or "Lattice" has none.
 
     *Repeatable runs.* "Grid" always gives the same path. A seed sets OMPL's global seed generator,
     from which every planner and sampler made afterwards draws its own seed, and the random starts
@@ -251,8 +251,7 @@ def plan(
         first. Other planners are refused.
     exact : bool
         Whether the geometry itself decides MIXED cells, which finds shorter paths, and passages
-        little wider than the robot; slower. "Grid" tests the centers of MIXED cells on its way. Not
-        for curves.
+        little wider than the robot; slower. "Grid" tests the centers of MIXED cells on its way.
     drive : {"holonomic", "differential", "differential-reverse", "dubins", "reeds-shepp"}
         Motion of the robot along an edge, which is proven along that motion. All but the first are
         for maps of (x, y, yaw), with the reference point in the middle of the axle that does not
@@ -379,7 +378,7 @@ def _choose_planner(task: Task) -> PlannerName:
         return searches[0] if searches else task.planner
     if objective == CLEARANCE:
         return GRID
-    if task.iterations is not None or (edges.exact and edges.drive != HOLONOMIC):
+    if task.iterations is not None or (edges.exact and edges.drive in ON_THE_SPOT):
         return task.planner
     return GRID if edges.drive == HOLONOMIC else LATTICE
 
@@ -440,7 +439,8 @@ def _list_refusals(task: Task) -> dict[str, tuple[bool, str]]:
     aims = "length or clearance" if name == GRID else "the length"
     keeps_away = name == GRID and task.objective == CLEARANCE
     scope = f" for objective={CLEARANCE!r}" if keeps_away else ""
-    needs_free = is_map and (keeps_away or name != GRID)
+    decides_all = name == GRID or (name == LATTICE and edges.drive in CURVES)
+    needs_free = is_map and (keeps_away or not decides_all)
     return {
         "objective": (has_objective and not keeps_away, f"minimises {aims}"),
         "drive": (name != LATTICE and edges.drive != HOLONOMIC, "is for holonomic robots"),
@@ -652,10 +652,11 @@ def _list_hints(task: Task, exists: bool | None, is_late: bool) -> list[str]:
 def _list_exact_hints(task: Task) -> list[str]:
     """List the hint to let the geometry decide, if it can and does not yet."""
     edges = task.edges
-    if edges.drive in CURVES or edges.exact:
+    if edges.exact:
         return []
     hint = "exact=True"
-    if task.is_named and task.planner in (MAX_CLEARANCE, LATTICE):
+    is_lattice_on_spot = task.planner == LATTICE and edges.drive in ON_THE_SPOT
+    if task.is_named and (task.planner == MAX_CLEARANCE or is_lattice_on_spot):
         hint = f"planner='RRTConnect' with {hint}"
     if not edges.space.in_memory:
         hint += " on space.window(lower, upper)"
