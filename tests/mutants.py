@@ -361,6 +361,24 @@ MUTANTS = (
     ),
     Mutant(
         "planners/car_curves.py",
+        "ahead = scale * radius * half",
+        "ahead = 0.9 * scale * radius * half",
+        "tests/planners/test_car_curves.py",
+    ),
+    Mutant(
+        "planners/car_curves.py",
+        "(0.5 * turn * turn + spare)",
+        "spare",
+        "tests/planners/test_car_curves.py",
+    ),
+    Mutant(
+        "planners/local_planner.py",
+        "return length if length < 0.0 or is_free(*q[:3]) else -1.0",
+        "return length",
+        "tests/planners/test_car_curves.py",
+    ),
+    Mutant(
+        "planners/car_curves.py",
         "return (t, -quarter, 2.0 - straight, phi - quarter - t, 0.0)",
         "return (t, -quarter, straight - 2.0, phi - quarter - t, 0.0)",
         "tests/planners/test_car_curves.py",
@@ -379,8 +397,20 @@ MUTANTS = (
     ),
     Mutant(
         "planners/lattice.py",
-        "drive_costs=np.hypot(steps[:, 0], steps[:, 1])",
-        "drive_costs=np.abs(steps).sum(axis=1) ** 2.0",
+        "drive_costs = np.hypot(steps[:, 0], steps[:, 1])",
+        "drive_costs = np.abs(steps).sum(axis=1) ** 2.0",
+        "tests/planners/test_lattice.py",
+    ),
+    Mutant(
+        "planners/lattice.py",
+        "reverse_cost = 1.0 / reverse_cost",
+        "drive_costs /= reverse_cost",
+        "tests/planners/test_lattice.py",
+    ),
+    Mutant(
+        "planners/lattice.py",
+        "return room_at_goal < room_at_start",
+        "return False",
         "tests/planners/test_lattice.py",
     ),
     Mutant(
