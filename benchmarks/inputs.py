@@ -1,11 +1,13 @@
-"""Random and real input maps."""
+"""Random and real input maps, and slots for parking."""
 
 from __future__ import annotations
 
+import math
 import os
 from pathlib import Path
 
 import numpy as np
+import shapely
 
 from cspace import Workspace
 from cspace.support.arrays import Bools, Ints
@@ -40,6 +42,35 @@ def rooms(size: int, rng: np.random.Generator, side: int = 80) -> Bools:
             first, width = side * room + rng.integers(10, side - 50), rng.integers(24, 41)
             cells[side * wall - 8 : side * wall + 12, first : first + width] = False
     return occupied
+
+
+CAR = shapely.box(-0.9, -0.9, 3.6, 0.9)
+"""A car of 4.5 m by 1.8 m, with its reference point in the middle of the rear axle."""
+
+PARKING_BOUNDS = (-0.5, -5.6, 18.5, 7.5)
+"""Bounds of the maps of slots, metres."""
+
+Pose = tuple[float, float, float]
+Slot = tuple[list[shapely.Polygon], tuple[Pose, Pose]]
+"""Obstacles, and start and goal of a car."""
+
+
+def make_parallel_slot(share: float) -> Slot:
+    """Make a slot along the curb, ``share`` times as long as the car."""
+    stop = 6.0 + 4.5 * share
+    cars = [shapely.box(0.5, 0.2, 6.0, 2.0), shapely.box(stop, 0.2, stop + 5.5, 2.0)]
+    curbs = [shapely.box(-1, -1, 19, 0), shapely.box(-1, 7, 19, 8)]
+    middle = 0.5 * (6.0 + stop)
+    return [*cars, *curbs], ((stop + 1.0, 3.4, 0.0), (middle - 1.35, 1.1, 0.0))
+
+
+def make_perpendicular_slot(share: float) -> Slot:
+    """Make a slot across the lane, ``share`` times as wide as the car."""
+    stop = 8.0 + 1.8 * share
+    cars = [shapely.box(x, -4.5, x + 1.8, 0) for x in (3.7, 6.2, stop, stop + 2.5)]
+    curbs = [shapely.box(-1, -6, 20, -5.2), shapely.box(-1, 6, 20, 7)]
+    middle = 0.5 * (8.0 + stop)
+    return [*cars, *curbs], ((1.5, 2.5, 0.0), (middle, -1.1, -0.5 * math.pi))
 
 
 def data_folder() -> Path | None:

@@ -55,7 +55,7 @@ from cspace.workspace import Workspace, copy_workspace
 
 if TYPE_CHECKING:
     from cspace.exact.boundaries import Problem
-    from cspace.exact.proofs import ExactQueries
+    from cspace.exact.proofs import BoundaryTrees, ExactQueries
     from cspace.obstacles import ObstacleLayers
     from cspace.queries.components import Components
     from cspace.queries.distance import DistanceMap, Distances
@@ -1165,6 +1165,10 @@ class CSpace(ConfigurationMap, MapReasons, MapExport):
         from cspace.exact.proofs import ExactQueries
 
         return ExactQueries(self._problem)
+
+    def boundaries(self) -> BoundaryTrees:
+        """Return the present boundaries of robot and obstacles, for compiled functions."""
+        return self._exact.boundaries()
 
     def _problem(self) -> Problem:
         """Return the input of exact queries."""

@@ -18,15 +18,20 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cspace.bodies import ADVANCE_FACTOR, MAX_DISTANCES_PER_EDGE
+from cspace.exact.proofs import BoundaryTrees, fraction_apart
 from cspace.queries.points import around_is_free, position_in_plane
 from cspace.record.cells import Map
 from cspace.rotations.base import TWO_PI
+from cspace.rotations.lookup import matrix_rows
 from cspace.support.arrays import Floats, Ints, Numbers
 from cspace.support.compiling import allocating, kernel
 from planners.integrals import MAX_RADIANS_PER_STEP, CostDensity, Values, cost_at
 
 Pose = tuple[float, float, float]
 Lengths = tuple[float, float, float, float, float]
+Geometry = tuple[BoundaryTrees, Ints] | None
+"""Boundaries of robot and obstacles, and scratch memory; None if only cells prove curves."""
 
 DUBINS = 0
 """Kind of curves that only go forwards."""
@@ -122,6 +127,7 @@ def prove_length(
     map_: Map,
     kind: int,
     radius: float,
+    geometry: Geometry,
     x0: float,
     y0: float,
     yaw0: float,
@@ -131,8 +137,10 @@ def prove_length(
 ) -> float:
     """Prove the shortest curve between two poses free; return its metres, or -1 if unproven.
 
-    A curve is proven if it lies in FREE cells of the grid. If the lengths of several curves differ
-    by at most ``TIE_TOLERANCE``, all must lie in FREE cells, because the robot may drive any one.
+    A curve is proven if it lies in FREE cells of the grid. With a geometry, the boundaries of robot
+    and obstacles may also stay apart; then the curve is free if its start is. If the lengths of
+    several curves differ by at most ``TIE_TOLERANCE``, all must be proven, because the robot may
+    drive any one.
     """
     start = (x0, y0, yaw0)
     goal = (x1, y1, yaw1)
@@ -153,7 +161,7 @@ def prove_length(
     gap = words.gap if count == 1 else MAX_GAP
     spare = gap * (1.0 + words.shortest + TIE_TOLERANCE) + POINT_ERROR
     for end in (start, goal):
-        if not pose_is_free(map_, end, spare * radius, spare):
+        if not piece_is_free(map_, geometry, radius, end, 0.0, 0.0, spare):
             return -1.0
     # Prove all curves that are equally short, segment by segment.
     for row in range(count):
@@ -161,7 +169,7 @@ def prove_length(
         for k in range(MAX_SEGMENTS):
             steer = words.steering[row, k]
             length = words.lengths[row, k]
-            if not segment_is_free(map_, radius, start, pose, steer, length, spare):
+            if not segment_is_free(map_, geometry, radius, start, pose, steer, length, spare):
                 return -1.0
             pose = advance(pose, steer, length)
     return radius * words.shortest
@@ -205,31 +213,76 @@ def curve_cost(
 
 
 @kernel
-def pose_is_free(map_: Map, pose: Pose, distance: float, angle: float) -> bool:
-    """Return True if all poses within ``distance`` and ``angle`` of a pose are proven free."""
-    x, y, yaw = pose
+def piece_is_free(
+    map_: Map,
+    geometry: Geometry,
+    radius: float,
+    center: Pose,
+    half: float,
+    turn: float,
+    spare: float,
+) -> bool:
+    """Return True if a piece of a segment is proven free, with all within ``spare`` of it.
+
+    From its center, the piece extends by ``half`` to both sides, in turning radii, and turns by
+    ``turn``. Either a box of FREE cells contains it, or the boundaries of robot and obstacles stay
+    apart: a point at distance rho from the reference point moves by at most the length of the arc
+    plus ``rho * turn``; see :mod:`cspace.exact`.
+    """
+    x, y, yaw = center
     position = position_in_plane(map_, x, y)
-    return around_is_free(map_, position, (yaw,), distance, angle)
+    reach = (half + spare) * radius
+    if around_is_free(map_, position, (yaw,), reach, turn + spare):
+        return True
+    # The branch of the geometry is left out if there is none.
+    if geometry is None:
+        return False
+    is_inside_x = map_.lower[1] + reach <= x <= map_.upper[1] - reach
+    is_inside_y = map_.lower[2] + reach <= y <= map_.upper[2] - reach
+    if not (is_inside_x and is_inside_y):
+        return False
+    boundaries, node_pairs = geometry
+    scale = boundaries.scale
+    ahead = scale * radius * half
+    # An arc of an angle a leaves its tangent by at most a^2 / 2 turning radii.
+    drift = scale * radius * (0.5 * turn * turn + spare)
+    place = (scale * x, scale * y, 0.0)
+    step = (ahead * math.cos(yaw), ahead * math.sin(yaw), 0.0)
+    matrix = matrix_rows((yaw,))
+    enough = 1.0 / ADVANCE_FACTOR
+    proven = fraction_apart(
+        boundaries, place, matrix, step, turn + spare, drift, enough, node_pairs
+    )
+    return proven >= enough
 
 
 @kernel
 def segment_is_free(
-    map_: Map, radius: float, origin: Pose, begin: Pose, steer: int, length: float, spare: float
+    map_: Map,
+    geometry: Geometry,
+    radius: float,
+    origin: Pose,
+    begin: Pose,
+    steer: int,
+    length: float,
+    spare: float,
 ) -> bool:
-    """Return True if a segment lies in FREE cells, with all within ``spare`` except its ends.
+    """Return True if a segment is proven free, with all within ``spare`` except its ends.
 
     It starts at ``begin``, in turning radii from the position of ``origin``. A piece of length l
-    lies within l / 2 of its center and turns by at most l / (2 radius) from there. So a box of that
-    size around the center contains it. If the box is not free, the piece is halved, until its
-    center is not free or the piece is shorter than ``MIN_PIECE_CELLS``.
+    lies within l / 2 of its center and turns by at most l / (2 radius) from there. If that is not
+    proven free, the piece is halved, until its center is not free or the piece is too short.
     """
     # Lengths are in turning radii, in which an arc is as long as its angle.
     longest = MAX_PIECE_CELLS * map_.spacing / radius
     shortest = MIN_PIECE_CELLS * map_.spacing / radius
+    if geometry is not None:
+        shortest = POINT_ERROR
     total = abs(length)
     sign = math.copysign(1.0, length)
     proven = 0.0
     step = longest
+    unproven = 0
     while proven < total:
         rest = total - proven
         is_last = step >= rest
@@ -238,16 +291,18 @@ def segment_is_free(
         turn = half if steer != 0 else 0.0
         u, v, yaw = advance(begin, steer, sign * (proven + half))
         center = (origin[0] + radius * u, origin[1] + radius * v, yaw)
-        if pose_is_free(map_, center, (half + spare) * radius, turn + spare):
+        if piece_is_free(map_, geometry, radius, center, half, turn, spare):
             # Go on with a longer piece.
             if is_last:
                 return True
             proven += piece
             step = min(2.0 * step, longest)
-        elif piece <= shortest or not pose_is_free(map_, center, spare * radius, spare):
+            continue
+        unproven += 1
+        is_too_near = piece <= shortest or unproven == MAX_DISTANCES_PER_EDGE
+        if is_too_near or not piece_is_free(map_, geometry, radius, center, 0.0, 0.0, spare):
             return False
-        else:
-            step = half
+        step = half
     return True
 
 

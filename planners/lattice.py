@@ -1,9 +1,10 @@
 """Search on a lattice of headings, for non-holonomic drives.
 
-The search runs from the start, guided by the length of the shortest chain of cells to the goal that
-are FREE at any yaw. It keeps one configuration for each cell and heading (hybrid A*), so positions
-are not rounded, and the map proves each motion. From nodes near the goal, and from some others, one
-edge may lead to the goal itself. Then :func:`shorten_path` shortens the path.
+The search runs from the start, guided by the length of the shortest chain of blocks of cells to the
+goal. It keeps one configuration for each cell and heading (hybrid A*), so positions are not
+rounded, and map or geometry prove each motion. From nodes near the goal, and from some others, one
+edge may lead to the goal itself. For a car that reverses, start and goal change roles if there is
+less room at the goal. Then :func:`shorten_path` shortens the path.
 
 References
 ----------
@@ -20,6 +21,7 @@ from typing import Final, NamedTuple, cast
 
 import numpy as np
 
+from cspace.interface import Endpoint
 from cspace.queries.edges import edge_is_free
 from cspace.queries.frontier import (
     Estimate,
@@ -37,9 +39,17 @@ from cspace.queries.paths import MAX_SHORTENING_SECONDS, pulled_straight
 from cspace.queries.points import position_in_plane
 from cspace.record.cells import Map
 from cspace.rotations.base import METRES_PER_RADIAN, TWO_PI, wrapped
-from cspace.support.arrays import Bools, Floats, Ints
+from cspace.support.arrays import FREE, MIXED, Bools, Floats, Ints
 from cspace.support.compiling import clock, kernel
-from planners.car_curves import MAX_GAP, POINT_ERROR, Pose, advance, pose_is_free, segment_is_free
+from planners.car_curves import (
+    MAX_GAP,
+    POINT_ERROR,
+    Geometry,
+    Pose,
+    advance,
+    piece_is_free,
+    segment_is_free,
+)
 from planners.local_planner import Endpoints, LocalPlanner
 
 MAX_BLOCK_SIDE: Final = 8
@@ -53,8 +63,11 @@ CAR_HEADINGS: Final = (24, 48, 96)
 """Numbers of headings of the lattices for a car, coarse to fine; an arc leads from one heading to
 the next."""
 
+REVERSING_HEADINGS: Final = (*CAR_HEADINGS, 192, 384)
+"""Numbers of headings for a car that reverses; the finest lattices move to and fro in slots."""
+
 MAX_NODES: Final = 1_000_000
-CAR_MAX_NODES: Final = (100_000, 200_000, 800_000)
+CAR_MAX_NODES: Final = (100_000, 200_000, 800_000, 800_000, 800_000)
 """Number of nodes after which the search ends; on each lattice of a car, which then tries the next
 finer one."""
 
@@ -68,6 +81,19 @@ REVERSE_WEIGHT: Final = 1.5
 
 SWITCH_RADII: Final = 0.5
 """Cost of a car's change between driving ahead and in reverse, in turning radii."""
+
+MIN_STRAIGHT_RADII: Final = 0.07
+"""Shortest straight drive of a car, in turning radii.
+
+On shorter drives, curves that turn to and fro are as short up to
+:data:`planners.car_curves.TIE_TOLERANCE`, and the proof of an edge needs these, too.
+"""
+
+ROOM_RADII: Final = 0.25
+"""Distance along each axis within which the room of start and goal counts, in turning radii."""
+
+ROOM_RADIANS: Final = 0.5
+"""Rotation to either side at which the room of start and goal counts, too."""
 
 NEAR_CELLS: Final = 8.0
 """Distance from the goal, in cells, within which each node tries an edge to the goal."""
@@ -133,6 +159,7 @@ class Motions(NamedTuple):
     switch_cost: float  # of a change between driving ahead and in reverse
     greed: float  # weight of the remaining cost; above 1, paths are found sooner but may be longer
     near: float  # distance from the goal within which each node tries an edge to the goal
+    geometry: Geometry  # proves motions of a car that cells do not prove
 
 
 class Guide(NamedTuple):
@@ -172,31 +199,56 @@ def find_lattice_path(
     search finds no path, n is 0. The note names a lattice that has no path, or what ended the
     search before its time.
     """
-    start, goal = cast(tuple[Pose, Pose], endpoints)
-    if edges.edge_checker()(*start, *goal):
+    if edges.edge_checker()(*endpoints[0], *endpoints[1]):
         return np.array(endpoints), ""
+    is_backwards = _starts_at_goal(edges, endpoints)
+    if is_backwards:
+        endpoints = endpoints[::-1]
     path = np.empty((0, 3))
     until = clock() + seconds
-    is_car = edges.turning_radius is not None
     try:
-        guide = _measure_guide(edges, endpoints, until)
-        levels = [(_list_spot_motions(edges, endpoints, guide), MAX_NODES)]
-        if is_car:
-            lattices = [_list_car_motions(edges, start, count, guide) for count in CAR_HEADINGS]
-            levels = list(zip(lattices, CAR_MAX_NODES, strict=True))
-        for motions, max_nodes in levels:
+        guide = _measure_guide(edges, endpoints, is_backwards, until)
+        for motions, max_nodes in _list_levels(edges, endpoints, guide, is_backwards):
             path, reason = _search(edges, motions, guide, endpoints, max_nodes, until, may_exist)
+            if is_backwards:
+                path = path[::-1]
+            if len(path) and not edges.are_free(path):
+                path = np.empty((0, 3))
+                reason = "rounding keeps the path of the lattice from being proven"
             if len(path):
                 break
     except TimeoutError:
         return path, ""
     if not len(path):
         return path, reason
-    if not edges.are_free(path):
-        return np.empty((0, 3)), "rounding keeps the path of the lattice from being proven"
     if simplify:
         path = shorten_path(edges, path, until + MAX_SHORTENING_SECONDS)
     return path, ""
+
+
+def _starts_at_goal(edges: LocalPlanner, endpoints: Endpoints) -> bool:
+    """Return True if the search should start at the goal, and its path be driven backwards.
+
+    A search out of a tight place is shorter than one into it, because few motions are free there. A
+    car that reverses can drive its paths both ways.
+    """
+    if edges.turning_radius is None or not _can_reverse(edges):
+        return False
+    room_at_start, room_at_goal = (_measure_room(edges, q) for q in endpoints)
+    return room_at_goal < room_at_start
+
+
+def _measure_room(edges: LocalPlanner, q: Endpoint) -> int:
+    """Count the cells near a configuration that the robot may pass at yaws near its own."""
+    grid = edges.cells.grid
+    reach = math.ceil(ROOM_RADII * float(edges.turning_radius or 0.0) / grid.spacing)
+    center = grid.cell_of(q[:2])
+    low = np.maximum(center - reach, 0)
+    high = center + reach + 1
+    window = np.s_[low[0] : high[0], low[1] : high[1]]
+    yaws = (q[2] - ROOM_RADIANS, q[2], q[2] + ROOM_RADIANS)
+    worst = _find_worst_state(edges)
+    return sum(int((edges.cells.states_at(yaw)[window] <= worst).sum()) for yaw in yaws)
 
 
 def _list_drives(endpoints: Endpoints) -> Drives:
@@ -217,7 +269,9 @@ def _list_drives(endpoints: Endpoints) -> Drives:
     return Drives(all_yaws[order], all_steps[order], order >= len(yaws))
 
 
-def _measure_guide(edges: LocalPlanner, endpoints: Endpoints, until: float) -> Guide:
+def _measure_guide(
+    edges: LocalPlanner, endpoints: Endpoints, is_backwards: bool, until: float
+) -> Guide:
     """Measure the way to the goal over blocks of cells.
 
     Raises TimeoutError after ``until``.
@@ -227,7 +281,9 @@ def _measure_guide(edges: LocalPlanner, endpoints: Endpoints, until: float) -> G
     yaws = np.arctan2(moves.steps[:, 2], moves.steps[:, 1])
     order = np.argsort(yaws)
     yaws = yaws[order]
-    directions = _list_directions(edges, yaws, moves.steps[order], moves.lengths[order])
+    directions = _list_directions(
+        edges, yaws, moves.steps[order], moves.lengths[order], is_backwards
+    )
     nearest = [int(np.abs(wrapped(yaws - q[2])).argmin()) for q in endpoints]
     cells = np.minimum(grid.cell_of(np.array(endpoints)[:, :2]), np.array(grid.shape) - 1)
     start, goal = (
@@ -236,12 +292,21 @@ def _measure_guide(edges: LocalPlanner, endpoints: Endpoints, until: float) -> G
     # No chain leads across a wall of blocks, because an obstacle blocks two radii of the robot.
     cells_per_radius = int(edges.cells.robot.inscribed_radius / grid.spacing)
     side = min(max(cells_per_radius, 1), MAX_BLOCK_SIDE)
-    states = edges.cells.kernel_map.states
-    estimate = measure_way(states, directions, start, goal, side, until)
+    estimate = measure_way(
+        edges.cells.kernel_map.states,
+        directions,
+        start,
+        goal,
+        side,
+        until,
+        worst_state=_find_worst_state(edges),
+    )
     return Guide(cast(Pose, endpoints[1]), yaws, estimate)
 
 
-def _list_directions(edges: LocalPlanner, yaws: Floats, steps: Ints, lengths: Floats) -> Directions:
+def _list_directions(
+    edges: LocalPlanner, yaws: Floats, steps: Ints, lengths: Floats, is_backwards: bool
+) -> Directions:
     """List what the robot may do in each direction of the guide.
 
     ``yaws``, shape (n,), are ascending. ``steps``, shape (n, 3), are moves along them, and
@@ -251,8 +316,10 @@ def _list_directions(edges: LocalPlanner, yaws: Floats, steps: Ints, lengths: Fl
     costs = lengths[:, np.newaxis]
     if _can_reverse(edges):
         weight = REVERSE_WEIGHT if edges.turning_radius is not None else 1.0
+        # What a search backwards drives ahead, the robot will drive in reverse.
+        weights = (weight, 1.0) if is_backwards else (1.0, weight)
         moves = np.concatenate([moves, -moves], axis=1)
-        costs = np.concatenate([costs, weight * costs], axis=1)
+        costs = costs * weights
     numbers = np.arange(len(yaws))
     neighbors = np.stack([numbers - 1, numbers + 1], axis=1) % len(yaws)
     turns = np.abs(wrapped(yaws[neighbors] - yaws[:, np.newaxis]))
@@ -277,6 +344,11 @@ def _list_slices_near(edges: LocalPlanner, yaws: Floats) -> Ints:
     return np.asarray(slice_of[rotations.cell_of(near)])
 
 
+def _find_worst_state(edges: LocalPlanner) -> int:
+    """Return the largest state of cells that the robot may pass: MIXED if geometry decides."""
+    return MIXED if edges.exact else FREE
+
+
 def _find_nearest(guide: Guide, yaws: Floats) -> Ints:
     """Find the direction of the guide nearest to each yaw, shape (n,)."""
     turns = np.abs(wrapped(guide.yaws - yaws[:, np.newaxis]))
@@ -286,6 +358,18 @@ def _find_nearest(guide: Guide, yaws: Floats) -> Ints:
 def _can_reverse(edges: LocalPlanner) -> bool:
     """Return True if the robot may drive in reverse."""
     return edges.drive in ("differential-reverse", "reeds-shepp")
+
+
+def _list_levels(
+    edges: LocalPlanner, endpoints: Endpoints, guide: Guide, is_backwards: bool
+) -> list[tuple[Motions, int]]:
+    """List the motions of each lattice, coarse to fine, and its largest number of nodes."""
+    if edges.turning_radius is None:
+        return [(_list_spot_motions(edges, endpoints, guide), MAX_NODES)]
+    start = endpoints[0]
+    counts = REVERSING_HEADINGS if _can_reverse(edges) else CAR_HEADINGS
+    lattices = [_list_car_motions(edges, start, count, guide, is_backwards) for count in counts]
+    return list(zip(lattices, CAR_MAX_NODES, strict=False))
 
 
 def _list_spot_motions(edges: LocalPlanner, endpoints: Endpoints, guide: Guide) -> Motions:
@@ -318,10 +402,13 @@ def _list_spot_motions(edges: LocalPlanner, endpoints: Endpoints, guide: Guide) 
         switch_cost=0.0,
         greed=SPOT_GREED,
         near=NEAR_CELLS * spacing,
+        geometry=None,
     )
 
 
-def _list_car_motions(edges: LocalPlanner, start: Pose, count: int, guide: Guide) -> Motions:
+def _list_car_motions(
+    edges: LocalPlanner, start: Endpoint, count: int, guide: Guide, is_backwards: bool
+) -> Motions:
     """List the motions of a car.
 
     These are arcs to the next of ``count`` headings, and drives straight on, ahead or in reverse.
@@ -334,15 +421,17 @@ def _list_car_motions(edges: LocalPlanner, start: Pose, count: int, guide: Guide
     # The chord of an arc is twice as long as the diagonal of a cell. In larger cells, one
     # configuration often replaces another that alone leads into a tight slot.
     side = 0.5 * max(2.0 * radius * math.sin(0.5 * arc), spacing) / math.sqrt(2.0)
-    straight = max(arc * radius, 1.01 * math.sqrt(2.0) * side)
+    straight = max(arc, MIN_STRAIGHT_RADII, 1.01 * math.sqrt(2.0) * side / radius)
     steering = np.array([1, -1, 0])
-    lengths = np.array([arc, arc, straight / radius])
+    lengths = np.array([arc, arc, straight])
     if _can_reverse(edges):
         steering = np.tile(steering, 2)
         lengths = np.concatenate([lengths, -lengths])
-    reverses = lengths < 0.0
-    turns = np.where(reverses, -steering, steering)
-    costs = radius * np.abs(lengths) * np.where(reverses, REVERSE_WEIGHT, 1.0)
+    costs = radius * np.abs(lengths) * np.where(lengths < 0.0, REVERSE_WEIGHT, 1.0)
+    if is_backwards:
+        # The costs are of the motions as the robot will drive them.
+        lengths = -lengths
+    turns = np.where(lengths < 0.0, -steering, steering)
     return Motions(
         headings=yaws,
         nearest=_find_nearest(guide, yaws),
@@ -355,6 +444,7 @@ def _list_car_motions(edges: LocalPlanner, start: Pose, count: int, guide: Guide
         switch_cost=SWITCH_RADII * radius,
         greed=CAR_GREED,
         near=max(NEAR_RADII * radius, NEAR_CELLS * spacing),
+        geometry=edges.geometry(),
     )
 
 
@@ -616,10 +706,12 @@ def motion_is_free(
         return edge_is_free(map_, start, (yaw,), end, (q[2],))
     steer = motions.steering[move]
     length = motions.lengths[0, move]  # at all headings
-    if not pose_is_free(map_, q, ARC_ERROR * radius, ARC_ERROR):
+    geometry = motions.geometry
+    if not piece_is_free(map_, geometry, radius, q, 0.0, 0.0, ARC_ERROR):
         return False
     begin = (0.0, 0.0, yaw)
-    return segment_is_free(map_, radius, (x, y, yaw), begin, steer, length, ARC_ERROR)
+    origin = (x, y, yaw)
+    return segment_is_free(map_, geometry, radius, origin, begin, steer, length, ARC_ERROR)
 
 
 @kernel

@@ -15,6 +15,7 @@ import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple, cast, get_args
 
 import numpy as np
@@ -22,6 +23,7 @@ from numpy.typing import NDArray
 from ompl import base as ob
 
 from cspace.errors import InputError
+from cspace.exact.proofs import make_scratch
 from cspace.interface import Endpoint, Space
 from cspace.queries.callbacks import bind_kernel
 from cspace.record.cells import Map
@@ -31,6 +33,7 @@ from cspace.support.arrays import MIXED, Bools, Floats
 from cspace.support.check import check_flag, check_positive, check_word
 from cspace.support.words import Drive
 from planners.car_curves import (
+    Geometry,
     advance,
     curve_cost,
     find_shortest_words,
@@ -143,6 +146,12 @@ class LocalPlanner:
         """Return the map for kernels, with a MIXED exterior, so that no motion leaves the grid."""
         map_ = self.cells.kernel_map
         return map_._replace(exterior=np.full_like(map_.exterior, MIXED))
+
+    def geometry(self) -> Geometry:
+        """Return the geometry that decides MIXED cells for kernels; None unless exact."""
+        if not self.exact:
+            return None
+        return self.cells.boundaries(), make_scratch().node_pairs
 
     def make_states(self) -> ob.StateSpace:
         """Make OMPL's state space, without bounds."""
@@ -424,9 +433,9 @@ class CarCurves(LocalPlanner):
     """Edges along the shortest curve of a car.
 
     The map has the axes x, y, yaw. Each edge is proven along the curve itself, which is split into
-    pieces. All cells that meet the box around a piece must be FREE (:mod:`planners.car_curves`). A
-    curve that leaves the grid is not proven. If several curves are equally short, OMPL may drive
-    any of these, so all are proven.
+    pieces. All cells that meet the box around a piece must be FREE, or with ``exact`` the geometry
+    proves the piece (:mod:`planners.car_curves`). A curve that leaves the grid is not proven. If
+    several curves are equally short, OMPL may drive any of these, so all are proven.
     """
 
     rotation_weight = 0.0
@@ -477,7 +486,17 @@ class CarCurves(LocalPlanner):
         """
         if self.space.in_memory:
             fixed = (self.bounded_map(), self.kind, self.radius)
-            return bind_kernel(prove_length, fixed, *[0.0] * 6)
+            prove = bind_kernel(prove_length, fixed, self.geometry(), *[0.0] * 6)
+            if not self.exact:
+                return partial(prove, None)
+            is_free = self.space.point_checker(exact=True)
+
+            def prove_exactly(*q: float) -> float:
+                """Prove a curve among the present obstacles."""
+                length: float = prove(self.geometry(), *q)
+                return length if length < 0.0 or is_free(*q[:3]) else -1.0
+
+            return prove_exactly
 
         # A map in tiles has no array for kernels, so each edge opens the part around it.
         def prove_in_window(*ends: float) -> float:
@@ -546,13 +565,13 @@ def local_planner(
     """Make the local planner of a space from :class:`LocalPlanner` options.
 
     Raises InputError if ``space`` is no :class:`cspace.Space`; the drive is unknown, or given for a
-    space other than a map of x, y, yaw; the turning radius is missing, given without a curve, or
-    out of range; or ``exact`` is set for curves.
+    space other than a map of x, y, yaw; or the turning radius is missing, given without a curve, or
+    out of range.
     """
     check_space(space)
     check_flag(exact, "exact")
     exact = bool(exact) or not space.has_cells
-    radius = _check_drive(space, drive, turning_radius, exact)
+    radius = _check_drive(space, drive, turning_radius)
     kind = LocalPlanner
     if drive in ON_THE_SPOT:
         kind = TurnDriveTurn
@@ -566,9 +585,7 @@ def has_drives(space: Space) -> bool:
     return space.has_cells and space.axes == CAR_AXES
 
 
-def _check_drive(
-    space: Space, drive: Drive, turning_radius: float | None, exact: bool
-) -> float | None:
+def _check_drive(space: Space, drive: Drive, turning_radius: float | None) -> float | None:
     """Check a drive and its turning radius; return the radius, metres, or None without curves.
 
     Raises InputError if the drive is not for the space, or the radius does not fit the drive.
@@ -598,13 +615,6 @@ def _check_drive(
             "pass it in metres, e.g. 0.5",
         )
     radius = check_positive(turning_radius, "turning_radius")
-    if exact:
-        raise InputError(
-            "exact",
-            f"is True and drive is {drive!r}",
-            "curves are proven by FREE cells alone",
-            "leave exact out, or build the map with a finer spacing or more rotations",
-        )
     # Rounding errors of curves grow with the radius in cells, and with its inverse.
     spacing = 2.0 * space.resolution
     lowest = MIN_RADIUS_CELLS * spacing

@@ -194,10 +194,11 @@ def plan(
 
     *Default.* Without a planner, another objective or ``iterations``, built-in searches go first if
     FREE cells join start and goal, or if ``exact``. "Grid" plans for holonomic robots; few paths
-    through FREE cells are shorter. Unless ``exact``, "Lattice" plans for other drives. If they end
-    without a path before the time limit, OMPL's default planner takes over. If the robot rotates,
-    RRTConnect searches first, unless ``exact`` or for Dubins curves, for at most 500 iterations,
-    some 10 ms. The plan takes its path if the built-in search finds no shorter one in time.
+    through FREE cells are shorter. "Lattice" plans for cars, and unless ``exact`` for other drives.
+    If they end without a path before the time limit, OMPL's default planner takes over. If the
+    robot rotates, RRTConnect searches first, unless ``exact`` or for Dubins curves, for at most 500
+    iterations, some 10 ms. The plan takes its path if the built-in search finds no shorter one in
+    time.
 
     *Repeatable runs.* If named, "Grid" and "Lattice" always give the same path. A seed sets OMPL's
     global seed generator, from which every planner and sampler made afterwards draws its own seed,
@@ -262,8 +263,7 @@ def plan(
         first. Other planners are refused.
     exact : bool
         Whether the geometry itself decides MIXED cells, which finds shorter paths, and passages
-        little wider than the robot; slower. "Grid" tests the centers of MIXED cells on its way. Not
-        for curves.
+        little wider than the robot; slower. "Grid" tests the centers of MIXED cells on its way.
     drive : {"holonomic", "differential", "differential-reverse", "dubins", "reeds-shepp"}
         Motion of the robot along an edge, which is proven along that motion. All but the first are
         for maps of (x, y, yaw), with the reference point in the middle of the axle that does not
@@ -416,7 +416,7 @@ def _choose_planner(task: Task) -> PlannerName:
         return searches[0] if searches else task.planner
     if objective == CLEARANCE:
         return GRID
-    if task.iterations is not None or (edges.exact and edges.drive != HOLONOMIC):
+    if task.iterations is not None or (edges.exact and edges.drive in ON_THE_SPOT):
         return task.planner
     return GRID if edges.drive == HOLONOMIC else LATTICE
 
@@ -477,7 +477,8 @@ def _list_refusals(task: Task) -> dict[str, tuple[bool, str]]:
     aims = "length or clearance" if name == GRID else "the length"
     keeps_away = name == GRID and task.objective == CLEARANCE
     scope = f" for objective={CLEARANCE!r}" if keeps_away else ""
-    needs_free = is_map and (keeps_away or name != GRID)
+    decides_all = name == GRID or (name == LATTICE and edges.drive in CURVES)
+    needs_free = is_map and (keeps_away or not decides_all)
     return {
         "objective": (has_objective and not keeps_away, f"minimises {aims}"),
         "drive": (name != LATTICE and edges.drive != HOLONOMIC, "is for holonomic robots"),
@@ -769,10 +770,11 @@ def _list_hints(task: Task, exists: bool | None, is_late: bool) -> list[str]:
 def _list_exact_hints(task: Task) -> list[str]:
     """List the hint to let the geometry decide, if it can and does not yet."""
     edges = task.edges
-    if edges.drive in CURVES or edges.exact:
+    if edges.exact:
         return []
     hint = "exact=True"
-    if task.is_named and task.planner in (MAX_CLEARANCE, LATTICE):
+    is_lattice_on_spot = task.planner == LATTICE and edges.drive in ON_THE_SPOT
+    if task.is_named and (task.planner == MAX_CLEARANCE or is_lattice_on_spot):
         hint = f"planner='RRTConnect' with {hint}"
     if not edges.space.in_memory:
         hint += " on space.window(lower, upper)"
@@ -855,6 +857,8 @@ def _make_plan(task: Task, result: SearchResult, exists: bool | None, began: flo
         exact=edges.exact,
         seed=task.seed,
         time_limit=task.time_limit,
-        times=Times(max(setup, 0.0), result.planning, result.simplification, time.perf_counter() - searched),
+        times=Times(
+            max(setup, 0.0), result.planning, result.simplification, time.perf_counter() - searched
+        ),
         space=edges.space,
     )

@@ -361,6 +361,24 @@ MUTANTS = (
     ),
     Mutant(
         "planners/car_curves.py",
+        "ahead = scale * radius * half",
+        "ahead = 0.9 * scale * radius * half",
+        "tests/planners/test_car_curves.py",
+    ),
+    Mutant(
+        "planners/car_curves.py",
+        "(0.5 * turn * turn + spare)",
+        "spare",
+        "tests/planners/test_car_curves.py",
+    ),
+    Mutant(
+        "planners/local_planner.py",
+        "return length if length < 0.0 or is_free(*q[:3]) else -1.0",
+        "return length",
+        "tests/planners/test_car_curves.py",
+    ),
+    Mutant(
+        "planners/car_curves.py",
         "return (t, -quarter, 2.0 - straight, phi - quarter - t, 0.0)",
         "return (t, -quarter, straight - 2.0, phi - quarter - t, 0.0)",
         "tests/planners/test_car_curves.py",
@@ -381,6 +399,12 @@ MUTANTS = (
         "cspace/queries/guide.py",
         "if blocks.states[number, i, j, k] <= blocks.worst_state:",
         "if blocks.states[number, i, j, k] <= 2:",
+        "tests/planners/test_lattice.py",
+    ),
+    Mutant(
+        "planners/lattice.py",
+        "return room_at_goal < room_at_start",
+        "return False",
         "tests/planners/test_lattice.py",
     ),
     Mutant(

@@ -1,7 +1,8 @@
-"""Paths of drives, against a lattice of eight headings on the same map."""
+"""Paths of drives, against a lattice of eight headings on the same map, and tight parking."""
 
 from __future__ import annotations
 
+import itertools
 import math
 from functools import partial
 from typing import Any
@@ -10,10 +11,12 @@ import numpy as np
 import scipy.sparse
 import scipy.sparse.csgraph
 
+import cspace
 import planners
+from benchmarks import inputs
 from benchmarks.report import Report
 from benchmarks.timing import Timing
-from cspace import FREE, CSpace
+from cspace import FREE, ConfigurationError, CSpace, Robot, Workspace
 from cspace.rotations.base import METRES_PER_RADIAN
 from cspace.support.arrays import Floats, Ints
 
@@ -25,6 +28,12 @@ MAX_RATIO, MAX_MEDIAN_SECONDS, MAX_SECONDS = 1.15, 0.5, 2.0
 
 TIME_LIMIT = 5.0
 """Time limit of a plan, seconds."""
+
+PARKING_SPACING, PARKING_RADII = 0.05, (4.0, 5.0, 6.0)
+"""Spacing of the maps and turning radii of the cars that park, metres."""
+
+BENCH_MR_QUERY = (4.03, -2.6, 0.5 * math.pi), (9.9, -12.0, -0.5 * math.pi)
+"""Start and goal of the first parking scene of bench-mr (Heiden and others, 2021)."""
 
 HEADINGS = [(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1)]
 """Cells along x and y of a drive along each heading."""
@@ -98,6 +107,47 @@ def compare(report: Report, name: str, space: CSpace, number: int, seed: int) ->
                 bool(solved[joined].all()), f"{drive}: solves every query that the lattice joins"
             )
             _check_lengths(report, plans, lengths)
+
+
+def park(report: Report) -> None:
+    """Park cars in tight slots on coarse maps, by FREE cells and by the geometry."""
+    cases = list[tuple[CSpace, Any]]()
+    for make_slot, share in itertools.product(
+        (inputs.make_parallel_slot, inputs.make_perpendicular_slot), (1.18, 1.3)
+    ):
+        obstacles, query = make_slot(share)
+        workspace = Workspace.from_polygons(obstacles, PARKING_SPACING, inputs.PARKING_BOUNDS)
+        cases.append((cspace.build(workspace, Robot.polygon(inputs.CAR), rotations=72), query))
+    folder = inputs.data_folder()
+    if folder is not None:
+        workspace = Workspace.open(
+            folder / "polygons" / "parking1.geojson",
+            spacing=PARKING_SPACING,
+            bounds=(-1, -16, 20, 2),
+        )
+        car = Robot.open(folder / "polygons" / "car.geojson")
+        cases.append((cspace.build(workspace, car, rotations=72), BENCH_MR_QUERY))
+    report.section(f"parking: {len(cases)} scenes at {PARKING_SPACING:g} m, by turning radius")
+    for radius, exact in itertools.product(PARKING_RADII, (False, True)):
+        timing, solved = Timing(None), 0
+        _park(*cases[-1], radius, exact)  # compiles
+        for space, query in cases:
+            plan = timing.take(partial(_park, space, query, radius, exact))
+            solved += plan is not None and plan.certified
+        name = f"radius {radius:g} m, exact={exact}"
+        worst_cpu_s = round(max(timing.cpu), 2)
+        report.timing(name, timing, solved=f"{solved} of {len(cases)}", worst_cpu_s=worst_cpu_s)
+        if exact:
+            report.check(solved == len(cases), f"{name}: parks in every scene")
+
+
+def _park(space: CSpace, query: Any, radius: float, exact: bool) -> planners.Plan | None:
+    """Plan for a car; None if FREE cells do not hold its start or goal."""
+    options: Any = {"drive": "reeds-shepp", "turning_radius": radius, "time_limit": TIME_LIMIT}
+    try:
+        return planners.plan(space, *query, planner="Lattice", exact=exact, **options)
+    except ConfigurationError:
+        return None
 
 
 def _check_lengths(report: Report, plans: list[planners.Plan], lengths: list[float]) -> None:

@@ -131,7 +131,7 @@ class Outcome:
 
 
 def run(report: Report, seed: int) -> None:
-    """Compare paths on four maps, then drives on a lattice."""
+    """Compare paths on four maps, then drives on a lattice, and park cars."""
     sizes = QUICK if report.quick else FULL
     ou.setLogLevel(ou.LOG_NONE)
     if inputs.data_folder() is None:
@@ -140,6 +140,7 @@ def run(report: Report, seed: int) -> None:
         _compare(report, problem, sizes, seed)
     office = list_problems(report.quick, seed)[-1]
     drives.compare(report, office.name, office.build(), sizes.drives, seed)
+    drives.park(report)
 
 
 def list_problems(quick: bool, seed: int) -> list[Problem]:

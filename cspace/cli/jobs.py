@@ -35,6 +35,9 @@ _TWO_LINKS: Final = (
 """URDF of an arm with two links in a plane."""
 
 
+_CAR: Final[dict[str, Any]] = {"drive": "reeds-shepp", "turning_radius": 0.5, "time_limit": 5}
+
+
 def map_flat(folder: Path, rotations: int | None = None) -> CSpace:
     """Map the floor plan of the demo for a cart."""
     workspace = Workspace.open(folder / "flat.geojson", spacing=0.05)
@@ -106,7 +109,8 @@ JOBS: Final[dict[str, Callable[[Path], object]]] = {
     "plan in the plane": plan_in_plane,
     "plan with a yaw": plan_with_yaw,
     "plan with a differential drive": partial(plan_with_yaw, drive="differential"),
-    "plan for a car": partial(plan_with_yaw, drive="reeds-shepp", turning_radius=0.5, time_limit=5),
+    "plan for a car": partial(plan_with_yaw, **_CAR),
+    "plan for a car in a tight place": partial(plan_with_yaw, exact=True, **_CAR),
     "plan in space": plan_in_space,
     "queries and updates": ask_maps,
     **({"plan for an arm": plan_for_arm} if find_spec("yourdfpy") else {}),

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable, Sequence
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, cast
 
 import numpy as np
 
@@ -147,6 +147,13 @@ class ExactQueries:
         self._current_proofs()  # made now, not at the first check
         return lambda *ends: quick(*ends) or self._current_proofs().edge(*ends)
 
+    def boundaries(self) -> BoundaryTrees:
+        """Return the present boundaries of robot and obstacles, for kernels.
+
+        The map is of a rigid robot, not of an arm.
+        """
+        return cast(BoundaryProofs, self._current_proofs()).boundaries
+
     def drop(self) -> None:
         """Drop the proofs, because obstacles change.
 
@@ -249,9 +256,9 @@ class BoundaryProofs:
             if obstacle.outer.encloses and has_faces:
                 self._shapes.append(obstacle.outer)
         boundary = as_triangles([self._robot.boundary()])
-        self._boundaries = _build_boundary_trees(problem, boundary, walls)
+        self.boundaries = _build_boundary_trees(problem, boundary, walls)
         containment = self._make_containment(problem, boundary, walls.pieces)
-        self._inputs = ProofInputs(problem.map, self._boundaries, containment)
+        self._inputs = ProofInputs(problem.map, self.boundaries, containment)
         # Configurations whose anchors, of robot and obstacles, are tested at once.
         anchors_per_configuration = len(self._anchors) + len(containment.anchors)
         self._batch_size = 1 + ANCHORS_PER_BATCH // (1 + anchors_per_configuration)
@@ -329,7 +336,7 @@ class BoundaryProofs:
         The path is given in pieces: their midpoints, shape (n, size), their lengths and their
         rotation angles, shape (n,).
         """
-        boundaries = self._boundaries
+        boundaries = self.boundaries
         scale = boundaries.scale
         positions, matrices = self._place_robot(points)
         # The farthest way of any point of the robot from where it is at the midpoint.
@@ -636,22 +643,41 @@ def path_slack(
     no_step = (0.0, 0.0, 0.0)
     for k in range(len(positions)):
         position = row_at(positions[k], 0)
-        x, y, z = position
         rows = matrices[k]
         matrix = row_at(rows[0], 0), row_at(rows[1], 0), row_at(rows[2], 0)
-        rounding = 2.0 * DISTANCE_ROUNDING * (abs(x) + abs(y) + abs(z))
-        required = boundaries.required + rounding
         # With a drift of 1 and no other motion, the free fraction is the distance itself, capped at
         # best + span.
-        motion = Motion(matrix, position, no_step, 0.0, required, 1.0)
         enough = best + spans[k]
-        distance = free_fraction(
-            boundaries.trees, boundaries.robot, boundaries.others, motion, enough, scratch
-        )
+        distance = fraction_apart(boundaries, position, matrix, no_step, 0.0, 1.0, enough, scratch)
         best = min(best, distance - spans[k])
         if best <= 0.0:
             return 0.0
     return best
+
+
+@kernel
+def fraction_apart(
+    boundaries: BoundaryTrees,
+    position: Row,
+    matrix: Matrix,
+    step: Row,
+    angle: float,
+    drift: float,
+    enough: float,
+    scratch: Ints,
+) -> float:
+    """Return the fraction of a motion, at most ``enough``, on which boundaries stay apart.
+
+    From its position, the robot moves by up to ``step`` forwards or backwards, by up to ``drift``
+    in any direction, and rotates by up to ``angle``. All lengths are scaled like the trees.
+    """
+    x, y, z = position
+    rounding = 2.0 * DISTANCE_ROUNDING * (abs(x) + abs(y) + abs(z))
+    required = boundaries.required + rounding
+    motion = Motion(matrix, position, step, angle, required, drift)
+    return free_fraction(
+        boundaries.trees, boundaries.robot, boundaries.others, motion, enough, scratch
+    )
 
 
 @kernel

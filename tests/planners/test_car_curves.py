@@ -4,6 +4,8 @@ import math
 
 import numpy as np
 import pytest
+import shapely
+from hypothesis import given, settings
 from ompl import base as ob
 
 import planners
@@ -17,6 +19,7 @@ from tests.helpers.planning import (
     shortest_word,
     turn_between,
 )
+from tests.helpers.strategies import L_SHAPE, seeds
 
 OMPL_SPACES = {"dubins": ob.DubinsStateSpace, "reeds-shepp": ob.ReedsSheppStateSpace}
 EVERY_CURVE = pytest.mark.parametrize("name", CURVES)
@@ -155,11 +158,137 @@ def test_the_curve_that_ompl_interpolates_is_free(space, name):
 # ---- dense paths ---------------------------------------------------------------------------------
 
 
-def test_a_curve_that_leaves_the_map_or_has_no_number_is_not_proven():
+@pytest.mark.parametrize("exact", [False, True])
+def test_a_curve_that_leaves_the_map_or_has_no_number_is_not_proven(exact):
     workspace = Workspace.from_array(np.zeros((40, 40), dtype=bool), 0.1)
     space = build(workspace, Robot.disc(0.01), rotations=4, outside="free")
-    check = local_planner(space, False, "dubins", 1.0).edge_checker()
+    check = local_planner(space, exact, "dubins", 1.0).edge_checker()
     assert check(1.0, 2.0, 0.0, 3.0, 2.0, 0.0)
     assert not check(3.5, 2.0, 0.0, 3.5, 2.0, math.pi)  # turns around, beyond the border
     assert not check(1.0, 2.0, 0.0, 3.0, 2.0, math.nan)
     assert not check(-math.inf, 2.0, 0.0, 3.0, 2.0, 0.0)
+
+
+# ---- proofs by the geometry ----------------------------------------------------------------------
+
+FOOTPRINT = np.array(L_SHAPE)
+POINTS = [(3.0, 3.0), (6.0, 2.5), (4.5, 5.0), (2.5, 6.0), (6.5, 6.5)]
+"""Points that a robot can swallow, so that a step across its border would be missed."""
+OBSTACLES = np.array([*map(shapely.Point, POINTS), shapely.box(4.0, 1.0, 5.0, 1.5)])
+
+
+@pytest.fixture(scope="module")
+def posts():
+    """Build a coarse map of points and a block, whose cells prove little."""
+    workspace = Workspace.from_polygons(OBSTACLES, 0.5, (-6, -6, 15, 15))
+    return build(workspace, Robot.polygon(FOOTPRINT), rotations=8)
+
+
+def measure_distance(curves, first, last, count=2000):
+    """Return the distance of the robot from obstacles at points of OMPL's curve, metres.
+
+    Also return the distance by which it may be smaller between the points, and the nearest points
+    of robot and obstacles.
+    """
+    states = curves.make_states()
+    shares = np.linspace(0.0, 1.0, count)
+    q = interpolate_poses(states, *make_poses(states, first, last), shares)
+    cos, sin = np.cos(q[:, 2]), np.sin(q[:, 2])
+    turns = np.moveaxis(np.array([[cos, sin], [-sin, cos]]), 2, 0)
+    corners = FOOTPRINT @ turns + q[:, None, :2]
+    robots = shapely.polygons(corners)
+    moved = 0.5 * np.linalg.norm(np.diff(corners, axis=0), axis=2).max()
+    distances = shapely.distance(robots[:, None], OBSTACLES)
+    pose, obstacle = np.unravel_index(distances.argmin(), distances.shape)
+    line = shapely.shortest_line(robots[pose], OBSTACLES[obstacle])
+    return distances[pose, obstacle], moved, shapely.get_coordinates(line)
+
+
+def draw_curve(curves, rng):
+    """Draw the ends of a curve that passes an obstacle closely, or over it."""
+    first = np.append(rng.uniform(2.5, 6.5, 2), rng.uniform(-3.0, 3.0))
+    last = first + np.append(rng.uniform(-1.5, 1.5, 2), rng.uniform(-1.0, 1.0))
+    distance, _, (near, far) = measure_distance(curves, first, last, 100)
+    if distance > 0.0:
+        # Move the curve up to the obstacle, but for a small distance; half of them overlap.
+        left = rng.choice([-0.2, -1e-6, 1e-4, 3e-3, 1e-2])
+        shift = (far - near) * (1.0 - left / distance)
+        first[:2] += shift
+        last[:2] += shift
+    return first, last
+
+
+@EVERY_CURVE
+@settings(max_examples=150)
+@given(seed=seeds)
+def test_exact_curves_keep_the_footprint_off_obstacles(posts, name, seed):
+    rng = np.random.default_rng(seed)
+    curves = local_planner(posts, True, name, float(rng.uniform(0.4, 2.0)))
+    first, last = draw_curve(curves, rng)
+    if curves.edge_checker()(*first, *last):
+        assert measure_distance(curves, first, last)[0] > 0.0
+
+
+@EVERY_CURVE
+def test_the_geometry_proves_curves_that_pass_obstacles_closely(posts, name):
+    rng = np.random.default_rng(0)
+    curves = local_planner(posts, True, name, 1.0)
+    by_cells = local_planner(posts, False, name, 1.0).edge_checker()
+    check = curves.edge_checker()
+    clear = missed = cells = 0
+    for _ in range(100):
+        first, last = draw_curve(curves, rng)
+        distance, moved, _ = measure_distance(curves, first, last)
+        if distance > moved:
+            clear += 1
+            missed += not check(*first, *last)
+            cells += by_cells(*first, *last)
+    # Cars that reverse sometimes have several curves that are equally short.
+    assert clear >= 20 and missed <= (0.1 * clear if name == "reeds-shepp" else 0)
+    assert cells < 0.1 * clear
+
+
+def test_exact_checkers_follow_updates_within_ten_micrometres():
+    workspace = Workspace.from_polygons(OBSTACLES, 0.5, (0, 0, 9, 9))
+    space = build(workspace, Robot.disc(0.2), rotations=4)
+    check = local_planner(space, True, "dubins", 1.0).edge_checker()
+    quarter_circle = (3.0, 4.0, 0.0, 4.0, 5.0, 0.5 * math.pi)
+    middle = np.array([math.sin(0.7), -math.cos(0.7)])  # seen from the center of the circle
+    assert check(*quarter_circle)
+    space.add_obstacle("near", shapely.Point((3.0, 5.0) + (0.8 - 1e-5) * middle))
+    assert check(*quarter_circle)
+    space.add_obstacle("nearer", shapely.Point((3.0, 5.0) + (0.8 + 1e-5) * middle))
+    assert not check(*quarter_circle)
+
+
+def test_a_curve_inside_an_obstacle_is_not_free():
+    workspace = Workspace.from_polygons(shapely.box(1, 1, 8, 8), 0.5, (0, 0, 9, 9))
+    space = build(workspace, Robot.disc(0.2), rotations=4, inner=False)
+    check = local_planner(space, True, "dubins", 1.0).edge_checker()
+    assert not check(3.0, 4.0, 0.0, 4.0, 5.0, 0.5 * math.pi)
+
+
+@pytest.mark.parametrize(
+    ("footprint", "obstacle", "radius", "turn"),
+    [
+        (
+            shapely.box(-0.01, -0.01, 0.01, 0.01),
+            shapely.LineString([(-3, 0.2), (3, 0.2)]),
+            1.0,
+            1.95,
+        ),
+        (shapely.box(0.0, -0.005, 3.0, 0.005), shapely.Point(2.9, 0.565), 0.2, 0.4),
+    ],
+    ids=["arc that crosses a fence twice", "bar that swings past a post"],
+)
+def test_no_piece_steps_over_a_thin_obstacle(footprint, obstacle, radius, turn):
+    workspace = Workspace.from_polygons([obstacle], 0.5, (-6, -6, 6, 6))
+    space = build(workspace, Robot.polygon(footprint), rotations=8)
+    check = local_planner(space, True, "dubins", radius).edge_checker()
+    # The middle of the arc, which is one piece, lies at the origin.
+    first, last = (
+        (radius * math.sin(yaw), radius * (1.0 - math.cos(yaw)), yaw)
+        for yaw in (-0.5 * turn, 0.5 * turn)
+    )
+    assert space.is_free([first, (0.0, 0.0, 0.0), last], exact=True).all()
+    assert not check(*first, *last)

@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from ompl import base as ob
 
 import planners
+from benchmarks.inputs import CAR, PARKING_BOUNDS, make_parallel_slot, make_perpendicular_slot
 from cspace import Robot, Workspace, build
 from tests.helpers.handmade import fill_boxes
 from tests.helpers.planning import ENDPOINTS, build_room, interpolate_poses, make_poses
@@ -135,7 +136,7 @@ def test_the_lattice_leaves_a_dead_end_as_the_drive_may(dead_end, options):
         return
     assert "; the lattice search reached no more nodes; one exists for a robot" in plan.status
     if options["drive"] == "dubins":
-        assert plan.hint == f"{FINER}, {SMALLER}, or planner='RRT'"
+        assert plan.hint == f"{FINER}, exact=True, {SMALLER}, or planner='RRT'"
     else:
         assert plan.hint == f"{FINER}, {EXACT}, or planner='RRTConnect'"
     late = planners.plan(dead_end, *OUT, planner="Lattice", time_limit=1e-6, **options)
@@ -157,3 +158,33 @@ def test_ompl_takes_over_when_the_lattice_finds_nothing(monkeypatch):
 
 
 # ---- parking -------------------------------------------------------------------------------------
+
+
+def test_a_search_from_the_goal_still_drives_ahead_on_a_long_way():
+    obstacles, (_, goal) = make_perpendicular_slot(1.3)
+    street = [*obstacles[:-1], shapely.box(7, 6, 20, 101)]
+    workspace = Workspace.from_polygons(street, 0.2, (-0.5, -5.6, 18.5, 100))
+    space = build(workspace, Robot.polygon(CAR), rotations=72)
+    start = (2.5, 95.0, -0.5 * math.pi)
+    options = {"drive": "reeds-shepp", "turning_radius": 2.5, "time_limit": 20.0}
+    plan = planners.plan(space, start, goal, exact=True, **options)
+    steps = np.linalg.norm(np.diff(plan.path[:, :2], axis=0), axis=1)
+    assert steps[plan.direction[1:] < 0].sum() < 0.1 * plan.length
+
+
+@pytest.mark.parametrize("radius", [4.0, 6.0])
+@pytest.mark.parametrize("share", [1.18, 1.3])
+@pytest.mark.parametrize("make_slot", [make_parallel_slot, make_perpendicular_slot])
+def test_cars_park_in_tight_slots_on_coarse_maps(make_slot, share, radius):
+    obstacles, query = make_slot(share)
+    workspace = Workspace.from_polygons(obstacles, 0.05, PARKING_BOUNDS)
+    space = build(workspace, Robot.polygon(CAR), rotations=72)
+    options = {"drive": "reeds-shepp", "turning_radius": radius, "time_limit": 20.0}
+    for start, goal in (query, query[::-1]):
+        plan = planners.plan(space, start, goal, exact=True, **options)
+        assert plan.certified and plan.recheck().all() and plan.planner == "Lattice"
+        np.testing.assert_array_equal(plan.waypoints[[0, -1]], [start, goal])
+        for x, y, yaw in sample_motion(plan):
+            turned = shapely.affinity.rotate(CAR, yaw, (0, 0), use_radians=True)
+            car = shapely.affinity.translate(turned, x, y)
+            assert not shapely.intersects(car, obstacles).any()

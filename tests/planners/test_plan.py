@@ -157,7 +157,11 @@ CAR = {"drive": "dubins", "turning_radius": 1.0}
     ("turning", {"planner": "Lattice"}, "drive is 'holonomic'.*for all other drives.*'Grid'"),
     ("turning", {"drive": "dubins"}, "turning_radius is missing.*metres"),
     ("turning", {"turning_radius": 1.0}, "turning_radius is 1.0 and drive is 'holonomic'"),
-    ("turning", {**CAR, "exact": True}, "exact is True and drive is 'dubins'"),
+    (
+        "turning",
+        {"drive": "differential", "exact": True, "planner": "Lattice"},
+        "exact is True and planner is 'Lattice'; .* FREE cells; .*'RRTConnect'",
+    ),
     ("yawing", CAR, "drive is 'dubins' and .* .x, y, z, yaw.*rotations=72, or leave drive"),
 )
 def test_invalid_arguments_are_refused(name, wrong, message):

@@ -62,7 +62,7 @@ def test_a_plan_ends_at_once_if_no_chain_of_free_cells_joins_start_and_goal(
         return
     assert plan.status == f"{NO_CHAIN}; undecided whether one exists"
     finer = "a finer spacing" if name == "plane" else "a finer spacing or more rotations"
-    assert plan.hint == (finer if drive in CURVES else f"exact=True, or {finer}")
+    assert plan.hint == f"exact=True, or {finer}"
 
 
 def test_hints_fit_the_planner():

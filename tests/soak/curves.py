@@ -45,7 +45,8 @@ def _check_curves(tally: Tally, case: Case, name: str, rng: Rng) -> None:
     """Check all points of free curves."""
     space = case.space
     radius = space.grid.spacing * float(np.exp(rng.uniform(*np.log(RADII))))
-    planner: Any = local_planner(space, drive=name, turning_radius=radius)
+    exact = bool(rng.integers(2))
+    planner: Any = local_planner(space, exact, drive=name, turning_radius=radius)
     starts, goals = _draw_ends(case, name, radius, rng)
     is_free, rows = planner.edge_checker(), np.concatenate([starts, goals], axis=1)
     pairs = rows[[is_free(*row) for row in rows.tolist()]].reshape(-1, 2, 3)
@@ -67,7 +68,7 @@ def _check_curves(tally: Tally, case: Case, name: str, rng: Rng) -> None:
         # A driven curve is shortest if it is as long as OMPL's.
         shortest = states.distance(*make_poses(states, first, last))
         missed |= abs(shortest - lengths[edge]) > OFF * radius
-        tally.add_free(name, case, q, missed | ~np.asarray(space.is_free(q)))
+        tally.add_free(name, case, q, missed | ~np.asarray(space.is_free(q, exact=exact)))
 
 
 def _draw_ends(case: Case, name: str, radius: float, rng: Rng) -> tuple[Floats, Floats]:
