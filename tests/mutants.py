@@ -393,13 +393,13 @@ MUTANTS = (
         "cspace/queries/guide.py",
         "v = j - directions.moves[direction, move, 1]",
         "v = j + directions.moves[direction, move, 1]",
-        "tests/planners/test_lattice.py",
+        "tests/queries/test_guide.py",
     ),
     Mutant(
         "cspace/queries/guide.py",
         "if blocks.states[number, i, j, k] <= blocks.worst_state:",
         "if blocks.states[number, i, j, k] <= 2:",
-        "tests/planners/test_lattice.py",
+        "tests/queries/test_guide.py",
     ),
     Mutant(
         "planners/lattice.py",

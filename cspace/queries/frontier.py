@@ -188,29 +188,31 @@ def remaining_cost(estimate: Estimate, direction: int, i: int, j: int, k: int) -
     u = i // estimate.side
     v = j // estimate.side
     w = k // estimate.side
+    cost = estimate.beyond
     if estimate.measured[direction, u, v, w]:
-        cost = float(estimate.positions[direction, u, v, w])
-        return max(unhindered, estimate.side * cost)
-    return max(unhindered, estimate.beyond)
+        cost = estimate.side * float(estimate.positions[direction, u, v, w])
+    return cost if cost > unhindered else unhindered
 
 
 @kernel
 def unhindered_cost(estimate: Estimate, i: int, j: int, k: int) -> float:
     """Return the cost from a position to the goal's without obstacles, in cells."""
-    a = abs(i - estimate.goal[0])
-    b = abs(j - estimate.goal[1])
-    c = abs(k - estimate.goal[2])
-    long = max(a, b, c)
-    short = min(a, b, c)
-    middle = a + b + c - long - short
+    short = abs(i - estimate.goal[0])
+    middle = abs(j - estimate.goal[1])
+    long = abs(k - estimate.goal[2])
+    if short > middle:
+        short, middle = middle, short
+    if middle > long:
+        middle, long = long, middle
+    if short > middle:
+        short, middle = middle, short
     if estimate.shape[0] > 1:
         # A shortest chain moves along one, two and three axes.
         return long - middle + math.sqrt(2.0) * (middle - short) + math.sqrt(3.0) * short
     # In the plane, it combines two of the moves (1, 0), (1, 1) and (2, 1).
-    knights = min(middle, long - middle)
-    diagonals = middle - knights
-    straights = long - 2 * knights - diagonals
-    return straights + math.sqrt(2.0) * diagonals + math.sqrt(5.0) * knights
+    if 2 * middle <= long:
+        return long - 2 * middle + math.sqrt(5.0) * middle
+    return math.sqrt(2.0) * (2 * middle - long) + math.sqrt(5.0) * (long - middle)
 
 
 @kernel
