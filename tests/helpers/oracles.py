@@ -63,22 +63,6 @@ def raster_offsets(raster):
     return {tuple(cell) for cell in (np.argwhere(raster.cells) + raster.lower).tolist()}
 
 
-def overlap(occupied, offsets, outside):
-    """Count the offsets m with an obstacle at k + m, for each cell k.
-
-    ``outside`` is the state beyond the map.
-    """
-    nx, ny = occupied.shape
-
-    def filled(i, j):
-        return bool(occupied[i, j]) if 0 <= i < nx and 0 <= j < ny else outside
-
-    return {
-        (i, j): sum(filled(i + m, j + n) for m, n in offsets)
-        for i, j in product(range(nx), range(ny))
-    }
-
-
 def overlaps_by_shifts(occupied, raster, outside):
     """Return the overlap of each cell with a library Raster, by shifts of the map."""
     pad = np.array(occupied.shape) + 1

@@ -170,17 +170,6 @@ def test_a_filled_mesh_is_what_its_cells_enclose():
         assert not cells[7:].any()
 
 
-@settings(max_examples=25)
-@given(seeds, st.sampled_from([0.0, 0.3, 0.5, 0.75]))
-def test_the_raster_of_a_mesh_of_a_box_is_that_of_the_box(seed, margin):
-    rng = np.random.default_rng(seed)
-    low, extents = rng.uniform(-2, 0, 3), rng.uniform(0.1, 3, 3)
-    mesh, box = Mesh.of(make_box(low, low + extents)), Box(extents, low + extents / 2)
-    for mine, there in zip(mesh.rasters(0.25, margin), box.rasters(0.25, margin), strict=True):
-        assert mine.lower == there.lower
-        np.testing.assert_array_equal(mine.cells, there.cells)
-
-
 def measure_cube_distance(triangle, center, half):
     """Return a triangle's distance from a cube."""
     corners = np.array(list(product((-half, half), repeat=3))) + center

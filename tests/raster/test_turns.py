@@ -103,13 +103,13 @@ def test_rasters_in_space_hold_for_every_rotation_of_the_cell(name, about_z):
 
 
 @settings(max_examples=25)
-@given(seeds, st.booleans(), st.sampled_from([0.1, 0.25]))
-def test_a_rotated_box_is_the_mesh_of_its_faces(seed, about_z, spacing):
+@given(seeds, st.booleans(), st.sampled_from([0.1, 0.25]), st.sampled_from([0.0, 0.3]))
+def test_a_rotated_box_is_the_mesh_of_its_faces(seed, about_z, spacing, margin):
     rng = np.random.default_rng(seed)
     box = Box(rng.uniform(0.05, 1.2, 3), rng.uniform(-0.5, 0.5, 3))
     rotation = draw_rotation(rng, about_z)
-    mesh = Mesh.of(make_box(box.lower, box.upper)).rasters(spacing, 0.0, rotation)
-    for mine, there in zip(box.rasters(spacing, 0.0, rotation), mesh, strict=True):
+    mesh = Mesh.of(make_box(box.lower, box.upper)).rasters(spacing, margin, rotation)
+    for mine, there in zip(box.rasters(spacing, margin, rotation), mesh, strict=True):
         assert list_positions(mine) == list_positions(there)
 
 

@@ -253,16 +253,6 @@ def test_an_interrupted_save_leaves_no_half_map(tmp_path, monkeypatch, old):
     same(space, cspace.open(path))
 
 
-def test_a_saved_map_is_kept_without_overwrite(tmp_path, small):
-    path, space = tmp_path / "map", cspace.open(small / "map.zarr")
-    MAP_BUILDERS["grid"]().save(path)
-    with pytest.raises(FileError, match="overwrite=True"):
-        space.save(path)
-    same(MAP_BUILDERS["grid"](), cspace.open(path))
-    space.save(path, overwrite=True)
-    same(space, cspace.open(path))
-
-
 def test_overwriting_removes_nothing_but_a_map(tmp_path, small):
     path, space = tmp_path / "map", cspace.open(small / "map.zarr")
     space.save(path)
