@@ -275,13 +275,3 @@ def winding_numbers(points, triangles):
 def winds_around(points, triangles):
     """Return True if the winding number of triangles is not zero."""
     return winding_numbers(points, triangles) != 0
-
-
-def sample_surface(triangles, number, rng):
-    """Sample points on triangles, uniformly by area."""
-    sides = triangles[:, 1:] - triangles[:, :1]
-    areas = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
-    which = rng.choice(len(triangles), number, p=areas / areas.sum())
-    u, v = np.sort(rng.random((2, number)), axis=0)
-    weights = np.stack([u, v - u, 1.0 - v], axis=1)
-    return np.einsum("nk,nkd->nd", weights, triangles[which])
