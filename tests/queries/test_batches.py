@@ -1,6 +1,5 @@
 """Queries of batches, paths and roadmaps: types, layouts, threads and refusals."""
 
-from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 
 import numpy as np
@@ -73,22 +72,6 @@ def test_threads_answer_large_batches_and_name_the_first_unusable_row(monkeypatc
                 space.classify(wrong)
             with pytest.raises(InputError, match=f"edge number {first} is .*(nan|inf)"):
                 space.motion_is_free(q, wrong)
-
-
-def test_queries_from_many_threads_agree():
-    space, fresh = build_turning(), build_turning.__wrapped__()
-    q = np.random.default_rng(5).uniform(-1.0, 4.0, (12, 500, 3))
-
-    def ask(space, points):
-        answers = [getattr(space, name)(points) for name in QUERIES]
-        answers.append(space.is_connected(points[1:], points[:-1]))
-        return answers
-
-    with ThreadPoolExecutor(8) as pool:
-        together = list(pool.map(lambda points: ask(fresh, points), q))
-    for points, answers in zip(q, together, strict=True):
-        for mine, theirs in zip(answers, ask(space, points), strict=True):
-            np.testing.assert_array_equal(mine, theirs)
 
 
 @pytest.mark.parametrize("exact", [False, True])

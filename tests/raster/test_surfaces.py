@@ -180,29 +180,20 @@ def measure_cube_distance(triangle, center, half):
 
 
 def test_the_distance_of_a_cube_is_exact():
-    """Test radii just above and just below the distance."""
+    """Test radii just above and just below the distance; slivers may be marked too early."""
     rng = np.random.default_rng(3)
     for size in np.repeat([0.3, 1.0, 4.0], 200):
         cell = tuple(rng.integers(0, 3, 3).tolist())
         triangle = cell + rng.normal(size=(3, 3)) * size + rng.normal(size=3) * 3.0
+        is_thin = rng.random() < 0.3
+        if is_thin:
+            bend = 10.0 ** rng.uniform(-16.0, -3.0) * rng.normal(size=3)
+            triangle[2] = triangle[:2].mean(axis=0) + bend
         gap = measure_cube_distance(triangle, np.array(cell), 1.0)
         if gap < 1e-3:
             continue
-        for radius, expected in ((gap * (1 + 1e-9), True), (gap - 1e-5, False)):
-            out = np.zeros((3, 3, 3), dtype=bool)
+        marks = np.zeros((2, 3, 3, 3), dtype=bool)
+        for out, radius in zip(marks, (gap * (1 + 1e-9), gap - 1e-5), strict=True):
             mark_within(out, sweep_triangles(triangle[None], 0.0, False), 1.0, radius)
-            assert out[cell] == expected, (triangle, gap, radius)
-
-
-def test_a_thin_robot_is_never_too_small():
-    """Compare a sliver with the segment that it approximates."""
-    for bend in (0.0, 1e-13, 1e-9, 1e-4):
-        mesh = Mesh.of(make_soup([[(0, 0, 0), (3, 1, 0.5), (1.5, 0.5 + bend, 0.25)]]), "surface")
-        outer, _ = mesh.rasters(0.25, 0.4)
-        points = np.moveaxis(np.indices(outer.cells.shape), 0, -1) + outer.lower
-        along = np.linspace(0, 1, 4001)[:, None] * np.array([3, 1, 0.5]) / 0.25
-        gaps = np.array(
-            [np.linalg.norm(np.maximum(np.abs(points - p) - 1, 0), axis=-1) for p in along[::40]]
-        ).min(axis=0)
-        assert outer.cells[gaps <= 1.6].all()
-        assert not outer.cells[gaps > 1.6 + 0.1].any()
+        is_marked, is_early = marks[:, *cell]
+        assert is_marked and (is_thin or not is_early), (triangle, gap)
