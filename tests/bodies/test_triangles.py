@@ -299,7 +299,7 @@ def test_crosses_is_right_for_any_rounding(seed, case, is_coarse):
 
 
 @given(seed=seeds, displacement=st.floats(1e-3, 0.5), flat=st.booleans())
-@settings(max_examples=40)
+@settings(max_examples=15)
 def test_displaced_triangles_still_cross(seed, displacement, flat):
     """Move one of two triangles, also flat ones, by the largest displacements, in directions that
     separate them."""

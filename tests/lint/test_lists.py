@@ -109,14 +109,6 @@ def test_every_primitive_has_a_short_text():
     assert made - {"parse_short_text"} == texts
 
 
-@pytest.mark.parametrize("name", sorted(SHORT_TEXTS.keys() - {"box", "footprint"}))
-def test_a_short_text_makes_the_robot_of_its_method(name):
-    example = SHORT_TEXTS[name].example
-    sizes = map(float, re.split("[x,]", example.partition(":")[2]))
-    method = getattr(Robot, {"rect": "rectangle"}.get(name, name))
-    assert Robot.parse(example).spec == method(*sizes).spec
-
-
 @pytest.mark.parametrize("name", SHORT_TEXTS)
 def test_every_short_text_is_parsed_and_listed_in_messages(name):
     kind = SHORT_TEXTS[name]

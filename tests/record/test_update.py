@@ -33,7 +33,7 @@ from tests.helpers.waiting import write_while_querying
 
 
 @pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
-@settings(max_examples=35)
+@settings(max_examples=15)
 @given(worlds(), st.booleans())
 def test_a_stream_of_updates_equals_a_rebuild(world, queried):
     space = world.build()
