@@ -16,7 +16,6 @@ from cspace import FileError, Workspace
 from cspace.errors import CspaceError
 from cspace.files.access import ContentError
 from cspace.files.plain import parse_xml, read_yaml
-from cspace.files.polygons import MAX_FANS
 from cspace.limits import raised_limits
 from cspace.shapes import Mesh
 from tests.helpers.mesh_files import lines, write_gltf
@@ -300,10 +299,13 @@ def write_face(path, vertices, corners):
     return path
 
 
-def test_a_face_of_many_corners_takes_linear_time_and_memory(tmp_path, monkeypatch):
+def test_a_face_of_many_corners_takes_linear_time_and_memory(tmp_path):
     path = tmp_path / "a.obj"
     write_face(path, SQUARE, [0, 1, 2, 3] * 15_000)
     check_refused(path, "repeat only", spacing=0.1)
+    vertices = [*SQUARE * 400, *SQUARE[::-1] * 200]
+    write_face(path, vertices, [*range(len(vertices))])
+    check_refused(path, "none of the tried corners sees it whole", spacing=0.1)
     count = 5_000  # of which the square is 200 MB
     write_face(path, [(0, 0, 0)] * count, [*range(count)])
     Mesh.of(path, "surface")
@@ -313,13 +315,6 @@ def test_a_face_of_many_corners_takes_linear_time_and_memory(tmp_path, monkeypat
     tracemalloc.stop()
     assert len(mesh.faces) == count - 2
     assert peak < 20_000_000
-    vertices = [*SQUARE * 400, *SQUARE[::-1] * 200]
-    write_face(path, vertices, [*range(len(vertices))])
-    sizes = []
-    cross = np.cross
-    monkeypatch.setattr(np, "cross", lambda a, b: sizes.append(a.size) or cross(a, b))
-    check_refused(path, "none of the tried corners sees it whole", spacing=0.1)
-    assert len(sizes) <= MAX_FANS + 1
 
 
 # ---- files that start or load something ----------------------------------------------------------

@@ -1,21 +1,12 @@
 """Slow, plain implementations of the definitions, without code of the library."""
 
 import math
-from fractions import Fraction
 from itertools import product
 
 import numpy as np
 
-Point = tuple[Fraction, Fraction]
-
-
 FRACTION_DENOMINATOR = 2**1074
 """Multiplying any float by this gives an integer."""
-
-
-def exact(values):
-    """Convert floats to exact fractions."""
-    return tuple(Fraction(float(value)) for value in values)
 
 
 def units(values):
@@ -34,27 +25,6 @@ def dot(a, b):
 
 def cross(a, b):
     return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-
-
-def square_distance_to_box(segment, box):
-    """Return the exact squared distance of a segment and a box ``(x0, y0, x1, y1)``."""
-    if segment_meets_block(segment[0], segment[1], box[:2], box[2:]):
-        return Fraction(0)
-    x0, y0, x1, y1 = box
-    corners = [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
-    sides = list(zip(corners, corners[1:] + corners[:1], strict=True))
-    candidates = [square_distance_to_segment(corner, segment) for corner in corners]
-    candidates += [square_distance_to_segment(end, side) for end in segment for side in sides]
-    return min(candidates)
-
-
-def square_distance_to_segment(point, segment):
-    (px, py), (qx, qy) = segment
-    dx, dy = qx - px, qy - py
-    length = dx * dx + dy * dy
-    t = Fraction(0) if length == 0 else ((point[0] - px) * dx + (point[1] - py) * dy) / length
-    t = min(max(t, Fraction(0)), Fraction(1))
-    return (point[0] - px - t * dx) ** 2 + (point[1] - py - t * dy) ** 2
 
 
 def raster_offsets(raster):

@@ -42,13 +42,6 @@ def test_interpolation_has_even_speed_along_the_path(space, number, seed):
     assert (between <= lengths[-1] / 6 + 1e-7).all()
 
 
-def test_interpolation_rotates_the_shorter_way():
-    path = np.array([(0.0, 0.0, 3.0), (0.0, 0.0, -3.0), (0.0, 0.0, 3.0)])
-    q = interpolate_path(YAW, path, np.linspace(0, 1, 9), 0.7)
-    assert (np.cos(q[:, 2]) <= np.cos(3.0) + 1e-12).all()
-    np.testing.assert_allclose(np.exp(1j * q[[0, 4, 8], 2]), np.exp([3j, -3j, 3j]))
-
-
 @given(seeds, st.sampled_from([(0, 1), (0, 2), (1, 2)]), st.sampled_from([NONE, YAW, QUATERNION]))
 def test_bodies_are_placed_as_scipy_rotates_them(seed, pair, rotations):
     (q,) = draw_configurations(np.random.default_rng(seed), 1, 3, rotations)
