@@ -8,7 +8,6 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.sparse.csgraph import dijkstra
 
 import cspace
 from cspace import BLOCKED, FREE, MIXED, Robot, Rotations, Workspace
@@ -19,11 +18,7 @@ from tests.helpers.placements import collides
 from tests.helpers.planning import sample_edge
 from tests.helpers.strategies import seeds
 from tests.queries.test_widest import (
-    WIDEST_SPACES,
     compute_length,
-    draw_map,
-    link_wide_cells,
-    list_cell_centers,
 )
 
 
@@ -95,23 +90,6 @@ def test_equal_rotations_in_other_numbers_need_no_turn(rotations, start, goal):
     assert space.is_connected([0.3, 0.6, 0.6, *start], [7.1, 0.6, 0.6, *goal])
     path = space.find_path([0.3, 0.6, 0.6, *start], [7.1, 0.6, 0.6, *goal])
     assert len(path) > 2 and (path[:, 3:] == start).all() and space.certify_path(path).all()
-
-
-@pytest.mark.parametrize("name", WIDEST_SPACES)
-@settings(max_examples=15)
-@given(seeds)
-def test_paths_are_hardly_longer_than_the_shortest_chain(name, seed):
-    rng = np.random.default_rng(seed)
-    space = draw_map(name, rng)
-    points = list_cell_centers(space)
-    is_free = np.asarray(space.classify(points)) == FREE
-    chains = dijkstra(link_wide_cells(space, is_free, True), indices=np.flatnonzero(is_free)[:3])
-    for start, lengths in zip(np.flatnonzero(is_free), chains, strict=False):
-        for goal in rng.choice(np.flatnonzero(is_free), 3):
-            path = space.find_path(points[start], points[goal])
-            assert (len(path) > 0) == np.isfinite(lengths[goal])
-            if len(path):
-                assert compute_length(space, path) <= 1.1 * lengths[goal] + 1e-9
 
 
 SIDE = 4.0

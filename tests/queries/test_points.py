@@ -86,14 +86,6 @@ def test_is_free_around_tests_all_cells_of_a_cube(state, outside, q, distance):
         assert meets_cells(Fraction(2.0**-24))
 
 
-def test_is_free_around_accepts_cubes_of_any_size():
-    for dim in (2, 3):
-        q, state = (0.45,) * dim, np.zeros((4,) * dim)
-        assert map_of(state).is_free_around(q, 1e6)
-        assert not map_of(state).is_free_around(q, 1e9)  # too far for the certificate
-        assert not map_of(state, outside="blocked").is_free_around(q, 1e5)
-
-
 H, SIDE = 0.25, 4
 
 

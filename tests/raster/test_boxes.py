@@ -13,7 +13,6 @@ from scipy.spatial.transform import Rotation
 
 from cspace import Grid, InputError, Mesh
 from cspace.grid import SLACK
-from cspace.raster.bitmaps import cover_with_boxes
 from cspace.raster.boxes import RoundedBoxes, rounded_rasters
 from cspace.rotations import RotationCell
 from cspace.shapes import Balls, Box, Polygons, Voxels
@@ -205,17 +204,6 @@ def test_rasters_of_voxel_robots_agree_with_arithmetic(
     truth = Definition([], [], np.array([0] * len(cells), dtype=object), *frame, 0, 0, -reach)
     truth.lows, truth.highs = lows, highs
     check(spread(inner, reach), truth.covered(), truth.inside(0))
-
-
-@settings(max_examples=30)
-@given(seeds, st.sampled_from([0.1, 0.5, 0.9]), st.sampled_from([2, 3]))
-def test_boxes_of_cells_are_disjoint_and_cover_the_set(seed, density, dim):
-    rng = np.random.default_rng(seed)
-    occupied = rng.random(tuple(rng.integers(1, 9, dim))) < density
-    counts = np.zeros(occupied.shape, dtype=int)
-    for low, high in zip(*cover_with_boxes(occupied, 1.0, (0.0,) * dim), strict=True):
-        counts[tuple(slice(int(a), int(b)) for a, b in zip(low, high, strict=True))] += 1
-    assert (counts == occupied).all()
 
 
 @settings(max_examples=30)

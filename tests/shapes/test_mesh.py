@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
-from cspace import FileError, GeometryError, InputError, Robot
+from cspace import FileError, GeometryError, InputError
 from cspace.shapes.mesh import Mesh, MeshWarning
 from tests.helpers.mesh_files import TETRAHEDRON, join_meshes
 from tests.helpers.refusals import refusals
@@ -192,11 +192,3 @@ def test_a_footprint_contains_triangles_seen_edge_on(seed, count):
     shadows = shapely.polygons(triangles[[*range(count + 1), -1], :, :2])
     assert (shapely.distance(shadows[:, None], shapely.points(inside)).min(axis=0) < 1e-12).all()
     assert len(inside) > 20
-
-
-@pytest.mark.parametrize("make", [Robot.capsule, Robot.cylinder])
-def test_a_footprint_has_no_cracks(make):
-    flat = make(1.0, 1.0).footprint().shape
-    assert [
-        len(ring.interiors) for side in (flat.outer, flat.inner) for ring in side.geometries
-    ] == [0, 0]

@@ -98,17 +98,6 @@ def test_sample_adds_the_bumps_of_all_balls(dim, seed, alpha):
     np.testing.assert_allclose(balls.sample(grid).values, expected, atol=1e-12)
 
 
-@given(seeds, st.integers(1, 8))
-def test_round_radii_grows_to_few_radii(seed, number):
-    radii = np.random.default_rng(seed).uniform(0.1, 2.0, 30)
-    balls = BallDescriptor(np.zeros((30, 2)), radii)
-    rounded = balls.round_radii(number).radii
-    assert (rounded >= radii).all()
-    assert len(np.unique(rounded)) <= number
-    assert rounded.max() == radii.max()
-    assert balls.round_radii(30) is balls
-
-
 def test_indicator_contains_the_cell_centers_in_a_plane_shape():
     grid = Grid((-1.0, -1.0), 0.1, (20, 25))
     shape = shapely.Point(0.1, 0.2).buffer(0.6).difference(shapely.box(-0.2, -0.2, 0.2, 0.2))

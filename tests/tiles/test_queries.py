@@ -212,14 +212,6 @@ def test_threads_with_a_small_cache_equal_the_map_in_memory(tmp_path, cache_byte
         np.testing.assert_array_equal(answers[k], space.classify(q[k::4]))
 
 
-def test_components_are_computed_once(tmp_path):
-    tiled = cspace.build(random_workspace((40, 33)), CAR, store=tmp_path / "m", tile=9)
-    steps = []
-    for _ in range(2):
-        tiled.compute_components(progress=lambda *step: steps.append(step))
-    assert steps == [(done, 20) for done in range(1, 21)]
-
-
 @pytest.fixture(scope="module")
 def walled(tmp_path_factory):
     """Build two rooms with a door."""
