@@ -2,7 +2,6 @@
 
 import shutil
 import subprocess
-from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 import cspace
-from tests.helpers.handmade import fill_boxes
 from tests.helpers.placements import draw_configurations, move
 from tests.helpers.repository import ROOT
 
@@ -66,47 +64,32 @@ def build_program(
 # ---- maps ----------------------------------------------------------------------------------------
 
 
-def _scatter(rng: Rng, *shape: int) -> cspace.Workspace:
-    """Return a workspace of few obstacles away from the origin."""
-    cells = rng.random(shape) < (0.01 if len(shape) == 2 else 0.004)
-    return cspace.Workspace.from_array(cells, 0.1, lower=(-1.3, 0.7, 0.2)[: len(shape)])
+BAR, BOX = cspace.Robot.rectangle(0.5, 0.2), cspace.Robot.box((0.4, 0.2, 0.1))
+WEDGE = cspace.Robot.polygon([(0, 0), (0.4, 0), (0, 0.2)])
+BORDERS = [-1.0, 0.3, 1.1, 2.0, 4.0, 2.0 * np.pi - 1.0]
 
-
-def _shapes_of_rooms(rng: Rng) -> dict[str, Callable[[str], cspace.CSpace]]:
-    """Return builders of a map of each space, for an ``outside``."""
-    bar, box = cspace.Robot.rectangle(0.5, 0.2), cspace.Robot.box((0.4, 0.2, 0.1))
-    odd = cspace.Robot.polygon([(0, 0), (0.4, 0), (0, 0.2)])
-    borders = [-1.0, 0.3, 1.1, 2.0, 4.0, 2.0 * np.pi - 1.0]
-    quaternions = cspace.Rotations.quaternions
-    spaces: dict[str, tuple[cspace.Workspace, cspace.Robot, Any]] = {
-        "R2": (_scatter(rng, 70, 50), bar, None),
-        "SE2": (_scatter(rng, 60, 50), odd, 16),
-        "SE2 shared": (_scatter(rng, 60, 50), bar, 16),
-        "SE2 uneven": (_scatter(rng, 60, 50), odd, borders),
-        "SE2 one cell": (_scatter(rng, 40, 30), cspace.Robot.disc(0.1), 1),
-        "R3": (_scatter(rng, 20, 18, 22), box, None),
-        "R3 yaw": (_scatter(rng, 20, 18, 22), box, 6),
-        "SE3": (_scatter(rng, 16, 14, 15), box, quaternions(4)),
-        "SE3 coarse": (
-            cspace.Workspace.from_array(fill_boxes((7, 6, 5), np.s_[3, 3]), 0.1),
-            cspace.Robot.box((0.2, 0.1, 0.1)),
-            quaternions(1),
-        ),
-    }
-    return {
-        name: lambda outside, parts=parts: cspace.build(
-            parts[0], parts[1], rotations=parts[2], outside=outside
-        )
-        for name, parts in spaces.items()
-    }
-
-
-SPACES = list(_shapes_of_rooms(np.random.default_rng(0)))
+SPACES: dict[str, tuple[tuple[int, ...], cspace.Robot, Any]] = {
+    "R2": ((70, 50), BAR, None),
+    "SE2": ((60, 50), WEDGE, 16),
+    "SE2 shared": ((60, 50), BAR, 16),
+    "SE2 uneven": ((60, 50), WEDGE, BORDERS),
+    "SE2 one cell": ((40, 30), cspace.Robot.disc(0.1), 1),
+    "R3": ((20, 18, 22), BOX, None),
+    "R3 yaw": ((20, 18, 22), BOX, 6),
+    "SE3": ((16, 14, 15), BOX, cspace.Rotations.quaternions(4)),
+    "SE3 coarse": ((9, 8, 7), BOX, cspace.Rotations.quaternions(1)),
+}
+"""Shape of the workspace, robot and rotation cells of a map of each space."""
 
 
 def build_space(name: str, outside: str) -> cspace.CSpace:
-    """Build a map of one of ``SPACES``, always the same."""
-    return _shapes_of_rooms(np.random.default_rng(0))[name](outside)
+    """Build a map of one of ``SPACES`` away from the origin, always the same."""
+    shape, robot, rotations = SPACES[name]
+    rng = np.random.default_rng(0)
+    cells = np.zeros(shape, dtype=np.bool_)
+    cells.flat[rng.choice(cells.size, 1 + cells.size // 200, replace=False)] = True
+    workspace = cspace.Workspace.from_array(cells, 0.1, lower=(-1.3, 0.7, 0.2)[: len(shape)])
+    return cspace.build(workspace, robot, rotations=rotations, outside=outside)
 
 
 # ---- queries -------------------------------------------------------------------------------------
