@@ -1,4 +1,4 @@
-"""Edges against exact clipping, OMPL's interpolation, and samples along them."""
+"""Edges against exact clipping."""
 
 import math
 
@@ -145,6 +145,3 @@ def test_edges_rotate_the_shorter_way_or_both_at_half_a_turn():
     for away, expected in ((1e-6, True), (-1e-6, False), (1e-11, False), (-1e-11, False)):
         assert quarter.motion_is_free(start, (0.3, 0.3, math.pi + away)) == expected
     assert quarter.motion_is_free(start, (0.3, 0.3, 40 * TWO_PI - 2.0))
-
-
-# ---- OMPL ----------------------------------------------------------------------------------------

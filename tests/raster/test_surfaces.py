@@ -64,33 +64,22 @@ def check_touched(marked, triangles, grid, slack=2.0**-24):
 def draw_small_mesh(rng, kind):
     """Draw a few triangles in a small grid."""
     n = int(rng.integers(1, 6))
-    if kind == "random":
-        return rng.uniform(-1, 6, (n, 3, 3))
-    if kind == "sliver":
-        start = rng.uniform(-1, 6, (n, 1, 3))
-        along = rng.normal(size=(n, 1, 3)) * 3
-        bend = rng.normal(size=(n, 1, 3)) * 10.0 ** rng.uniform(-12, -3, (n, 1, 1))
-        return np.concatenate(
-            [start, start + along, start + along * rng.uniform(0, 1, (n, 1, 1)) + bend], axis=1
-        )
+    triangles = rng.uniform(-1, 6, (n, 3, 3))
+    if kind == "lattice" or (kind == "degenerate" and rng.random() < 0.5):
+        triangles = np.rint(triangles)
     if kind == "touching":
-        triangles = rng.uniform(0, 5, (n, 3, 3))
-        triangles[:, :, int(rng.integers(3))] = rng.integers(0, 6, (n, 1))
-        return triangles
-    if kind == "lattice":
-        return rng.integers(-1, 7, (n, 3, 3)).astype(float)
-    if kind == "degenerate":
-        triangles = rng.choice(
-            [rng.uniform(0, 5, (n, 3, 3)), rng.integers(0, 6, (n, 3, 3)).astype(float)]
-        )
-        triangles[:, 2] = triangles[:, int(rng.integers(2))]
-        if rng.random() < 0.3:
-            triangles[:, 1] = triangles[:, 0]
-        return triangles
-    assert kind == "huge"
-    far = rng.uniform(-1, 1, (n, 3, 3)) * 2.0 ** rng.uniform(3, 21)
-    # Through the center of the grid, so that each huge triangle meets it.
-    return far - far.mean(axis=1, keepdims=True) + rng.uniform(0, 5, (n, 1, 3))
+        triangles[:, :, rng.integers(3)] = rng.integers(0, 6, (n, 1))
+    elif kind == "sliver":
+        share, bend = rng.uniform(0, 1, (n, 1)), 10.0 ** rng.uniform(-12, -3, (n, 1))
+        along = triangles[:, 0] + share * (triangles[:, 1] - triangles[:, 0])
+        triangles[:, 2] = along + bend * rng.normal(size=(n, 3))
+    elif kind == "degenerate":
+        triangles[:, 2] = triangles[:, rng.integers(2)]
+        triangles[:, 1] = triangles[:, rng.choice([0, 1, 1])]
+    elif kind == "huge":  # through the grid
+        far = triangles * 2.0 ** rng.uniform(3, 19)
+        triangles = far - far.mean(axis=1, keepdims=True) + rng.uniform(0, 5, (n, 1, 3))
+    return triangles
 
 
 MESH_KINDS = ["random", "sliver", "touching", "lattice", "degenerate", "huge"]

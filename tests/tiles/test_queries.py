@@ -1,7 +1,7 @@
 """Queries of tiled maps: equality with the map in memory, caches and refusals."""
 
 import itertools
-import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -198,18 +198,9 @@ def test_threads_with_a_small_cache_equal_the_map_in_memory(tmp_path, cache_byte
     space, _ = build_kind("yaw", tmp_path / "m")
     tiled = cspace.TiledCSpace.open(tmp_path / "m", cache_bytes)
     q = draw_configurations(space, np.random.default_rng(0), 400)
-    answers = {}
-
-    def query_part(k):
-        answers[k] = tiled.classify(q[k::4])
-
-    threads = [threading.Thread(target=query_part, args=(k,)) for k in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    for k in range(4):
-        np.testing.assert_array_equal(answers[k], space.classify(q[k::4]))
+    with ThreadPoolExecutor(4) as threads:
+        answers = list(threads.map(tiled.classify, np.split(q, 4)))
+    np.testing.assert_array_equal(np.concatenate(answers), space.classify(q))
 
 
 @pytest.fixture(scope="module")
