@@ -48,7 +48,7 @@ def build_pair():
 # ---- what is saved is what opens -----------------------------------------------------------------
 
 
-def test_maps_of_every_kind_open_equal_and_rebuild_equal(tmp_path, space, monkeypatch):
+def test_maps_of_every_kind_open_equal(tmp_path, space, monkeypatch):
     path = tmp_path / "map.ZARR"
     space.save(path)
     assert list(tmp_path.iterdir()) == [path]
@@ -57,14 +57,6 @@ def test_maps_of_every_kind_open_equal_and_rebuild_equal(tmp_path, space, monkey
         opened = cspace.open(str(path))
         same(space, opened)
         np.testing.assert_array_equal(opened._exterior.table, space._exterior.table)
-    again = cspace.build(
-        opened.workspace,
-        opened.robot,
-        rotations=opened.rotations,
-        margin=opened.margin,
-        outside=opened.outside,
-    )
-    np.testing.assert_array_equal(again.cell_states, space.cell_states)
     q = np.random.default_rng(1).uniform(space.grid.lower, space.grid.upper, (50, space.grid.dim))
     turns = {0: np.zeros((50, 0)), 1: np.linspace(-9, 9, 50)[:, None]}.get(
         len(space.rotations.names), space.rotations.centers
