@@ -18,7 +18,7 @@ from cspace.files.access import ContentError
 from cspace.files.plain import parse_xml, read_yaml
 from cspace.limits import raised_limits
 from cspace.shapes import Mesh
-from tests.helpers.mesh_files import lines, write_gltf
+from tests.helpers.mesh_files import PLACED, lines, make_collada, write_gltf
 from tests.helpers.refusals import refusals
 from tests.soak import files as soak
 
@@ -236,10 +236,6 @@ def test_limits_can_be_lowered_and_raised(tmp_path, monkeypatch):
             assert Workspace.open(path).grid.size == 729
     with raised_limits(max_bytes=11):
         check_refused(path, "max_bytes=12")
-    np.save(tmp_path / "a.npy", np.zeros((20, 20), dtype=bool))
-    with raised_limits(max_cells=399):
-        check_refused(tmp_path / "a.npy", "20 x 20 cells, 400 in all; at most 399", spacing=0.1)
-        assert Workspace.open(tmp_path / "a.npy", spacing=0.1, lazy=True).grid.size == 400
     monkeypatch.setattr("cspace.limits.free_bytes", lambda: 10**6)
     (tmp_path / "a.wkt").write_text(f"MULTIPOINT({','.join(['1 1'] * 1000)})")
     check_refused(tmp_path / "a.wkt", "holds 1,000 points", spacing=0.1)
@@ -268,9 +264,8 @@ def nest_nodes(depth, repeats, shown):
     return f"<library_nodes>{''.join(nodes)}<node id='n{depth}'>{shown}</node></library_nodes>"
 
 
-def test_nested_and_repeated_meshes_are_limited(tmp_path, families):
-    text = families["box.dae"].read_text()
-    shown = '<instance_geometry url="#g"/>'
+def test_nested_and_repeated_meshes_are_limited(tmp_path):
+    text, shown = make_collada(), PLACED
     scenes = "<library_visual_scenes>"
     path = tmp_path / "a.dae"
     for depth, repeats, message in ((2, 3, ""), (12, 10, "nests nodes"), (5_000, 1, "nests nodes")):

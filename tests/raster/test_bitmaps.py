@@ -1,14 +1,12 @@
 """Properties of outlines and faces of sets of cells."""
 
 import numpy as np
-import pytest
 import shapely
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from cspace.raster.bitmaps import boundary_segments, boundary_triangles
-from tests.helpers.strategies import seeds
+from cspace.raster.bitmaps import boundary_segments
 
 CELLS = hnp.arrays(np.bool_, st.tuples(st.integers(1, 7), st.integers(1, 7))).filter(np.any)
 
@@ -35,23 +33,3 @@ def test_segments_in_metres_are_the_grid_coordinates_to_the_last_bit(cells):
 
 def test_a_large_square_has_four_segments():
     assert boundary_segments(np.ones((300, 200), dtype=bool), 0.05, (0.0, 0.0)).shape == (4, 4)
-
-
-@settings(max_examples=40)
-@given(seeds)
-def test_faces_of_cells_are_their_boundary(seed):
-    rng = np.random.default_rng(seed)
-    cells = rng.random(rng.integers(1, 7, 3)) < 0.5
-    triangles = boundary_triangles(cells, 1.0, (0.0, 0.0, 0.0))
-    padded = np.pad(cells, 1)
-    area = sum(int((np.diff(padded.astype(int), axis=axis) != 0).sum()) for axis in range(3))
-    sides = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    assert 0.5 * np.linalg.norm(sides, axis=1).sum() == pytest.approx(area)
-    for triangle in triangles:  # each face separates a set cell from another
-        axis = int(np.argmin(np.ptp(triangle, axis=0)))
-        point = triangle.T @ (0.52, 0.27, 0.21)
-        sides = [
-            padded[tuple(np.floor(point + sign * np.eye(3)[axis] / 2).astype(int) + 1)]
-            for sign in (-1, 1)
-        ]
-        assert sides[0] != sides[1]

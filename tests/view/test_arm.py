@@ -22,7 +22,6 @@ from tests.helpers.urdfs import (
     pose_at,
     posed_box,
     random_chain,
-    write_urdf,
 )
 from tests.helpers.waiting import until
 
@@ -147,16 +146,12 @@ def test_refresh_draws_the_scene_as_it_is_now(space, viewer, caplog):
 
 
 def test_sliders_stay_within_the_limits(tmp_path):
-    bar = ((0.3, 0.1, 0.1), (0.15, 0, 0))
-    lift = joint("up", "base", "lift", kind="prismatic", at=(0, 0, 1), limits=(-0.2501, 0.4))
-    turn = joint("round", "lift", "wrist", kind="continuous", at=(0.5, 0, 0), limits=None)
-    links = [link(name, bar) for name in ("base", "lift", "wrist")]
-    arm = cspace.Arm.from_urdf(write_urdf(tmp_path, *links, lift, turn))
+    arm = cspace.Arm.from_urdf(planar(tmp_path, kind="prismatic", limits=(-0.2501, 0.4)))
     with cspace.build_arm_space({}, arm).view(block=False, port=0) as viewer:
         canvas = viewer.canvas
-        up, around = canvas.dials
-        assert tuple(up) == ("up (m)", -0.25, 0.4, 0.001)
-        assert tuple(around) == ("round (°)", -180.0, 180.0, 0.1)
+        slide, turn = canvas.dials
+        assert tuple(slide) == ("shoulder (m)", -0.25, 0.4, 0.001)
+        assert -np.degrees(3.0) <= turn.low < turn.high <= np.degrees(3.0)
         np.testing.assert_allclose(canvas.configuration_of((0.4, 90.0)), (0.4, math.pi / 2))
         assert (canvas.configuration_of((0.4000001, 0.0)) <= arm.upper).all()
 
