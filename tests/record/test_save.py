@@ -13,6 +13,7 @@ import cspace
 from cspace.errors import FileError, InputError
 from cspace.files import zarr_folders
 from tests.helpers.maps import MAP_BUILDERS, MAP_SUFFIXES, files, refused, same
+from tests.helpers.placements import draw_configurations
 from tests.helpers.refusals import refusals
 from tests.soak.files import reseal
 
@@ -57,11 +58,7 @@ def test_maps_of_every_kind_open_equal(tmp_path, space, monkeypatch):
         opened = cspace.open(str(path))
         same(space, opened)
         np.testing.assert_array_equal(opened._exterior.table, space._exterior.table)
-    q = np.random.default_rng(1).uniform(space.grid.lower, space.grid.upper, (50, space.grid.dim))
-    turns = {0: np.zeros((50, 0)), 1: np.linspace(-9, 9, 50)[:, None]}.get(
-        len(space.rotations.names), space.rotations.centers
-    )
-    q = np.hstack([q, np.resize(turns, (50, turns.shape[1]))])
+    q = draw_configurations(space, np.random.default_rng(1), 50)
     np.testing.assert_array_equal(opened.is_free(q, exact=True), space.is_free(q, exact=True))
 
 
