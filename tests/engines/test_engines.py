@@ -1,6 +1,7 @@
 """Both engines, against plain sums and each other."""
 
 import threading
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -67,7 +68,9 @@ def test_engines_agree_with_each_other(seed, dim):
     outside = bool(rng.integers(2))
     corner = tuple(slice(n) for n in rng.integers(1, np.add(occupied.shape, 1)))
     expected = collide(ENGINES["fft"], occupied, rasters, outside, workers=2)
-    hits = collide(ENGINES["direct"], occupied, rasters, outside, workers=2)
+    small = {"MIN_WORD_RUNS_FOR_THREADS": 1, "BLOCK_TASKS_PER_THREAD": 1}
+    with patch.multiple("cspace.engines.dilation", **small):
+        hits = collide(ENGINES["direct"], occupied, rasters, outside, workers=2)
     for engine in ENGINES.values():
         marks = collide(engine, occupied, rasters, outside, np.uint8, add=True, workers=1)
         parts = [np.empty_like(each[corner]) for each in expected]
