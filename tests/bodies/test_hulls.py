@@ -1,4 +1,4 @@
-"""Trees of hulls and bounds of motions, against samples."""
+"""Bounds of motions, and motions of links and tools past balls and walls."""
 
 import numpy as np
 import pytest
@@ -7,62 +7,7 @@ import trimesh
 from cspace import Robot
 from cspace.arms import Arm, PosedShape, build_arm_space
 from cspace.arms.chain import motion_bounds
-from cspace.bodies.hulls import MAX_TRIANGLES_PER_TILE, node_corners
-from cspace.shapes import Mesh
 from tests.helpers.urdfs import joint, link, pose_at, posed_box, random_arm, write_urdf
-
-ROTATION = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
-POSE = np.vstack([np.c_[ROTATION, (0.3, -0.2, 0.1)], [0, 0, 0, 1]])
-
-
-def to_mesh(made):
-    return Mesh(made.vertices, made.faces)
-
-
-SHAPES = {
-    "box": lambda: Robot.box((0.2, 0.3, 0.4)).shape,
-    "cylinder": lambda: Robot.cylinder(0.1, 0.3).shape,
-    "ball": lambda: Robot.ball(0.1).shape,
-    "ring": lambda: to_mesh(trimesh.creation.annulus(0.1, 0.2, 0.1, sections=40)),
-    "globe": lambda: to_mesh(trimesh.creation.icosphere(subdivisions=4, radius=0.2)),
-    "flat": lambda: Mesh(
-        [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], [(0, 1, 2), (0, 2, 3)], solid="surface"
-    ),
-}
-
-
-@pytest.mark.parametrize("name", SHAPES)
-def test_nodes_contain_their_descendants(name):
-    """Check the box, ball and hull of each node."""
-    part = PosedShape(SHAPES[name](), POSE).bounds_pair[0]
-    boundary = part.boundary.simplices
-    radius = part.boundary.radii.max()
-    hulls = part.hulls
-    assert (len(hulls.nodes) == 1) == (name in {"box", "cylinder", "ball"})
-    directions = np.random.default_rng(1).normal(size=(100, 3))
-    directions /= np.linalg.norm(directions, axis=1)[:, None]
-    last = np.arange(1, len(hulls.nodes) + 1)
-    for node in range(len(hulls.nodes))[::-1]:
-        if hulls.nodes[node, 0]:
-            last[node] = last[hulls.nodes[node, 0]]
-    leaves = [k for k in range(len(hulls.nodes)) if hulls.nodes[k, 0] == 0]
-    if len(leaves) > 1:
-        held = np.array(sorted(node_corners(hulls, k)[0].ravel().tolist() for k in leaves))
-        np.testing.assert_array_equal(held, sorted(boundary.reshape(-1, 9).tolist()))
-    for node in range(0, len(hulls.nodes), 1 + len(hulls.nodes) // 200):
-        below = [k for k in leaves if node <= k < last[node]]
-        corners = (
-            boundary.reshape(-1, 3)
-            if len(leaves) == 1
-            else np.concatenate([node_corners(hulls, k)[0] for k in below])
-        )
-        box = hulls.boxes[node]
-        assert (np.abs(corners - box[:3]).max(axis=0) + radius <= box[3:6] + 1e-12).all()
-        assert np.linalg.norm(corners - box[:3], axis=1).max() + radius <= box[6] + 1e-12
-        hull, grown = node_corners(hulls, node)
-        highest, bound = ((points @ directions.T).max(axis=0) for points in (corners, hull))
-        assert (highest + radius <= bound + grown + 1e-12).all()
-        assert len(below) <= MAX_TRIANGLES_PER_TILE or len(hull) < 400
 
 
 def write_chain(folder, last):
@@ -124,29 +69,34 @@ def test_motion_bounds_agree_with_differences(tmp_path, make, start, end):
     assert start is None or nearest > 0.9
 
 
+TOOLS = [
+    trimesh.creation.annulus(0.1, 0.2, 0.1, sections=40),
+    trimesh.creation.icosphere(subdivisions=3, radius=0.2),
+    trimesh.creation.torus(0.3, 0.1, major_sections=24, minor_sections=12),
+]
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_long_motions_never_miss_a_ball(tmp_path, seed):
-    """Place a ball on the course of a corner."""
-    arm = Arm.from_urdf(random_arm(tmp_path, seed))
+    """Place a ball on the course of a point of a link, or of a tool with many triangles."""
+    arm = Arm.from_urdf(random_arm(tmp_path, seed)).attach("tool", TOOLS[seed], "l4")
     rng = np.random.default_rng(seed)
     lower = np.maximum(arm.lower, -3.0)
     upper = np.minimum(arm.upper, 3.0)
     names = [each.name for each in arm.links]
     touch = [("l0", "seed"), *((a, b) for a in names for b in names if a < b)]
-    for k in range(60):
-        each = arm.links[1 + k % 4]
-        corners = np.concatenate([part.boundary.simplices.reshape(-1, 3) for part in each.parts])
+    for k in range(160):
+        each = arm.links[-1] if k % 2 else arm.links[1 + k % 4]
+        triangles = np.concatenate([part.boundary.simplices for part in each.parts])
+        point = rng.dirichlet((0.3, 0.3, 0.3)) @ triangles[rng.integers(len(triangles))]
         q0, q1 = np.where(rng.random((2, arm.dof)) < 0.5, lower, upper)
         if k % 3 == 0:
             q1 = np.where(np.arange(arm.dof) == rng.integers(arm.dof), q1, q0)
         t = rng.uniform()
         pose = arm.poses(q0 + t * (q1 - q0))[each.name]
-        there = pose[:3, :3] @ corners[rng.integers(len(corners))] + pose[:3, 3]
-        space = build_arm_space(
-            {"seed": PosedShape(Robot.ball(1e-4).shape, pose_at(*there))},
-            arm,
-            allowed_collisions=touch,
-        )
+        there = pose[:3, :3] @ point + pose[:3, 3]
+        ball = PosedShape(Robot.ball(1e-4).shape, pose_at(*there))
+        space = build_arm_space({"seed": ball}, arm, allowed_collisions=touch)
         assert not space.motion_is_free(q0, q1)
 
 

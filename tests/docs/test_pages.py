@@ -5,7 +5,6 @@ and ``py`` need a network or other machines.
 """
 
 import doctest
-import os
 import re
 import runpy
 import shlex
@@ -26,7 +25,7 @@ from cspace.plot.picture import save_figure
 from planners import Plan, plan
 from tests.helpers.commands import run
 from tests.helpers.repository import ROOT, SOURCES
-from tests.lint.test_imports import ORDER, ROOM_LEVELS
+from tests.lint.test_imports import ORDER
 
 CODE_BLOCK = re.compile(r"^```(python|console)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 PAGES = {
@@ -133,34 +132,6 @@ def test_files_that_a_page_names_exist(page: str) -> None:
     assert [str(file) for file in files if not file.exists()] == []
 
 
-def find_links(page: str) -> set[str]:
-    """Return the files of the repository that a page links to."""
-    text = (ROOT / page).read_text(encoding="utf-8")
-    targets = re.findall(r"\]\(([^)\s#:]+)(?:#[^)\s]*)?\)", text)
-    return {os.path.normpath((ROOT / page).parent / target) for target in targets}
-
-
-@pytest.mark.parametrize(
-    ("task", "page"),
-    {
-        "plan in a ROS map": "docs/howto/ros_map.md",
-        "own OMPL script": "docs/howto/own_ompl.md",
-        "drone": "tutorials/drones.py",
-        "arm": "docs/howto/arms.md",
-        "parking": "tutorials/cars.py",
-        "moving obstacles": "docs/howto/moving_obstacles.md",
-        "no path": "docs/howto/no_path.md",
-        "export": "docs/reference/files.md",
-        "large map": "docs/howto/large_maps.md",
-        "frequency domain": "docs/howto/frequency.md",
-        "view": "docs/howto/view.md",
-        "C-space of joints": "docs/howto/joint_maps.md",
-    }.items(),
-)
-def test_the_readme_links_to_the_page_of_a_task(task: str, page: str) -> None:
-    assert str(ROOT / page) in find_links("README.md"), task
-
-
 def test_the_pages_have_at_most_34500_words() -> None:
     texts = {page: (ROOT / page).read_text(encoding="utf-8") for page in PAGES}
     assert len(texts["README.md"].split()) <= 700
@@ -183,14 +154,6 @@ def test_the_pictures_of_concepts_can_be_drawn(tmp_path: Path) -> None:
     assert {file.name for file in tmp_path.iterdir()} == {
         file.name for file in (ROOT / "docs" / "pictures").glob("*.png")
     }
-
-
-def test_the_house_has_every_room_in_order() -> None:
-    floors = runpy.run_path(str(ROOT / "docs" / "pictures" / "draw.py"))["FLOORS"]
-    rooms = [room for _, rooms, _ in floors for room in rooms]
-    levels = [ROOM_LEVELS[room if room in ROOM_LEVELS else f"cspace.{room}"] for room in rooms]
-    assert levels == sorted(levels)
-    assert len(set(rooms)) == len(ROOM_LEVELS) - 1  # `__main__` is part of `cli`
 
 
 @pytest.mark.parametrize("module", MODULES_WITH_EXAMPLES)

@@ -1,6 +1,7 @@
 """Both engines, against plain sums and each other."""
 
 import threading
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -65,20 +66,18 @@ def test_engines_agree_with_each_other(seed, dim):
         cells = rng.random(size) < rng.choice([0.01, 0.7, 1.0])
         rasters.append(Raster.from_bitmap(cells, tuple((rng.integers(-size, 10)).tolist())))
     outside = bool(rng.integers(2))
-    results = []
+    corner = tuple(slice(n) for n in rng.integers(1, np.add(occupied.shape, 1)))
+    expected = collide(ENGINES["fft"], occupied, rasters, outside, workers=2)
+    small = {"MIN_WORD_RUNS_FOR_THREADS": 1, "BLOCK_TASKS_PER_THREAD": 1}
+    with patch.multiple("cspace.engines.dilation", **small):
+        hits = collide(ENGINES["direct"], occupied, rasters, outside, workers=2)
     for engine in ENGINES.values():
-        hits = collide(engine, occupied, rasters, outside, workers=2)
         marks = collide(engine, occupied, rasters, outside, np.uint8, add=True, workers=1)
-        assert all(
-            (mark == 7 + hit.astype(int)).all() for hit, mark in zip(hits, marks, strict=True)
-        )
-        corner = tuple(slice(n) for n in rng.integers(1, np.add(occupied.shape, 1)))
-        part_hits = [np.empty_like(hit[corner]) for hit in hits]
-        engine.collide(occupied, rasters, part_hits, outside=outside, workers=2)
-        assert all((part == hit[corner]).all() for part, hit in zip(part_hits, hits, strict=True))
-        results.append(hits)
-    for other in results[1:]:
-        assert all((first == second).all() for first, second in zip(results[0], other, strict=True))
+        parts = [np.empty_like(each[corner]) for each in expected]
+        engine.collide(occupied, rasters, parts, outside=outside, workers=2)
+        for each, hit, mark, part in zip(expected, hits, marks, parts, strict=True):
+            assert (hit == each).all() and (mark == 7 + each.astype(int)).all()
+            assert (part == each[corner]).all()
 
 
 @both

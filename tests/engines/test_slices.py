@@ -1,11 +1,15 @@
-"""Rasters of the slices of a map."""
+"""Slices: their rasters, and rotation cells that share one."""
+
+import math
 
 import numpy as np
 import pytest
 
-from cspace import Robot
+import cspace
+from cspace import Robot, Workspace
 from cspace.engines.slices import slice_rasters
 from cspace.rotations import RotationCell, Rotations
+from cspace.shapes import Shape
 from tests.helpers.oracles import raster_offsets
 
 BITMAP = np.array([[[1, 1], [1, 0]], [[1, 0], [0, 0]], [[1, 0], [0, 1]]], dtype=bool)
@@ -40,3 +44,28 @@ def test_rasters_hold_at_every_rotation_of_their_slice(name, rotations):
         outer_there, inner_there = map(raster_offsets, robot.rasters(0.083, 0.02, turn))
         assert outer_there <= outer
         assert inner <= inner_there
+
+
+@pytest.mark.parametrize(
+    ("robot", "rotations", "slices"),
+    [
+        (Robot.box((0.33, 0.21, 0.13)), Rotations.quaternions(2), 8),
+        (Robot.rectangle(0.7, 0.3), 8, 4),
+        (Robot.from_balls([(0.3, 0.1), (-0.1, 0.3), (-0.3, -0.1), (0.1, -0.3)], 0.15), 12, 3),
+        (Robot.disc(0.25, (1e-9, 0.0)), 7, 7),
+        (Robot.rectangle(0.7, 0.3), [0.0, 1.0, math.pi, math.pi + 1.0, 2.0 * math.pi], 4),
+    ],
+    ids=["box", "bar", "four discs", "disc off its center", "unequal cells"],
+)
+def test_sharing_slices_changes_no_state(robot, rotations, slices, monkeypatch):
+    cells = np.random.default_rng(0).random((25, 20) if robot.dim == 2 else (8, 7, 6)) < 0.03
+    workspace = Workspace.from_array(cells, 0.1)
+    shared = cspace.build(workspace, robot, rotations=rotations, counts=True)
+    monkeypatch.setattr(Shape, "symmetry", property(lambda self: 1))
+    monkeypatch.setattr(Shape, "symmetries", property(lambda self: [np.eye(3)]))
+    monkeypatch.setattr(type(shared.rotations), "find_images", Rotations.find_images)
+    alone = cspace.build(workspace, robot, rotations=rotations, counts=True)
+    assert len(shared.overlap_counts) == slices
+    assert len(alone.overlap_counts) == len(alone.rotations)
+    assert (shared.cell_states == alone.cell_states).all() and shared.count() == alone.count()
+    assert (shared.overlap_counts[shared.slice_of] == alone.overlap_counts).all()

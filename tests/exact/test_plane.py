@@ -66,20 +66,6 @@ def test_containment_counts_as_collision():
     assert inside.is_free([3.0, 3.0], exact=True) and not inside.is_free([3.02, 3.0], exact=True)
 
 
-def test_thin_robot_never_jumps_over_a_thin_obstacle():
-    workspace = Workspace.from_polygons(shapely.Point(1.0, 1.0), 0.25, (0, 0, 2, 2))
-    space = cspace.build(workspace, Robot.rectangle(0.4, 0.002), rotations=8, inner=False)
-    rng = np.random.default_rng(0)
-    below = rng.uniform(0.7, 0.99, 500)
-    above = rng.uniform(1.01, 1.3, 500)
-    low = np.column_stack([rng.uniform(0.85, 1.15, 500), below, rng.uniform(-0.1, 0.1, 500)])
-    high = np.column_stack([low[:, 0], above, low[:, 2] + 0.01])
-    endpoints_clear = space.is_free(low, exact=True) & space.is_free(high, exact=True)
-    assert endpoints_clear.sum() > 300
-    assert not space.motion_is_free(low, high, exact=True).any()
-    assert not space.motion_is_free(high, low, exact=True).any()
-
-
 @pytest.mark.parametrize("low", [-1e-310, -5e-324, 1e-310])
 def test_denormal_bounds_clip_like_zero(low):
     """Test bounds at which GEOS would clip wrongly."""

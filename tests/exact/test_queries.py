@@ -1,6 +1,5 @@
 """Exact queries of every space: batches, checkers, threads and refusals."""
 
-import math
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -67,21 +66,6 @@ def test_batches_checkers_and_threads_agree_with_single_queries(make):
         answers = list(pool.map(lambda part: [(point(*a), edge(*a, *b)) for a, b in part], parts))
     for k in range(8):
         assert answers[k] == list(zip(free[k::8].tolist(), edges[k::8].tolist(), strict=True))
-    for k in range(0, 300, 10):
-        assert space.is_free(q0[k], exact=True) == free[k]
-        assert space.motion_is_free(q0[k], q1[k], exact=True) == edges[k]
-    grid = space.motion_is_free(q0[:5, None], q1[None, :7], exact=True)
-    assert grid.shape == (5, 7) and grid[3, 4] == space.motion_is_free(q0[3], q1[4], exact=True)
-    assert space.is_free(np.empty((0, 3, space.size)), exact=True).shape == (0, 3)
-
-
-def test_queries_refuse_invalid_arguments(make):
-    space = make()
-    q = [0.0] * (space.size - 1)
-    with pytest.raises(InputError, match="finite"):
-        space.is_free([*q, math.nan], exact=True)
-    with pytest.raises(InputError, match="finite"):
-        space.motion_is_free([*q, 0.0], [*q, math.inf], exact=True)
 
 
 def test_queries_refuse_shapes_that_depend_on_the_spacing():

@@ -6,7 +6,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
@@ -161,32 +160,20 @@ def compute_costs(space, radius, scaling, turns):
     return costs
 
 
-@settings(max_examples=30)
-@given(
-    rotations=st.sampled_from([None, 5, 8]),
-    outside=st.sampled_from(["blocked", "free"]),
-    radii=st.lists(st.sampled_from([0.2, 0.55, 1.0, 30.0]), min_size=1, max_size=4),
-    seed=seeds,
-)
-def test_costs_use_the_best_rotation_and_follow_updates(rotations, outside, radii, seed):
+@settings(max_examples=40)
+@given(st.sampled_from([None, 5, 8]), st.sampled_from([0.2, 0.55, 1.0, 30.0]), seeds)
+def test_costs_are_those_of_the_best_rotation(rotations, radius, seed):
     rng = np.random.default_rng(seed)
     occupied = rng.random((24, 30)) < rng.choice([0.0, 0.005, 0.05])
     workspace = Workspace.from_array(occupied, 0.1, (3.0, -2.0))
+    outside = rng.choice(["blocked", "free"])
     robot = Robot.rectangle(0.5, 0.2, (0.1, 0.0))
     space = cspace.build(workspace, robot, rotations=rotations, outside=outside)
-    for radius in radii:
-        options = {"inflation_radius": radius, "cost_scaling_factor": 2.0}
-        costs = get_cells(space.to_costmap(**options), (24, 30))
-        turns = space.rotations.centers
+    options = {"inflation_radius": radius, "cost_scaling_factor": 2.0}
+    choices = {None: space.rotations.centers} | ({1.0: [[1.0]]} if rotations else {})
+    for rotation, turns in choices.items():
+        costs = get_cells(space.to_costmap(rotation=rotation, **options), (24, 30))
         np.testing.assert_array_equal(costs, compute_costs(space, radius, 2.0, turns))
-        if rotations:
-            costs = get_cells(space.to_costmap(rotation=1.0, **options), (24, 30))
-            np.testing.assert_array_equal(costs, compute_costs(space, radius, 2.0, [[1.0]]))
-        x, y = rng.uniform((2.5, -2.5), (6.0, 1.5))
-        if "cart" in space.obstacles:
-            space.remove_obstacle("cart")
-        else:
-            space.add_obstacle("cart", shapely.box(x, y, x + 0.5, y + 0.3))
 
 
 def test_unknown_cells_stay_unknown_in_a_costmap():

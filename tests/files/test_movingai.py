@@ -7,6 +7,7 @@ import cspace
 from cspace import FileError, Grid, Robot, Workspace
 from cspace.files.images import read_movingai_map, read_movingai_voxels
 from tests.helpers.maps import proven_paths
+from tests.helpers.oracles import path_length
 from tests.helpers.refusals import refusals
 
 MAPS = ["AR0011SR", "Berlin_1_1024", "arena", "brc504d", "maze512-32-0", "random512-10-0"]
@@ -44,7 +45,7 @@ def test_malformed_maps_are_refused(tmp_path, read, text, message):
 
 
 @pytest.mark.parametrize("name", MAPS)
-def test_the_problems_of_real_maps_are_connected(data, name):
+def test_problems_of_real_maps_have_paths_of_the_published_length(data, name):
     """Refine the map, because the grid cannot decide a corridor one cell wide."""
     path = data / "movingai" / f"{name}.map"
     rows = path.read_text().splitlines()[4:]
@@ -54,9 +55,19 @@ def test_the_problems_of_real_maps_are_connected(data, name):
     fine = np.repeat(np.repeat(workspace.outer, 3, axis=0), 3, axis=1)
     space = cspace.build(Workspace.from_array(fine, 1 / 3), Robot.disc(0.01))
     problems = path.with_suffix(".map.scen").read_text().splitlines()[1:]
-    ends = np.array([line.split()[-5:-1] for line in problems], dtype=float).reshape(-1, 2, 2)
+    numbers = np.array([line.split()[-5:] for line in problems], dtype=float)
+    ends, optimal = numbers[:, :4].reshape(-1, 2, 2), numbers[:, 4]
     ends[..., 1] = len(rows) - 1 - ends[..., 1]
     starts, goals = ends[:, 0] + 0.5, ends[:, 1] + 0.5
     assert space.is_free(starts).all()
     assert space.is_free(goals).all()
     assert all(answer is True for answer in proven_paths(space, starts, goals))
+    # The published lengths are of paths along eight directions, at most 1.0824 of the shortest.
+    for problem in np.linspace(0, len(ends) // 2, 3, dtype=int):
+        path = space.find_path(starts[problem], goals[problem])
+        bound = space.min_path_length(starts[problem], goals[problem])
+        shortest = optimal[problem] / 1.0824
+        assert (
+            bound <= optimal[problem] and shortest <= path_length(path) <= optimal[problem] + 1e-6
+        )
+        assert bound >= shortest / 1.03 - 1.0

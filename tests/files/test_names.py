@@ -6,7 +6,6 @@ import pytest
 
 import cspace
 from cspace import CspaceError, FileError, InputError, Mesh, Robot, Workspace
-from cspace.files.access import suggest_file
 
 POINTER = "version https://git-lfs.github.com/spec/v1\noid sha256:" + 64 * "0" + "\nsize 12345\n"
 
@@ -41,14 +40,6 @@ def test_the_error_names_the_nearest_file_of_the_folder(tmp_path, name, misspelt
     with pytest.raises(CspaceError) as refused:
         read(tmp_path / misspelt)
     assert f"did you mean {tmp_path / name}?" in refused.value.hint
-
-
-def test_no_name_is_suggested_if_none_is_similar(tmp_path):
-    (tmp_path / "floor.yaml").touch()
-    for missing in ("quite-another.stl", "no folder/floor.yaml", "x" * 5000):
-        assert suggest_file(tmp_path / missing, "hint") == "hint"
-    with pytest.raises(CspaceError, match=r"does not exist; .*; check the name and the folder"):
-        Workspace.open(tmp_path / "quite-another.yaml")
 
 
 def test_a_file_of_another_format_is_refused_with_its_converter(tmp_path):

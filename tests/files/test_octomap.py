@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cspace import Workspace
-from cspace.errors import FileError
+from cspace.errors import FileError, InputError
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import seeds
 
@@ -109,3 +109,9 @@ def test_malformed_octomaps_are_refused(tmp_path, content, message):
     (tmp_path / "bad.bt").write_bytes(content)
     with pytest.raises(FileError, match=message):
         Workspace.from_octomap(tmp_path / "bad.bt")
+
+
+def test_unknown_cells_are_occupied_or_free(tmp_path):
+    (tmp_path / "a.bt").write_bytes(make_binary(CHAIN, 17))
+    with pytest.raises(InputError, match="unknown is 'maybe'"):
+        Workspace.from_octomap(tmp_path / "a.bt", "maybe")

@@ -147,6 +147,18 @@ def test_rotated_maps_agree_with_shapely(tmp_path_factory, pixels, yaw, unknown,
     assert shapely.box(*grid.lower, *grid.upper).buffer(1e-9).covers(whole)
 
 
+@pytest.mark.parametrize("name", ["depot", "100by100_10"])
+def test_real_maps_have_the_cells_of_their_pixels(data, name):
+    path = data / "maps" / f"{name}.yaml"
+    header = yaml.safe_load(path.read_text())
+    shades = np.asarray(Image.open(path.with_name(header["image"])).convert("L")) / 255.0
+    occupied = shades if header["negate"] else 1.0 - shades
+    workspace = Workspace.open(path)
+    lower = tuple(header["origin"][:2])
+    assert workspace.grid == Grid(lower, header["resolution"], occupied.T.shape)
+    assert np.array_equal(workspace.outer, (occupied >= header["free_thresh"])[::-1].T)
+
+
 @refusals(
     "changes, message",
     ({"image": "absent.pgm"}, r"absent\.pgm: does not exist; a ROS map's image"),

@@ -7,9 +7,11 @@ import pytest
 import shapely
 from hypothesis import given
 from hypothesis import strategies as st
+from shapely import affinity
 from shapely.geometry import box, mapping
 
-from cspace import Grid, Workspace
+import cspace
+from cspace import Grid, Robot, Workspace
 from cspace.errors import FileError, GeometryError, InputError
 from cspace.files.vector import read_shapes
 from tests.helpers.refusals import refusals
@@ -119,6 +121,17 @@ def test_an_obstacle_on_the_upper_border_marks_the_last_cell(lower, extent, spac
 def test_bounds_without_an_obstacle_warn():
     with pytest.warns(UserWarning, match="has no obstacle"):
         assert not Workspace.from_polygons(FAR, 0.1, (0, 0, 1, 1)).outer.any()
+
+
+def test_a_real_car_has_its_distance_from_a_real_parking_lot(data):
+    files = [data / "polygons" / f"{name}.geojson" for name in ("car", "parking1")]
+    car, lot = (shapely.union_all(shapely.from_geojson(file.read_text())) for file in files)
+    workspace = Workspace.open(files[1], spacing=0.25)
+    space = cspace.build(workspace, Robot.open(files[0]), rotations=8, outside="free")
+    for x, y, yaw in ((4.03, -2.6, 1.5708), (9.9, -12.0, -1.5708)):
+        turned = affinity.rotate(car, yaw, origin=(0, 0), use_radians=True)
+        gap = affinity.translate(turned, x, y).distance(lot)
+        assert space.obstacle_distance((x, y, yaw)) == pytest.approx(gap, abs=1e-3)
 
 
 BOW_TIE = "POLYGON ((0 0, 1 1, 1 0, 0 1, 0 0))"

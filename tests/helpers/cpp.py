@@ -2,17 +2,15 @@
 
 import shutil
 import subprocess
-from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 import cspace
-from tests.helpers.handmade import fill_boxes
+from tests.helpers.placements import draw_configurations, move
 from tests.helpers.repository import ROOT
 
 WARNINGS = ("-std=c++17", "-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Werror")
@@ -66,127 +64,54 @@ def build_program(
 # ---- maps ----------------------------------------------------------------------------------------
 
 
-def _scatter(rng: Rng, *shape: int) -> cspace.Workspace:
-    """Return a workspace of few obstacles away from the origin."""
-    cells = rng.random(shape) < (0.01 if len(shape) == 2 else 0.004)
-    return cspace.Workspace.from_array(cells, 0.1, lower=(-1.3, 0.7, 0.2)[: len(shape)])
+BAR, BOX = cspace.Robot.rectangle(0.5, 0.2), cspace.Robot.box((0.4, 0.2, 0.1))
+WEDGE = cspace.Robot.polygon([(0, 0), (0.4, 0), (0, 0.2)])
+BORDERS = [-1.0, 0.3, 1.1, 2.0, 4.0, 2.0 * np.pi - 1.0]
 
-
-def _shapes_of_rooms(rng: Rng) -> dict[str, Callable[[str], cspace.CSpace]]:
-    """Return builders of a map of each space, for an ``outside``."""
-    bar, box = cspace.Robot.rectangle(0.5, 0.2), cspace.Robot.box((0.4, 0.2, 0.1))
-    odd = cspace.Robot.polygon([(0, 0), (0.4, 0), (0, 0.2)])
-    borders = [-1.0, 0.3, 1.1, 2.0, 4.0, 2.0 * np.pi - 1.0]
-    quaternions = cspace.Rotations.quaternions
-    spaces: dict[str, tuple[cspace.Workspace, cspace.Robot, Any]] = {
-        "R2": (_scatter(rng, 70, 50), bar, None),
-        "SE2": (_scatter(rng, 60, 50), odd, 16),
-        "SE2 shared": (_scatter(rng, 60, 50), bar, 16),
-        "SE2 uneven": (_scatter(rng, 60, 50), odd, borders),
-        "SE2 one cell": (_scatter(rng, 40, 30), cspace.Robot.disc(0.1), 1),
-        "R3": (_scatter(rng, 20, 18, 22), box, None),
-        "R3 yaw": (_scatter(rng, 20, 18, 22), box, 6),
-        "SE3": (_scatter(rng, 16, 14, 15), box, quaternions(4)),
-        "SE3 coarse": (
-            cspace.Workspace.from_array(fill_boxes((7, 6, 5), np.s_[3, 3]), 0.1),
-            cspace.Robot.box((0.2, 0.1, 0.1)),
-            quaternions(1),
-        ),
-    }
-    return {
-        name: lambda outside, parts=parts: cspace.build(
-            parts[0], parts[1], rotations=parts[2], outside=outside
-        )
-        for name, parts in spaces.items()
-    }
-
-
-SPACES = list(_shapes_of_rooms(np.random.default_rng(0)))
+SPACES: dict[str, tuple[tuple[int, ...], cspace.Robot, Any]] = {
+    "R2": ((70, 50), BAR, None),
+    "SE2": ((60, 50), WEDGE, 16),
+    "SE2 shared": ((60, 50), BAR, 16),
+    "SE2 uneven": ((60, 50), WEDGE, BORDERS),
+    "SE2 one cell": ((40, 30), cspace.Robot.disc(0.1), 1),
+    "R3": ((20, 18, 22), BOX, None),
+    "R3 yaw": ((20, 18, 22), BOX, 6),
+    "SE3": ((16, 14, 15), BOX, cspace.Rotations.quaternions(4)),
+    "SE3 coarse": ((9, 8, 7), BOX, cspace.Rotations.quaternions(1)),
+}
+"""Shape of the workspace, robot and rotation cells of a map of each space."""
 
 
 def build_space(name: str, outside: str) -> cspace.CSpace:
-    """Build a map of one of ``SPACES``, always the same."""
-    return _shapes_of_rooms(np.random.default_rng(0))[name](outside)
+    """Build a map of one of ``SPACES`` away from the origin, always the same."""
+    shape, robot, rotations = SPACES[name]
+    rng = np.random.default_rng(0)
+    cells = np.zeros(shape, dtype=np.bool_)
+    cells.flat[rng.choice(cells.size, 1 + cells.size // 200, replace=False)] = True
+    workspace = cspace.Workspace.from_array(cells, 0.1, lower=(-1.3, 0.7, 0.2)[: len(shape)])
+    return cspace.build(workspace, robot, rotations=rotations, outside=outside)
 
 
 # ---- queries -------------------------------------------------------------------------------------
 
 
 def draw_queries(space: Any, n: int, rng: Rng) -> Floats:
-    """Draw pairs of configurations near borders of cells, as rows, shape (n, 2 size)."""
-    p0, p1 = _draw_positions(space.grid, n, rng)
-    r0, r1 = _draw_rotations(space, n, rng)
-    return np.hstack([p0, r0, p1, r1])
+    """Draw pairs of configurations near borders of cells, as rows, shape (n, 2 size).
 
-
-def _nudge(values: Floats, rng: Rng) -> Floats:
-    """Change numbers by at most a few units in the last place, or by about SLACK."""
-    steps = rng.integers(-2, 3, values.shape) * np.spacing(values)
-    slacks = rng.choice([0.0, 0.0, 1e-9, -1e-9, 2e-9, -3e-9], values.shape)
-    return np.asarray(values + steps + slacks)
-
-
-def _draw_positions(grid: cspace.Grid, n: int, rng: Rng) -> tuple[Floats, Floats]:
-    lower, upper = np.array(grid.lower), np.array(grid.upper)
-    width = upper - lower
-    anywhere = rng.uniform(lower - 0.3 * width, upper + 0.3 * width, (n, grid.dim))
-    inside = rng.uniform(lower, upper, (n, grid.dim))
-    on_borders = grid.lower + grid.spacing * rng.integers(-2, np.add(grid.shape, 3), (n, grid.dim))
-    kinds = [anywhere, inside, _nudge(on_borders, rng), _nudge(inside, rng)]
-    first = np.where(rng.random((n, 1)) < 0.5, inside, _pick(kinds, rng))
-    corner = rng.random(first.shape) < 0.02
-    first = np.where(corner, _nudge(np.broadcast_to(upper, first.shape), rng), first)
-    far = rng.random((n, 1)) < 0.01
-    first = np.where(far, first * 10.0 ** rng.uniform(0, 300, (n, 1)), first)
-    length = grid.spacing * 10.0 ** rng.uniform(-9, 1.7, (n, 1))
-    step = rng.normal(size=first.shape) * length
-    step *= rng.random(first.shape) < 0.8  # some move along few axes, or not at all
-    diagonal = grid.spacing * rng.integers(-3, 4, first.shape)
-    last = _pick([first + step, first + step, first + diagonal, on_borders, anywhere], rng)
-    return first, np.where(far & (rng.random((n, 1)) < 0.5), first, last)
-
-
-def _draw_rotations(space: Any, n: int, rng: Rng) -> tuple[Floats, Floats]:
-    names = space.rotations.names
-    if not names:
-        return np.empty((n, 0)), np.empty((n, 0))
-    if len(names) == 1:
-        borders = np.array(space.rotations.borders)
-        turns = 2.0 * np.pi * rng.integers(-2, 3, (n, 1))
-        on_borders = rng.choice(borders, (n, 1)) + turns
-        halves = np.pi * rng.integers(-3, 4, (n, 1))
-        first = _pick(
-            [
-                rng.uniform(-9, 9, (n, 1)),
-                _nudge(on_borders, rng),
-                _nudge(halves, rng),
-                rng.uniform(-(2.0**20), 2.0**20, (n, 1)),
-            ],
-            rng,
-        )
-        small = first + rng.normal(size=(n, 1)) * 10.0 ** rng.uniform(-10, 0, (n, 1))
-        half_turn = _nudge(first + np.pi * rng.choice([-1.0, 1.0, 3.0], (n, 1)), rng)
-        last = _pick([first, small, small, half_turn, rng.uniform(-9, 9, (n, 1)), on_borders], rng)
-        return np.clip(first, -(2.0**20), 2.0**20), np.clip(last, -(2.0**20), 2.0**20)
-    anywhere = np.asarray(Rotation.random(n, rng=rng).as_quat())
-    quotients = np.concatenate([space.rotations.borders, [0.0, 0.3]])
-    on_borders = rng.choice(quotients, (n, 4))
-    on_borders[np.arange(n), rng.integers(0, 4, n)] = rng.choice([-1.0, 1.0], n)
-    first = _pick([anywhere, on_borders, _nudge(on_borders, rng)], rng)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    small = first + rng.normal(size=(n, 4)) * 10.0 ** rng.uniform(-12, 0, (n, 1))
-    x, y, z, w = first.T
-    opposite = np.stack([-y, x, -w, z], axis=1)  # at a right angle, so half a turn away
-    last = _pick([first, -first, small, -small, opposite, _nudge(opposite, rng), anywhere], rng)
-    last /= np.linalg.norm(last, axis=1, keepdims=True)
-    return first, last
-
-
-def _pick(kinds: list[Floats], rng: Rng) -> Floats:
-    """Pick each row of one of several arrays."""
-    stacked = np.stack(kinds)
-    n = stacked.shape[1]
-    return np.asarray(stacked[rng.integers(0, len(kinds), n), np.arange(n)])
+    Many motions are short, or turn by nearly half a turn.
+    """
+    dim = space.grid.dim
+    starts = draw_configurations(space, rng, n, far=True)
+    steps = rng.normal(size=(n, dim)) * space.grid.spacing * 10.0 ** rng.uniform(-9, 1.7, (n, 1))
+    steps *= rng.random((n, dim)) < 0.8
+    axes = rng.normal(size=(n, 3))
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    angles = rng.choice([0.0, 1e-9, 1e-4, 0.1, 1.0, np.pi], (n, 1))
+    moved = move(space, starts, steps, angles * axes)
+    ends = np.where(rng.random((n, 1)) < 0.7, moved, draw_configurations(space, rng, n))
+    queries = np.hstack([starts, ends])
+    queries += rng.integers(-2, 3, queries.shape) * np.spacing(queries)
+    return queries + rng.choice([0.0, 0.0, 1e-9, -3e-9], queries.shape)
 
 
 # ---- answers -------------------------------------------------------------------------------------

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 import shapely
 import trimesh
-from scipy.spatial.transform import Rotation
 
 import cspace
 from cspace.errors import FileError
 from cspace.shapes import Balls, Mesh
 from tests.helpers.handmade import fill_boxes
+from tests.helpers.placements import draw_configurations
 
 MAP_SUFFIXES = [".zarr", ""]
 
@@ -26,13 +26,7 @@ def same(a, b):
         b.rotations,
     )
     assert (a.workspace.inner is a.workspace.outer) == (b.workspace.inner is b.workspace.outer)
-    low, high = (
-        [*np.add(corner, by), 9.0 * by][: a.size]
-        for corner, by in ((a.grid.lower, -1.0), (a.grid.upper, 1.0))
-    )
-    q = np.random.default_rng(0).uniform(low, high, (64, len(low)))
-    if "qw" in a.axes:
-        q = np.hstack([q[:, :3], Rotation.random(64, rng=0).as_quat()])
+    q = draw_configurations(a, np.random.default_rng(0), 64)
     np.testing.assert_array_equal(a.classify(q), b.classify(q))
 
 

@@ -113,3 +113,39 @@ def write_gltf(edit=lambda header, add: None, glb=True):
     chunks = struct.pack("<I4s", len(text), b"JSON") + text
     chunks += struct.pack("<I4s", len(data), b"BIN\0") + data
     return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
+
+
+INPUTS = (
+    '<input semantic="VERTEX" source="#points" offset="0"/>'
+    '<input semantic="NORMAL" source="#numbers" offset="1"/>'
+)
+PLACED = '<instance_geometry url="#box"/>'
+
+
+def write_primitives(kind, count, *runs, sizes=""):
+    """Return a COLLADA primitive; each run is a list of vertices, each beside a normal."""
+    paths = [" ".join(f"{corner} 0" for corner in np.ravel(run)) for run in runs]
+    lists = "".join(f"<p>{path}</p>" for path in paths)
+    return f'<{kind} count="{count}">{INPUTS}{sizes}{lists}</{kind}>'
+
+
+QUADS = write_primitives("polylist", 6, BOX_QUADS, sizes="<vcount>4 4 4 4 4 4</vcount>")
+
+
+def make_collada(primitives=QUADS, nodes=PLACED, unit="", body=""):
+    """Return a COLLADA file of a box."""
+    numbers = " ".join(map(str, BOX_CORNERS.reshape(-1)))
+    return f"""<?xml version="1.0"?>
+    <COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+    <asset>{unit}</asset><library_geometries><geometry id="box"><mesh>
+      <source id="numbers"><float_array id="array" count="24">{numbers}</float_array>
+        <technique_common><accessor source="#array" count="8" stride="3">
+          <param name="X"/><param name="Y"/><param name="Z"/>
+        </accessor></technique_common></source>
+      <vertices id="points"><input semantic="POSITION" source="#numbers"/></vertices>
+      {primitives}</mesh></geometry>{body}</library_geometries>
+    <library_nodes><node id="shared"><translate>0 0 1</translate>{PLACED}</node></library_nodes>
+    <library_visual_scenes>
+      <visual_scene id="scene"><node>{nodes}</node></visual_scene>
+    </library_visual_scenes>
+    <scene><instance_visual_scene url="#scene"/></scene></COLLADA>"""

@@ -1,22 +1,12 @@
 """Slow, plain implementations of the definitions, without code of the library."""
 
 import math
-from fractions import Fraction
 from itertools import product
 
 import numpy as np
-from scipy import sparse
-
-Point = tuple[Fraction, Fraction]
-
 
 FRACTION_DENOMINATOR = 2**1074
 """Multiplying any float by this gives an integer."""
-
-
-def exact(values):
-    """Convert floats to exact fractions."""
-    return tuple(Fraction(float(value)) for value in values)
 
 
 def units(values):
@@ -37,46 +27,9 @@ def cross(a, b):
     return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 
 
-def square_distance_to_box(segment, box):
-    """Return the exact squared distance of a segment and a box ``(x0, y0, x1, y1)``."""
-    if segment_meets_block(segment[0], segment[1], box[:2], box[2:]):
-        return Fraction(0)
-    x0, y0, x1, y1 = box
-    corners = [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
-    sides = list(zip(corners, corners[1:] + corners[:1], strict=True))
-    candidates = [square_distance_to_segment(corner, segment) for corner in corners]
-    candidates += [square_distance_to_segment(end, side) for end in segment for side in sides]
-    return min(candidates)
-
-
-def square_distance_to_segment(point, segment):
-    (px, py), (qx, qy) = segment
-    dx, dy = qx - px, qy - py
-    length = dx * dx + dy * dy
-    t = Fraction(0) if length == 0 else ((point[0] - px) * dx + (point[1] - py) * dy) / length
-    t = min(max(t, Fraction(0)), Fraction(1))
-    return (point[0] - px - t * dx) ** 2 + (point[1] - py - t * dy) ** 2
-
-
 def raster_offsets(raster):
     """Return the set of offsets of a library Raster."""
     return {tuple(cell) for cell in (np.argwhere(raster.cells) + raster.lower).tolist()}
-
-
-def overlap(occupied, offsets, outside):
-    """Count the offsets m with an obstacle at k + m, for each cell k.
-
-    ``outside`` is the state beyond the map.
-    """
-    nx, ny = occupied.shape
-
-    def filled(i, j):
-        return bool(occupied[i, j]) if 0 <= i < nx and 0 <= j < ny else outside
-
-    return {
-        (i, j): sum(filled(i + m, j + n) for m, n in offsets)
-        for i, j in product(range(nx), range(ny))
-    }
 
 
 def overlaps_by_shifts(occupied, raster, outside):
@@ -132,48 +85,32 @@ def segment_meets_block(start, end, low, high):
     return first[0] * last[1] <= last[0] * first[1]
 
 
-def link_cells(wide, periodic_axes, corners=True):
+def link_cells(wide, corners=True):
     """Return links ``(first, last, metres)`` between neighbouring True cells of 1 m.
 
     Two neighbours are linked if all cells touched on the way are True. Links cross sides, and
-    corners if ``corners``. In a plane without periodic axes, they also lead two cells along one
-    axis and one along the other, if ``corners``. Only the shortest link between two cells counts.
+    corners if ``corners``; in the plane they also lead two cells along one axis and one along the
+    other then.
     """
-    reach = 2 if corners and wide.ndim == 2 and not np.any(periodic_axes) else 1
-    numbers, links = np.arange(wide.size).reshape(wide.shape), [np.zeros((3, 0))]
-    framed = []  # padded by the cells beside the first and the last
-    for array, outside in ((wide, False), (numbers, -1)):
-        for axis, wraps in enumerate(np.broadcast_to(periodic_axes, wide.ndim)):
-            widths = [(reach * int(k == axis),) * 2 for k in range(wide.ndim)]
-            array = np.pad(
-                array, widths, **{"mode": "wrap"} if wraps else {"constant_values": outside}
-            )
-        framed.append(np.lib.stride_tricks.sliding_window_view(array, wide.shape))
-    beside = {
-        step: tuple(array[tuple(part + reach for part in step)] for array in framed)
-        for step in product(range(-reach, reach + 1), repeat=wide.ndim)
-    }
+    reach = 2 if corners and wide.ndim == 2 else 1
+    numbers = np.arange(wide.size).reshape(wide.shape)
+    framed = np.pad(wide, reach), np.pad(numbers, reach)
+
+    def shift(array, step):
+        first = np.add(reach, step)
+        return array[tuple(map(slice, first, first + wide.shape))]
+
+    links = [np.zeros((3, 0))]
     signs = 1e-6 * np.array(list(product((-1, 1), repeat=wide.ndim)))
-    for step in sorted(beside, key=np.linalg.norm)[1:]:
+    shares = np.linspace(0.0, 1.0, 41)[:, None, None]
+    for step in product(range(-reach, reach + 1), repeat=wide.ndim):
         if np.gcd.reduce(step) == 1 and (corners or np.abs(step).sum() == 1):
-            points = (
-                np.linspace(0.0, 1.0, 41)[:, None, None] * step + signs
-            )  # around points of the link
-            touched = {
-                tuple(cell) for cell in np.rint(points).astype(int).reshape(-1, wide.ndim).tolist()
-            }
-            can = np.logical_and.reduce([beside[part][0] for part in touched])
-            first, last = numbers[can], beside[step][1][can]
+            beside = np.rint(shares * step + signs).astype(int).reshape(-1, wide.ndim)
+            touched = set(map(tuple, beside.tolist()))
+            can = np.logical_and.reduce([shift(framed[0], cell) for cell in touched])
+            first, last = numbers[can], shift(framed[1], step)[can]
             links.append(np.stack([first, last, np.full(len(first), np.linalg.norm(step))]))
-    first, last, metres = np.concatenate(links, axis=1)
-    shortest = np.unique(first * wide.size + last, return_index=True)[1]
-    return first[shortest].astype(int), last[shortest].astype(int), metres[shortest]
-
-
-def to_graph(links, size):
-    """Convert links between ``size`` cells to a scipy graph."""
-    starts, stops, metres = links
-    return sparse.csr_array((metres, (starts, stops)), shape=(size, size))
+    return np.concatenate(links, axis=1)
 
 
 def turns_between(yaw0, yaw1, turn, slack=0):
@@ -291,13 +228,3 @@ def winding_numbers(points, triangles):
 def winds_around(points, triangles):
     """Return True if the winding number of triangles is not zero."""
     return winding_numbers(points, triangles) != 0
-
-
-def sample_surface(triangles, number, rng):
-    """Sample points on triangles, uniformly by area."""
-    sides = triangles[:, 1:] - triangles[:, :1]
-    areas = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
-    which = rng.choice(len(triangles), number, p=areas / areas.sum())
-    u, v = np.sort(rng.random((2, number)), axis=0)
-    weights = np.stack([u, v - u, 1.0 - v], axis=1)
-    return np.einsum("nk,nkd->nd", weights, triangles[which])

@@ -7,7 +7,7 @@ import shapely
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from tests.soak.scenes import ROBOTS, Scale, draw_robot
+from tests.soak.scenes import ROBOTS, Scale, draw_polygon, draw_robot
 
 seeds = st.integers(0, 2**32 - 1)
 exteriors = st.sampled_from(["blocked", "free"])
@@ -22,20 +22,11 @@ def bitmaps(side=12):
 
 @st.composite
 def stars(draw, radius=1.0):
-    """Draw the vertices of a star-shaped polygon near the reference point."""
-    corners = draw(st.integers(3, 9))
+    """Draw the vertices of a rectangle or a star-shaped polygon near the reference point."""
     rng = np.random.default_rng(draw(seeds))
-    gaps = rng.uniform(0.2, 1.0, corners)
-    angles = np.cumsum(gaps) / gaps.sum() * 2 * math.pi
-    spokes = rng.uniform(0.3, 1.0, corners) * radius
-    center = rng.uniform(-1, 1, 2) * draw(st.sampled_from([0.0, 0.3, 1.5])) * radius
-    vertices = center + spokes[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    if draw(st.booleans()):
-        vertices = np.round(vertices, 1)
-    polygon = shapely.Polygon(vertices)
-    if not polygon.is_valid or polygon.area < 1e-3:
-        vertices = np.array([[-0.5, -0.4], [0.6, -0.4], [0.1, 0.5]]) * radius
-    return vertices
+    middle = draw(st.sampled_from([0.0, 0.3, 1.5])) * radius * rng.uniform(-1, 1, 2)
+    polygon = draw_polygon(rng, middle, radius, Scale(1.0, draw(st.sampled_from([0.0, 0.1])), 0.0))
+    return shapely.get_coordinates(polygon.exterior)[:-1]
 
 
 @st.composite

@@ -70,16 +70,17 @@ def write_urdf(folder: Path, *parts: str) -> Path:
     return path
 
 
-def planar(folder: Path, **changes: Any) -> Path:
-    """Write an arm of two links of 1 m in the plane z = 0."""
+def planar(folder: Path, *more: str, elbow: Any = None, **shoulder: Any) -> Path:
+    """Write an arm of two links of 1 m in the plane z = 0; ``elbow`` changes its second joint."""
     bar = ((1.0, 0.1, 0.1), (0.5, 0, 0))
     return write_urdf(
         folder,
         link("foot", ((0.05, 0.05, 0.05), (0, 0, -0.2))),
         link("upper", bar),
         link("fore", bar),
-        joint("shoulder", "foot", "upper", **changes),
-        joint("elbow", "upper", "fore", at=(1, 0, 0)),
+        joint("shoulder", "foot", "upper", **shoulder),
+        joint("elbow", "upper", "fore", at=(1, 0, 0), **(elbow or {})),
+        *more,
     )
 
 
@@ -94,21 +95,6 @@ def poses_apart(pose: np.ndarray, other: np.ndarray) -> tuple[float, float]:
     """Return the distance and the angle between two poses, metres and radians."""
     turn = Rotation.from_matrix(pose[:3, :3]).inv() * Rotation.from_matrix(other[:3, :3])
     return float(np.linalg.norm(pose[:3, 3] - other[:3, 3])), float(turn.magnitude())
-
-
-def planar_with_tool(folder: Path) -> Path:
-    """Write two bars of 1 m in the plane, with a tool at their end; the elbow has no limits."""
-    bar = ((1.0, 0.1, 0.1), (0.5, 0, 0))
-    return write_urdf(
-        folder,
-        link("foot", ((0.05, 0.05, 0.05), (0, 0, -0.2))),
-        link("upper", bar),
-        link("fore", bar),
-        link("tool0"),
-        joint("shoulder", "foot", "upper"),
-        joint("elbow", "upper", "fore", at=(1, 0, 0), kind="continuous", limits=None),
-        joint("mount", "fore", "tool0", at=(1, 0, 0), kind="fixed", limits=None),
-    )
 
 
 def post() -> PosedShape:

@@ -31,7 +31,6 @@ from tests.soak import files as soak
 
 DOCS = ROOT / "docs"
 LISTS = runpy.run_path(str(DOCS / "lists.py"))
-CODE_FOLDERS = ("cspace", "planners", "tests", "benchmarks")
 SAME_CONTENT = {
     ".yml": ".yaml",
     ".json": ".geojson",
@@ -42,11 +41,6 @@ SAME_CONTENT = {
     "": ".zarr",
 }
 """Suffixes whose files are read by the code of another suffix."""
-
-
-def find_quoted(text):
-    """Return texts between single or double backticks."""
-    return re.findall(r"`+([^`]+)`+", text)
 
 
 def robot_hint():
@@ -107,14 +101,6 @@ def test_every_primitive_has_a_short_text():
     }
     texts = {{"rect": "rectangle"}.get(name, name) for name in SHORT_TEXTS}
     assert made - {"parse_short_text"} == texts
-
-
-@pytest.mark.parametrize("name", sorted(SHORT_TEXTS.keys() - {"box", "footprint"}))
-def test_a_short_text_makes_the_robot_of_its_method(name):
-    example = SHORT_TEXTS[name].example
-    sizes = map(float, re.split("[x,]", example.partition(":")[2]))
-    method = getattr(Robot, {"rect": "rectangle"}.get(name, name))
-    assert Robot.parse(example).spec == method(*sizes).spec
 
 
 @pytest.mark.parametrize("name", SHORT_TEXTS)
@@ -223,28 +209,6 @@ def test_api_pages_show_every_public_method_of_a_class():
                 ]
     assert undocumented == []
     assert left_out == set(), "docs/lists.py leaves out methods that do not exist"
-
-
-# ---- the page for contributors -------------------------------------------------------------------
-
-
-def test_files_and_names_of_the_extending_page_exist():
-    named = set(find_quoted((DOCS / "extending.md").read_text(encoding="utf-8")))
-    files = {name for name in named if re.fullmatch(r"[\w.]+/[\w./]*", name)}
-    assert {name for name in files if not (ROOT / name).exists()} == set()
-    code = [
-        file.read_text(encoding="utf-8")
-        for folder in CODE_FOLDERS
-        for file in (ROOT / folder).rglob("*.py")
-    ]
-    words = {word for text in code for word in re.findall(r"\w+", text)}
-    names = {
-        word
-        for name in named
-        if re.fullmatch(r"[A-Za-z_]\w*(\.\w+)*", name)
-        for word in name.split(".")
-    }
-    assert names - words == set()
 
 
 # ---- the version ---------------------------------------------------------------------------------

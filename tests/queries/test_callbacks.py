@@ -21,11 +21,11 @@ def test_checkers_agree_with_queries_everywhere(seed, kind, outside):
     dim = states.ndim - 1
     outside = outside.project(dim)
     space = handmade.make_map(states, kind, outside, 0.1, lower=(-1.0, 0.0, 0.3)[:dim])
-    q0, q1 = draw_configurations(space, rng, 200), draw_configurations(space, rng, 200)
-    corners = np.array([space.grid.lower, space.grid.upper, (1e30, -1e30, 1e30)[:dim]])
-    q0[:60, :dim] = corners[rng.integers(0, 3, (60, 1)), np.arange(dim)]
-    nudged = rng.integers(60, 100, 20)
-    q0[nudged, :dim] = np.nextafter(space.grid.upper, rng.choice([-9.0, 9.0], (20, dim)))
+    q0 = draw_configurations(space, rng, 200, far=True)
+    q1 = draw_configurations(space, rng, 200, far=True)
+    nudged = rng.integers(0, 200, 20)
+    beside = np.nextafter(space.grid.upper, rng.choice([-9.0, 9.0], (20, dim)))
+    q0[nudged, :dim] = beside
     point, edge, clear = space.point_checker(), space.edge_checker(), space.clearance_checker()
     assert [point(*q) for q in q0.tolist()] == space.is_free(q0).tolist()
     assert [clear(*q) for q in q0.tolist()] == space.clearance(q0).tolist()

@@ -1,7 +1,6 @@
 """Clearance against brute force over all cells."""
 
 import math
-from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -112,19 +111,6 @@ def test_clearance_counts_cells_outside_the_grid(data, seed):
 
 
 # ---- maps that were built ------------------------------------------------------------------------
-
-
-def test_clearance_is_a_lower_bound_far_outside():
-    occupied = np.ones((1, 1), bool)
-    space = cspace.build(
-        Workspace.from_array(occupied, 0.1, (0.3, 0.7)), Robot.disc(0.1), outside="free"
-    )
-    q = (-18660724.11262548, 27488679.34025253)
-    outer, _ = space.robot.rasters(0.1)
-    h, x, y = Fraction(0.1), Fraction(q[0]), Fraction(q[1])
-    box_x = Fraction(0.3) - h * outer.upper[0]
-    box_y = Fraction(0.7) + h * (1 - outer.lower[1])
-    assert Fraction(space.clearance(q)) ** 2 <= (box_x - x) ** 2 + (y - box_y) ** 2
 
 
 @pytest.mark.parametrize("dim", [2, 3])

@@ -1,4 +1,4 @@
-"""Edges against exact clipping, OMPL's interpolation, and samples along them."""
+"""Edges against exact clipping."""
 
 import math
 
@@ -21,7 +21,7 @@ from tests.helpers.handmade import (
     state_of,
     states,
 )
-from tests.helpers.strategies import boundary_yaws, resolve_yaw, rotation_cells, seeds, uniform
+from tests.helpers.strategies import boundary_yaws, resolve_yaw, rotation_cells, uniform
 
 H = 0.25
 
@@ -76,30 +76,6 @@ def test_motion_is_free_exactly_if_all_touched_cells_are_free(state, outside, st
         # The query may refuse a cell within its slack.
         assert not free
         assert touches(start, end, blocked, H, lower, 2.0**-26)
-
-
-@settings(max_examples=60)
-@given(seeds, st.sampled_from([0.0, 0.3, 3000.1]), st.integers(2, 3))
-def test_rounding_hides_no_touched_cell(seed, away, dim):
-    """Draw edges between corners and centers of cells."""
-    rng = np.random.default_rng(seed)
-    h = float(rng.choice([0.1, 1 / 3, rng.uniform(0.01, 3.0)]))
-    lower = (
-        np.rint(rng.uniform(-5, 1, dim)) * h + away
-    )  # the origin lies in the grid, where differences are rounded
-    shape = (4, 3, 5)[:dim]
-    state = np.zeros(shape, dtype=np.uint8)
-    blocked = tuple(rng.integers(0, shape).tolist())
-    state[blocked] = MIXED
-    space = map_of(state, spacing=h, lower=tuple(lower.tolist()))
-    q0, q1 = (
-        lower + h * (rng.integers(0, 2 * np.array(shape) + 1, (150, dim)) / 2) for _ in range(2)
-    )
-    q1 = np.where(rng.random(q0.shape) < 0.5, q0, q1)
-    near = rng.choice([0.0, 0.0, -3e-16, 3e-16], (2, *q0.shape))
-    q0, q1 = q0 * (1.0 + near[0]), q1 * (1.0 + near[1])
-    for start, end, free in zip(q0, q1, space.motion_is_free(q0, q1).tolist(), strict=True):
-        assert not (free and touches(start, end, [blocked], h, lower))
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -169,6 +145,3 @@ def test_edges_rotate_the_shorter_way_or_both_at_half_a_turn():
     for away, expected in ((1e-6, True), (-1e-6, False), (1e-11, False), (-1e-11, False)):
         assert quarter.motion_is_free(start, (0.3, 0.3, math.pi + away)) == expected
     assert quarter.motion_is_free(start, (0.3, 0.3, 40 * TWO_PI - 2.0))
-
-
-# ---- OMPL ----------------------------------------------------------------------------------------

@@ -2,20 +2,16 @@
 
 import itertools
 import math
-from fractions import Fraction
 
 import numpy as np
-from hypothesis import example, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cspace import BLOCKED, FREE, MIXED
+from cspace import FREE, MIXED
 from cspace.raster import Raster
 from cspace.rotations import Rotations
 from cspace.rotations.base import TWO_PI
 from tests.helpers.handmade import (
-    ALL_FREE,
-    Outside,
-    free_except,
     map_of,
     outsides,
     state_of,
@@ -56,42 +52,6 @@ coordinates = st.one_of(
     st.integers(-2, 7).map(lambda k: k / 4), st.integers(-6, 21).map(lambda k: k / 12)
 )
 points = st.tuples(*[coordinates | st.floats(-0.5, 1.75)] * 3)
-
-
-@settings(max_examples=100)
-@given(
-    states(4, (FREE,) * 15 + (BLOCKED,)),
-    outsides(3),
-    points,
-    st.sampled_from([0.0, 0.125, 0.25, 0.3, 0.5]),
-)
-@example(free_except(), Outside.all_of(BLOCKED), (0.5, 0.5, 0.5), 0.5)
-@example(free_except((3, 3, 3)), ALL_FREE, (0.5, 0.5, 0.5), 0.25)  # a MIXED cell shares a corner
-def test_is_free_around_tests_all_cells_of_a_cube(state, outside, q, distance):
-    q, outside = q[: state.ndim], outside.project(state.ndim)
-    low = [4 * (Fraction(value) - Fraction(distance)) for value in q]
-    high = [4 * (Fraction(value) + Fraction(distance)) for value in q]
-
-    def meets_cells(slack):
-        """Return True if the shrunk cube meets other cells."""
-        ranges = [
-            range(math.ceil(a - slack) - 1, math.floor(b + slack) + 1)
-            for a, b in zip(low, high, strict=True)
-        ]
-        return any(state_of(state, outside, cell) != FREE for cell in itertools.product(*ranges))
-
-    if map_of(state, outside=outside).is_free_around(q, distance):
-        assert not meets_cells(0)
-    else:  # the query may refuse a cell within its slack
-        assert meets_cells(Fraction(2.0**-24))
-
-
-def test_is_free_around_accepts_cubes_of_any_size():
-    for dim in (2, 3):
-        q, state = (0.45,) * dim, np.zeros((4,) * dim)
-        assert map_of(state).is_free_around(q, 1e6)
-        assert not map_of(state).is_free_around(q, 1e9)  # too far for the certificate
-        assert not map_of(state, outside="blocked").is_free_around(q, 1e5)
 
 
 H, SIDE = 0.25, 4

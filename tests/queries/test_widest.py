@@ -7,11 +7,12 @@ import math
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
+from scipy import sparse
 from scipy.sparse.csgraph import connected_components, dijkstra
 
 from cspace import FREE, MIXED
 from tests.helpers import handmade
-from tests.helpers.oracles import link_cells, path_length, to_graph
+from tests.helpers.oracles import link_cells, path_length
 from tests.helpers.planning import build_from_states, turn_between
 from tests.helpers.strategies import seeds
 
@@ -43,17 +44,19 @@ def number_cells(space):
 def link_wide_cells(space, wide, corners):
     """Return the graph of wide cells, weighted by length."""
     turns, size = len(space.rotations), math.prod(space.grid.shape)
-    straight = [False] * space.grid.dim
-    parts = [link_cells(part, straight, corners) for part in wide.reshape(turns, *space.grid.shape)]
-    within = [
-        (first + k * size, last + k * size, 0.5 * metres)
-        for k, (first, last, metres) in enumerate(parts)
+    layers = wide.reshape(turns, *space.grid.shape)
+    links = [
+        [[k * size], [k * size], [0.0]] + link_cells(layer, corners) * [[1], [1], [0.5]]
+        for k, layer in enumerate(layers)
     ]
     if space.rotations.names:
-        first, last, cells = link_cells(wide.reshape(turns, size), [True, False], corners=False)
-        turned = first % size == last % size
-        within.append((first[turned], last[turned], 0.5 * 2 * math.pi / turns * cells[turned]))
-    return to_graph(np.concatenate(within, axis=1), wide.size)
+        here = np.flatnonzero(wide)
+        ahead = (here + size) % wide.size
+        turned = np.stack([here, ahead, np.full(len(here), math.pi / turns)])[:, wide[ahead]]
+        links += [turned, turned[[1, 0, 2]]]
+    first, last, metres = np.concatenate(links, axis=1)
+    ends = first.astype(int), last.astype(int)
+    return sparse.csr_array((metres, ends), shape=(wide.size, wide.size))
 
 
 def find_bottleneck(space, clearances, start, goal):

@@ -1,7 +1,6 @@
 """Rasters of balls, boxes and voxels, against exact rational arithmetic."""
 
 from fractions import Fraction
-from itertools import product
 
 import numpy as np
 import pytest
@@ -13,7 +12,6 @@ from scipy.spatial.transform import Rotation
 
 from cspace import Grid, InputError, Mesh
 from cspace.grid import SLACK
-from cspace.raster.bitmaps import cover_with_boxes
 from cspace.raster.boxes import RoundedBoxes, rounded_rasters
 from cspace.rotations import RotationCell
 from cspace.shapes import Balls, Box, Polygons, Voxels
@@ -96,18 +94,18 @@ class Definition:
         farthest = [np.maximum(a, b) for a, b in zip(first, last, strict=True)]
         return self.within(sum_outer(farthest), -extra)
 
-    def covered(self):
+    def covered(self, extra):
         """Return True if disjoint boxes contain the cubes."""
-        parts = [
-            np.minimum(self.highs[:, a, None], side + self.edge)
-            - np.maximum(self.lows[:, a, None], side - self.edge)
-            for a, (side, _) in enumerate(self.sides)
-        ]
-        parts = [np.maximum(part, 0) for part in parts]
-        volume = (
-            parts[0][:, :, None, None] * parts[1][:, None, :, None] * parts[2][:, None, None, :]
-        )
-        return (volume.sum(axis=0) == (2 * self.edge) ** 3).astype(bool)
+        whole, volume = 1, 1
+        for a, (first, last) in enumerate(self.sides):
+            first, last = first - extra * self.edge, last + extra * self.edge
+            part = np.minimum(self.highs[:, a, None], last) - np.maximum(
+                self.lows[:, a, None], first
+            )
+            shape = [-1 if a == axis else 1 for axis in range(len(self.sides))]
+            whole = whole * (last - first).reshape(shape)
+            volume = volume * np.maximum(part, 0).reshape(len(part), *shape)
+        return (volume.sum(axis=0) == whole).astype(bool)
 
 
 def check(cells, least, most):
@@ -186,14 +184,13 @@ def test_rasters_of_rounded_boxes_agree_with_arithmetic(data, spacing, margin, i
     st.sampled_from([0.3, 0.7, 1.0]),
     st.sampled_from([0.0, 2e-3, -2e-3, 1e-7, -1e-7]),
 )
-def test_rasters_of_voxel_robots_agree_with_arithmetic(
-    data, seed, spacing, margin, ratio, density, shift
-):
+def test_voxels_agree_with_arithmetic(data, seed, spacing, margin, ratio, density, shift):
     occupied = np.random.default_rng(seed).random((3, 2, 4)) < density
     occupied[-1, -1, -1] = True
     lower = data.draw(coordinates(spacing, (3,), 1.5)) + shift * spacing
     voxel = spacing * ratio
-    outer, inner = Voxels(occupied, voxel, lower).rasters(spacing, margin)
+    voxels = Voxels(occupied, voxel, lower)
+    outer, inner = voxels.rasters(spacing, margin)
     # Integers represent the voxels' corners exactly, floats do not.
     reach = 4 + int(4 * ratio) + int(margin / spacing)
     frame = ((2 * reach + 1,) * 3, (0.0,) * 3, spacing)
@@ -204,46 +201,14 @@ def test_rasters_of_voxel_robots_agree_with_arithmetic(
     check(spread(outer, reach), truth.touched(0), truth.touched(1))
     truth = Definition([], [], np.array([0] * len(cells), dtype=object), *frame, 0, 0, -reach)
     truth.lows, truth.highs = lows, highs
-    check(spread(inner, reach), truth.covered(), truth.inside(0))
-
-
-@settings(max_examples=30)
-@given(seeds, st.sampled_from([0.1, 0.5, 0.9]), st.sampled_from([2, 3]))
-def test_boxes_of_cells_are_disjoint_and_cover_the_set(seed, density, dim):
-    rng = np.random.default_rng(seed)
-    occupied = rng.random(tuple(rng.integers(1, 9, dim))) < density
-    counts = np.zeros(occupied.shape, dtype=int)
-    for low, high in zip(*cover_with_boxes(occupied, 1.0, (0.0,) * dim), strict=True):
-        counts[tuple(slice(int(a), int(b)) for a, b in zip(low, high, strict=True))] += 1
-    assert (counts == occupied).all()
-
-
-@settings(max_examples=30)
-@given(seeds, st.sampled_from([0.5, 1.0, 1.3, 2.0]), st.sampled_from([2, 3]))
-def test_bitmap_obstacles_set_the_cells_that_they_touch_and_fill(seed, ratio, dim):
-    """Compare on a lattice of quarters.
-
-    Cells at the bitmap's boundary may be inner or not.
-    """
-    rng = np.random.default_rng(seed)
-    occupied = rng.random((4, 3, 4)[:dim]) < 0.6
-    occupied[(0,) * dim] = True
-    lower = rng.integers(-8, 9, dim) / 8.0
-    outer, inner = Voxels(occupied, ratio, lower).cells(Grid((-2.0,) * dim, 1.0, (7, 6, 8)[:dim]))
-    for cell in np.ndindex(outer.shape):
-        low = np.array(cell) - 2.0 - lower
-        spans = [(np.ceil(a / ratio - 1 - 1e-9), np.floor((a + 1) / ratio + 1e-9) + 1) for a in low]
-        touched = [slice(max(0, int(first)), max(0, int(stop))) for first, stop in spans]
-        assert outer[cell] == occupied[tuple(touched)].any()
-        over = [
-            range(int(np.floor(a / ratio - 1e-9)), int(np.floor((a + 1) / ratio + 1e-9)) + 1)
-            for a in low
-        ]
-        held = all(
-            all(0 <= i < n for i, n in zip(index, occupied.shape, strict=True)) and occupied[index]
-            for index in product(*over)
-        )
-        assert inner[cell] == held
+    check(spread(inner, reach), truth.covered(1), truth.inside(0))
+    grid = Grid((-1.5 * spacing,) * 3, spacing, (7, 6, 8))
+    outer, inner = voxels.cells(grid)
+    zeros = np.zeros(len(cells), dtype=object)
+    truth = Definition([], [], zeros, grid.shape, grid.lower, spacing, 0, 1)
+    truth.lows, truth.highs = lows, highs
+    check(outer, truth.touched(0), truth.touched(1))
+    check(inner, truth.covered(1), truth.covered(0))
 
 
 def test_slabs_of_threads_join_to_the_whole(monkeypatch):

@@ -6,12 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from cspace import Grid
 from cspace.rotations import RotationCell
-from cspace.shapes import Balls, Polygons
+from cspace.shapes import Balls
 from tests.helpers import oracles
 from tests.helpers.placements import ORACLE_BAND
-from tests.helpers.strategies import robots, seeds
+from tests.helpers.strategies import robots
 
 
 def check_between(cells, low, high):
@@ -53,42 +52,3 @@ def test_rasters_of_rotated_robots_agree_with_shapely(robot, spacing, margin, ya
         members = {m for m in oracles.raster_offsets(raster) if max(map(abs, m)) <= 30}
         required, allowed = ({tuple(m) for m in offsets[which].tolist()} for which in (must, may))
         check_between(members, required, allowed)
-
-
-@settings(max_examples=40)
-@given(seeds, st.sampled_from([0.1, 0.25, 0.33]))
-def test_obstacle_cells_agree_with_shapely(seed, spacing):
-    rng = np.random.default_rng(seed)
-    shapes = [
-        shapely.box(*np.round(rng.uniform(-3, 0, 2), 1), *np.round(rng.uniform(0.5, 3, 2), 1)),
-        shapely.Point(rng.uniform(-2, 2, 2))
-        .buffer(0.8)
-        .difference(shapely.Point(0, 0).buffer(0.5)),
-        shapely.MultiPolygon([shapely.box(1, 1, 1.5, 1.7), shapely.box(-2.5, 1, -2.1, 2.9)]),
-        shapely.LineString(rng.uniform(-3, 3, (4, 2))),
-        shapely.Point(rng.uniform(-2, 2, 2)),
-        shapely.GeometryCollection([shapely.box(-1, -2.2, -0.7, -1.4)]),
-    ]
-    chosen = [shapes[i] for i in rng.permutation(len(shapes))[: rng.integers(1, 6)]]
-    grid = Grid((-2.0, -1.5), spacing, (int(4 / spacing), int(3 / spacing)))
-    outer, inner = Polygons(chosen).cells(grid)
-    corners = (
-        np.stack(np.meshgrid(*map(np.arange, grid.shape), indexing="ij"), axis=-1) * spacing
-        + grid.lower
-    )
-    cells = shapely.box(
-        corners[..., 0], corners[..., 1], corners[..., 0] + spacing, corners[..., 1] + spacing
-    )
-    gap = np.min([shapely.distance(cells, shape) for shape in chosen], axis=0)
-    assert outer[gap == 0].all()
-    assert not outer[gap > ORACLE_BAND].any()
-    covered = np.any([shapely.covers(shape, cells) for shape in chosen], axis=0)
-    deep = np.any(
-        [shapely.contains(shape.buffer(-ORACLE_BAND), cells) for shape in chosen if shape.area],
-        axis=0,
-    )
-    assert not inner[
-        ~covered & ~shapely.contains(shapely.union_all(chosen).buffer(ORACLE_BAND), cells)
-    ].any()
-    assert inner[deep].all()
-    assert not (inner & ~outer).any()

@@ -64,33 +64,22 @@ def check_touched(marked, triangles, grid, slack=2.0**-24):
 def draw_small_mesh(rng, kind):
     """Draw a few triangles in a small grid."""
     n = int(rng.integers(1, 6))
-    if kind == "random":
-        return rng.uniform(-1, 6, (n, 3, 3))
-    if kind == "sliver":
-        start = rng.uniform(-1, 6, (n, 1, 3))
-        along = rng.normal(size=(n, 1, 3)) * 3
-        bend = rng.normal(size=(n, 1, 3)) * 10.0 ** rng.uniform(-12, -3, (n, 1, 1))
-        return np.concatenate(
-            [start, start + along, start + along * rng.uniform(0, 1, (n, 1, 1)) + bend], axis=1
-        )
+    triangles = rng.uniform(-1, 6, (n, 3, 3))
+    if kind == "lattice" or (kind == "degenerate" and rng.random() < 0.5):
+        triangles = np.rint(triangles)
     if kind == "touching":
-        triangles = rng.uniform(0, 5, (n, 3, 3))
-        triangles[:, :, int(rng.integers(3))] = rng.integers(0, 6, (n, 1))
-        return triangles
-    if kind == "lattice":
-        return rng.integers(-1, 7, (n, 3, 3)).astype(float)
-    if kind == "degenerate":
-        triangles = rng.choice(
-            [rng.uniform(0, 5, (n, 3, 3)), rng.integers(0, 6, (n, 3, 3)).astype(float)]
-        )
-        triangles[:, 2] = triangles[:, int(rng.integers(2))]
-        if rng.random() < 0.3:
-            triangles[:, 1] = triangles[:, 0]
-        return triangles
-    assert kind == "huge"
-    far = rng.uniform(-1, 1, (n, 3, 3)) * 2.0 ** rng.uniform(3, 21)
-    # Through the center of the grid, so that each huge triangle meets it.
-    return far - far.mean(axis=1, keepdims=True) + rng.uniform(0, 5, (n, 1, 3))
+        triangles[:, :, rng.integers(3)] = rng.integers(0, 6, (n, 1))
+    elif kind == "sliver":
+        share, bend = rng.uniform(0, 1, (n, 1)), 10.0 ** rng.uniform(-12, -3, (n, 1))
+        along = triangles[:, 0] + share * (triangles[:, 1] - triangles[:, 0])
+        triangles[:, 2] = along + bend * rng.normal(size=(n, 3))
+    elif kind == "degenerate":
+        triangles[:, 2] = triangles[:, rng.integers(2)]
+        triangles[:, 1] = triangles[:, rng.choice([0, 1, 1])]
+    elif kind == "huge":  # through the grid
+        far = triangles * 2.0 ** rng.uniform(3, 19)
+        triangles = far - far.mean(axis=1, keepdims=True) + rng.uniform(0, 5, (n, 1, 3))
+    return triangles
 
 
 MESH_KINDS = ["random", "sliver", "touching", "lattice", "degenerate", "huge"]
@@ -170,17 +159,6 @@ def test_a_filled_mesh_is_what_its_cells_enclose():
         assert not cells[7:].any()
 
 
-@settings(max_examples=25)
-@given(seeds, st.sampled_from([0.0, 0.3, 0.5, 0.75]))
-def test_the_raster_of_a_mesh_of_a_box_is_that_of_the_box(seed, margin):
-    rng = np.random.default_rng(seed)
-    low, extents = rng.uniform(-2, 0, 3), rng.uniform(0.1, 3, 3)
-    mesh, box = Mesh.of(make_box(low, low + extents)), Box(extents, low + extents / 2)
-    for mine, there in zip(mesh.rasters(0.25, margin), box.rasters(0.25, margin), strict=True):
-        assert mine.lower == there.lower
-        np.testing.assert_array_equal(mine.cells, there.cells)
-
-
 def measure_cube_distance(triangle, center, half):
     """Return a triangle's distance from a cube."""
     corners = np.array(list(product((-half, half), repeat=3))) + center
@@ -191,29 +169,20 @@ def measure_cube_distance(triangle, center, half):
 
 
 def test_the_distance_of_a_cube_is_exact():
-    """Test radii just above and just below the distance."""
+    """Test radii just above and just below the distance; slivers may be marked too early."""
     rng = np.random.default_rng(3)
     for size in np.repeat([0.3, 1.0, 4.0], 200):
         cell = tuple(rng.integers(0, 3, 3).tolist())
         triangle = cell + rng.normal(size=(3, 3)) * size + rng.normal(size=3) * 3.0
+        is_thin = rng.random() < 0.3
+        if is_thin:
+            bend = 10.0 ** rng.uniform(-16.0, -3.0) * rng.normal(size=3)
+            triangle[2] = triangle[:2].mean(axis=0) + bend
         gap = measure_cube_distance(triangle, np.array(cell), 1.0)
         if gap < 1e-3:
             continue
-        for radius, expected in ((gap * (1 + 1e-9), True), (gap - 1e-5, False)):
-            out = np.zeros((3, 3, 3), dtype=bool)
+        marks = np.zeros((2, 3, 3, 3), dtype=bool)
+        for out, radius in zip(marks, (gap * (1 + 1e-9), gap - 1e-5), strict=True):
             mark_within(out, sweep_triangles(triangle[None], 0.0, False), 1.0, radius)
-            assert out[cell] == expected, (triangle, gap, radius)
-
-
-def test_a_thin_robot_is_never_too_small():
-    """Compare a sliver with the segment that it approximates."""
-    for bend in (0.0, 1e-13, 1e-9, 1e-4):
-        mesh = Mesh.of(make_soup([[(0, 0, 0), (3, 1, 0.5), (1.5, 0.5 + bend, 0.25)]]), "surface")
-        outer, _ = mesh.rasters(0.25, 0.4)
-        points = np.moveaxis(np.indices(outer.cells.shape), 0, -1) + outer.lower
-        along = np.linspace(0, 1, 4001)[:, None] * np.array([3, 1, 0.5]) / 0.25
-        gaps = np.array(
-            [np.linalg.norm(np.maximum(np.abs(points - p) - 1, 0), axis=-1) for p in along[::40]]
-        ).min(axis=0)
-        assert outer.cells[gaps <= 1.6].all()
-        assert not outer.cells[gaps > 1.6 + 0.1].any()
+        is_marked, is_early = marks[:, *cell]
+        assert is_marked and (is_thin or not is_early), (triangle, gap)

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from cspace import Mesh, Robot
 from cspace.rotations import NO_ROTATION, RotationCell
-from cspace.shapes import Box
+from cspace.shapes import Box, Voxels
 from tests.helpers.mesh_files import make_box
 from tests.helpers.strategies import robots, seeds
 
@@ -103,14 +103,22 @@ def test_rasters_in_space_hold_for_every_rotation_of_the_cell(name, about_z):
 
 
 @settings(max_examples=25)
-@given(seeds, st.booleans(), st.sampled_from([0.1, 0.25]))
-def test_a_rotated_box_is_the_mesh_of_its_faces(seed, about_z, spacing):
+@given(seeds, st.booleans(), st.sampled_from([0.1, 0.25]), st.sampled_from([0.0, 0.3]))
+def test_a_rotated_box_is_the_mesh_of_its_faces_and_the_union_of_its_cells(
+    seed, about_z, spacing, margin
+):
     rng = np.random.default_rng(seed)
-    box = Box(rng.uniform(0.05, 1.2, 3), rng.uniform(-0.5, 0.5, 3))
+    side, counts = rng.uniform(0.05, 0.4), rng.integers(1, 4, 3)
+    box = Box(side * counts, rng.uniform(-0.5, 0.5, 3))
     rotation = draw_rotation(rng, about_z)
-    mesh = Mesh.of(make_box(box.lower, box.upper)).rasters(spacing, 0.0, rotation)
-    for mine, there in zip(box.rasters(spacing, 0.0, rotation), mesh, strict=True):
-        assert list_positions(mine) == list_positions(there)
+    mesh, cells = (
+        Mesh.of(make_box(box.lower, box.upper)),
+        Voxels.of(np.ones(counts, bool), side, box.lower),
+    )
+    for mine, *others in zip(
+        *(shape.rasters(spacing, margin, rotation) for shape in (box, mesh, cells)), strict=True
+    ):
+        assert all(list_positions(mine) == list_positions(there) for there in others)
 
 
 @settings(max_examples=15)

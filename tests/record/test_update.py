@@ -1,8 +1,8 @@
 """Updates of maps: equality with new builds, results, refusals and threads."""
 
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from functools import partial
 
 import numpy as np
 import pytest
@@ -27,13 +27,12 @@ from tests.helpers.updates import (
     checkers,
     worlds,
 )
-from tests.helpers.waiting import write_while_querying
 
 # ---- equal to a rebuild --------------------------------------------------------------------------
 
 
 @pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
-@settings(max_examples=35)
+@settings(max_examples=15)
 @given(worlds(), st.booleans())
 def test_a_stream_of_updates_equals_a_rebuild(world, queried):
     space = world.build()
@@ -154,26 +153,20 @@ def test_interrupted_update_leaves_a_correct_map(number, monkeypatch):
 
 def test_updates_from_threads_wait_for_each_other():
     space, rng = build_empty_room("free"), np.random.default_rng(0)
-    space.clearance((1.0, 1.0))
-    space.is_connected((1.0, 1.0), (2.0, 2.0))
     places = [(int(x), int(y)) for x, y in rng.integers(0, (36, 26), (40, 2))]
+    q = rng.uniform(-1.0, 5.0, (300, 2))
 
-    def query_map():
-        q = np.random.default_rng(1).uniform(-1.0, 5.0, (50, 2))
-        space.clearance(q)
-        space.is_connected(q[:25], q[25:])
-        space.overlap_count(q)
-        space.sample_free(3, np.random.default_rng(2))
+    def update_and_query(position):
+        space.update(OBSTACLE, position)
+        for query in (space.clearance, space.overlap_count, space.is_free):
+            query(q)
+        space.is_connected(q[:150], q[150:])
 
-    def put(positions):
-        for position in positions:
-            space.update(OBSTACLE, position)
-
-    write_while_querying(query_map, [partial(put, places[::2]), partial(put, places[1::2])])
+    with ThreadPoolExecutor(4) as threads:
+        list(threads.map(update_and_query, places))
     occupied = fill_boxes((40, 30), *(np.s_[x : x + 4, y : y + 4] for x, y in places))
     fresh = cspace.build(Workspace.from_array(occupied, 0.1), Robot.disc(0.3), outside="free")
     np.testing.assert_array_equal(space.cell_states, fresh.cell_states)
-    q = rng.uniform(-1.0, 5.0, (300, 2))
     np.testing.assert_array_equal(space.clearance(q), fresh.clearance(q))
     np.testing.assert_array_equal(
         proven_paths(space, q[:150], q[150:]), proven_paths(fresh, q[:150], q[150:])

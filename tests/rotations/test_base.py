@@ -130,20 +130,6 @@ def test_wrapped_yaws_are_unchanged_and_others_are_wrapped():
     np.testing.assert_allclose(np.exp(1j * yaws), np.exp(1j * angles), atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("kind", "rotation", "text"),
-    [
-        (NONE, [], ""),
-        (YAW, [-1e-9], "yaw 0°"),
-        (YAW, [4.0], "yaw -130.8°"),
-        (QUATERNION, [0.0, 0.0, -math.sin(0.1), -math.cos(0.1)], "turned 11.5° about (0, 0, 1)"),
-        (QUATERNION, [0.0, 0.0, 0.0, -1.0], "not turned"),
-    ],
-)
-def test_texts_describe_rotations(kind, rotation, text):
-    assert kind.format_rotation(np.array(rotation)) == text
-
-
 @refusals(
     "kind, rotation, message",
     (NONE, 0.0, "does not turn"),

@@ -1,4 +1,4 @@
-"""Queries, edges and boxes of SE(3), against definitions and geometry."""
+"""Edges of SE(3), against samples of their cells, and a proof that no path exists."""
 
 import itertools
 import math
@@ -11,40 +11,6 @@ from cspace import FREE, MIXED, Robot, Rotations, Workspace
 from tests.helpers.handmade import ALL_FREE, map_of
 from tests.helpers.maps import proven_paths
 from tests.helpers.placements import draw_quaternions
-
-
-def draw_map(rng, n, free=0.8, shape=(2, 1, 2)):
-    """Build a map with random states."""
-    cells = Rotations.quaternions(n)
-    states = np.where(rng.random((len(cells), *shape)) < free, FREE, MIXED).astype(np.uint8)
-    return map_of(states, cells, ALL_FREE, 1.0), states
-
-
-# ---- queries -------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("n", [1, 3, 7])
-def test_compiled_queries_use_the_cells_of_the_definition(n):
-    """Draw quaternions near boundaries, of any accepted norm."""
-    rng = np.random.default_rng(n)
-    cells = Rotations.quaternions(n)
-    space = map_of(
-        rng.choice(np.array([0, 1, 2], dtype=np.uint8), (len(cells), 1, 1, 1)), cells, ALL_FREE, 1.0
-    )
-    q = np.column_stack([rng.random((4000, 3)), draw_quaternions(cells, rng, 4000)])
-    expected = space._seen[cells.cell_of(q[:, 3:]), 0, 0, 0]
-    np.testing.assert_array_equal(space.classify(q), expected)
-    np.testing.assert_array_equal(space.classify(q * ([1] * 3 + [-1] * 4)), expected)
-    check = space.point_checker()
-    assert [check(*one) for one in q[:300].tolist()] == (expected[:300] == FREE).tolist()
-    longer = q.copy()
-    longer[:, 3:] *= 2.0**-21 + 1.0
-    np.testing.assert_array_equal(
-        space.classify(longer), space._seen[cells.cell_of(longer[:, 3:]), 0, 0, 0]
-    )
-
-
-# ---- edges ---------------------------------------------------------------------------------------
 
 
 def interpolate(q0, q1, number):
@@ -109,12 +75,6 @@ def test_edges_cover_rotations_at_which_ompl_stays(norm, angle=4e-5):
     states[cells.cell_of(q0[3:]), 3] = MIXED
     space = map_of(states, cells, ALL_FREE, 1.0)
     assert space.motion_is_free(q0, q1) <= space.is_free(interpolate(q0, q1, 300)).all()
-
-
-# ---- boxes ---------------------------------------------------------------------------------------
-
-
-# ---- geometry ------------------------------------------------------------------------------------
 
 
 def test_disconnection_is_proven_in_six_dimensions():

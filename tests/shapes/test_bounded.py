@@ -77,7 +77,7 @@ lengths = st.floats(0.01, 10.0)
 
 
 @given(lengths, lengths, st.tuples(*[st.floats(-3.0, 3.0)] * 3))
-@settings(max_examples=8)  # the footprint of a capsule takes half a second
+@settings(max_examples=4)  # the footprint of a capsule takes half a second
 @pytest.mark.parametrize("name", ROUND_SOLIDS)
 def test_outer_and_inner_shapes_enclose_exact_values(name, radius, length, center):
     robot = ROUND_SOLIDS[name][0](radius, length, center)

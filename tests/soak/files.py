@@ -29,6 +29,7 @@ import cspace
 from cspace import CspaceError, Robot, Workspace
 from cspace.arms import read_moveit_request, read_moveit_scene
 from cspace.record.save import write_folder
+from tests.helpers.mesh_files import make_collada
 
 if TYPE_CHECKING:
     from benchmarks.report import Report
@@ -96,19 +97,7 @@ def write_families(folder: Path) -> dict[str, Path]:
     put("box.gltf", gltf["model.gltf"])
     put("text.stl", trimesh.exchange.stl.export_stl_ascii(box))
     put("text.ply", trimesh.exchange.ply.export_ply(box, encoding="ascii"))
-    corners, faces = (
-        " ".join(map(str, table.reshape(-1).tolist())) for table in (box.vertices, box.faces)
-    )
-    put(
-        "box.dae",
-        f'<COLLADA><asset><unit meter="1"/></asset><library_geometries><geometry id="g"><mesh><source id="s">'
-        f'<float_array id="a" count="24">{corners}</float_array><technique_common><accessor source="#a" count="8" '
-        'stride="3"><param name="X"/><param name="Y"/><param name="Z"/></accessor></technique_common></source>'
-        '<vertices id="v"><input semantic="POSITION" source="#s"/></vertices><triangles count="12"><input '
-        f'semantic="VERTEX" source="#v" offset="0"/><p>{faces}</p></triangles></mesh></geometry></library_geometries>'
-        '<library_visual_scenes><visual_scene id="w"><node><instance_geometry url="#g"/></node></visual_scene>'
-        '</library_visual_scenes><scene><instance_visual_scene url="#w"/></scene></COLLADA>',
-    )
+    put("box.dae", make_collada())
     solids = (
         '<box size="1 2 3"/>',
         '<cylinder radius="0.5" length="2"/>',

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from cspace import InputError
 from cspace.spectral import FourierOverlap, Verdict, decompose
 from tests.helpers.strategies import seeds
-from tests.spectral.test_placements import draw_rotations
+from tests.spectral.balls import draw_rotations
 
 dims = st.sampled_from([2, 3])
 

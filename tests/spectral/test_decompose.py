@@ -14,7 +14,7 @@ from cspace import InputError, Robot
 from cspace.errors import GeometryError
 from cspace.shapes import Mesh, Voxels
 from cspace.spectral import decompose
-from tests.helpers.oracles import distance_to_triangles, sample_surface, winds_around
+from tests.helpers.oracles import distance_to_triangles, winds_around
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import seeds, stars
 
@@ -116,24 +116,12 @@ def test_balls_meet_the_tolerance(vertices, kind, share, seed):
     check_plane(balls, shape, np.random.default_rng(seed))
 
 
-@settings(max_examples=6)
-@given(kinds, seeds)
-def test_balls_fill_or_cover_bitmaps(kind, seed):
-    rng = np.random.default_rng(seed)
-    cells = rng.random((10, 7)) < 0.6
-    lower = np.array([0.3, -2.0])
-    first = lower + 0.1 * np.argwhere(cells)
-    shape = shapely.union_all(shapely.box(*first.T, *(first + 0.1).T), grid_size=1e-9)
-    balls = decompose(Voxels.of(cells, 0.1, lower), kind=kind, number=40)
-    check_plane(balls, shape, rng)
-
-
-def check_solid(balls, triangles, rng):
+def check_solid(balls, mesh, rng):
     """Check all claims about balls of a closed mesh, with points of it and of the spheres."""
-    corners = triangles.reshape(-1, 3)
-    points = rng.uniform(corners.min(axis=0), corners.max(axis=0), (400, 3))
+    triangles = np.asarray(mesh.triangles)
+    points = rng.uniform(*mesh.bounds, (400, 3))
     points = points[winds_around(points, triangles)]
-    gaps = measure_gaps(np.vstack([sample_surface(triangles, 2000, rng), corners, points]), balls)
+    gaps = measure_gaps(np.vstack([mesh.sample(2000, seed=0), mesh.vertices, points]), balls)
     if balls.kind == "inner":
         depths = distance_to_triangles(balls.centers, triangles)
         assert winds_around(balls.centers, triangles).all()
@@ -159,14 +147,13 @@ def test_balls_fill_or_cover_solids(name, kind):
     tolerance = 0.08 * float(np.linalg.norm(mesh.extents))
     balls = decompose(mesh, kind=kind, tolerance=tolerance)
     assert balls.hausdorff.upper <= tolerance
-    check_solid(balls, np.asarray(mesh.triangles), np.random.default_rng(0))
+    check_solid(balls, mesh, np.random.default_rng(0))
 
 
-def test_balls_cover_open_surfaces_and_lines():
-    sheet = Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0.2]]), np.array([[0, 1, 2]]), "surface")
-    balls = decompose(sheet, kind="outer", tolerance=0.1)
-    points = sample_surface(sheet.triangles, 2000, np.random.default_rng(0))
-    assert measure_gaps(points, balls).max() <= 0.0
+def test_balls_cover_open_surfaces_lines_and_cells():
+    sheet = trimesh.Trimesh([[0.0, 0, 0], [1, 0, 0], [0, 1, 0.2]], [[0, 1, 2]])
+    balls = decompose(Mesh.of(sheet, "surface"), kind="outer", tolerance=0.1)
+    assert measure_gaps(sheet.sample(2000, seed=0), balls).max() <= 0.0
     assert balls.hausdorff.upper <= 0.1
     assert math.isinf(balls.volume_ratio)
     line = shapely.LineString([(0, 0), (1, 2), (3, 2)])
@@ -174,6 +161,10 @@ def test_balls_cover_open_surfaces_and_lines():
     points = shapely.get_coordinates(shapely.segmentize(line, 0.01))
     assert measure_gaps(points, balls).max() <= 0.0
     assert balls.hausdorff.upper <= 0.15
+    cells = np.random.default_rng(0).random((5, 4)) < 0.6
+    balls = decompose(Voxels.of(cells, 0.1, (0.3, -2.0)), kind="outer", number=40)
+    corners = np.argwhere(cells)[:, None] + [(0, 0), (0, 1), (1, 0), (1, 1)]
+    assert measure_gaps((0.3, -2.0) + 0.1 * corners.reshape(-1, 2), balls).max() <= 0.0
 
 
 @refusals(

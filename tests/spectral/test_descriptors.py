@@ -47,13 +47,6 @@ def test_union_and_intersection_act_on_superlevel_sets(shape, seed):
     np.testing.assert_array_equal(intersection(*parts[:2]).values, values[0] * values[1])
 
 
-@pytest.mark.parametrize("low", [1e-200, 1e-300])
-def test_intersections_do_not_underflow(low):
-    tiny = place_on_grid([[1e-200, -1e-200, 0.0]])
-    product = intersection(tiny, place_on_grid([[low, -low, 0.0]]))
-    np.testing.assert_array_equal(np.sign(product.values), [[1.0, 1.0, 0.0]])
-
-
 @given(dims, seeds, st.sampled_from(["whole", "tiny", "signed"]))
 def test_minkowski_sum_is_the_convolution_and_dilates_superlevel_sets(dim, seed, values):
     """Draw whole numbers, positive ones of many orders of magnitude, or numbers of any sign."""
@@ -96,17 +89,6 @@ def test_sample_adds_the_bumps_of_all_balls(dim, seed, alpha):
     distances = np.linalg.norm(points[..., None, :] - centers, axis=-1) / balls.radii
     expected = bump.profile(distances).sum(axis=-1)
     np.testing.assert_allclose(balls.sample(grid).values, expected, atol=1e-12)
-
-
-@given(seeds, st.integers(1, 8))
-def test_round_radii_grows_to_few_radii(seed, number):
-    radii = np.random.default_rng(seed).uniform(0.1, 2.0, 30)
-    balls = BallDescriptor(np.zeros((30, 2)), radii)
-    rounded = balls.round_radii(number).radii
-    assert (rounded >= radii).all()
-    assert len(np.unique(rounded)) <= number
-    assert rounded.max() == radii.max()
-    assert balls.round_radii(30) is balls
 
 
 def test_indicator_contains_the_cell_centers_in_a_plane_shape():

@@ -1,11 +1,10 @@
-"""Best placements, against brute force, areas of shapely and sampled descriptors."""
+"""Best placements, against brute force and sums over pairs of balls."""
 
 import itertools
 import math
 
 import numpy as np
 import pytest
-import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -14,10 +13,12 @@ from cspace import InputError, Rotations
 from cspace.spectral import Bump, FourierOverlap, best_placements
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import seeds
+from tests.spectral.balls import draw_rotations, move, sum_pairs
 
 pytest.importorskip("finufft")
 
 dims = st.sampled_from([2, 3])
+BUMP = Bump(2.0)
 
 
 def draw_balls(rng, number, dim, side):
@@ -31,40 +32,10 @@ def turn_plane(yaws):
     return Rotation.from_rotvec(vectors).as_matrix()[:, :2, :2]
 
 
-def draw_rotations(rng, number, dim):
-    """Draw rotations as matrices (number, d, d)."""
-    if dim == 2:
-        return turn_plane(rng.uniform(-3.0, 3.0, number))
-    return Rotation.from_rotvec(rng.normal(size=(number, 3))).as_matrix()
-
-
-def move(balls, t, matrix):
-    """Rotate balls about the origin, then translate them."""
-    return balls[0] @ matrix.T + t, balls[1]
-
-
-def sum_areas(a, b):
-    """Sum the areas common to two discs, by polygons of shapely."""
-    first, second = (
-        shapely.buffer(shapely.points(centers), radii, quad_segs=64) for centers, radii in (a, b)
-    )
-    return float(shapely.area(shapely.intersection(first[:, None], second)).sum())
-
-
-def sum_samples(a, b, cells):
-    """Integrate the product of two descriptors of ``Bump(2.0)``, by samples."""
-    lower = (a[0] - a[1][:, None]).min(axis=0)
-    upper = (a[0] + a[1][:, None]).max(axis=0)
-    sides = (upper - lower) / cells
-    axes = [low + side * (np.arange(cells) + 0.5) for low, side in zip(lower, sides, strict=True)]
-    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
-
-    def sample(balls):
-        squares = ((points[:, None] - balls[0]) ** 2).sum(axis=2) / balls[1] ** 2
-        inside = np.minimum(squares, 1.0 - 1e-12)
-        return np.where(squares < 1.0, np.exp(inside / (inside - 1.0)), 0.0).sum(axis=1)
-
-    return float(sample(a) @ sample(b) * sides.prod())
+def score_of(a, b, t, matrix, bump=BUMP):
+    """Return the overlap of a placed set of balls with another."""
+    values, _ = sum_pairs(move(a, t, matrix), b, bump, np.zeros((1, len(t))))
+    return values[0]
 
 
 @settings(max_examples=6)
@@ -74,20 +45,17 @@ def test_no_placement_of_brute_force_is_better_in_the_plane(seed, few, more, sep
     a = draw_balls(rng, few, 2, 0.6)
     b = draw_balls(rng, more, 2, 1.2)
     best = best_placements(a, b, 24, n=4, bump=Bump(math.inf), separation=separation)
-    assert (np.diff(best.scores) <= 0.0).all()
     placed = [
-        move(a, t, matrix) for t, matrix in zip(best.translations, best.rotations, strict=True)
+        move(a, t, matrix)[0] for t, matrix in zip(best.translations, best.rotations, strict=True)
     ]
-    for score, bound, balls in zip(best.scores, best.bounds, placed, strict=True):
-        assert score == pytest.approx(sum_areas(balls, b), rel=2e-3, abs=bound)
-    for (one, _), (other, _) in itertools.combinations(placed, 2):
+    for one, other in itertools.combinations(placed, 2):
         assert math.sqrt(((one - other) ** 2).sum(axis=1).mean()) >= separation * (1.0 - 1e-9)
     # Shapes meet most where some centers nearly coincide.
     highest = 0.0
     for matrix in turn_plane(2.0 * math.pi * np.arange(12) / 12):
-        turned = a[0] @ matrix.T
-        for i, j in itertools.product(range(few), range(more)):
-            highest = max(highest, sum_areas((turned + b[0][j] - turned[i], a[1]), b))
+        turned = move(a, 0.0, matrix)
+        steps = (b[0] - turned[0][:, None]).reshape(-1, 2)
+        highest = max(highest, sum_pairs(turned, b, Bump(math.inf), steps)[0].max())
     assert best.scores[0] >= highest * (1.0 - 5e-3)
 
 
@@ -97,7 +65,8 @@ def test_a_copy_among_decoys_is_found_at_its_pose(dim, seed):
     rng = np.random.default_rng(seed)
     a = draw_balls(rng, 6, dim, 1.0)
     (matrix,) = draw_rotations(rng, 1, dim)
-    b = move(a, rng.uniform(-5.0, 5.0, dim), matrix)
+    t = rng.uniform(-5.0, 5.0, dim)
+    b = move(a, t, matrix)
     decoys = b[0][0] + rng.uniform(-3.0, 3.0, (40, dim))
     decoys = decoys[np.linalg.norm(decoys[:, None] - b[0], axis=2).min(axis=1) > 0.8]
     among = np.vstack([b[0], decoys]), np.append(b[1], np.full(len(decoys), 0.15))
@@ -105,22 +74,22 @@ def test_a_copy_among_decoys_is_found_at_its_pose(dim, seed):
     near = matrix @ Rotation.from_rotvec(0.1 * axis).as_matrix()[:dim, :dim]
     best = best_placements(a, among, near, n=1)
     # By Cauchy and Schwarz no score of a copy is above the integral of the squared descriptor.
-    assert best.scores[0] == pytest.approx(sum_samples(b, b, 200 if dim == 2 else 40), rel=5e-3)
-    centers, _ = move(a, best.translations[0], best.rotations[0])
-    assert centers == pytest.approx(b[0], abs=0.01)
+    assert best.scores[0] == pytest.approx(score_of(a, b, t, matrix), rel=5e-3)
+    assert move(a, best.translations[0], best.rotations[0])[0] == pytest.approx(b[0], abs=0.01)
 
 
-@settings(max_examples=4)
-@given(seeds, dims, st.floats(0.0, 20.0))
-def test_scores_are_overlaps_less_the_penalty(seed, dim, penalty):
+@settings(max_examples=12)
+@given(seeds, dims, st.sampled_from([1.0, 2.0, math.inf]), st.floats(0.0, 20.0))
+def test_scores_are_overlaps_less_the_penalty(seed, dim, alpha, penalty):
     rng = np.random.default_rng(seed)
     a, b, avoid = (draw_balls(rng, 5, dim, side) for side in (0.5, 1.5, 1.5))
-    rotations = draw_rotations(rng, 4, dim)
-    best = best_placements(a, b, rotations, n=4, avoid=avoid, penalty=penalty)
-    for score, t, matrix in zip(best.scores, best.translations, best.rotations, strict=True):
-        moved = move(a, t, matrix)
-        expected = sum_samples(moved, b, 40) - penalty * sum_samples(moved, avoid, 40)
-        assert score == pytest.approx(expected, rel=0.02, abs=0.01)
+    options = {"avoid": avoid, "penalty": penalty, "bump": Bump(alpha)}
+    best = best_placements(a, b, draw_rotations(rng, 4, dim), n=4, **options)
+    assert (np.diff(best.scores) <= 0.0).all()
+    rows = zip(best.scores, best.bounds, best.translations, best.rotations, strict=True)
+    for score, bound, t, matrix in rows:
+        expected, avoided = (score_of(a, balls, t, matrix, Bump(alpha)) for balls in (b, avoid))
+        assert score == pytest.approx(expected - penalty * avoided, rel=1e-6, abs=bound)
 
 
 @pytest.mark.parametrize("dim", [2, 3])

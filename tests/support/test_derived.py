@@ -2,6 +2,7 @@
 
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 from cspace.support.derived import derived, lazy
 
@@ -27,14 +28,11 @@ def test_one_thread_computes_the_part_for_all():
         time.sleep(0.01)
         return object()
 
-    owner, got = Owner(make), []
-    threads = [threading.Thread(target=lambda: got.append(owner.part)) for _ in range(8)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    owner = Owner(make)
+    with ThreadPoolExecutor(8) as threads:
+        parts = list(threads.map(lambda _: owner.part, range(8)))
     assert owner.made == 1
-    assert len(got) == 8 and all(part is owner.part for part in got)
+    assert all(part is owner.part for part in parts)
 
 
 def test_only_derived_parts_are_dropped():

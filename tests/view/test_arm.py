@@ -9,7 +9,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import cspace
-import planners
 from cspace.errors import ConfigurationError, InputError
 from cspace.plot.arms import GHOST_COUNT
 from cspace.plot.artists import CLASSES, COLLIDES, ROBOT_FILL_COLOR
@@ -19,11 +18,10 @@ from tests.helpers.refusals import refusals
 from tests.helpers.urdfs import (
     joint,
     link,
-    planar_with_tool,
+    planar,
     pose_at,
     posed_box,
     random_chain,
-    write_urdf,
 )
 from tests.helpers.waiting import until
 
@@ -36,7 +34,10 @@ GOAL = np.array([2.0, -0.6])
 
 @pytest.fixture(scope="module")
 def arm(tmp_path_factory):
-    return cspace.Arm.from_urdf(planar_with_tool(tmp_path_factory.mktemp("arm")))
+    mount = joint("mount", "fore", "tool0", at=(1, 0, 0), kind="fixed", limits=None)
+    elbow = {"kind": "continuous", "limits": None}
+    folder = tmp_path_factory.mktemp("arm")
+    return cspace.Arm.from_urdf(planar(folder, link("tool0"), mount, elbow=elbow))
 
 
 @pytest.fixture
@@ -145,16 +146,12 @@ def test_refresh_draws_the_scene_as_it_is_now(space, viewer, caplog):
 
 
 def test_sliders_stay_within_the_limits(tmp_path):
-    bar = ((0.3, 0.1, 0.1), (0.15, 0, 0))
-    lift = joint("up", "base", "lift", kind="prismatic", at=(0, 0, 1), limits=(-0.2501, 0.4))
-    turn = joint("round", "lift", "wrist", kind="continuous", at=(0.5, 0, 0), limits=None)
-    links = [link(name, bar) for name in ("base", "lift", "wrist")]
-    arm = cspace.Arm.from_urdf(write_urdf(tmp_path, *links, lift, turn))
+    arm = cspace.Arm.from_urdf(planar(tmp_path, kind="prismatic", limits=(-0.2501, 0.4)))
     with cspace.build_arm_space({}, arm).view(block=False, port=0) as viewer:
         canvas = viewer.canvas
-        up, around = canvas.dials
-        assert tuple(up) == ("up (m)", -0.25, 0.4, 0.001)
-        assert tuple(around) == ("round (°)", -180.0, 180.0, 0.1)
+        slide, turn = canvas.dials
+        assert tuple(slide) == ("shoulder (m)", -0.25, 0.4, 0.001)
+        assert -np.degrees(3.0) <= turn.low < turn.high <= np.degrees(3.0)
         np.testing.assert_allclose(canvas.configuration_of((0.4, 90.0)), (0.4, math.pi / 2))
         assert (canvas.configuration_of((0.4000001, 0.0)) <= arm.upper).all()
 
@@ -241,15 +238,6 @@ def test_a_free_configuration_at_the_pose_is_preferred(arm):
         assert viewer.page.wait(60.0)
         assert viewer.page.panel.tool.content == "**Reached**, proven free."
         np.testing.assert_allclose(elbow_at(viewer.canvas.robot), (0.6, 0.8, 0.0), atol=1e-3)
-
-
-def test_a_page_of_a_plan_has_its_trajectory(space):
-    plan = planners.plan(space, START, GOAL, time_limit=30.0, seed=1)
-    with space.view(block=False, port=0, path=plan) as viewer:
-        motion = viewer.page.trajectory
-        viewer.page.go(0.4)
-        expected = motion.sample(0.4 * motion.duration)[0]
-        np.testing.assert_allclose(viewer.canvas.robot, expected)
 
 
 def test_users_choose_the_frame_and_whether_its_rotation_matters(tmp_path):
