@@ -35,7 +35,7 @@ def problems(draw, size=0.25, side=(9, 7)):
 
 
 @pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
-@settings(max_examples=60)
+@settings(max_examples=40)
 @given(
     problems(),
     st.sampled_from([None, None, 1, 3, 4, 6, "any way"]),
@@ -70,7 +70,7 @@ def test_states_match_the_definition(problem, rotations, outside, margin):
     assert (bare._seen == np.minimum(expected, MIXED)).all()
 
 
-@settings(max_examples=25)
+@settings(max_examples=15)
 @example(  # The robot is so thin that it contains no lattice point, so an inner cell blocks no cell.
     np.array([(0.1, 0.1), (-0.3, 0.3), (0.2, 0.0)]),
     np.array([(-0.308, -0.044), (0.412, -0.765), (0.939, 0.0)]),
@@ -115,7 +115,7 @@ def test_states_agree_with_the_exact_minkowski_sum(robot, obstacle):
     assert (space.cell_states[tuple((inner[:, None] - offsets).reshape(-1, 2).T)] == BLOCKED).all()
 
 
-@settings(max_examples=15)
+@settings(max_examples=10)
 @given(seeds, seeds)
 def test_states_of_convex_solids_agree_with_their_minkowski_sum(first, second):
     """Compare FREE and BLOCKED cells with the hull of all sums of corners, by qhull."""
@@ -143,7 +143,7 @@ def depth(corners, points):
     return -(points @ planes[:, :3].T + planes[:, 3]).max(axis=1)
 
 
-@settings(max_examples=30)
+@settings(max_examples=20)
 @given(problems(0.3), st.sampled_from([None, 5, "any way"]), st.integers(-3, 3), st.data())
 def test_maps_obey_monotony_union_and_translation(problem, rotations, shift, data):
 
@@ -171,7 +171,7 @@ def test_maps_obey_monotony_union_and_translation(problem, rotations, shift, dat
 
 
 @pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
-@settings(max_examples=12)
+@settings(max_examples=8)
 @given(
     robots(0.3, 3),
     st.sampled_from([8, Rotations.quaternions(1), Rotations.quaternions(2)]),

@@ -96,7 +96,7 @@ class Stage:
 
 
 @pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
-@settings(max_examples=30)
+@settings(max_examples=12)
 @given(worlds(), st.booleans())
 def test_added_moved_and_removed_obstacles_equal_a_rebuild(world, queried):
     stage, space = Stage(world), world.build()
@@ -110,7 +110,7 @@ def test_added_moved_and_removed_obstacles_equal_a_rebuild(world, queried):
 
 
 @pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
-@settings(max_examples=16)
+@settings(max_examples=6)
 @given(worlds())
 def test_checkers_and_exact_queries_follow_obstacles(world):
     stage, space = Stage(world), world.build()
@@ -137,12 +137,6 @@ def test_obstacles_and_updates_make_unknown_cells_known():
     space.remove_obstacle("cart")
     np.testing.assert_array_equal(space.workspace.unknown, unknown)
     assert workspace.unknown is not None and workspace.unknown[:4, 20:24].all()
-
-
-# ---- against shapely and FCL ---------------------------------------------------------------------
-
-
-# ---- accepted and rejected shapes ----------------------------------------------------------------
 
 
 # ---- copies, files, threads ----------------------------------------------------------------------

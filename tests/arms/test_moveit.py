@@ -325,7 +325,7 @@ def satisfies(goal, pose):
 TURNS = st.tuples(*[st.floats(-3, 3)] * 3)
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=40)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=25)
 @given(
     kind=st.sampled_from([None, "box", "sphere", "cylinder"]),
     sizes=st.tuples(*[st.floats(0.05, 1.0)] * 3),

@@ -195,6 +195,7 @@ def cases(draw):
 
 @pytest.mark.filterwarnings("ignore:.*enlarge the robot", "ignore:.*units")
 @settings(
+    max_examples=25,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
     phases=set(Phase) - {Phase.explain},
 )

@@ -78,7 +78,7 @@ def label(any_map, worst):
 # ---- proofs --------------------------------------------------------------------------------------
 
 
-@settings(max_examples=6)
+@settings(max_examples=3)
 @given(seeds)
 def test_no_query_proves_free_what_touches_an_obstacle(any_map, seed):
     rng, space = np.random.default_rng(seed), any_map.space
@@ -111,7 +111,7 @@ def test_no_turn_of_a_long_robot_in_a_free_cell_touches_an_obstacle(inputs, tmp_
     assert not space.is_free(q).any()
 
 
-@settings(max_examples=6)
+@settings(max_examples=3)
 @given(seeds)
 def test_everything_within_the_slack_of_a_free_motion_is_free(any_map, seed):
     # Many motions lead along borders of cells, or leave the grid.
@@ -136,7 +136,7 @@ def test_everything_within_the_slack_of_a_free_motion_is_free(any_map, seed):
         assert space.is_free(between).all()
 
 
-@settings(max_examples=6)
+@settings(max_examples=3)
 @given(seeds)
 def test_everything_within_the_clearance_is_free(any_map, seed):
     rng, space = np.random.default_rng(seed), any_map.space

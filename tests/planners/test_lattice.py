@@ -60,7 +60,7 @@ def sample_motion(plan):
 
 
 @EVERY_DRIVE
-@settings(max_examples=10)
+@settings(max_examples=4)
 @given(seed=seeds)
 def test_paths_are_certified_and_keep_exact_footprints_off_obstacles(options, seed):
     rng = np.random.default_rng(seed)
@@ -155,6 +155,3 @@ def test_ompl_takes_over_when_the_lattice_finds_nothing(monkeypatch):
     assert plan.certified and plan.status == "path found: by RRTConnect, as Lattice found none"
     named = planners.plan(*query, drive="differential", planner="Lattice")
     assert not named.solved and "the lattice gave up" in named.status
-
-
-# ---- parking -------------------------------------------------------------------------------------

@@ -41,7 +41,7 @@ def plan_in(name, curve):
 # ---- clearance along a path ----------------------------------------------------------------------
 
 
-@settings(max_examples=80)
+@settings(max_examples=50)
 @given(seeds, st.sampled_from(SPACES_WITH_CURVES))
 def test_the_clearance_of_a_path_bounds_the_clearance_of_its_points(seed, case):
     name, curve = case

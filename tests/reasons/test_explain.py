@@ -59,7 +59,7 @@ def joins(space, cells, start, goal):
     return last in reached
 
 
-@settings(max_examples=40)
+@settings(max_examples=30)
 @given(
     width=st.floats(0.25, 1.4),
     radius=st.floats(0.08, 0.6),
@@ -78,7 +78,7 @@ def test_the_margin_of_a_disc_in_a_door_is_between_its_bounds(width, radius, spa
         assert not len(explanation.barrier)
 
 
-@settings(max_examples=15)
+@settings(max_examples=12)
 @given(
     width=st.floats(0.3, 1.2),
     robot=st.tuples(st.floats(0.3, 0.9), st.floats(0.15, 0.7)),
@@ -117,7 +117,7 @@ def test_the_margin_of_a_box_in_a_window_is_between_its_bounds(side):
     assert (explanation.verdict == "connected") == (side == 0.5)
 
 
-@settings(max_examples=25)
+@settings(max_examples=20)
 @given(seed=st.integers(0, 2**32 - 1), rotations=st.sampled_from([None, 8]))
 def test_the_cells_of_a_barrier_would_join_start_and_goal(seed, rotations):
     rng = np.random.default_rng(seed)
@@ -144,7 +144,7 @@ def test_the_cells_of_a_barrier_would_join_start_and_goal(seed, rotations):
         assert space.is_disconnected(*ends)
 
 
-@settings(max_examples=20)
+@settings(max_examples=12)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_bounds_of_the_margin_hold_on_maps_of_the_grown_robot(seed):
     rng = np.random.default_rng(seed)
