@@ -1,17 +1,14 @@
 """Builds of maps: definition, independent geometry, laws, options and refusals."""
 
-import itertools
 import math
 
 import numpy as np
 import pyclipper
 import pytest
 import shapely
-import trimesh
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 import cspace
@@ -113,34 +110,6 @@ def test_states_agree_with_the_exact_minkowski_sum(robot, obstacle):
     offsets = np.stack(np.meshgrid(*[np.arange(-20, 21)] * 2), -1).reshape(-1, 2)
     offsets = offsets[shapely.contains_xy(shapely.Polygon(robot).buffer(-1e-6), *(h * offsets).T)]
     assert (space.cell_states[tuple((inner[:, None] - offsets).reshape(-1, 2).T)] == BLOCKED).all()
-
-
-@settings(max_examples=10)
-@given(seeds, seeds)
-def test_states_of_convex_solids_agree_with_their_minkowski_sum(first, second):
-    """Compare FREE and BLOCKED cells with the hull of all sums of corners, by qhull."""
-    rng = np.random.default_rng([first, second])
-    h = 0.25
-    robot, obstacle = (
-        ConvexHull(rng.uniform(-1, 1, (8, 3)) * rng.uniform(0.4, 1.3, 3)) for _ in range(2)
-    )
-    meshes = [trimesh.convex.convex_hull(hull.points) for hull in (robot, obstacle)]
-    workspace = Workspace.from_mesh(meshes[1], h, (-4, -4, -4, 4, 4, 4))
-    space = cspace.build(workspace, Robot.from_mesh(meshes[0]), outside="free")
-    total = (obstacle.points[:, None] - robot.points).reshape(-1, 3)
-    cube = h * np.array(list(itertools.product((0, 1), repeat=3)))
-    # A cell with lower corner p meets the sum if p lies in the sum with the reflected cell.
-    reach = (total[:, None] - cube).reshape(-1, 3)
-    lower = np.moveaxis(np.indices(space.grid.shape), 0, -1) * h + space.grid.lower
-    assert depth(reach, lower[space.cell_states == FREE]).max(initial=-np.inf) <= 1e-5
-    corners = lower[space.cell_states == BLOCKED][:, None] + cube
-    assert depth(total, corners.reshape(-1, 3)).min(initial=np.inf) >= -1e-5
-
-
-def depth(corners, points):
-    """Return the depth of points in a convex hull; negative outside."""
-    planes = ConvexHull(corners).equations
-    return -(points @ planes[:, :3].T + planes[:, 3]).max(axis=1)
 
 
 @settings(max_examples=20)

@@ -14,7 +14,6 @@ from cspace.errors import MAX_PROBLEM_CHARACTERS, CspaceError, InputError
 from cspace.record.contents import Contents
 from cspace.rotations import Rotations
 from cspace.support.check import check_count, check_word
-from tests.helpers.mesh_files import TETRAHEDRON
 from tests.helpers.refusals import refusals
 
 CELLS = np.zeros((40, 30), dtype=bool)
@@ -60,7 +59,6 @@ def add(shape, radius=None, name="cart"):
     (lambda: Workspace.from_array(np.zeros((2, 2)), 1.0), "dtype float64"),
     (lambda: Workspace.from_array([[0, 7]], 1.0), "occupied[0, 1] is 7"),
     (lambda: Workspace.from_array([[0, -1], [100, 0]], 0.1), "unknown cells of ROS"),
-    (lambda: Workspace.from_array([[True], [True, False]], 1.0), "ragged"),
     (lambda: Workspace.from_array(np.zeros((0, 3), bool), 1.0), "shape (0, 3)"),
     (lambda: Workspace.from_array(np.ma.array(CELLS, mask=True), 0.1), "1200 masked"),
     (lambda: Workspace.from_array(CELLS, 0.1, (0, 0, 0)), "lower has shape (3,)"),
@@ -84,8 +82,6 @@ def add(shape, radius=None, name="cart"):
     (lambda: Robot.from_spec({"kind": "teapot"}), "spec is {'kind': 'teapot'}"),
     (lambda: Robot.disc(1.0).rasters(0.1, -0.1), "margin is -0.1"),
     (lambda: Robot.disc(0.4, (1e300, 0.0)).rasters(0.05), "from its reference point"),
-    (lambda: Robot.from_mesh((TETRAHEDRON[0] + 200.0, TETRAHEDRON[1])), "at most 100 times"),
-    (lambda: Robot.ball(0.1).geometry, "ask for its surface"),
     # Builds.
     (lambda: build(workspace=np.eye(3)), "workspace is a ndarray; it must be a Workspace; call "),
     (lambda: build(robot="robot.urdf"), "Robot.open"),
@@ -129,19 +125,9 @@ def test_invalid_arguments_are_refused_in_one_line_and_change_nothing(call, mess
     assert build_space().obstacles == {"cart": shape}
 
 
-@pytest.mark.parametrize(
-    ("call", "argument", "value"),
-    [
-        (lambda: Robot.disc(-1), "radius", -1),
-        (lambda: Workspace.from_array([[0, 2]], 0.1), "occupied[0, 1]", 2),
-        (lambda: build_space().is_free((1, "x")), "q", (1, "x")),
-        (lambda: planners.plan(build_space(), (1, 1), (2, 2), planner="A"), "planner", "A"),
-    ],
-)
-def test_errors_name_the_value_the_rule_and_the_hint(call, argument, value):
+def test_errors_name_the_value_the_rule_and_the_hint():
     with pytest.raises(InputError) as caught:
-        call()
+        planners.plan(build_space(), (1, 1), (2, 2), planner="A")
     error = caught.value
-    assert error.argument == argument
-    assert str(value) in error.problem
+    assert error.argument == "planner" and "'A'" in error.problem
     assert error.rule and error.hint

@@ -17,14 +17,14 @@ from scipy.ndimage import distance_transform_edt
 import cspace
 import planners
 from cspace.cli import jobs
-from cspace.cli.report import option_names, progress_line
+from cspace.cli.report import progress_line
 from cspace.errors import InputError
 from cspace.plot import animate
 from cspace.plot.artists import PATH_COLOR
 from cspace.support.compiling import cache_folder
 from cspace.view.scene import rgb
 from tests.helpers import urdfs
-from tests.helpers.commands import COMMANDS, document, run
+from tests.helpers.commands import document, run
 from tests.helpers.repository import ROOT
 
 ENDPOINTS = {
@@ -63,13 +63,6 @@ print({'numpy', 'numba', 'scipy', 'shapely', 'matplotlib', 'zarr', 'ompl'} & set
     done = spawn(code, cwd=tmp_path)
     assert "--rotations" in done.stdout
     assert done.stdout.endswith("set()\n"), done.stderr
-
-
-def test_help_and_version_are_printed():
-    for name, command in COMMANDS.items():
-        printed = run(name, "-h").stdout
-        assert all(option in printed for option in option_names(command).values())
-    assert run("--version").stdout == f"cspace {cspace.__version__}\n"
 
 
 def test_compile_fills_the_cache(monkeypatch):

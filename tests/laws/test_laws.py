@@ -1,9 +1,7 @@
 """Laws that hold for maps of every space, however they are kept."""
 
-import inspect
 import itertools
 import pickle
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,7 +20,6 @@ from tests.laws.any_map import (
     build_map,
     build_of,
     draw_obstacles,
-    reopen,
 )
 
 BLOCKED_OUTSIDE = ("plane", "yaw in space")
@@ -273,18 +270,6 @@ def test_an_updated_map_equals_a_rebuilt_one(kind, tmp_path):
         np.testing.assert_array_equal(getattr(space, name)(*given, *options), expected, name)
 
 
-def test_opening_a_saved_map_gives_an_equal_map(any_map, tmp_path):
-    space = any_map.space
-    is_tiled = isinstance(space, cspace.TiledCSpace)
-    opened = cspace.open(space.path) if is_tiled else reopen(space, tmp_path / "again.zarr")
-    assert type(opened) is type(space)
-    for name in ("grid", "axes", "outside", "margin"):
-        assert getattr(opened, name) == getattr(space, name)
-    assert opened.count() == space.count()
-    q = draw_configurations(any_map.memory, np.random.default_rng(6), 300)
-    np.testing.assert_array_equal(opened.classify(q), space.classify(q))
-
-
 @pytest.mark.parametrize(
     ("space", "outside"), [("plane", "free"), ("yaw in space", "blocked"), ("quaternions", "free")]
 )
@@ -379,21 +364,3 @@ def test_a_batch_equals_single_queries(any_map):
         assert shaped.shape == (2, 3, 4)
         np.testing.assert_array_equal(shaped.ravel(), answers, name)
         assert query(*(part[:0] for part in given), *options).shape == (0,)
-
-
-def public_queries(kind):
-    """Return the names of methods that take configurations or paths."""
-    names = [name for name in dir(kind) if not name.startswith("_")]
-    methods = {name: getattr(kind, name, None) for name in names}  # None for refused methods
-    functions = {name: f for name, f in methods.items() if inspect.isfunction(f)}
-    arguments = {"q", "q0", "edges"}
-    return {name for name, f in functions.items() if arguments & {*inspect.signature(f).parameters}}
-
-
-@pytest.mark.parametrize("kind", [cspace.CSpace, cspace.TiledCSpace])
-def test_this_module_tests_every_query(kind):
-    here = Path(__file__).read_text(encoding="utf-8")
-    assert "classify" in public_queries(kind)
-    # What every space has for planners is tested with these.
-    queries = public_queries(kind) - public_queries(cspace.Space) - set(BATCH_QUERIES)
-    assert {name for name in queries if f"space.{name}(" not in here} == set()

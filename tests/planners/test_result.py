@@ -135,16 +135,6 @@ def test_plans_are_written_exactly_and_files_are_kept(curve, tmp_path):
         plan.path[0, 0] = 3.0
 
 
-def test_a_failed_plan_writes_start_and_goal(tmp_path):
-    space, *ends = build_halves("floating", BLOCKED)
-    plan = planners.plan(space, *ends)
-    np.testing.assert_allclose([plan.start, plan.goal], ends)
-    plan.to_json(tmp_path / "plan.json")
-    record = json.loads((tmp_path / "plan.json").read_text())
-    assert [record["start"], record["goal"]] == [plan.start.tolist(), plan.goal.tolist()]
-    assert (record["path"], record["length"], record["is_disconnected"]) == ([], None, True)
-
-
 @pytest.mark.parametrize("drive", ["holonomic", "differential", "dubins", "reeds-shepp"])
 def test_the_obstacle_distance_is_the_minimum_along_the_path(drive):
     plan = plan_in("turning", drive)

@@ -173,28 +173,6 @@ def test_arm_blends_are_free_and_within_limits(tmp_path: Path) -> None:
     assert trajectory.duration <= stopping.duration
 
 
-def test_motions_of_an_arm_with_deviations_are_proven_only_if_all_near_ones_are_free(
-    tmp_path: Path,
-) -> None:
-    space = build_arm_space({"post": post()}, Arm.from_urdf(planar(tmp_path)))
-    rng = np.random.default_rng(0)
-    ends = space.sample_free(300, rng=rng).reshape(150, 2, -1)
-    starts = ends[:, 0]
-    lasts = starts + 0.3 * (ends[:, 1] - starts)
-    deviation = np.array([0.08, 0.05])
-    proven = space.motions_are_free_around(starts, lasts, deviation)
-    t = np.linspace(0.0, 1.0, 60)[:, np.newaxis, np.newaxis]
-    straight = starts + t * (lasts - starts)
-    shares = np.array([(a, b) for a in (-1.0, 0.0, 1.0) for b in (-1.0, 0.0, 1.0)])
-    near = straight[np.newaxis] + (shares * deviation)[:, np.newaxis, np.newaxis]
-    are_free = np.asarray(space.is_free(near.clip(-3.0, 3.0))).all(axis=(0, 1))
-    assert not (proven & ~are_free).any()
-    assert np.count_nonzero(proven) >= 0.6 * np.count_nonzero(are_free)
-    assert 10 < np.count_nonzero(are_free) < 140
-    with pytest.raises(InputError, match="deviation"):
-        space.motions_are_free_around(starts, lasts, -deviation)
-
-
 def test_invalid_arguments_are_refused() -> None:
     plan = build_plan(1, "holonomic", None)
     trajectory = plan.trajectory(**LIMITS)
@@ -255,25 +233,6 @@ def test_curves_of_an_arm_are_proven_only_if_all_their_points_are_free(tmp_path:
     assert not (proven & ~are_free).any()
     assert np.count_nonzero(proven) > 0.8 * np.count_nonzero(are_free)
     assert 20 < np.count_nonzero(meets) < 280
-
-
-@pytest.mark.parametrize("drives", [0, 1, -1], ids=["free yaw", "ahead", "reverse"])
-def test_derivatives_along_curves_equal_differences(drives: int) -> None:
-    rng = np.random.default_rng(4)
-    starts = rng.uniform(-1.0, 1.0, (20, 3))
-    rates = rng.uniform(0.5, 1.0, (20, 3))
-    bends, twists = rng.uniform(-0.3, 0.3, (2, 20, 3))
-    none = np.zeros(20)
-    signs = np.full(20, drives)
-    curves = Segments(starts, rates, bends, twists, none, signs, none + 1.0, starts)
-    rotations = cspace.Rotations.of(4)
-    s = rng.uniform(0.2, 0.8, 20)
-    h = 1e-5
-    (before, *_), (here, first, second), (after, *_) = (
-        place_along(curves, rotations, s + step) for step in (-h, 0.0, h)
-    )
-    assert (after - before) / (2.0 * h) == pytest.approx(first, abs=1e-6)
-    assert (after - 2.0 * here + before) / h**2 == pytest.approx(second, abs=1e-3)
 
 
 def test_differential_drive_stops_before_it_turns_on_the_spot() -> None:

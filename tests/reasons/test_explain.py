@@ -103,20 +103,6 @@ def test_the_margin_holds_at_all_yaws_of_coarse_cells():
     assert (0.3 - 0.8) / 2.0 <= explanation.margin[1] < 0.0
 
 
-@pytest.mark.parametrize("side", [0.5, 0.8, 1.2])
-def test_the_margin_of_a_box_in_a_window_is_between_its_bounds(side):
-    occupied = np.ones((20, 20, 20), dtype=bool)
-    occupied[:9] = occupied[11:] = False
-    occupied[9:11, 5:15, 5:15] = False  # one metre wide
-    workspace = cspace.Workspace.from_array(occupied, 0.1)
-    space = cspace.build(workspace, cspace.Robot.box((0.3, side, side)))
-    explanation = space.explain((0.5, 1.0, 1.0), (1.5, 1.0, 1.0))
-    low, high = explanation.margin
-    assert low <= 0.5 - side / 2.0 <= high
-    assert explanation.verdict != ("connected" if side > 1.0 else "disconnected")
-    assert (explanation.verdict == "connected") == (side == 0.5)
-
-
 @settings(max_examples=20)
 @given(seed=st.integers(0, 2**32 - 1), rotations=st.sampled_from([None, 8]))
 def test_the_cells_of_a_barrier_would_join_start_and_goal(seed, rotations):
@@ -236,12 +222,6 @@ def test_equal_start_and_goal_and_empty_workspaces_are_explained():
     assert str(explanation).startswith("A path exists")
     free_outside = cspace.build(space.workspace, space.robot, outside="free")
     assert free_outside.explain((1.0, 1.0), (0.5, 1.5)).margin[1] == math.inf
-
-
-def test_explanations_are_drawn():
-    space = build_door(0.4, cspace.Robot.disc(0.3), 0.05)
-    axes = space.explain((0.8, 2.0), (3.2, 2.0)).plot()
-    assert axes.get_title().startswith("No path")
 
 
 @pytest.mark.parametrize(
