@@ -1,7 +1,5 @@
 """Builds of maps: definition, independent geometry, laws, options and refusals."""
 
-import math
-
 import numpy as np
 import pyclipper
 import pytest
@@ -9,13 +7,12 @@ import shapely
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from scipy.spatial.transform import Rotation
 
 import cspace
 from cspace import BLOCKED, FREE, MIXED, Robot, Rotations, Workspace
 from cspace.engines.slices import slice_rasters
 from tests.helpers.oracles import overlaps_by_shifts
-from tests.helpers.strategies import exteriors, robots, seeds, stars
+from tests.helpers.strategies import exteriors, robots, stars
 
 CELL_SIDE = 0.15
 """Spacing of the maps, in metres."""
@@ -137,35 +134,3 @@ def test_maps_obey_monotony_union_and_translation(problem, rotations, shift, dat
     middle = [slice(3, 3 + n) for n in first.shape]
     middle[axis] = slice(3 + shift, 3 + shift + first.shape[axis])
     assert (moved[(..., *middle)] == states(first)).all()
-
-
-@pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
-@settings(max_examples=8)
-@given(
-    robots(0.3, 3),
-    st.sampled_from([8, Rotations.quaternions(1), Rotations.quaternions(2)]),
-    seeds,
-    exteriors,
-)
-def test_rotating_a_workspace_in_space_rotates_the_map(robot, rotations, seed, outside):
-    # Yaw maps get quarter turns about z; maps with all rotations get half turns about each axis.
-    occupied, options = np.random.default_rng(seed).random((6, 5, 4)) < 0.1, {"outside": outside}
-    space = cspace.build(
-        Workspace.from_array(occupied, CELL_SIDE), robot, rotations=rotations, **options
-    )
-    cells, yaws = space.rotations, len(space.rotations.names) == 1
-    for axis in (2,) if yaws else (0, 1, 2):
-        turn = Rotation.from_rotvec((math.pi / 2 if yaws else math.pi) * np.eye(3)[axis])
-        # Entry [x, y, z] of the turned array is the entry at the inverse rotation of [x, y, z].
-        turned = [part.swapaxes(-3, -2) if yaws else part for part in (occupied, space.cell_states)]
-        flips = (-3,) if yaws else tuple({-3, -2, -1} - {axis - 3})
-        world, expected = (np.ascontiguousarray(np.flip(part, flips)) for part in turned)
-        states = cspace.build(
-            Workspace.from_array(world, CELL_SIDE), robot, rotations=rotations, **options
-        ).cell_states
-        images = (
-            (np.arange(8) + 2) % 8
-            if yaws
-            else cells.cell_of((turn * Rotation.from_quat(cells.centers)).as_quat())
-        )
-        assert (states[images] == expected).all()

@@ -11,8 +11,6 @@ import cspace
 import planners
 from cspace import Grid, Robot, Workspace
 from cspace.errors import MAX_PROBLEM_CHARACTERS, CspaceError, InputError
-from cspace.record.contents import Contents
-from cspace.rotations import Rotations
 from cspace.support.check import check_count, check_word
 from tests.helpers.refusals import refusals
 
@@ -93,16 +91,6 @@ def add(shape, radius=None, name="cart"):
     (lambda: build(margin=math.nan), "margin is nan"),
     (lambda: build(workers=0), "workers is 0"),
     # Maps.
-    (
-        lambda: Contents(
-            build_space().workspace,
-            build_space().robot,
-            Rotations.of(None),
-            np.zeros(1, np.int64),
-            np.zeros((1, 2, 2), np.uint8),
-        ),
-        "states has shape (1, 2, 2) and type uint8; it must have the map's shape",
-    ),
     (lambda: cspace.open(7), "path is 7; it must be a file name"),
     (lambda: planners.plan((1, 1), (9, 1), build_space()), "space is a tuple; "),
     # Obstacles.

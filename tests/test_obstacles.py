@@ -13,9 +13,7 @@ from scipy.spatial.transform import Rotation
 
 import cspace
 from cspace import Robot, Workspace
-from cspace.record import update
 from cspace.shapes import Shape, as_shape
-from tests.helpers.maps import proven_paths
 from tests.helpers.updates import (
     OBSTACLE,
     SPACING,
@@ -157,27 +155,3 @@ def test_copies_keep_names_and_change_independently(again):
     np.testing.assert_array_equal(other.cell_states, empty.cell_states)
     space.remove_obstacle("cart")
     np.testing.assert_array_equal(space.cell_states, empty.cell_states)
-
-
-def test_interrupted_move_leaves_a_correct_map(monkeypatch):
-    space, calls, real = build_empty_room(), [], update._overwrite
-    space.add_obstacle("cart", shapely.box(0.5, 0.5, 0.9, 0.9))
-    space.clearance((1.0, 1.0))
-
-    def interrupt(*change):
-        calls.append(change)
-        if len(calls) == 2:
-            raise KeyboardInterrupt
-        real(*change)
-
-    monkeypatch.setattr(update, "_overwrite", interrupt)
-    with pytest.raises(KeyboardInterrupt):
-        space.add_obstacle("cart", shapely.box(3.0, 2.0, 3.4, 2.4))  # two changes
-    fresh = build_empty_room()
-    fresh.add_obstacle("cart", shapely.box(3.0, 2.0, 3.4, 2.4))
-    np.testing.assert_array_equal(space.cell_states, fresh.cell_states)
-    q = np.random.default_rng(0).uniform(0.0, 3.0, (100, 2))
-    np.testing.assert_array_equal(
-        proven_paths(space, q[:50], q[50:]), proven_paths(fresh, q[:50], q[50:])
-    )
-    np.testing.assert_array_equal(space.is_free(q, exact=True), fresh.is_free(q, exact=True))

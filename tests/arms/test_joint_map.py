@@ -6,14 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.ndimage import label
 
 import cspace
 from cspace import BLOCKED, FREE, MIXED
 from cspace.arms import Arm, build_arm_space, build_joint_map, undecided_pairs
 from cspace.errors import ConfigurationError, InputError
 from tests.arms.test_space import draw_scene
-from tests.helpers.maps import proven_paths
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import seeds
 from tests.helpers.urdfs import joint, link, planar, planar_arm_meets, posed_box, write_urdf
@@ -47,10 +45,9 @@ def draw_border_points(joint_map, state, rng, count):
     return joint_map.grid.lower + joint_map.grid.spacing * (cells + within)
 
 
-@settings(max_examples=8)
+@settings(max_examples=6)
 @given(seed=seeds, shoulder=st.sampled_from([CONTINUOUS, LIMITED]), spacing=st.floats(0.07, 0.2))
 def test_joint_maps_agree_with_shapely(tmp_path_factory, seed, shoulder, spacing):
-    """Test states, and which configurations a path joins."""
     rng = np.random.default_rng(seed)
     angle = rng.uniform(-np.pi, np.pi, 4)
     reach = rng.uniform(0.5, 1.8, 4)
@@ -62,24 +59,9 @@ def test_joint_maps_agree_with_shapely(tmp_path_factory, seed, shoulder, spacing
     assert planar_arm_meets(draw_border_points(joint_map, BLOCKED, rng, 80), posts).all()
     states = np.asarray(joint_map.cell_states)
     assert (states == MIXED).mean() < 2.5 * spacing
-    axes = [joint_map.grid.centers(axis) for axis in range(2)]
-    q = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
-    pairs = rng.integers(0, len(q), (300, 2))
-    pairs = pairs[(states.reshape(-1)[pairs] == FREE).all(axis=1)]
-    exists = proven_paths(joint_map, q[pairs[:, 0]], q[pairs[:, 1]])
-    around = shoulder is CONTINUOUS
-    for max_state, answer in ((FREE, True), (MIXED, False)):
-        parts, _ = label(states <= max_state)
-        if around and max_state == MIXED:
-            # Whatever is not BLOCKED at the rim may be joined around the shoulder.
-            at_rim = np.setdiff1d([*parts[[0, -1]].flat, *parts[:, [0, -1]].flat], [0])
-            parts[np.isin(parts, at_rim)] = parts.max() + 1
-        parts = parts.reshape(-1)
-        same = parts[pairs[:, 0]] == parts[pairs[:, 1]]
-        np.testing.assert_array_equal(exists == answer, same == answer)
 
 
-@settings(max_examples=8)
+@settings(max_examples=6)
 @given(seed=seeds, count=st.integers(2, 3))
 def test_joint_maps_agree_with_fcl(tmp_path_factory, seed, count):
     """Draw boxes on all kinds of joints, and hold the other joints."""

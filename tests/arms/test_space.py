@@ -19,6 +19,7 @@ from tests.helpers.urdfs import (
     joint,
     link,
     planar,
+    planar_arm_meets,
     pose_at,
     pose_of,
     posed_box,
@@ -299,14 +300,16 @@ def test_certified_motions_turn_continuous_joints_the_shorter_way(
     turning_arm, q0, turn, elbow, radius, direction
 ):
     """Place a small cube on or beside the shorter motion."""
-    center = radius * math.cos(direction), radius * math.sin(direction), 0.0
+    center = radius * math.cos(direction), radius * math.sin(direction)
     cube = {"cube": posed_box((0.2,) * 3, *center)}
     space = build_arm_space(cube, turning_arm, allowed_collisions=[("foot", "cube")])
     q1 = q0[0] + turn, elbow
     motion = np.linspace(q0, q1, 200)
-    near = min(min(measure_distances(q, {"cube": (0.2, *center)}).values()) for q in motion)
     certified = space.certify_path([q0, q1])[0]
-    assert near > 0.0 if certified else near < 0.03
+    if certified:
+        assert not planar_arm_meets(motion, [(*center, 0.2)]).any()
+    else:  # it collides, or nearly so
+        assert planar_arm_meets(motion, [(*center, 0.26)]).any()
     assert certified == space.motion_is_free(q0, q1) == space.certify_path([q1, q0], [(1, 0)])[0]
     if abs(turn) < 3.1:
         for whole in (-2.0 * np.pi, 2.0 * np.pi):

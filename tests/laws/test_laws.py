@@ -19,7 +19,6 @@ from tests.laws.any_map import (
     SPACING,
     build_map,
     build_of,
-    draw_obstacles,
 )
 
 BLOCKED_OUTSIDE = ("plane", "yaw in space")
@@ -148,16 +147,6 @@ def test_everything_within_the_clearance_is_free(any_map, seed):
     assert space.is_free(moved[clearance > 0.0]).all()
 
 
-def test_clearance_is_at_most_the_distance_to_any_cell_that_is_not_free(any_map):
-    q, cells = any_map.draw_inside(np.random.default_rng(3), 60)
-    positions = q[:, : any_map.dim]
-    lower = np.array(any_map.space.grid.lower)
-    for position, cell, clearance in zip(positions, cells, any_map.space.clearance(q), strict=True):
-        low = lower + SPACING * np.argwhere(any_map.states[cell[0]] != FREE)
-        gaps = np.maximum(0.0, np.maximum(low - position, position - low - SPACING))
-        assert clearance <= np.linalg.norm(gaps, axis=1).min(initial=np.inf) + 1e-9
-
-
 def test_connectivity_agrees_with_labels_by_scipy(any_map):
     rng = np.random.default_rng(2)
     q0, cells0 = any_map.draw_inside(rng, 150)
@@ -225,49 +214,6 @@ def test_equal_rotations_get_equal_states(any_map):
         same = q.copy()
         same[:, any_map.dim :] += 2.0 * np.pi * rng.choice([-1000, -1, 1, 1000])
     np.testing.assert_array_equal(any_map.space.classify(same), any_map.space.classify(q))
-
-
-@pytest.mark.parametrize(
-    "any_map", [kind for kind in ALL_KINDS if kind[1] != "memory"], indirect=True, ids="-".join
-)
-def test_every_storage_gives_the_same_answers(any_map):
-    space, memory = any_map.space, any_map.memory
-    rng = np.random.default_rng(15)
-    q = draw_configurations(memory, rng, 1000)
-    near = draw_near(any_map, q, rng)
-    for name, count, options in queries_of(any_map):
-        if name == "clearance" and isinstance(space, cspace.TiledCSpace):
-            continue  # tiled maps search obstacles only a few tiles away
-        given = [q[:300], near[:300]] if name.endswith("connected") else [q, near][:count]
-        np.testing.assert_array_equal(
-            getattr(space, name)(*given, *options), getattr(memory, name)(*given, *options), name
-        )
-    edges = rng.integers(0, 50, (40, 2))
-    for roadmap in ((near[:50],), (q[:50], edges)):
-        np.testing.assert_array_equal(space.certify_path(*roadmap), memory.certify_path(*roadmap))
-
-
-@pytest.mark.parametrize("kind", IN_MEMORY, ids="-".join)
-def test_an_updated_map_equals_a_rebuilt_one(kind, tmp_path):
-    any_map, rng = build_kind(kind, tmp_path), np.random.default_rng(4)
-    space, shape = any_map.space, any_map.occupied.shape
-    q = draw_configurations(any_map.memory, rng, 300)
-    near = draw_near(any_map, q, rng)
-    occupied = any_map.occupied.copy()
-    for _ in range(2):
-        proven_paths(space, q[:40], near[:40])  # caches what the update must drop
-        space.clearance(q)
-        size = rng.integers(1, 6, len(shape))
-        lower = rng.integers(0, np.array(shape) - size + 1)
-        cells = draw_obstacles(tuple(size), 1, rng)
-        occupied[tuple(map(slice, lower, lower + size))] = cells
-        space.update(cells, lower)
-    fresh = any_map.rebuild(occupied)
-    assert space.count() == fresh.count()
-    for name, count, options in queries_of(any_map):
-        given = [q, near][:count]
-        expected = getattr(fresh, name)(*given, *options)
-        np.testing.assert_array_equal(getattr(space, name)(*given, *options), expected, name)
 
 
 @pytest.mark.parametrize(
