@@ -11,7 +11,7 @@ import cspace
 import planners
 from cspace import Grid, Robot, Workspace
 from cspace.errors import MAX_PROBLEM_CHARACTERS, CspaceError, InputError
-from cspace.support.check import check_count, check_word
+from cspace.support.check import check_count
 from tests.helpers.refusals import refusals
 
 CELLS = np.zeros((40, 30), dtype=bool)
@@ -42,8 +42,6 @@ def add(shape, radius=None, name="cart"):
     "call, message",
     # Numbers and words.
     (lambda: check_count(True, "n", 0, 10), "n is True; it must be a whole number from 0 to 10"),
-    (lambda: check_count(10**400, "n"), "whole number from 0 to 9007199254740992"),
-    (lambda: check_word(True, "word", (1, 2, 3)), "word is True; it must be 1, 2 or 3"),
     (lambda: build_space().grid.center_of([10**400, 1]), "cells has too large an integer"),
     # Grids.
     (lambda: Grid((0, 0), math.nan, (1, 1)), "spacing is nan"),
@@ -62,8 +60,6 @@ def add(shape, radius=None, name="cart"):
     (lambda: Workspace.from_array(CELLS, 0.1, (0, 0, 0)), "lower has shape (3,)"),
     (lambda: Workspace.from_array(CELLS, 0.1, inner=~CELLS), "inner has cell (0, 0)"),
     (lambda: Workspace(Grid((0, 0), 1, (3, 2)), CELLS, CELLS), "outer has shape (40, 30) but the"),
-    (lambda: Workspace.open("map.png"), "spacing is missing"),
-    (lambda: Workspace.open("map.yaml", spacing=0.1), "spacing is given"),
     (lambda: Workspace.open("map.step", spacing=0.1), "with suffix '.step'"),
     (lambda: Workspace.from_shapes([], 0.1), "shapes is empty"),
     (lambda: Workspace.from_shapes({"a": BOW}, 0.1), "shapes is a dict"),
@@ -77,9 +73,6 @@ def add(shape, radius=None, name="cart"):
     (lambda: Robot.parse("disc:wide"), "RADIUS"),
     (lambda: Robot.parse("robot.urdf"), "Robot.open reads files"),
     (lambda: Robot.open("disc:0.3"), "use Robot.parse('disc:0.3')"),
-    (lambda: Robot.from_spec({"kind": "teapot"}), "spec is {'kind': 'teapot'}"),
-    (lambda: Robot.disc(1.0).rasters(0.1, -0.1), "margin is -0.1"),
-    (lambda: Robot.disc(0.4, (1e300, 0.0)).rasters(0.05), "from its reference point"),
     # Builds.
     (lambda: build(workspace=np.eye(3)), "workspace is a ndarray; it must be a Workspace; call "),
     (lambda: build(robot="robot.urdf"), "Robot.open"),
@@ -96,7 +89,6 @@ def add(shape, radius=None, name="cart"):
     # Obstacles.
     (lambda: add(shapely.box(0, 0, 1, 1), name=""), "name is ''; it must be a non-empty string"),
     (lambda: add(Robot.ball(0.3)), "shape is in space; it must be in the plane"),
-    (lambda: add([(0.0, 0.0), (1.0, 1.0)]), "points need a radius"),
     (lambda: add([(0.0, 0.0)], -0.1), "below zero"),
     (lambda: add([(1e9, 0.0)], 0.1), "reaches 1e+10 cells"),
     (lambda: build_space().remove_obstacle("dog"), "name is 'dog'; it must be one of 'cart'"),

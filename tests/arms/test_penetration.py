@@ -5,7 +5,7 @@ import pytest
 
 from cspace import Arm, InputError
 from cspace.arms import ArmPenetration
-from cspace.spectral import BallPenetration, Bump
+from cspace.spectral import Bump
 from cspace.spectral.bump import pair_integrals
 from tests.helpers.refusals import refusals
 from tests.helpers.urdfs import random_arm
@@ -54,10 +54,3 @@ def test_penetration_is_the_sum_over_pairs_and_its_gradient_that_of_differences(
 def test_arm_penetration_refuses_invalid_balls(arm, links, obstacles, message):
     with pytest.raises(InputError, match=message):
         ArmPenetration(arm, links, obstacles)
-
-
-def test_ball_penetration_refuses_other_shapes():
-    field = BallPenetration([0.1, 0.2], ([[0.0, 0.0, 0.0]], 0.5))
-    for wrong in (np.zeros((2, 2)), np.zeros(3), np.full((2, 3), np.nan)):
-        with pytest.raises(InputError, match="centers"):
-            field.value_and_gradient(wrong)

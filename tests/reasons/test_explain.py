@@ -1,8 +1,6 @@
 """Explanations against doors of known width, and against searches of their own."""
 
-import itertools
 import math
-from collections import deque
 
 import numpy as np
 import pytest
@@ -16,6 +14,7 @@ import planners
 from cspace import FREE
 from cspace.errors import ConfigurationError, InputError
 from tests.helpers.commands import document
+from tests.helpers.handmade import components
 
 SIDE = 4.0
 
@@ -29,34 +28,15 @@ def build_door(width, robot, spacing, rotations=None, **options):
 
 
 def joins(space, cells, start, goal):
-    """Return whether FREE cells and some other cells join two configurations, by a plain search."""
-    states = space.cell_states if space.rotations.names else space.cell_states[None]
-    is_open = states == FREE
+    """Return whether FREE cells and some other cells join two configurations, by scipy."""
+    is_open = space.cell_states.reshape(-1, *space.grid.shape) == FREE
     is_open[tuple(cells.T)] = True
-    count = len(states)
-
-    def cell_of(q):
-        rotation = int(space.rotations.find_cells(np.asarray(q, dtype=float)))
-        return (rotation, *space.grid.cell_of(np.asarray(q[: space.dim], dtype=float)).tolist())
-
-    first, last = cell_of(start), cell_of(goal)
-    if not is_open[first]:
-        return False
-    queue, reached = deque([first]), {first}
-    while queue:
-        cell = queue.popleft()
-        for axis, step in itertools.product(range(len(cell)), (-1, 1)):
-            near = list(cell)
-            near[axis] += step
-            if axis == 0:
-                near[0] %= count
-            near = tuple(near)
-            if any(not 0 <= i < n for i, n in zip(near, states.shape, strict=True)):
-                continue
-            if is_open[near] and near not in reached:
-                reached.add(near)
-                queue.append(near)
-    return last in reached
+    labels = components(is_open, "")
+    first, last = (
+        labels[(space.rotations.find_cells(q), *space.grid.cell_of(q[: space.dim]))]
+        for q in np.array([start, goal])
+    )
+    return bool(first == last >= 0)
 
 
 @settings(max_examples=30)
