@@ -308,13 +308,6 @@ def test_covering_angles_times_parts_are_bounded():
         assert Rotations.quaternions(n).covering_angles.max() * n <= MAX_ANGLE_TIMES_PARTS
 
 
-def test_a_suggestion_prints_its_settings():
-    workspace = Workspace.from_array(np.zeros((40, 40), bool), 0.1)
-    text = str(cspace.suggest(workspace, Robot.rectangle(0.9, 0.6), gap=0.8))
-    assert text == "spacing 0.0238 m, 104 rotations, 1.49 MB of states"
-    assert "no rotations" in str(cspace.suggest(workspace, Robot.disc(0.3), gap=0.8))
-
-
 PLANE = Workspace.from_array(np.zeros((40, 40), bool), 0.1)
 
 

@@ -41,23 +41,13 @@ class Stage:
             self.low + self.size * rng.uniform(-0.2, 1.2, dim) + rng.choice([0.0, 0.0, 0.0, 60.0])
         )
         sides = rng.uniform(0.1, 0.2 + 0.5 * self.size.max(), dim)
-        kind = int(rng.integers(3))
-        if kind == 0:  # also on cell boundaries
-            points = (
-                np.round((center + rng.normal(0.0, 1.0, (int(rng.integers(1, 5)), dim))) / SPACING)
-                * SPACING
-            )
-            return points, rng.choice([0.0, 0.4])
-        turn = (
-            Rotation.random(random_state=int(rng.integers(2**31))).as_matrix()
-            if kind == 1
-            else np.eye(3)
-        )
+        if rng.random() < 0.3:  # points on cell boundaries too
+            points = center + rng.normal(0.0, 1.0, (int(rng.integers(1, 5)), dim))
+            return np.round(points / SPACING) * SPACING, rng.choice([0.0, 0.4])
+        turn = Rotation.random(random_state=int(rng.integers(2**31))).as_matrix()
         if dim == 2:
-            corners = (np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * sides / 2) @ turn[
-                :2, :2
-            ] + center
-            return (shapely.MultiPoint(corners).convex_hull if kind == 1 else corners), None
+            corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * sides / 2
+            return shapely.MultiPoint(corners @ turn[:2, :2] + center).convex_hull, None
         box = trimesh.creation.box(sides)
         return (box.vertices @ turn + center, box.faces), None
 

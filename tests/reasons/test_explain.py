@@ -58,21 +58,6 @@ def test_the_margin_of_a_disc_in_a_door_is_between_its_bounds(width, radius, spa
         assert not len(explanation.barrier)
 
 
-@settings(max_examples=12)
-@given(
-    width=st.floats(0.3, 1.2),
-    robot=st.tuples(st.floats(0.3, 0.9), st.floats(0.15, 0.7)),
-    rotations=st.sampled_from([1, 12, 24]),
-)
-def test_the_margin_of_a_rectangle_in_a_door_is_between_its_bounds(width, robot, rotations):
-    length, breadth = robot
-    space = build_door(width, cspace.Robot.rectangle(length, breadth), 0.1, rotations)
-    low, high = space.explain((0.8, 2.0, 0.0), (3.2, 2.0, 0.0)).margin
-    assert low <= (width - min(robot)) / 2.0 + 1e-12  # the widest that passes, if it turns
-    # A robot with one cell of all yaws may pass at the worst of its yaws alone, so low is smaller.
-    assert high >= (width - min(robot)) / 2.0
-
-
 def test_the_margin_holds_at_all_yaws_of_coarse_cells():
     # Offsets of the inner raster lie less deep in the robot at other yaws of their cell.
     walls = [shapely.box(3.8, -1.0, 4.2, 3.85), shapely.box(3.8, 4.15, 4.2, 9.0)]
