@@ -191,9 +191,9 @@ def test_invalid_arguments_are_refused() -> None:
 @pytest.mark.parametrize("drives", [0, 1, -1], ids=["free yaw", "ahead", "reverse"])
 def test_proven_curves_pass_free_cells_only(drives: int) -> None:
     rng = np.random.default_rng(5)
-    occupied = rng.random((200, 200)) < 0.004
+    occupied = rng.random((200, 200)) < 0.002
     workspace = cspace.Workspace.from_array(occupied, SPACING)
-    space = cspace.build(workspace, cspace.Robot.rectangle(0.3, 0.02), rotations=72)
+    space = cspace.build(workspace, cspace.Robot.rectangle(0.9, 0.02), rotations=36)
     count = 1000
     starts = space.sample_free(count, rng=rng)
     yaws = starts[:, 2] + (math.pi if drives < 0 else 0.0)
@@ -209,7 +209,7 @@ def test_proven_curves_pass_free_cells_only(drives: int) -> None:
     places = [place_along(curves, space.rotations, share * lengths)[0] for share in shares]
     are_free = np.asarray(space.is_free(np.stack(places, axis=1))).all(axis=1)
     assert not (proven & ~are_free).any()
-    assert np.count_nonzero(proven) > 0.7 * np.count_nonzero(are_free)
+    assert np.count_nonzero(proven) > 0.65 * np.count_nonzero(are_free)
     assert np.count_nonzero(~are_free) > 100
 
 
