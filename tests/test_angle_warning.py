@@ -18,11 +18,9 @@ FREE_Q = 1.0, 1.0, 0.5
 ANGLE_CALLS = {
     "start": ("start", lambda space, q: planners.plan(space, q, FREE_Q)),
     "is_free": ("q", lambda space, q: space.is_free(np.array(q))),
-    "exact": ("q", lambda space, q: space.is_free(q, exact=True)),
     "motion_is_free": ("q1", lambda space, q: space.motion_is_free(FREE_Q, q)),
     "is_connected": ("q0", lambda space, q: space.is_connected(q, FREE_Q)),
     "find_path": ("q1", lambda space, q: space.find_path(FREE_Q, q)),
-    "nearest_free": ("q", lambda space, q: space.nearest_free(q)),
     "states_at": ("rotation", lambda space, q: space.states_at(q[2:])),
 }
 

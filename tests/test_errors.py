@@ -11,10 +11,7 @@ import cspace
 import planners
 from cspace import Grid, Robot, Workspace
 from cspace.errors import MAX_PROBLEM_CHARACTERS, CspaceError, InputError
-from cspace.record.contents import Contents
-from cspace.rotations import Rotations
-from cspace.support.check import check_count, check_word
-from tests.helpers.mesh_files import TETRAHEDRON
+from cspace.support.check import check_count
 from tests.helpers.refusals import refusals
 
 CELLS = np.zeros((40, 30), dtype=bool)
@@ -45,8 +42,6 @@ def add(shape, radius=None, name="cart"):
     "call, message",
     # Numbers and words.
     (lambda: check_count(True, "n", 0, 10), "n is True; it must be a whole number from 0 to 10"),
-    (lambda: check_count(10**400, "n"), "whole number from 0 to 9007199254740992"),
-    (lambda: check_word(True, "word", (1, 2, 3)), "word is True; it must be 1, 2 or 3"),
     (lambda: build_space().grid.center_of([10**400, 1]), "cells has too large an integer"),
     # Grids.
     (lambda: Grid((0, 0), math.nan, (1, 1)), "spacing is nan"),
@@ -60,14 +55,11 @@ def add(shape, radius=None, name="cart"):
     (lambda: Workspace.from_array(np.zeros((2, 2)), 1.0), "dtype float64"),
     (lambda: Workspace.from_array([[0, 7]], 1.0), "occupied[0, 1] is 7"),
     (lambda: Workspace.from_array([[0, -1], [100, 0]], 0.1), "unknown cells of ROS"),
-    (lambda: Workspace.from_array([[True], [True, False]], 1.0), "ragged"),
     (lambda: Workspace.from_array(np.zeros((0, 3), bool), 1.0), "shape (0, 3)"),
     (lambda: Workspace.from_array(np.ma.array(CELLS, mask=True), 0.1), "1200 masked"),
     (lambda: Workspace.from_array(CELLS, 0.1, (0, 0, 0)), "lower has shape (3,)"),
     (lambda: Workspace.from_array(CELLS, 0.1, inner=~CELLS), "inner has cell (0, 0)"),
     (lambda: Workspace(Grid((0, 0), 1, (3, 2)), CELLS, CELLS), "outer has shape (40, 30) but the"),
-    (lambda: Workspace.open("map.png"), "spacing is missing"),
-    (lambda: Workspace.open("map.yaml", spacing=0.1), "spacing is given"),
     (lambda: Workspace.open("map.step", spacing=0.1), "with suffix '.step'"),
     (lambda: Workspace.from_shapes([], 0.1), "shapes is empty"),
     (lambda: Workspace.from_shapes({"a": BOW}, 0.1), "shapes is a dict"),
@@ -81,11 +73,6 @@ def add(shape, radius=None, name="cart"):
     (lambda: Robot.parse("disc:wide"), "RADIUS"),
     (lambda: Robot.parse("robot.urdf"), "Robot.open reads files"),
     (lambda: Robot.open("disc:0.3"), "use Robot.parse('disc:0.3')"),
-    (lambda: Robot.from_spec({"kind": "teapot"}), "spec is {'kind': 'teapot'}"),
-    (lambda: Robot.disc(1.0).rasters(0.1, -0.1), "margin is -0.1"),
-    (lambda: Robot.disc(0.4, (1e300, 0.0)).rasters(0.05), "from its reference point"),
-    (lambda: Robot.from_mesh((TETRAHEDRON[0] + 200.0, TETRAHEDRON[1])), "at most 100 times"),
-    (lambda: Robot.ball(0.1).geometry, "ask for its surface"),
     # Builds.
     (lambda: build(workspace=np.eye(3)), "workspace is a ndarray; it must be a Workspace; call "),
     (lambda: build(robot="robot.urdf"), "Robot.open"),
@@ -97,22 +84,11 @@ def add(shape, radius=None, name="cart"):
     (lambda: build(margin=math.nan), "margin is nan"),
     (lambda: build(workers=0), "workers is 0"),
     # Maps.
-    (
-        lambda: Contents(
-            build_space().workspace,
-            build_space().robot,
-            Rotations.of(None),
-            np.zeros(1, np.int64),
-            np.zeros((1, 2, 2), np.uint8),
-        ),
-        "states has shape (1, 2, 2) and type uint8; it must have the map's shape",
-    ),
     (lambda: cspace.open(7), "path is 7; it must be a file name"),
     (lambda: planners.plan((1, 1), (9, 1), build_space()), "space is a tuple; "),
     # Obstacles.
     (lambda: add(shapely.box(0, 0, 1, 1), name=""), "name is ''; it must be a non-empty string"),
     (lambda: add(Robot.ball(0.3)), "shape is in space; it must be in the plane"),
-    (lambda: add([(0.0, 0.0), (1.0, 1.0)]), "points need a radius"),
     (lambda: add([(0.0, 0.0)], -0.1), "below zero"),
     (lambda: add([(1e9, 0.0)], 0.1), "reaches 1e+10 cells"),
     (lambda: build_space().remove_obstacle("dog"), "name is 'dog'; it must be one of 'cart'"),
@@ -129,19 +105,9 @@ def test_invalid_arguments_are_refused_in_one_line_and_change_nothing(call, mess
     assert build_space().obstacles == {"cart": shape}
 
 
-@pytest.mark.parametrize(
-    ("call", "argument", "value"),
-    [
-        (lambda: Robot.disc(-1), "radius", -1),
-        (lambda: Workspace.from_array([[0, 2]], 0.1), "occupied[0, 1]", 2),
-        (lambda: build_space().is_free((1, "x")), "q", (1, "x")),
-        (lambda: planners.plan(build_space(), (1, 1), (2, 2), planner="A"), "planner", "A"),
-    ],
-)
-def test_errors_name_the_value_the_rule_and_the_hint(call, argument, value):
+def test_errors_name_the_value_the_rule_and_the_hint():
     with pytest.raises(InputError) as caught:
-        call()
+        planners.plan(build_space(), (1, 1), (2, 2), planner="A")
     error = caught.value
-    assert error.argument == argument
-    assert str(value) in error.problem
+    assert error.argument == "planner" and "'A'" in error.problem
     assert error.rule and error.hint

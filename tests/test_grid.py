@@ -1,20 +1,9 @@
 """Grids: cells, boundaries, batches and refusals."""
 
-import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from cspace import Grid
-
-
-def test_a_grid_stores_plain_immutable_values():
-    grid = Grid(np.array([1, 2]), np.float32(0.5), np.array([3, 4]))
-    assert (grid.lower, grid.spacing, grid.shape) == ((1.0, 2.0), 0.5, (3, 4))
-    assert (grid.upper, grid.dim, grid.size) == ((2.5, 4.0), 2, 12)
-    assert grid == Grid((1, 2), 0.5, (3, 4)) and hash(grid) == hash(Grid((1, 2), 0.5, (3, 4)))
-    with pytest.raises(AttributeError):
-        grid.spacing = 1.0
 
 
 def test_boundaries_belong_to_the_cell_above_and_the_last_to_the_last_cell():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import cspace
-from cspace import Robot, Rotations, UnitWarning, Workspace
+from cspace import Robot, UnitWarning, Workspace
 from cspace.shapes import Point
 
 PLANE = Workspace.from_array(np.zeros((100, 80), dtype=bool), 0.1)
@@ -27,12 +27,6 @@ SUSPECT_ROBOTS = {
         Robot.rectangle(600, 400),
         {},
         ["600 m x 400 m", "10 m x 8 m", "millimetres"],
-    ),
-    "in millimetres, without walls": (
-        PLANE,
-        Robot.disc(300),
-        {"outside": "free"},
-        ["600 m x 600 m", "millimetres"],
     ),
     "longer than the diagonal": (
         PLANE,
@@ -86,9 +80,7 @@ def test_a_robot_too_large_has_no_free_cell():
 USUAL_ROBOTS = {
     "point": (PLANE, Robot("point", Point.at_origin(2)), {}),
     "as long, but for rounding": (PLANE, Robot.rectangle(10 + 2e-15, 0.4), {}),
-    "turned upright": (SHELF, Robot.box((0.5, 0.1, 0.1)), {"rotations": Rotations.quaternions(1)}),
     "a car on its axle": (PLANE, Robot.rectangle(4.5, 1.8, (1.3, 0)), {"rotations": 4}),
-    "smaller than a cell": (PLANE, Robot.disc(0.01), {}),
 }
 
 
@@ -96,6 +88,3 @@ USUAL_ROBOTS = {
 def test_a_build_with_a_usual_robot_does_not_warn(case):
     workspace, robot, options = USUAL_ROBOTS[case]
     assert not find_warnings(lambda: cspace.build(workspace, robot, **options))
-
-
-# ---- arguments in the wrong place ----

@@ -97,17 +97,6 @@ def test_workspaces_accept_shapes_of_every_kind():
         space.add_obstacle(str(number), shape)
     assert (workspace.outer == space.workspace.outer).all()
     assert (workspace.inner == space.workspace.inner).all()
-    built = cspace.build(workspace, Robot.disc(0.2), outside="free")
-    assert (built.cell_states == space.cell_states).all()
-    q = np.random.default_rng(0).uniform((0, 0), (4, 3), (500, 2))
-    assert (built.is_free(q, exact=True) == space.is_free(q, exact=True)).all()
-    polygons = [shapely.box(0, 0, 1, 3), shapely.box(2, 1, 2.55, 4)]
-    one, other = Workspace.from_shapes(polygons, 0.1), Workspace.from_polygons(polygons, 0.1)
-    assert (one.grid, one.outer.tolist(), one.inner.tolist()) == (
-        other.grid,
-        other.outer.tolist(),
-        other.inner.tolist(),
-    )
     solids = Workspace.from_shapes([Robot.cylinder(0.3, 1.0), trimesh.creation.box((1, 1, 1))], 0.1)
     assert solids.grid.dim == 3
 

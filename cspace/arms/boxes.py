@@ -191,7 +191,7 @@ def classify_block(
     top = 1
     while top > 0:
         top -= 1
-        state, pair = prove_block(scene, inside, cells, pending, top, True, scratch)
+        state, pair = prove_block(scene, inside, cells, pending, top, scratch)
         if state == MIXED:
             if halve_block(cells, pending, top, cells.parts):
                 top += 2
@@ -216,7 +216,6 @@ def prove_block(
     cells: JointCells,
     pending: PendingBlocks,
     row: int,
-    may_be_blocked: bool,
     scratch: SceneScratch,
 ) -> tuple[int, int]:
     """Prove a pending block FREE or BLOCKED as a whole; return its state, MIXED if unproven.
@@ -243,11 +242,10 @@ def prove_block(
     pending.counts[row] = still_open
     if still_open == 0:
         return FREE, -1
-    if may_be_blocked:
-        # Only small boxes leave triangles crossed, and the search for crossings is slow.
-        blocking_pair = find_blocked_pair(inside, pending, row, is_smallest, scratch)
-        if blocking_pair >= 0:
-            return BLOCKED, blocking_pair
+    # Only small boxes leave triangles crossed, and the search for crossings is slow.
+    blocking_pair = find_blocked_pair(inside, pending, row, is_smallest, scratch)
+    if blocking_pair >= 0:
+        return BLOCKED, blocking_pair
     return MIXED, pending.pair_lists[row, 0]
 
 
@@ -298,7 +296,7 @@ def refine_cell(
     top = bottom + 2
     while top > bottom:
         top -= 1
-        state, pair = prove_block(scene, inside, cells, pending, top, not has_free, scratch)
+        state, pair = prove_block(scene, inside, cells, pending, top, scratch)
         if state == FREE:
             has_free = True
         elif state == BLOCKED:

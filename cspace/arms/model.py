@@ -1103,7 +1103,8 @@ class _ArmBuilder:
         ``parents`` and ``poses``, shape (4, 4), of joints on their parents are one for each body,
         with the base first. ``joints`` are those of the other bodies, because the base has none.
         """
-        frames = np.stack(poses)[:, :3]
+        # Kernels are compiled for contiguous arrays.
+        frames = np.ascontiguousarray(np.stack(poses)[:, :3])
         link_lengths = np.linalg.norm(frames[..., 3], axis=1)
         # Which joints (columns) carry which bodies (rows).
         carries = np.zeros((len(parents), len(parents)), dtype=np.bool_)

@@ -82,17 +82,17 @@ class Forest(NamedTuple):
 
 @kernel
 def extend(
-    scene: Scene, forest: Forest, side: int, q: Floats, within: bool, scratch: SceneScratch
+    scene: Scene, forest: Forest, side: int, q: Floats, reaches: float, scratch: SceneScratch
 ) -> tuple[int, bool]:
     """Grow tree ``side`` by at most a stride towards a configuration ``q``, shape (dof,).
 
-    If ``within``, configurations beyond the reach of the nearest node are ignored. Returns the new
-    node, -1 if there is none, and whether it is the configuration itself.
+    Configurations farther than ``reaches`` times the reach of the nearest node are ignored. Returns
+    the new node, -1 if there is none, and whether it is the configuration itself.
     """
     nodes = forest.nodes[side]
     new = forest.counts[side]
     nearest, distance = find_nearest(nodes, new, q)
-    if within and distance > forest.reaches[side, nearest]:
+    if distance > reaches * forest.reaches[side, nearest]:
         return -1, False
     # Write the new node before its motion is proven; it counts only afterwards.
     is_reached = distance <= MAX_STRIDE
@@ -145,13 +145,13 @@ def grow_trees(
             break
         side = 0 if counts[0] <= counts[1] else 1
         other_side = 1 - side
-        new, _ = extend(scene, forest, side, samples[k], True, scratch)
+        new, _ = extend(scene, forest, side, samples[k], 1.0, scratch)
         # Grow the other tree towards the new node as far as possible.
         other = new
         meets = False
         while other >= 0 and not meets and counts[other_side] + 1 < capacity:
             target = forest.nodes[side, new]
-            other, meets = extend(scene, forest, other_side, target, False, scratch)
+            other, meets = extend(scene, forest, other_side, target, math.inf, scratch)
         if meets and side == 0:
             return new, other
         if meets:

@@ -434,15 +434,22 @@ class Scratch(NamedTuple):
         Stack of unproven parts: where each begins and ends, from 0 to 1.
     node_pairs : ndarray of int64, shape (MAX_PENDING_PAIRS, 2)
         See :func:`cspace.bodies.triangles.free_fraction`.
+    measured : ndarray of int64, shape (1,)
+        Number of distances measured along the edge.
     """
 
     parts: Floats
     node_pairs: Ints
+    measured: Ints
 
 
 def make_scratch() -> Scratch:
     """Allocate scratch memory."""
-    return Scratch(np.empty((MAX_PENDING_PARTS, 2)), np.full((MAX_PENDING_PAIRS, 2), -1))
+    return Scratch(
+        parts=np.empty((MAX_PENDING_PARTS, 2)),
+        node_pairs=np.full((MAX_PENDING_PAIRS, 2), -1),
+        measured=np.zeros(1, dtype=np.int64),
+    )
 
 
 class EdgeArc(NamedTuple):
@@ -515,16 +522,15 @@ def edge_state(
     scale = boundaries.scale
     step = minus(reference_point(map_, p1, scale), reference_point(map_, p0, scale))
     rounding = 2.0 * DISTANCE_ROUNDING * scale * coordinates
-    measured = 0  # number of distances
+    scratch.measured[0] = 0
     for number in range(arc_count(r0, r1)):
         angle, error = arc_angle_and_error(r0, r1, number)
         required = boundaries.required + rounding + error * boundaries.max_lever
         arc = EdgeArc(p0, r0, p1, r1, number, step, angle, error, required)
-        measured = prove_arc(inputs, arc, scratch, measured)
-        if measured < 0:
+        if not prove_arc(inputs, arc, scratch):
             return BLOCKED
     # The cells alone prove the edge.
-    if measured == 0:
+    if scratch.measured[0] == 0:
         return FREE
     # While no boundaries meet, containment cannot change, so one test is enough.
     place = reference_point(map_, p0, 1.0)
@@ -536,38 +542,36 @@ def edge_state(
 
 
 @kernel
-def prove_arc(inputs: ProofInputs, arc: EdgeArc, scratch: Scratch, measured: int) -> int:
-    """Prove an arc free.
+def prove_arc(inputs: ProofInputs, arc: EdgeArc, scratch: Scratch) -> bool:
+    """Return True if an arc is proven free.
 
-    Returns the number of distances measured, added to ``measured``, or -1 if the arc is not proven.
     The arc is cut into equal pieces. Most colliding edges of a planner collide at their end, so it
     is proven first.
     """
     boundaries = inputs.boundaries
-    measured = prove_part(inputs, arc, 1.0, 1.0, scratch, measured)
+    if not prove_part(inputs, arc, 1.0, 1.0, scratch):
+        return False
     length = math.sqrt(dot(arc.step, arc.step)) + arc.angle * boundaries.max_lever
-    if measured < 0 or length == 0.0:
-        return measured
+    if length == 0.0:
+        return True
     max_length = PIECE_CELLS * boundaries.scale * inputs.map.spacing
     count = max(1, math.ceil(length / max_length))
     for piece in range(count):
         first = piece / count
         last = (piece + 1) / count
-        measured = prove_part(inputs, arc, first, last, scratch, measured)
-        if measured < 0:
-            return -1
-    return measured
+        if not prove_part(inputs, arc, first, last, scratch):
+            return False
+    return True
 
 
 @kernel
 def prove_part(
-    inputs: ProofInputs, arc: EdgeArc, first: float, last: float, scratch: Scratch, measured: int
-) -> int:
-    """Prove the part of an arc from ``first`` to ``last``, in [0, 1], free.
+    inputs: ProofInputs, arc: EdgeArc, first: float, last: float, scratch: Scratch
+) -> bool:
+    """Return True if the part of an arc from ``first`` to ``last``, in [0, 1], is proven free.
 
     The map proves the part, or the distance at its midpoint proves an interval around the midpoint
-    and leaves the remainders on both sides. Returns the number of distances measured, added to
-    ``measured``, or -1 if the part is not proven.
+    and leaves the remainders on both sides.
     """
     boundaries = inputs.boundaries
     # A stack of unproven parts, each with its beginning and its end.
@@ -588,8 +592,8 @@ def prove_part(
         state = state_at(inputs.map, position, rotation)
         if state == FREE and first == last:
             continue
-        if state == BLOCKED or measured == MAX_DISTANCES_PER_EDGE:
-            return -1
+        if state == BLOCKED or scratch.measured[0] == MAX_DISTANCES_PER_EDGE:
+            return False
         # The distance at the midpoint proves the arc as far as the robot can move that distance.
         place = reference_point(inputs.map, position, boundaries.scale)
         motion = Motion(matrix_rows(rotation), place, arc.step, arc.angle, arc.required, 0.0)
@@ -603,9 +607,9 @@ def prove_part(
             scratch.node_pairs,
         )
         proven = ADVANCE_FACTOR * fraction
-        measured += 1
+        scratch.measured[0] += 1
         if proven < min(half, MIN_ADVANCE):
-            return -1
+            return False
         if proven < half:
             # Remainders on both sides; the first one comes next.
             parts[pending, 0] = center + proven
@@ -613,7 +617,7 @@ def prove_part(
             parts[pending + 1, 0] = first
             parts[pending + 1, 1] = center - proven
             pending += 2
-    return measured
+    return True
 
 
 @kernel

@@ -134,8 +134,9 @@ def find_shrunk_way(space: CSpace, ends: Ints) -> Way:
     turns = space.rotations.neighbors, turn_costs(space.rotations, space.dim, space.grid.spacing)
     states = (~is_free).view(np.uint8)  # False is FREE, and True is MIXED
     start, goal = ends
-    cells = find_chain(states, space.slice_of, turns, start, goal, math.inf)
-    barrier = find_barrier(space, _list_passed(cells, space.slice_of, is_free))
+    slice_of = space.slice_of.copy()  # writeable, as kernels are compiled for
+    cells = find_chain(states, slice_of, turns, start, goal, math.inf)
+    barrier = find_barrier(space, _list_passed(cells, slice_of, is_free))
     depth = enough / STEPS_PER_CELL
     vanishes = depth >= max(map(np.max, depths))
     low = -math.inf if vanishes else space.margin - depth * space.grid.spacing
@@ -210,7 +211,7 @@ def _find_deepest(space: CSpace, barrier: Ints) -> Ints:
 def _make_width_map(space: CSpace, widths: Distances) -> WidthMap:
     """Return widths of the cells of all slices for a search."""
     turns = turn_costs(space.rotations, space.dim, space.grid.spacing)
-    return WidthMap(widths, space.slice_of, space.rotations, turns)
+    return WidthMap(widths, space.slice_of.copy(), space.rotations, turns)  # writeable, as above
 
 
 def _collide(space: CSpace, occupied: Bools, rasters: Sequence[Raster], outside: bool) -> Bools:

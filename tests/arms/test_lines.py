@@ -82,7 +82,7 @@ def check_motion(motion, arm, poses):
         assert f"before poses[{int(parameters[-1])}]" in motion.status
 
 
-@settings(max_examples=50)
+@settings(max_examples=20)
 @given(
     seed=seeds,
     count=st.integers(2, 7),
@@ -121,6 +121,7 @@ def test_motions_stay_within_their_bounds_and_free(tmp_path_factory, seed, count
     assert np.asarray(space.certify_path(motion.waypoints)).all()
 
 
+@settings(max_examples=25)
 @given(seed=seeds, count=st.integers(1, 7), size=st.sampled_from([0.01, 0.1, 0.4]))
 def test_bounds_hold_for_lines_tangent_to_the_motion(tmp_path_factory, seed, count, size):
     """Halfway, frame and target coincide and move alike, so that accelerations alone are left."""
@@ -217,6 +218,7 @@ def gantry(tmp_path_factory):
     return Arm.from_urdf(path)
 
 
+@settings(max_examples=25)
 @given(seed=seeds, thickness=st.sampled_from([0.002, 0.05]))
 def test_a_gantry_stops_where_it_hits_the_first_box(gantry, seed, thickness):
     rng = np.random.default_rng(seed)
@@ -247,7 +249,7 @@ SIZES = st.sampled_from([0.0, 1e-320, 1e-15, 1e-9, 0.1, 1e8, 1e80, 1e154, 1e300,
     steps=st.lists(st.tuples(SIZES, SIZES | st.floats(-1.0, 1.0)), min_size=1, max_size=3),
     tolerance=st.tuples(SIZES | st.floats(1e-13, 1e-9), SIZES | st.floats(1e-13, 1e-9)),
 )
-@settings(max_examples=100)
+@settings(max_examples=60)
 def test_extreme_lines_are_refused_or_followed_in_part(open_polar, steps, tolerance):
     arm = open_polar.arm
     corners = np.array([arm.pose((0.3, 0.4), "hand")] * len(steps))

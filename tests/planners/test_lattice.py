@@ -16,6 +16,7 @@ from benchmarks.inputs import CAR, PARKING_BOUNDS, make_parallel_slot, make_perp
 from cspace import Robot, Workspace, build
 from tests.helpers.handmade import fill_boxes
 from tests.helpers.planning import ENDPOINTS, build_room, interpolate_poses, make_poses
+from tests.helpers.regions import place_polygon
 from tests.helpers.strategies import seeds
 from tests.soak.drives import (
     draw_query,
@@ -61,7 +62,7 @@ def sample_motion(plan):
 
 
 @EVERY_DRIVE
-@settings(max_examples=10)
+@settings(max_examples=4)
 @given(seed=seeds)
 def test_paths_are_certified_and_keep_exact_footprints_off_obstacles(options, seed):
     rng = np.random.default_rng(seed)
@@ -75,10 +76,21 @@ def test_paths_are_certified_and_keep_exact_footprints_off_obstacles(options, se
         assert plan.certified == plan.solved
         if plan.solved:
             np.testing.assert_array_equal(plan.waypoints[[0, -1]], [start, goal])
-            for x, y, yaw in sample_motion(plan):
-                c, s = math.cos(yaw), math.sin(yaw)
-                robot = shapely.Polygon(np.array(FOOTPRINT) @ [[c, s], [-s, c]] + (x, y))
-                assert not obstacles.intersects(robot)
+            robots = place_polygon(shapely.Polygon(FOOTPRINT), sample_motion(plan))
+            assert not shapely.intersects(obstacles, robots).any()
+
+
+def test_a_car_parks_in_a_real_lot(data):
+    file = data / "polygons" / "parking1.geojson"
+    car = Robot.open(data / "polygons" / "car.geojson")
+    space = build(Workspace.open(file, spacing=0.15), car, rotations=72)
+    ends = (4.03, -2.6, math.pi / 2.0), (9.9, -12.0, -math.pi / 2.0)
+    options = {"drive": "reeds-shepp", "turning_radius": 3.0, "time_limit": 20.0}
+    plan = planners.plan(space, *ends, **options)
+    assert plan.certified and plan.planner == "Lattice"
+    obstacles = shapely.from_geojson(file.read_text())
+    cars = place_polygon(car.geometry, sample_motion(plan))
+    assert not shapely.intersects(obstacles, cars).any()
 
 
 @pytest.mark.parametrize("options", SPOT_DRIVES, ids=str)

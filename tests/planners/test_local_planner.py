@@ -86,7 +86,7 @@ def check_driven(plan, drive):
 
 
 @EACH_DRIVE
-@settings(max_examples=200)
+@settings(max_examples=60)
 @given(seed=seeds)
 def test_an_edge_is_proven_if_its_configurations_are_free_with_clearance(drive, seed):
     space = build_room("turning")

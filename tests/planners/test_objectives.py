@@ -69,7 +69,7 @@ def test_the_cost_of_an_edge_is_the_integral_along_it(name, curve):
 
 
 @pytest.mark.parametrize("kind", lengths.WORLDS)
-@settings(max_examples=25)
+@settings(max_examples=10)
 @given(seeds)
 def test_no_path_is_shorter_than_the_bound(kind, seed):
     outcomes = lengths.WORLDS[kind](np.random.default_rng(seed))

@@ -42,7 +42,7 @@ def aim_at(x, y):
     return PoseGoal("tip", pose_at(x, y), tolerance=(1e-3, math.inf))
 
 
-@settings(max_examples=20)
+@settings(max_examples=10)
 @given(seeds, st.integers(3, 7), st.sampled_from([1e-3, 3e-2]))
 def test_plans_to_poses_are_certified_and_end_within_tolerance(seed, count, metres):
     rng = np.random.default_rng(seed)

@@ -41,7 +41,7 @@ def plan_in(name, curve):
 # ---- clearance along a path ----------------------------------------------------------------------
 
 
-@settings(max_examples=80)
+@settings(max_examples=50)
 @given(seeds, st.sampled_from(SPACES_WITH_CURVES))
 def test_the_clearance_of_a_path_bounds_the_clearance_of_its_points(seed, case):
     name, curve = case
@@ -133,16 +133,6 @@ def test_plans_are_written_exactly_and_files_are_kept(curve, tmp_path):
         assert file.read_text() != "mine"
     with pytest.raises(ValueError):
         plan.path[0, 0] = 3.0
-
-
-def test_a_failed_plan_writes_start_and_goal(tmp_path):
-    space, *ends = build_halves("floating", BLOCKED)
-    plan = planners.plan(space, *ends)
-    np.testing.assert_allclose([plan.start, plan.goal], ends)
-    plan.to_json(tmp_path / "plan.json")
-    record = json.loads((tmp_path / "plan.json").read_text())
-    assert [record["start"], record["goal"]] == [plan.start.tolist(), plan.goal.tolist()]
-    assert (record["path"], record["length"], record["is_disconnected"]) == ([], None, True)
 
 
 @pytest.mark.parametrize("drive", ["holonomic", "differential", "dubins", "reeds-shepp"])

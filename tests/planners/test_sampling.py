@@ -44,7 +44,7 @@ def test_free_samples_repeat_with_a_generator_or_ompls_seed(name):
         assert np.array_equal(first, again) and not np.array_equal(first, other)
 
 
-@settings(max_examples=30)
+@settings(max_examples=20)
 @given(seeds, st.sampled_from(SPACES), st.sampled_from([0.05, 0.4, 20.0]), st.booleans())
 def test_samples_near_a_state_are_free_and_near(seed, name, distance, is_open):
     space = build_open_map(name) if is_open else build_room(name)

@@ -127,8 +127,7 @@ def test_only_planners_requires_ompl():
     output = output_without(
         "ompl",
         """
-space = cspace.build(cspace.Workspace.from_array(np.zeros((9, 9), dtype=bool), 0.1), cspace.Robot.disc(0.05))
-assert space.is_free((0.45, 0.45))
+cspace.build(cspace.Workspace.from_array(np.zeros((9, 9), dtype=bool), 0.1), cspace.Robot.disc(0.05))
 try:
     import planners
 except cspace.MissingPackageError as error:

@@ -7,7 +7,6 @@ configurations are tested one by one.
 import copy
 import dataclasses
 import math
-import pickle
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -15,21 +14,22 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
-from shapely import affinity
 
 import cspace
 import planners
-import planners.segments as segments_module
 from cspace import InputError
 from cspace.arms import Arm, build_arm_space
 from planners.segments import Segments, place_along, prove_segments
-from tests.helpers.urdfs import planar, post
+from tests.helpers.regions import place_polygon
+from tests.helpers.urdfs import planar, planar_arm_meets, post
 
 FOOTPRINT = [(-0.4, -0.2), (0.4, -0.2), (0.4, 0.2), (-0.4, 0.2)]
 LIMITS: dict[str, Any] = {"max_velocity": 1.2, "max_acceleration": 0.8}
 TURNING_LIMITS: dict[str, Any] = {"max_angular_velocity": 1.0, "max_angular_acceleration": 2.0}
 SPACING = 0.05
 SLACK = 1.01
+POST = 1.55, 0.6, 0.2
+"""Center and side of the post that the arm passes, metres."""
 
 
 def draw_occupied(seed: int) -> np.ndarray:
@@ -57,7 +57,7 @@ def build_plan(
     for start, goal in zip(free, free[::-1], strict=True):
         try:
             plan = planners.plan(
-                space, start, goal, drive=drive, turning_radius=turning_radius, time_limit=1.0
+                space, start, goal, drive=drive, turning_radius=turning_radius, time_limit=0.3
             )
         except cspace.ConfigurationError:  # on the border of a cell
             continue
@@ -66,21 +66,14 @@ def build_plan(
     raise AssertionError("no path found")
 
 
-def count_collisions(seed: int, rows: np.ndarray) -> int:
-    """Count the rows at which the robot overlaps an occupied cell."""
+def collides(seed: int, rows: np.ndarray) -> np.ndarray:
+    """Return whether the robot overlaps an occupied cell at each row, by shapely."""
+    robots = shapely.buffer(shapely.points(rows[:, :2]), 0.299)
+    if rows.shape[1] == 3:
+        robots = place_polygon(shapely.Polygon(FOOTPRINT).buffer(-1e-6), rows)
     cells = np.argwhere(draw_occupied(seed)) * SPACING
-    tree = shapely.STRtree([shapely.box(x, y, x + SPACING, y + SPACING) for x, y in cells])
-    collisions = 0
-    for row in rows:
-        robot = shapely.Point(0.0, 0.0).buffer(0.299)
-        if len(row) == 3:
-            turned = affinity.rotate(
-                shapely.Polygon(FOOTPRINT), row[2], origin=(0.0, 0.0), use_radians=True
-            )
-            robot = turned.buffer(-1e-6)
-        placed = affinity.translate(robot, row[0], row[1])
-        collisions += len(tree.query(placed, predicate="intersects")) > 0
-    return collisions
+    tree = shapely.STRtree(shapely.box(*cells.T, *(cells.T + SPACING)))
+    return np.isin(np.arange(len(rows)), tree.query(robots, predicate="intersects")[0])
 
 
 def difference(trajectory: planners.Trajectory, t: np.ndarray, h: float) -> np.ndarray:
@@ -95,11 +88,8 @@ def difference(trajectory: planners.Trajectory, t: np.ndarray, h: float) -> np.n
     ("drive", "rotations"),
     [("holonomic", None), ("holonomic", 36), ("differential", 36), ("differential-reverse", 36)],
 )
-@pytest.mark.parametrize("seed", [1, 2])
-def test_blended_motion_is_free_smooth_and_within_limits(
-    seed: int, drive: str, rotations: int | None
-) -> None:
-    plan = build_plan(seed, drive, rotations)
+def test_blended_motion_is_free_smooth_and_within_limits(drive: str, rotations: int | None) -> None:
+    plan = build_plan(1, drive, rotations)
     limits = LIMITS | (TURNING_LIMITS if rotations else {})
     trajectory = plan.trajectory(**limits)
     assert trajectory.certified
@@ -109,7 +99,7 @@ def test_blended_motion_is_free_smooth_and_within_limits(
     assert trajectory.duration <= plan.trajectory(**limits, blend=False).duration
     t = np.linspace(0.0, trajectory.duration, 2001)
     positions, velocities, _ = trajectory.sample(t)
-    assert count_collisions(seed, positions[::4]) == 0
+    assert not collides(1, positions[::4]).any()
     assert difference(trajectory, t, 1e-6) == pytest.approx(velocities, abs=1e-4)
     jumps = trajectory.sample(t + 1e-4)[1] - trajectory.sample(t - 1e-4)[1]
     accelerations = np.abs(jumps) / 2e-4
@@ -168,63 +158,19 @@ def test_obstacle_on_the_curve_is_found_by_recheck() -> None:
     assert not plan.trajectory(**LIMITS).certified
 
 
-def test_plan_without_map_stops_at_corners() -> None:
-    plan = build_plan(1, "holonomic", None)
-    pickled = pickle.loads(pickle.dumps(plan))
-    stopping = plan.trajectory(**LIMITS, blend=False)
-    without_map = pickled.trajectory(**LIMITS)
-    assert without_map.certified
-    assert without_map.duration == stopping.duration
-    assert plan.space is not None
-    assert without_map.recheck(plan.space).all()
-
-
-def planar_arm_meets_post(shoulder: float, elbow: float) -> bool:
-    """Place both bars of the planar arm, and return True if one overlaps the post."""
-    bar = shapely.box(1e-6, -0.05 + 1e-6, 1.0 - 1e-6, 0.05 - 1e-6)
-    obstacle = shapely.box(1.45, 0.5, 1.65, 0.7)
-    upper = affinity.rotate(bar, shoulder, origin=(0.0, 0.0), use_radians=True)
-    fore = affinity.rotate(bar, shoulder + elbow, origin=(0.0, 0.0), use_radians=True)
-    fore = affinity.translate(fore, math.cos(shoulder), math.sin(shoulder))
-    return bool(upper.intersects(obstacle) or fore.intersects(obstacle))
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_arm_blends_are_free_and_within_limits(tmp_path: Path, seed: int) -> None:
+def test_arm_blends_are_free_and_within_limits(tmp_path: Path) -> None:
     space = build_arm_space({"post": post()}, Arm.from_urdf(planar(tmp_path)))
-    plan = planners.plan(space, (-0.6, 0.3), (1.4, -0.2), seed=seed, time_limit=5.0)
+    plan = planners.plan(space, (-0.6, 0.3), (1.4, -0.2), seed=1, time_limit=5.0)
     trajectory = plan.trajectory(max_velocity=1.0, max_acceleration=2.0)
     t = np.linspace(0.0, trajectory.duration, 2001)
     positions, velocities, accelerations = trajectory.sample(t)
     assert trajectory.certified
-    assert not any(planar_arm_meets_post(*row) for row in positions[::4].tolist())
+    assert not planar_arm_meets(positions[::4], [POST]).any()
     assert np.abs(difference(trajectory, t, 1e-6) - velocities).max() < 1e-4
     assert np.abs(velocities).max() <= SLACK
     assert np.abs(accelerations).max() <= SLACK * 2.0
     stopping = plan.trajectory(max_velocity=1.0, max_acceleration=2.0, blend=False)
     assert trajectory.duration <= stopping.duration
-
-
-def test_motions_of_an_arm_with_deviations_are_proven_only_if_all_near_ones_are_free(
-    tmp_path: Path,
-) -> None:
-    space = build_arm_space({"post": post()}, Arm.from_urdf(planar(tmp_path)))
-    rng = np.random.default_rng(0)
-    ends = space.sample_free(300, rng=rng).reshape(150, 2, -1)
-    starts = ends[:, 0]
-    lasts = starts + 0.3 * (ends[:, 1] - starts)
-    deviation = np.array([0.08, 0.05])
-    proven = space.motions_are_free_around(starts, lasts, deviation)
-    t = np.linspace(0.0, 1.0, 60)[:, np.newaxis, np.newaxis]
-    straight = starts + t * (lasts - starts)
-    shares = np.array([(a, b) for a in (-1.0, 0.0, 1.0) for b in (-1.0, 0.0, 1.0)])
-    near = straight[np.newaxis] + (shares * deviation)[:, np.newaxis, np.newaxis]
-    are_free = np.asarray(space.is_free(near.clip(-3.0, 3.0))).all(axis=(0, 1))
-    assert not (proven & ~are_free).any()
-    assert np.count_nonzero(proven) >= 0.6 * np.count_nonzero(are_free)
-    assert 10 < np.count_nonzero(are_free) < 140
-    with pytest.raises(InputError, match="deviation"):
-        space.motions_are_free_around(starts, lasts, -deviation)
 
 
 def test_invalid_arguments_are_refused() -> None:
@@ -243,51 +189,27 @@ def test_invalid_arguments_are_refused() -> None:
 
 
 @pytest.mark.parametrize("drives", [0, 1, -1], ids=["free yaw", "ahead", "reverse"])
-def test_curves_through_cells_are_proven_only_if_the_robot_stays_free(drives: int) -> None:
-    workspace = cspace.Workspace.from_array(draw_occupied(3), SPACING)
-    space = cspace.build(workspace, cspace.Robot.polygon(FOOTPRINT), rotations=36)
-    rng = np.random.default_rng(3)
-    starts = space.sample_free(150, rng=rng)
-    yaws = starts[:, 2] + (math.pi if drives < 0 else 0.0)
-    none = np.zeros(150)
-    rates = np.column_stack([np.cos(yaws), np.sin(yaws), none])
-    lengths = rng.uniform(0.1, 1.2, 150)
-    bends = rng.uniform(-1.0, 1.0, (150, 3))
-    twists = rng.uniform(-2.0, 2.0, (150, 3))
-    signs = np.full(150, drives)
-    segments = Segments(starts, rates, bends, twists, none, signs, lengths, starts)
-    proven = prove_segments(space, False, segments)
-    shares = np.linspace(0.0, 1.0, 400)
-    places = [place_along(segments, space.rotations, share * lengths)[0] for share in shares]
-    curves = np.stack(places, axis=1)
-    assert count_collisions(3, curves[proven, ::10].reshape(-1, 3)) == 0
-    assert np.asarray(space.is_free(curves[proven])).all()
-    assert 20 < np.count_nonzero(proven) < 130
-    collides = [count_collisions(3, curve[::10]) > 0 for curve in curves[~proven]]
-    assert np.mean(collides) > 0.2
-
-
-@pytest.mark.parametrize("drives", [0, 1], ids=["free yaw", "ahead"])
 def test_proven_curves_pass_free_cells_only(drives: int) -> None:
     rng = np.random.default_rng(5)
-    occupied = rng.random((200, 200)) < 0.004
+    occupied = rng.random((200, 200)) < 0.002
     workspace = cspace.Workspace.from_array(occupied, SPACING)
-    space = cspace.build(workspace, cspace.Robot.rectangle(0.3, 0.02), rotations=72)
-    count = 1500
+    space = cspace.build(workspace, cspace.Robot.rectangle(0.9, 0.02), rotations=36)
+    count = 1000
     starts = space.sample_free(count, rng=rng)
-    yaws = starts[:, 2]
+    yaws = starts[:, 2] + (math.pi if drives < 0 else 0.0)
     none = np.zeros(count)
     rates = np.column_stack([np.cos(yaws), np.sin(yaws), none])
     lengths = rng.uniform(0.1, 0.4, count)
     bends = rng.uniform(-1.5, 1.5, (count, 3))
+    twists = rng.uniform(-2.0, 2.0, (count, 3))
     signs = np.full(count, drives)
-    curves = Segments(starts, rates, bends, 0.0 * bends, none, signs, lengths, starts)
+    curves = Segments(starts, rates, bends, twists, none, signs, lengths, starts)
     proven = prove_segments(space, False, curves)
-    shares = np.linspace(0.0, 1.0, 500)
+    shares = np.linspace(0.0, 1.0, 300)
     places = [place_along(curves, space.rotations, share * lengths)[0] for share in shares]
     are_free = np.asarray(space.is_free(np.stack(places, axis=1))).all(axis=1)
     assert not (proven & ~are_free).any()
-    assert np.count_nonzero(proven) > 0.7 * np.count_nonzero(are_free)
+    assert np.count_nonzero(proven) > 0.65 * np.count_nonzero(are_free)
     assert np.count_nonzero(~are_free) > 100
 
 
@@ -305,34 +227,12 @@ def test_curves_of_an_arm_are_proven_only_if_all_their_points_are_free(tmp_path:
     proven = prove_segments(space, True, curves)
     shares = np.linspace(0.0, 1.0, 200)
     places = [place_along(curves, space.rotations, share * ones)[0] for share in shares]
-    meets = [
-        any(planar_arm_meets_post(*row) for row in curve.tolist())
-        for curve in np.stack(places, axis=1)[:, ::4]
-    ]
+    meets = planar_arm_meets(np.concatenate(places[::4]), [POST]).reshape(-1, count).any(axis=0)
     are_free = np.asarray(space.is_free(np.stack(places, axis=1))).all(axis=1)
-    assert not (proven & np.array(meets)).any()
+    assert not (proven & meets).any()
     assert not (proven & ~are_free).any()
     assert np.count_nonzero(proven) > 0.8 * np.count_nonzero(are_free)
     assert 20 < np.count_nonzero(meets) < 280
-
-
-@pytest.mark.parametrize("drives", [0, 1, -1], ids=["free yaw", "ahead", "reverse"])
-def test_derivatives_along_curves_equal_differences(drives: int) -> None:
-    rng = np.random.default_rng(4)
-    starts = rng.uniform(-1.0, 1.0, (20, 3))
-    rates = rng.uniform(0.5, 1.0, (20, 3))
-    bends, twists = rng.uniform(-0.3, 0.3, (2, 20, 3))
-    none = np.zeros(20)
-    signs = np.full(20, drives)
-    curves = Segments(starts, rates, bends, twists, none, signs, none + 1.0, starts)
-    rotations = cspace.Rotations.of(4)
-    s = rng.uniform(0.2, 0.8, 20)
-    h = 1e-5
-    (before, *_), (here, first, second), (after, *_) = (
-        place_along(curves, rotations, s + step) for step in (-h, 0.0, h)
-    )
-    assert (after - before) / (2.0 * h) == pytest.approx(first, abs=1e-6)
-    assert (after - 2.0 * here + before) / h**2 == pytest.approx(second, abs=1e-3)
 
 
 def test_differential_drive_stops_before_it_turns_on_the_spot() -> None:
@@ -343,21 +243,6 @@ def test_differential_drive_stops_before_it_turns_on_the_spot() -> None:
     velocities = trajectory.sample(t)[1]
     largest = np.linalg.norm(np.diff(velocities[:, :2], axis=0), axis=1).max() / t[1]
     assert largest <= SLACK * 0.8
-
-
-def test_path_keeps_its_edges_if_no_curve_is_proven(monkeypatch: pytest.MonkeyPatch) -> None:
-    plan = build_plan(1, "differential", 36)
-    limits = LIMITS | TURNING_LIMITS
-    stopping = plan.trajectory(**limits, blend=False)
-
-    def prove(space: Any, curves: Segments) -> np.ndarray:
-        """Prove no curve."""
-        return np.zeros(len(curves.lengths), dtype=bool)
-
-    monkeypatch.setattr(segments_module, "_prove_curves", prove)
-    trajectory = plan.trajectory(**limits)
-    assert trajectory.duration == stopping.duration
-    assert trajectory.certified
 
 
 def test_quaternions_beside_blends_never_jump_to_their_negative() -> None:
@@ -375,7 +260,7 @@ def test_quaternions_beside_blends_never_jump_to_their_negative() -> None:
     assert np.abs(np.diff(trajectory.positions[:, 3:], axis=0)).max() < 0.1
 
 
-@pytest.mark.parametrize("drive", ["differential", "differential-reverse", "reeds-shepp"])
+@pytest.mark.parametrize("drive", ["differential-reverse", "reeds-shepp"])
 def test_commands_replayed_by_a_unicycle_stay_near_the_path(drive: str) -> None:
     plan = build_plan(1, drive, 36, 0.5 if drive == "reeds-shepp" else None)
     limits = LIMITS | ({} if drive == "reeds-shepp" else TURNING_LIMITS)
@@ -392,7 +277,7 @@ def test_commands_replayed_by_a_unicycle_stay_near_the_path(drive: str) -> None:
         y += 1e-3 * v * math.sin(yaw + 5e-4 * omega)
         yaw += 1e-3 * omega
     assert max(errors) < 0.05
-    assert (uniform.v < -0.1).any() == (drive != "differential")
+    assert (uniform.v < -0.1).any()
 
 
 def test_steering_angles_are_those_of_the_turning_radius(tmp_path: Path) -> None:

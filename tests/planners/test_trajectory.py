@@ -215,7 +215,7 @@ def find_speeds(rows):
 CAR_LIMITS = (*ROTATION_LIMITS, "max_lateral_acceleration")
 
 
-@settings(max_examples=40)
+@settings(max_examples=30)
 @given(
     seeds,
     st.integers(2, 4),

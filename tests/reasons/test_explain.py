@@ -1,8 +1,6 @@
 """Explanations against doors of known width, and against searches of their own."""
 
-import itertools
 import math
-from collections import deque
 
 import numpy as np
 import pytest
@@ -16,6 +14,7 @@ import planners
 from cspace import FREE
 from cspace.errors import ConfigurationError, InputError
 from tests.helpers.commands import document
+from tests.helpers.handmade import components
 
 SIDE = 4.0
 
@@ -29,37 +28,18 @@ def build_door(width, robot, spacing, rotations=None, **options):
 
 
 def joins(space, cells, start, goal):
-    """Return whether FREE cells and some other cells join two configurations, by a plain search."""
-    states = space.cell_states if space.rotations.names else space.cell_states[None]
-    is_open = states == FREE
+    """Return whether FREE cells and some other cells join two configurations, by scipy."""
+    is_open = space.cell_states.reshape(-1, *space.grid.shape) == FREE
     is_open[tuple(cells.T)] = True
-    count = len(states)
-
-    def cell_of(q):
-        rotation = int(space.rotations.find_cells(np.asarray(q, dtype=float)))
-        return (rotation, *space.grid.cell_of(np.asarray(q[: space.dim], dtype=float)).tolist())
-
-    first, last = cell_of(start), cell_of(goal)
-    if not is_open[first]:
-        return False
-    queue, reached = deque([first]), {first}
-    while queue:
-        cell = queue.popleft()
-        for axis, step in itertools.product(range(len(cell)), (-1, 1)):
-            near = list(cell)
-            near[axis] += step
-            if axis == 0:
-                near[0] %= count
-            near = tuple(near)
-            if any(not 0 <= i < n for i, n in zip(near, states.shape, strict=True)):
-                continue
-            if is_open[near] and near not in reached:
-                reached.add(near)
-                queue.append(near)
-    return last in reached
+    labels = components(is_open, "")
+    first, last = (
+        labels[(space.rotations.find_cells(q), *space.grid.cell_of(q[: space.dim]))]
+        for q in np.array([start, goal])
+    )
+    return bool(first == last >= 0)
 
 
-@settings(max_examples=40)
+@settings(max_examples=30)
 @given(
     width=st.floats(0.25, 1.4),
     radius=st.floats(0.08, 0.6),
@@ -78,21 +58,6 @@ def test_the_margin_of_a_disc_in_a_door_is_between_its_bounds(width, radius, spa
         assert not len(explanation.barrier)
 
 
-@settings(max_examples=15)
-@given(
-    width=st.floats(0.3, 1.2),
-    robot=st.tuples(st.floats(0.3, 0.9), st.floats(0.15, 0.7)),
-    rotations=st.sampled_from([1, 12, 24]),
-)
-def test_the_margin_of_a_rectangle_in_a_door_is_between_its_bounds(width, robot, rotations):
-    length, breadth = robot
-    space = build_door(width, cspace.Robot.rectangle(length, breadth), 0.1, rotations)
-    low, high = space.explain((0.8, 2.0, 0.0), (3.2, 2.0, 0.0)).margin
-    assert low <= (width - min(robot)) / 2.0 + 1e-12  # the widest that passes, if it turns
-    # A robot with one cell of all yaws may pass at the worst of its yaws alone, so low is smaller.
-    assert high >= (width - min(robot)) / 2.0
-
-
 def test_the_margin_holds_at_all_yaws_of_coarse_cells():
     # Offsets of the inner raster lie less deep in the robot at other yaws of their cell.
     walls = [shapely.box(3.8, -1.0, 4.2, 3.85), shapely.box(3.8, 4.15, 4.2, 9.0)]
@@ -103,21 +68,7 @@ def test_the_margin_holds_at_all_yaws_of_coarse_cells():
     assert (0.3 - 0.8) / 2.0 <= explanation.margin[1] < 0.0
 
 
-@pytest.mark.parametrize("side", [0.5, 0.8, 1.2])
-def test_the_margin_of_a_box_in_a_window_is_between_its_bounds(side):
-    occupied = np.ones((20, 20, 20), dtype=bool)
-    occupied[:9] = occupied[11:] = False
-    occupied[9:11, 5:15, 5:15] = False  # one metre wide
-    workspace = cspace.Workspace.from_array(occupied, 0.1)
-    space = cspace.build(workspace, cspace.Robot.box((0.3, side, side)))
-    explanation = space.explain((0.5, 1.0, 1.0), (1.5, 1.0, 1.0))
-    low, high = explanation.margin
-    assert low <= 0.5 - side / 2.0 <= high
-    assert explanation.verdict != ("connected" if side > 1.0 else "disconnected")
-    assert (explanation.verdict == "connected") == (side == 0.5)
-
-
-@settings(max_examples=25)
+@settings(max_examples=20)
 @given(seed=st.integers(0, 2**32 - 1), rotations=st.sampled_from([None, 8]))
 def test_the_cells_of_a_barrier_would_join_start_and_goal(seed, rotations):
     rng = np.random.default_rng(seed)
@@ -144,7 +95,7 @@ def test_the_cells_of_a_barrier_would_join_start_and_goal(seed, rotations):
         assert space.is_disconnected(*ends)
 
 
-@settings(max_examples=20)
+@settings(max_examples=12)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_bounds_of_the_margin_hold_on_maps_of_the_grown_robot(seed):
     rng = np.random.default_rng(seed)
@@ -236,12 +187,6 @@ def test_equal_start_and_goal_and_empty_workspaces_are_explained():
     assert str(explanation).startswith("A path exists")
     free_outside = cspace.build(space.workspace, space.robot, outside="free")
     assert free_outside.explain((1.0, 1.0), (0.5, 1.5)).margin[1] == math.inf
-
-
-def test_explanations_are_drawn():
-    space = build_door(0.4, cspace.Robot.disc(0.3), 0.05)
-    axes = space.explain((0.8, 2.0), (3.2, 2.0)).plot()
-    assert axes.get_title().startswith("No path")
 
 
 @pytest.mark.parametrize(
