@@ -112,6 +112,9 @@ def build_tile(
     part of the map of a window, with as much around the tile as the robot reaches. Raises FileError
     if the workspace has changed since the build began.
     """
+    # A cluster runs a task again if it loses the worker, while others may read the tile already.
+    if folder.tile_path(tile).exists():
+        return
     frame = folder.frame
     name = frame.workspace.source
     cells = folder.locate_tile(tile)
