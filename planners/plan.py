@@ -61,6 +61,10 @@ QUICK_ITERATIONS: Final = 500
 """Planner of the first path of robots that rotate, and its largest number of iterations, which take
 about 10 ms."""
 
+EXACT_TIME_SHARE: Final = 0.5
+"""Share of the time limit after which the fallback takes over if geometry decides MIXED cells,
+because a built-in search through many such cells may not end."""
+
 LATE_SHARE: Final = 0.95
 """Share of the time limit after which a search counts as ended by it."""
 
@@ -195,10 +199,10 @@ def plan(
     *Default.* Without a planner, another objective or ``iterations``, built-in searches go first if
     FREE cells join start and goal, or if ``exact``. "Grid" plans for holonomic robots; few paths
     through FREE cells are shorter. "Lattice" plans for cars, and unless ``exact`` for other drives.
-    If they end without a path before the time limit, OMPL's default planner takes over. If the
-    robot rotates, RRTConnect searches first, unless ``exact`` or for Dubins curves, for at most 500
-    iterations, some 10 ms. The plan takes its path if the built-in search finds no shorter one in
-    time.
+    If they find no path before the time limit, or with ``exact`` before half of it, OMPL's default
+    planner takes over. If the robot rotates, RRTConnect searches first, unless ``exact`` or for
+    Dubins curves, for at most 500 iterations, some 10 ms. The plan takes its path if the built-in
+    search finds no shorter one in time.
 
     *Repeatable runs.* If named, "Grid" and "Lattice" always give the same path. A seed sets OMPL's
     global seed generator, from which every planner and sampler made afterwards draws its own seed,
@@ -585,11 +589,12 @@ def _search(task: Task, may_exist: Callable[[], bool]) -> SearchResult:
     stages = [task]
     if _begins_quickly(task):
         stages = [replace(task, planner=QUICK_PLANNER, iterations=QUICK_ITERATIONS), task]
+    share = EXACT_TIME_SHARE if task.edges.exact and task.fallback is not None else 1.0
     results: list[tuple[PlannerName, SearchResult]] = []
     for stage in stages:
         seconds_left = task.time_limit - _add_planning(results)
         if seconds_left > 0.0:
-            stage = replace(stage, time_limit=seconds_left)
+            stage = replace(stage, time_limit=share * seconds_left)
             result = _run_planner(stage, may_exist)
             results.append((stage.planner, result))
             if len(result.path):

@@ -26,10 +26,13 @@ def connect(workers, processes=False):
 
 def test_a_cluster_builds_and_labels_a_map_though_a_worker_is_killed(tmp_path):
     steps = []
+    finished = {}
 
     def kill_a_worker(done, total):
         steps.append((done, total))
         if done == 5:
+            tiles = (tmp_path / "m").glob("[0-9]*.[0-9]*")
+            finished.update({tile: tile.stat().st_ino for tile in tiles})
             victim = min(client.run(os.getpid).values())
             os.kill(victim, signal.SIGKILL)
 
@@ -38,6 +41,9 @@ def test_a_cluster_builds_and_labels_a_map_though_a_worker_is_killed(tmp_path):
         tiled = cspace.build(WORKSPACE, CAR, **options, client=client)
         tiled.compute_components(client)
     assert steps == [(done, 20) for done in range(1, 21)]
+    # The scheduler repeats tasks whose results were lost, but no complete tile is written again.
+    assert len(finished) >= 5
+    assert {tile: tile.stat().st_ino for tile in finished} == finished
     space = cspace.build(WORKSPACE, CAR, rotations=6)
     check_states(tmp_path / "m", space)
     q = space.sample_free(200)
