@@ -65,9 +65,9 @@ def _check_curves(tally: Tally, case: Case, name: str, rng: Rng) -> None:
         q = _follow(planner, first, last, along)
         missed = _largest_distance(q, points_along(planner, first, last, along), radius) > OFF
         missed |= _largest_distance(q[-1:], last[None], radius) > OFF
-        # A driven curve is shortest if it is as long as OMPL's.
-        shortest = states.distance(*make_poses(states, first, last))
-        missed |= abs(shortest - lengths[edge]) > OFF * radius
+        # OMPL's curve is sometimes longer than a shortest one, where rounding hides a straight line.
+        longest = states.distance(*make_poses(states, first, last))
+        missed |= lengths[edge] - longest > OFF * radius
         tally.add_free(name, case, q, missed | ~np.asarray(space.is_free(q, exact=exact)))
 
 
