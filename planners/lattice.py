@@ -196,8 +196,7 @@ def find_lattice_path(
 
     The map is in memory. A long search asks once whether a path ``may_exist``; the answer takes no
     time of the limit. Returns configurations (x, y, yaw), shape (n, 3), and a note. If the
-    search finds no path, n is 0. The note names a lattice that has no path, or what ended the
-    search before its time.
+    search finds no path, n is 0, and the note says what ended it before its time.
     """
     if edges.edge_checker()(*endpoints[0], *endpoints[1]):
         return np.array(endpoints), ""

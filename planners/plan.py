@@ -599,14 +599,22 @@ def _search(task: Task, may_exist: Callable[[], bool]) -> SearchResult:
             results.append((stage.planner, result))
             if len(result.path):
                 may_exist = _is_certain  # a quick path saves labelling the cells
-    fallback = task.fallback
-    if fallback is not None and not any(len(result.path) for _, result in results):
+    if task.fallback is not None and not any(len(result.path) for _, result in results):
         # A planner that fails in a tile leaves all the time to the grid.
-        used = 0.0 if fallback == GRID else _add_planning(results)
-        if used < task.time_limit and may_exist():
-            stage = replace(task, planner=fallback, time_limit=task.time_limit - used)
-            results.append((fallback, _run_planner(stage, may_exist)))
+        used = 0.0 if task.fallback == GRID else _add_planning(results)
+        results += _fall_back(task, used, may_exist)
     return _choose_shortest(task, results)
+
+
+def _fall_back(
+    task: Task, used: float, may_exist: Callable[[], bool]
+) -> list[tuple[PlannerName, SearchResult]]:
+    """Search by the fallback, if time is left after ``used`` seconds and a path may exist."""
+    name = task.fallback
+    if name is None or used >= task.time_limit or not may_exist():
+        return []
+    stage = replace(task, planner=name, time_limit=task.time_limit - used)
+    return [(name, _run_planner(stage, may_exist))]
 
 
 def _is_certain() -> bool:
@@ -620,7 +628,7 @@ def _add_planning(results: Sequence[tuple[PlannerName, SearchResult]]) -> float:
 
 
 def _begins_quickly(task: Task) -> bool:
-    """Return True if a plan begins with a quick search: rotations are many, and edges cheap."""
+    """Return True if a plan begins with a quick search: the robot rotates, and edges are cheap."""
     edges = task.edges
     return task.fallback == QUICK_PLANNER and bool(edges.space.rotations.names) and not edges.exact
 
@@ -675,7 +683,7 @@ def _follow_previous(task: Task) -> SearchResult:
     path = np.empty((0, edges.space.size))
     for k in np.argsort(totals, kind="stable").tolist():
         if is_free(*start.tolist(), *ahead[k].tolist()):
-            path = np.vstack([start, ahead[k:]])
+            path = find_state_kind(edges.space).unwind(np.vstack([start, ahead[k:]]))
             differs_from_next = (path[1:] != path[:-1]).any(axis=1)
             path = path[np.append(differs_from_next, True)]
             if task.simplify and task.objective == LENGTH:
