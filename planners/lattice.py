@@ -24,19 +24,22 @@ import numpy as np
 from cspace.interface import Endpoint
 from cspace.queries.edges import edge_is_free
 from cspace.queries.frontier import (
+    NO_NODE,
+    UNKNOWN,
     Estimate,
     Progress,
     check_deadline,
+    is_known,
     make_progress,
     pop_first,
     push,
     remaining_cost,
     sparse_zeros,
 )
-from cspace.queries.guide import Directions, measure_way
+from cspace.queries.guide import Directions, Guide
 from cspace.queries.moves import list_moves
 from cspace.queries.paths import MAX_SHORTENING_SECONDS, pulled_straight
-from cspace.queries.points import position_in_plane
+from cspace.queries.points import Cell, position_in_plane
 from cspace.record.cells import Map
 from cspace.rotations.base import METRES_PER_RADIAN, TWO_PI, wrapped
 from cspace.support.arrays import FREE, MIXED, Bools, Floats, Ints
@@ -132,9 +135,8 @@ SPOT_ROUNDS: Final = 2
 MAX_SHORTCUTS: Final = 24
 """Largest number of earlier waypoints tested for an edge to a waypoint."""
 
-NO_NODE = -1
-TIME_CHECK = -2
-"""Results of :func:`expand_nodes` other than a node."""
+TIME_CHECK = -3
+"""Result of :func:`expand_nodes` other than a node, :data:`NO_NODE` and :data:`UNKNOWN`."""
 
 
 class Drives(NamedTuple):
@@ -162,11 +164,10 @@ class Motions(NamedTuple):
     geometry: Geometry  # proves motions of a car that cells do not prove
 
 
-class Guide(NamedTuple):
+class Target(NamedTuple):
     """The goal, and an estimate of the cost to it from positions and directions."""
 
     goal: Pose
-    yaws: Floats  # (directions,)
     estimate: Estimate
 
 
@@ -183,6 +184,7 @@ class Nodes(NamedTuple):
     keys: Ints  # (n,), hash key of its cell and heading
     table: Ints  # hash table of nodes by key, each plus 1; 0 stands for none
     counts: Ints  # (2,), numbers of nodes and of expanded nodes
+    place: Ints  # (3,), direction and cell of the first node, if the guide has not reached it
 
 
 def find_lattice_path(
@@ -206,8 +208,9 @@ def find_lattice_path(
     path = np.empty((0, 3))
     until = clock() + seconds
     try:
-        guide = _measure_guide(edges, endpoints, is_backwards, until)
-        for motions, max_nodes in _list_levels(edges, endpoints, guide, is_backwards):
+        guide, direction, cell = _make_guide(edges, endpoints, is_backwards)
+        guide.reach(direction, cell, until)
+        for motions, max_nodes in _list_levels(edges, endpoints, is_backwards):
             path, reason = _search(edges, motions, guide, endpoints, max_nodes, until, may_exist)
             if is_backwards:
                 path = path[::-1]
@@ -268,49 +271,40 @@ def _list_drives(endpoints: Endpoints) -> Drives:
     return Drives(all_yaws[order], all_steps[order], order >= len(yaws))
 
 
-def _measure_guide(
-    edges: LocalPlanner, endpoints: Endpoints, is_backwards: bool, until: float
-) -> Guide:
-    """Measure the way to the goal over blocks of cells.
-
-    Raises TimeoutError after ``until``.
-    """
-    grid = edges.cells.grid
+def _list_moves_by_yaw() -> tuple[Floats, Ints, Floats]:
+    """List the moves of the guide by ascending yaw: yaws (n,), steps (n, 3), lengths (n,)."""
     moves = list_moves(2)
     yaws = np.arctan2(moves.steps[:, 2], moves.steps[:, 1])
     order = np.argsort(yaws)
-    yaws = yaws[order]
-    directions = _list_directions(
-        edges, yaws, moves.steps[order], moves.lengths[order], is_backwards
-    )
-    nearest = [int(np.abs(wrapped(yaws - q[2])).argmin()) for q in endpoints]
+    return yaws[order], moves.steps[order], moves.lengths[order]
+
+
+def _make_guide(
+    edges: LocalPlanner, endpoints: Endpoints, is_backwards: bool
+) -> tuple[Guide, int, Cell]:
+    """Make the guide over blocks of cells; also return the direction and cell of the start."""
+    grid = edges.cells.grid
+    nearest = _find_nearest(np.array([q[2] for q in endpoints])).tolist()
     cells = np.minimum(grid.cell_of(np.array(endpoints)[:, :2]), np.array(grid.shape) - 1)
     start, goal = (
-        (direction, (0, int(i), int(j))) for direction, (i, j) in zip(nearest, cells, strict=True)
+        (direction, (0, i, j)) for direction, (i, j) in zip(nearest, cells.tolist(), strict=True)
     )
     # No chain leads across a wall of blocks, because an obstacle blocks two radii of the robot.
     cells_per_radius = int(edges.cells.robot.inscribed_radius / grid.spacing)
-    side = min(max(cells_per_radius, 1), MAX_BLOCK_SIDE)
-    estimate = measure_way(
+    guide = Guide(
         edges.cells.kernel_map.states,
-        directions,
+        _list_directions(edges, is_backwards),
         start,
         goal,
-        side,
-        until,
+        min(max(cells_per_radius, 1), MAX_BLOCK_SIDE),
         worst_state=_find_worst_state(edges),
     )
-    return Guide(cast(Pose, endpoints[1]), yaws, estimate)
+    return guide, *start
 
 
-def _list_directions(
-    edges: LocalPlanner, yaws: Floats, steps: Ints, lengths: Floats, is_backwards: bool
-) -> Directions:
-    """List what the robot may do in each direction of the guide.
-
-    ``yaws``, shape (n,), are ascending. ``steps``, shape (n, 3), are moves along them, and
-    ``lengths`` theirs.
-    """
+def _list_directions(edges: LocalPlanner, is_backwards: bool) -> Directions:
+    """List what the robot may do in each direction of the guide."""
+    yaws, steps, lengths = _list_moves_by_yaw()
     moves = steps[:, np.newaxis]
     costs = lengths[:, np.newaxis]
     if _can_reverse(edges):
@@ -348,9 +342,10 @@ def _find_worst_state(edges: LocalPlanner) -> int:
     return MIXED if edges.exact else FREE
 
 
-def _find_nearest(guide: Guide, yaws: Floats) -> Ints:
+def _find_nearest(yaws: Floats) -> Ints:
     """Find the direction of the guide nearest to each yaw, shape (n,)."""
-    turns = np.abs(wrapped(guide.yaws - yaws[:, np.newaxis]))
+    guide_yaws, _, _ = _list_moves_by_yaw()
+    turns = np.abs(wrapped(guide_yaws - yaws[:, np.newaxis]))
     return np.asarray(turns.argmin(axis=1))
 
 
@@ -360,18 +355,18 @@ def _can_reverse(edges: LocalPlanner) -> bool:
 
 
 def _list_levels(
-    edges: LocalPlanner, endpoints: Endpoints, guide: Guide, is_backwards: bool
+    edges: LocalPlanner, endpoints: Endpoints, is_backwards: bool
 ) -> list[tuple[Motions, int]]:
     """List the motions of each lattice, coarse to fine, and its largest number of nodes."""
     if edges.turning_radius is None:
-        return [(_list_spot_motions(edges, endpoints, guide), MAX_NODES)]
+        return [(_list_spot_motions(edges, endpoints), MAX_NODES)]
     start = endpoints[0]
     counts = REVERSING_HEADINGS if _can_reverse(edges) else CAR_HEADINGS
-    lattices = [_list_car_motions(edges, start, count, guide, is_backwards) for count in counts]
+    lattices = [_list_car_motions(edges, start, count, is_backwards) for count in counts]
     return list(zip(lattices, CAR_MAX_NODES, strict=False))
 
 
-def _list_spot_motions(edges: LocalPlanner, endpoints: Endpoints, guide: Guide) -> Motions:
+def _list_spot_motions(edges: LocalPlanner, endpoints: Endpoints) -> Motions:
     """List the motions of a robot that turns on the spot.
 
     These are turns to the next headings, and drives ahead and perhaps in reverse. The headings are
@@ -391,7 +386,7 @@ def _list_spot_motions(edges: LocalPlanner, endpoints: Endpoints, guide: Guide) 
     radians = np.abs(wrapped(yaws[next_heading] - yaws[:, None]))
     return Motions(
         headings=yaws,
-        nearest=_find_nearest(guide, yaws),
+        nearest=_find_nearest(yaws),
         next_heading=next_heading,
         steering=np.zeros(len(turns), dtype=np.int64),
         lengths=lengths,
@@ -406,7 +401,7 @@ def _list_spot_motions(edges: LocalPlanner, endpoints: Endpoints, guide: Guide) 
 
 
 def _list_car_motions(
-    edges: LocalPlanner, start: Endpoint, count: int, guide: Guide, is_backwards: bool
+    edges: LocalPlanner, start: Endpoint, count: int, is_backwards: bool
 ) -> Motions:
     """List the motions of a car.
 
@@ -433,7 +428,7 @@ def _list_car_motions(
     turns = np.where(lengths < 0.0, -steering, steering)
     return Motions(
         headings=yaws,
-        nearest=_find_nearest(guide, yaws),
+        nearest=_find_nearest(yaws),
         next_heading=(np.arange(count)[:, None] + turns) % count,
         steering=steering,
         lengths=np.tile(lengths, (count, 1)),
@@ -472,15 +467,21 @@ def _search(
         keys=sparse_zeros(capacity, np.int64),
         table=sparse_zeros(table_size, np.int64),
         counts=np.zeros(2, dtype=np.int64),
+        place=np.zeros(3, dtype=np.int64),
     )
+    target = Target(goal, guide.estimate)
     radius = edges.turning_radius
     heading = int(np.abs(wrapped(motions.headings - start[2])).argmin())
-    add_node(map_, motions, radius, guide, nodes, start, heading, 0.0, NO_NODE, 0)
+    add_node(map_, motions, radius, target, nodes, start, heading, 0.0, NO_NODE, 0)
     is_free = edges.edge_checker()
     reason = f"the lattice search ended at its limit of {max_nodes:,} nodes"
     while nodes.counts[0] < max_nodes:
-        node = expand_nodes(map_, motions, radius, guide, nodes, max_nodes)
+        node = expand_nodes(map_, motions, radius, target, nodes, max_nodes)
         check_deadline(until)
+        if node == UNKNOWN:
+            direction, i, j = nodes.place.tolist()
+            guide.reach(direction, (0, i, j), until)
+            continue
         if node == NO_NODE:
             reason = "the lattice search reached no more nodes"
             break
@@ -577,31 +578,47 @@ def _skip_waypoints(
 
 @kernel
 def expand_nodes(
-    map_: Map, motions: Motions, radius: float | None, guide: Guide, nodes: Nodes, max_nodes: int
+    map_: Map, motions: Motions, radius: float | None, target: Target, nodes: Nodes, max_nodes: int
 ) -> int:
     """Expand nodes until one may see the goal, and return it.
 
     Return :data:`NO_NODE` if none is left, and :data:`TIME_CHECK` after many nodes or at
-    `max_nodes`; the next call goes on.
+    `max_nodes`; the next call goes on. Return :data:`UNKNOWN` if the guide has not reached the
+    first node.
     """
     progress = nodes.progress
     poses = nodes.poses
-    goal = guide.goal
+    goal = target.goal
     for _ in range(NODES_PER_CLOCK_CHECK):
         if progress.length[0] == 0:
             return NO_NODE
         if nodes.counts[0] >= max_nodes:
             return TIME_CHECK
-        node = pop_first(progress)
+        node = progress.queue[0]
         if progress.closed[node]:
+            pop_first(progress)
             continue
-        progress.closed[node] = True
-        nodes.counts[1] += 1
         x = poses[node, 0]
         y = poses[node, 1]
         cost = progress.cost[node]
         last = nodes.motions[node, 0]
         heading = nodes.motions[node, 1]
+        direction = motions.nearest[heading]
+        i, j = find_cell(map_, target, x, y)
+        if not is_known(target.estimate, direction, 0, i, j):
+            nodes.place[0] = direction
+            nodes.place[1] = i
+            nodes.place[2] = j
+            return UNKNOWN
+        # The guide may have reached the node since it was queued.
+        bound = cost + motions.greed * estimate_cost_to_goal(map_, target, direction, x, y)
+        is_outdated = bound > progress.keys[0]
+        pop_first(progress)
+        if is_outdated:
+            push(progress, bound, node)
+            continue
+        progress.closed[node] = True
+        nodes.counts[1] += 1
         for move in range(len(motions.steering)):
             after = motions.next_heading[heading, move]
             length = motions.lengths[heading, move]
@@ -620,7 +637,7 @@ def expand_nodes(
             is_inside_y = map_.lower[2] <= next_y <= map_.upper[2]
             if is_inside_x and is_inside_y:
                 q = (next_x, next_y, motions.headings[after])
-                add_node(map_, motions, radius, guide, nodes, q, after, total, node, move)
+                add_node(map_, motions, radius, target, nodes, q, after, total, node, move)
         is_near = math.hypot(x - goal[0], y - goal[1]) < motions.near
         if is_near or nodes.counts[1] % NODES_PER_GOAL_EDGE == 0:
             return node
@@ -632,7 +649,7 @@ def add_node(
     map_: Map,
     motions: Motions,
     radius: float | None,
-    guide: Guide,
+    target: Target,
     nodes: Nodes,
     q: Pose,
     heading: int,
@@ -651,7 +668,7 @@ def add_node(
     known = nodes.table[slot] - 1
     if known >= 0 and progress.cost[known] <= cost + KNOWN_TOLERANCE * motions.side:
         return
-    left = estimate_cost_to_goal(map_, guide, motions.nearest[heading], q[0], q[1])
+    left = estimate_cost_to_goal(map_, target, motions.nearest[heading], q[0], q[1])
     bound = cost + motions.greed * left
     if not bound < math.inf:
         return
@@ -670,7 +687,7 @@ def add_node(
     nodes.motions[node, 1] = heading
     progress.cost[node] = cost
     progress.previous[node] = parent
-    push(progress, bound, node)
+    push(progress, progress.cost[node] + motions.greed * left, node)
 
 
 @kernel
@@ -714,11 +731,18 @@ def motion_is_free(
 
 
 @kernel
-def estimate_cost_to_goal(map_: Map, guide: Guide, direction: int, x: float, y: float) -> float:
+def estimate_cost_to_goal(map_: Map, target: Target, direction: int, x: float, y: float) -> float:
     """Estimate the cost from a position and direction to the goal, metres."""
-    _, nx, ny = guide.estimate.shape
+    i, j = find_cell(map_, target, x, y)
+    straight = math.hypot(x - target.goal[0], y - target.goal[1])
+    metres = remaining_cost(target.estimate, direction, 0, i, j) * map_.spacing
+    return max(straight, metres)
+
+
+@kernel
+def find_cell(map_: Map, target: Target, x: float, y: float) -> tuple[int, int]:
+    """Return the cell of a position."""
+    _, nx, ny = target.estimate.shape
     i = min(math.floor((x - map_.lower[1]) / map_.spacing), nx - 1)
     j = min(math.floor((y - map_.lower[2]) / map_.spacing), ny - 1)
-    straight = math.hypot(x - guide.goal[0], y - guide.goal[1])
-    metres = remaining_cost(guide.estimate, direction, 0, i, j) * map_.spacing
-    return max(straight, metres)
+    return i, j

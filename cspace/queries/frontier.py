@@ -20,6 +20,16 @@ Costs = NDArray[np.float32]
 POPS_PER_CLOCK_CHECK: Final = 2**14
 """Nodes taken from the queue between two checks of the time limit, about 10 ms."""
 
+NO_NODE: Final = -1
+UNKNOWN: Final = -2
+"""Results of :func:`pop_best` other than a node: none is left, or its block is not reached yet."""
+
+DONE: Final = 0
+GOES_ON: Final = 1
+NEEDS_ESTIMATE: Final = 2
+"""Results of kernels that expand nodes: they ended, or the next call goes on, at once or after the
+guide has reached the block of the first node."""
+
 INITIAL_QUEUE_LENGTH: Final = 2**14
 """Entries that the queue of a search can hold at first; the length doubles as needed."""
 
@@ -36,12 +46,16 @@ class Estimate(NamedTuple):
     goal : tuple of int
         Node ``(x, y, z)`` of the goal.
     positions : ndarray of float32, shape (directions, x, y, z), or empty
-        Cost from each measured block of nodes, in blocks; empty for the cost without obstacles.
-    measured : ndarray of bool, the shape of positions
+        Cost from each reached block of nodes, in blocks; empty for the cost without obstacles.
+    reached : ndarray of int64, the shape of positions
+        Nonzero for blocks that the guide has reached.
     side : int
         Nodes along each side of a block.
-    beyond : float
-        Cost from all other blocks.
+    bound : ndarray of float64, shape (1,)
+        Cost of the chains from the start to the goal through any other block, in blocks, at least;
+        -inf if no chain leads through these.
+    start : tuple of int
+        Node ``(x, y, z)`` of the start.
     rotations : ndarray of float64, shape (rotations,)
     """
 
@@ -49,9 +63,10 @@ class Estimate(NamedTuple):
     shape: Cell
     goal: Cell
     positions: Costs
-    measured: Bools
+    reached: Ints
     side: int
-    beyond: float
+    bound: Floats
+    start: Cell
     rotations: Floats
 
 
@@ -94,9 +109,10 @@ def estimate_without_obstacles(shape: Cell, goal: Cell, weight: float) -> Estima
         shape=shape,
         goal=goal,
         positions=np.empty((0, 0, 0, 0), dtype=np.float32),
-        measured=np.empty((0, 0, 0, 0), dtype=np.bool_),
+        reached=np.empty((0, 0, 0, 0), dtype=np.int64),
         side=1,
-        beyond=0.0,
+        bound=np.zeros(1),
+        start=goal,
         rotations=np.zeros(1),
     )
 
@@ -123,20 +139,29 @@ def begin_at(start: int, count: int) -> Progress:
 
 
 def expand_until_done(
-    expand: Callable[[Progress], bool], progress: Progress, max_new_entries: int, until: float
+    expand: Callable[[Progress], int],
+    progress: Progress,
+    max_new_entries: int,
+    until: float,
+    reach_first: Callable[[int], None] | None = None,
 ) -> Progress:
-    """Call ``expand`` until it returns True; double the queue as needed.
+    """Call ``expand`` until it returns :data:`DONE`; double the queue as needed.
 
-    ``expand`` adds at most ``max_new_entries`` to the queue for each node; it returns False if
-    there may be no room for more. Raises TimeoutError after ``until``.
+    ``expand`` adds at most ``max_new_entries`` to the queue for each node. Where it needs an
+    estimate, ``reach_first`` is called with the first node of the queue. Raises TimeoutError after
+    ``until``.
     """
-    while not expand(progress):
+    while True:
+        outcome = expand(progress)
+        if outcome == DONE:
+            return progress
         check_deadline(until)
+        if outcome == NEEDS_ESTIMATE and reach_first is not None:
+            reach_first(int(progress.queue[0]))
         if progress.length[0] + max_new_entries >= len(progress.queue):
             keys = np.concatenate([progress.keys, np.empty_like(progress.keys)])
             queue = np.concatenate([progress.queue, np.empty_like(progress.queue)])
             progress = progress._replace(keys=keys, queue=queue)
-    return progress
 
 
 def sparse_zeros(count: int, kind: type[np.generic]) -> NDArray[Any]:
@@ -175,38 +200,87 @@ def reach_cell(
     if is_first or np.float32(cost) < progress.cost[reached]:
         progress.cost[reached] = cost
         progress.previous[reached] = cell + 1
-        remaining = remaining_cost(estimate, 0, u, v, w) + estimate.rotations[rotation]
-        push(progress, cost + estimate.weight * remaining, reached)
+        push(progress, expected_cost(estimate, progress, reached, rotation, u, v, w), reached)
+
+
+@kernel
+def expected_cost(
+    estimate: Estimate, progress: Progress, node: int, rotation: int, u: int, v: int, w: int
+) -> float:
+    """Return the expected cost of chains through a node at (u, v, w) and a rotation."""
+    remaining = remaining_cost(estimate, 0, u, v, w) + estimate.rotations[rotation]
+    return progress.cost[node] + estimate.weight * remaining
+
+
+@kernel
+def pop_best(estimate: Estimate, progress: Progress) -> int:
+    """Remove the node of the lowest expected cost from the queue, and return it.
+
+    Return :data:`NO_NODE` if none is left, and :data:`UNKNOWN` if the guide has not reached the
+    block of the first node.
+    """
+    nx, ny, nz = estimate.shape
+    while progress.length[0] > 0:
+        node: int = progress.queue[0]
+        if progress.closed[node]:
+            pop_first(progress)
+            continue
+        w = node % nz
+        v = node // nz % ny
+        u = node // (nz * ny) % nx
+        rotation = node // (nz * ny * nx)
+        if not is_known(estimate, 0, u, v, w):
+            return UNKNOWN
+        # The guide may have reached the block since the node was queued.
+        key = expected_cost(estimate, progress, node, rotation, u, v, w)
+        is_outdated = key > progress.keys[0]
+        pop_first(progress)
+        if not is_outdated:
+            return node
+        push(progress, key, node)
+    return NO_NODE
+
+
+@kernel
+def is_known(estimate: Estimate, direction: int, i: int, j: int, k: int) -> bool:
+    """Return True if the guide has reached the block of a position, or never will."""
+    if len(estimate.positions) == 0 or estimate.bound[0] == -math.inf:
+        return True
+    side = estimate.side
+    return estimate.reached[direction, i // side, j // side, k // side] != 0
 
 
 @kernel
 def remaining_cost(estimate: Estimate, direction: int, i: int, j: int, k: int) -> float:
     """Estimate the cost from a position and direction to the goal's, in cells."""
-    unhindered = unhindered_cost(estimate, i, j, k)
+    unhindered = unhindered_cost(estimate.shape, estimate.goal, i, j, k)
     if len(estimate.positions) == 0:
         return unhindered
-    u = i // estimate.side
-    v = j // estimate.side
-    w = k // estimate.side
-    cost = estimate.beyond
-    if estimate.measured[direction, u, v, w]:
-        cost = estimate.side * float(estimate.positions[direction, u, v, w])
+    side = estimate.side
+    u = i // side
+    v = j // side
+    w = k // side
+    if estimate.reached[direction, u, v, w] != 0:
+        cost = side * float(estimate.positions[direction, u, v, w])
+    else:
+        to_start = unhindered_cost(estimate.shape, estimate.start, i, j, k)
+        cost = side * estimate.bound[0] - to_start
     return cost if cost > unhindered else unhindered
 
 
 @kernel
-def unhindered_cost(estimate: Estimate, i: int, j: int, k: int) -> float:
+def unhindered_cost(shape: Cell, goal: Cell, i: int, j: int, k: int) -> float:
     """Return the cost from a position to the goal's without obstacles, in cells."""
-    short = abs(i - estimate.goal[0])
-    middle = abs(j - estimate.goal[1])
-    long = abs(k - estimate.goal[2])
+    short = abs(i - goal[0])
+    middle = abs(j - goal[1])
+    long = abs(k - goal[2])
     if short > middle:
         short, middle = middle, short
     if middle > long:
         middle, long = long, middle
     if short > middle:
         short, middle = middle, short
-    if estimate.shape[0] > 1:
+    if shape[0] > 1:
         # A shortest chain moves along one, two and three axes.
         return long - middle + math.sqrt(2.0) * (middle - short) + math.sqrt(3.0) * short
     # In the plane, it combines two of the moves (1, 0), (1, 1) and (2, 1).

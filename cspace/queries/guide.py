@@ -16,14 +16,19 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace.queries.frontier import (
+    DONE,
+    GOES_ON,
+    NEEDS_ESTIMATE,
+    NO_NODE,
     POPS_PER_CLOCK_CHECK,
+    UNKNOWN,
     Costs,
     Estimate,
     Progress,
     begin_at,
     estimate_without_obstacles,
     expand_until_done,
-    pop_first,
+    pop_best,
     reach_cell,
     sparse_zeros,
 )
@@ -32,12 +37,9 @@ from cspace.queries.points import Cell
 from cspace.support.arrays import FREE, Floats, Ints, States
 from cspace.support.compiling import kernel
 
-MARGIN_BLOCKS: Final = 10.0
-"""Blocks by which a chain may be longer than the shortest one to be measured."""
-
-TIE_WEIGHT: Final = 1.001
-"""Weight of the estimate; above 1, the search goes on along one of the chains that are equally
-short."""
+GUIDE_WEIGHT: Final = 1.05
+"""Weight of the estimate; above 1, the search examines far fewer blocks, for chains that are hardly
+longer."""
 
 NO_FACTORS: Final[Costs] = np.empty((0, 0, 0, 0), dtype=np.float32)
 """Stands for cells that all cost their length."""
@@ -100,18 +102,8 @@ def any_direction(states: States) -> Directions:
     )
 
 
-def measure_way(
-    states: States,
-    directions: Directions,
-    start: tuple[int, Cell],
-    goal: tuple[int, Cell],
-    side: int,
-    until: float,
-    *,
-    factors: Costs = NO_FACTORS,
-    worst_state: int = FREE,
-) -> Estimate:
-    """Measure the shortest chains from blocks to the goal, near the way from the start.
+class Guide:
+    """Costs of the shortest chains from blocks to the goal, measured where a search leads.
 
     Parameters
     ----------
@@ -121,80 +113,107 @@ def measure_way(
         A direction, and a cell of the grid.
     side : int
         Cells along each side of a block.
-    until : float
-        Reading of :data:`cspace.support.compiling.clock` at which the search ends.
     factors : ndarray of float32, the shape of states, optional
         Factor, 1 or above, of the cost of moves in each cell.
     worst_state : int
         Largest state that the robot may pass: FREE, or MIXED if geometry decides.
 
-    Returns
-    -------
-    Estimate
-        In cells, with weight 1.
-
-    Raises
-    ------
-    TimeoutError
-        If time runs out.
+    Attributes
+    ----------
+    estimate : Estimate
+        In cells, with weight 1. It shares memory with the guide.
     """
-    nx, ny, nz = states.shape[1:]
-    block_shape = -(-nx // side), -(-ny // side), -(-nz // side)
-    start_direction, start_cell = start
-    goal_direction, goal_cell = goal
-    start_block = _find_block(start_cell, side)
-    goal_block = _find_block(goal_cell, side)
-    to_start = estimate_without_obstacles(block_shape, start_block, TIE_WEIGHT)
-    n_directions = len(directions.slices)
-    turn_costs = directions.turn_costs / side
-    if n_directions > 1:
-        # A search over positions alone, which is quicker, guides this one.
-        one = any_direction(states)
-        back = measure_way(
-            states,
-            one,
-            (0, goal_cell),
-            (0, start_cell),
-            side,
-            until,
+
+    def __init__(
+        self,
+        states: States,
+        directions: Directions,
+        start: tuple[int, Cell],
+        goal: tuple[int, Cell],
+        side: int,
+        *,
+        factors: Costs = NO_FACTORS,
+        worst_state: int = FREE,
+    ) -> None:
+        start_direction, start_cell = start
+        goal_direction, goal_cell = goal
+        n_directions = len(directions.slices)
+        nx, ny, nz = states.shape[1:]
+        shape = (n_directions, -(-nx // side), -(-ny // side), -(-nz // side))
+        count = math.prod(shape)
+        self._shape = shape
+        self._side = side
+        self._directions = directions
+        self._blocks = Blocks(
+            states=states,
             factors=factors,
             worst_state=worst_state,
+            side=side,
+            prices=sparse_zeros(count, np.float32).reshape(shape),
         )
-        to_start = to_start._replace(
-            positions=back.positions,
-            measured=back.measured,
-            beyond=back.beyond / side,
-            rotations=measure_turns(directions.neighbors, turn_costs, start_direction),
+        start_block = self._find_block(start_cell)
+        goal_block = self._find_block(goal_cell)
+        self._to_start = estimate_without_obstacles(shape[1:], start_block, GUIDE_WEIGHT)
+        self._guide: Guide | None = None
+        if n_directions > 1:
+            # A search over positions alone, which is quicker, guides this one.
+            self._guide = Guide(
+                states,
+                any_direction(states),
+                (0, goal_cell),
+                (0, start_cell),
+                side,
+                factors=factors,
+                worst_state=worst_state,
+            )
+            positions = self._guide.estimate
+            turns = directions.turn_costs / side
+            self._to_start = self._to_start._replace(
+                positions=positions.positions,
+                reached=positions.reached,
+                bound=positions.bound,
+                start=goal_block,
+                rotations=measure_turns(directions.neighbors, turns, start_direction),
+            )
+        first = int(np.ravel_multi_index((goal_direction, *goal_block), shape))
+        self._progress = begin_at(first, count)
+        self.estimate = estimate_without_obstacles((nx, ny, nz), goal_cell, 1.0)._replace(
+            positions=self._progress.cost.reshape(shape),
+            reached=self._progress.previous.reshape(shape),
+            side=side,
+            start=start_cell,
         )
-    shape = (n_directions, *block_shape)
-    count = math.prod(shape)
-    blocks = Blocks(
-        states=states,
-        factors=factors,
-        worst_state=worst_state,
-        side=side,
-        prices=sparse_zeros(count, np.float32).reshape(shape),
-    )
-    first = int(np.ravel_multi_index((goal_direction, *goal_block), shape))
-    last = int(np.ravel_multi_index((start_direction, *start_block), shape))
-    progress = expand_until_done(
-        lambda progress: expand_blocks(blocks, directions, to_start, progress, last),
-        begin_at(first, count),
-        directions.moves.shape[1] + directions.neighbors.shape[1],
-        until,
-    )
-    return estimate_without_obstacles((nx, ny, nz), goal_cell, 1.0)._replace(
-        positions=progress.cost.reshape(shape),
-        measured=progress.closed.reshape(shape),
-        side=side,
-        beyond=side * (float(progress.cost[last]) + MARGIN_BLOCKS),
-    )
 
+    def reach(self, direction: int, cell: Cell, until: float) -> None:
+        """Measure chains until the shortest one from the block of a cell is known, if any.
 
-def _find_block(cell: Cell, side: int) -> Cell:
-    """Return the block of a cell."""
-    i, j, k = cell
-    return i // side, j // side, k // side
+        Raises TimeoutError after ``until``, a reading of
+        :data:`cspace.support.compiling.clock`.
+        """
+        last = int(np.ravel_multi_index((direction, *self._find_block(cell)), self._shape))
+
+        def reach_first(node: int) -> None:
+            _, *block = np.unravel_index(node, self._shape)
+            i, j, k = (self._side * int(index) for index in block)
+            if self._guide is not None:
+                self._guide.reach(0, (i, j, k), until)
+
+        self._progress = expand_until_done(
+            lambda progress: expand_blocks(
+                self._blocks, self._directions, self._to_start, progress, last
+            ),
+            self._progress,
+            self._directions.moves.shape[1] + self._directions.neighbors.shape[1],
+            until,
+            reach_first,
+        )
+        is_exhausted = self._progress.length[0] == 0
+        self.estimate.bound[0] = -math.inf if is_exhausted else self._progress.keys[0]
+
+    def _find_block(self, cell: Cell) -> Cell:
+        """Return the block of a cell."""
+        i, j, k = cell
+        return i // self._side, j // self._side, k // self._side
 
 
 def measure_turns(neighbors: Ints, turns: Floats, goal: int) -> Floats:
@@ -216,26 +235,25 @@ def measure_turns(neighbors: Ints, turns: Floats, goal: int) -> Floats:
 
 @kernel
 def expand_blocks(
-    blocks: Blocks, directions: Directions, to_start: Estimate, progress: Progress, start: int
-) -> bool:
-    """Expand queued states from the goal on; return True when done, or no state is left.
+    blocks: Blocks, directions: Directions, to_start: Estimate, progress: Progress, last: int
+) -> int:
+    """Expand queued states from the goal on until ``last`` was expanded, or no state is left.
 
-    It is done when the start was expanded, and chains through all others are longer by a margin.
-    Return False after many states, or if the queue is nearly full; the next call goes on.
+    Return :data:`GOES_ON` after many states, or if the queue is nearly full.
     """
     nx, ny, nz = to_start.shape
     n_moves = directions.moves.shape[1]
     n_turns = directions.neighbors.shape[1]
     for _ in range(POPS_PER_CLOCK_CHECK):
-        if progress.length[0] == 0:
-            return True
+        if progress.closed[last]:
+            return DONE
         if progress.length[0] + n_moves + n_turns >= len(progress.keys):
-            return False
-        if progress.closed[start] and progress.keys[0] > progress.cost[start] + MARGIN_BLOCKS:
-            return True
-        state = pop_first(progress)
-        if progress.closed[state]:
-            continue
+            return GOES_ON
+        state = pop_best(to_start, progress)
+        if state == NO_NODE:
+            return DONE
+        if state == UNKNOWN:
+            return NEEDS_ESTIMATE
         progress.closed[state] = True
         k = state % nz
         j = state // nz % ny
@@ -257,7 +275,7 @@ def expand_blocks(
             if price < math.inf:
                 cost = price * directions.turn_costs[direction, turn] / blocks.side
                 reach_cell(to_start, progress, state, other, i, j, k, cost)
-    return False
+    return GOES_ON
 
 
 @kernel

@@ -155,7 +155,7 @@ def _distance_of_corners(passable: Bools, pinches: Bools, start: Ints, goal: Int
     estimate = estimate_without_obstacles(nodes_shape, goal_node, 1.0)
     first = int(np.ravel_multi_index(tuple(start), pinches.shape))
     last = int(np.ravel_multi_index(tuple(goal), pinches.shape))
-    progress = search(graph, estimate, first, last, math.inf, pinches.ravel())
+    progress = search(graph, estimate, first, last, math.inf, excluded=pinches.ravel())
     return float(progress.cost[last]) if progress.closed[last] else math.inf
 
 

@@ -15,22 +15,28 @@ Kernels see three axes: a map of the plane has one layer of cells along the firs
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from cspace.queries.frontier import (
+    DONE,
+    GOES_ON,
+    NEEDS_ESTIMATE,
+    NO_NODE,
     POPS_PER_CLOCK_CHECK,
+    UNKNOWN,
     Costs,
     Estimate,
     Progress,
     begin_at,
     estimate_without_obstacles,
     expand_until_done,
-    pop_first,
+    pop_best,
     reach_cell,
 )
-from cspace.queries.guide import NO_FACTORS, any_direction, factor_at, measure_turns, measure_way
+from cspace.queries.guide import NO_FACTORS, Guide, any_direction, factor_at, measure_turns
 from cspace.queries.moves import Moves, list_moves
 from cspace.queries.points import Cell
 from cspace.record.states import read_only
@@ -128,8 +134,7 @@ def find_chain(
     cells_shape = (len(slice_of), *states.shape[1:])
     start_cell = int(np.ravel_multi_index(tuple(start), cells_shape))
     goal_cell = int(np.ravel_multi_index(tuple(goal), cells_shape))
-    estimate = _estimate_cost(graph, start_cell, goal_cell, until)
-    progress = search(graph, estimate, start_cell, goal_cell, until)
+    progress = _search_guided(graph, start_cell, goal_cell, until)
     if not progress.closed[goal_cell]:
         return np.empty((0, 1 + dim), dtype=np.int64)
     # Follow the chain back from the goal; the cells before are stored plus 1.
@@ -162,11 +167,10 @@ def _locate(index: int, shape: Cell) -> Cell:
     return int(i), int(j), int(k)
 
 
-def _estimate_cost(graph: Graph, start: int, goal: int, until: float) -> Estimate:
-    """Compute the estimate of the cost from each cell to the goal.
+def _search_guided(graph: Graph, start: int, goal: int, until: float) -> Progress:
+    """Search from start to goal, indices of cells over all rotation cells.
 
-    ``start`` and ``goal`` are indices of cells over all rotation cells. Raises TimeoutError after
-    ``until``.
+    Raises TimeoutError after ``until``.
     """
     shape = graph.states.shape[1:]
     size = math.prod(shape)
@@ -174,19 +178,25 @@ def _estimate_cost(graph: Graph, start: int, goal: int, until: float) -> Estimat
     goal_cell = _locate(goal_position, shape)
     # Without rotations, straight distances are as good as a search, and quicker.
     if len(graph.slice_of) == 1:
-        return estimate_without_obstacles(shape, goal_cell, WEIGHT_IN_THE_OPEN)
+        estimate = estimate_without_obstacles(shape, goal_cell, WEIGHT_IN_THE_OPEN)
+        return search(graph, estimate, start, goal, until)
     start_cell = _locate(start % size, shape)
-    estimate = measure_way(
+    guide = Guide(
         graph.states,
         any_direction(graph.states),
         (0, start_cell),
         (0, goal_cell),
         BLOCK_SIDE,
-        until,
         factors=graph.factors,
     )
+    guide.reach(0, start_cell, until)
     rotations = measure_turns(graph.neighbors, graph.turns, goal_rotation)
-    return estimate._replace(weight=WEIGHT, rotations=rotations)
+    estimate = guide.estimate._replace(weight=WEIGHT, rotations=rotations)
+
+    def reach_block(node: int) -> None:
+        guide.reach(0, _locate(node % size, shape), until)
+
+    return search(graph, estimate, start, goal, until, reach_block=reach_block)
 
 
 def search(
@@ -195,12 +205,14 @@ def search(
     start: int,
     goal: int,
     until: float,
+    *,
     excluded: Bools | None = None,
+    reach_block: Callable[[int], None] | None = None,
 ) -> Progress:
     """Expand nodes from ``start`` on until ``goal`` is reached or no node is left.
 
-    ``excluded``, shape (nodes,), are nodes that no chain may pass. Raises TimeoutError after
-    ``until``.
+    ``excluded``, shape (nodes,), are nodes that no chain may pass. Where the estimate is not known
+    yet, ``reach_block`` is called with a node. Raises TimeoutError after ``until``.
     """
     progress = begin_at(start, len(graph.slice_of) * math.prod(estimate.shape))
     if excluded is not None:
@@ -210,30 +222,31 @@ def search(
         progress,
         len(graph.moves.steps) + graph.neighbors.shape[1],
         until,
+        reach_block,
     )
 
 
 @kernel
-def expand_cells(graph: Graph, estimate: Estimate, progress: Progress, goal: int) -> bool:
-    """Expand queued nodes; return True if the goal was expanded or no node is left.
+def expand_cells(graph: Graph, estimate: Estimate, progress: Progress, goal: int) -> int:
+    """Expand queued nodes until the goal was expanded or no node is left.
 
-    Return False after many cells, or if the queue is nearly full; the next call goes on.
+    Return :data:`GOES_ON` after many cells, or if the queue is nearly full.
     """
     nx, ny, nz = estimate.shape
     steps = graph.moves.steps
     n_moves = steps.shape[0]
     n_neighbors = graph.neighbors.shape[1]
     for _ in range(POPS_PER_CLOCK_CHECK):
-        if progress.length[0] == 0:
-            return True
         if progress.length[0] + n_moves + n_neighbors >= progress.keys.shape[0]:
-            return False
-        cell = pop_first(progress)
-        if progress.closed[cell]:
-            continue
+            return GOES_ON
+        cell = pop_best(estimate, progress)
+        if cell == UNKNOWN:
+            return NEEDS_ESTIMATE
+        if cell == NO_NODE:
+            return DONE
         progress.closed[cell] = True
         if cell == goal:
-            return True
+            return DONE
         # Decode the cell's index over all rotation cells.
         k = cell % nz
         j = cell // nz % ny
@@ -262,7 +275,7 @@ def expand_cells(graph: Graph, estimate: Estimate, progress: Progress, goal: int
                 mean = 0.5 * (factor + factor_at(graph.factors, there, i, j, k))
                 cost = mean * graph.turns[rotation, column]
                 reach_cell(estimate, progress, cell, other, i, j, k, cost)
-    return False
+    return GOES_ON
 
 
 @kernel
