@@ -263,8 +263,7 @@ def remaining_cost(estimate: Estimate, direction: int, i: int, j: int, k: int) -
     if estimate.reached[direction, u, v, w] != 0:
         cost = side * float(estimate.positions[direction, u, v, w])
     else:
-        to_start = unhindered_cost(estimate.shape, estimate.start, i, j, k)
-        cost = side * estimate.bound[0] - to_start
+        cost = 0.0
     return cost if cost > unhindered else unhindered
 
 

@@ -37,6 +37,12 @@ from cspace.queries.points import Cell
 from cspace.support.arrays import FREE, Floats, Ints, States
 from cspace.support.compiling import kernel
 
+NARROW_PRICE: Final = 1.0
+"""Further cost of a block where the robot may pass at none of the rotations looked at."""
+
+MAX_SAMPLES: Final = 8
+"""Number of rotations that are looked at in the middle of a block."""
+
 GUIDE_WEIGHT: Final = 1.05
 """Weight of the estimate; above 1, the search examines far fewer blocks, for chains that are hardly
 longer."""
@@ -282,23 +288,44 @@ def expand_blocks(
 def price_of(blocks: Blocks, slices: Ints, direction: int, u: int, v: int, w: int) -> np.float32:
     """Return the factor of the cost in block (u, v, w); infinity if it is not passable.
 
-    ``slices`` are those of :class:`Directions`. The factor is that of the first cell found that the
-    robot may pass.
+    ``slices`` are those of :class:`Directions`. The factor is that of the first passable cell found,
+    and grows with the share of rotations at which the robot may not pass the middle of the block.
     """
     known: np.float32 = blocks.prices[direction, u, v, w]
     if known > 0.0:
         return known
     _, nx, ny, nz = blocks.states.shape
     side = blocks.side
-    for number in slices[direction]:
+    count = slices.shape[1]
+    n_samples = min(count, MAX_SAMPLES)
+    i = min(side * u + side // 2, nx - 1)
+    j = min(side * v + side // 2, ny - 1)
+    k = min(side * w + side // 2, nz - 1)
+    factor = np.float32(math.inf)
+    n_passable = 0
+    for sample in range(n_samples):
+        number = slices[direction, sample * count // n_samples]
+        if blocks.states[number, i, j, k] <= blocks.worst_state:
+            n_passable += 1
+            factor = factor_at(blocks.factors, number, i, j, k)
+    if n_passable == 0:
+        factor = factor_of_any(blocks, slices[direction], u, v, w)
+    price = np.float32(factor * (1.0 + NARROW_PRICE * (1.0 - n_passable / n_samples)))
+    blocks.prices[direction, u, v, w] = price
+    return price
+
+
+@kernel
+def factor_of_any(blocks: Blocks, slices: Ints, u: int, v: int, w: int) -> np.float32:
+    """Return the factor of any passable cell of a block; infinity if there is none."""
+    _, nx, ny, nz = blocks.states.shape
+    side = blocks.side
+    for number in slices:
         for i in range(side * u, min(side * (u + 1), nx)):
             for j in range(side * v, min(side * (v + 1), ny)):
                 for k in range(side * w, min(side * (w + 1), nz)):
                     if blocks.states[number, i, j, k] <= blocks.worst_state:
-                        factor = factor_at(blocks.factors, number, i, j, k)
-                        blocks.prices[direction, u, v, w] = factor
-                        return factor
-    blocks.prices[direction, u, v, w] = math.inf
+                        return factor_at(blocks.factors, number, i, j, k)
     return np.float32(math.inf)
 
 
