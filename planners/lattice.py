@@ -611,7 +611,7 @@ def expand_nodes(
             nodes.place[2] = j
             return UNKNOWN
         # The guide may have reached the node since it was queued.
-        bound = cost + motions.greed * estimate_cost_to_goal(map_, target, direction, x, y)
+        bound = cost + motions.greed * estimate_cost_to_goal(map_, target, cost, direction, x, y)
         is_outdated = bound > progress.keys[0]
         pop_first(progress)
         if is_outdated:
@@ -668,7 +668,7 @@ def add_node(
     known = nodes.table[slot] - 1
     if known >= 0 and progress.cost[known] <= cost + KNOWN_TOLERANCE * motions.side:
         return
-    left = estimate_cost_to_goal(map_, target, motions.nearest[heading], q[0], q[1])
+    left = estimate_cost_to_goal(map_, target, cost, motions.nearest[heading], q[0], q[1])
     bound = cost + motions.greed * left
     if not bound < math.inf:
         return
@@ -731,12 +731,17 @@ def motion_is_free(
 
 
 @kernel
-def estimate_cost_to_goal(map_: Map, target: Target, direction: int, x: float, y: float) -> float:
-    """Estimate the cost from a position and direction to the goal, metres."""
+def estimate_cost_to_goal(
+    map_: Map, target: Target, cost: float, direction: int, x: float, y: float
+) -> float:
+    """Estimate the cost from a position and direction to the goal, metres.
+
+    ``cost`` is that of the path from the start to it.
+    """
     i, j = find_cell(map_, target, x, y)
     straight = math.hypot(x - target.goal[0], y - target.goal[1])
-    metres = remaining_cost(target.estimate, direction, 0, i, j) * map_.spacing
-    return max(straight, metres)
+    cells = remaining_cost(target.estimate, cost / map_.spacing, direction, 0, i, j)
+    return max(straight, cells * map_.spacing)
 
 
 @kernel

@@ -54,8 +54,6 @@ class Estimate(NamedTuple):
     bound : ndarray of float64, shape (1,)
         Cost of the chains from the start to the goal through any other block, in blocks, at least;
         -inf if no chain leads through these.
-    start : tuple of int
-        Node ``(x, y, z)`` of the start.
     rotations : ndarray of float64, shape (rotations,)
     """
 
@@ -66,7 +64,6 @@ class Estimate(NamedTuple):
     reached: Ints
     side: int
     bound: Floats
-    start: Cell
     rotations: Floats
 
 
@@ -112,7 +109,6 @@ def estimate_without_obstacles(shape: Cell, goal: Cell, weight: float) -> Estima
         reached=np.empty((0, 0, 0, 0), dtype=np.int64),
         side=1,
         bound=np.zeros(1),
-        start=goal,
         rotations=np.zeros(1),
     )
 
@@ -208,8 +204,9 @@ def expected_cost(
     estimate: Estimate, progress: Progress, node: int, rotation: int, u: int, v: int, w: int
 ) -> float:
     """Return the expected cost of chains through a node at (u, v, w) and a rotation."""
-    remaining = remaining_cost(estimate, 0, u, v, w) + estimate.rotations[rotation]
-    return progress.cost[node] + estimate.weight * remaining
+    cost = progress.cost[node]
+    remaining = remaining_cost(estimate, cost, 0, u, v, w) + estimate.rotations[rotation]
+    return cost + estimate.weight * remaining
 
 
 @kernel
@@ -251,9 +248,14 @@ def is_known(estimate: Estimate, direction: int, i: int, j: int, k: int) -> bool
 
 
 @kernel
-def remaining_cost(estimate: Estimate, direction: int, i: int, j: int, k: int) -> float:
-    """Estimate the cost from a position and direction to the goal's, in cells."""
-    unhindered = unhindered_cost(estimate.shape, estimate.goal, i, j, k)
+def remaining_cost(
+    estimate: Estimate, cost: float, direction: int, i: int, j: int, k: int
+) -> float:
+    """Estimate the cost from a position and direction to the goal's, in cells.
+
+    ``cost`` is that of the chain from the start to it.
+    """
+    unhindered = unhindered_cost(estimate, i, j, k)
     if len(estimate.positions) == 0:
         return unhindered
     side = estimate.side
@@ -261,25 +263,25 @@ def remaining_cost(estimate: Estimate, direction: int, i: int, j: int, k: int) -
     v = j // side
     w = k // side
     if estimate.reached[direction, u, v, w] != 0:
-        cost = side * float(estimate.positions[direction, u, v, w])
+        remaining = side * float(estimate.positions[direction, u, v, w])
     else:
-        cost = 0.0
-    return cost if cost > unhindered else unhindered
+        remaining = side * estimate.bound[0] - cost
+    return remaining if remaining > unhindered else unhindered
 
 
 @kernel
-def unhindered_cost(shape: Cell, goal: Cell, i: int, j: int, k: int) -> float:
+def unhindered_cost(estimate: Estimate, i: int, j: int, k: int) -> float:
     """Return the cost from a position to the goal's without obstacles, in cells."""
-    short = abs(i - goal[0])
-    middle = abs(j - goal[1])
-    long = abs(k - goal[2])
+    short = abs(i - estimate.goal[0])
+    middle = abs(j - estimate.goal[1])
+    long = abs(k - estimate.goal[2])
     if short > middle:
         short, middle = middle, short
     if middle > long:
         middle, long = long, middle
     if short > middle:
         short, middle = middle, short
-    if shape[0] > 1:
+    if estimate.shape[0] > 1:
         # A shortest chain moves along one, two and three axes.
         return long - middle + math.sqrt(2.0) * (middle - short) + math.sqrt(3.0) * short
     # In the plane, it combines two of the moves (1, 0), (1, 1) and (2, 1).

@@ -43,6 +43,8 @@ NARROW_PRICE: Final = 1.0
 MAX_SAMPLES: Final = 8
 """Number of rotations that are looked at in the middle of a block."""
 
+import os
+WD=float(os.environ.get('WD','1.05'))
 GUIDE_WEIGHT: Final = 1.05
 """Weight of the estimate; above 1, the search examines far fewer blocks, for chains that are hardly
 longer."""
@@ -177,8 +179,8 @@ class Guide:
             self._to_start = self._to_start._replace(
                 positions=positions.positions,
                 reached=positions.reached,
+                weight=WD,
                 bound=positions.bound,
-                start=goal_block,
                 rotations=measure_turns(directions.neighbors, turns, start_direction),
             )
         first = int(np.ravel_multi_index((goal_direction, *goal_block), shape))
@@ -187,7 +189,6 @@ class Guide:
             positions=self._progress.cost.reshape(shape),
             reached=self._progress.previous.reshape(shape),
             side=side,
-            start=start_cell,
         )
 
     def reach(self, direction: int, cell: Cell, until: float) -> None:
@@ -214,7 +215,9 @@ class Guide:
             reach_first,
         )
         is_exhausted = self._progress.length[0] == 0
-        self.estimate.bound[0] = -math.inf if is_exhausted else self._progress.keys[0]
+        lowest_key = -math.inf if is_exhausted else self._progress.keys[0]
+        # A weighted estimate makes keys larger than costs, at most by its weight.
+        self.estimate.bound[0] = lowest_key / self._to_start.weight
 
     def _find_block(self, cell: Cell) -> Cell:
         """Return the block of a cell."""
