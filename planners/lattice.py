@@ -533,8 +533,7 @@ def _shorten_once(edges: LocalPlanner, path: Floats, until: float) -> Floats:
         return clock() < until and check(*q)
 
     def measure(*q: float) -> float:
-        first, last = np.reshape(q, (2, 1, 3))
-        return float(edges.edge_lengths(first, last)[0]) + COST_PER_EDGE
+        return edges.edge_length(*q) + COST_PER_EDGE
 
     paths = [path, _skip_waypoints(edges, path, is_free, until)]
     # A part of a curve need not be a shortest curve.
@@ -594,7 +593,7 @@ def expand_nodes(
             return NO_NODE
         if nodes.counts[0] >= max_nodes:
             return TIME_CHECK
-        node = progress.queue[0]
+        node: int = progress.queue[0]
         if progress.closed[node]:
             pop_first(progress)
             continue

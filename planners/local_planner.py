@@ -27,7 +27,7 @@ from cspace.exact.proofs import make_scratch
 from cspace.interface import Endpoint, Space
 from cspace.queries.callbacks import bind_kernel
 from cspace.record.cells import Map
-from cspace.rotations.base import ANGLE_SLACK, METRES_PER_RADIAN, TWO_PI, wrapped
+from cspace.rotations.base import ANGLE_SLACK, METRES_PER_RADIAN, TWO_PI
 from cspace.space import CSpace
 from cspace.support.arrays import MIXED, Bools, Floats
 from cspace.support.check import check_flag, check_positive, check_word
@@ -193,6 +193,11 @@ class LocalPlanner:
         """Return the lengths of edges, shape (n,), with weighted rotations."""
         return self.space.distance(starts, ends)
 
+    def edge_length(self, *ends: float) -> float:
+        """Return the length of an edge, given by the numbers of both ends."""
+        start, end = np.reshape(ends, (2, 1, -1))
+        return float(self.edge_lengths(start, end)[0])
+
     def insert_breakpoints(self, path: Floats) -> Floats:
         """Insert the configurations at which the motion changes."""
         return path
@@ -238,10 +243,10 @@ class LocalPlanner:
         path = self.insert_breakpoints(path)
         cell = 2.0 * self.space.resolution
         at_end = 1.0
+        turns = self.space.steps_between(path[:-1], path[1:])[:, self.space.dim :]
         rows = [path[:1]]
-        for first, last in itertools.pairwise(path):
-            edge = self.split_edge(first, last, math.inf, math.inf, at_end)
-            if edge.rotations.any() or self.drive in CURVES:
+        for first, last, turn in zip(path[:-1], path[1:], turns, strict=True):
+            if turn.any() or self.drive in CURVES:
                 points = self.split_edge(first, last, cell, MAX_RADIANS, at_end).points
                 rows.append(self.space.rotations.make_canonical(points[:-1]))
             rows.append(last[np.newaxis])
@@ -264,8 +269,11 @@ class LocalPlanner:
 
     def measure(self, path: Floats) -> tuple[float, float]:
         """Measure ``length`` and ``total_rotation`` of a path, as of :class:`planners.Plan`."""
-        pieces = self.split_path(path, math.inf, math.inf)
-        return math.fsum(pieces.lengths), math.fsum(pieces.rotations)
+        path = self.insert_breakpoints(path)
+        steps = self.space.steps_between(path[:-1], path[1:])
+        metres = np.linalg.norm(steps[:, : self.space.dim], axis=1)
+        radians = np.linalg.norm(steps[:, self.space.dim :], axis=1)
+        return math.fsum(metres), math.fsum(radians)
 
     def min_length(self, first: Floats, last: Floats) -> float:
         """Bound the weighted lengths of all free paths from below."""
@@ -377,12 +385,15 @@ class TurnDriveTurn(LocalPlanner):
     def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
         """Return the metres of edges plus half their radians, shape (n,)."""
         edges = zip(starts.tolist(), ends.tolist(), strict=True)
-        yaws = [self.choose_yaw(*first, *last) for first, last in edges]
-        turns_before = wrapped(yaws - starts[:, 2])
-        turns_after = wrapped(ends[:, 2] - yaws)
-        radians = np.abs(turns_before) + np.abs(turns_after)
-        metres: Floats = np.linalg.norm(ends[:, :2] - starts[:, :2], axis=1)
-        return metres + self.rotation_weight * radians
+        return np.array([self.edge_length(*first, *last) for first, last in edges])
+
+    def edge_length(self, *ends: float) -> float:
+        """Return the metres of an edge plus half its radians."""
+        x0, y0, yaw0, x1, y1, yaw1 = ends
+        yaw = self.choose_yaw(*ends)
+        turn_before = abs(math.remainder(yaw - yaw0, TWO_PI))
+        turn_after = abs(math.remainder(yaw1 - yaw, TWO_PI))
+        return math.hypot(x1 - x0, y1 - y0) + self.rotation_weight * (turn_before + turn_after)
 
     def choose_yaw(
         self, x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float
@@ -520,6 +531,11 @@ class CarCurves(LocalPlanner):
         edges = zip(map(tuple, starts.tolist()), map(tuple, ends.tolist()), strict=True)
         words = [find_shortest_words(self.kind, self.radius, *ends, 0.0) for ends in edges]
         return self.radius * np.array([word.shortest for word in words])
+
+    def measure(self, path: Floats) -> tuple[float, float]:
+        """Measure ``length`` and ``total_rotation`` of a path, as of :class:`planners.Plan`."""
+        pieces = self.split_path(path, math.inf, math.inf)
+        return math.fsum(pieces.lengths), math.fsum(pieces.rotations)
 
     def split_edge(
         self, first: Floats, last: Floats, step: float, rotation: float, share: float

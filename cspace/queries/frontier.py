@@ -204,8 +204,8 @@ def expected_cost(
     estimate: Estimate, progress: Progress, node: int, rotation: int, u: int, v: int, w: int
 ) -> float:
     """Return the expected cost of chains through a node at (u, v, w) and a rotation."""
-    cost = progress.cost[node]
-    remaining = remaining_cost(estimate, cost, 0, u, v, w) + estimate.rotations[rotation]
+    cost: float = progress.cost[node]
+    remaining: float = remaining_cost(estimate, cost, 0, u, v, w) + estimate.rotations[rotation]
     return cost + estimate.weight * remaining
 
 
@@ -244,7 +244,7 @@ def is_known(estimate: Estimate, direction: int, i: int, j: int, k: int) -> bool
     if len(estimate.positions) == 0 or estimate.bound[0] == -math.inf:
         return True
     side = estimate.side
-    return estimate.reached[direction, i // side, j // side, k // side] != 0
+    return bool(estimate.reached[direction, i // side, j // side, k // side] != 0)
 
 
 @kernel

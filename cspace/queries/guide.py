@@ -2,10 +2,12 @@
 
 A state is a direction of the robot and a block. A block is passable in a direction if one of its
 cells is FREE at one of the rotations of that direction. So a chain of blocks may promise a way that
-the robot cannot take, but hardly a passage of the robot is missed. A search from the goal to the
-start measures the shortest chains, and only near the way between the two. It examines the cells
-that it meets, so that its time does not grow with the map (P. Hart, N. Nilsson and B. Raphael, "A
-formal basis for the heuristic determination of minimum cost paths", 1968).
+the robot cannot take, but hardly a passage of the robot is missed. Blocks in which the robot can
+hardly turn are dearer.
+
+A search from the goal to the start measures short chains. It goes on when another search, from the
+start, needs the cost of a block that it has not reached (D. Silver, "Cooperative pathfinding",
+2005), and examines the cells that it meets. So its time does not grow with the map.
 """
 
 from __future__ import annotations
@@ -37,17 +39,17 @@ from cspace.queries.points import Cell
 from cspace.support.arrays import FREE, Floats, Ints, States
 from cspace.support.compiling import kernel
 
+POSITIONS_WEIGHT: Final = 1.1
+DIRECTIONS_WEIGHT: Final = 1.05
+"""Weights of the estimates, of guides with one direction and with several; above 1, far fewer
+blocks are examined, for chains that are hardly longer."""
+
 NARROW_PRICE: Final = 1.0
-"""Further cost of a block where the robot may pass at none of the rotations looked at."""
+"""Cost that is added to a block where the robot passes at none of the rotations looked at; searches
+lose the most time where a chain leads through a gap in which the robot cannot turn."""
 
-MAX_SAMPLES: Final = 8
+MAX_SAMPLES: Final = 4
 """Number of rotations that are looked at in the middle of a block."""
-
-import os
-WD=float(os.environ.get('WD','1.05'))
-GUIDE_WEIGHT: Final = 1.05
-"""Weight of the estimate; above 1, the search examines far fewer blocks, for chains that are hardly
-longer."""
 
 NO_FACTORS: Final[Costs] = np.empty((0, 0, 0, 0), dtype=np.float32)
 """Stands for cells that all cost their length."""
@@ -111,7 +113,9 @@ def any_direction(states: States) -> Directions:
 
 
 class Guide:
-    """Costs of the shortest chains from blocks to the goal, measured where a search leads.
+    """Costs of short chains from blocks to the goal, measured where a search leads.
+
+    A guide with several directions has a guide over positions alone, from the goal to the start.
 
     Parameters
     ----------
@@ -145,9 +149,8 @@ class Guide:
     ) -> None:
         start_direction, start_cell = start
         goal_direction, goal_cell = goal
-        n_directions = len(directions.slices)
         nx, ny, nz = states.shape[1:]
-        shape = (n_directions, -(-nx // side), -(-ny // side), -(-nz // side))
+        shape = (len(directions.slices), -(-nx // side), -(-ny // side), -(-nz // side))
         count = math.prod(shape)
         self._shape = shape
         self._side = side
@@ -159,12 +162,18 @@ class Guide:
             side=side,
             prices=sparse_zeros(count, np.float32).reshape(shape),
         )
-        start_block = self._find_block(start_cell)
         goal_block = self._find_block(goal_cell)
-        self._to_start = estimate_without_obstacles(shape[1:], start_block, GUIDE_WEIGHT)
+        first = int(np.ravel_multi_index((goal_direction, *goal_block), shape))
+        self._progress = begin_at(first, count)
+        self.estimate = estimate_without_obstacles((nx, ny, nz), goal_cell, 1.0)._replace(
+            positions=self._progress.cost.reshape(shape),
+            reached=self._progress.previous.reshape(shape),
+            side=side,
+        )
+        start_block = self._find_block(start_cell)
+        self._to_start = estimate_without_obstacles(shape[1:], start_block, POSITIONS_WEIGHT)
         self._guide: Guide | None = None
-        if n_directions > 1:
-            # A search over positions alone, which is quicker, guides this one.
+        if len(directions.slices) > 1:
             self._guide = Guide(
                 states,
                 any_direction(states),
@@ -177,34 +186,19 @@ class Guide:
             positions = self._guide.estimate
             turns = directions.turn_costs / side
             self._to_start = self._to_start._replace(
+                weight=DIRECTIONS_WEIGHT,
                 positions=positions.positions,
                 reached=positions.reached,
-                weight=WD,
                 bound=positions.bound,
                 rotations=measure_turns(directions.neighbors, turns, start_direction),
             )
-        first = int(np.ravel_multi_index((goal_direction, *goal_block), shape))
-        self._progress = begin_at(first, count)
-        self.estimate = estimate_without_obstacles((nx, ny, nz), goal_cell, 1.0)._replace(
-            positions=self._progress.cost.reshape(shape),
-            reached=self._progress.previous.reshape(shape),
-            side=side,
-        )
 
     def reach(self, direction: int, cell: Cell, until: float) -> None:
-        """Measure chains until the shortest one from the block of a cell is known, if any.
+        """Search on until a short chain from the block of a cell is known, if any.
 
-        Raises TimeoutError after ``until``, a reading of
-        :data:`cspace.support.compiling.clock`.
+        Raises TimeoutError after ``until``, a reading of :data:`cspace.support.compiling.clock`.
         """
         last = int(np.ravel_multi_index((direction, *self._find_block(cell)), self._shape))
-
-        def reach_first(node: int) -> None:
-            _, *block = np.unravel_index(node, self._shape)
-            i, j, k = (self._side * int(index) for index in block)
-            if self._guide is not None:
-                self._guide.reach(0, (i, j, k), until)
-
         self._progress = expand_until_done(
             lambda progress: expand_blocks(
                 self._blocks, self._directions, self._to_start, progress, last
@@ -212,12 +206,19 @@ class Guide:
             self._progress,
             self._directions.moves.shape[1] + self._directions.neighbors.shape[1],
             until,
-            reach_first,
+            lambda state: self._reach_positions(state, until),
         )
         is_exhausted = self._progress.length[0] == 0
         lowest_key = -math.inf if is_exhausted else self._progress.keys[0]
-        # A weighted estimate makes keys larger than costs, at most by its weight.
+        # The weight makes keys larger than the costs of chains, at most by this factor.
         self.estimate.bound[0] = lowest_key / self._to_start.weight
+
+    def _reach_positions(self, state: int, until: float) -> None:
+        """Let the guide over positions search on until it knows the block of a state."""
+        if self._guide is not None:
+            _, *block = np.unravel_index(state, self._shape)
+            i, j, k = (self._side * int(index) for index in block)
+            self._guide.reach(0, (i, j, k), until)
 
     def _find_block(self, cell: Cell) -> Cell:
         """Return the block of a cell."""
@@ -291,8 +292,8 @@ def expand_blocks(
 def price_of(blocks: Blocks, slices: Ints, direction: int, u: int, v: int, w: int) -> np.float32:
     """Return the factor of the cost in block (u, v, w); infinity if it is not passable.
 
-    ``slices`` are those of :class:`Directions`. The factor is that of the first passable cell found,
-    and grows with the share of rotations at which the robot may not pass the middle of the block.
+    ``slices`` are those of :class:`Directions`. The factor is that of a cell that the robot may
+    pass, and grows with the share of rotations at which it may not pass the middle of the block.
     """
     known: np.float32 = blocks.prices[direction, u, v, w]
     if known > 0.0:

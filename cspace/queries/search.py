@@ -49,7 +49,7 @@ WEIGHT: Final = 1.2
 """Weight of the estimate; above 1, the search expands far fewer cells, for chains that are hardly
 longer."""
 
-BLOCK_SIDE: Final = 3
+BLOCK_SIDE: Final = 4
 """Cells along each side of the blocks of the guide."""
 
 WEIGHT_IN_THE_OPEN: Final = 1.1

@@ -9,19 +9,19 @@ from hypothesis import given, settings
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from cspace.queries.guide import Directions, measure_way
+from cspace.queries.guide import Directions, Guide
 from cspace.support.arrays import BLOCKED, FREE, MIXED
 from tests.helpers.strategies import seeds
 
 
 def draw_directions(rng, slices, dim):
-    """Draw directions in a ring, each with two slices and three moves."""
+    """Draw directions in a ring, each with some slices and three moves."""
     count = int(rng.integers(1, 5))
     moves = rng.integers(-2, 3, (count, 3, 3))
     moves[..., : 3 - dim] = 0
     order = np.arange(count)
     return Directions(
-        slices=rng.integers(0, slices, (count, 2)),
+        slices=rng.integers(0, slices, (count, int(rng.choice([2, 8])))),
         moves=moves,
         move_costs=rng.uniform(3.0, 5.0, (count, 3)),
         neighbors=np.stack([order - 1, order + 1], axis=1) % count,
@@ -29,22 +29,30 @@ def draw_directions(rng, slices, dim):
     )
 
 
-def find_passable(states, directions, side, worst_state):
-    """Return the blocks that each direction may pass, of shape (directions, x, y, z)."""
+def price_blocks(states, directions, side, worst_state):
+    """Return the price of each block in each direction, of shape (directions, x, y, z).
+
+    It is infinite where no cell is passable at a rotation of the direction. Otherwise it is 1, and
+    one more where the middle is passable at none of four rotations, and less where it is at some.
+    """
     shape = [math.ceil(size / side) for size in states.shape[1:]]
-    passable = np.zeros((len(directions.slices), *shape), dtype=bool)
-    for direction, *block in itertools.product(*map(range, passable.shape)):
+    prices = np.full((len(directions.slices), *shape), math.inf)
+    for direction, *block in itertools.product(*map(range, prices.shape)):
+        numbers = directions.slices[direction]
         cells = tuple(slice(side * index, side * (index + 1)) for index in block)
-        near = states[(directions.slices[direction], *cells)]
-        passable[direction, *block] = (near <= worst_state).any()
-    return passable
+        if (states[(numbers, *cells)] <= worst_state).any():
+            middle = np.minimum(side * np.array(block) + side // 2, np.array(states.shape[1:]) - 1)
+            looked_at = numbers[[0, 1]] if len(numbers) == 2 else numbers[[0, 2, 4, 6]]
+            is_passable = states[(looked_at, *middle)] <= worst_state
+            prices[direction, *block] = 2.0 - is_passable.mean()
+    return prices
 
 
-def link(passable, directions, side):
+def link(prices, directions, side):
     """Return the costs between blocks, from each to those that lead to it."""
-    index = np.arange(passable.size).reshape(passable.shape)
+    index = np.arange(prices.size).reshape(prices.shape)
     costs = {}
-    for direction, *block in np.argwhere(np.ones_like(passable)).tolist():
+    for direction, *block in np.ndindex(prices.shape):
         here = index[direction, *block]
         ways = [
             (direction, *(np.array(block) - move), cost)
@@ -58,38 +66,47 @@ def link(passable, directions, side):
             )
         ]
         for other, *place, cost in ways:
-            is_inside = all(0 <= a < n for a, n in zip(place, passable.shape[1:], strict=True))
-            if is_inside and passable[other, *place]:
+            is_inside = all(0 <= a < n for a, n in zip(place, prices.shape[1:], strict=True))
+            if is_inside and prices[other, *place] < math.inf:
                 there = index[other, *place]
+                cost *= prices[other, *place]
                 costs[here, there] = min(cost, costs.get((here, there), math.inf))
     rows, columns = np.array(list(costs)).reshape(-1, 2).T
-    return csr_array((list(costs.values()), (rows, columns)), (passable.size,) * 2)
+    return csr_array((list(costs.values()), (rows, columns)), (prices.size,) * 2)
 
 
 @pytest.mark.parametrize("dim", [2, 3])
 @settings(max_examples=15)
 @given(seeds)
-def test_a_guide_measures_shortest_chains(dim, seed):
+def test_a_guide_measures_short_chains(dim, seed):
     rng = np.random.default_rng(seed)
     shape = (1,) * (3 - dim) + tuple(rng.integers(3, 8, dim))
     states = rng.choice(np.uint8([FREE, MIXED, BLOCKED]), (3, *shape), p=[0.3, 0.2, 0.5])
     directions = draw_directions(rng, len(states), dim)
     side = int(rng.integers(1, 4))
     worst_state = int(rng.choice([FREE, MIXED]))
-    start, goal = (
-        (int(rng.integers(len(directions.slices))), tuple(rng.integers(0, shape).tolist()))
-        for _ in range(2)
-    )
-    estimate = measure_way(states, directions, start, goal, side, math.inf, worst_state=worst_state)
-    graph = link(find_passable(states, directions, side, worst_state), directions, side)
-    first, last = (
-        int(np.ravel_multi_index((direction, *np.array(cell) // side), estimate.measured.shape))
-        for direction, cell in (goal, start)
-    )
-    expected = dijkstra(graph, indices=first).reshape(estimate.measured.shape)
-    measured = estimate.measured
-    np.testing.assert_allclose(estimate.positions[measured], expected[measured], rtol=0.01)
-    assert measured.ravel()[last] == np.isfinite(expected.ravel()[last])
-    # Without a way to the start, everything that leads to the goal is measured.
-    if not measured.ravel()[last]:
-        np.testing.assert_array_equal(measured, np.isfinite(expected))
+
+    def draw_state():
+        return int(rng.integers(len(directions.slices))), tuple(rng.integers(0, shape).tolist())
+
+    start, goal, *others = (draw_state() for _ in range(6))
+    guide = Guide(states, directions, start, goal, side, worst_state=worst_state)
+    graph = link(price_blocks(states, directions, side, worst_state), directions, side)
+    estimate = guide.estimate
+    block_of = {state: (state[0], *np.array(state[1]) // side) for state in (start, goal, *others)}
+    first = int(np.ravel_multi_index(block_of[goal], estimate.positions.shape))
+    expected = dijkstra(graph, indices=first).reshape(estimate.positions.shape)
+    for state in (start, *others):
+        guide.reach(*state, math.inf)
+        block = block_of[state]
+        is_reached = estimate.reached != 0
+        assert is_reached[block] == np.isfinite(expected[block])
+        if is_reached[block]:
+            assert expected[block] <= 1.001 * estimate.positions[block]
+            assert estimate.positions[block] <= 1.3 * expected[block]
+        else:
+            # Everything that leads to the goal is known.
+            np.testing.assert_array_equal(is_reached, np.isfinite(expected))
+            assert estimate.bound[0] == -math.inf
+        # What is known is the cost of a chain.
+        assert (estimate.positions[is_reached] * 1.001 >= expected[is_reached]).all()
