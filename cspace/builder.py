@@ -427,7 +427,7 @@ def suggest(
     least `gap` apart, if the robot can turn to its narrowest direction before it. Let d be `gap`
     less the width of the robot in that direction. A gap between walls thicker than
     ``2 * sqrt(dim) * spacing`` is proven shut if it is narrower by d than the diameter of a ball in
-    the robot.
+    the robot. An exception is a robot that may pass it with its reference point beyond the map.
 
     Parameters
     ----------

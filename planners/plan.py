@@ -282,7 +282,8 @@ def plan(
         Smallest turning radius of the car, in metres; needed by curves alone.
     previous : Plan, optional
         The last plan for a space with these axes, in memory. It may have another start, goal and
-        drive. A plan without a path counts as none.
+        drive. A plan without a path counts as none. Not for other objectives than the length, nor
+        for "MaxClearance".
 
     Returns
     -------
@@ -332,8 +333,10 @@ def plan(
         simplify=simplify,
         seed=None if seed is None else check_count(seed, "seed", 0, MAX_SEED),
         is_named=planner is not None,
-        previous=_check_previous(space, previous),
+        previous=np.empty((0, space.size)),
     )
+    if previous is not None:
+        task = replace(task, previous=_check_previous(task, previous))
     task = _set_endpoints(_choose_searches(task), start, goal)
     path_exists = cache(lambda: space.path_exists(*task.endpoints[:2]))
     # A path through FREE cells proves that one exists. So components are labelled only if a search
@@ -347,10 +350,9 @@ def plan(
     return _make_plan(task, result, exists, began)
 
 
-def _check_previous(space: Space, previous: Plan | None) -> Floats:
+def _check_previous(task: Task, previous: Plan) -> Floats:
     """Return the waypoints of the previous plan, shape (n, size); n is 0 if there are none."""
-    if previous is None:
-        return np.empty((0, space.size))
+    space = task.edges.space
     if not isinstance(previous, Plan):
         raise InputError(
             "previous",
@@ -364,6 +366,13 @@ def _check_previous(space: Space, previous: Plan | None) -> Floats:
             f"has the axes ({', '.join(previous.axes)}) and space is {space!r}",
             "it is a plan for the axes of the space, which is in memory",
             "leave previous out",
+        )
+    if task.objective != LENGTH or task.planner == MAX_CLEARANCE:
+        raise InputError(
+            "previous",
+            f"is a plan, the objective {task.objective!r} and the planner {task.planner!r}",
+            "a path along a previous one is short, whatever its clearance or cost",
+            "leave previous out, or plan for the length",
         )
     return previous.waypoints
 

@@ -1,14 +1,18 @@
 """Plans that go on from a previous one, and the quick search with which default plans begin."""
 
+import itertools
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from shapely.geometry import box
 
 import planners
-from cspace import InputError, Robot, Workspace, build
+from cspace import Arm, InputError, Robot, Workspace, build, build_arm_space
 from tests.helpers.planning import ENDPOINTS, build_room, check, options_for
 from tests.helpers.strategies import seeds
+from tests.helpers.urdfs import planar, planar_arm_meets, posed_box
 from tests.soak.drives import weighted_length
 
 ROTATING = [
@@ -80,6 +84,33 @@ def test_a_previous_plan_without_a_path_counts_as_none():
     assert not none.solved
     plan = planners.plan(space, start, goal, previous=none)
     assert plan.certified and plan.status == "path found"
+
+
+@pytest.mark.parametrize("options", [{"objective": "clearance"}, {"planner": "maxclearance"}])
+def test_paths_far_from_obstacles_do_not_go_on_along_a_previous_plan(options):
+    space = build_room("plane")
+    before = planners.plan(space, *ENDPOINTS["plane"])
+    with pytest.raises(InputError, match=r"previous is a plan.*whatever its clearance"):
+        planners.plan(space, *ENDPOINTS["plane"], previous=before, **options)
+
+
+def test_the_angles_of_an_arm_are_not_wrapped_along_a_previous_plan(tmp_path):
+    arm = Arm.from_urdf(planar(tmp_path, kind="continuous", limits=None))
+    posts = np.array([(-1.7, 0.0, 0.3)])
+    obstacles = {"post": posed_box((0.3, 0.3, 0.3), *posts[0, :2])}
+    space = build_arm_space(obstacles, arm)
+    goal = (-2.5, 0.2)
+    before = planners.plan(space, (2.5, -0.2), goal, seed=1)
+    angles = before.path[:, 0]
+    assert angles[0] < math.pi < angles[-1] and len(before.waypoints) > 2
+    beyond = before.path[np.searchsorted(angles, math.pi)]  # of 2.5 to 3.8 rad, beyond pi
+    start = (beyond[0] - 2.0 * math.pi, beyond[1])
+    plan = planners.plan(space, start, goal, previous=before)
+    assert plan.certified and plan.status.endswith("previous plan")
+    assert np.abs(np.diff(plan.waypoints, axis=0)).max() < math.pi
+    shares = np.linspace(0.0, 1.0, 50)[:, np.newaxis]
+    for first, last in itertools.pairwise(plan.waypoints):
+        assert not planar_arm_meets(first + shares * (last - first), posts).any()
 
 
 @pytest.mark.parametrize(
