@@ -29,6 +29,7 @@ from shapely import affinity
 import cspace
 import cspace.arms
 import planners
+from cspace.plot import animate
 from cspace.spectral import minkowski_sum
 
 FREE, MIXED, BLOCKED = "#ffffff", "#d55e00", "#a6d3ee"
@@ -41,7 +42,7 @@ STATES = ListedColormap([FREE, MIXED, BLOCKED])
 
 
 def draw_all(folder: Path) -> None:
-    """Write every picture into a folder, as PNG."""
+    """Write every picture into a folder, as PNG, and the film as GIF."""
     style = {"font.size": 9.0, "figure.facecolor": "white", "axes.titlesize": 10.0}
     with matplotlib.rc_context(style):
         for draw in (
@@ -60,6 +61,8 @@ def draw_all(folder: Path) -> None:
             name = draw.__name__.removeprefix("draw_")
             figure.savefig(folder / f"{name}.png", dpi=DPI, bbox_inches="tight")
             plt.close(figure)
+    space, plan = plan_around_wall()
+    animate(space, drive_around_wall(plan), folder / "controller.gif", overwrite=True, title="")
 
 
 # ---- concepts ------------------------------------------------------------------------------------
@@ -329,24 +332,35 @@ def draw_trajectory() -> Figure:
     return figure
 
 
-def draw_controller() -> Figure:
-    """Draw the curve of a differential drive around a wall, and its commands over time."""
+def plan_around_wall() -> tuple[cspace.CSpace, planners.Plan]:
+    """Plan a path of a differential drive around a wall."""
     occupied = np.zeros((160, 100), dtype=bool)
     occupied[50:54, :65] = True
     outline = cspace.Robot.rectangle(0.9, 0.6)
     space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), outline, rotations=72)
     plan = planners.plan(space, (2.0, 2.0, 0.0), (14.0, 8.0, 0.0), drive="differential", seed=1)
-    trajectory = plan.trajectory(
+    return space, plan
+
+
+def drive_around_wall(plan: planners.Plan) -> planners.Trajectory:
+    """Make the trajectory of a path of a differential drive."""
+    return plan.trajectory(
         max_velocity=1.0,
         max_acceleration=0.5,
         max_angular_velocity=1.0,
         max_angular_acceleration=1.5,
     )
+
+
+def draw_controller() -> Figure:
+    """Draw the curve of a differential drive around a wall, and its commands over time."""
+    _, plan = plan_around_wall()
+    trajectory = drive_around_wall(plan)
     commands = trajectory.sample_uniform(20.0)
     figure, (left, right) = plt.subplots(1, 2, figsize=(9.6, 3.2), layout="constrained")
-    left.imshow(
-        occupied.T, origin="lower", extent=(0, 16, 0, 10), cmap=ListedColormap([FREE, OBSTACLE])
-    )
+    wall = Rectangle((5.0, 0.0), 0.4, 6.5, facecolor=OBSTACLE)
+    left.add_patch(wall)
+    left.set(xlim=(0.0, 16.0), ylim=(0.0, 10.0), aspect="equal")
     footprint = shapely.box(-0.45, -0.3, 0.45, 0.3)
     for x, y, yaw in commands.positions[::20].tolist():
         turned = affinity.rotate(footprint, yaw, origin=(0.0, 0.0), use_radians=True)
