@@ -397,8 +397,8 @@ MUTANTS = (
     ),
     Mutant(
         "cspace/queries/guide.py",
-        "if blocks.states[number, i, j, k] <= blocks.worst_state:",
-        "if blocks.states[number, i, j, k] <= 2:",
+        "n_passable += 1",
+        "n_passable += 0",
         "tests/queries/test_guide.py",
     ),
     Mutant(
