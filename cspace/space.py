@@ -647,7 +647,7 @@ class CSpace(ConfigurationMap, MapReasons, MapExport):
         from cspace.queries.search import find_chain
 
         # If components are known already, they save a search that cannot succeed.
-        if "_components" in vars(self) and not self.is_connected(*endpoints):
+        if self.is_labelled and not self.is_connected(*endpoints):
             return self._no_path()
         rotations = self.rotations
         turns = rotations.neighbors, self._turn_costs
@@ -1183,6 +1183,11 @@ class CSpace(ConfigurationMap, MapReasons, MapExport):
             self.margin,
             exterior_blocked,
         )
+
+    @property
+    def is_labelled(self) -> bool:  # type: ignore[override]
+        """Whether components of cells are known."""
+        return "_components" in vars(self)
 
     @derived
     def _components(self) -> Components:

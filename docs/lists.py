@@ -19,7 +19,7 @@ MAPS_IN = {2: "plane", 3: "space", None: "either"}
 
 FOR_PLANNERS = (
     "check_bounds, check_endpoint, dim, find_goals, has_cells, has_poses, in_memory, "
-    "max_velocity, path_exists, resolution, search, searches, steps_between"
+    "is_labelled, max_velocity, path_exists, resolution, search, searches, steps_between"
 )
 """What planners ask of maps and arms; the page of Space describes it."""
 

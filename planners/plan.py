@@ -49,7 +49,15 @@ from planners.local_planner import (
 )
 from planners.objectives import CLEARANCE, LENGTH, check_has_cells, find_clear_path
 from planners.result import Plan, Times
-from planners.search import NO_SEARCH, SearchResult, Task, run_ompl, shorten
+from planners.search import (
+    NO_SEARCH,
+    QUICK_ITERATIONS,
+    SearchResult,
+    Task,
+    is_certain,
+    run_ompl,
+    shorten,
+)
 from planners.setup import MakeObjective, make_bounded_states
 from planners.states import check_space, find_state_kind
 
@@ -57,9 +65,7 @@ MAX_SEED: Final = 2**32 - 2
 """Largest seed: OMPL's generator takes 32 bits, and refuses zero."""
 
 QUICK_PLANNER: Final[PlannerName] = "RRTConnect"
-QUICK_ITERATIONS: Final = 500
-"""Planner of the first path of robots that rotate, and its largest number of iterations, which take
-about 10 ms."""
+"""Planner of the first path of robots that rotate."""
 
 EXACT_TIME_SHARE: Final = 0.5
 """Share of the time limit after which the fallback takes over if geometry decides MIXED cells,
@@ -166,9 +172,10 @@ def plan(
     unless ``drive`` restricts it. "differential" is for robots that turn on the spot and drive
     straight on, as most mobile robots do.
 
-    If the map proves that no path exists, no search of OMPL is run but the quick one (*Default*).
-    Nor is one run if the objective is the length and the single edge from start to goal is free.
-    OMPL's messages are held back while it runs.
+    If the map proves that no path exists, no search begins if components of cells are known;
+    otherwise a planner of OMPL has them labelled after 0.05 s, and ends. No search of OMPL is run
+    if the objective is the length and the single edge from start to goal is free. OMPL's messages
+    are held back while it runs.
 
     *Time.* Search and simplification end within the time limit plus 0.25 s. Limits count the
     process's CPU time, so other programs on a busy machine change no result. The first plan on a
@@ -336,14 +343,11 @@ def plan(
     )
     task = _set_endpoints(_choose_searches(task), start, goal)
     path_exists = cache(lambda: space.path_exists(*task.endpoints[:2]))
-    # A path through FREE cells proves that one exists. So components are labelled only if a search
-    # that is quick finds none.
-    searches_first = task.planner in (GRID, LATTICE) and not edges.exact
-    subproblems: Sequence[Subproblem] = []
-    if searches_first or edges.may_join(path_exists()):
-        subproblems = _list_subproblems(task)
-    result = _search_tile_by_tile(task, subproblems, lambda: edges.may_join(path_exists()))
-    exists = True if searches_first and result.proven else path_exists()
+    result = SearchResult(np.empty((0, space.size)))
+    # A proven path saves labelling the cells of a map, so a search goes first then.
+    if not space.is_labelled or edges.may_join(path_exists()):
+        result = _search_tile_by_tile(task, lambda: edges.may_join(path_exists()))
+    exists = True if space.has_cells and result.proven else path_exists()
     return _make_plan(task, result, exists, began)
 
 
@@ -515,15 +519,15 @@ def _list_subproblems(task: Task) -> Sequence[Subproblem]:
     return task.edges.tiles.subproblems(start, goal)
 
 
-def _search_tile_by_tile(
-    task: Task, subproblems: Sequence[Subproblem], may_exist: Callable[[], bool]
-) -> SearchResult:
+def _search_tile_by_tile(task: Task, may_exist: Callable[[], bool]) -> SearchResult:
     """Search tile by tile, join the paths, prove the edges.
 
-    The first part without a proven path ends the search. There are no parts if a path cannot exist.
+    The first part without a proven path ends the search. There are no parts if no FREE cells join
+    start and goal in a tiled map.
     """
     edges = task.edges
     path = np.empty((0, edges.space.size))
+    subproblems = _list_subproblems(task)
     if not subproblems:
         return SearchResult(path)
     is_tiled = len(subproblems) > 1
@@ -598,7 +602,7 @@ def _search(task: Task, may_exist: Callable[[], bool]) -> SearchResult:
             result = _run_planner(stage, may_exist)
             results.append((stage.planner, result))
             if len(result.path):
-                may_exist = _is_certain  # a quick path saves labelling the cells
+                may_exist = is_certain  # a quick path saves labelling the cells
     if task.fallback is not None and not any(len(result.path) for _, result in results):
         # A planner that fails in a tile leaves all the time to the grid.
         used = 0.0 if task.fallback == GRID else _add_planning(results)
@@ -617,11 +621,6 @@ def _fall_back(
     return [(name, _run_planner(stage, may_exist))]
 
 
-def _is_certain() -> bool:
-    """Return True: a path exists, because a search found one."""
-    return True
-
-
 def _add_planning(results: Sequence[tuple[PlannerName, SearchResult]]) -> float:
     """Return the seconds of several searches."""
     return sum(result.planning for _, result in results)
@@ -635,9 +634,12 @@ def _begins_quickly(task: Task) -> bool:
 
 def _run_planner(task: Task, may_exist: Callable[[], bool]) -> SearchResult:
     """Search by the planner of a task alone."""
-    if task.planner in _list_searches(task.edges.space):
+    if task.planner not in _list_searches(task.edges.space):
+        return run_ompl(task, may_exist)
+    asks_later = task.planner in (GRID, LATTICE) and not task.edges.exact
+    if asks_later or may_exist():
         return _search_built_in(task, may_exist)
-    return run_ompl(task)
+    return SearchResult(np.empty((0, task.edges.space.size)))
 
 
 def _choose_shortest(
