@@ -127,6 +127,7 @@ class SearchResult:
     where: str = (
         ""  # part of the path that was not found, " from ... to ...", if the map has several tiles
     )
+    planner: str = ""  # name of the planner that searched
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,6 +160,24 @@ def make_objective(task: Task) -> MakeObjective | None:
     return partial(make, space=edges.cells, drive=edges.drive, turning_radius=edges.turning_radius)
 
 
+def set_seed(seed: int) -> None:
+    """Seed OMPL's generator of seeds, which all planners and samplers made from now on follow."""
+    # OMPL reports an error if numbers have been drawn, but obeys.
+    with _silence():
+        ou.RNG.setSeed(seed + 1)
+
+
+@contextmanager
+def repeat_draws() -> Iterator[None]:
+    """Draw the same numbers each time; later ones go on from those drawn before."""
+    next_seed = ou.RNG().getLocalSeed()
+    set_seed(0)
+    try:
+        yield
+    finally:
+        set_seed(next_seed)
+
+
 def is_certain() -> bool:
     """Return True: a path may exist, because a search found one."""
     return True
@@ -172,10 +191,6 @@ def run_ompl(task: Task, may_exist: Callable[[], bool]) -> SearchResult:
     caches of the map, that answer nor compilation.
     """
     with _silence():
-        if task.seed is not None:
-            # OMPL reports an error if numbers have been drawn, but generators made from here on
-            # follow the seed.
-            ou.RNG.setSeed(task.seed + 1)
         edges = task.edges
         ends = task.endpoints[:2]
         if task.planner in BIDIRECTIONAL_PLANNERS and edges.drive == "differential":

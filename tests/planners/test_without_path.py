@@ -70,7 +70,7 @@ def test_a_plan_ends_at_once_if_no_chain_of_free_cells_joins_start_and_goal(
 
 @pytest.mark.parametrize(
     ("planner", "exact"),
-    [(None, False), ("Grid", False), ("RRTConnect", False), ("RRTConnect", True)],
+    [(None, False), (None, True), ("Grid", False), ("RRTConnect", False), ("RRTConnect", True)],
 )
 def test_a_path_proves_that_one_exists_without_components(planner, exact, monkeypatch):
     states = np.full((8, 20, 9), FREE, dtype=np.uint8)
