@@ -55,7 +55,7 @@ from cspace.workspace import Workspace, copy_workspace
 
 if TYPE_CHECKING:
     from cspace.exact.boundaries import Problem
-    from cspace.exact.proofs import BoundaryTrees, ExactQueries
+    from cspace.exact.proofs import BoundaryProofs, ExactQueries
     from cspace.obstacles import ObstacleLayers
     from cspace.queries.components import Components
     from cspace.queries.distance import DistanceMap, Distances
@@ -1166,9 +1166,9 @@ class CSpace(ConfigurationMap, MapReasons, MapExport):
 
         return ExactQueries(self._problem)
 
-    def boundaries(self) -> BoundaryTrees:
-        """Return the present boundaries of robot and obstacles, for compiled functions."""
-        return self._exact.boundaries()
+    def boundary_proofs(self) -> BoundaryProofs:
+        """Return the proofs by the present boundaries of robot and obstacles."""
+        return self._exact.boundary_proofs()
 
     def _problem(self) -> Problem:
         """Return the input of exact queries."""

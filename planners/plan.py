@@ -616,9 +616,12 @@ def _begins_quickly(task: Task) -> bool:
 
 def _search_quickly(task: Task) -> SearchResult:
     """Search for a first path; without a seed, draw the same numbers each time."""
-    task = replace(task, planner=QUICK_PLANNER, iterations=QUICK_ITERATIONS)
-    if task.edges.exact:
-        task = replace(task, time_limit=EXACT_TIME_SHARE * task.time_limit)
+    task = replace(
+        task,
+        planner=QUICK_PLANNER,
+        iterations=QUICK_ITERATIONS,
+        time_limit=EXACT_TIME_SHARE * task.time_limit,
+    )
     with repeat_draws() if task.seed is None else nullcontext():
         return _run_planner(task, is_certain)
 

@@ -226,7 +226,6 @@ class _Run:
     def __init__(self, task: Task, may_exist: Callable[[], bool]) -> None:
         self._task = task
         self._may_exist = may_exist
-        self._waited = 0.0
         self._edges = task.edges
         self._kind = find_state_kind(task.edges.space)
         self._is_threaded = task.planner in THREADED_PLANNERS
@@ -254,10 +253,10 @@ class _Run:
         # A planner with threads cannot ask while it searches.
         if self._is_threaded and not self._may_exist():
             return SearchResult(np.empty((0, self._edges.space.size)))
-        began = self._now()
+        began = clock()
         first_planner = planner_named(None, self._edges.drive)
         best = None
-        self._deadline.end = clock() + task.time_limit
+        self._deadline.end = began + task.time_limit
         if self._must_beat:
             self._run_planner(first_planner, INITIAL_TIME_SHARE * task.time_limit, None)
             if setup.haveExactSolutionPath():
@@ -273,7 +272,7 @@ class _Run:
             best = solution
         elif best is not None:
             note = f"the first one, by {first_planner}, as {task.planner} found none better"
-        planning = self._now() - began
+        planning = clock() - began
         if best is None:
             return SearchResult(np.empty((0, self._edges.space.size)), note, planning)
         if not task.simplify:
@@ -287,23 +286,6 @@ class _Run:
             better = self._improve(best)
             path = self._edges.remove_turns(self._rows(better))
         return SearchResult(path, note, planning, clock() - began)
-
-    def _now(self) -> float:
-        """Return the clock's reading without the seconds that answers took."""
-        return clock() - self._waited
-
-    def _may_succeed(self) -> bool:
-        """Return True if a path was found or may exist; ask at most once, in no time."""
-        if self._may_exist is is_certain:
-            return True
-        asked = clock()
-        answer = self._setup.haveExactSolutionPath() or self._may_exist()
-        waited = clock() - asked
-        self._waited += waited
-        self._deadline.end += waited
-        if answer:
-            self._may_exist = is_certain
-        return answer
 
     def _set_endpoints(self) -> None:
         """Give OMPL the start and the goals."""
@@ -325,16 +307,27 @@ class _Run:
     def _run_planner(self, name: PlannerName, seconds: float, iterations: int | None) -> str:
         """Run a planner of OMPL; return a note if its outcome is unusual."""
         setup = self._setup
-        began = self._now()
+        began = clock()
+        end = began + seconds
+        asks_at = began + SECONDS_BEFORE_LABELS
         checks = itertools.count(1)
         max_checks = math.inf if iterations is None else iterations
 
         def is_over() -> bool:
-            """Return True if the search has to end."""
-            spent = self._now() - began
-            if next(checks) > max_checks or spent > seconds:
+            """Return True if the search has to end; ask once whether a path may exist."""
+            nonlocal end, asks_at
+            now = clock()
+            if next(checks) > max_checks or now > end:
                 return True
-            return spent > SECONDS_BEFORE_LABELS and not self._may_succeed()
+            if now < asks_at or setup.haveExactSolutionPath():
+                return False
+            if not self._may_exist():
+                return True
+            asks_at = math.inf
+            waited = clock() - now
+            end += waited
+            self._deadline.end += waited
+            return False
 
         if self._is_threaded:
             # OMPL's own clock counts compilation, but its threads cannot call ours.
