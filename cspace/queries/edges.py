@@ -154,14 +154,15 @@ def segment_is_free(map_: Map, s: int, first: Row, last: Row) -> bool:
     """Return True if a segment from `first` to `last` touches only FREE cells of a slice."""
     p = in_cells(map_, first)
     q = in_cells(map_, last)
-    inside = True
     total = 0.0
+    for axis in range(3):
+        total += abs(p[axis]) + abs(q[axis])
+    inside = total <= MAX_POSITION  # False for NaN
+    if not inside:
+        return False
     for axis in range(3):
         inside &= min(first[axis], last[axis]) >= map_.lower[axis]
         inside &= max(first[axis], last[axis]) <= map_.upper[axis]
-        total += abs(p[axis]) + abs(q[axis])
-    if not total <= MAX_POSITION:  # True for NaN
-        return False
     # The closed cells of the grid contain all of a segment inside. Any other segment is proven only
     # if all cells outside both grid and exterior box are FREE.
     if not inside and map_.exterior[s, 2 * map_.dim] != FREE:
