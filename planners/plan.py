@@ -347,10 +347,7 @@ def plan(
     if task.seed is not None:
         set_seed(task.seed)
     path_exists = cache(lambda: space.path_exists(*task.endpoints[:2]))
-    result = SearchResult(np.empty((0, space.size)))
-    # A proven path saves labelling the cells of a map, so a search goes first then.
-    if not space.is_labelled or edges.may_join(path_exists()):
-        result = _search_tile_by_tile(task, lambda: edges.may_join(path_exists()))
+    result = _search_tile_by_tile(task, lambda: edges.may_join(path_exists()))
     exists = True if space.has_cells and result.proven else path_exists()
     return _make_plan(task, result, exists, began)
 
@@ -526,12 +523,15 @@ def _list_subproblems(task: Task) -> Sequence[Subproblem]:
 def _search_tile_by_tile(task: Task, may_exist: Callable[[], bool]) -> SearchResult:
     """Search tile by tile, join the paths, prove the edges.
 
-    The first part without a proven path ends the search. There are no parts if no FREE cells join
-    start and goal in a tiled map.
+    The first part without a proven path ends the search. There are no parts if a path is known not
+    to exist.
     """
     edges = task.edges
     path = np.empty((0, edges.space.size))
-    subproblems = _list_subproblems(task)
+    subproblems: Sequence[Subproblem] = []
+    # A proven path saves labelling the cells of a map, so a search goes first then.
+    if not edges.space.is_labelled or may_exist():
+        subproblems = _list_subproblems(task)
     if not subproblems:
         return SearchResult(path)
     is_tiled = len(subproblems) > 1

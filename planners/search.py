@@ -253,10 +253,10 @@ class _Run:
         # A planner with threads cannot ask while it searches.
         if self._is_threaded and not self._may_exist():
             return SearchResult(np.empty((0, self._edges.space.size)))
-        began = clock()
+        self._began = clock()
         first_planner = planner_named(None, self._edges.drive)
         best = None
-        self._deadline.end = began + task.time_limit
+        self._deadline.end = self._began + task.time_limit
         if self._must_beat:
             self._run_planner(first_planner, INITIAL_TIME_SHARE * task.time_limit, None)
             if setup.haveExactSolutionPath():
@@ -272,7 +272,7 @@ class _Run:
             best = solution
         elif best is not None:
             note = f"the first one, by {first_planner}, as {task.planner} found none better"
-        planning = clock() - began
+        planning = clock() - self._began
         if best is None:
             return SearchResult(np.empty((0, self._edges.space.size)), note, planning)
         if not task.simplify:
@@ -323,10 +323,12 @@ class _Run:
                 return False
             if not self._may_exist():
                 return True
+            # The answer takes no time of the limit.
             asks_at = math.inf
             waited = clock() - now
             end += waited
             self._deadline.end += waited
+            self._began += waited
             return False
 
         if self._is_threaded:
