@@ -24,7 +24,7 @@ FOR_PLANNERS = (
 """What planners ask of maps and arms; the page of Space describes it."""
 
 INSIDE = {
-    "CSpace": f"{FOR_PLANNERS}, facts, distances, find_cheap_path, find_unusable, kernel_map, path_obstacle_distance",
+    "CSpace": f"{FOR_PLANNERS}, boundary_proofs, facts, distances, find_cheap_path, find_unusable, kernel_map, path_obstacle_distance",
     "TiledCSpace": f"{FOR_PLANNERS}, facts, find_unusable, path_obstacle_distance, subproblems",
     "ArmSpace": FOR_PLANNERS,
     "Arm": "branch_to, check_configuration, check_configurations, check_limits, clamp, "

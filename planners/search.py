@@ -127,7 +127,7 @@ class SearchResult:
     where: str = (
         ""  # part of the path that was not found, " from ... to ...", if the map has several tiles
     )
-    planner: str = ""  # name of the planner that searched
+    planner: PlannerName | None = None  # that searched
 
 
 @dataclass(frozen=True, slots=True)
