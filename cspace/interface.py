@@ -81,6 +81,8 @@ class Space(ABC):
         cells. Other spaces decide every configuration.
     in_memory : bool
         Whether the cells are in memory; False for a :class:`cspace.TiledCSpace` alone.
+    is_labelled : bool
+        Whether :meth:`path_exists` answers at once; False for a map that has to label its cells.
     searches : tuple of str
         Names of the space's own searches, which :meth:`search` runs; the first is the default of
         :func:`planners.plan`.
@@ -88,6 +90,7 @@ class Space(ABC):
 
     has_cells: bool = False
     in_memory: bool = True
+    is_labelled: bool = True
     searches: tuple[str, ...] = ()
 
     # ---- what every space says -------------------------------------------------------------------

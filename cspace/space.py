@@ -55,7 +55,7 @@ from cspace.workspace import Workspace, copy_workspace
 
 if TYPE_CHECKING:
     from cspace.exact.boundaries import Problem
-    from cspace.exact.proofs import BoundaryTrees, ExactQueries
+    from cspace.exact.proofs import BoundaryProofs, ExactQueries
     from cspace.obstacles import ObstacleLayers
     from cspace.queries.components import Components
     from cspace.queries.distance import DistanceMap, Distances
@@ -647,7 +647,7 @@ class CSpace(ConfigurationMap, MapReasons, MapExport):
         from cspace.queries.search import find_chain
 
         # If components are known already, they save a search that cannot succeed.
-        if "_components" in vars(self) and not self.is_connected(*endpoints):
+        if self.is_labelled and not self.is_connected(*endpoints):
             return self._no_path()
         rotations = self.rotations
         turns = rotations.neighbors, self._turn_costs
@@ -1166,9 +1166,9 @@ class CSpace(ConfigurationMap, MapReasons, MapExport):
 
         return ExactQueries(self._problem)
 
-    def boundaries(self) -> BoundaryTrees:
-        """Return the present boundaries of robot and obstacles, for compiled functions."""
-        return self._exact.boundaries()
+    def boundary_proofs(self) -> BoundaryProofs:
+        """Return the proofs by the present boundaries of robot and obstacles."""
+        return self._exact.boundary_proofs()
 
     def _problem(self) -> Problem:
         """Return the input of exact queries."""
@@ -1183,6 +1183,11 @@ class CSpace(ConfigurationMap, MapReasons, MapExport):
             self.margin,
             exterior_blocked,
         )
+
+    @property
+    def is_labelled(self) -> bool:  # type: ignore[override]
+        """Whether components of cells are known."""
+        return "_components" in vars(self)
 
     @derived
     def _components(self) -> Components:

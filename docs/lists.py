@@ -19,12 +19,12 @@ MAPS_IN = {2: "plane", 3: "space", None: "either"}
 
 FOR_PLANNERS = (
     "check_bounds, check_endpoint, dim, find_goals, has_cells, has_poses, in_memory, "
-    "max_velocity, path_exists, resolution, search, searches, steps_between"
+    "is_labelled, max_velocity, path_exists, resolution, search, searches, steps_between"
 )
 """What planners ask of maps and arms; the page of Space describes it."""
 
 INSIDE = {
-    "CSpace": f"{FOR_PLANNERS}, facts, distances, find_cheap_path, find_unusable, kernel_map, path_obstacle_distance",
+    "CSpace": f"{FOR_PLANNERS}, boundary_proofs, facts, distances, find_cheap_path, find_unusable, kernel_map, path_obstacle_distance",
     "TiledCSpace": f"{FOR_PLANNERS}, facts, find_unusable, path_obstacle_distance, subproblems",
     "ArmSpace": FOR_PLANNERS,
     "Arm": "branch_to, check_configuration, check_configurations, check_limits, clamp, "

@@ -25,7 +25,7 @@ from cspace.record.cells import Map
 from cspace.rotations.base import TWO_PI
 from cspace.rotations.lookup import matrix_rows
 from cspace.support.arrays import Floats, Ints, Numbers
-from cspace.support.compiling import allocating, kernel
+from cspace.support.compiling import allocating, internal, kernel
 from planners.integrals import MAX_RADIANS_PER_STEP, CostDensity, Values, cost_at
 
 Pose = tuple[float, float, float]
@@ -153,8 +153,9 @@ def prove_length(
         # curves. Driven back, such a curve has its segments in reverse order and direction.
         back = find_shortest_words(kind, radius, goal, start, TIE_TOLERANCE)
         for row in range(back.number):
-            words.steering[count] = back.steering[row, ::-1]
-            words.lengths[count] = -back.lengths[row, ::-1]
+            for k in range(MAX_SEGMENTS):
+                words.steering[count, k] = back.steering[row, MAX_SEGMENTS - 1 - k]
+                words.lengths[count, k] = -back.lengths[row, MAX_SEGMENTS - 1 - k]
             count += is_new(words.steering, words.lengths, count)
     # The driven curve stays within `spare` of ours, however the gap spreads along it and from
     # whichever end it starts.
@@ -212,7 +213,7 @@ def curve_cost(
     return total
 
 
-@kernel
+@internal
 def piece_is_free(
     map_: Map,
     geometry: Geometry,
@@ -256,7 +257,7 @@ def piece_is_free(
     return proven >= enough
 
 
-@kernel
+@internal
 def segment_is_free(
     map_: Map,
     geometry: Geometry,
@@ -325,11 +326,12 @@ def find_shortest_words(kind: int, radius: float, q0: Pose, q1: Pose, tie: float
     all_steering = np.zeros((MAX_WORDS, MAX_SEGMENTS), np.int64)
     all_lengths = np.zeros((MAX_WORDS, MAX_SEGMENTS))
     candidates = write_candidates(kind, goal, all_steering, all_lengths)
-    totals = np.full(candidates, np.inf)  # of the words that reach the goal and may be shortest
+    totals = np.empty(candidates)  # of the words that reach the goal and may be shortest
     best = 0
     shortest = math.inf
     shortest_gap = math.inf
     for row in range(candidates):
+        totals[row] = math.inf
         total = 0.0
         for k in range(MAX_SEGMENTS):
             total += abs(all_lengths[row, k])
@@ -346,20 +348,20 @@ def find_shortest_words(kind: int, radius: float, q0: Pose, q1: Pose, tie: float
     # Copy the shortest word, then those that are as short.
     steering = np.zeros((2 * MAX_WORDS, MAX_SEGMENTS), np.int64)
     lengths = np.zeros((2 * MAX_WORDS, MAX_SEGMENTS))
-    count = 0
-    if shortest < math.inf:
-        steering[0] = all_steering[best]
-        lengths[0] = all_lengths[best]
-        count = 1
-        for row in range(candidates):
-            if totals[row] <= shortest + tie:
-                steering[count] = all_steering[row]
-                lengths[count] = all_lengths[row]
-                count += is_new(steering, lengths, count)
+    for k in range(MAX_SEGMENTS):
+        steering[0, k] = all_steering[best, k]
+        lengths[0, k] = all_lengths[best, k]
+    count = int(shortest < math.inf)
+    for row in range(candidates):
+        if count > 0 and totals[row] <= shortest + tie:
+            for k in range(MAX_SEGMENTS):
+                steering[count, k] = all_steering[row, k]
+                lengths[count, k] = all_lengths[row, k]
+            count += is_new(steering, lengths, count)
     return Words(steering, lengths, count, shortest_gap, shortest)
 
 
-@kernel
+@internal
 def measure_gap(goal: Pose, steering: Ints, lengths: Floats, row: int) -> float:
     """Drive a word, a row of two arrays, from the origin; return its gap at the goal.
 
@@ -387,7 +389,7 @@ def advance(pose: Pose, steer: int, length: float) -> Pose:
     return x_after, y_after, yaw_after
 
 
-@kernel
+@internal
 def is_new(steering: Ints, lengths: Floats, count: int) -> int:
     """Return 1 if row ``count`` differs from all earlier words, else 0.
 
@@ -406,7 +408,7 @@ def is_new(steering: Ints, lengths: Floats, count: int) -> int:
     return 1
 
 
-@kernel
+@internal
 def write_candidates(kind: int, goal: Pose, steering: Ints, lengths: Floats) -> int:
     """Write all candidate words from the origin; return their number.
 
@@ -440,7 +442,7 @@ def write_candidates(kind: int, goal: Pose, steering: Ints, lengths: Floats) -> 
     return count
 
 
-@kernel
+@internal
 def write_word(
     kind: int,
     form: int,
@@ -476,7 +478,7 @@ def write_word(
         lengths[row, k] = sign * length
 
 
-@kernel
+@internal
 def solve_form(form: int, x: float, y: float, phi: float) -> Lengths:
     """Return the lengths of a form's word to (x, y, phi); zeros if unreachable.
 

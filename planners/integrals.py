@@ -16,7 +16,7 @@ from cspace.rotations.lookup import arc_angle_and_error, rotation_along
 from cspace.space import CSpace
 from cspace.spectral.field import field_at
 from cspace.support.arrays import Floats, Numbers, Row
-from cspace.support.compiling import kernel
+from cspace.support.compiling import internal, kernel
 
 Field = DistanceMap | Floats | None
 """Source of a value at each configuration: the clearance, by distances; overlaps of cells; or none
@@ -54,7 +54,7 @@ class CostDensity(NamedTuple):
     mean_per_metre: bool = False
 
 
-@kernel
+@internal
 def cost_at(
     map_: Map, values: Values, density: CostDensity, position: Row, rotation: Numbers
 ) -> float:

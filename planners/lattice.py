@@ -43,7 +43,7 @@ from cspace.queries.points import Cell, position_in_plane
 from cspace.record.cells import Map
 from cspace.rotations.base import METRES_PER_RADIAN, TWO_PI, wrapped
 from cspace.support.arrays import FREE, MIXED, Bools, Floats, Ints
-from cspace.support.compiling import clock, kernel
+from cspace.support.compiling import clock, internal, kernel
 from planners.car_curves import (
     MAX_GAP,
     POINT_ERROR,
@@ -689,7 +689,7 @@ def add_node(
     push(progress, progress.cost[node] + motions.greed * left, node)
 
 
-@kernel
+@internal
 def make_key(map_: Map, motions: Motions, q: Pose, heading: int) -> int:
     """Return the hash key of a configuration's cell and heading."""
     i = math.floor((q[0] - map_.lower[1]) / motions.side)
@@ -698,7 +698,7 @@ def make_key(map_: Map, motions: Motions, q: Pose, heading: int) -> int:
     return cell * len(motions.headings) + heading
 
 
-@kernel
+@internal
 def find_slot(nodes: Nodes, key: int) -> int:
     """Return the slot of the hash table that holds a key, or the free slot for it."""
     mask = len(nodes.table) - 1
@@ -708,7 +708,7 @@ def find_slot(nodes: Nodes, key: int) -> int:
     return slot
 
 
-@kernel
+@internal
 def motion_is_free(
     map_: Map, motions: Motions, radius: float | None, nodes: Nodes, parent: int, move: int, q: Pose
 ) -> bool:
@@ -729,7 +729,7 @@ def motion_is_free(
     return segment_is_free(map_, geometry, radius, origin, begin, steer, length, ARC_ERROR)
 
 
-@kernel
+@internal
 def estimate_cost_to_goal(
     map_: Map, target: Target, cost: float, direction: int, x: float, y: float
 ) -> float:
@@ -743,7 +743,7 @@ def estimate_cost_to_goal(
     return max(straight, cells * map_.spacing)
 
 
-@kernel
+@internal
 def find_cell(map_: Map, target: Target, x: float, y: float) -> tuple[int, int]:
     """Return the cell of a position."""
     _, nx, ny = target.estimate.shape

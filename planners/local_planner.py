@@ -151,11 +151,15 @@ class LocalPlanner:
         """Return the geometry that decides MIXED cells for kernels; None unless exact."""
         if not self.exact:
             return None
-        return self.cells.boundaries(), make_scratch().node_pairs
+        return self.cells.boundary_proofs().boundaries, make_scratch().node_pairs
 
     def make_states(self) -> ob.StateSpace:
         """Make OMPL's state space, without bounds."""
         return find_state_kind(self.space).make()
+
+    def point_checker(self) -> Callable[..., bool]:
+        """Make ``check(*q)``, which proves a configuration free."""
+        return self.space.point_checker(exact=self.exact)
 
     def edge_checker(self) -> Callable[..., bool]:
         """Make ``check(*q0, *q1)``, which proves the edge free."""
@@ -465,6 +469,16 @@ class CarCurves(LocalPlanner):
         """Make OMPL's state space of the curves, without bounds."""
         return _CURVE_SPACES[self.drive](self.radius)
 
+    def point_checker(self) -> Callable[..., bool]:
+        """Make ``check(*q)``, which proves a configuration free, exactly as a curve without length.
+
+        So proofs of straight edges need not be compiled.
+        """
+        if not self.exact:
+            return super().point_checker()
+        prove = self.edge_checker()
+        return lambda *q: prove(*q, *q)
+
     def edge_checker(self) -> Callable[..., bool]:
         """Make ``check(*q0, *q1)``, which proves the shortest curves free."""
         prove = self.length_prover()
@@ -500,12 +514,18 @@ class CarCurves(LocalPlanner):
             prove = bind_kernel(prove_length, fixed, self.geometry(), *[0.0] * 6)
             if not self.exact:
                 return partial(prove, None)
-            is_free = self.space.point_checker(exact=True)
+            is_free = self.space.point_checker()
 
             def prove_exactly(*q: float) -> float:
-                """Prove a curve among the present obstacles."""
+                """Prove a curve among the present obstacles.
+
+                No boundaries meet along the curve, so that its start decides containment.
+                """
                 length: float = prove(self.geometry(), *q)
-                return length if length < 0.0 or is_free(*q[:3]) else -1.0
+                start = q[:3]
+                if length < 0.0 or is_free(*start):
+                    return length
+                return length if self.cells.boundary_proofs().is_outside(*start) else -1.0
 
             return prove_exactly
 

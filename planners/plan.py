@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from dataclasses import replace
 from functools import cache
 from typing import Final, NamedTuple, NoReturn, cast
@@ -49,7 +49,17 @@ from planners.local_planner import (
 )
 from planners.objectives import CLEARANCE, LENGTH, check_has_cells, find_clear_path
 from planners.result import Plan, Times
-from planners.search import NO_SEARCH, SearchResult, Task, run_ompl, shorten
+from planners.search import (
+    NO_SEARCH,
+    QUICK_ITERATIONS,
+    SearchResult,
+    Task,
+    is_certain,
+    repeat_draws,
+    run_ompl,
+    set_seed,
+    shorten,
+)
 from planners.setup import MakeObjective, make_bounded_states
 from planners.states import check_space, find_state_kind
 
@@ -57,13 +67,11 @@ MAX_SEED: Final = 2**32 - 2
 """Largest seed: OMPL's generator takes 32 bits, and refuses zero."""
 
 QUICK_PLANNER: Final[PlannerName] = "RRTConnect"
-QUICK_ITERATIONS: Final = 500
-"""Planner of the first path of robots that rotate, and its largest number of iterations, which take
-about 10 ms."""
+"""Planner of the first path of robots that rotate, except along Dubins curves."""
 
 EXACT_TIME_SHARE: Final = 0.5
-"""Share of the time limit after which the fallback takes over if geometry decides MIXED cells,
-because a built-in search through many such cells may not end."""
+"""Share of the time left for the quick search, and then for the built-in one, if geometry decides
+MIXED cells: a search through many such cells may not end."""
 
 LATE_SHARE: Final = 0.95
 """Share of the time limit after which a search counts as ended by it."""
@@ -166,9 +174,10 @@ def plan(
     unless ``drive`` restricts it. "differential" is for robots that turn on the spot and drive
     straight on, as most mobile robots do.
 
-    If the map proves that no path exists, no search of OMPL is run but the quick one (*Default*).
-    Nor is one run if the objective is the length and the single edge from start to goal is free.
-    OMPL's messages are held back while it runs.
+    If the map proves that no path exists, no search begins if components of cells are known;
+    otherwise a planner of OMPL has them labelled after 0.05 s, and ends. No search of OMPL is run
+    if the objective is the length and the single edge from start to goal is free. OMPL's messages
+    are held back while it runs.
 
     *Time.* Search and simplification end within the time limit plus 0.25 s. Limits count the
     process's CPU time, so other programs on a busy machine change no result. The first plan on a
@@ -196,20 +205,20 @@ def plan(
     changes nothing. Angles of continuous joints in the path are not wrapped, so that straight
     motions join its rows. Drives, "Grid", "MaxClearance" and "clearance" are for maps.
 
-    *Default.* Without a planner, another objective or ``iterations``, built-in searches go first if
-    FREE cells join start and goal, or if ``exact``. "Grid" plans for holonomic robots; few paths
-    through FREE cells are shorter. "Lattice" plans for cars, and unless ``exact`` for other drives.
-    If they find no path before the time limit, or with ``exact`` before half of it, OMPL's default
-    planner takes over. If the robot rotates, RRTConnect searches first, unless ``exact`` or for
-    Dubins curves, for at most 500 iterations, some 10 ms. The plan takes its path if the built-in
-    search finds no shorter one in time.
+    *Default.* Without a planner, another objective or ``iterations``, three searches follow each
+    other. If the robot rotates, RRTConnect begins, for at most 500 iterations, some 10 ms; not for
+    Dubins curves. Then comes a built-in search for a shorter path: "Grid" for holonomic robots,
+    "Lattice" for cars, and unless ``exact`` for other drives. Few paths through FREE cells are
+    shorter than Grid's. If neither finds a path before the time limit, or with ``exact`` before
+    half of it, OMPL's default planner goes on.
 
-    *Repeatable runs.* If named, "Grid" and "Lattice" always give the same path. A seed sets OMPL's
-    global seed generator, from which every planner and sampler made afterwards draws its own seed,
-    and the random starts of poses. So the same call with the same seed gives the same path, in any
-    process and after any other plans. Searches that the clock ends are an exception: give
-    ``iterations`` to planners that use up the time limit. So are PRM and PRMstar, which search in a
-    second thread, and OMPL used by other threads at the same time.
+    *Repeatable runs.* "Grid" and "Lattice" always give the same path. So do default plans on maps
+    that need no third search, because the first one draws the same numbers without a seed. A seed
+    sets OMPL's global seed generator, from which every planner and sampler made afterwards draws
+    its own seed, and the random starts of poses. So the same call with the same seed gives the same
+    path, in any process and after any other plans. Searches that the clock ends are an exception:
+    give ``iterations`` to planners that use up the time limit. So are PRM and PRMstar, which search
+    in a second thread, and OMPL used by other threads at the same time.
 
     Parameters
     ----------
@@ -338,15 +347,11 @@ def plan(
     if previous is not None:
         task = replace(task, previous=_check_previous(task, previous))
     task = _set_endpoints(_choose_searches(task), start, goal)
+    if task.seed is not None:
+        set_seed(task.seed)
     path_exists = cache(lambda: space.path_exists(*task.endpoints[:2]))
-    # A path through FREE cells proves that one exists. So components are labelled only if a search
-    # that is quick finds none.
-    searches_first = task.planner in (GRID, LATTICE) and not edges.exact
-    subproblems: Sequence[Subproblem] = []
-    if searches_first or edges.may_join(path_exists()):
-        subproblems = _list_subproblems(task)
-    result = _search_tile_by_tile(task, subproblems, lambda: edges.may_join(path_exists()))
-    exists = True if searches_first and result.proven else path_exists()
+    result = _search_tile_by_tile(task, lambda: edges.may_join(path_exists()))
+    exists = True if space.has_cells and result.proven else path_exists()
     return _make_plan(task, result, exists, began)
 
 
@@ -524,15 +529,18 @@ def _list_subproblems(task: Task) -> Sequence[Subproblem]:
     return task.edges.tiles.subproblems(start, goal)
 
 
-def _search_tile_by_tile(
-    task: Task, subproblems: Sequence[Subproblem], may_exist: Callable[[], bool]
-) -> SearchResult:
+def _search_tile_by_tile(task: Task, may_exist: Callable[[], bool]) -> SearchResult:
     """Search tile by tile, join the paths, prove the edges.
 
-    The first part without a proven path ends the search. There are no parts if a path cannot exist.
+    The first part without a proven path ends the search. There are no parts if a path is known not
+    to exist.
     """
     edges = task.edges
     path = np.empty((0, edges.space.size))
+    subproblems: Sequence[Subproblem] = []
+    # A proven path saves labelling the cells of a map, so a search goes first then.
+    if not edges.space.is_labelled or may_exist():
+        subproblems = _list_subproblems(task)
     if not subproblems:
         return SearchResult(path)
     is_tiled = len(subproblems) > 1
@@ -595,85 +603,89 @@ def _search(task: Task, may_exist: Callable[[], bool]) -> SearchResult:
         result = _follow_previous(task)
         if len(result.path):
             return result
-    stages = [task]
+    results: list[SearchResult] = []
     if _begins_quickly(task):
-        stages = [replace(task, planner=QUICK_PLANNER, iterations=QUICK_ITERATIONS), task]
-    share = EXACT_TIME_SHARE if task.edges.exact and task.fallback is not None else 1.0
-    results: list[tuple[PlannerName, SearchResult]] = []
-    for stage in stages:
-        seconds_left = task.time_limit - _add_planning(results)
-        if seconds_left > 0.0:
-            stage = replace(stage, time_limit=share * seconds_left)
-            result = _run_planner(stage, may_exist)
-            results.append((stage.planner, result))
-            if len(result.path):
-                may_exist = _is_certain  # a quick path saves labelling the cells
-    if task.fallback is not None and not any(len(result.path) for _, result in results):
-        # A planner that fails in a tile leaves all the time to the grid.
-        used = 0.0 if task.fallback == GRID else _add_planning(results)
-        results += _fall_back(task, used, may_exist)
+        results.append(_search_quickly(task))
+    if _list_found(results):
+        may_exist = is_certain  # a quick path saves labelling the cells
+    seconds_left = task.time_limit - _add_planning(results)
+    if seconds_left > 0.0:
+        if task.edges.exact and task.fallback is not None:
+            seconds_left *= EXACT_TIME_SHARE
+        results.append(_run_planner(replace(task, time_limit=seconds_left), may_exist))
+    if not _list_found(results):
+        results += _fall_back(task, _add_planning(results), may_exist)
     return _choose_shortest(task, results)
 
 
-def _fall_back(
-    task: Task, used: float, may_exist: Callable[[], bool]
-) -> list[tuple[PlannerName, SearchResult]]:
+def _begins_quickly(task: Task) -> bool:
+    """Return True if a plan begins with a quick search, because the robot rotates."""
+    return task.fallback == QUICK_PLANNER and bool(task.edges.space.rotations.names)
+
+
+def _search_quickly(task: Task) -> SearchResult:
+    """Search for a first path; without a seed, draw the same numbers each time."""
+    task = replace(
+        task,
+        planner=QUICK_PLANNER,
+        iterations=QUICK_ITERATIONS,
+        time_limit=EXACT_TIME_SHARE * task.time_limit,
+    )
+    with repeat_draws() if task.seed is None else nullcontext():
+        return _run_planner(task, is_certain)
+
+
+def _fall_back(task: Task, used: float, may_exist: Callable[[], bool]) -> list[SearchResult]:
     """Search by the fallback, if time is left after ``used`` seconds and a path may exist."""
     name = task.fallback
+    if name == GRID:
+        used = 0.0  # a planner that fails in a tile leaves all the time to the grid
     if name is None or used >= task.time_limit or not may_exist():
         return []
-    stage = replace(task, planner=name, time_limit=task.time_limit - used)
-    return [(name, _run_planner(stage, may_exist))]
+    return [_run_planner(replace(task, planner=name, time_limit=task.time_limit - used), may_exist)]
 
 
-def _is_certain() -> bool:
-    """Return True: a path exists, because a search found one."""
-    return True
+def _list_found(results: Sequence[SearchResult]) -> list[SearchResult]:
+    """List the results of searches that found a path."""
+    return [result for result in results if len(result.path)]
 
 
-def _add_planning(results: Sequence[tuple[PlannerName, SearchResult]]) -> float:
+def _add_planning(results: Sequence[SearchResult]) -> float:
     """Return the seconds of several searches."""
-    return sum(result.planning for _, result in results)
-
-
-def _begins_quickly(task: Task) -> bool:
-    """Return True if a plan begins with a quick search: the robot rotates, and edges are cheap."""
-    edges = task.edges
-    return task.fallback == QUICK_PLANNER and bool(edges.space.rotations.names) and not edges.exact
+    return sum(result.planning for result in results)
 
 
 def _run_planner(task: Task, may_exist: Callable[[], bool]) -> SearchResult:
     """Search by the planner of a task alone."""
-    if task.planner in _list_searches(task.edges.space):
-        return _search_built_in(task, may_exist)
-    return run_ompl(task)
+    result = SearchResult(np.empty((0, task.edges.space.size)))
+    if task.planner not in _list_searches(task.edges.space):
+        result = run_ompl(task, may_exist)
+    elif (task.planner in (GRID, LATTICE) and not task.edges.exact) or may_exist():
+        result = _search_built_in(task, may_exist)
+    return replace(result, planner=task.planner)
 
 
-def _choose_shortest(
-    task: Task, results: Sequence[tuple[PlannerName, SearchResult]]
-) -> SearchResult:
+def _choose_shortest(task: Task, results: Sequence[SearchResult]) -> SearchResult:
     """Choose the shortest path of several searches; its times are those of all."""
 
-    def measure(result: SearchResult) -> float:
+    def measure(result: SearchResult) -> tuple[float, bool]:
+        """Return the length of a path, and whether another planner than the task's found it."""
         rows = result.path
-        return float(task.edges.edge_lengths(rows[:-1], rows[1:]).sum())
+        length = task.edges.edge_lengths(rows[:-1], rows[1:]).sum()
+        return float(length), result.planner != task.planner
 
-    found = [(name, result) for name, result in results if len(result.path)]
-    name, best = results[-1]
+    found = _list_found(results)
+    best = min(found, key=measure, default=results[-1])
     note = best.note
-    if found:
-        found.sort(key=lambda named: named[0] != task.planner)  # it goes first if lengths are equal
-        name, best = min(found, key=lambda named: measure(named[1]))
-        note = best.note
-        if name != task.planner:
-            others = "found a longer one" if len(found) > 1 else "found none"
-            note = f"by {name}, as {task.planner} {others}"
+    if found and best.planner != task.planner:
+        others = "found a longer one" if len(found) > 1 else "found none"
+        note = f"by {best.planner}, as {task.planner} {others}"
     return replace(
         best,
         note=note,
         planning=_add_planning(results),
-        simplification=sum(result.simplification for _, result in results),
-        lattice="".join(result.lattice for _, result in results),
+        simplification=sum(result.simplification for result in results),
+        lattice="".join(result.lattice for result in results),
     )
 
 

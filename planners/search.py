@@ -47,6 +47,12 @@ _USUAL_STATUSES: Final = ("Timeout", "Exact solution", "Approximate solution", "
 NO_SEARCH: Final = "a single edge is free; no search needed"
 """Note of a path that is a single edge."""
 
+QUICK_ITERATIONS: Final = 500
+"""Iterations of the quick first search of a default plan, which take about 10 ms."""
+
+SECONDS_BEFORE_LABELS: Final = 0.05
+"""Seconds after which a search labels the cells of a map, to see if a path may exist."""
+
 INITIAL_TIME_SHARE: Final = 0.1
 """Share of the time limit for the first path, which a planner with an objective must beat."""
 
@@ -121,6 +127,7 @@ class SearchResult:
     where: str = (
         ""  # part of the path that was not found, " from ... to ...", if the map has several tiles
     )
+    planner: PlannerName | None = None  # that searched
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,22 +160,42 @@ def make_objective(task: Task) -> MakeObjective | None:
     return partial(make, space=edges.cells, drive=edges.drive, turning_radius=edges.turning_radius)
 
 
-def run_ompl(task: Task) -> SearchResult:
+def set_seed(seed: int) -> None:
+    """Seed OMPL's generator of seeds, which all planners and samplers made from now on follow."""
+    # OMPL reports an error if numbers have been drawn, but obeys.
+    with _silence():
+        ou.RNG.setSeed(seed + 1)
+
+
+@contextmanager
+def repeat_draws() -> Iterator[None]:
+    """Draw the same numbers each time; later ones go on from those drawn before."""
+    next_seed = ou.RNG().getLocalSeed()
+    set_seed(0)
+    try:
+        yield
+    finally:
+        set_seed(next_seed)
+
+
+def is_certain() -> bool:
+    """Return True: a path may exist, because a search found one."""
+    return True
+
+
+def run_ompl(task: Task, may_exist: Callable[[], bool]) -> SearchResult:
     """Search by OMPL for a path from start to goal.
 
-    The path leads from the first configuration to any other. The limit, in seconds, covers the
-    search and the simplification, but neither caches of the map nor compilation.
+    The path leads from the first configuration to any other. A long search asks once whether a path
+    ``may_exist``. The limit, in seconds, covers the search and the simplification, but neither
+    caches of the map, that answer nor compilation.
     """
     with _silence():
-        if task.seed is not None:
-            # OMPL reports an error if numbers have been drawn, but generators made from here on
-            # follow the seed.
-            ou.RNG.setSeed(task.seed + 1)
         edges = task.edges
         ends = task.endpoints[:2]
         if task.planner in BIDIRECTIONAL_PLANNERS and edges.drive == "differential":
             task = replace(task, edges=replace(edges, bidirectional=True))
-        run = _Run(task)
+        run = _Run(task, may_exist)
         # OMPL's SORRTstar never returns once it has found a path of the least possible length.
         if run.by_length and edges.edge_checker()(*ends[0], *ends[1]):
             path = find_state_kind(edges.space).unwind(np.array(ends))
@@ -196,8 +223,9 @@ def shorten(edges: LocalPlanner, path: Floats, until: float) -> Floats:
 class _Run:
     """OMPL's objects for one search, and its deadline."""
 
-    def __init__(self, task: Task) -> None:
+    def __init__(self, task: Task, may_exist: Callable[[], bool]) -> None:
         self._task = task
+        self._may_exist = may_exist
         self._edges = task.edges
         self._kind = find_state_kind(task.edges.space)
         self._is_threaded = task.planner in THREADED_PLANNERS
@@ -221,15 +249,19 @@ class _Run:
         setup = self._setup
         task = self._task
         note = ""
-        began = clock()
         self._set_endpoints()
+        # A planner with threads cannot ask while it searches.
+        if self._is_threaded and not self._may_exist():
+            return SearchResult(np.empty((0, self._edges.space.size)))
+        self._began = clock()
         first_planner = planner_named(None, self._edges.drive)
         best = None
-        self._deadline.end = began + task.time_limit
+        self._deadline.end = self._began + task.time_limit
         if self._must_beat:
             self._run_planner(first_planner, INITIAL_TIME_SHARE * task.time_limit, None)
             if setup.haveExactSolutionPath():
                 best = self._improve(setup.getSolutionPath())
+                self._may_exist = is_certain
             setup.getProblemDefinition().clearSolutionPaths()
         seconds_left = self._deadline.end - clock()
         if best is None or seconds_left > 0.0:
@@ -240,7 +272,7 @@ class _Run:
             best = solution
         elif best is not None:
             note = f"the first one, by {first_planner}, as {task.planner} found none better"
-        planning = clock() - began
+        planning = clock() - self._began
         if best is None:
             return SearchResult(np.empty((0, self._edges.space.size)), note, planning)
         if not task.simplify:
@@ -275,16 +307,35 @@ class _Run:
     def _run_planner(self, name: PlannerName, seconds: float, iterations: int | None) -> str:
         """Run a planner of OMPL; return a note if its outcome is unusual."""
         setup = self._setup
-        end = clock() + seconds
+        began = clock()
+        end = began + seconds
+        asks_at = began + SECONDS_BEFORE_LABELS
         checks = itertools.count(1)
         max_checks = math.inf if iterations is None else iterations
+
+        def is_over() -> bool:
+            """Return True if the search has to end; ask once whether a path may exist."""
+            nonlocal end, asks_at
+            now = clock()
+            if next(checks) > max_checks or now > end:
+                return True
+            if now < asks_at or setup.haveExactSolutionPath():
+                return False
+            if not self._may_exist():
+                return True
+            # The answer takes no time of the limit.
+            asks_at = math.inf
+            waited = clock() - now
+            end += waited
+            self._deadline.end += waited
+            self._began += waited
+            return False
+
         if self._is_threaded:
             # OMPL's own clock counts compilation, but its threads cannot call ours.
             condition = ob.timedPlannerTerminationCondition(seconds)
         else:
-            condition = ob.PlannerTerminationCondition(
-                lambda: next(checks) > max_checks or clock() > end
-            )
+            condition = ob.PlannerTerminationCondition(is_over)
         status = "Timeout"
         with suppress(OutOfTime):
             setup.setPlanner(make_planner(name, setup.getSpaceInformation()))

@@ -178,7 +178,9 @@ def make_setup(
     space = edges.space
     setup = og.SimpleSetup(make_bounded_states(edges))
     si = setup.getSpaceInformation()
-    setup.setStateValidityChecker(StateValidityChecker(si, space, exact=edges.exact))
+    checker = StateValidityChecker(si, space, exact=edges.exact)
+    checker.is_free = find_state_kind(space).of_state(edges.point_checker())
+    setup.setStateValidityChecker(checker)
     si.setMotionValidator(
         MotionValidator(
             si,

@@ -15,7 +15,7 @@ import numpy as np
 
 from cspace.rotations import Rotations
 from cspace.support.arrays import Bools, Floats, Ints
-from cspace.support.compiling import kernel
+from cspace.support.compiling import internal, kernel
 from planners.segments import Segments, place_along
 from planners.smoothing import LimitRates
 
@@ -134,7 +134,7 @@ def bound_squares(lengths: Floats, terms: Floats, is_curved: Bools, squares: Flo
         squares[k + 1] = max(min(squares[k + 1], reached), 0.0)
 
 
-@kernel
+@internal
 def find_largest(length: float, terms: Floats, is_curved: bool, cap: float, end: float) -> float:
     """Return the largest squared speed up to ``cap`` from which the robot slows down to ``end``."""
     if not is_curved:
@@ -153,7 +153,7 @@ def find_largest(length: float, terms: Floats, is_curved: bool, cap: float, end:
     return low
 
 
-@kernel
+@internal
 def can_slow_down(length: float, terms: Floats, square: float, end: float) -> bool:
     """Return True if an allowed acceleration leads from a squared speed to at most another."""
     lowest, highest = find_accelerations(terms, square)
@@ -162,7 +162,7 @@ def can_slow_down(length: float, terms: Floats, square: float, end: float) -> bo
     return lowest <= min(highest, most) and highest >= least
 
 
-@kernel
+@internal
 def find_accelerations(terms: Floats, square: float) -> tuple[float, float]:
     """Return the least and the largest acceleration at a squared speed; least > largest if none."""
     lowest = -np.inf

@@ -373,7 +373,7 @@ MUTANTS = (
     ),
     Mutant(
         "planners/local_planner.py",
-        "return length if length < 0.0 or is_free(*q[:3]) else -1.0",
+        "return length if self.cells.boundary_proofs().is_outside(*start) else -1.0",
         "return length",
         "tests/planners/test_car_curves.py",
     ),
@@ -385,8 +385,8 @@ MUTANTS = (
     ),
     Mutant(
         "planners/car_curves.py",
-        "if totals[row] <= shortest + tie:",
-        "if totals[row] < shortest:",
+        "if count > 0 and totals[row] <= shortest + tie:",
+        "if count > 0 and totals[row] < shortest:",
         "tests/planners/test_car_curves.py",
     ),
     Mutant(
@@ -409,8 +409,8 @@ MUTANTS = (
     ),
     Mutant(
         "planners/plan.py",
-        "name, best = min(found",
-        "name, best = max(found",
+        "best = min(found",
+        "best = max(found",
         "tests/planners/test_replanning.py",
     ),
     Mutant(

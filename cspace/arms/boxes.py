@@ -63,7 +63,7 @@ from cspace.bodies.triangles import (
 )
 from cspace.grid import SLACK
 from cspace.support.arrays import BLOCKED, FREE, MIXED, Floats, Ints, Row, States
-from cspace.support.compiling import kernel
+from cspace.support.compiling import internal, kernel
 from cspace.support.vectors import apply_pose, minus, rotate, rotate_back, row_at
 
 MAX_PENDING_BLOCKS: Final = 128
@@ -209,7 +209,7 @@ def classify_block(
                     out.deciding_pairs[i, j, k] = deciding_pair
 
 
-@kernel
+@internal
 def prove_block(
     scene: Scene,
     inside: InnerScene,
@@ -249,7 +249,7 @@ def prove_block(
     return MIXED, pending.pair_lists[row, 0]
 
 
-@kernel
+@internal
 def set_box(cells: JointCells, pending: PendingBlocks, row: int) -> bool:
     """Write the center and half sides, shapes (dof,), of a pending block's configurations.
 
@@ -272,7 +272,7 @@ def set_box(cells: JointCells, pending: PendingBlocks, row: int) -> bool:
     return is_smallest
 
 
-@kernel
+@internal
 def refine_cell(
     scene: Scene,
     inside: InnerScene,
@@ -311,7 +311,7 @@ def refine_cell(
     return (FREE if has_free else BLOCKED), -1
 
 
-@kernel
+@internal
 def copy_block(pending: PendingBlocks, row: int, target: int) -> None:
     """Copy a pending block with its open pairs to the row ``target``."""
     for n in range(6):
@@ -321,7 +321,7 @@ def copy_block(pending: PendingBlocks, row: int, target: int) -> None:
     pending.counts[target] = pending.counts[row]
 
 
-@kernel
+@internal
 def halve_block(cells: JointCells, pending: PendingBlocks, row: int, parts: int) -> bool:
     """Replace a pending block by its halves, in this row and the next, and return True.
 
@@ -349,7 +349,7 @@ def halve_block(cells: JointCells, pending: PendingBlocks, row: int, parts: int)
     return True
 
 
-@kernel
+@internal
 def write_axes(
     chain: Chain, a: int, b: int, halves: Floats, required: float, scratch: SceneScratch
 ) -> int:
@@ -390,7 +390,7 @@ def write_axes(
     return count
 
 
-@kernel
+@internal
 def find_blocked_pair(
     inside: InnerScene,
     pending: PendingBlocks,
@@ -422,7 +422,7 @@ def find_blocked_pair(
     return -1
 
 
-@kernel
+@internal
 def ball_collides(
     inside: InnerScene, i: int, j: int, axes: Floats, required: float, scratch: SceneScratch
 ) -> bool:
@@ -454,7 +454,7 @@ def ball_collides(
     return False
 
 
-@kernel
+@internal
 def reaches_piece(solids: Solids, j: int, point: Row, rest: float, scratch: SceneScratch) -> bool:
     """Return True if a point is within ``rest`` of a box or ball of solid j, metres.
 

@@ -32,7 +32,7 @@ import numpy as np
 
 from cspace.queries.batches import as_contiguous
 from cspace.support.arrays import Bools, Floats, Ints, Matrix, Row
-from cspace.support.compiling import kernel
+from cspace.support.compiling import internal, kernel
 from cspace.support.vectors import add_scaled, apply_pose, cross, minus, rotate, row_at
 
 MAX_BODIES: Final = 64
@@ -136,7 +136,7 @@ def forward_kinematics(chain: Chain, q0: Floats, q1: Floats, t: float, poses: Fl
             out[i, VELOCITY] = parent[i, VELOCITY] + turning * moment[i] + sliding * axis[i]
 
 
-@kernel
+@internal
 def turn_columns(axis: Row, angle: float) -> Matrix:
     """Return the columns of the rotation by an angle about a unit vector."""
     x, y, z = axis
@@ -151,7 +151,7 @@ def turn_columns(axis: Row, angle: float) -> Matrix:
     )
 
 
-@kernel
+@internal
 def relative_pose(pose: Floats, base_pose: Floats) -> tuple[Matrix, Row]:
     """Return the pose of a body as seen from another body.
 
@@ -163,7 +163,7 @@ def relative_pose(pose: Floats, base_pose: Floats) -> tuple[Matrix, Row]:
     return multiply(to_base, rotation_columns(pose)), rotate(to_base, offset)
 
 
-@kernel
+@internal
 def multiply(rows: Matrix, columns: Matrix) -> Matrix:
     """Multiply a matrix, given by its rows, and a matrix, given by its columns.
 
@@ -174,19 +174,19 @@ def multiply(rows: Matrix, columns: Matrix) -> Matrix:
     return rotate(columns, u), rotate(columns, v), rotate(columns, w)
 
 
-@kernel
+@internal
 def rotation_rows(pose: Floats) -> Matrix:
     """Return the rows of the rotation of a pose, shape (3, 6)."""
     return row_at(pose[0], 0), row_at(pose[1], 0), row_at(pose[2], 0)
 
 
-@kernel
+@internal
 def column_at(pose: Floats, k: int) -> Row:
     """Return column k of a pose, shape (3, 6), such as :data:`POSITION`."""
     return pose[0, k], pose[1, k], pose[2, k]
 
 
-@kernel
+@internal
 def rotation_columns(pose: Floats) -> Matrix:
     """Return the columns of the rotation of a pose, which are the rows of its inverse."""
     return column_at(pose, 0), column_at(pose, 1), column_at(pose, 2)

@@ -37,7 +37,7 @@ from cspace.queries.batches import as_contiguous
 from cspace.rotations.base import TWO_PI
 from cspace.support.arrays import Bools, Floats, Ints, frozen
 from cspace.support.check import check_real, check_text
-from cspace.support.compiling import kernel
+from cspace.support.compiling import internal, kernel
 from cspace.support.vectors import add_scaled, cross, dot, minus, rotate, row_at
 
 DEFAULT_TOLERANCE: Final = 1e-4, 1e-3
@@ -252,7 +252,7 @@ class PoseSolutions(NamedTuple):
     angle: float
 
 
-@kernel
+@internal
 def compare_pose(
     problem: PoseProblem, scratch: PoseScratch, error: Floats
 ) -> tuple[float, float, float]:
@@ -285,7 +285,7 @@ def compare_pose(
     return distance, angle, distance_error * distance_error + angle_error * angle_error
 
 
-@kernel
+@internal
 def place_tip(tool: Floats, scratch: PoseScratch) -> None:
     """Write the frame's pose to ``scratch.tip``, from its pose ``tool`` on the last body.
 
@@ -299,7 +299,7 @@ def place_tip(tool: Floats, scratch: PoseScratch) -> None:
         tip[i, POSITION] += body[i, POSITION]
 
 
-@kernel
+@internal
 def fill_jacobian(problem: PoseProblem, scratch: PoseScratch) -> None:
     """Write the derivative of the weighted error by the joints, at the poses of ``scratch``.
 
@@ -328,7 +328,7 @@ def fill_jacobian(problem: PoseProblem, scratch: PoseScratch) -> None:
             jacobian[i, joint] += factor * weights[0] * velocity[i]
 
 
-@kernel
+@internal
 def take_step(problem: PoseProblem, q: Floats, scratch: PoseScratch, damping: float) -> None:
     """Take a damped least squares step from ``q``, shape (k,), to ``scratch.trial``.
 
@@ -363,7 +363,7 @@ def take_step(problem: PoseProblem, q: Floats, scratch: PoseScratch, damping: fl
         scratch.trial[k] = min(max(q[k] + step, problem.lower[k]), problem.upper[k])
 
 
-@kernel
+@internal
 def solve_system(system: Floats) -> None:
     """Solve a symmetric, positive definite system, shape (6, 7), in place.
 

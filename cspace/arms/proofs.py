@@ -50,7 +50,7 @@ from cspace.bodies.triangles import (
 )
 from cspace.raster.surfaces import signed_crossing
 from cspace.support.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, Row
-from cspace.support.compiling import kernel
+from cspace.support.compiling import internal, kernel
 from cspace.support.vectors import (
     THIN,
     add_scaled,
@@ -245,7 +245,7 @@ def motions_are_free(
         out[k] = motion_is_free(scene, firsts[k], lasts[k], scratch)
 
 
-@kernel
+@internal
 def find_required_distance(scene: Scene, q0: Floats, q1: Floats) -> float:
     """Return the distance that proves a pair apart on a motion from ``q0`` to ``q1``.
 
@@ -315,7 +315,7 @@ def motion_is_free(scene: Scene, q0: Floats, q1: Floats, scratch: SceneScratch) 
     return False
 
 
-@kernel
+@internal
 def bound_pairs(scene: Scene, q0: Floats, q1: Floats, scratch: SceneScratch) -> float:
     """Write the bounds of all pairs on a motion; return the largest displacement."""
     solids = scene.solids
@@ -333,7 +333,7 @@ def bound_pairs(scene: Scene, q0: Floats, q1: Floats, scratch: SceneScratch) -> 
     return longest
 
 
-@kernel
+@internal
 def test_part(
     scene: Scene, is_open: Bools, half: float, required: float, scratch: SceneScratch
 ) -> int:
@@ -368,7 +368,7 @@ def test_part(
     return state
 
 
-@kernel
+@internal
 def bound_slack(
     scene: Scene,
     n: int,
@@ -415,7 +415,7 @@ def bound_slack(
     )
 
 
-@kernel
+@internal
 def is_nested(scene: Scene, n: int, scratch: SceneScratch, min_depth: float) -> bool:
     """Return True if one solid of pair n provably contains a part of the other.
 
@@ -442,7 +442,7 @@ def is_nested(scene: Scene, n: int, scratch: SceneScratch, min_depth: float) -> 
     return bool(solids.has_solids[j] and piece_lies_in(solids, j, i, poses, nodes, min_depth))
 
 
-@kernel
+@internal
 def piece_lies_in(
     solids: Solids, i: int, j: int, poses: Floats, nodes: Ints, min_depth: float
 ) -> bool:
@@ -486,7 +486,7 @@ def piece_lies_in(
     return False
 
 
-@kernel
+@internal
 def push_children(nodes: Ints, column: int, top: int, node: int, count: int) -> int:
     """Push the two children of a tree's node onto a stack; return its new top.
 
@@ -498,7 +498,7 @@ def push_children(nodes: Ints, column: int, top: int, node: int, count: int) -> 
     return top + 2
 
 
-@kernel
+@internal
 def lies_deep(surfaces: SurfaceTree, root: int, point: Row, min_depth: float, nodes: Ints) -> bool:
     """Return True if a point is deeper than ``min_depth`` in a closed surface.
 
@@ -587,7 +587,7 @@ def nearest_triangle(
     return nearest
 
 
-@kernel
+@internal
 def boundaries_cross(
     scene: Scene, n: int, axes: Floats, required: float, scratch: SceneScratch
 ) -> bool:
@@ -617,7 +617,7 @@ def boundaries_cross(
     return False
 
 
-@kernel
+@internal
 def parts_cross(trees: Trees, motion: Motion, axes: Floats, required: float, nodes: Ints) -> bool:
     """Return True if the boundary of one part provably crosses another part.
 

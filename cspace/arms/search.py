@@ -19,7 +19,7 @@ from cspace.arms.proofs import (
     motion_is_free,
 )
 from cspace.support.arrays import Floats, Ints
-from cspace.support.compiling import clock, kernel
+from cspace.support.compiling import clock, internal, kernel
 
 MAX_STRIDE: Final = 1.0
 """Longest motion by which a tree grows, radians or metres."""
@@ -80,7 +80,7 @@ class Forest(NamedTuple):
     counts: Ints
 
 
-@kernel
+@internal
 def extend(
     scene: Scene, forest: Forest, side: int, q: Floats, reaches: float, scratch: SceneScratch
 ) -> tuple[int, bool]:
@@ -110,7 +110,7 @@ def extend(
     return new, is_reached
 
 
-@kernel
+@internal
 def find_nearest(nodes: Floats, count: int, q: Floats) -> tuple[int, float]:
     """Find the nearest to ``q`` of the first ``count`` nodes; return its index and distance.
 

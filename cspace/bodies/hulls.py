@@ -46,7 +46,7 @@ from cspace.bodies.triangles import (
     node_maxima,
 )
 from cspace.support.arrays import Bools, Floats, Ints, Matrix, Row
-from cspace.support.compiling import kernel
+from cspace.support.compiling import internal
 from cspace.support.vectors import (
     add_scaled,
     apply_pose,
@@ -393,7 +393,7 @@ def node_corners(hulls: Hulls, node: int) -> tuple[Floats, float]:
     return center + _CUBE_CORNERS * half_sides, 0.0
 
 
-@kernel
+@internal
 def tree_slack(
     hulls: Hulls,
     one: int,
@@ -452,14 +452,14 @@ def tree_slack(
     return min(best, -TINY) if moves else best
 
 
-@kernel
+@internal
 def stop_motion(motion: RelativeMotion) -> RelativeMotion:
     """Return the central moment of a motion."""
     matrix, position, spin, velocity = motion[:4]
     return RelativeMotion(matrix, position, spin, velocity, 0.0, 0.0, 0.0, motion.required)
 
 
-@kernel
+@internal
 def is_final(hulls: Hulls, a: int, b: int, axes: Floats, apart: bool, slack: float) -> bool:
     """Return True if the children of nodes a and b would prove no more than their hulls.
 
@@ -478,7 +478,7 @@ def is_final(hulls: Hulls, a: int, b: int, axes: Floats, apart: bool, slack: flo
     return bool(apart and slack + loose < 0.0)
 
 
-@kernel
+@internal
 def box_slack(
     box: Floats, fixed: Floats, motion: RelativeMotion, axes: Floats, enough: float
 ) -> tuple[float, float, Row]:
@@ -512,7 +512,7 @@ def box_slack(
     return slack, speed, center
 
 
-@kernel
+@internal
 def has_hull(hulls: Hulls, node: int) -> bool:
     """Return True if a node can be tested as a convex hull.
 
@@ -521,7 +521,7 @@ def has_hull(hulls: Hulls, node: int) -> bool:
     return bool(hulls.nodes[node, SECOND_CHILD] == 0 or hulls.nodes[node, STOP_CORNER] > 0)
 
 
-@kernel
+@internal
 def split_pair(hulls: Hulls, a: int, b: int, center: Row, scratch: Ints, row: int) -> None:
     """Replace a pair of nodes by two pairs with the children of one of them.
 
@@ -554,7 +554,7 @@ def split_pair(hulls: Hulls, a: int, b: int, center: Row, scratch: Ints, row: in
     scratch[row + 1, 1] = nearer
 
 
-@kernel
+@internal
 def hull_slack(
     hulls: Hulls, a: int, b: int, motion: RelativeMotion, speed: float, enough: float, n: Row
 ) -> tuple[float, bool]:
@@ -612,7 +612,7 @@ def hull_slack(
     return best, gap > 0.0
 
 
-@kernel
+@internal
 def slack_along(
     hulls: Hulls,
     a: int,
@@ -642,7 +642,7 @@ def slack_along(
     return slack
 
 
-@kernel
+@internal
 def support_point(hulls: Hulls, node: int, n: Row) -> tuple[Row, float]:
     """Return the farthest corner of a node's hull along n, and its coordinate along n."""
     first = hulls.nodes[node, FIRST_CORNER]
@@ -669,7 +669,7 @@ def support_point(hulls: Hulls, node: int, n: Row) -> tuple[Row, float]:
     return (xs[farthest], ys[farthest], zs[farthest]), highest
 
 
-@kernel
+@internal
 def nearest_in_simplex(
     new: Row, a: Row, b: Row, c: Row, count: int
 ) -> tuple[Row, Row, Row, Row, int]:
@@ -709,7 +709,7 @@ def nearest_in_simplex(
     return best
 
 
-@kernel
+@internal
 def nearest_in_triangle(a: Row, b: Row, c: Row) -> tuple[Row, Row, Row, Row, int]:
     """Find the point of a triangle nearest the origin; its corners may coincide.
 

@@ -38,7 +38,7 @@ import numpy as np
 
 from cspace.shapes import RoundedSimplices
 from cspace.support.arrays import Floats, Ints, Matrix, Row
-from cspace.support.compiling import kernel
+from cspace.support.compiling import internal, kernel
 from cspace.support.vectors import (
     add_scaled,
     apply_pose,
@@ -360,7 +360,7 @@ def free_fraction(
     return best
 
 
-@kernel
+@internal
 def next_leaves(
     trees: Trees, motion: Motion, fraction: float, axes: Floats, nodes: Ints, top: int
 ) -> int:
@@ -419,7 +419,7 @@ def next_leaves(
     return 0
 
 
-@kernel
+@internal
 def joint_displacement(axes: Floats, point: Row, radius: float) -> float:
     """Bound the displacement of a ball's points in a box of configurations.
 
@@ -438,7 +438,7 @@ def joint_displacement(axes: Floats, point: Row, radius: float) -> float:
     return total
 
 
-@kernel
+@internal
 def boxes_are_apart(offset: Row, half: Row, other_half: Row) -> bool:
     """Return True if two axis-aligned boxes are apart.
 
@@ -451,7 +451,7 @@ def boxes_are_apart(offset: Row, half: Row, other_half: Row) -> bool:
     return largest_gap > 0.0
 
 
-@kernel
+@internal
 def pair_free_fraction(p: Floats, q: Floats, motion: Motion, drift: float, enough: float) -> float:
     """Return the fraction of a motion during which two triangles are proven apart.
 
@@ -493,7 +493,7 @@ def pair_free_fraction(p: Floats, q: Floats, motion: Motion, drift: float, enoug
     return min(best, enough)
 
 
-@kernel
+@internal
 def count_edges(edges: Corners) -> int:
     """Return the number of edges to test.
 
@@ -503,13 +503,13 @@ def count_edges(edges: Corners) -> int:
     return 3 if dot(edges[1], edges[1]) > 0.0 else 1
 
 
-@kernel
+@internal
 def edge_vectors(a: Corners) -> Corners:
     """Return the three edge vectors of a triangle."""
     return minus(a[1], a[0]), minus(a[2], a[1]), minus(a[0], a[2])
 
 
-@kernel
+@internal
 def free_fraction_along(
     n: Row, a: Corners, b: Corners, step: Row, drift: float, required: float
 ) -> float:
@@ -535,7 +535,7 @@ def free_fraction_along(
     return slack / (abs(dot(n, step)) / length + drift)
 
 
-@kernel
+@internal
 def read_box(q: Floats) -> OrientedBox:
     """Return the center and the half axes of a box from its row of a tree, shape (10,)."""
     center, u, v = row_at(q, 0), row_at(q, 3), row_at(q, 6)
@@ -544,7 +544,7 @@ def read_box(q: Floats) -> OrientedBox:
     return center, u, v, scale_vector(normal, q[RADIUS] / math.sqrt(dot(normal, normal)))
 
 
-@kernel
+@internal
 def piece_depth(row: Floats, point: Row) -> float:
     """Return the depth of a point in a box or ball, negative outside.
 
@@ -570,7 +570,7 @@ def piece_depth(row: Floats, point: Row) -> float:
     return depth
 
 
-@kernel
+@internal
 def pierces(corners: Corners, q: Floats, depth: float) -> bool:
     """Return True if a point of a triangle is found deeper than ``depth`` in a box or ball.
 
@@ -618,7 +618,7 @@ def crosses(a: Corners, b: Corners, tolerance: float, displacement: float) -> bo
     return False
 
 
-@kernel
+@internal
 def _passes_through(p: Row, q: Row, b: Corners, tolerance: float) -> bool:
     """Return True if a segment from p to q provably passes through triangle b.
 
@@ -636,7 +636,7 @@ def _passes_through(p: Row, q: Row, b: Corners, tolerance: float) -> bool:
     )
 
 
-@kernel
+@internal
 def _stays_through(p: Row, q: Row, b: Corners, displacement: float) -> bool:
     """Return True if a segment stays through a triangle in a motion.
 
@@ -665,7 +665,7 @@ def _stays_through(p: Row, q: Row, b: Corners, displacement: float) -> bool:
     return True
 
 
-@kernel
+@internal
 def _side_of_plane(p: Row, corners: Corners, tolerance: float) -> int:
     """Return the side of a plane on which p lies.
 

@@ -47,7 +47,7 @@ from cspace.support.arrays import (
     Row,
     States,
 )
-from cspace.support.compiling import kernel
+from cspace.support.compiling import internal, kernel
 from cspace.support.threads import in_chunks
 from cspace.support.vectors import apply_pose, dot, minus, rotate_back, row_at
 
@@ -147,12 +147,9 @@ class ExactQueries:
         self._current_proofs()  # made now, not at the first check
         return lambda *ends: quick(*ends) or self._current_proofs().edge(*ends)
 
-    def boundaries(self) -> BoundaryTrees:
-        """Return the present boundaries of robot and obstacles, for kernels.
-
-        The map is of a rigid robot, not of an arm.
-        """
-        return cast(BoundaryProofs, self._current_proofs()).boundaries
+    def boundary_proofs(self) -> BoundaryProofs:
+        """Return the proofs for the current obstacles of a rigid robot, which no arm has."""
+        return cast(BoundaryProofs, self._current_proofs())
 
     def drop(self) -> None:
         """Drop the proofs, because obstacles change.
@@ -330,6 +327,18 @@ class BoundaryProofs:
             is_free[undecided] = ~np.concatenate([self._are_nested(batch) for batch in batches])
         return is_free
 
+    def is_outside(self, *q: float) -> bool:
+        """Return True if neither robot nor obstacles contain the other at a configuration.
+
+        No boundaries may meet there.
+        """
+        row = np.array([q])
+        positions, matrices = self._place_robot(row)
+        position = cast(Row, tuple(positions[0].tolist()))
+        matrix = cast(Matrix, tuple(map(tuple, matrices[0].tolist())))
+        state = corner_state(self._inputs.containment, position, matrix)
+        return state != BLOCKED and not self._are_nested(row)[0]
+
     def slack(self, points: Floats, lengths: Floats, angles: Floats) -> float:
         """Return a lower bound of (distance - required distance) along a free path, metres.
 
@@ -496,7 +505,7 @@ def prove_edges(
         out[k] = edge_state(inputs, p0, r0, p1, r1, scratch)
 
 
-@kernel
+@internal
 def edge_state(
     inputs: ProofInputs, p0: Row, r0: Numbers, p1: Row, r1: Numbers, scratch: Scratch
 ) -> int:
@@ -541,7 +550,7 @@ def edge_state(
     return state
 
 
-@kernel
+@internal
 def prove_arc(inputs: ProofInputs, arc: EdgeArc, scratch: Scratch) -> bool:
     """Return True if an arc is proven free.
 
@@ -549,22 +558,18 @@ def prove_arc(inputs: ProofInputs, arc: EdgeArc, scratch: Scratch) -> bool:
     is proven first.
     """
     boundaries = inputs.boundaries
-    if not prove_part(inputs, arc, 1.0, 1.0, scratch):
-        return False
     length = math.sqrt(dot(arc.step, arc.step)) + arc.angle * boundaries.max_lever
-    if length == 0.0:
-        return True
     max_length = PIECE_CELLS * boundaries.scale * inputs.map.spacing
-    count = max(1, math.ceil(length / max_length))
-    for piece in range(count):
-        first = piece / count
-        last = (piece + 1) / count
+    count = math.ceil(length / max_length)
+    for piece in range(-1, count):
+        first = piece / count if piece >= 0 else 1.0
+        last = (piece + 1) / count if piece >= 0 else 1.0
         if not prove_part(inputs, arc, first, last, scratch):
             return False
     return True
 
 
-@kernel
+@internal
 def prove_part(
     inputs: ProofInputs, arc: EdgeArc, first: float, last: float, scratch: Scratch
 ) -> bool:
@@ -620,7 +625,7 @@ def prove_part(
     return True
 
 
-@kernel
+@internal
 def cells_are_free(map_: Map, arc: EdgeArc, first: float, last: float) -> bool:
     """Return True if FREE cells prove the part of an arc from ``first`` to ``last``, in [0, 1]."""
     if arc.angle_error > 0.0:
@@ -659,7 +664,7 @@ def path_slack(
     return best
 
 
-@kernel
+@internal
 def fraction_apart(
     boundaries: BoundaryTrees,
     position: Row,
@@ -684,7 +689,7 @@ def fraction_apart(
     )
 
 
-@kernel
+@internal
 def reference_point(map_: Map, position: Row, scale: float) -> Row:
     """Return the reference point of the robot in space, times ``scale``."""
     x, y, z = position
@@ -729,7 +734,7 @@ def corner_state(containment: Containment, position: Row, matrix: Matrix) -> int
     return state
 
 
-@kernel
+@internal
 def has_near_anchor(containment: Containment, position: Row, matrix: Matrix) -> bool:
     """Return True if an obstacle anchor lies in the robot's bounding box."""
     low = containment.low

@@ -46,7 +46,7 @@ from cspace.queries.callbacks import MAX_SIZE, bind_kernel, configuration_before
 from cspace.queries.points import MAX_CELL, configuration_in, is_usable, slice_of, state_at
 from cspace.record.cells import Map
 from cspace.support.arrays import FREE, Floats, Ints, Numbers, Row, States
-from cspace.support.compiling import kernel
+from cspace.support.compiling import internal, kernel
 from cspace.support.threads import cores, in_chunks, in_threads
 
 Distances = NDArray[np.float32]
@@ -301,7 +301,7 @@ def spread_squares(
 # ---- look-ups ------------------------------------------------------------------------------------
 
 
-@kernel
+@internal
 def clearance_at(map_: Map, table: DistanceTable, position: Row, rotation: Numbers) -> float:
     """Return a lower bound of the clearance of a configuration, in metres.
 
@@ -358,7 +358,7 @@ def clearance_at(map_: Map, table: DistanceTable, position: Row, rotation: Numbe
     return max(0.0, best - 4.0 * SLACK) * map_.spacing
 
 
-@kernel
+@internal
 def center_coordinates(map_: Map, position: Row, axis: int) -> tuple[float, float]:
     """Return a coordinate in cells from the first center, and the nearest one among centers.
 

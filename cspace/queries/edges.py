@@ -30,7 +30,7 @@ from cspace.rotations.lookup import (
     wrap_to_cells,
 )
 from cspace.support.arrays import FREE, Bools, Floats, Numbers, Row
-from cspace.support.compiling import inlined, kernel
+from cspace.support.compiling import inlined, internal, kernel
 
 MIN_EXTENT_CELLS: Final = 2.0**-500
 """Extent of a segment along an axis, in cells, below which it counts as zero, because dividing by
@@ -100,7 +100,7 @@ def shares_of_turn(start: float, angle: float, low: float, high: float) -> tuple
     return min(at_low, at_high), max(at_low, at_high)
 
 
-@kernel
+@internal
 def quaternion_edge_is_free(map_: Map, p0: Row, r0: Numbers, p1: Row, r1: Numbers) -> bool:
     """Return True if an edge of a robot with quaternions is FREE.
 
@@ -149,19 +149,20 @@ def between(first: float, second: float, t: float) -> float:
     return min(max(value, min(first, second)), max(first, second))
 
 
-@kernel
+@internal
 def segment_is_free(map_: Map, s: int, first: Row, last: Row) -> bool:
     """Return True if a segment from `first` to `last` touches only FREE cells of a slice."""
     p = in_cells(map_, first)
     q = in_cells(map_, last)
-    inside = True
     total = 0.0
+    for axis in range(3):
+        total += abs(p[axis]) + abs(q[axis])
+    inside = total <= MAX_POSITION  # False for NaN
+    if not inside:
+        return False
     for axis in range(3):
         inside &= min(first[axis], last[axis]) >= map_.lower[axis]
         inside &= max(first[axis], last[axis]) <= map_.upper[axis]
-        total += abs(p[axis]) + abs(q[axis])
-    if not total <= MAX_POSITION:  # True for NaN
-        return False
     # The closed cells of the grid contain all of a segment inside. Any other segment is proven only
     # if all cells outside both grid and exterior box are FREE.
     if not inside and map_.exterior[s, 2 * map_.dim] != FREE:

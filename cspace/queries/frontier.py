@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from cspace.queries.points import Cell
 from cspace.support.arrays import Bools, Floats, Ints
-from cspace.support.compiling import clock, kernel
+from cspace.support.compiling import clock, internal, kernel
 
 Costs = NDArray[np.float32]
 
@@ -172,7 +172,7 @@ def sparse_zeros(count: int, kind: type[np.generic]) -> NDArray[Any]:
     return np.frombuffer(memory, dtype=kind)
 
 
-@kernel
+@internal
 def reach_cell(
     estimate: Estimate,
     progress: Progress,
@@ -199,7 +199,7 @@ def reach_cell(
         push(progress, expected_cost(estimate, progress, reached, rotation, u, v, w), reached)
 
 
-@kernel
+@internal
 def expected_cost(
     estimate: Estimate, progress: Progress, node: int, rotation: int, u: int, v: int, w: int
 ) -> float:
@@ -209,7 +209,7 @@ def expected_cost(
     return cost + estimate.weight * remaining
 
 
-@kernel
+@internal
 def pop_best(estimate: Estimate, progress: Progress) -> int:
     """Remove the node of the lowest expected cost from the queue, and return it.
 
@@ -238,7 +238,7 @@ def pop_best(estimate: Estimate, progress: Progress) -> int:
     return NO_NODE
 
 
-@kernel
+@internal
 def is_known(estimate: Estimate, direction: int, i: int, j: int, k: int) -> bool:
     """Return True if the guide has reached the block of a position, or never will."""
     if len(estimate.positions) == 0 or estimate.bound[0] == -math.inf:
@@ -247,7 +247,7 @@ def is_known(estimate: Estimate, direction: int, i: int, j: int, k: int) -> bool
     return bool(estimate.reached[direction, i // side, j // side, k // side] != 0)
 
 
-@kernel
+@internal
 def remaining_cost(
     estimate: Estimate, cost: float, direction: int, i: int, j: int, k: int
 ) -> float:
@@ -269,7 +269,7 @@ def remaining_cost(
     return remaining if remaining > unhindered else unhindered
 
 
-@kernel
+@internal
 def unhindered_cost(estimate: Estimate, i: int, j: int, k: int) -> float:
     """Return the cost from a position to the goal's without obstacles, in cells."""
     short = abs(i - estimate.goal[0])
@@ -309,7 +309,7 @@ def push(progress: Progress, key: float, cell: int) -> None:
     queue[position] = cell
 
 
-@kernel
+@internal
 def pop_first(progress: Progress) -> int:
     """Remove the cell of the lowest key from the heap, and return it."""
     keys = progress.keys

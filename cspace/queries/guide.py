@@ -37,7 +37,7 @@ from cspace.queries.frontier import (
 from cspace.queries.moves import list_moves
 from cspace.queries.points import Cell
 from cspace.support.arrays import FREE, Floats, Ints, States
-from cspace.support.compiling import kernel
+from cspace.support.compiling import internal, kernel
 
 POSITIONS_WEIGHT: Final = 1.1
 DIRECTIONS_WEIGHT: Final = 1.05
@@ -288,7 +288,7 @@ def expand_blocks(
     return GOES_ON
 
 
-@kernel
+@internal
 def price_of(blocks: Blocks, slices: Ints, direction: int, u: int, v: int, w: int) -> np.float32:
     """Return the factor of the cost in block (u, v, w); infinity if it is not passable.
 
@@ -319,7 +319,7 @@ def price_of(blocks: Blocks, slices: Ints, direction: int, u: int, v: int, w: in
     return price
 
 
-@kernel
+@internal
 def factor_of_any(blocks: Blocks, slices: Ints, u: int, v: int, w: int) -> np.float32:
     """Return the factor of any passable cell of a block; infinity if there is none."""
     _, nx, ny, nz = blocks.states.shape
@@ -333,7 +333,7 @@ def factor_of_any(blocks: Blocks, slices: Ints, u: int, v: int, w: int) -> np.fl
     return np.float32(math.inf)
 
 
-@kernel
+@internal
 def factor_at(factors: Costs, number: int, i: int, j: int, k: int) -> np.float32:
     """Return the factor of the cost of moves in cell (i, j, k) of slice ``number``."""
     if factors.shape[0] == 0:

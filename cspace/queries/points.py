@@ -28,7 +28,7 @@ from cspace.rotations.lookup import (
     wrap_to_cells,
 )
 from cspace.support.arrays import FREE, MIXED, Bools, Floats, Numbers, Row, States
-from cspace.support.compiling import inlined, kernel
+from cspace.support.compiling import inlined, internal, kernel
 
 Cell = tuple[int, int, int]
 """A cell along three axes."""
@@ -122,7 +122,7 @@ def state_at(map_: Map, position: Row, rotation: Numbers) -> int:
     return state_outside(map_, s, position)
 
 
-@kernel
+@internal
 def state_outside(map_: Map, s: int, position: Row) -> int:
     """Return the state of a position outside the grid, or on its upper border."""
     i, j, k = cell_of(map_, position)
@@ -138,7 +138,7 @@ def state_outside(map_: Map, s: int, position: Row) -> int:
     return int(map_.exterior[s, 2 * map_.dim])
 
 
-@kernel
+@internal
 def exterior_box(map_: Map, s: int) -> tuple[Cell, Cell]:
     """Return the first and the last cell of the box of MIXED cells outside the grid."""
     # First cell, last cell, and the state of all other cells outside.
@@ -192,7 +192,7 @@ def run_is_free(map_: Map, s: int, i: int, j: int, first: int, last: int) -> boo
     return begin > end or (in_grid and begin >= 0 and end < nz)
 
 
-@kernel
+@internal
 def box_to_test(map_: Map, s: int, inside: bool) -> tuple[Cell, Cell]:
     """Return the first and the last cell of the grid, if `inside`, or around grid and exterior box.
 
@@ -213,7 +213,7 @@ def closed_cells(low: float, high: float) -> tuple[int, int]:
     return math.ceil(low) - 1, math.floor(high)
 
 
-@kernel
+@internal
 def box_is_free(map_: Map, s: int, position: Row, distance: float) -> bool:
     """Return True if all cells of a slice within ``distance`` along each axis are FREE.
 
@@ -257,7 +257,7 @@ def boxes_are_free(map_: Map, distance: float, angle: float, points: Floats, out
     return -1
 
 
-@kernel
+@internal
 def around_is_free(
     map_: Map, position: Row, rotation: Numbers, distance: float, angle: float
 ) -> bool:
@@ -284,7 +284,7 @@ def around_is_free(
     return True
 
 
-@kernel
+@internal
 def quaternions_around_are_free(
     map_: Map, position: Row, rotation: Numbers, distance: float, angle: float
 ) -> bool:

@@ -43,7 +43,7 @@ from cspace.record.states import read_only
 from cspace.rotations import Rotations
 from cspace.rotations.base import METRES_PER_RADIAN
 from cspace.support.arrays import FREE, Bools, Floats, Ints, States
-from cspace.support.compiling import kernel
+from cspace.support.compiling import internal, kernel
 
 WEIGHT: Final = 1.2
 """Weight of the estimate; above 1, the search expands far fewer cells, for chains that are hardly
@@ -278,7 +278,7 @@ def expand_cells(graph: Graph, estimate: Estimate, progress: Progress, goal: int
     return GOES_ON
 
 
-@kernel
+@internal
 def passable_near(graph: Graph, number: int, i: int, j: int, k: int) -> int:
     """Return a bit mask of the near cells of node (i, j, k) that a chain may pass.
 

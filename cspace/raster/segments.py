@@ -45,7 +45,7 @@ from cspace.grid import SLACK, Grid, check_reach
 from cspace.raster import Raster, allocate_bitmap
 from cspace.rotations import NO_ROTATION, RotationCell
 from cspace.support.arrays import Bools, Floats
-from cspace.support.compiling import kernel
+from cspace.support.compiling import internal, kernel
 
 OBSTACLE_REACH: Final = (
     "an obstacle",
@@ -165,7 +165,7 @@ def _cut_segments(segments: Floats, rotation: RotationCell) -> Floats:
     return np.hstack([piece_begin, piece_end])
 
 
-@kernel
+@internal
 def _segment_over_slab(
     px: float,
     py: float,

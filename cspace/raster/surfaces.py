@@ -53,7 +53,7 @@ from cspace.raster.triangles import (
 )
 from cspace.rotations import NO_ROTATION, RotationCell
 from cspace.support.arrays import Bools, Floats, Ints
-from cspace.support.compiling import kernel
+from cspace.support.compiling import internal, kernel
 
 _REACH_HINT: Final = "check its units (metres), {}, or use a larger spacing"
 """Hint of the errors for surfaces that reach too far."""
@@ -109,7 +109,7 @@ def mark_enclosed(out: Bools, triangles: Floats, windings: Ints) -> None:
     in_slabs(_mark_enclosed, out, np.ascontiguousarray(triangles), windings, changes)
 
 
-@kernel
+@internal
 def _cut_triangle(triangle: Floats, x: float) -> tuple[int, float, float, float, float]:
     """Intersect a triangle with a plane across x.
 
@@ -149,7 +149,7 @@ def _cut_triangle(triangle: Floats, x: float) -> tuple[int, float, float, float,
     return facing, low_y, low_z, high_y, high_z
 
 
-@kernel
+@internal
 def signed_crossing(triangle: Floats, x: float, y: float, z: float) -> int:
     """Return whether an upward ray crosses a triangle.
 

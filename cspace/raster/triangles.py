@@ -54,7 +54,7 @@ import numpy as np
 from cspace.grid import SLACK
 from cspace.raster import in_slabs, index_boxes
 from cspace.support.arrays import Bools, Floats, Ints, Row
-from cspace.support.compiling import allocating, kernel
+from cspace.support.compiling import allocating, internal, kernel
 from cspace.support.vectors import (
     THIN,
     add_scaled,
@@ -223,7 +223,7 @@ def mark_within(out: Bools, swept: SweptTriangles, half: float, radius: float) -
     in_slabs(_mark_within, out, swept, *boxes, half, radius, slack)
 
 
-@kernel
+@internal
 def interpolate_at(plane: float, pa: float, qa: float, pc: float, qc: float) -> float:
     """Return coordinate c where a segment meets a plane of axis a.
 
@@ -237,7 +237,7 @@ def interpolate_at(plane: float, pa: float, qa: float, pc: float, qc: float) -> 
     return qc + from_q * (pc - qc)
 
 
-@kernel
+@internal
 def _clip(triangle: Floats, low: float, high: float, clipped: Floats) -> int:
     """Clip a triangle, shape (3, 3), to the slab ``low <= x <= high``.
 
@@ -262,7 +262,7 @@ def _clip(triangle: Floats, low: float, high: float, clipped: Floats) -> int:
     return count
 
 
-@kernel
+@internal
 def _heights_between(polygon: Floats, n: int, low: float, high: float) -> tuple[float, float]:
     """Return the z-interval of a polygon between two y-values.
 
@@ -329,7 +329,7 @@ def _mark_touched(
                     out[i, j, k] = True
 
 
-@kernel
+@internal
 def _cube_point_distance(point: Row, half: float) -> float:
     """Return the distance of a point from a cube at the origin."""
     x = max(abs(point[0]) - half, 0.0)
@@ -338,7 +338,7 @@ def _cube_point_distance(point: Row, half: float) -> float:
     return math.sqrt(x * x + y * y + z * z)
 
 
-@kernel
+@internal
 def _cube_edges_distance(p: Floats, q: Floats, center: Row, half: float) -> float:
     """Return the distance between a segment and the edges of a cube.
 
@@ -366,7 +366,7 @@ def _cube_edges_distance(p: Floats, q: Floats, center: Row, half: float) -> floa
     return best
 
 
-@kernel
+@internal
 def _cube_triangle_distance(triangle: Floats, center: Row, half: float) -> float:
     """Return the distance between a triangle, shape (3, 3), and a disjoint cube.
 
@@ -386,7 +386,7 @@ def _cube_triangle_distance(triangle: Floats, center: Row, half: float) -> float
     return best
 
 
-@kernel
+@internal
 def _is_near(
     triangle: Floats,
     center: Row,
@@ -421,7 +421,7 @@ def _is_near(
     return _cube_triangle_distance(triangle, center, half) <= max_distance + slack
 
 
-@kernel
+@internal
 def _is_swept_near(
     swept: SweptTriangles,
     t: int,
@@ -482,7 +482,7 @@ def _mark_within(
                         out[i, j, k] = True
 
 
-@kernel
+@internal
 def _plane_heights(triangle: Floats, distance: float, half: float) -> tuple[float, float, float]:
     """Return the plane of a triangle as heights over (x, y).
 

@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 
 from cspace.rotations.base import ANGLE_SLACK, MAX_ANGLE, TWO_PI
 from cspace.support.arrays import Floats, Matrix, Numbers
-from cspace.support.compiling import inlined, kernel
+from cspace.support.compiling import inlined, internal
 
 NORM_SLACK: Final = 1e-6
 """Largest deviation of the norm of a quaternion from 1."""
@@ -73,7 +73,7 @@ def rotation_cell(borders: Floats, rotation: Numbers) -> int:
     return find_cell(borders, rotation[0])
 
 
-@kernel
+@internal
 def arc_count(first: Numbers, second: Numbers) -> int:
     """Return the number of shortest arcs between two rotations.
 
@@ -82,11 +82,12 @@ def arc_count(first: Numbers, second: Numbers) -> int:
     if len(first) == 4:
         cosine = dot_product(normalise(first, 1.0), normalise(second, 1.0))
         return 2 if abs(cosine) <= QUOTIENT_SLACK else 1
-    angle = signed_angle(first[0], second[0], 0)
+    shorter_arc = len(first) - 1  # zero; for a constant, numba would compile the function again
+    angle = signed_angle(first[0], second[0], shorter_arc)
     return 2 if math.pi - abs(angle) <= ANGLE_SLACK else 1
 
 
-@kernel
+@internal
 def arc_angle_and_error(first: Numbers, second: Numbers, arc: int) -> tuple[float, float]:
     """Return the angle of a shortest arc, and its error; radians.
 
@@ -103,7 +104,7 @@ def arc_angle_and_error(first: Numbers, second: Numbers, arc: int) -> tuple[floa
     return abs(signed_angle(first[0], second[0], arc)), 0.0
 
 
-@kernel
+@internal
 def rotation_along(first: Numbers, second: Numbers, arc: int, t: float) -> Numbers:
     """Return the rotation at t, from 0 to 1, along an arc.
 
@@ -121,7 +122,7 @@ def rotation_along(first: Numbers, second: Numbers, arc: int, t: float) -> Numbe
     return (first[0] + t * signed_angle(first[0], second[0], arc),)
 
 
-@kernel
+@internal
 def matrix_rows(rotation: Numbers) -> Matrix:
     """Return the rows of the rotation matrix in space."""
     if len(rotation) == 4:
@@ -173,7 +174,7 @@ def find_cell(borders: Floats, yaw: float) -> int:
     return low
 
 
-@kernel
+@internal
 def first_widened_cell(borders: Floats, angle: float) -> int:
     """Return the first cell, widened by ANGLE_SLACK, that contains an angle.
 
@@ -247,7 +248,7 @@ class Arc(NamedTuple):
     is_tiny: bool
 
 
-@kernel
+@internal
 def find_part(borders: Floats, quotient: float) -> int:
     """Return the part of an axis that contains a quotient.
 
@@ -266,7 +267,7 @@ def find_part(borders: Floats, quotient: float) -> int:
     return part
 
 
-@kernel
+@internal
 def find_parts(borders: Floats, q: Numbers) -> tuple[int, int, int, int]:
     """Return the chart of a quaternion, and the parts of its quotients.
 
@@ -286,7 +287,7 @@ def find_parts(borders: Floats, q: Numbers) -> tuple[int, int, int, int]:
     )
 
 
-@kernel
+@internal
 def cell_index(borders: Floats, chart: int, i: int, j: int, k: int) -> int:
     """Return the index of a cell by its chart and its parts of the three axes.
 
@@ -296,13 +297,13 @@ def cell_index(borders: Floats, chart: int, i: int, j: int, k: int) -> int:
     return int(((chart * n + i) * n + j) * n + k)
 
 
-@kernel
+@internal
 def dot_product(a: Numbers, b: Numbers) -> float:
     """Return the scalar product of quaternions."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
 
 
-@kernel
+@internal
 def mix(a: Numbers, b: Numbers, a_weight: float, b_weight: float) -> Numbers:
     """Return the weighted sum of two quaternions."""
     return (
@@ -313,14 +314,14 @@ def mix(a: Numbers, b: Numbers, a_weight: float, b_weight: float) -> Numbers:
     )
 
 
-@kernel
+@internal
 def normalise(q: Numbers, scale: float) -> Numbers:
     """Scale a quaternion to a norm of ``scale``."""
     scale /= math.sqrt(dot_product(q, q))
     return q[0] * scale, q[1] * scale, q[2] * scale, q[3] * scale
 
 
-@kernel
+@internal
 def find_arc(q0: Numbers, q1: Numbers, arc: int) -> Arc:
     """Return a shortest arc between two quaternions.
 
@@ -339,7 +340,7 @@ def find_arc(q0: Numbers, q1: Numbers, arc: int) -> Arc:
     return Arc(a, b, tangent, math.atan(tangent), is_tiny)
 
 
-@kernel
+@internal
 def next_part(borders: Floats, arc: Arc, done: float) -> tuple[int, float, float, bool]:
     """Find where the chord of an arc leaves its current cell.
 
@@ -380,7 +381,7 @@ def next_part(borders: Floats, arc: Arc, done: float) -> tuple[int, float, float
     return cell_index(borders, chart, i, j, k), done, min(time, 1.0), share < 1.0
 
 
-@kernel
+@internal
 def parts_around(borders: Floats, largest: float, other: float, reach: float) -> tuple[int, int]:
     """Return the first and last part of an axis near a quaternion.
 

@@ -30,7 +30,7 @@ from cspace.spectral.regions import (
 )
 from cspace.support.arrays import Floats, Ints, frozen
 from cspace.support.check import check_count, check_positive, check_word
-from cspace.support.compiling import allocating, kernel
+from cspace.support.compiling import allocating, internal, kernel
 
 Kind = Literal["inner", "outer"]
 
@@ -524,7 +524,7 @@ class CellCounts(NamedTuple):
         return balls._replace(reaches=reaches).select(reaches > 0.0)
 
 
-@kernel
+@internal
 def _find_cell_range(center: float, length: float, count: int) -> tuple[int, int]:
     """Find the cells along an axis whose centers lie within ``length`` of ``center``.
 
@@ -535,7 +535,7 @@ def _find_cell_range(center: float, length: float, count: int) -> tuple[int, int
     return max(0, first), min(count, stop)
 
 
-@kernel
+@internal
 def _find_rows(cells: CellCounts, center: Floats, reach: float) -> tuple[int, int]:
     """Find the rows of cells in a ball; count them and their open cells.
 
@@ -571,7 +571,7 @@ def _find_rows(cells: CellCounts, center: Floats, reach: float) -> tuple[int, in
     return count, gain
 
 
-@kernel
+@internal
 def _count_ball(cells: CellCounts, center: Floats, reach: float, step: int) -> None:
     """Add a ball to the counts of its cells (``step`` 1), or remove it (-1)."""
     counts = cells.counts

@@ -17,7 +17,7 @@ from cspace.spectral.descriptors import check_same_dim
 from cspace.spectral.overlap import FourierOverlap
 from cspace.support.arrays import Floats, Numbers, Row
 from cspace.support.check import check_finite, check_points
-from cspace.support.compiling import kernel
+from cspace.support.compiling import internal
 
 if TYPE_CHECKING:
     from cspace.space import CSpace
@@ -128,7 +128,7 @@ def _shape_on(space: CSpace) -> tuple[int, ...]:
     return (*space.rotations.leading_axes(slices), *space.grid.shape)
 
 
-@kernel
+@internal
 def field_at(map_: Map, values: Floats, position: Row, rotation: Numbers) -> float:
     """Interpolate a field at a configuration, for compiled callers.
 

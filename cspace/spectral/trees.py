@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace.support.arrays import Bytes, Floats, Ints
-from cspace.support.compiling import allocating, kernel
+from cspace.support.compiling import allocating, internal
 from cspace.support.threads import in_chunks
 
 RADIUS, BALL_COUNT = 3, 4
@@ -66,7 +66,7 @@ def rotate_tree(tree: Floats, matrix: Floats) -> Floats:
     return rotated
 
 
-@kernel
+@internal
 def compare_placed(
     a: Floats, b: Floats, x: float, y: float, z: float, slack: float, pending: Ints
 ) -> int:

@@ -22,56 +22,56 @@ import math
 from typing import Final
 
 from cspace.support.arrays import Floats, Matrix, Row
-from cspace.support.compiling import kernel
+from cspace.support.compiling import internal
 
 THIN: Final = 2.0**-12
 """Height of a triangle, relative to its longest side, below which its plane is not used."""
 
 
-@kernel
+@internal
 def row_at(array: Floats, start: int) -> Row:
     """Return three consecutive entries of an array."""
     return array[start], array[start + 1], array[start + 2]
 
 
-@kernel
+@internal
 def minus(a: Row, b: Row) -> Row:
     """Return ``a - b``."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
-@kernel
+@internal
 def scale_vector(a: Row, factor: float) -> Row:
     """Return ``factor * a``."""
     return factor * a[0], factor * a[1], factor * a[2]
 
 
-@kernel
+@internal
 def add_scaled(a: Row, u: Row, t: float) -> Row:
     """Return ``a + t * u``."""
     return a[0] + t * u[0], a[1] + t * u[1], a[2] + t * u[2]
 
 
-@kernel
+@internal
 def dot(a: Row, b: Row) -> float:
     """Return the scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@kernel
+@internal
 def cross(a: Row, b: Row) -> Row:
     """Return the vector product."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@kernel
+@internal
 def rotate(matrix: Matrix, p: Row) -> Row:
     """Multiply a matrix, given by its rows, by a vector."""
     x, y, z = matrix
     return dot(x, p), dot(y, p), dot(z, p)
 
 
-@kernel
+@internal
 def rotate_back(matrix: Matrix, p: Row) -> Row:
     """Multiply the transpose of a matrix, given by its rows, by a vector."""
     x, y, z = matrix
@@ -82,13 +82,13 @@ def rotate_back(matrix: Matrix, p: Row) -> Row:
     )
 
 
-@kernel
+@internal
 def apply_pose(matrix: Matrix, position: Row, p: Row) -> Row:
     """Rotate a point by a matrix, given by its rows, then translate it."""
     return add_scaled(rotate(matrix, p), position, 1.0)
 
 
-@kernel
+@internal
 def box_extent(matrix: Matrix, half: Row) -> Row:
     """Return the half sides of the axis-aligned box around a rotated box."""
     x, y, z = matrix
@@ -102,7 +102,7 @@ def box_extent(matrix: Matrix, half: Row) -> Row:
 # ---- nearest points, as good as rounding allows --------------------------------------------------
 
 
-@kernel
+@internal
 def nearest_of_segment(p: Row, u: Row) -> tuple[float, float]:
     """Return t in [0, 1] with ``p + t u`` nearest to the origin, and its squared distance."""
     square = dot(u, u)
@@ -111,7 +111,7 @@ def nearest_of_segment(p: Row, u: Row) -> tuple[float, float]:
     return t, dot(point, point)
 
 
-@kernel
+@internal
 def triangle_weights(a: Row, b: Row, c: Row) -> tuple[float, float]:
     """Return the weights (s, t) of a triangle's point nearest to the origin.
 
@@ -141,14 +141,14 @@ def triangle_weights(a: Row, b: Row, c: Row) -> tuple[float, float]:
     return 1.0 - t_bc, t_bc
 
 
-@kernel
+@internal
 def nearest_of_triangle(p: Row, u: Row, v: Row) -> Row:
     """Return the point of the triangle (0, u, v) nearest to p."""
     s, t = triangle_weights(scale_vector(p, -1.0), minus(u, p), minus(v, p))
     return s * u[0] + t * v[0], s * u[1] + t * v[1], s * u[2] + t * v[2]
 
 
-@kernel
+@internal
 def gap_between(p: Row, u: Row, q: Row, v: Row) -> Row:
     """Return the shortest vector to one segment from another.
 
@@ -173,7 +173,7 @@ def gap_between(p: Row, u: Row, q: Row, v: Row) -> Row:
 # ---- distances that bound the true one -----------------------------------------------------------
 
 
-@kernel
+@internal
 def point_segment(p: Row, a: Row, b: Row) -> float:
     """Return the squared distance of a point p from the segment from a to b."""
     ab = minus(b, a)
@@ -185,7 +185,7 @@ def point_segment(p: Row, a: Row, b: Row) -> float:
     return dot(gap, gap)
 
 
-@kernel
+@internal
 def point_triangle(p: Row, triangle: Floats) -> float:
     """Return the distance between p and a triangle, shape (3, 3).
 
@@ -216,7 +216,7 @@ def point_triangle(p: Row, triangle: Floats) -> float:
     return distance if is_beside else min(distance, abs(dot(n, ap)))
 
 
-@kernel
+@internal
 def box_distance(box: Floats, p: Row) -> float:
     """Return the distance of a point from a box, shape (6,): its center, then its half sides."""
     center = row_at(box, 0)
@@ -228,7 +228,7 @@ def box_distance(box: Floats, p: Row) -> float:
     return math.sqrt(dx * dx + dy * dy + dz * dz)
 
 
-@kernel
+@internal
 def normal_of(triangle: Floats) -> Row:
     """Return a normal of a triangle, shape (3, 3), as long as twice its area."""
     a = row_at(triangle[0], 0)

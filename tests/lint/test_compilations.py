@@ -17,6 +17,49 @@ def test_the_demo_compiles_few_functions(tmp_path):
     )
 
 
+INTERNAL = {"internal", "inlined"}
+KERNELS = {"kernel", "allocating", *INTERNAL}
+"""Decorators of compiled functions; those of the internal ones have no wrapper for Python."""
+
+
+def decorators_of(node):
+    """Return the decorators of a function."""
+    return set(map(ast.unparse, getattr(node, "decorator_list", ())))
+
+
+def names_in(module, node):
+    """Return the functions that a piece of a module reads, each with its module."""
+    places = {
+        each.asname or each.name: (imported.module, each.name)
+        for imported in ast.walk(module)
+        if isinstance(imported, ast.ImportFrom)
+        for each in imported.names
+    }
+    names = {each.id for each in ast.walk(node) if isinstance(each, ast.Name)}
+    return {places.get(name, (module.name, name)) for name in names}
+
+
+def test_python_calls_no_internal_function():
+    # Such a call would crash the process.
+    folders = ("cspace", "planners", "tests", "benchmarks", "examples", "docs")
+    modules = []
+    for file in (file for folder in folders for file in (ROOT / folder).rglob("*.py")):
+        module = ast.parse(file.read_text(encoding="utf-8"))
+        module.name = ".".join(file.relative_to(ROOT).with_suffix("").parts)
+        modules.append(module)
+    internal = {
+        (module.name, node.name)
+        for module in modules
+        for node in module.body
+        if INTERNAL & decorators_of(node)
+    }
+    assert len(internal) > 100
+    for module in modules:
+        for node in module.body:
+            if not KERNELS & decorators_of(node):
+                assert not internal & names_in(module, node), (module.name, ast.unparse(node))
+
+
 def constants_in(code):
     """Return the constants that a piece of code reads."""
     return {
@@ -41,7 +84,6 @@ def definitions_in(tree):
 
 def test_constants_of_kernels_are_in_files_that_the_folder_depends_on():
     # Otherwise a kernel would keep the old value of a constant.
-    decorators = {"kernel", "inlined", "allocating"}
     modules, pending, known = (
         dict[str, ast.Module](),
         list[tuple[str, str]](),
@@ -55,7 +97,7 @@ def test_constants_of_kernels_are_in_files_that_the_folder_depends_on():
         name = file.relative_to(ROOT).as_posix()
         modules[name] = ast.parse(file.read_text(encoding="utf-8"))
         for node in ast.walk(modules[name]):
-            if decorators & set(map(ast.unparse, getattr(node, "decorator_list", ()))):
+            if KERNELS & decorators_of(node):
                 known.add(name)
                 pending += [(name, constant) for constant in constants_in(node)]
     seen = set[tuple[str, str]]()

@@ -260,11 +260,34 @@ def test_exact_checkers_follow_updates_within_ten_micrometres():
     assert not check(*quarter_circle)
 
 
-def test_a_curve_inside_an_obstacle_is_not_free():
-    workspace = Workspace.from_polygons(shapely.box(1, 1, 8, 8), 0.5, (0, 0, 9, 9))
-    space = build(workspace, Robot.disc(0.2), rotations=4, inner=False)
+@pytest.mark.parametrize(
+    ("workspace", "robot"),
+    [
+        (Workspace.from_polygons(shapely.box(1, 1, 8, 8), 0.5, (0, 0, 9, 9)), Robot.disc(0.2)),
+        (Workspace.from_array(np.pad(np.ones((14, 14), bool), 2), 0.5), Robot.rectangle(0.4, 0.2)),
+        (
+            Workspace.from_polygons([shapely.Point(3.4, 4.2)], 0.5, (0, 0, 9, 9)),
+            Robot.rectangle(4.0, 4.0),
+        ),
+    ],
+    ids=["robot in a polygon", "robot in cells", "post in the robot"],
+)
+def test_a_curve_inside_an_obstacle_or_around_one_is_not_free(workspace, robot):
+    space = build(workspace, robot, rotations=4, inner=False)
     check = local_planner(space, True, "dubins", 1.0).edge_checker()
     assert not check(3.0, 4.0, 0.0, 4.0, 5.0, 0.5 * math.pi)
+
+
+@EVERY_CURVE
+def test_states_of_exact_cars_are_valid_where_the_geometry_proves_it(posts, name):
+    setup = planners.simple_setup(posts, exact=True, drive=name, turning_radius=1.0)
+    si = setup.getSpaceInformation()
+    rng = np.random.default_rng(3)
+    q = rng.uniform((3.0, 0.0, -3.0), (7.0, 3.0, 3.0), (300, 3))
+    states = make_poses(setup.getStateSpace(), *q.tolist())
+    free = posts.is_free(q, exact=True)
+    assert [si.isValid(state) for state in states] == free.tolist()
+    assert posts.is_free(q).mean() < free.mean() < 0.9
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 from hypothesis import given, settings
+from ompl import util as ou
 from shapely.geometry import box
 
 import planners
@@ -16,31 +17,54 @@ from tests.helpers.urdfs import planar, planar_arm_meets, posed_box
 from tests.soak.drives import weighted_length
 
 ROTATING = [
-    ("turning", "holonomic"),
-    ("turning", "differential"),
-    ("turning", "reeds-shepp"),
-    ("yawing", "holonomic"),
+    ("turning", "holonomic", False),
+    ("turning", "holonomic", True),
+    ("turning", "differential", False),
+    ("turning", "reeds-shepp", False),
+    ("turning", "reeds-shepp", True),
+    ("yawing", "holonomic", False),
 ]
 
 
 # ---- never worse than a quick plan ---------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("name", "drive"), ROTATING)
+@pytest.mark.parametrize(("name", "drive", "exact"), ROTATING)
 @settings(max_examples=4)
 @given(seeds)
-def test_a_default_plan_is_no_longer_than_a_quick_one(name, drive, seed):
+def test_a_default_plan_is_no_longer_than_a_quick_one(name, drive, exact, seed):
     space = build_room(name)
     rng = np.random.default_rng(seed)
     start, goal = space.sample_free(2, rng)
     if space.is_disconnected(start, goal):
         return
-    options = options_for(drive) | {"seed": seed % 1000, "time_limit": 30.0}
+    options = options_for(drive) | {"exact": exact, "seed": seed % 1000, "time_limit": 30.0}
     quick = planners.plan(space, start, goal, planner="RRTConnect", iterations=500, **options)
     plan = planners.plan(space, start, goal, **options)
     if quick.certified:
         check(space, plan, start, goal)
         assert weighted_length(plan) <= weighted_length(quick) + 1e-9
+
+
+def test_default_plans_without_a_seed_are_repeatable_and_leave_ompl_its_own_seeds():
+    space = build_room("turning")
+    ends = space.sample_free(24, np.random.default_rng(1)).reshape(12, 2, 3)
+    chosen = 0
+    left = set()
+    for start, goal in ends:
+        ou.RNG.setSeed(len(left) + 1)
+        plans = [planners.plan(space, start, goal, time_limit=30.0) for _ in range(2)]
+        assert plans[0].path.tolist() == plans[1].path.tolist()
+        chosen += plans[0].status.startswith("path found: by RRTConnect")
+        left.add(ou.RNG().getLocalSeed())
+    assert chosen and len(left) == len(ends)
+    # Seeds that the user sets for OMPL still decide all that follows a plan.
+    following = []
+    for _ in range(2):
+        ou.RNG.setSeed(7)
+        planners.plan(space, *ends[0])
+        following.append(ou.RNG().getLocalSeed())
+    assert following[0] == following[1]
 
 
 # ---- previous plans ------------------------------------------------------------------------------

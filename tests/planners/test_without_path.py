@@ -21,6 +21,7 @@ from tests.helpers.handmade import (
 )
 from tests.helpers.placements import draw_configurations
 from tests.helpers.planning import (
+    build_from_states,
     build_halves,
     check_failed,
     options_for,
@@ -52,14 +53,33 @@ def test_a_plan_ends_at_once_if_no_chain_of_free_cells_joins_start_and_goal(
     monkeypatch.setattr(og.SimpleSetup, "solve", lambda *args: runs.append(1) or solve(*args))
     plan = planners.plan(space, start, goal, planner=planner, time_limit=60.0, **options_for(drive))
     check_failed(space, plan)
-    assert len(runs) == (name == "turning" and planner is None)  # the quick search
+    # A search of OMPL ends soon, and of default plans only the quick one runs.
+    assert len(runs) <= 1 and plan.times.planning < 30.0
     assert plan.is_disconnected == (between == BLOCKED) and not plan.is_connected
+    # Once components are known, no search is run.
+    runs.clear()
+    again = planners.plan(space, start, goal, planner=planner, **options_for(drive))
+    assert again.status == plan.status and not runs
     if between == BLOCKED:
         assert (plan.status, plan.hint) == ("no path exists: proven", "")
         return
     assert plan.status == f"{NO_CHAIN}; undecided whether one exists"
     finer = "a finer spacing" if name == "plane" else "a finer spacing or more rotations"
     assert plan.hint == f"exact=True, or {finer}"
+
+
+@pytest.mark.parametrize(
+    ("planner", "exact"),
+    [(None, False), (None, True), ("Grid", False), ("RRTConnect", False), ("RRTConnect", True)],
+)
+def test_a_path_proves_that_one_exists_without_components(planner, exact, monkeypatch):
+    states = np.full((8, 20, 9), FREE, dtype=np.uint8)
+    states[:, 9, :6] = BLOCKED
+    space = build_from_states(states, 8)
+    monkeypatch.setattr(type(space), "path_exists", lambda *_: pytest.fail("asked for components"))
+    ends = (2.5, 1.5, 0.0), (16.5, 1.5, 1.0)
+    plan = planners.plan(space, *ends, planner=planner, exact=exact, seed=1, time_limit=60.0)
+    assert plan.certified and plan.is_connected and not plan.is_disconnected
 
 
 def test_hints_fit_the_planner():
