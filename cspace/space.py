@@ -654,7 +654,16 @@ class CSpace(ConfigurationMap, MapReasons, MapExport):
         until = clock() + seconds
         first, last = self._cells_of(endpoints)
         factors = NO_FACTORS if factors is None else factors
-        cells = find_chain(self._seen, self._slice_of, turns, first, last, until, factors)
+        cells = find_chain(
+            self._seen,
+            self._slice_of,
+            turns,
+            first,
+            last,
+            until,
+            factors,
+            lambda: bool(self.is_connected(*endpoints)),
+        )
         if not len(cells):
             return self._no_path()
         path = waypoints(self.grid, rotations, endpoints, cells)

@@ -14,6 +14,7 @@ Kernels see three axes: a map of the plane has one layer of cells along the firs
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from typing import Final, NamedTuple
@@ -51,6 +52,10 @@ longer."""
 
 BLOCK_SIDE: Final = 4
 """Cells along each side of the blocks of the guide."""
+
+LABELLING_SHARE: Final = 1 / 256
+"""Share of the nodes that a search expands while all could be labelled; after it, a search asks the
+labels whether a chain may exist."""
 
 WEIGHT_IN_THE_OPEN: Final = 1.1
 """Weight of the estimate that ignores obstacles."""
@@ -91,6 +96,7 @@ def find_chain(
     goal: Ints,
     until: float,
     factors: Costs = NO_FACTORS,
+    may_exist: Callable[[], bool] | None = None,
 ) -> Ints:
     """Find a short chain of passable cells from start to goal.
 
@@ -107,6 +113,8 @@ def find_chain(
         Reading of :data:`cspace.support.compiling.clock` at which the search ends.
     factors : ndarray of float32, the shape of states, optional
         Factor, 1 or above, of the cost of moves in each cell.
+    may_exist : callable, optional
+        Returns False if no chain exists. It is asked once, if the search takes long.
 
     Returns
     -------
@@ -134,7 +142,7 @@ def find_chain(
     cells_shape = (len(slice_of), *states.shape[1:])
     start_cell = int(np.ravel_multi_index(tuple(start), cells_shape))
     goal_cell = int(np.ravel_multi_index(tuple(goal), cells_shape))
-    progress = _search_guided(graph, start_cell, goal_cell, until)
+    progress = _search_guided(graph, start_cell, goal_cell, until, may_exist)
     if not progress.closed[goal_cell]:
         return np.empty((0, 1 + dim), dtype=np.int64)
     # Follow the chain back from the goal; the cells before are stored plus 1.
@@ -167,10 +175,12 @@ def _locate(index: int, shape: Cell) -> Cell:
     return int(i), int(j), int(k)
 
 
-def _search_guided(graph: Graph, start: int, goal: int, until: float) -> Progress:
+def _search_guided(
+    graph: Graph, start: int, goal: int, until: float, may_exist: Callable[[], bool] | None
+) -> Progress:
     """Search from start to goal, indices of cells over all rotation cells.
 
-    Raises TimeoutError after ``until``.
+    A long search ends if no chain ``may_exist``. Raises TimeoutError after ``until``.
     """
     shape = graph.states.shape[1:]
     size = math.prod(shape)
@@ -179,7 +189,7 @@ def _search_guided(graph: Graph, start: int, goal: int, until: float) -> Progres
     # Without rotations, straight distances are as good as a search, and quicker.
     if len(graph.slice_of) == 1:
         estimate = estimate_without_obstacles(shape, goal_cell, WEIGHT_IN_THE_OPEN)
-        return search(graph, estimate, start, goal, until)
+        return search(graph, estimate, start, goal, until, may_exist=may_exist)
     start_cell = _locate(start % size, shape)
     guide = Guide(
         graph.states,
@@ -196,7 +206,7 @@ def _search_guided(graph: Graph, start: int, goal: int, until: float) -> Progres
     def reach_block(node: int) -> None:
         guide.reach(0, _locate(node % size, shape), until)
 
-    return search(graph, estimate, start, goal, until, reach_block=reach_block)
+    return search(graph, estimate, start, goal, until, may_exist=may_exist, reach_block=reach_block)
 
 
 def search(
@@ -206,19 +216,32 @@ def search(
     goal: int,
     until: float,
     *,
+    may_exist: Callable[[], bool] | None = None,
     excluded: Bools | None = None,
     reach_block: Callable[[int], None] | None = None,
 ) -> Progress:
     """Expand nodes from ``start`` on until ``goal`` is reached or no node is left.
 
-    ``excluded``, shape (nodes,), are nodes that no chain may pass. Where the estimate is not known
-    yet, ``reach_block`` is called with a node. Raises TimeoutError after ``until``.
+    A long search asks once whether a chain ``may_exist``. ``excluded``, shape (nodes,), are nodes
+    that no chain may pass. Where the estimate is not known yet, ``reach_block`` is called with a
+    node. Raises TimeoutError after ``until``.
     """
-    progress = begin_at(start, len(graph.slice_of) * math.prod(estimate.shape))
+    count = len(graph.slice_of) * math.prod(estimate.shape)
+    progress = begin_at(start, count)
+    rounds = itertools.count(1)
+    asks_after = math.ceil(count * LABELLING_SHARE / POPS_PER_CLOCK_CHECK)
+
+    def expand(progress: Progress) -> int:
+        outcome: int = expand_cells(graph, estimate, progress, goal)
+        is_long = outcome == GOES_ON and next(rounds) == asks_after
+        if is_long and may_exist is not None and not may_exist():
+            return DONE
+        return outcome
+
     if excluded is not None:
         progress = progress._replace(closed=excluded)
     return expand_until_done(
-        lambda progress: expand_cells(graph, estimate, progress, goal),
+        expand,
         progress,
         len(graph.moves.steps) + graph.neighbors.shape[1],
         until,
