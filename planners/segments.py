@@ -172,10 +172,11 @@ def _prove_lines(space: Space, exact: bool, lines: Segments) -> Bools:
 def _prove_curves(space: Any, curves: Segments) -> Bools:
     """Return whether curves are proven free, shape (m,).
 
-    Each is cut into pieces. Unproven pieces are cut into four, until the last level. The proof of
-    a curve on a map does not depend on the others.
+    Each is cut into pieces. Unproven pieces are cut into four, until the last level, unless a
+    piece of the same curve can not be proven. The proof of a curve on a map does not depend on the
+    others.
     """
-    test: Callable[..., Bools] = _test_boxes
+    test: Callable[..., tuple[Bools, Bools]] = _test_boxes
     counts = np.ones(len(curves.lengths), dtype=np.int64)
     if hasattr(space, "is_free_around"):
         reach = 2.0 * MAX_BOX_CELLS * 2.0 * space.resolution
@@ -187,24 +188,28 @@ def _prove_curves(space: Any, curves: Segments) -> Bools:
     firsts = np.cumsum(counts) - counts
     widths = (curves.lengths / counts)[owners]
     begins = (np.arange(len(owners)) - firsts[owners]) * widths
+    proven = np.ones(len(counts), dtype=np.bool_)
     for level in range(CUT_LEVELS):
         if level:
             owners = np.repeat(owners, 4)
             widths = np.repeat(widths, 4) / 4.0
             begins = np.repeat(begins, 4) + np.tile(np.arange(4.0), len(begins)) * widths
-        free = test(space, curves.select(owners), begins, widths, level)
-        owners = owners[~free]
-        widths = widths[~free]
-        begins = begins[~free]
+        free, touches = test(space, curves.select(owners), begins, widths, level)
+        proven[owners[touches]] = False
+        left = ~free & proven[owners]
+        owners = owners[left]
+        widths = widths[left]
+        begins = begins[left]
         if not len(owners):
             break
-    proven = np.ones(len(counts), dtype=np.bool_)
     proven[owners] = False
     return proven
 
 
-def _test_boxes(space: Any, curves: Segments, begins: Floats, widths: Floats, level: int) -> Bools:
-    """Return whether pieces lie in boxes of FREE cells, shape (n,).
+def _test_boxes(
+    space: Any, curves: Segments, begins: Floats, widths: Floats, level: int
+) -> tuple[Bools, Bools]:
+    """Return whether pieces lie in boxes of FREE cells, and whether they touch others, shape (n,).
 
     On a piece of width w, the derivative is a quadratic Bezier curve, in the convex hull of three
     vectors. So each coordinate stays within w / 2 times the largest of these of the middle. The
@@ -212,12 +217,15 @@ def _test_boxes(space: Any, curves: Segments, begins: Floats, widths: Floats, le
     """
     rotations = space.rotations
     dim = space.dim
-    _, begin_rates, begin_bends = place_along(curves, rotations, begins)
-    middles, _, _ = place_along(curves, rotations, begins + 0.5 * widths)
-    _, end_rates, _ = place_along(curves, rotations, begins + widths)
     half = 0.5 * widths[:, np.newaxis]
-    hull = np.stack([begin_rates, begin_rates + half * begin_bends, end_rates])
+    begin = begins[:, np.newaxis]
+    begin_bends = curves.bends + begin * curves.twists
+    begin_rates = curves.rates + 0.5 * begin * (curves.bends + begin_bends)
+    control_rates = begin_rates + half * begin_bends
+    end_rates = control_rates + half * (begin_bends + 2.0 * half * curves.twists)
+    hull = np.stack([begin_rates, control_rates, end_rates])
     spreads = half * np.abs(hull).max(axis=0)
+    middles, _, _ = place_along(curves, rotations, begins + 0.5 * widths)
     turns = np.linalg.norm(spreads[:, dim:], axis=1)
     driven = np.flatnonzero(curves.drives)
     if len(driven):
@@ -234,13 +242,16 @@ def _test_boxes(space: Any, curves: Segments, begins: Floats, widths: Floats, le
     if rotations.names == ("yaw",):
         middles[:, -1] = wrapped(middles[:, -1])
     distance += BOX_SLACK_CELLS * cell
-    fits[fits] = space.is_free_around(middles[fits], distance, angle + ROUNDING)
-    return np.asarray(fits)
+    free = fits
+    free[fits] = space.is_free_around(middles[fits], distance, angle + ROUNDING)
+    touches = ~free
+    touches[touches] = ~space.is_free_around(middles[touches], 0.0)
+    return free, touches
 
 
 def _test_motions(
     space: Any, curves: Segments, begins: Floats, widths: Floats, level: int
-) -> Bools:
+) -> tuple[Bools, Bools]:
     """Return whether pieces are near motions that are free with that deviation, shape (n,).
 
     On a piece of width w, each joint deviates from its even motion by at most w^2 / 8 times its
@@ -252,6 +263,5 @@ def _test_motions(
     bends = np.maximum(np.abs(begin_bends), np.abs(end_bends))
     deviations = bends * widths[:, np.newaxis] ** 2 / 8.0
     # One deviation for all is quicker; pieces that it does not prove are cut.
-    return np.asarray(
-        space.motions_are_free_around(firsts, lasts, deviations.max(axis=0) + ROUNDING)
-    )
+    free = space.motions_are_free_around(firsts, lasts, deviations.max(axis=0) + ROUNDING)
+    return free, np.zeros(len(free), dtype=np.bool_)

@@ -35,6 +35,9 @@ MIN_PHASE_SHARE: Final = 1e-12
 MIN_SPEED: Final = 1e-150
 """Smallest mean speed on a curve, which makes a path with such a curve slower than one without."""
 
+EXCESS_SHARES: Final = (0.0, 0.25, 0.5, 0.75, 1.0)
+"""Shares of the duration of a phase at which the limits are checked."""
+
 MAX_RATE_STEP: Final = 1e-8
 """Largest jump of the rates between two curves without a stop, relative to these."""
 
@@ -236,26 +239,24 @@ def _find_excess(
     segments: Segments, rotations: Rotations, phases: Phases, bounds: MotionBounds
 ) -> float:
     """Return the factor by which curves must be slower, since limits hold at interval ends."""
-    durations = np.diff(phases.times)
-    excess = 1.0
     curved = np.flatnonzero(segments.is_curve[phases.segments[:-1]])
     if not len(curved):
-        return excess
-    parts = segments.select(phases.segments[curved])
-    accelerations = phases.accelerations[curved]
-    for share in (0.0, 0.25, 0.5, 0.75, 1.0):
-        elapsed = share * durations[curved]
-        speeds = phases.speeds[curved] + elapsed * accelerations
-        mean_speeds = phases.speeds[curved] + 0.5 * elapsed * accelerations
-        lengths = phases.positions[curved] + elapsed * mean_speeds
-        _, first, second = place_along(parts, rotations, lengths)
-        velocities = first * speeds[:, np.newaxis]
-        changes = first * accelerations[:, np.newaxis] + second * speeds[:, np.newaxis] ** 2
-        excess = max(excess, bounds.velocity.shares(velocities).max())
-        excess = max(excess, np.sqrt(bounds.acceleration.shares(changes).max()))
-        if parts.drives.any():
-            sideways = np.abs(velocities[:, 2]) * np.linalg.norm(velocities[:, :2], axis=1)
-            excess = max(excess, np.sqrt(sideways.max() / bounds.lateral))
+        return 1.0
+    rows = np.repeat(curved, len(EXCESS_SHARES))
+    elapsed = np.diff(phases.times)[rows] * np.tile(EXCESS_SHARES, len(curved))
+    accelerations = phases.accelerations[rows]
+    speeds = phases.speeds[rows] + elapsed * accelerations
+    mean_speeds = phases.speeds[rows] + 0.5 * elapsed * accelerations
+    lengths = phases.positions[rows] + elapsed * mean_speeds
+    parts = segments.select(phases.segments[rows])
+    _, first, second = place_along(parts, rotations, lengths)
+    velocities = first * speeds[:, np.newaxis]
+    changes = first * accelerations[:, np.newaxis] + second * speeds[:, np.newaxis] ** 2
+    excess = bounds.velocity.shares(velocities).max()
+    excess = max(excess, np.sqrt(bounds.acceleration.shares(changes).max()))
+    if parts.drives.any():
+        sideways = np.abs(velocities[:, 2]) * np.linalg.norm(velocities[:, :2], axis=1)
+        excess = max(excess, np.sqrt(sideways.max() / bounds.lateral))
     return float(excess)
 
 
