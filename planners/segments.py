@@ -21,7 +21,7 @@ MAX_BOX_CELLS: Final = 0.5
 MAX_BOX_RADIANS: Final = math.radians(2.5)
 """Largest rotation of the largest boxes to either side, radians."""
 
-CUT_LEVELS: Final = 3
+CUT_LEVELS: Final = 4
 """Number of times that a curve is cut, each time into pieces a quarter as long."""
 
 BOX_SLACK_CELLS: Final = 1e-9
