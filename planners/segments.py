@@ -18,11 +18,14 @@ from planners.local_planner import LocalPlanner
 MAX_BOX_CELLS: Final = 0.5
 """Half sides of the largest boxes that prove a curve on a map, in cells."""
 
-MAX_BOX_RADIANS: Final = math.radians(2.5)
+MAX_BOX_RADIANS: Final = math.radians(5.0)
 """Largest rotation of the largest boxes to either side, radians."""
 
-CUT_LEVELS: Final = 4
-"""Number of times that a curve is cut, each time into pieces a quarter as long."""
+CUTS: Final = 8
+"""Number of pieces into which an unproven piece is cut."""
+
+CUT_LEVELS: Final = 3
+"""Number of sizes of pieces."""
 
 BOX_SLACK_CELLS: Final = 1e-9
 """Distance in cells by which boxes grow, for rounding."""
@@ -191,9 +194,9 @@ def _prove_curves(space: Any, curves: Segments) -> Bools:
     proven = np.ones(len(counts), dtype=np.bool_)
     for level in range(CUT_LEVELS):
         if level:
-            owners = np.repeat(owners, 4)
-            widths = np.repeat(widths, 4) / 4.0
-            begins = np.repeat(begins, 4) + np.tile(np.arange(4.0), len(begins)) * widths
+            owners = np.repeat(owners, CUTS)
+            widths = np.repeat(widths, CUTS) / CUTS
+            begins = np.repeat(begins, CUTS) + np.tile(np.arange(float(CUTS)), len(begins)) * widths
         free, touches = test(space, curves.select(owners), begins, widths, level)
         proven[owners[touches]] = False
         left = ~free & proven[owners]
@@ -236,8 +239,8 @@ def _test_boxes(
         is_zero = ~hull[:, driven, :2].any(axis=2).all(axis=0)
         turns[driven] = np.where(is_zero, np.inf, angles)
     cell = 2.0 * space.resolution
-    distance = MAX_BOX_CELLS * cell / 4.0**level
-    angle = MAX_BOX_RADIANS / 4.0**level
+    distance = MAX_BOX_CELLS * cell / float(CUTS)**level
+    angle = MAX_BOX_RADIANS / float(CUTS)**level
     fits = (spreads[:, :dim].max(axis=1) <= distance) & (turns <= angle)
     if rotations.names == ("yaw",):
         middles[:, -1] = wrapped(middles[:, -1])

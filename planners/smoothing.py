@@ -97,12 +97,11 @@ class LimitRates(NamedTuple):
     def largest(self, rates: Floats) -> Floats:
         """Return the largest multiple of each row of rates within the limits, shape (m,)."""
         with np.errstate(divide="ignore"):
-            return np.asarray(1.0 / self.shares(rates).max(axis=1))
+            return np.asarray(1.0 / self.shares(rates).max(axis=0))
 
     def shares(self, rates: Floats) -> Floats:
-        """Return the shares of the limits that rates use, shape (m, groups)."""
-        groups = self.group(rates)
-        return np.column_stack([np.linalg.norm(group, axis=1) for group in groups])
+        """Return the shares of the limits that rates use, shape (groups, m)."""
+        return np.stack([np.linalg.norm(group, axis=1) for group in self.group(rates)])
 
     def group(self, rates: Floats) -> list[Floats]:
         """Return groups of columns, each divided by the limit of its norm."""

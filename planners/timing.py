@@ -227,11 +227,11 @@ def _fill_phases(
         (first, fastest, fastest),
         (np.where(is_curved, changes, gains), zeros, -gains),
     )
-    table = np.stack([np.stack(column, axis=1).ravel() for column in columns], axis=1)
+    table = np.array(columns).transpose(2, 1, 0).reshape(-1, 5)
     table = table[table[:, 0] > MIN_PHASE_SHARE * table[:, 0].sum()]
     rest = (0.0, owners[-1], begins[-1] + lengths[-1], 0.0, 0.0)
     durations, segments, *motion = np.vstack([table, rest]).T
-    times = np.cumsum([0.0, *durations[:-1]])
+    times = np.cumsum(durations) - durations
     return Phases(times, segments.astype(np.int64), *motion)
 
 
