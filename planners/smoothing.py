@@ -97,22 +97,22 @@ class LimitRates(NamedTuple):
     def largest(self, rates: Floats) -> Floats:
         """Return the largest multiple of each row of rates within the limits, shape (m,)."""
         with np.errstate(divide="ignore"):
-            return np.asarray(1.0 / self.shares(rates).max(axis=0))
+            return np.asarray(1.0 / self.shares(rates).max(axis=1))
 
     def shares(self, rates: Floats) -> Floats:
-        """Return the shares of the limits that rates use, shape (groups, m)."""
-        return np.stack([np.linalg.norm(group, axis=1) for group in self.group(rates)])
+        """Return the shares of the limits that rates use, shape (m, limits)."""
+        return np.sqrt(self.multiply(rates, rates))
 
-    def group(self, rates: Floats) -> list[Floats]:
-        """Return groups of columns, each divided by the limit of its norm."""
-        dim = self.dim
-        if self.linear.ndim:
-            groups = [rates[:, k : k + 1] / limit for k, limit in enumerate(self.linear)]
-        else:
-            groups = [rates[:, :dim] / self.linear]
-        if self.angular is not None:
-            groups.append(rates[:, dim:] / self.angular)
-        return groups
+    def multiply(self, first: Floats, second: Floats) -> Floats:
+        """Return the products of rates over the squares of their limits, shape (m, limits)."""
+        products = first * second
+        linear = products[:, : self.dim] / self.linear**2
+        if not self.linear.ndim:
+            linear = linear.sum(axis=1, keepdims=True)
+        if self.angular is None:
+            return linear
+        angular = products[:, self.dim :].sum(axis=1, keepdims=True) / self.angular**2
+        return np.concatenate([linear, angular], axis=1)
 
 
 @dataclass(frozen=True, slots=True)

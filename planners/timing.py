@@ -81,15 +81,15 @@ def find_phases(
     ends = [place_along(parts, rotations, s)[1:] for s in (begins, begins + lengths)]
     is_curved = is_curve[owners]
     caps = []
-    squares_of_terms = []
+    terms = []
     for share, (first, second) in zip((0.0, 2.0), ends, strict=True):
         bent = np.where(is_curved[:, np.newaxis], second, 0.0)
         caps.append(bounds.velocity.largest(first) ** 2)
         # The acceleration is first u + bent x, where x is the squared speed here, and the one at
         # the start plus 2 u times the length at the end.
-        along = bounds.acceleration.group(first + share * lengths[:, np.newaxis] * bent)
-        across = bounds.acceleration.group(bent)
-        squares_of_terms += [_multiply_terms(*pair) for pair in zip(along, across, strict=True)]
+        along = first + share * lengths[:, np.newaxis] * bent
+        pairs = (along, along), (along, bent), (bent, bent)
+        terms.append(np.stack([bounds.acceleration.multiply(*pair) for pair in pairs], axis=2))
         if parts.drives.any():
             sideways = np.abs(first[:, 2]) * np.linalg.norm(first[:, :2], axis=1)
             with np.errstate(divide="ignore"):
@@ -102,18 +102,11 @@ def find_phases(
     may_pass[np.cumsum(counts)[:-1] - 1] = passes
     nodes = np.zeros(len(owners) + 1)
     nodes[1:-1] = np.where(may_pass, np.minimum(end_caps[:-1], begin_caps[1:]), 0.0)
-    terms = np.stack(squares_of_terms, axis=1)
-    bound_squares(lengths, np.ascontiguousarray(terms), is_curved, nodes)
+    bound_squares(lengths, np.concatenate(terms, axis=1), is_curved, nodes)
     gains = bounds.acceleration.largest(ends[0][0])
     phases = _fill_phases(owners, begins, lengths, is_curved, begin_caps, gains, nodes)
     excess = _find_excess(segments, rotations, phases, bounds)
     return slow_down(phases, max(excess, 1.0))
-
-
-def _multiply_terms(along: Floats, across: Floats) -> Floats:
-    """Return the products of two terms of an acceleration, shape (n, 3)."""
-    products = (along * along, along * across, across * across)
-    return np.column_stack([product.sum(axis=1) for product in products])
 
 
 @kernel
