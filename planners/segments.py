@@ -21,7 +21,8 @@ MAX_BOX_CELLS: Final = 0.5
 MAX_BOX_RADIANS: Final = math.radians(5.0)
 """Largest rotation of the largest boxes to either side, radians."""
 
-CUTS: Final = 8
+CUTS_ON_MAPS: Final = 8
+CUTS_OF_ARMS: Final = 4
 """Number of pieces into which an unproven piece is cut."""
 
 CUT_LEVELS: Final = 3
@@ -149,7 +150,8 @@ def prove_segments(space: Space, exact: bool, segments: Segments) -> Bools:
     """
     is_curve = segments.is_curve
     proven = np.zeros(len(is_curve), dtype=np.bool_)
-    proven[~is_curve] = _prove_lines(space, exact, segments.select(~is_curve))
+    if not is_curve.all():
+        proven[~is_curve] = _prove_lines(space, exact, segments.select(~is_curve))
     if is_curve.any() and can_prove_curves(space):
         proven[is_curve] = _prove_curves(space, segments.select(is_curve))
     return proven
@@ -175,11 +177,12 @@ def _prove_lines(space: Space, exact: bool, lines: Segments) -> Bools:
 def _prove_curves(space: Any, curves: Segments) -> Bools:
     """Return whether curves are proven free, shape (m,).
 
-    Each is cut into pieces. Unproven pieces are cut into four, until the last level, unless a
-    piece of the same curve can not be proven. The proof of a curve on a map does not depend on the
-    others.
+    Each is cut into pieces. Unproven pieces are cut again, until the last level, except those of
+    curves that contain a point which is not free. The proof of a curve on a map does not depend on
+    the others.
     """
-    test: Callable[..., tuple[Bools, Bools]] = _test_boxes
+    test: Callable[..., Bools] = _test_boxes
+    cuts = CUTS_ON_MAPS
     counts = np.ones(len(curves.lengths), dtype=np.int64)
     if hasattr(space, "is_free_around"):
         reach = 2.0 * MAX_BOX_CELLS * 2.0 * space.resolution
@@ -187,6 +190,7 @@ def _prove_curves(space: Any, curves: Segments) -> Bools:
         counts += (metres / reach).astype(np.int64)
     else:
         test = _test_motions
+        cuts = CUTS_OF_ARMS
     owners = np.repeat(np.arange(len(counts)), counts)
     firsts = np.cumsum(counts) - counts
     widths = (curves.lengths / counts)[owners]
@@ -194,12 +198,16 @@ def _prove_curves(space: Any, curves: Segments) -> Bools:
     proven = np.ones(len(counts), dtype=np.bool_)
     for level in range(CUT_LEVELS):
         if level:
-            owners = np.repeat(owners, CUTS)
-            widths = np.repeat(widths, CUTS) / CUTS
-            begins = np.repeat(begins, CUTS) + np.tile(np.arange(float(CUTS)), len(begins)) * widths
-        free, touches = test(space, curves.select(owners), begins, widths, level)
-        proven[owners[touches]] = False
-        left = ~free & proven[owners]
+            owners = np.repeat(owners, cuts)
+            widths = np.repeat(widths, cuts) / cuts
+            begins = np.repeat(begins, cuts) + np.tile(np.arange(cuts), len(begins)) * widths
+        free = test(space, curves.select(owners), begins, widths, level)
+        owners = owners[~free]
+        widths = widths[~free]
+        begins = begins[~free]
+        middles, _, _ = place_along(curves.select(owners), space.rotations, begins + 0.5 * widths)
+        proven[owners[~space.is_free(middles)]] = False
+        left = proven[owners]
         owners = owners[left]
         widths = widths[left]
         begins = begins[left]
@@ -209,10 +217,8 @@ def _prove_curves(space: Any, curves: Segments) -> Bools:
     return proven
 
 
-def _test_boxes(
-    space: Any, curves: Segments, begins: Floats, widths: Floats, level: int
-) -> tuple[Bools, Bools]:
-    """Return whether pieces lie in boxes of FREE cells, and whether they touch others, shape (n,).
+def _test_boxes(space: Any, curves: Segments, begins: Floats, widths: Floats, level: int) -> Bools:
+    """Return whether pieces lie in boxes of FREE cells, shape (n,).
 
     On a piece of width w, the derivative is a quadratic Bezier curve, in the convex hull of three
     vectors. So each coordinate stays within w / 2 times the largest of these of the middle. The
@@ -239,22 +245,20 @@ def _test_boxes(
         is_zero = ~hull[:, driven, :2].any(axis=2).all(axis=0)
         turns[driven] = np.where(is_zero, np.inf, angles)
     cell = 2.0 * space.resolution
-    distance = MAX_BOX_CELLS * cell / float(CUTS)**level
-    angle = MAX_BOX_RADIANS / float(CUTS)**level
+    size = float(CUTS_ON_MAPS) ** -level
+    distance = MAX_BOX_CELLS * cell * size
+    angle = MAX_BOX_RADIANS * size
     fits = (spreads[:, :dim].max(axis=1) <= distance) & (turns <= angle)
     if rotations.names == ("yaw",):
         middles[:, -1] = wrapped(middles[:, -1])
     distance += BOX_SLACK_CELLS * cell
-    free = fits
-    free[fits] = space.is_free_around(middles[fits], distance, angle + ROUNDING)
-    touches = ~free
-    touches[touches] = ~space.is_free_around(middles[touches], 0.0)
-    return free, touches
+    fits[fits] = space.is_free_around(middles[fits], distance, angle + ROUNDING)
+    return np.asarray(fits)
 
 
 def _test_motions(
     space: Any, curves: Segments, begins: Floats, widths: Floats, level: int
-) -> tuple[Bools, Bools]:
+) -> Bools:
     """Return whether pieces are near motions that are free with that deviation, shape (n,).
 
     On a piece of width w, each joint deviates from its even motion by at most w^2 / 8 times its
@@ -266,5 +270,6 @@ def _test_motions(
     bends = np.maximum(np.abs(begin_bends), np.abs(end_bends))
     deviations = bends * widths[:, np.newaxis] ** 2 / 8.0
     # One deviation for all is quicker; pieces that it does not prove are cut.
-    free = space.motions_are_free_around(firsts, lasts, deviations.max(axis=0) + ROUNDING)
-    return free, np.zeros(len(free), dtype=np.bool_)
+    return np.asarray(
+        space.motions_are_free_around(firsts, lasts, deviations.max(axis=0) + ROUNDING)
+    )

@@ -12,9 +12,9 @@ become one wide turn.
 each corner is a peg, and the curve passes outside it. The pushes of the pegs are the smallest that
 do so: a quadratic programme, solved by non-negative least squares.
 
-*Proofs.* All curves and the straight edges that are left are proven together. Around an unproven
-part the length l becomes smaller by half. If it is already small, the corners beside the part
-become stops. Between two stops without a corner, the path is the edge again.
+*Proofs.* All curves and the straight edges that are left are proven together. A peg pulls an
+unproven part back towards the path, at most twice. If it is still unproven, the corner beside it
+becomes a stop. Between two stops without a corner, the path is the edge again.
 """
 
 from __future__ import annotations
@@ -63,6 +63,9 @@ PULL_SHARE: Final = 0.75
 
 MAX_PULLS: Final = 2
 """Largest number of pegs that pull an unproven part of a curve back towards the path."""
+
+MAX_PULL_ROUNDS: Final = 6
+"""Number of proofs after which unproven parts are no longer pulled, but lead to stops at once."""
 
 MAX_TURN: Final = 2.8
 """Largest turn of a robot between two drives without a stop, radians."""
@@ -281,19 +284,23 @@ class Smoother:
         is_smooth = any(run.is_smooth for run in runs)
         return Layout(join_segments(parts), np.concatenate(windows), is_smooth)
 
-    def repair(self, layout: Layout, proven: Bools) -> bool:
-        """Add pegs or stops near unproven segments; return False if nothing is left to change."""
+    def repair(self, layout: Layout, proven: Bools, may_pull: bool) -> bool:
+        """Add pegs or stops near unproven segments; return False if nothing is left to change.
+
+        Unless it ``may_pull`` curves back by pegs, it adds stops only.
+        """
         failed = np.flatnonzero(~proven)
         stretches = np.split(failed, np.flatnonzero(np.diff(failed) > 1) + 1)
+        is_curve = layout.segments.is_curve
         peg_times = np.array([peg.time for peg in self.pegs])
         is_changed = False
         pulled: list[int] = []
         for stretch in stretches:
             begin = layout.windows[stretch[0], 0]
             end = layout.windows[stretch[-1], 1]
-            is_curve = bool(layout.segments.is_curve[stretch].all())
+            is_pulled = may_pull and bool(is_curve[stretch].all())
             near = (peg_times[self.corners :] >= begin) & (peg_times[self.corners :] <= end)
-            if is_curve and np.count_nonzero(near) < MAX_PULLS:
+            if is_pulled and np.count_nonzero(near) < MAX_PULLS:
                 pulled.append(int(stretch[len(stretch) // 2]))
                 is_changed = True
             else:
@@ -411,8 +418,8 @@ class Smoother:
         forces = -np.diff(squares[:, np.newaxis] * np.diff(points, axis=0), axis=0)
         size = points.shape[1]
 
-        # The columns are displacements of the polygon, and responses to unit forces at the pegs; all
-        # are zero at both ends.
+        # The columns are displacements of the polygon, and responses to unit forces at the pegs.
+        # All are zero at both ends.
         outward = np.array([peg.direction for peg in pegs])
         targets = np.array([peg.place for peg in pegs])
         peg_times = np.array([peg.time for peg in pegs])
@@ -430,7 +437,7 @@ class Smoother:
         depths = ((targets - at_pegs[:, :size]) / self.fastest * outward).sum(axis=1)
         pushes = _solve_pushes((outward @ outward.T) * at_pegs[:, size:], depths)
         pushed = columns[:, size:] @ (pushes[:, np.newaxis] * outward) * self.fastest
-        moved = columns[:, :size] + pushed
+        moved: Floats = columns[:, :size] + pushed
 
         lower, upper = self.bounds
         dim = min(len(lower), self.course.rows.shape[1])
@@ -504,6 +511,7 @@ def _solve_pushes(effects: Floats, depths: Floats) -> Floats:
 def smooth_path(smoother: Smoother, prove: Callable[[Segments], Bools]) -> Layout | None:
     """Return the smoothest proven path, or None if there is none with a curve."""
     known: dict[bytes, bool] = {}
+    rounds = 0
     while True:
         layout = smoother.lay_out()
         if not layout.is_smooth:
@@ -511,8 +519,9 @@ def smooth_path(smoother: Smoother, prove: Callable[[Segments], Bools]) -> Layou
         proven = _prove_new(layout.segments, prove, known)
         if proven.all():
             return layout
-        if not smoother.repair(layout, proven):
+        if not smoother.repair(layout, proven, rounds < MAX_PULL_ROUNDS):
             return None
+        rounds += 1
 
 
 def _prove_new(
