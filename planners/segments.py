@@ -198,19 +198,17 @@ def _prove_curves(space: Any, curves: Segments) -> Bools:
     proven = np.ones(len(counts), dtype=np.bool_)
     for level in range(CUT_LEVELS):
         if level:
-            owners = np.repeat(owners, cuts)
-            widths = np.repeat(widths, cuts) / cuts
-            begins = np.repeat(begins, cuts) + np.tile(np.arange(cuts), len(begins)) * widths
+            points = place_along(curves.select(owners), space.rotations, begins + 0.5 * widths)[0]
+            proven[owners[~space.is_free(points)]] = False
+            left = proven[owners]
+            owners = np.repeat(owners[left], cuts)
+            widths = np.repeat(widths[left], cuts) / cuts
+            begins = np.repeat(begins[left], cuts)
+            begins += np.arange(len(begins)) % cuts * widths
         free = test(space, curves.select(owners), begins, widths, level)
         owners = owners[~free]
         widths = widths[~free]
         begins = begins[~free]
-        middles, _, _ = place_along(curves.select(owners), space.rotations, begins + 0.5 * widths)
-        proven[owners[~space.is_free(middles)]] = False
-        left = proven[owners]
-        owners = owners[left]
-        widths = widths[left]
-        begins = begins[left]
         if not len(owners):
             break
     proven[owners] = False
@@ -271,5 +269,5 @@ def _test_motions(
     deviations = bends * widths[:, np.newaxis] ** 2 / 8.0
     # One deviation for all is quicker; pieces that it does not prove are cut.
     return np.asarray(
-        space.motions_are_free_around(firsts, lasts, deviations.max(axis=0) + ROUNDING)
+        space.motions_are_free_around(firsts, lasts, deviations.max(axis=0, initial=0.0) + ROUNDING)
     )
