@@ -52,7 +52,7 @@ MIN_STEPS: Final = 12
 MAX_STEPS: Final = 4000
 """Largest number of steps between the control points of a curve."""
 
-PEG_CELLS: Final = 0.03
+PEG_CELLS: Final = 0.1
 """Distance in cells by which a curve passes outside its corners, for the boxes that prove it."""
 
 PEG_SOFTNESS: Final = 1e-6
