@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -182,9 +183,12 @@ def _prove_curves(space: Any, curves: Segments) -> Bools:
     the others.
     """
     test: Callable[..., Bools] = _test_boxes
+    test_points: Callable[[Floats], Bools] = space.is_free
     cuts = CUTS_ON_MAPS
     counts = np.ones(len(curves.lengths), dtype=np.int64)
     if hasattr(space, "is_free_around"):
+        # The test of boxes is compiled anyway, and tests points, too.
+        test_points = partial(space.is_free_around, distance=0.0)
         reach = 2.0 * MAX_BOX_CELLS * 2.0 * space.resolution
         metres = np.linalg.norm(curves.rates[:, : space.dim], axis=1) * curves.lengths
         counts += (metres / reach).astype(np.int64)
@@ -199,7 +203,7 @@ def _prove_curves(space: Any, curves: Segments) -> Bools:
     for level in range(CUT_LEVELS):
         if level:
             points = place_along(curves.select(owners), space.rotations, begins + 0.5 * widths)[0]
-            proven[owners[~space.is_free(points)]] = False
+            proven[owners[~test_points(points)]] = False
             left = proven[owners]
             owners = np.repeat(owners[left], cuts)
             widths = np.repeat(widths[left], cuts) / cuts
