@@ -482,8 +482,14 @@ MUTANTS = (
     ),
     Mutant(
         "planners/segments.py",
-        "np.repeat(begins, 4) + np.tile(np.arange(4.0), len(begins)) * widths",
-        "np.repeat(begins, 4)",
+        "begins += np.arange(len(begins)) % cuts * widths",
+        "begins += 0.0 * widths",
+        "tests/planners/test_smoothing.py",
+    ),
+    Mutant(
+        "planners/segments.py",
+        "spreads = half * np.abs(hull).max(axis=0)",
+        "spreads = half * np.abs(hull).min(axis=0)",
         "tests/planners/test_smoothing.py",
     ),
     Mutant(
