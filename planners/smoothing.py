@@ -14,7 +14,8 @@ do so: a quadratic programme, solved by non-negative least squares.
 
 *Proofs.* All curves and the straight edges that are left are proven together. A peg pulls an
 unproven part back towards the path, at most twice. If it is still unproven, the corner beside it
-becomes a stop. Between two stops without a corner, the path is the edge again.
+becomes a stop; after some rounds this happens at once. Between two stops without a corner, the path
+is the edge again.
 """
 
 from __future__ import annotations
@@ -426,6 +427,7 @@ class Smoother:
         index, weights = _weigh_points((peg_times - times[0]) / total * steps, steps)
         units = np.zeros((steps + 3, len(pegs)))
         units[index.T, np.arange(len(pegs))] = weights.T
+        # The outermost control points continue the lines of the two beside them.
         units[2] -= units[0]
         units[-3] -= units[-1]
         once = dptsv(diagonal, beside, np.column_stack([forces, units[2:-2]]))[2]
