@@ -488,12 +488,6 @@ MUTANTS = (
     ),
     Mutant(
         "planners/segments.py",
-        "spreads = half * np.abs(hull).max(axis=0)",
-        "spreads = half * np.abs(hull).min(axis=0)",
-        "tests/planners/test_smoothing.py",
-    ),
-    Mutant(
-        "planners/segments.py",
         "fits[fits] = space.is_free_around(middles[fits], distance, angle + ROUNDING)",
         "fits[fits] = space.is_free_around(middles[fits], distance, 0.0)",
         "tests/planners/test_smoothing.py",
