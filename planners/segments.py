@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -18,11 +19,15 @@ from planners.local_planner import LocalPlanner
 MAX_BOX_CELLS: Final = 0.5
 """Half sides of the largest boxes that prove a curve on a map, in cells."""
 
-MAX_BOX_RADIANS: Final = math.radians(2.5)
+MAX_BOX_RADIANS: Final = math.radians(5.0)
 """Largest rotation of the largest boxes to either side, radians."""
 
+CUTS_ON_MAPS: Final = 8
+CUTS_OF_ARMS: Final = 4
+"""Number of pieces into which an unproven piece is cut."""
+
 CUT_LEVELS: Final = 3
-"""Number of times that a curve is cut, each time into pieces a quarter as long."""
+"""Number of sizes of pieces."""
 
 BOX_SLACK_CELLS: Final = 1e-9
 """Distance in cells by which boxes grow, for rounding."""
@@ -146,7 +151,8 @@ def prove_segments(space: Space, exact: bool, segments: Segments) -> Bools:
     """
     is_curve = segments.is_curve
     proven = np.zeros(len(is_curve), dtype=np.bool_)
-    proven[~is_curve] = _prove_lines(space, exact, segments.select(~is_curve))
+    if not is_curve.all():
+        proven[~is_curve] = _prove_lines(space, exact, segments.select(~is_curve))
     if is_curve.any() and can_prove_curves(space):
         proven[is_curve] = _prove_curves(space, segments.select(is_curve))
     return proven
@@ -172,33 +178,43 @@ def _prove_lines(space: Space, exact: bool, lines: Segments) -> Bools:
 def _prove_curves(space: Any, curves: Segments) -> Bools:
     """Return whether curves are proven free, shape (m,).
 
-    Each is cut into pieces. Unproven pieces are cut into four, until the last level. The proof of
-    a curve on a map does not depend on the others.
+    Each is cut into pieces. Unproven pieces are cut again, until the last level, except those of
+    curves that contain a point which is not free. The proof of a curve on a map does not depend on
+    the others.
     """
     test: Callable[..., Bools] = _test_boxes
+    test_points: Callable[[Floats], Bools] = space.is_free
+    cuts = CUTS_ON_MAPS
     counts = np.ones(len(curves.lengths), dtype=np.int64)
     if hasattr(space, "is_free_around"):
+        # The test of boxes is compiled anyway, and tests points, too.
+        test_points = partial(space.is_free_around, distance=0.0)
         reach = 2.0 * MAX_BOX_CELLS * 2.0 * space.resolution
         metres = np.linalg.norm(curves.rates[:, : space.dim], axis=1) * curves.lengths
         counts += (metres / reach).astype(np.int64)
     else:
         test = _test_motions
+        cuts = CUTS_OF_ARMS
     owners = np.repeat(np.arange(len(counts)), counts)
     firsts = np.cumsum(counts) - counts
     widths = (curves.lengths / counts)[owners]
     begins = (np.arange(len(owners)) - firsts[owners]) * widths
+    proven = np.ones(len(counts), dtype=np.bool_)
     for level in range(CUT_LEVELS):
         if level:
-            owners = np.repeat(owners, 4)
-            widths = np.repeat(widths, 4) / 4.0
-            begins = np.repeat(begins, 4) + np.tile(np.arange(4.0), len(begins)) * widths
+            points = place_along(curves.select(owners), space.rotations, begins + 0.5 * widths)[0]
+            proven[owners[~test_points(points)]] = False
+            left = proven[owners]
+            owners = np.repeat(owners[left], cuts)
+            widths = np.repeat(widths[left], cuts) / cuts
+            begins = np.repeat(begins[left], cuts)
+            begins += np.arange(len(begins)) % cuts * widths
         free = test(space, curves.select(owners), begins, widths, level)
         owners = owners[~free]
         widths = widths[~free]
         begins = begins[~free]
         if not len(owners):
             break
-    proven = np.ones(len(counts), dtype=np.bool_)
     proven[owners] = False
     return proven
 
@@ -212,12 +228,15 @@ def _test_boxes(space: Any, curves: Segments, begins: Floats, widths: Floats, le
     """
     rotations = space.rotations
     dim = space.dim
-    _, begin_rates, begin_bends = place_along(curves, rotations, begins)
-    middles, _, _ = place_along(curves, rotations, begins + 0.5 * widths)
-    _, end_rates, _ = place_along(curves, rotations, begins + widths)
     half = 0.5 * widths[:, np.newaxis]
-    hull = np.stack([begin_rates, begin_rates + half * begin_bends, end_rates])
+    begin = begins[:, np.newaxis]
+    begin_bends = curves.bends + begin * curves.twists
+    begin_rates = curves.rates + 0.5 * begin * (curves.bends + begin_bends)
+    control_rates = begin_rates + half * begin_bends
+    end_rates = control_rates + half * (begin_bends + 2.0 * half * curves.twists)
+    hull = np.stack([begin_rates, control_rates, end_rates])
     spreads = half * np.abs(hull).max(axis=0)
+    middles, _, _ = place_along(curves, rotations, begins + 0.5 * widths)
     turns = np.linalg.norm(spreads[:, dim:], axis=1)
     driven = np.flatnonzero(curves.drives)
     if len(driven):
@@ -228,8 +247,9 @@ def _test_boxes(space: Any, curves: Segments, begins: Floats, widths: Floats, le
         is_zero = ~hull[:, driven, :2].any(axis=2).all(axis=0)
         turns[driven] = np.where(is_zero, np.inf, angles)
     cell = 2.0 * space.resolution
-    distance = MAX_BOX_CELLS * cell / 4.0**level
-    angle = MAX_BOX_RADIANS / 4.0**level
+    size = float(CUTS_ON_MAPS) ** -level
+    distance = MAX_BOX_CELLS * cell * size
+    angle = MAX_BOX_RADIANS * size
     fits = (spreads[:, :dim].max(axis=1) <= distance) & (turns <= angle)
     if rotations.names == ("yaw",):
         middles[:, -1] = wrapped(middles[:, -1])
@@ -253,5 +273,5 @@ def _test_motions(
     deviations = bends * widths[:, np.newaxis] ** 2 / 8.0
     # One deviation for all is quicker; pieces that it does not prove are cut.
     return np.asarray(
-        space.motions_are_free_around(firsts, lasts, deviations.max(axis=0) + ROUNDING)
+        space.motions_are_free_around(firsts, lasts, deviations.max(axis=0, initial=0.0) + ROUNDING)
     )

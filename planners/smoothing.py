@@ -12,9 +12,10 @@ become one wide turn.
 each corner is a peg, and the curve passes outside it. The pushes of the pegs are the smallest that
 do so: a quadratic programme, solved by non-negative least squares.
 
-*Proofs.* All curves and the straight edges that are left are proven together. Around an unproven
-part the length l becomes smaller by half. If it is already small, the corners beside the part
-become stops. Between two stops without a corner, the path is the edge again.
+*Proofs.* All curves and the straight edges that are left are proven together. A peg pulls an
+unproven part back towards the path, at most twice. If it is still unproven, the corner beside it
+becomes a stop; after some rounds this happens at once. Between two stops without a corner, the path
+is the edge again.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 import scipy
+from scipy.linalg.lapack import dptsv, dtrtrs
 
 from cspace.rotations import Rotations
 from cspace.rotations.base import shorter
@@ -62,6 +64,9 @@ PULL_SHARE: Final = 0.75
 
 MAX_PULLS: Final = 2
 """Largest number of pegs that pull an unproven part of a curve back towards the path."""
+
+MAX_PULL_ROUNDS: Final = 6
+"""Number of proofs after which unproven parts are no longer pulled, but lead to stops at once."""
 
 MAX_TURN: Final = 2.8
 """Largest turn of a robot between two drives without a stop, radians."""
@@ -99,20 +104,19 @@ class LimitRates(NamedTuple):
             return np.asarray(1.0 / self.shares(rates).max(axis=1))
 
     def shares(self, rates: Floats) -> Floats:
-        """Return the shares of the limits that rates use, shape (m, groups)."""
-        groups = self.group(rates)
-        return np.column_stack([np.linalg.norm(group, axis=1) for group in groups])
+        """Return the shares of the limits that rates use, shape (m, limits)."""
+        return np.sqrt(self.multiply(rates, rates))
 
-    def group(self, rates: Floats) -> list[Floats]:
-        """Return groups of columns, each divided by the limit of its norm."""
-        dim = self.dim
-        if self.linear.ndim:
-            groups = [rates[:, k : k + 1] / limit for k, limit in enumerate(self.linear)]
-        else:
-            groups = [rates[:, :dim] / self.linear]
-        if self.angular is not None:
-            groups.append(rates[:, dim:] / self.angular)
-        return groups
+    def multiply(self, first: Floats, second: Floats) -> Floats:
+        """Return the products of rates over the squares of their limits, shape (m, limits)."""
+        products = first * second
+        linear = products[:, : self.dim] / self.linear**2
+        if not self.linear.ndim:
+            linear = linear.sum(axis=1, keepdims=True)
+        if self.angular is None:
+            return linear
+        angular = products[:, self.dim :].sum(axis=1, keepdims=True) / self.angular**2
+        return np.concatenate([linear, angular], axis=1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -281,19 +285,23 @@ class Smoother:
         is_smooth = any(run.is_smooth for run in runs)
         return Layout(join_segments(parts), np.concatenate(windows), is_smooth)
 
-    def repair(self, layout: Layout, proven: Bools) -> bool:
-        """Add pegs or stops near unproven segments; return False if nothing is left to change."""
+    def repair(self, layout: Layout, proven: Bools, may_pull: bool) -> bool:
+        """Add pegs or stops near unproven segments; return False if nothing is left to change.
+
+        Unless it ``may_pull`` curves back by pegs, it adds stops only.
+        """
         failed = np.flatnonzero(~proven)
         stretches = np.split(failed, np.flatnonzero(np.diff(failed) > 1) + 1)
+        is_curve = layout.segments.is_curve
         peg_times = np.array([peg.time for peg in self.pegs])
         is_changed = False
         pulled: list[int] = []
         for stretch in stretches:
             begin = layout.windows[stretch[0], 0]
             end = layout.windows[stretch[-1], 1]
-            is_curve = bool(layout.segments.is_curve[stretch].all())
+            is_pulled = may_pull and bool(is_curve[stretch].all())
             near = (peg_times[self.corners :] >= begin) & (peg_times[self.corners :] <= end)
-            if is_curve and np.count_nonzero(near) < MAX_PULLS:
+            if is_pulled and np.count_nonzero(near) < MAX_PULLS:
                 pulled.append(int(stretch[len(stretch) // 2]))
                 is_changed = True
             else:
@@ -362,9 +370,7 @@ class Smoother:
             return Layout(line, window[np.newaxis], False)
         points = self._smooth(first, last, pegs)
         step_time = float((window[1] - window[0]) / (len(points) - 1))
-        ahead = 2.0 * points[0] - points[1]
-        behind = 2.0 * points[-1] - points[-2]
-        control = np.concatenate([[ahead], points, [behind]])
+        control = _add_ends(points)
         spans = np.stack([control[k : len(control) - 3 + k] for k in range(4)])
         values = np.tensordot(TO_POLYNOMIAL, spans, axes=1)
         offsets = values[0] - course.places[first]
@@ -396,37 +402,44 @@ class Smoother:
         places = self.course.places[first : last + 1]
         ramps = self.ramps[first:last]
         total = float(times[-1] - times[0])
-        steps = math.ceil(STEPS_PER_RAMP * total / float(np.median(ramps)))
+        median = float(np.sort(ramps)[len(ramps) // 2])
+        steps = math.ceil(STEPS_PER_RAMP * total / median)
         steps = min(max(steps, MIN_STEPS), MAX_STEPS)
         knots = np.linspace(times[0], times[-1], steps + 1)
         points = np.column_stack([np.interp(knots, times, column) for column in places.T])
+        if not pegs:
+            return points
         # The filters' squared lengths in steps, between the points.
         halfway = 0.5 * (knots[1:] + knots[:-1])
         edges = np.clip(np.searchsorted(times, halfway) - 1, 0, len(ramps) - 1)
         lengths = SMOOTHING * ramps[edges]
         squares = (lengths * steps / total) ** 2
-        bands = np.zeros((2, steps - 1))
-        bands[0, 1:] = -squares[1:-1]
-        bands[1] = 1.0 + squares[:-1] + squares[1:]
+        diagonal = 1.0 + squares[:-1] + squares[1:]
+        beside = -squares[1:-1]
         forces = -np.diff(squares[:, np.newaxis] * np.diff(points, axis=0), axis=0)
+        size = points.shape[1]
 
-        # d is a displacement from the polygon, with d = 0 at both ends.
-        once = scipy.linalg.solveh_banded(bands, forces)
-        moved = points.copy()
-        moved[1:-1] -= scipy.linalg.solveh_banded(bands, forces + once)
-
-        if not pegs:
-            return moved
+        # The columns are displacements of the polygon, and responses to unit forces at the pegs.
+        # All are zero at both ends.
         outward = np.array([peg.direction for peg in pegs])
         targets = np.array([peg.place for peg in pegs])
-        shares = np.array([peg.time for peg in pegs]) - times[0]
-        weights = _weigh_points(shares / total * steps, steps)
-        depths = ((targets - weights @ moved) / self.fastest * outward).sum(axis=1)
-        responses = scipy.linalg.solveh_banded(bands, weights[:, 1:-1].T)
-        responses = scipy.linalg.solveh_banded(bands, responses)
-        effects = (outward @ outward.T) * (weights[:, 1:-1] @ responses)
-        pushes = _solve_pushes(effects, depths)
-        moved[1:-1] += responses @ (pushes[:, np.newaxis] * outward) * self.fastest
+        peg_times = np.array([peg.time for peg in pegs])
+        index, weights = _weigh_points((peg_times - times[0]) / total * steps, steps)
+        units = np.zeros((steps + 3, len(pegs)))
+        units[index.T, np.arange(len(pegs))] = weights.T
+        # The outermost control points continue the lines of the two beside them.
+        units[2] -= units[0]
+        units[-3] -= units[-1]
+        once = dptsv(diagonal, beside, np.column_stack([forces, units[2:-2]]))[2]
+        once[:, :size] += forces
+        columns = np.zeros((steps + 1, size + len(pegs)))
+        columns[1:-1] = dptsv(diagonal, beside, once)[2]
+        columns[:, :size] = points - columns[:, :size]
+        at_pegs = np.einsum("cj,cjk->ck", weights, _add_ends(columns)[index])
+        depths = ((targets - at_pegs[:, :size]) / self.fastest * outward).sum(axis=1)
+        pushes = _solve_pushes((outward @ outward.T) * at_pegs[:, size:], depths)
+        pushed = columns[:, size:] @ (pushes[:, np.newaxis] * outward) * self.fastest
+        moved: Floats = columns[:, :size] + pushed
 
         lower, upper = self.bounds
         dim = min(len(lower), self.course.rows.shape[1])
@@ -466,23 +479,22 @@ def _find_corner_pegs(places: Floats, times: Floats, fastest: Floats, gap: float
     return pegs
 
 
-def _weigh_points(shares: Floats, steps: int) -> Floats:
-    """Return weights of control points for a B-spline's values, shape (c, steps + 1).
+def _weigh_points(shares: Floats, steps: int) -> tuple[Ints, Floats]:
+    """Return the control points of a B-spline's values, and their weights, shape (c, 4).
 
     ``shares``, shape (c,), count steps from the start.
     """
     spans = np.minimum(shares.astype(np.int64), steps - 1)
     u = shares - spans
-    powers = np.stack([np.ones(len(u)), u, u**2 / 2.0, u**3 / 6.0])
-    table = np.zeros((len(u), steps + 3))
-    rows = np.arange(len(u))[:, np.newaxis]
-    table[rows, spans[:, np.newaxis] + np.arange(4)] = powers.T @ TO_POLYNOMIAL
-    # The first and the last control point continue the line of the two beside them.
-    table[:, 1] += 2.0 * table[:, 0]
-    table[:, 2] -= table[:, 0]
-    table[:, -2] += 2.0 * table[:, -1]
-    table[:, -3] -= table[:, -1]
-    return table[:, 1:-1]
+    powers = np.column_stack([np.ones(len(u)), u, u**2 / 2.0, u**3 / 6.0])
+    return spans[:, np.newaxis] + np.arange(4), powers @ TO_POLYNOMIAL
+
+
+def _add_ends(points: Floats) -> Floats:
+    """Add the control points that continue the lines of the first and the last two."""
+    ahead = 2.0 * points[:1] - points[1:2]
+    behind = 2.0 * points[-1:] - points[-2:-1]
+    return np.concatenate([ahead, points, behind])
 
 
 def _solve_pushes(effects: Floats, depths: Floats) -> Floats:
@@ -493,7 +505,7 @@ def _solve_pushes(effects: Floats, depths: Floats) -> Floats:
     """
     softness = PEG_SOFTNESS * effects.max()
     root = np.linalg.cholesky(effects + softness * np.eye(len(depths)))
-    target = scipy.linalg.solve_triangular(root, depths, lower=True)
+    target, _ = dtrtrs(root, depths, lower=True)
     pushes, _ = scipy.optimize.nnls(root.T, target)
     return np.asarray(pushes)
 
@@ -501,6 +513,7 @@ def _solve_pushes(effects: Floats, depths: Floats) -> Floats:
 def smooth_path(smoother: Smoother, prove: Callable[[Segments], Bools]) -> Layout | None:
     """Return the smoothest proven path, or None if there is none with a curve."""
     known: dict[bytes, bool] = {}
+    rounds = 0
     while True:
         layout = smoother.lay_out()
         if not layout.is_smooth:
@@ -508,16 +521,17 @@ def smooth_path(smoother: Smoother, prove: Callable[[Segments], Bools]) -> Layou
         proven = _prove_new(layout.segments, prove, known)
         if proven.all():
             return layout
-        if not smoother.repair(layout, proven):
+        if not smoother.repair(layout, proven, rounds < MAX_PULL_ROUNDS):
             return None
+        rounds += 1
 
 
 def _prove_new(
     segments: Segments, prove: Callable[[Segments], Bools], known: dict[bytes, bool]
 ) -> Bools:
     """Return which segments are proven, and prove those that are not known yet."""
-    table = np.ascontiguousarray(np.column_stack(segments))
-    keys = [row.tobytes() for row in table]
+    table = np.column_stack(segments)
+    keys = table.view(f"V{table.strides[0]}").ravel().tolist()
     new = np.array([key not in known for key in keys], dtype=np.bool_)
     if new.any():
         answers = prove(segments.select(new)).tolist()

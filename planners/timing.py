@@ -35,6 +35,9 @@ MIN_PHASE_SHARE: Final = 1e-12
 MIN_SPEED: Final = 1e-150
 """Smallest mean speed on a curve, which makes a path with such a curve slower than one without."""
 
+EXCESS_SHARES: Final = (0.0, 0.25, 0.5, 0.75, 1.0)
+"""Shares of the duration of a phase at which the limits are checked."""
+
 MAX_RATE_STEP: Final = 1e-8
 """Largest jump of the rates between two curves without a stop, relative to these."""
 
@@ -78,15 +81,15 @@ def find_phases(
     ends = [place_along(parts, rotations, s)[1:] for s in (begins, begins + lengths)]
     is_curved = is_curve[owners]
     caps = []
-    squares_of_terms = []
+    terms = []
     for share, (first, second) in zip((0.0, 2.0), ends, strict=True):
         bent = np.where(is_curved[:, np.newaxis], second, 0.0)
         caps.append(bounds.velocity.largest(first) ** 2)
         # The acceleration is first u + bent x, where x is the squared speed here, and the one at
         # the start plus 2 u times the length at the end.
-        along = bounds.acceleration.group(first + share * lengths[:, np.newaxis] * bent)
-        across = bounds.acceleration.group(bent)
-        squares_of_terms += [_multiply_terms(*pair) for pair in zip(along, across, strict=True)]
+        along = first + share * lengths[:, np.newaxis] * bent
+        pairs = (along, along), (along, bent), (bent, bent)
+        terms.append(np.stack([bounds.acceleration.multiply(*pair) for pair in pairs], axis=2))
         if parts.drives.any():
             sideways = np.abs(first[:, 2]) * np.linalg.norm(first[:, :2], axis=1)
             with np.errstate(divide="ignore"):
@@ -99,18 +102,11 @@ def find_phases(
     may_pass[np.cumsum(counts)[:-1] - 1] = passes
     nodes = np.zeros(len(owners) + 1)
     nodes[1:-1] = np.where(may_pass, np.minimum(end_caps[:-1], begin_caps[1:]), 0.0)
-    terms = np.stack(squares_of_terms, axis=1)
-    bound_squares(lengths, np.ascontiguousarray(terms), is_curved, nodes)
+    bound_squares(lengths, np.concatenate(terms, axis=1), is_curved, nodes)
     gains = bounds.acceleration.largest(ends[0][0])
     phases = _fill_phases(owners, begins, lengths, is_curved, begin_caps, gains, nodes)
     excess = _find_excess(segments, rotations, phases, bounds)
     return slow_down(phases, max(excess, 1.0))
-
-
-def _multiply_terms(along: Floats, across: Floats) -> Floats:
-    """Return the products of two terms of an acceleration, shape (n, 3)."""
-    products = (along * along, along * across, across * across)
-    return np.column_stack([product.sum(axis=1) for product in products])
 
 
 @kernel
@@ -224,11 +220,11 @@ def _fill_phases(
         (first, fastest, fastest),
         (np.where(is_curved, changes, gains), zeros, -gains),
     )
-    table = np.stack([np.stack(column, axis=1).ravel() for column in columns], axis=1)
+    table = np.array(columns).transpose(2, 1, 0).reshape(-1, 5)
     table = table[table[:, 0] > MIN_PHASE_SHARE * table[:, 0].sum()]
     rest = (0.0, owners[-1], begins[-1] + lengths[-1], 0.0, 0.0)
     durations, segments, *motion = np.vstack([table, rest]).T
-    times = np.cumsum([0.0, *durations[:-1]])
+    times = np.cumsum(durations) - durations
     return Phases(times, segments.astype(np.int64), *motion)
 
 
@@ -236,26 +232,24 @@ def _find_excess(
     segments: Segments, rotations: Rotations, phases: Phases, bounds: MotionBounds
 ) -> float:
     """Return the factor by which curves must be slower, since limits hold at interval ends."""
-    durations = np.diff(phases.times)
-    excess = 1.0
     curved = np.flatnonzero(segments.is_curve[phases.segments[:-1]])
     if not len(curved):
-        return excess
-    parts = segments.select(phases.segments[curved])
-    accelerations = phases.accelerations[curved]
-    for share in (0.0, 0.25, 0.5, 0.75, 1.0):
-        elapsed = share * durations[curved]
-        speeds = phases.speeds[curved] + elapsed * accelerations
-        mean_speeds = phases.speeds[curved] + 0.5 * elapsed * accelerations
-        lengths = phases.positions[curved] + elapsed * mean_speeds
-        _, first, second = place_along(parts, rotations, lengths)
-        velocities = first * speeds[:, np.newaxis]
-        changes = first * accelerations[:, np.newaxis] + second * speeds[:, np.newaxis] ** 2
-        excess = max(excess, bounds.velocity.shares(velocities).max())
-        excess = max(excess, np.sqrt(bounds.acceleration.shares(changes).max()))
-        if parts.drives.any():
-            sideways = np.abs(velocities[:, 2]) * np.linalg.norm(velocities[:, :2], axis=1)
-            excess = max(excess, np.sqrt(sideways.max() / bounds.lateral))
+        return 1.0
+    rows = np.repeat(curved, len(EXCESS_SHARES))
+    elapsed = np.diff(phases.times)[rows] * np.tile(EXCESS_SHARES, len(curved))
+    accelerations = phases.accelerations[rows]
+    speeds = phases.speeds[rows] + elapsed * accelerations
+    mean_speeds = phases.speeds[rows] + 0.5 * elapsed * accelerations
+    lengths = phases.positions[rows] + elapsed * mean_speeds
+    parts = segments.select(phases.segments[rows])
+    _, first, second = place_along(parts, rotations, lengths)
+    velocities = first * speeds[:, np.newaxis]
+    changes = first * accelerations[:, np.newaxis] + second * speeds[:, np.newaxis] ** 2
+    excess = bounds.velocity.shares(velocities).max()
+    excess = max(excess, np.sqrt(bounds.acceleration.shares(changes).max()))
+    if parts.drives.any():
+        sideways = np.abs(velocities[:, 2]) * np.linalg.norm(velocities[:, :2], axis=1)
+        excess = max(excess, np.sqrt(sideways.max() / bounds.lateral))
     return float(excess)
 
 

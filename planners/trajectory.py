@@ -757,9 +757,11 @@ def _row_times(phases: Phases, time_step: float) -> Floats:
             f"it makes {total:.2g} rows; at most {MAX_ROWS} are possible",
             "raise it, or the limits",
         )
-    spans = zip(phases.times[:-1], phases.times[1:], counts, strict=True)
-    rows = [np.linspace(begin, end, int(count), endpoint=False) for begin, end, count in spans]
-    return np.concatenate([*rows, phases.times[-1:]])
+    owners = np.repeat(np.arange(len(counts)), counts.astype(np.int64))
+    firsts = np.cumsum(counts) - counts
+    shares = (np.arange(len(owners)) - firsts[owners]) / counts[owners]
+    rows = phases.times[owners] + shares * np.diff(phases.times)[owners]
+    return np.append(rows, phases.times[-1])
 
 
 def _locate(phases: Phases, t: Floats) -> tuple[Ints, Floats, tuple[Floats, Floats]]:

@@ -275,16 +275,9 @@ def motion_is_free(scene: Scene, q0: Floats, q1: Floats, scratch: SceneScratch) 
     # NaN in a configuration makes it NaN, which proves nothing.
     if not required < np.inf:
         return False
-    longest = bound_pairs(scene, q0, q1, scratch)
+    bound_pairs(scene, q0, q1, scratch)
     for n in range(len(scene.pairs)):
         open_pairs[0, n] = True
-        open_pairs[1, n] = True
-    # Most colliding motions end in a collision, so the endpoint is tested first, in row 1.
-    forward_kinematics(scene.chain, q1, q1, 0.0, scratch.poses)
-    if test_part(scene, open_pairs[1], 0.0, required, scratch) != FREE:
-        return False
-    if longest == 0.0:
-        return True
     # The queue of unproven parts begins with the whole motion.
     parts[0, 0] = 0.0
     parts[0, 1] = 1.0
@@ -302,6 +295,13 @@ def motion_is_free(scene: Scene, q0: Floats, q1: Floats, scratch: SceneScratch) 
         state = test_part(scene, open_pairs[row], half, required, scratch)
         if state == BLOCKED:
             return False
+        if state == MIXED and row == 0:
+            # Most colliding motions end in a collision, so the endpoint is tested next.
+            for n in range(len(scene.pairs)):
+                open_pairs[1, n] = open_pairs[0, n]
+            forward_kinematics(scene.chain, q1, q1, 0.0, scratch.poses)
+            if test_part(scene, open_pairs[1], 0.0, required, scratch) != FREE:
+                return False
         if state == MIXED:
             # Both halves join the queue, with the pairs that are still open.
             parts[count, 0] = start
@@ -316,10 +316,9 @@ def motion_is_free(scene: Scene, q0: Floats, q1: Floats, scratch: SceneScratch) 
 
 
 @internal
-def bound_pairs(scene: Scene, q0: Floats, q1: Floats, scratch: SceneScratch) -> float:
-    """Write the bounds of all pairs on a motion; return the largest displacement."""
+def bound_pairs(scene: Scene, q0: Floats, q1: Floats, scratch: SceneScratch) -> None:
+    """Write the bounds of all pairs on a motion."""
     solids = scene.solids
-    longest = 0.0
     for n in range(len(scene.pairs)):
         i, j = scene.pairs[n]
         displacement, curvature, rotation = motion_bounds(
@@ -329,8 +328,6 @@ def bound_pairs(scene: Scene, q0: Floats, q1: Floats, scratch: SceneScratch) -> 
         scratch.bounds[n, CURVATURE] = curvature
         scratch.bounds[n, ROTATION] = rotation
         scratch.not_nested[n] = False
-        longest = max(longest, displacement)
-    return longest
 
 
 @internal
