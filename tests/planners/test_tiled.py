@@ -42,7 +42,7 @@ def car_maps(tmp_path_factory):
         {},
         {"drive": "reeds-shepp", "turning_radius": 0.3},
         {"drive": "differential"},
-        {"objective": "clearance", "planner": "RRTstar", "time_limit": 0.1},
+        {"objective": "clearance", "planner": "RRTstar", "time_limit": 0.3},
         {"planner": "RRTConnect"},
     ],
     ids=str,
