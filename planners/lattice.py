@@ -58,6 +58,9 @@ from planners.local_planner import Endpoints, LocalPlanner
 MAX_BLOCK_SIDE: Final = 8
 """Largest number of cells along each side of the blocks of the guide."""
 
+NARROW_PRICE: Final = 0.3
+"""Share by which blocks are dearer where the robot passes at few rotations."""
+
 MAX_DEVIATION: Final = math.radians(14.0)
 """Largest angle between a move of the guide and the robot's yaw on it; beyond it, another move is
 nearer."""
@@ -297,6 +300,7 @@ def _make_guide(
         start,
         goal,
         min(max(cells_per_radius, 1), MAX_BLOCK_SIDE),
+        NARROW_PRICE,
         worst_state=_find_worst_state(edges),
     )
     return guide, *start

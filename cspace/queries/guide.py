@@ -44,10 +44,6 @@ DIRECTIONS_WEIGHT: Final = 1.05
 """Weights of the estimates, of guides with one direction and with several; above 1, far fewer
 blocks are examined, for chains that are hardly longer."""
 
-NARROW_PRICE: Final = 1.0
-"""Cost that is added to a block where the robot passes at none of the rotations looked at; searches
-lose the most time where a chain leads through a gap in which the robot cannot turn."""
-
 MAX_SAMPLES: Final = 4
 """Number of rotations that are looked at in the middle of a block."""
 
@@ -89,6 +85,8 @@ class Blocks(NamedTuple):
         Largest state that the robot may pass: FREE, or MIXED if geometry decides.
     side : int
         Cells along each side of a block.
+    narrow_price : float
+        Added to the price of a block where the robot passes at none of the rotations looked at.
     prices : ndarray of float32, shape (directions, x, y, z)
         Factor of the cost in each block, infinite if it is not passable, 0 if not examined yet.
     """
@@ -97,6 +95,7 @@ class Blocks(NamedTuple):
     factors: Costs
     worst_state: int
     side: int
+    narrow_price: float
     prices: Costs
 
 
@@ -125,6 +124,9 @@ class Guide:
         A direction, and a cell of the grid.
     side : int
         Cells along each side of a block.
+    narrow_price : float
+        Share by which a block is dearer where the robot passes at few rotations. Searches lose the
+        most time where a chain leads through a gap in which the robot cannot turn.
     factors : ndarray of float32, the shape of states, optional
         Factor, 1 or above, of the cost of moves in each cell.
     worst_state : int
@@ -143,6 +145,7 @@ class Guide:
         start: tuple[int, Cell],
         goal: tuple[int, Cell],
         side: int,
+        narrow_price: float,
         *,
         factors: Costs = NO_FACTORS,
         worst_state: int = FREE,
@@ -160,6 +163,7 @@ class Guide:
             factors=factors,
             worst_state=worst_state,
             side=side,
+            narrow_price=narrow_price,
             prices=sparse_zeros(count, np.float32).reshape(shape),
         )
         goal_block = self._find_block(goal_cell)
@@ -180,6 +184,7 @@ class Guide:
                 (0, goal_cell),
                 (0, start_cell),
                 side,
+                narrow_price,
                 factors=factors,
                 worst_state=worst_state,
             )
@@ -314,7 +319,7 @@ def price_of(blocks: Blocks, slices: Ints, direction: int, u: int, v: int, w: in
             factor = factor_at(blocks.factors, number, i, j, k)
     if n_passable == 0:
         factor = factor_of_any(blocks, slices[direction], u, v, w)
-    price = np.float32(factor * (1.0 + NARROW_PRICE * (1.0 - n_passable / n_samples)))
+    price = np.float32(factor * (1.0 + blocks.narrow_price * (1.0 - n_passable / n_samples)))
     blocks.prices[direction, u, v, w] = price
     return price
 
