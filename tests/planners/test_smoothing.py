@@ -135,6 +135,20 @@ def test_robot_passes_a_corner_in_the_open_at_speed_unless_told_to_stop() -> Non
         assert np.abs(on_edges[:, :2] - waypoint[:2]).max(axis=1).min() < 1e-9
 
 
+def test_unproven_curve_that_is_not_pulled_back_becomes_its_edges() -> None:
+    # The curve lies on the path, and only exact geometry proves the path.
+    occupied = np.ones((32, 20), dtype=bool)
+    occupied[:, 8:12] = False
+    workspace = cspace.Workspace.from_array(occupied, 0.25)
+    space = cspace.build(workspace, cspace.Robot.disc(0.4375))
+    plan = planners.plan(space, (2.0, 2.5), (6.0, 2.5), exact=True)
+    rows = np.array([(2.0, 2.5), (4.0, 2.5), (6.0, 2.5)])
+    plan = dataclasses.replace(plan, path=rows, waypoints=rows)
+    trajectory = plan.trajectory(max_velocity=1.0, max_acceleration=1.0)
+    assert trajectory.certified
+    assert trajectory.duration == pytest.approx(5.0)
+
+
 def test_small_lateral_limit_slows_a_differential_drive() -> None:
     plan = build_plan(1, "differential", 36)
     limits = LIMITS | TURNING_LIMITS
