@@ -21,7 +21,7 @@ from cspace import InputError
 from cspace.arms import Arm, build_arm_space
 from planners.segments import Segments, place_along, prove_segments
 from tests.helpers.regions import place_polygon
-from tests.helpers.urdfs import planar, planar_arm_meets, post
+from tests.helpers.urdfs import planar, planar_arm_meets, posed_box, post
 
 FOOTPRINT = [(-0.4, -0.2), (0.4, -0.2), (0.4, 0.2), (-0.4, 0.2)]
 LIMITS: dict[str, Any] = {"max_velocity": 1.2, "max_acceleration": 0.8}
@@ -247,6 +247,30 @@ def test_curves_of_an_arm_are_proven_only_if_all_their_points_are_free(tmp_path:
     assert not (proven & ~are_free).any()
     assert np.count_nonzero(proven) > 0.8 * np.count_nonzero(are_free)
     assert 20 < np.count_nonzero(meets) < 280
+
+
+def test_curves_of_an_arm_are_proven_again_where_nothing_changed(tmp_path: Path) -> None:
+    endless = {"kind": "continuous", "limits": None}
+    arm = Arm.from_urdf(planar(tmp_path, elbow=endless, **endless))
+    space = build_arm_space({"post": posed_box((0.2394, 0.2394, 0.3), -1.1169, -0.4193)}, arm)
+    rows = np.array(
+        [
+            (-2.8236, -2.1832),
+            (-2.8223, -2.1859),
+            (-2.8187, -2.1876),
+            (-1.8202, -2.0983),
+            (-1.7254, -2.0456),
+            (-1.6928, -2.0175),
+            (-1.6533, -1.9469),
+            (-2.1724, -0.072),
+            (-2.1836, -0.0337),
+            (-2.2802, 0.2984),
+        ]
+    )
+    plan = planners.plan(space, rows[0], rows[-1])
+    plan = dataclasses.replace(plan, path=rows, waypoints=rows)
+    trajectory = plan.trajectory(max_velocity=1.47, max_acceleration=0.56)
+    assert trajectory.recheck(space).all()
 
 
 def test_differential_drive_stops_before_it_turns_on_the_spot() -> None:
