@@ -123,6 +123,27 @@ def test_per_axis_limits_hold_on_curves() -> None:
     assert (np.abs(accelerations).max(axis=0) <= [SLACK * 0.3, SLACK * 0.9]).all()
 
 
+def test_limits_hold_between_the_knots_of_curves() -> None:
+    workspace = cspace.Workspace.from_array(np.zeros((80, 80), dtype=bool), 0.5)
+    space = cspace.build(workspace, cspace.Robot.disc(0.2))
+    plan = planners.plan(space, (3.0, 3.0), (5.0, 5.0))
+    rows = np.array(
+        [
+            (19.42, 20.296),
+            (19.977, 20.139),
+            (19.827, 20.523),
+            (20.057, 20.129),
+            (19.792, 20.003),
+            (20.234, 19.725),
+        ]
+    )
+    plan = dataclasses.replace(plan, path=rows, waypoints=rows)
+    limits = np.array([1.464, 0.4])
+    trajectory = plan.trajectory(max_velocity=(1.358, 1.632), max_acceleration=limits)
+    _, _, accelerations = trajectory.sample(np.linspace(0.0, trajectory.duration, 4000))
+    assert (np.abs(accelerations) / limits).max() <= 1.0 + 1e-6
+
+
 def test_robot_passes_a_corner_in_the_open_at_speed_unless_told_to_stop() -> None:
     plan = build_plan(1, "differential", 36)
     limits = LIMITS | TURNING_LIMITS
