@@ -276,6 +276,6 @@ def _test_motions(
     free = np.zeros(len(sizes), dtype=np.bool_)
     for size in np.unique(sizes).tolist():
         same = sizes == size
-        reach = np.full(deviations.shape[1], size)
+        reach = np.full_like(deviations[0], size)
         free[same] = space.motions_are_free_around(firsts[same], lasts[same], reach)
     return free

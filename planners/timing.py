@@ -12,7 +12,6 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 import numpy as np
-import scipy
 
 from cspace.rotations import Rotations
 from cspace.support.arrays import Bools, Floats, Ints
@@ -49,9 +48,12 @@ PART_SHARES: Final = ORDERS[:, np.newaxis] / DEGREE
 """Shares of a part at which rates are known."""
 
 TO_BERNSTEIN: Final = np.linalg.inv(
-    scipy.special.binom(DEGREE, ORDERS) * PART_SHARES**ORDERS * (1.0 - PART_SHARES) ** ORDERS[::-1]
-)
-"""Matrix from the values of a polynomial at these shares to its Bernstein coefficients."""
+    np.poly([-1.0] * DEGREE) * PART_SHARES**ORDERS * (1.0 - PART_SHARES) ** ORDERS[::-1]
+).astype(np.float64)
+"""Matrix from the values of a polynomial at these shares to its Bernstein coefficients.
+
+The coefficients of ``(x + 1)^n`` are the binomials.
+"""
 
 MIN_WEIGHT: Final = 1e-9
 """Smallest Bernstein coefficient of a divisor, relative to the divisor, for rounding."""
@@ -260,10 +262,9 @@ def _find_excess(
         return 1.0
     shares = (PART_SHARES + np.arange(PARTS_PER_INTERVAL)) / PARTS_PER_INTERVAL
     rows = np.tile(curved, shares.size)
-    durations = np.diff(phases.times)[curved]
-    means = phases.speeds[curved] + 0.5 * durations * phases.accelerations[curved]
-    passed = np.outer(shares, durations * means).reshape(-1, 1)
-    parts = join_segments([segments.select(phases.segments[curved])] * shares.size)
+    curves = segments.select(phases.segments[curved])
+    passed = np.outer(shares, curves.lengths / INTERVALS_PER_CURVE).reshape(-1, 1)
+    parts = join_segments([curves] * shares.size)
     _, first, second = place_along(parts, rotations, phases.positions[rows] + passed[:, 0])
     accelerations = phases.accelerations[rows, np.newaxis]
     squares = phases.speeds[rows, np.newaxis] ** 2 + 2.0 * accelerations * passed
