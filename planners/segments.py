@@ -179,8 +179,8 @@ def _prove_curves(space: Any, curves: Segments) -> Bools:
     """Return whether curves are proven free, shape (m,).
 
     Each is cut into pieces. Unproven pieces are cut again, until the last level, except those of
-    curves that contain a point which is not free. The proof of a curve on a map does not depend on
-    the others.
+    curves that contain a point which is not free. The proof of a curve does not depend on the
+    others.
     """
     test: Callable[..., Bools] = _test_boxes
     test_points: Callable[[Floats], Bools] = space.is_free
@@ -271,7 +271,11 @@ def _test_motions(
     lasts, _, end_bends = place_along(curves, rotations, begins + widths)
     bends = np.maximum(np.abs(begin_bends), np.abs(end_bends))
     deviations = bends * widths[:, np.newaxis] ** 2 / 8.0
-    # One deviation for all is quicker; pieces that it does not prove are cut.
-    return np.asarray(
-        space.motions_are_free_around(firsts, lasts, deviations.max(axis=0, initial=0.0) + ROUNDING)
-    )
+    # A few sizes are quicker than many, and do not depend on the other pieces.
+    sizes = np.exp2(np.ceil(np.log2(deviations.max(axis=1) + ROUNDING)))
+    free = np.zeros(len(sizes), dtype=np.bool_)
+    for size in np.unique(sizes).tolist():
+        same = sizes == size
+        reach = np.full_like(deviations[0], size)
+        free[same] = space.motions_are_free_around(firsts[same], lasts[same], reach)
+    return free

@@ -511,7 +511,11 @@ def _solve_pushes(effects: Floats, depths: Floats) -> Floats:
 
 
 def smooth_path(smoother: Smoother, prove: Callable[[Segments], Bools]) -> Layout | None:
-    """Return the smoothest proven path, or None if there is none with a curve."""
+    """Return the smoothest proven path, or None if there is none with a curve.
+
+    It ends: after the rounds that may pull, each round adds a stop, and there are as many as
+    corners.
+    """
     known: dict[bytes, bool] = {}
     rounds = 0
     while True:

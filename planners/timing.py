@@ -16,7 +16,7 @@ import numpy as np
 from cspace.rotations import Rotations
 from cspace.support.arrays import Bools, Floats, Ints
 from cspace.support.compiling import internal, kernel
-from planners.segments import Segments, place_along
+from planners.segments import Segments, join_segments, place_along
 from planners.smoothing import LimitRates
 
 INTERVALS_PER_CURVE: Final = 2
@@ -35,8 +35,28 @@ MIN_PHASE_SHARE: Final = 1e-12
 MIN_SPEED: Final = 1e-150
 """Smallest mean speed on a curve, which makes a path with such a curve slower than one without."""
 
-EXCESS_SHARES: Final = (0.0, 0.25, 0.5, 0.75, 1.0)
-"""Shares of the duration of a phase at which the limits are checked."""
+PARTS_PER_INTERVAL: Final = 2
+"""Number of parts of an interval in which the limits are bounded each."""
+
+DEGREE: Final = 8
+"""Degree of the polynomials that bound rates in a part."""
+
+ORDERS: Final = np.arange(DEGREE + 1)
+"""Numbers of their Bernstein coefficients."""
+
+PART_SHARES: Final = ORDERS[:, np.newaxis] / DEGREE
+"""Shares of a part at which rates are known."""
+
+TO_BERNSTEIN: Final = np.linalg.inv(
+    np.poly([-1.0] * DEGREE) * PART_SHARES**ORDERS * (1.0 - PART_SHARES) ** ORDERS[::-1]
+).astype(np.float64)
+"""Matrix from the values of a polynomial at these shares to its Bernstein coefficients.
+
+The coefficients of ``(x + 1)^n`` are the binomials.
+"""
+
+MIN_WEIGHT: Final = 1e-9
+"""Smallest Bernstein coefficient of a divisor, relative to the divisor, for rounding."""
 
 MAX_RATE_STEP: Final = 1e-8
 """Largest jump of the rates between two curves without a stop, relative to these."""
@@ -231,26 +251,50 @@ def _fill_phases(
 def _find_excess(
     segments: Segments, rotations: Rotations, phases: Phases, bounds: MotionBounds
 ) -> float:
-    """Return the factor by which curves must be slower, since limits hold at interval ends."""
+    """Return the factor by which curves must be slower, since limits hold at interval ends only.
+
+    The squared speed is linear in the length. So accelerations, squared velocities, and the squared
+    acceleration across the direction of driving are polynomials in the length. The rates of a
+    direction of driving are such, too, over a power of the squared length of the derivative.
+    """
     curved = np.flatnonzero(segments.is_curve[phases.segments[:-1]])
     if not len(curved):
         return 1.0
-    rows = np.repeat(curved, len(EXCESS_SHARES))
-    elapsed = np.diff(phases.times)[rows] * np.tile(EXCESS_SHARES, len(curved))
-    accelerations = phases.accelerations[rows]
-    speeds = phases.speeds[rows] + elapsed * accelerations
-    mean_speeds = phases.speeds[rows] + 0.5 * elapsed * accelerations
-    lengths = phases.positions[rows] + elapsed * mean_speeds
-    parts = segments.select(phases.segments[rows])
-    _, first, second = place_along(parts, rotations, lengths)
-    velocities = first * speeds[:, np.newaxis]
-    changes = first * accelerations[:, np.newaxis] + second * speeds[:, np.newaxis] ** 2
-    excess = bounds.velocity.shares(velocities).max()
-    excess = max(excess, np.sqrt(bounds.acceleration.shares(changes).max()))
+    shares = (PART_SHARES + np.arange(PARTS_PER_INTERVAL)) / PARTS_PER_INTERVAL
+    rows = np.tile(curved, shares.size)
+    curves = segments.select(phases.segments[curved])
+    passed = np.outer(shares, curves.lengths / INTERVALS_PER_CURVE).reshape(-1, 1)
+    parts = join_segments([curves] * shares.size)
+    _, first, second = place_along(parts, rotations, phases.positions[rows] + passed[:, 0])
+    accelerations = phases.accelerations[rows, np.newaxis]
+    squares = phases.speeds[rows, np.newaxis] ** 2 + 2.0 * accelerations * passed
+    changes = first * accelerations + second * squares
+    velocities = bounds.velocity.multiply(first, first) * squares
+    weights = np.ones_like(passed)
+    excess = 0.0
     if parts.drives.any():
-        sideways = np.abs(velocities[:, 2]) * np.linalg.norm(velocities[:, :2], axis=1)
-        excess = max(excess, np.sqrt(sideways.max() / bounds.lateral))
-    return float(excess)
+        metres = (first[:, :2] ** 2).sum(axis=1, keepdims=True)
+        sideways = (first[:, 2:] * squares) ** 2 * metres
+        weights = metres**2
+        excess = np.sqrt(_bound(sideways, metres).max()) / bounds.lateral
+    excess = max(excess, _bound(velocities, weights).max())
+    excess = max(excess, bounds.acceleration.shares(_bound(changes, weights)).max())
+    return float(np.sqrt(excess))
+
+
+def _bound(values: Floats, weights: Floats) -> Floats:
+    """Return rows whose convex hulls contain the values everywhere, from values at the shares.
+
+    A polynomial stays in the hull of its Bernstein coefficients. The last column is a polynomial
+    over the weights, and stays in the hull of their quotients if the weights' are positive.
+    """
+    weighted = np.column_stack([values[:, :-1], values[:, -1:] * weights, weights])
+    rows = (TO_BERNSTEIN @ weighted.reshape(DEGREE + 1, -1)).reshape(weighted.shape)
+    scales = rows[:, -1]
+    unsafe = scales <= MIN_WEIGHT * weights.max()
+    rows[:, -2] /= scales
+    rows[unsafe, -2] = np.inf
+    return rows[:, :-1]
 
 
 def slow_down(phases: Phases, factor: float) -> Phases:

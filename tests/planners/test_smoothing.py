@@ -21,7 +21,7 @@ from cspace import InputError
 from cspace.arms import Arm, build_arm_space
 from planners.segments import Segments, place_along, prove_segments
 from tests.helpers.regions import place_polygon
-from tests.helpers.urdfs import planar, planar_arm_meets, post
+from tests.helpers.urdfs import planar, planar_arm_meets, posed_box, post
 
 FOOTPRINT = [(-0.4, -0.2), (0.4, -0.2), (0.4, 0.2), (-0.4, 0.2)]
 LIMITS: dict[str, Any] = {"max_velocity": 1.2, "max_acceleration": 0.8}
@@ -123,6 +123,27 @@ def test_per_axis_limits_hold_on_curves() -> None:
     assert (np.abs(accelerations).max(axis=0) <= [SLACK * 0.3, SLACK * 0.9]).all()
 
 
+def test_limits_hold_between_the_knots_of_curves() -> None:
+    workspace = cspace.Workspace.from_array(np.zeros((80, 80), dtype=bool), 0.5)
+    space = cspace.build(workspace, cspace.Robot.disc(0.2))
+    plan = planners.plan(space, (3.0, 3.0), (5.0, 5.0))
+    rows = np.array(
+        [
+            (19.42, 20.296),
+            (19.977, 20.139),
+            (19.827, 20.523),
+            (20.057, 20.129),
+            (19.792, 20.003),
+            (20.234, 19.725),
+        ]
+    )
+    plan = dataclasses.replace(plan, path=rows, waypoints=rows)
+    limits = np.array([1.464, 0.4])
+    trajectory = plan.trajectory(max_velocity=(1.358, 1.632), max_acceleration=limits)
+    _, _, accelerations = trajectory.sample(np.linspace(0.0, trajectory.duration, 4000))
+    assert (np.abs(accelerations) / limits).max() <= 1.0 + 1e-6
+
+
 def test_robot_passes_a_corner_in_the_open_at_speed_unless_told_to_stop() -> None:
     plan = build_plan(1, "differential", 36)
     limits = LIMITS | TURNING_LIMITS
@@ -133,6 +154,20 @@ def test_robot_passes_a_corner_in_the_open_at_speed_unless_told_to_stop() -> Non
     on_edges = stopping.positions[corners]
     for waypoint in plan.waypoints:
         assert np.abs(on_edges[:, :2] - waypoint[:2]).max(axis=1).min() < 1e-9
+
+
+def test_unproven_curve_that_is_not_pulled_back_becomes_its_edges() -> None:
+    # The curve lies on the path, and only exact geometry proves the path.
+    occupied = np.ones((32, 20), dtype=bool)
+    occupied[:, 8:12] = False
+    workspace = cspace.Workspace.from_array(occupied, 0.25)
+    space = cspace.build(workspace, cspace.Robot.disc(0.4375))
+    plan = planners.plan(space, (2.0, 2.5), (6.0, 2.5), exact=True)
+    rows = np.array([(2.0, 2.5), (4.0, 2.5), (6.0, 2.5)])
+    plan = dataclasses.replace(plan, path=rows, waypoints=rows)
+    trajectory = plan.trajectory(max_velocity=1.0, max_acceleration=1.0)
+    assert trajectory.certified
+    assert trajectory.duration == pytest.approx(5.0)
 
 
 def test_small_lateral_limit_slows_a_differential_drive() -> None:
@@ -233,6 +268,30 @@ def test_curves_of_an_arm_are_proven_only_if_all_their_points_are_free(tmp_path:
     assert not (proven & ~are_free).any()
     assert np.count_nonzero(proven) > 0.8 * np.count_nonzero(are_free)
     assert 20 < np.count_nonzero(meets) < 280
+
+
+def test_curves_of_an_arm_are_proven_again_where_nothing_changed(tmp_path: Path) -> None:
+    endless = {"kind": "continuous", "limits": None}
+    arm = Arm.from_urdf(planar(tmp_path, elbow=endless, **endless))
+    space = build_arm_space({"post": posed_box((0.2394, 0.2394, 0.3), -1.1169, -0.4193)}, arm)
+    rows = np.array(
+        [
+            (-2.8236, -2.1832),
+            (-2.8223, -2.1859),
+            (-2.8187, -2.1876),
+            (-1.8202, -2.0983),
+            (-1.7254, -2.0456),
+            (-1.6928, -2.0175),
+            (-1.6533, -1.9469),
+            (-2.1724, -0.072),
+            (-2.1836, -0.0337),
+            (-2.2802, 0.2984),
+        ]
+    )
+    plan = planners.plan(space, rows[0], rows[-1])
+    plan = dataclasses.replace(plan, path=rows, waypoints=rows)
+    trajectory = plan.trajectory(max_velocity=1.47, max_acceleration=0.56)
+    assert trajectory.recheck(space).all()
 
 
 def test_differential_drive_stops_before_it_turns_on_the_spot() -> None:
