@@ -38,6 +38,9 @@ DRIVES = {"differential": None, "differential-reverse": None, "dubins": 0.5, "re
 LIMIT = 0.2
 """Time limit of a plan in a random world, seconds."""
 
+MANY_WORLDS = 10
+"""Number of random worlds in which every planner finds at least one path."""
+
 
 def check(report: Report, seed: int, queries: int) -> None:
     """Plan in random worlds, and random queries in the office with each drive."""
@@ -106,7 +109,9 @@ def check_planners(report: Report, rng: Rng, worlds: int) -> None:
             wrong += free != plan.solved
     report.check(not wrong, f"{wrong} of {plans} paths are not certified or not free")
     report.check(late <= plans // 50, f"{late} of {plans} plans end more than 0.25 s late")
-    report.check(all(solved[name] for name in names), f"every planner finds paths: {solved}")
+    # In few worlds, one may find none in its short time.
+    finds_all = worlds < MANY_WORLDS or all(solved[name] for name in names)
+    report.check(finds_all, f"every planner finds paths in {MANY_WORLDS} worlds or more: {solved}")
 
 
 def draw_query(space: CSpace, rng: Rng) -> Floats:
