@@ -39,7 +39,7 @@ from cspace.queries.frontier import (
 from cspace.queries.guide import Directions, Guide
 from cspace.queries.moves import list_moves
 from cspace.queries.paths import MAX_SHORTENING_SECONDS, pulled_straight
-from cspace.queries.points import Cell, position_in_plane
+from cspace.queries.points import position_in_plane
 from cspace.record.cells import Map
 from cspace.rotations.base import METRES_PER_RADIAN, TWO_PI, wrapped
 from cspace.support.arrays import FREE, MIXED, Bools, Floats, Ints
@@ -58,7 +58,7 @@ from planners.local_planner import Endpoints, LocalPlanner
 MAX_BLOCK_SIDE: Final = 8
 """Largest number of cells along each side of the blocks of the guide."""
 
-NARROW_PRICE: Final = 0.3
+NARROW_DRIVE_PRICE: Final = 0.3
 """Share by which blocks are dearer where the robot passes at few rotations."""
 
 MAX_DEVIATION: Final = math.radians(14.0)
@@ -211,8 +211,7 @@ def find_lattice_path(
     path = np.empty((0, 3))
     until = clock() + seconds
     try:
-        guide, direction, cell = _make_guide(edges, endpoints, is_backwards)
-        guide.reach(direction, cell, until)
+        guide = _make_guide(edges, endpoints, is_backwards)
         for motions, max_nodes in _list_levels(edges, endpoints, is_backwards):
             path, reason = _search(edges, motions, guide, endpoints, max_nodes, until, may_exist)
             if is_backwards:
@@ -282,10 +281,8 @@ def _list_moves_by_yaw() -> tuple[Floats, Ints, Floats]:
     return yaws[order], moves.steps[order], moves.lengths[order]
 
 
-def _make_guide(
-    edges: LocalPlanner, endpoints: Endpoints, is_backwards: bool
-) -> tuple[Guide, int, Cell]:
-    """Make the guide over blocks of cells; also return the direction and cell of the start."""
+def _make_guide(edges: LocalPlanner, endpoints: Endpoints, is_backwards: bool) -> Guide:
+    """Make the guide over blocks of cells."""
     grid = edges.cells.grid
     nearest = _find_nearest(np.array([q[2] for q in endpoints])).tolist()
     cells = np.minimum(grid.cell_of(np.array(endpoints)[:, :2]), np.array(grid.shape) - 1)
@@ -294,16 +291,15 @@ def _make_guide(
     )
     # No chain leads across a wall of blocks, because an obstacle blocks two radii of the robot.
     cells_per_radius = int(edges.cells.robot.inscribed_radius / grid.spacing)
-    guide = Guide(
+    return Guide(
         edges.cells.kernel_map.states,
         _list_directions(edges, is_backwards),
         start,
         goal,
         min(max(cells_per_radius, 1), MAX_BLOCK_SIDE),
-        NARROW_PRICE,
+        NARROW_DRIVE_PRICE,
         worst_state=_find_worst_state(edges),
     )
-    return guide, *start
 
 
 def _list_directions(edges: LocalPlanner, is_backwards: bool) -> Directions:

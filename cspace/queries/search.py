@@ -203,7 +203,6 @@ def _search_guided(
         NARROW_PRICE,
         factors=graph.factors,
     )
-    guide.reach(0, start_cell, until)
     rotations = measure_turns(graph.neighbors, graph.turns, goal_rotation)
     estimate = guide.estimate._replace(weight=WEIGHT, rotations=rotations)
 
