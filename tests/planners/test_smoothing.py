@@ -123,23 +123,41 @@ def test_per_axis_limits_hold_on_curves() -> None:
     assert (np.abs(accelerations).max(axis=0) <= [SLACK * 0.3, SLACK * 0.9]).all()
 
 
-def test_limits_hold_between_the_knots_of_curves() -> None:
+@pytest.mark.parametrize(
+    ("rows", "velocity", "limits"),
+    [
+        (
+            [
+                (19.42, 20.296),
+                (19.977, 20.139),
+                (19.827, 20.523),
+                (20.057, 20.129),
+                (19.792, 20.003),
+                (20.234, 19.725),
+            ],
+            (1.358, 1.632),
+            (1.464, 0.4),
+        ),
+        # At 18 instants of each interval, these limits seem to hold.
+        (
+            [
+                (19.211, 19.68),
+                (19.229, 20.015),
+                (19.44, 20.338),
+                (19.536, 19.781),
+                (19.358, 19.548),
+            ],
+            (0.407, 1.652),
+            (1.193, 0.824),
+        ),
+    ],
+)
+def test_limits_hold_between_the_knots_of_curves(rows, velocity, limits) -> None:
     workspace = cspace.Workspace.from_array(np.zeros((80, 80), dtype=bool), 0.5)
     space = cspace.build(workspace, cspace.Robot.disc(0.2))
     plan = planners.plan(space, (3.0, 3.0), (5.0, 5.0))
-    rows = np.array(
-        [
-            (19.42, 20.296),
-            (19.977, 20.139),
-            (19.827, 20.523),
-            (20.057, 20.129),
-            (19.792, 20.003),
-            (20.234, 19.725),
-        ]
-    )
-    plan = dataclasses.replace(plan, path=rows, waypoints=rows)
-    limits = np.array([1.464, 0.4])
-    trajectory = plan.trajectory(max_velocity=(1.358, 1.632), max_acceleration=limits)
+    plan = dataclasses.replace(plan, path=np.array(rows), waypoints=np.array(rows))
+    trajectory = plan.trajectory(max_velocity=velocity, max_acceleration=np.array(limits))
     _, _, accelerations = trajectory.sample(np.linspace(0.0, trajectory.duration, 4000))
     assert (np.abs(accelerations) / limits).max() <= 1.0 + 1e-6
 
