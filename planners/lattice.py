@@ -34,7 +34,6 @@ from cspace.queries.frontier import (
     pop_first,
     push,
     remaining_cost,
-    sparse_zeros,
 )
 from cspace.queries.guide import Directions, Guide
 from cspace.queries.moves import list_moves
@@ -117,6 +116,12 @@ KNOWN_TOLERANCE: Final = 0.01
 """Fraction of a cell's side by which a path into a cell must be cheaper to replace the known path.
 """
 
+INITIAL_CAPACITY: Final = 2**13
+"""Number of nodes for which a search has memory at first; it doubles as needed."""
+
+SLOTS_PER_NODE: Final = 4
+"""Slots of the hash table for each node, so that most are empty."""
+
 HASH_FACTOR: Final = 0x9E3779B97F4A7C1
 """Odd factor that spreads keys over the hash table (D. Knuth, "Sorting and Searching", 6.4)."""
 
@@ -138,8 +143,9 @@ SPOT_ROUNDS: Final = 2
 MAX_SHORTCUTS: Final = 24
 """Largest number of earlier waypoints tested for an edge to a waypoint."""
 
-TIME_CHECK = -3
-"""Result of :func:`expand_nodes` other than a node, :data:`NO_NODE` and :data:`UNKNOWN`."""
+TIME_CHECK: Final = -3
+FULL: Final = -4
+"""Results of :func:`expand_nodes` other than a node, :data:`NO_NODE` and :data:`UNKNOWN`."""
 
 
 class Drives(NamedTuple):
@@ -457,18 +463,7 @@ def _search(
     """
     start, goal = cast(tuple[Pose, Pose], endpoints)
     map_ = edges.bounded_map()
-    capacity = max_nodes + motions.costs.shape[1]
-    table_size = 4 * 2 ** max_nodes.bit_length()  # a power of 2, mostly empty
-    progress = make_progress(capacity, capacity)
-    nodes = Nodes(
-        progress=progress,
-        poses=sparse_zeros(3 * capacity, np.float64).reshape(-1, 3),
-        motions=sparse_zeros(2 * capacity, np.int64).reshape(-1, 2),
-        keys=sparse_zeros(capacity, np.int64),
-        table=sparse_zeros(table_size, np.int64),
-        counts=np.zeros(2, dtype=np.int64),
-        place=np.zeros(3, dtype=np.int64),
-    )
+    nodes = _make_nodes(INITIAL_CAPACITY)
     target = Target(goal, guide.estimate)
     radius = edges.turning_radius
     heading = int(np.abs(wrapped(motions.headings - start[2])).argmin())
@@ -476,16 +471,17 @@ def _search(
     is_free = edges.edge_checker()
     reason = f"the lattice search ended at its limit of {max_nodes:,} nodes"
     while nodes.counts[0] < max_nodes:
-        node = expand_nodes(map_, motions, radius, target, nodes, max_nodes)
+        node = expand_nodes(map_, motions, radius, target, nodes)
         check_deadline(until)
         if node == UNKNOWN:
             direction, i, j = nodes.place.tolist()
             guide.reach(direction, (0, i, j), until)
-            continue
-        if node == NO_NODE:
+        elif node == FULL:
+            nodes = _enlarge(nodes)
+        elif node == NO_NODE:
             reason = "the lattice search reached no more nodes"
             break
-        if node == TIME_CHECK:
+        elif node == TIME_CHECK:
             began = clock()
             if not may_exist():
                 break
@@ -493,6 +489,31 @@ def _search(
         elif is_free(*nodes.poses[node].tolist(), *goal):
             return _trace_path(nodes, node, endpoints, radius is None), ""
     return np.empty((0, 3)), reason
+
+
+def _make_nodes(capacity: int) -> Nodes:
+    """Make arrays for a number of nodes, a power of 2."""
+    return Nodes(
+        progress=make_progress(capacity, capacity),
+        poses=np.empty((capacity, 3)),
+        motions=np.empty((capacity, 2), dtype=np.int64),
+        keys=np.empty(capacity, dtype=np.int64),
+        table=np.zeros(SLOTS_PER_NODE * capacity, dtype=np.int64),
+        counts=np.zeros(2, dtype=np.int64),
+        place=np.zeros(3, dtype=np.int64),
+    )
+
+
+def _enlarge(nodes: Nodes) -> Nodes:
+    """Copy nodes into arrays for twice as many."""
+    larger = _make_nodes(2 * len(nodes.keys))
+    arrays = (*nodes.progress, *nodes[1:])
+    larger_arrays = (*larger.progress, *larger[1:])
+    for array, larger_array in zip(arrays, larger_arrays, strict=True):
+        if array is not nodes.table:
+            larger_array[: len(array)] = array
+    fill_table(larger)
+    return larger
 
 
 def _trace_path(nodes: Nodes, node: int, endpoints: Endpoints, merges: bool) -> Floats:
@@ -577,13 +598,13 @@ def _skip_waypoints(
 
 @kernel
 def expand_nodes(
-    map_: Map, motions: Motions, radius: float | None, target: Target, nodes: Nodes, max_nodes: int
+    map_: Map, motions: Motions, radius: float | None, target: Target, nodes: Nodes
 ) -> int:
     """Expand nodes until one may see the goal, and return it.
 
-    Return :data:`NO_NODE` if none is left, and :data:`TIME_CHECK` after many nodes or at
-    `max_nodes`; the next call goes on. Return :data:`UNKNOWN` if the guide has not reached the
-    first node.
+    Return :data:`NO_NODE` if none is left, and :data:`TIME_CHECK` after many nodes; the next call
+    goes on. Return :data:`FULL` if there is no memory for more nodes, and :data:`UNKNOWN` if the
+    guide has not reached the first node.
     """
     progress = nodes.progress
     poses = nodes.poses
@@ -591,8 +612,8 @@ def expand_nodes(
     for _ in range(NODES_PER_CLOCK_CHECK):
         if progress.length[0] == 0:
             return NO_NODE
-        if nodes.counts[0] >= max_nodes:
-            return TIME_CHECK
+        if nodes.counts[0] + len(motions.steering) > len(nodes.keys):
+            return FULL
         node: int = progress.queue[0]
         if progress.closed[node]:
             pop_first(progress)
@@ -687,6 +708,13 @@ def add_node(
     progress.cost[node] = cost
     progress.previous[node] = parent
     push(progress, progress.cost[node] + motions.greed * left, node)
+
+
+@kernel
+def fill_table(nodes: Nodes) -> None:
+    """Enter the last node of each cell and heading in the empty hash table."""
+    for node in range(nodes.counts[0]):
+        nodes.table[find_slot(nodes, nodes.keys[node])] = node + 1
 
 
 @internal

@@ -33,6 +33,9 @@ guide has reached the block of the first node."""
 INITIAL_QUEUE_LENGTH: Final = 2**14
 """Entries that the queue of a search can hold at first; the length doubles as needed."""
 
+MAX_DENSE_BYTES: Final = 2**24
+"""Bytes of the largest array that is filled with zeros at once, in about a millisecond."""
+
 
 class Estimate(NamedTuple):
     """Estimate of the remaining cost: that of positions, and that of rotations, in cells.
@@ -161,11 +164,15 @@ def expand_until_done(
 
 
 def sparse_zeros(count: int, kind: type[np.generic]) -> NDArray[Any]:
-    """Return zeros, shape (count,), that take time and memory only where they are touched.
+    """Return zeros, shape (count,), of which large ones take memory only where they are touched.
 
-    Large arrays of numpy come in pages of megabytes, and a search touches few bytes of each.
+    Memory for small arrays is used again and again. New memory takes time at each page's first
+    touch, and large arrays of numpy come in pages of megabytes, of which a search touches few bytes.
     """
-    memory = mmap.mmap(-1, count * np.dtype(kind).itemsize)
+    size = count * np.dtype(kind).itemsize
+    if size <= MAX_DENSE_BYTES:
+        return np.zeros(count, dtype=kind)
+    memory = mmap.mmap(-1, size)
     if hasattr(mmap, "MADV_NOHUGEPAGE"):
         with suppress(OSError):  # a system without large pages
             memory.madvise(mmap.MADV_NOHUGEPAGE)
