@@ -35,7 +35,7 @@ from cspace.queries.frontier import (
     push,
     remaining_cost,
 )
-from cspace.queries.guide import Directions, Guide
+from cspace.queries.guide import NARROW_PRICE, Directions, Guide
 from cspace.queries.moves import list_moves
 from cspace.queries.paths import MAX_SHORTENING_SECONDS, pulled_straight
 from cspace.queries.points import position_in_plane
@@ -57,8 +57,9 @@ from planners.local_planner import Endpoints, LocalPlanner
 MAX_BLOCK_SIDE: Final = 8
 """Largest number of cells along each side of the blocks of the guide."""
 
-NARROW_DRIVE_PRICE: Final = 0.3
-"""Share by which blocks are dearer where the robot passes at few rotations."""
+NARROW_CAR_PRICE: Final = 0.3
+"""Share by which blocks are dearer for a car where it passes at few rotations; it need not turn
+there on the spot."""
 
 MAX_DEVIATION: Final = math.radians(14.0)
 """Largest angle between a move of the guide and the robot's yaw on it; beyond it, another move is
@@ -303,7 +304,7 @@ def _make_guide(edges: LocalPlanner, endpoints: Endpoints, is_backwards: bool) -
         start,
         goal,
         min(max(cells_per_radius, 1), MAX_BLOCK_SIDE),
-        NARROW_DRIVE_PRICE,
+        narrow_price=NARROW_PRICE if edges.turning_radius is None else NARROW_CAR_PRICE,
         worst_state=_find_worst_state(edges),
     )
 

@@ -57,6 +57,8 @@ class Estimate(NamedTuple):
     bound : ndarray of float64, shape (1,)
         Cost of the chains from the start to the goal through any other block, in blocks, at least;
         -inf if no chain leads through these.
+    travelled : ndarray of float32, the shape of positions with one direction, or empty
+        Cost of a chain from the start to each block, in blocks; 0 if not known.
     rotations : ndarray of float64, shape (rotations,)
     """
 
@@ -67,6 +69,7 @@ class Estimate(NamedTuple):
     reached: Ints
     side: int
     bound: Floats
+    travelled: Costs
     rotations: Floats
 
 
@@ -112,6 +115,7 @@ def estimate_without_obstacles(shape: Cell, goal: Cell, weight: float) -> Estima
         reached=np.empty((0, 0, 0, 0), dtype=np.int64),
         side=1,
         bound=np.zeros(1),
+        travelled=np.empty((0, 0, 0, 0), dtype=np.float32),
         rotations=np.zeros(1),
     )
 
@@ -247,11 +251,11 @@ def pop_best(estimate: Estimate, progress: Progress) -> int:
 
 @internal
 def is_known(estimate: Estimate, direction: int, i: int, j: int, k: int) -> bool:
-    """Return True if the guide has reached the block of a position, or never will."""
+    """Return True if the guide has reached the block of a position or one beside it, or never will."""
     if len(estimate.positions) == 0 or estimate.bound[0] == -math.inf:
         return True
     side = estimate.side
-    return bool(estimate.reached[direction, i // side, j // side, k // side] != 0)
+    return cost_by_block(estimate, direction, i // side, j // side, k // side) < math.inf
 
 
 @internal
@@ -269,11 +273,33 @@ def remaining_cost(
     u = i // side
     v = j // side
     w = k // side
-    if estimate.reached[direction, u, v, w] != 0:
-        remaining = side * float(estimate.positions[direction, u, v, w])
-    else:
+    remaining = side * cost_by_block(estimate, direction, u, v, w)
+    if remaining == math.inf:
         remaining = side * estimate.bound[0] - cost
     return remaining if remaining > unhindered else unhindered
+
+
+@internal
+def cost_by_block(estimate: Estimate, direction: int, u: int, v: int, w: int) -> float:
+    """Return the cost from a block, in blocks; infinity if it is not known.
+
+    From a block that the guide has not reached, a step or turn may lead to one that it has: for a
+    search beside the guide's chain, that is as good as the cost of the block.
+    """
+    positions = estimate.positions
+    if estimate.reached[direction, u, v, w] != 0:
+        return float(positions[direction, u, v, w])
+    count, nx, ny, nz = positions.shape
+    best = math.inf
+    for turn in range(-min(count - 1, 1), min(count, 2)):
+        other = (direction + turn) % count
+        for i in range(max(u - 1, 0), min(u + 2, nx)):
+            for j in range(max(v - 1, 0), min(v + 2, ny)):
+                for k in range(max(w - 1, 0), min(w + 2, nz)):
+                    if estimate.reached[other, i, j, k] != 0:
+                        steps = abs(turn) + abs(i - u) + abs(j - v) + abs(k - w)
+                        best = min(best, positions[other, i, j, k] + steps)
+    return best
 
 
 @internal

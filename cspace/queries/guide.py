@@ -44,6 +44,10 @@ DIRECTIONS_WEIGHT: Final = 1.05
 """Weights of the estimates, of guides with one direction and with several; above 1, far fewer
 blocks are examined, for chains that are hardly longer."""
 
+NARROW_PRICE: Final = 1.0
+"""Share by which a block is dearer where the robot passes at few rotations. Searches lose the most
+time where a chain leads through a gap in which the robot cannot turn."""
+
 MAX_SAMPLES: Final = 4
 """Number of rotations that are looked at in the middle of a block."""
 
@@ -125,8 +129,7 @@ class Guide:
     side : int
         Cells along each side of a block.
     narrow_price : float
-        Share by which a block is dearer where the robot passes at few rotations. Searches lose the
-        most time where a chain leads through a gap in which the robot cannot turn.
+        Share by which a block is dearer where the robot passes at few rotations.
     factors : ndarray of float32, the shape of states, optional
         Factor, 1 or above, of the cost of moves in each cell.
     worst_state : int
@@ -145,8 +148,8 @@ class Guide:
         start: tuple[int, Cell],
         goal: tuple[int, Cell],
         side: int,
-        narrow_price: float,
         *,
+        narrow_price: float = NARROW_PRICE,
         factors: Costs = NO_FACTORS,
         worst_state: int = FREE,
     ) -> None:
@@ -184,11 +187,12 @@ class Guide:
                 (0, goal_cell),
                 (0, start_cell),
                 side,
-                narrow_price,
+                narrow_price=narrow_price,
                 factors=factors,
                 worst_state=worst_state,
             )
             positions = self._guide.estimate
+            self.estimate = self.estimate._replace(travelled=positions.positions)
             turns = directions.turn_costs / side
             self._to_start = self._to_start._replace(
                 weight=DIRECTIONS_WEIGHT,

@@ -53,9 +53,6 @@ longer."""
 BLOCK_SIDE: Final = 4
 """Cells along each side of the blocks of the guide."""
 
-NARROW_PRICE: Final = 1.0
-"""Share by which blocks are dearer where the robot passes at few rotations."""
-
 LABELLING_SHARE: Final = 1 / 256
 """Share of the nodes that a search expands while all could be labelled; after it, a search asks the
 labels whether a chain may exist."""
@@ -200,7 +197,6 @@ def _search_guided(
         (0, start_cell),
         (0, goal_cell),
         BLOCK_SIDE,
-        NARROW_PRICE,
         factors=graph.factors,
     )
     rotations = measure_turns(graph.neighbors, graph.turns, goal_rotation)

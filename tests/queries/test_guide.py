@@ -90,7 +90,7 @@ def test_a_guide_measures_short_chains(dim, seed):
         return int(rng.integers(len(directions.slices))), tuple(rng.integers(0, shape).tolist())
 
     start, goal, *others = (draw_state() for _ in range(6))
-    guide = Guide(states, directions, start, goal, side, 1.0, worst_state=worst_state)
+    guide = Guide(states, directions, start, goal, side, worst_state=worst_state)
     graph = link(price_blocks(states, directions, side, worst_state), directions, side)
     estimate = guide.estimate
     block_of = {state: (state[0], *np.array(state[1]) // side) for state in (start, goal, *others)}
