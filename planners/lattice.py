@@ -29,6 +29,7 @@ from cspace.queries.frontier import (
     Estimate,
     Progress,
     check_deadline,
+    double,
     is_known,
     make_progress,
     pop_first,
@@ -507,12 +508,20 @@ def _make_nodes(capacity: int) -> Nodes:
 
 def _enlarge(nodes: Nodes) -> Nodes:
     """Copy nodes into arrays for twice as many."""
-    larger = _make_nodes(2 * len(nodes.keys))
-    arrays = (*nodes.progress, *nodes[1:])
-    larger_arrays = (*larger.progress, *larger[1:])
-    for array, larger_array in zip(arrays, larger_arrays, strict=True):
-        if array is not nodes.table:
-            larger_array[: len(array)] = array
+    progress = nodes.progress
+    larger = nodes._replace(
+        progress=progress._replace(
+            cost=double(progress.cost),
+            previous=double(progress.previous),
+            closed=double(progress.closed),
+            keys=double(progress.keys),
+            queue=double(progress.queue),
+        ),
+        poses=double(nodes.poses),
+        motions=double(nodes.motions),
+        keys=double(nodes.keys),
+        table=np.zeros(2 * len(nodes.table), dtype=np.int64),
+    )
     fill_table(larger)
     return larger
 

@@ -162,16 +162,15 @@ def expand_until_done(
         if outcome == NEEDS_ESTIMATE and reach_first is not None:
             reach_first(int(progress.queue[0]))
         if progress.length[0] + max_new_entries >= len(progress.queue):
-            keys = np.concatenate([progress.keys, np.empty_like(progress.keys)])
-            queue = np.concatenate([progress.queue, np.empty_like(progress.queue)])
-            progress = progress._replace(keys=keys, queue=queue)
+            keys = double(progress.keys)
+            progress = progress._replace(keys=keys, queue=double(progress.queue))
 
 
 def sparse_zeros(count: int, kind: type[np.generic]) -> NDArray[Any]:
     """Return zeros, shape (count,), of which large ones take memory only where they are touched.
 
-    Memory for small arrays is used again and again. New memory takes time at each page's first
-    touch, and large arrays of numpy come in pages of megabytes, of which a search touches few bytes.
+    Small arrays use the memory of earlier ones. The first touch of each page of new memory takes
+    time, and large arrays of numpy come in pages of megabytes, of which a search touches few bytes.
     """
     size = count * np.dtype(kind).itemsize
     if size <= MAX_DENSE_BYTES:
@@ -181,6 +180,11 @@ def sparse_zeros(count: int, kind: type[np.generic]) -> NDArray[Any]:
         with suppress(OSError):  # a system without large pages
             memory.madvise(mmap.MADV_NOHUGEPAGE)
     return np.frombuffer(memory, dtype=kind)
+
+
+def double(array: NDArray[Any]) -> NDArray[Any]:
+    """Copy an array into one that has as many zeros after it."""
+    return np.concatenate([array, np.zeros_like(array)])
 
 
 @internal
@@ -251,7 +255,7 @@ def pop_best(estimate: Estimate, progress: Progress) -> int:
 
 @internal
 def is_known(estimate: Estimate, direction: int, i: int, j: int, k: int) -> bool:
-    """Return True if the guide has reached the block of a position or one beside it, or never will."""
+    """Return True if the guide has reached the block of a position, or one beside it, or can't."""
     if len(estimate.positions) == 0 or estimate.bound[0] == -math.inf:
         return True
     side = estimate.side

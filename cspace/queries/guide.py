@@ -51,6 +51,13 @@ time where a chain leads through a gap in which the robot cannot turn."""
 MAX_SAMPLES: Final = 4
 """Number of rotations that are looked at in the middle of a block."""
 
+MAX_DEAD_END_STATES: Final = 2**10
+"""Number of states that the robot can get to from a dead end, at most."""
+
+DEAD_END_COST: Final = 1e9
+"""Cost from a dead end to the goal, in blocks; larger than that of any chain, so that searches try
+a dead end last."""
+
 NO_FACTORS: Final[Costs] = np.empty((0, 0, 0, 0), dtype=np.float32)
 """Stands for cells that all cost their length."""
 
@@ -170,8 +177,13 @@ class Guide:
             prices=sparse_zeros(count, np.float32).reshape(shape),
         )
         goal_block = self._find_block(goal_cell)
-        first = int(np.ravel_multi_index((goal_direction, *goal_block), shape))
-        self._progress = begin_at(first, count)
+        self._goal = int(np.ravel_multi_index((goal_direction, *goal_block), shape))
+        # The robot is at the goal, whatever its block looks like.
+        self._blocks.prices[goal_direction, *goal_block] = 1.0
+        self._progress = begin_at(self._goal, count)
+        self._to_goal = estimate_without_obstacles(shape[1:], goal_block, 1.0)._replace(
+            rotations=np.zeros(len(directions.slices))
+        )
         self.estimate = estimate_without_obstacles((nx, ny, nz), goal_cell, 1.0)._replace(
             positions=self._progress.cost.reshape(shape),
             reached=self._progress.previous.reshape(shape),
@@ -208,9 +220,20 @@ class Guide:
         Raises TimeoutError after ``until``, a reading of :data:`cspace.support.compiling.clock`.
         """
         last = int(np.ravel_multi_index((direction, *self._find_block(cell)), self._shape))
+        is_first = self.estimate.bound[0] == 0.0
+        if self._guide is not None and not is_first and self._is_dead_end(last):
+            # Otherwise the search would examine all other blocks in vain.
+            self._progress.cost[last] = DEAD_END_COST
+            self._progress.previous[last] = last + 1
+            return
         self._progress = expand_until_done(
             lambda progress: expand_blocks(
-                self._blocks, self._directions, self._to_start, progress, last
+                self._blocks,
+                self._directions,
+                self._to_start,
+                progress,
+                last,
+                POPS_PER_CLOCK_CHECK,
             ),
             self._progress,
             self._directions.moves.shape[1] + self._directions.neighbors.shape[1],
@@ -221,6 +244,13 @@ class Guide:
         lowest_key = -math.inf if is_exhausted else self._progress.keys[0]
         # The weight makes keys larger than the costs of chains, at most by this factor.
         self.estimate.bound[0] = lowest_key / self._to_start.weight
+
+    def _is_dead_end(self, state: int) -> bool:
+        """Return True if from a state the robot gets to few others, and not to the goal."""
+        progress = begin_at(state, len(self._progress.cost))
+        ahead = self._directions._replace(moves=-self._directions.moves)
+        expand_blocks(self._blocks, ahead, self._to_goal, progress, self._goal, MAX_DEAD_END_STATES)
+        return bool(progress.length[0] == 0 and not progress.closed[self._goal])
 
     def _reach_positions(self, state: int, until: float) -> None:
         """Let the guide over positions search on until it knows the block of a state."""
@@ -254,16 +284,21 @@ def measure_turns(neighbors: Ints, turns: Floats, goal: int) -> Floats:
 
 @kernel
 def expand_blocks(
-    blocks: Blocks, directions: Directions, to_start: Estimate, progress: Progress, last: int
+    blocks: Blocks,
+    directions: Directions,
+    to_start: Estimate,
+    progress: Progress,
+    last: int,
+    max_states: int,
 ) -> int:
     """Expand queued states from the goal on until ``last`` was expanded, or no state is left.
 
-    Return :data:`GOES_ON` after many states, or if the queue is nearly full.
+    Return :data:`GOES_ON` after ``max_states``, or if the queue is nearly full.
     """
     nx, ny, nz = to_start.shape
     n_moves = directions.moves.shape[1]
     n_turns = directions.neighbors.shape[1]
-    for _ in range(POPS_PER_CLOCK_CHECK):
+    for _ in range(max_states):
         if progress.closed[last]:
             return DONE
         if progress.length[0] + n_moves + n_turns >= len(progress.keys):
