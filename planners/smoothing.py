@@ -50,8 +50,9 @@ STEPS_PER_RAMP: Final = 6
 MIN_STEPS: Final = 12
 """Smallest number of steps between the control points of a curve."""
 
-MAX_STEPS: Final = 4000
-"""Largest number of steps between the control points of a curve."""
+MAX_STEPS_PER_EDGE: Final = 12
+"""Largest mean number of steps for each edge that a curve replaces. A long edge is nearly straight
+in its middle, where more would gain nothing."""
 
 PEG_CELLS: Final = 0.1
 """Distance in cells by which a curve passes outside its corners, for the boxes that prove it."""
@@ -404,7 +405,7 @@ class Smoother:
         total = float(times[-1] - times[0])
         median = float(np.sort(ramps)[len(ramps) // 2])
         steps = math.ceil(STEPS_PER_RAMP * total / median)
-        steps = min(max(steps, MIN_STEPS), MAX_STEPS)
+        steps = min(max(steps, MIN_STEPS), MAX_STEPS_PER_EDGE * (last - first))
         knots = np.linspace(times[0], times[-1], steps + 1)
         points = np.column_stack([np.interp(knots, times, column) for column in places.T])
         if not pegs:
