@@ -42,8 +42,9 @@ ARM_ACCELERATIONS = 1.0, 5.0
 MAX_RATIO, MAX_ARM_RATIO = 1.2, 0.6
 """Targets: median duration over the least one; of arms over that with stops at corners."""
 
-MAX_SECONDS, CORNERS = 0.02, 30
-"""Target: CPU seconds of a trajectory with that number of corners."""
+MAX_SECONDS, CORNERS, SPREAD = 0.02, 30, 10
+"""Target: CPU seconds of a trajectory with that number of corners, and by how much it may differ in
+the plans that are counted."""
 
 
 def run(report: Report, seed: int) -> None:
@@ -154,10 +155,15 @@ def _time(report: Report, plans: list[Plan], limits: Mapping[str, Any]) -> list[
     trajectories = [timing.take(partial(plan.trajectory, **limits)) for plan in plans]
     report.check(all(each.certified for each in trajectories), "all trajectories are certified")
     report.timing("plan.trajectory", timing)
-    corners = np.array([max(len(plan.waypoints) - 2, 1) for plan in plans])
-    seconds = float(np.median(np.array(timing.cpu) / corners)) * CORNERS
-    verdict = "reached" if seconds <= MAX_SECONDS else "not reached"
-    report.note(f"{1e3 * seconds:.1f} ms of CPU for {CORNERS} corners; target {verdict}")
+    corners = np.array([len(plan.waypoints) - 2 for plan in plans])
+    is_near = np.abs(corners - CORNERS) <= SPREAD
+    if is_near.any():
+        seconds = float(np.median(np.array(timing.cpu)[is_near]))
+        verdict = "reached" if seconds <= MAX_SECONDS else "not reached"
+        report.note(
+            f"{1e3 * seconds:.1f} ms of CPU for {CORNERS} corners give or take {SPREAD}, "
+            f"{np.count_nonzero(is_near)} plans; target {verdict}"
+        )
     return trajectories
 
 

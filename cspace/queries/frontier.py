@@ -295,14 +295,18 @@ def cost_by_block(estimate: Estimate, direction: int, u: int, v: int, w: int) ->
         return float(positions[direction, u, v, w])
     count, nx, ny, nz = positions.shape
     best = math.inf
-    for turn in range(-min(count - 1, 1), min(count, 2)):
+    turns = 1 if count > 1 else 0
+    for turn in range(-turns, turns + 1):
         other = (direction + turn) % count
-        for i in range(max(u - 1, 0), min(u + 2, nx)):
-            for j in range(max(v - 1, 0), min(v + 2, ny)):
-                for k in range(max(w - 1, 0), min(w + 2, nz)):
-                    if estimate.reached[other, i, j, k] != 0:
+        for i in range(u - 1, u + 2):
+            for j in range(v - 1, v + 2):
+                for k in range(w - 1, w + 2):
+                    is_inside = 0 <= i < nx and 0 <= j < ny and 0 <= k < nz
+                    if is_inside and estimate.reached[other, i, j, k] != 0:
                         steps = abs(turn) + abs(i - u) + abs(j - v) + abs(k - w)
-                        best = min(best, positions[other, i, j, k] + steps)
+                        cost = positions[other, i, j, k] + steps
+                        if cost < best:
+                            best = cost
     return best
 
 
