@@ -475,6 +475,18 @@ MUTANTS = (
         "tests/planners/test_trajectory.py",
     ),
     Mutant(
+        "planners/timing.py",
+        "rows[:, -2] /= scales",
+        "rows[:, -2] /= 1.0",
+        "tests/planners/test_smoothing.py",
+    ),
+    Mutant(
+        "planners/segments.py",
+        "spreads = half * np.abs(hull).max(axis=0)",
+        "spreads = half * np.abs(hull).mean(axis=0)",
+        "tests/planners/test_smoothing.py",
+    ),
+    Mutant(
         "planners/segments.py",
         "distance += BOX_SLACK_CELLS * cell",
         "distance *= 0.1",

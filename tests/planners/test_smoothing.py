@@ -162,6 +162,27 @@ def test_limits_hold_between_the_knots_of_curves(rows, velocity, limits) -> None
     assert (np.abs(accelerations) / limits).max() <= 1.0 + 1e-6
 
 
+def test_yaw_rates_hold_between_the_knots_of_driven_curves() -> None:
+    workspace = cspace.Workspace.from_array(np.zeros((80, 80), dtype=bool), 0.5)
+    space = cspace.build(workspace, cspace.Robot.disc(0.2), rotations=12)
+    plan = planners.plan(space, (3.0, 3.0, 0.0), (5.0, 5.0, 0.0), drive="differential")
+    places = np.array([(19.179, 19.592), (18.473, 19.924), (18.563, 19.89), (18.935, 19.723)])
+    places = np.vstack([places, (18.411, 19.777)])
+    yaws = np.arctan2(*np.diff(places, axis=0).T[::-1])
+    begins = np.column_stack([places[:-1], yaws])
+    ends = np.column_stack([places[1:], yaws])
+    rows = np.stack([begins, ends], axis=1).reshape(-1, 3)
+    plan = dataclasses.replace(plan, path=rows, waypoints=rows)
+    trajectory = plan.trajectory(
+        max_velocity=0.819,
+        max_acceleration=1.495,
+        max_angular_velocity=0.483,
+        max_angular_acceleration=1.935,
+    )
+    _, velocities, _ = trajectory.sample(np.linspace(0.0, trajectory.duration, 4000))
+    assert 0.4 < np.abs(velocities[:, 2]).max() <= 0.483 * (1.0 + 1e-6)
+
+
 def test_robot_passes_a_corner_in_the_open_at_speed_unless_told_to_stop() -> None:
     plan = build_plan(1, "differential", 36)
     limits = LIMITS | TURNING_LIMITS
@@ -264,6 +285,29 @@ def test_proven_curves_pass_free_cells_only(drives: int) -> None:
     assert not (proven & ~are_free).any()
     assert np.count_nonzero(proven) > 0.65 * np.count_nonzero(are_free)
     assert np.count_nonzero(~are_free) > 100
+
+
+def test_proven_curves_that_gain_speed_pass_free_cells_only() -> None:
+    rng = np.random.default_rng(1)
+    occupied = rng.random((200, 200)) < 0.1
+    workspace = cspace.Workspace.from_array(occupied, SPACING)
+    space = cspace.build(workspace, cspace.Robot.disc(0.01))
+    count = 20_000
+    starts = space.sample_free(count, rng=rng)
+    # Along the axes, where pieces fill the boxes that prove them.
+    directions = np.eye(2)[rng.integers(0, 2, count)]
+    rates = directions * rng.uniform(-1.0, 1.0, (count, 1))
+    bends = rates * rng.uniform(-10.0, 10.0, (count, 1))
+    lengths = rng.uniform(0.05, 0.4, count)
+    none = np.zeros(count)
+    signs = none.astype(np.int64)
+    curves = Segments(starts, rates, bends, 0.0 * bends, none, signs, lengths, starts)
+    proven = prove_segments(space, False, curves)
+    shares = np.linspace(0.0, 1.0, 300)
+    places = [place_along(curves, space.rotations, share * lengths)[0] for share in shares]
+    are_free = np.asarray(space.is_free(np.stack(places, axis=1))).all(axis=1)
+    assert not (proven & ~are_free).any()
+    assert np.count_nonzero(proven) > 0.4 * np.count_nonzero(are_free)
 
 
 def test_curves_of_an_arm_are_proven_only_if_all_their_points_are_free(tmp_path: Path) -> None:
