@@ -57,8 +57,6 @@ class Estimate(NamedTuple):
     bound : ndarray of float64, shape (1,)
         Cost of the chains from the start to the goal through any other block, in blocks, at least;
         -inf if no chain leads through these.
-    travelled : ndarray of float32, the shape of positions with one direction, or empty
-        Cost of a chain from the start to each block, in blocks; 0 if not known.
     rotations : ndarray of float64, shape (rotations,)
     """
 
@@ -69,7 +67,6 @@ class Estimate(NamedTuple):
     reached: Ints
     side: int
     bound: Floats
-    travelled: Costs
     rotations: Floats
 
 
@@ -115,7 +112,6 @@ def estimate_without_obstacles(shape: Cell, goal: Cell, weight: float) -> Estima
         reached=np.empty((0, 0, 0, 0), dtype=np.int64),
         side=1,
         bound=np.zeros(1),
-        travelled=np.empty((0, 0, 0, 0), dtype=np.float32),
         rotations=np.zeros(1),
     )
 

@@ -7,7 +7,9 @@ hardly turn are dearer.
 
 A search from the goal to the start measures short chains. It goes on when another search, from the
 start, needs the cost of a block that it has not reached (D. Silver, "Cooperative pathfinding",
-2005), and examines the cells that it meets. So its time does not grow with the map.
+2005), and examines the cells that it meets. So its time does not grow with the map. A short search
+ahead from such a block finds dead ends, of which the search from the goal would only know after it
+has examined everything.
 """
 
 from __future__ import annotations
@@ -204,7 +206,6 @@ class Guide:
                 worst_state=worst_state,
             )
             positions = self._guide.estimate
-            self.estimate = self.estimate._replace(travelled=positions.positions)
             turns = directions.turn_costs / side
             self._to_start = self._to_start._replace(
                 weight=DIRECTIONS_WEIGHT,
