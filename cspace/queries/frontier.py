@@ -34,7 +34,11 @@ INITIAL_QUEUE_LENGTH: Final = 2**14
 """Entries that the queue of a search can hold at first; the length doubles as needed."""
 
 MAX_DENSE_BYTES: Final = 2**24
-"""Bytes of the largest array that is filled with zeros at once, in about a millisecond."""
+"""Largest size in bytes of an array that is cleared at once, in about a millisecond."""
+
+DEAD_END_COST: Final = 1e9
+"""Cost from a dead end to the goal, in blocks; larger than that of any chain, so that searches try
+a dead end last."""
 
 
 class Estimate(NamedTuple):
@@ -163,10 +167,10 @@ def expand_until_done(
 
 
 def sparse_zeros(count: int, kind: type[np.generic]) -> NDArray[Any]:
-    """Return zeros, shape (count,), of which large ones take memory only where they are touched.
+    """Return zeros, shape (count,); a large array takes memory only when touched.
 
-    Small arrays use the memory of earlier ones. The first touch of each page of new memory takes
-    time, and large arrays of numpy come in pages of megabytes, of which a search touches few bytes.
+    Small arrays use the memory of earlier arrays, because the first touch of each new page takes
+    time. Large arrays of numpy come in pages of megabytes, and a search touches few bytes of each.
     """
     size = count * np.dtype(kind).itemsize
     if size <= MAX_DENSE_BYTES:
@@ -179,7 +183,7 @@ def sparse_zeros(count: int, kind: type[np.generic]) -> NDArray[Any]:
 
 
 def double(array: NDArray[Any]) -> NDArray[Any]:
-    """Copy an array into one that has as many zeros after it."""
+    """Append as many zeros to an array as it has entries, along its first axis."""
     return np.concatenate([array, np.zeros_like(array)])
 
 
@@ -251,7 +255,10 @@ def pop_best(estimate: Estimate, progress: Progress) -> int:
 
 @internal
 def is_known(estimate: Estimate, direction: int, i: int, j: int, k: int) -> bool:
-    """Return True if the guide has reached the block of a position, or one beside it, or can't."""
+    """Return True if the guide knows a position's block or a neighbouring block.
+
+    Also return True if the guide has no more blocks to reach.
+    """
     if len(estimate.positions) == 0 or estimate.bound[0] == -math.inf:
         return True
     side = estimate.side
@@ -283,14 +290,15 @@ def remaining_cost(
 def cost_by_block(estimate: Estimate, direction: int, u: int, v: int, w: int) -> float:
     """Return the cost from a block, in blocks; infinity if it is not known.
 
-    From a block that the guide has not reached, a step or turn may lead to one that it has: for a
-    search beside the guide's chain, that is as good as the cost of the block.
+    If the guide has not reached the block, the cost is that of the best neighbouring block or turn,
+    plus one for each step. Searches beside the guide's chain need no better cost.
     """
     positions = estimate.positions
     if estimate.reached[direction, u, v, w] != 0:
         return float(positions[direction, u, v, w])
     count, nx, ny, nz = positions.shape
-    best = math.inf
+    # A block beside a dead end need not be a dead end.
+    best = DEAD_END_COST
     turns = 1 if count > 1 else 0
     for turn in range(-turns, turns + 1):
         other = (direction + turn) % count
@@ -298,12 +306,13 @@ def cost_by_block(estimate: Estimate, direction: int, u: int, v: int, w: int) ->
             for j in range(v - 1, v + 2):
                 for k in range(w - 1, w + 2):
                     is_inside = 0 <= i < nx and 0 <= j < ny and 0 <= k < nz
-                    if is_inside and estimate.reached[other, i, j, k] != 0:
-                        steps = abs(turn) + abs(i - u) + abs(j - v) + abs(k - w)
-                        cost = positions[other, i, j, k] + steps
-                        if cost < best:
-                            best = cost
-    return best
+                    if not is_inside or estimate.reached[other, i, j, k] == 0:
+                        continue
+                    steps = abs(turn) + abs(i - u) + abs(j - v) + abs(k - w)
+                    cost = positions[other, i, j, k] + steps
+                    if cost < best:
+                        best = cost
+    return best if best < DEAD_END_COST else math.inf
 
 
 @internal

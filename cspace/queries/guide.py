@@ -20,6 +20,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace.queries.frontier import (
+    DEAD_END_COST,
     DONE,
     GOES_ON,
     NEEDS_ESTIMATE,
@@ -54,11 +55,7 @@ MAX_SAMPLES: Final = 4
 """Number of rotations that are looked at in the middle of a block."""
 
 MAX_DEAD_END_STATES: Final = 2**10
-"""Number of states that the robot can get to from a dead end, at most."""
-
-DEAD_END_COST: Final = 1e9
-"""Cost from a dead end to the goal, in blocks; larger than that of any chain, so that searches try
-a dead end last."""
+"""Largest number of states that a search ahead expands to prove a dead end."""
 
 NO_FACTORS: Final[Costs] = np.empty((0, 0, 0, 0), dtype=np.float32)
 """Stands for cells that all cost their length."""
@@ -183,9 +180,6 @@ class Guide:
         # The robot is at the goal, whatever its block looks like.
         self._blocks.prices[goal_direction, *goal_block] = 1.0
         self._progress = begin_at(self._goal, count)
-        self._to_goal = estimate_without_obstacles(shape[1:], goal_block, 1.0)._replace(
-            rotations=np.zeros(len(directions.slices))
-        )
         self.estimate = estimate_without_obstacles((nx, ny, nz), goal_cell, 1.0)._replace(
             positions=self._progress.cost.reshape(shape),
             reached=self._progress.previous.reshape(shape),
@@ -221,7 +215,7 @@ class Guide:
         Raises TimeoutError after ``until``, a reading of :data:`cspace.support.compiling.clock`.
         """
         last = int(np.ravel_multi_index((direction, *self._find_block(cell)), self._shape))
-        is_first = self.estimate.bound[0] == 0.0
+        is_first = self.estimate.bound[0] == 0.0  # the search from the goal has not begun
         if self._guide is not None and not is_first and self._is_dead_end(last):
             # Otherwise the search would examine all other blocks in vain.
             self._progress.cost[last] = DEAD_END_COST
@@ -247,10 +241,14 @@ class Guide:
         self.estimate.bound[0] = lowest_key / self._to_start.weight
 
     def _is_dead_end(self, state: int) -> bool:
-        """Return True if from a state the robot gets to few others, and not to the goal."""
+        """Return True if a short search ahead reaches all that it can, but not the goal."""
         progress = begin_at(state, len(self._progress.cost))
         ahead = self._directions._replace(moves=-self._directions.moves)
-        expand_blocks(self._blocks, ahead, self._to_goal, progress, self._goal, MAX_DEAD_END_STATES)
+        # With weight 0, the nearest states come first.
+        estimate = estimate_without_obstacles(self._shape[1:], (0, 0, 0), 0.0)._replace(
+            rotations=np.zeros(self._shape[0])
+        )
+        expand_blocks(self._blocks, ahead, estimate, progress, self._goal, MAX_DEAD_END_STATES)
         return bool(progress.length[0] == 0 and not progress.closed[self._goal])
 
     def _reach_positions(self, state: int, until: float) -> None:

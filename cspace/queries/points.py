@@ -230,7 +230,7 @@ def box_is_free(map_: Map, s: int, position: Row, distance: float) -> bool:
     j0, j1 = closed_cells(v - reach, v + reach)
     k0, k1 = closed_cells(w - reach, w + reach)
     _, nx, ny, nz = map_.states.shape
-    inside = i0 >= 0 and j0 >= 0 and k0 >= 0 and i1 < nx and j1 < ny and k1 < nz
+    inside = min(i0, j0, k0) >= 0 and i1 < nx and j1 < ny and k1 < nz
     state_beyond = map_.exterior[s, 2 * map_.dim]
     if not inside and state_beyond != FREE:
         return False

@@ -262,6 +262,13 @@ def test_invalid_arguments_are_refused() -> None:
             plan.trajectory(max_velocity=1.0, max_acceleration=value)
 
 
+def find_free_curves(space: cspace.CSpace, curves: Segments) -> np.ndarray:
+    """Return which curves are free at 300 places."""
+    shares = np.linspace(0.0, 1.0, 300)
+    places = [place_along(curves, space.rotations, share * curves.lengths)[0] for share in shares]
+    return np.asarray(space.is_free(np.stack(places, axis=1))).all(axis=1)
+
+
 @pytest.mark.parametrize("drives", [0, 1, -1], ids=["free yaw", "ahead", "reverse"])
 def test_proven_curves_pass_free_cells_only(drives: int) -> None:
     rng = np.random.default_rng(5)
@@ -279,9 +286,7 @@ def test_proven_curves_pass_free_cells_only(drives: int) -> None:
     signs = np.full(count, drives)
     curves = Segments(starts, rates, bends, twists, none, signs, lengths, starts)
     proven = prove_segments(space, False, curves)
-    shares = np.linspace(0.0, 1.0, 300)
-    places = [place_along(curves, space.rotations, share * lengths)[0] for share in shares]
-    are_free = np.asarray(space.is_free(np.stack(places, axis=1))).all(axis=1)
+    are_free = find_free_curves(space, curves)
     assert not (proven & ~are_free).any()
     assert np.count_nonzero(proven) > 0.65 * np.count_nonzero(are_free)
     assert np.count_nonzero(~are_free) > 100
@@ -303,9 +308,7 @@ def test_proven_curves_that_gain_speed_pass_free_cells_only() -> None:
     signs = none.astype(np.int64)
     curves = Segments(starts, rates, bends, 0.0 * bends, none, signs, lengths, starts)
     proven = prove_segments(space, False, curves)
-    shares = np.linspace(0.0, 1.0, 300)
-    places = [place_along(curves, space.rotations, share * lengths)[0] for share in shares]
-    are_free = np.asarray(space.is_free(np.stack(places, axis=1))).all(axis=1)
+    are_free = find_free_curves(space, curves)
     assert not (proven & ~are_free).any()
     assert np.count_nonzero(proven) > 0.4 * np.count_nonzero(are_free)
 

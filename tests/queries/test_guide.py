@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from cspace.queries.guide import DEAD_END_COST, Directions, Guide
+from cspace.queries.frontier import DEAD_END_COST
+from cspace.queries.guide import Directions, Guide
 from cspace.support.arrays import BLOCKED, FREE, MIXED
 from tests.helpers.strategies import seeds
 
@@ -111,3 +112,26 @@ def test_a_guide_measures_short_chains(dim, seed):
             assert estimate.bound[0] == -math.inf
         # What is known is the cost of a chain.
         assert (estimate.positions[is_reached] * 1.001 >= expected[is_reached]).all()
+
+
+def test_a_dead_end_is_found_without_a_look_at_the_whole_map():
+    states = np.full((2, 1, 40, 40), FREE)
+    # At the first rotation, walls close off a cell; at the second one, the cell is blocked.
+    states[0, 0, 19:22, 19:22] = BLOCKED
+    states[0, 0, 20, 20] = FREE
+    states[1, 0, 20, 20] = BLOCKED
+    steps = np.array([(0, 1, 0), (0, 0, 1), (0, 1, 1)])
+    directions = Directions(
+        slices=np.array([[0], [1]]),
+        moves=np.stack([steps, steps]),
+        move_costs=np.ones((2, 3)),
+        neighbors=np.array([[1], [0]]),
+        turn_costs=np.ones((2, 1)),
+    )
+    guide = Guide(states, directions, (0, (0, 30, 30)), (0, (0, 39, 39)), 1)
+    guide.reach(0, (0, 30, 30), math.inf)
+    count = np.count_nonzero(guide.estimate.reached)
+    assert count < states.size / 2
+    guide.reach(0, (0, 20, 20), math.inf)
+    assert guide.estimate.positions[0, 0, 20, 20] == DEAD_END_COST
+    assert np.count_nonzero(guide.estimate.reached) == count + 1
