@@ -286,11 +286,12 @@ def build_boxes(low: Floats, high: Floats) -> tuple[Floats, Ints, Ints]:
         items = order[places]
         keys = centers[items, longest_axis[owner]]
         order[places] = items[np.lexsort((keys, owner))]
-        # The first child follows its parent, the second one follows the nodes of the first.
+        # The first child follows its parent, the second one follows the nodes of the first. A level
+        # stays in the order of its items, because reductions also pass through the gaps.
         half = count // 2
-        node = np.concatenate([node + 1, node + 2 * half])
-        start = np.concatenate([start, start + half])
-        count = np.concatenate([half, count - half])
+        node = np.column_stack([node + 1, node + 2 * half]).ravel()
+        start = np.column_stack([start, start + half]).ravel()
+        count = np.column_stack([half, count - half]).ravel()
     return boxes, order, spans
 
 
