@@ -318,10 +318,18 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         float or ndarray of float64, shape (...)
             Metres.
         """
+        if isinstance(q, tuple):
+            known = self._clearance_of_one(q)
+            if known is not None:
+                return known
         metres: float | Floats = evaluate(
             q, self.size, self._write_clearances, np.float64, self._angles
         )
         return metres
+
+    def _clearance_of_one(self, q: tuple[Any, ...]) -> float | None:
+        """Return the clearance of one configuration, or None if the look-up of arrays decides."""
+        return None
 
     # ---- for planners ----------------------------------------------------------------------------
 

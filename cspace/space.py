@@ -355,6 +355,17 @@ class CSpace(ConfigurationMap, MapReasons, MapExport):
                 joined = joined or self._components.are_joined(*places, mixed=True)
             return joined != apart
 
+    def _clearance_of_one(self, q: tuple[Any, ...]) -> float | None:
+        """Return the clearance of one configuration, or None if the look-up of arrays decides."""
+        table = self.distances.table
+        if table is None:
+            return None
+        try:
+            metres = self._look_up_clearance(table, *q)
+        except (TypeError, ValueError):
+            return None
+        return None if math.isnan(metres) or self._is_suspect(q) else metres
+
     def _is_suspect(self, q: tuple[Any, ...]) -> bool:
         """Return True if an angle seems to be in degrees, so that a warning is due."""
         if not self._angles:
@@ -417,9 +428,16 @@ class CSpace(ConfigurationMap, MapReasons, MapExport):
         callable
             ``check(*q) -> float``. Takes the coordinates as finite floats, without a check.
         """
-        from cspace.queries.distance import clearance_checker
+        distances = self.distances
+        distances.whole()
+        look_up = self._look_up_clearance
 
-        return clearance_checker(self.kernel_map, self.distances, self.size)
+        def check(*q: float) -> float:
+            """Return the clearance of the configuration in metres; 0 if it is not usable."""
+            metres = look_up(distances.whole(), *q)
+            return 0.0 if math.isnan(metres) else metres
+
+        return check
 
     # ---- for planners ----------------------------------------------------------------------------
 
@@ -1270,6 +1288,13 @@ class CSpace(ConfigurationMap, MapReasons, MapExport):
         from cspace.queries.callbacks import motion_lookup
 
         return motion_lookup(self.kernel_map, self.size)
+
+    @lazy
+    def _look_up_clearance(self) -> Callable[..., float]:
+        """Look-up of one configuration's clearance in a table of distances."""
+        from cspace.queries.distance import clearance_lookup
+
+        return clearance_lookup(self.kernel_map, self.distances.of_slices([]), self.size)
 
     # ---- queries of rows -------------------------------------------------------------------------
 

@@ -103,7 +103,11 @@ def bind_cost(kernel: Any, space: CSpace, field: Field, *fixed: Any) -> Callable
     The numbers are zeros and then both configurations. The function follows changes of the map.
     """
     # Kernels take one type of record, so what a field does not need is empty.
-    no_distances = DistanceTable(np.empty(0, dtype=np.float32), np.empty((0, 2, space.grid.dim)))
+    no_distances = DistanceTable(
+        np.empty(0, dtype=np.float32),
+        np.empty((0, 2, space.grid.dim)),
+        np.empty(0, dtype=np.bool_),
+    )
     zeros = (0.0,) * (2 * MAX_SIZE)
     padding = zeros[2 * space.size :]
 

@@ -45,7 +45,7 @@ from cspace.grid import SLACK
 from cspace.queries.callbacks import MAX_SIZE, bind_kernel, configuration_before
 from cspace.queries.points import MAX_CELL, configuration_in, is_usable, slice_of, state_at
 from cspace.record.cells import Map
-from cspace.support.arrays import FREE, Floats, Ints, Numbers, Row, States
+from cspace.support.arrays import FREE, Bools, Floats, Ints, Numbers, Row, States
 from cspace.support.compiling import internal, kernel
 from cspace.support.threads import cores, in_chunks, in_threads
 
@@ -72,10 +72,13 @@ class DistanceTable(NamedTuple):
     boxes : ndarray of float64, shape (slices, 2, d)
         Corners of the box that contains all cells that are not FREE, in the grid and outside, in
         cells. Without such cells, the lower corner is infinite and the upper one minus infinite.
+    is_ready : ndarray of bool, shape (slices,)
+        True for slices whose distances are computed.
     """
 
     cells: Distances
     boxes: Floats
+    is_ready: Bools
 
 
 class DistanceMap:
@@ -86,8 +89,10 @@ class DistanceMap:
 
     Attributes
     ----------
+    table : DistanceTable or None
+        The table, once it has distances after the last change.
     known : DistanceTable or None
-        The table, once it has the distances of all slices after the last change.
+        The table, once it has the distances of all slices.
     """
 
     def __init__(self, states: States, exterior: Ints, lock: AbstractContextManager[Any]) -> None:
@@ -95,8 +100,7 @@ class DistanceMap:
         self._states = states
         self._exterior = exterior
         self._lock = lock
-        self._table: DistanceTable | None = None
-        self._ready = np.zeros(len(states), dtype=np.bool_)
+        self.table: DistanceTable | None = None
         self.known: DistanceTable | None = None
 
     def drop(self) -> None:
@@ -104,8 +108,7 @@ class DistanceMap:
 
         Tables returned earlier stay as they are.
         """
-        self._table = self.known = None
-        self._ready[:] = False
+        self.table = self.known = None
 
     def whole(self) -> DistanceTable:
         """Return the table with the distances of all slices."""
@@ -124,15 +127,16 @@ class DistanceMap:
         """Return a table with the distances of at least the given slices."""
         # Distances that are missing are computed in threads, one slice in each.
         with self._lock:
-            if self._table is None:
+            if self.table is None:
                 n_slices, *shape = self._states.shape
                 cells = np.empty(self._states.size, dtype=np.float32)
-                self._table = DistanceTable(cells, np.empty((n_slices, 2, len(shape))))
-            table = self._table
-            missing = [number for number in slices if not self._ready[number]]
+                boxes = np.empty((n_slices, 2, len(shape)))
+                self.table = DistanceTable(cells, boxes, np.zeros(n_slices, dtype=np.bool_))
+            table = self.table
+            missing = [number for number in slices if not table.is_ready[number]]
             in_threads(partial(self._fill, table), missing, cores())
-            self._ready[missing] = True
-            if self._ready.all():
+            table.is_ready[missing] = True
+            if table.is_ready.all():
                 self.known = table
             return table
 
@@ -386,22 +390,23 @@ def clearances(map_: Map, table: DistanceTable, points: Floats, out: Floats) -> 
 
 @kernel
 def clearance_of(map_: Map, table: DistanceTable, numbers: Numbers) -> float:
-    """Return the clearance of one configuration, in metres; 0 if it is not usable.
+    """Return the clearance of one configuration, in metres.
 
-    The numbers are those of :func:`cspace.queries.callbacks.bind_numbers`.
+    It is NaN if the configuration is not usable, or the table lacks its slice. The numbers are
+    those of :func:`cspace.queries.callbacks.bind_numbers`.
     """
     position, rotation = configuration_before(map_, numbers, MAX_SIZE)
-    if not is_usable(position, rotation):
-        return 0.0
+    if not is_usable(position, rotation) or not table.is_ready[slice_of(map_, rotation)]:
+        return math.nan
     return clearance_at(map_, table, position, rotation)
 
 
-def clearance_checker(map_: Map, distances: DistanceMap, size: int) -> Callable[..., float]:
-    """Make ``check(*q)``, which returns the clearance of one configuration in metres.
+def clearance_lookup(map_: Map, table: DistanceTable, size: int) -> Callable[..., float]:
+    """Return ``look_up(table, *q)``: the clearance of a configuration, or NaN.
 
-    It follows all changes of the map.
+    ``table`` is any table of the map.
     """
     # The kernel is compiled once for configurations of all sizes, so it takes MAX_SIZE numbers.
     padding = (0.0,) * (MAX_SIZE - size)
-    measure = bind_kernel(clearance_of, (map_,), distances.whole(), (0.0,) * MAX_SIZE)
-    return lambda *q: measure(distances.whole(), (*padding, *q))
+    measure = bind_kernel(clearance_of, (map_,), table, (0.0,) * MAX_SIZE)
+    return lambda table, *q: measure(table, (*padding, *q))

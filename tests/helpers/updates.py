@@ -140,6 +140,8 @@ def check(space, fresh, world):
     np.testing.assert_array_equal(
         space.is_free_around(q, SPACING, 0.3), fresh.is_free_around(q, SPACING, 0.3)
     )
+    one = tuple(q[0].tolist())  # looked up without arrays
+    assert space.clearance(one) == fresh.clearance(one)
     if (fresh._seen == FREE).any():
         draws = [one.sample_free(9, np.random.default_rng(1)) for one in (space, fresh)]
         np.testing.assert_array_equal(*draws)
