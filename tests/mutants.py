@@ -183,8 +183,8 @@ MUTANTS = (
     # Components, distances and searches.
     Mutant(
         "cspace/queries/components.py",
-        "links.append(pair_nodes)  # the space",
-        "pass  # the space",
+        "join_nodes(outside[[first]], outside[[second]], parents)",
+        "pass",
         "tests/queries/test_components.py",
     ),
     Mutant(

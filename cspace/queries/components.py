@@ -1,29 +1,24 @@
 """Connected components of FREE cells, and of cells that are not BLOCKED.
 
-Each slice is labelled by :func:`scipy.ndimage.label`. Labels of neighbouring rotation cells are
-joined where their cells overlap, as a graph whose components :mod:`scipy.sparse.csgraph` finds.
+A *run* is a maximal row of such cells along the last axis. Union-find joins the runs of a slice
+that share sides; runs so joined have one label. A *node* is a label at a rotation cell. Nodes of
+neighbouring rotation cells are joined where their runs overlap.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy import ndimage, sparse
-from scipy.sparse import csgraph
 
+from cspace.queries.callbacks import bind_kernel
 from cspace.support.arrays import FREE, MIXED, Bools, Ints, States
-
-MAX_SHORT_LABEL: Final = np.iinfo(np.uint16).max
-"""Largest label that takes two bytes a cell."""
-
-PAIR_BASE: Final = 2**32
-"""Base of the number that codes a pair of labels, above all labels."""
-
-Labels = NDArray[np.uint16] | NDArray[np.int32]
+from cspace.support.compiling import inlined, kernel
+from cspace.support.threads import cores, in_threads
 
 
 class Components:
@@ -58,19 +53,21 @@ class Components:
         self._rotation_pairs = np.unique(np.sort(pairs, axis=1), axis=0)
 
     @cached_property
-    def _free(self) -> LabelledCells:
+    def _free(self) -> JoinedCells:
         """Components of FREE cells; no exterior counts as FREE."""
         never_open = np.zeros_like(self._exterior_open)
-        is_free = self._states == FREE
-        return LabelledCells.of(is_free, self._slice_of, self._rotation_pairs, never_open)
+        return self._join(FREE, never_open)
 
     @cached_property
-    def _passable(self) -> LabelledCells:
+    def _passable(self) -> JoinedCells:
         """Components of FREE and MIXED cells."""
-        is_passable = self._states <= MIXED
-        return LabelledCells.of(
-            is_passable, self._slice_of, self._rotation_pairs, self._exterior_open
-        )
+        return self._join(MIXED, self._exterior_open)
+
+    def _join(self, highest: int, exterior_open: Bools) -> JoinedCells:
+        """Join the cells whose state is at most ``highest``."""
+        runs = label_runs(list_runs(self._states, highest), self._states.shape)
+        shape = self._states.shape
+        return JoinedCells.of(runs, shape, self._slice_of, self._rotation_pairs, exterior_open)
 
     def of(self, cells: Ints, mixed: bool = False) -> Ints:
         """Return the component of each cell, or -1.
@@ -79,22 +76,22 @@ class Components:
         y)`` or ``(rotation, x, y, z)``, shape (..., 1 + d). A cell outside the grid counts as MIXED
         if any configuration there is not BLOCKED.
         """
-        labelled = self._passable if mixed else self._free
-        return labelled.component_of(cells)
+        joined = self._passable if mixed else self._free
+        return joined.component_of(cells)
 
     def count(self, mixed: bool = False) -> int:
         """Return a number above all components of :meth:`of`."""
-        labelled = self._passable if mixed else self._free
-        return int(labelled.components.max(initial=-1)) + 1
+        joined = self._passable if mixed else self._free
+        return joined.count
 
     def are_joined(self, place: int, other: int, mixed: bool = False) -> bool:
         """Return True if two cells of the grid are in one component, as of :meth:`of`.
 
         A cell is given by its index over all rotation cells.
         """
-        labelled = self._passable if mixed else self._free
-        component = labelled.component_at(place)
-        return component != -1 and component == labelled.component_at(other)
+        joined = self._passable if mixed else self._free
+        component = joined.component_at(place)
+        return component != -1 and component == joined.component_at(other)
 
     def box(self, cell: Ints) -> Ints:
         """Return the first and last cell of a FREE component's box.
@@ -105,143 +102,326 @@ class Components:
         return boxes
 
 
+class Runs(NamedTuple):
+    """Runs of cells along the last axis, in the order of their cells.
+
+    Attributes
+    ----------
+    starts, stops : ndarray of int64, shape (n,)
+        First cell of each run, and the cell after its last one, as indices over all slices.
+    labels : ndarray of int64, shape (n,)
+        Number of each run, label or node.
+    """
+
+    starts: Ints
+    stops: Ints
+    labels: Ints
+
+    def select(self, chosen: Bools | slice, shift: int = 0, first_label: int = 0) -> Runs:
+        """Return some runs, moved by ``shift`` cells, with labels raised by ``first_label``."""
+        return Runs(
+            self.starts[chosen] + shift,
+            self.stops[chosen] + shift,
+            self.labels[chosen] + first_label,
+        )
+
+
+class NodeTable(NamedTuple):
+    """Nodes of runs at all rotation cells, for kernels.
+
+    Attributes
+    ----------
+    runs : Runs
+        Labelled runs of all slices, in the order of their cells.
+    first_of_line : ndarray of int64, shape (lines + 1,)
+        First run of each line of cells along the last axis.
+    slice_of : ndarray of int64, shape (rotations,)
+    first_node : ndarray of int64, shape (rotations,)
+        Node of label 0 at each rotation cell, as if the rotation cell had all labels.
+    components : ndarray of int64, shape (nodes,)
+        Component of each node.
+    cells_of_slice, cells_of_line : int
+    """
+
+    runs: Runs
+    first_of_line: Ints
+    slice_of: Ints
+    first_node: Ints
+    components: Ints
+    cells_of_slice: int
+    cells_of_line: int
+
+
 @dataclass(frozen=True)
-class LabelledCells:
+class JoinedCells:
     """Cells of one kind with their components.
 
     Attributes
     ----------
-    labels : ndarray of uint16 or int32, shape (slices, ...)
-        Label of each cell within its slice, from 1 on; 0 for all other cells.
-    slice_of : ndarray of int64, shape (rotations,)
-    first_node : ndarray of int64, shape (rotations,)
-        Node of label 0 at each rotation cell, which stands for the outside of the grid.
-    components : ndarray of int64, shape (nodes,)
-        Component of each node; -1 if no cell outside the grid is of this kind.
+    shape : tuple of int
+        Slices, and cells along each axis.
+    table : NodeTable
+    outside : ndarray of int64, shape (rotations,)
+        Component of all space outside the grid at each rotation cell, or -1.
+    label_of_node : ndarray of int64, shape (nodes,)
     """
 
-    labels: Labels
-    slice_of: Ints
-    first_node: Ints
-    components: Ints
+    shape: tuple[int, ...]
+    table: NodeTable
+    outside: Ints
+    label_of_node: Ints
 
     @classmethod
     def of(
-        cls, members: Bools, slice_of: Ints, rotation_pairs: Ints, exterior_open: Bools
-    ) -> LabelledCells:
-        """Label the True cells of slices, and join them across rotation cells.
+        cls,
+        runs: Runs,
+        shape: tuple[int, ...],
+        slice_of: Ints,
+        rotation_pairs: Ints,
+        exterior_open: Bools,
+    ) -> JoinedCells:
+        """Join labelled runs across rotation cells.
 
-        ``members``, shape (slices, ...), marks these cells. ``rotation_pairs``, shape (n, 2), are
-        the adjacent rotation cells.
+        ``rotation_pairs``, shape (n, 2), are the adjacent rotation cells; ``exterior_open``, shape
+        (slices,), is True where the outside of the grid is of this kind.
         """
-        # A node of the graph is a label at a rotation cell; label 0 stands for the outside.
-        labels, counts = _label_slices(members)
-        node_counts = counts[slice_of] + 1
-        first_node = np.cumsum(node_counts) - node_counts
-        # Links of the graph, shape (2, n) each: labels at the border with the outside, and labels
-        # that overlap at neighbouring rotations.
-        is_open = exterior_open[slice_of]
-        links = [np.empty((2, 0), dtype=np.int64)]
-        for rotation in np.flatnonzero(is_open).tolist():
-            border_labels = _find_border_labels(labels[slice_of[rotation]])
-            outside = np.zeros_like(border_labels)
-            links.append(first_node[rotation] + np.stack([border_labels, outside]))
-        for pair in rotation_pairs:
-            pair_nodes = first_node[pair, np.newaxis]
-            links.append(pair_nodes + _find_shared_labels(labels, slice_of[pair]))
-            if is_open[pair].all():
-                links.append(pair_nodes)  # the space outside is open at both rotations
-        first, second = np.concatenate(links, axis=1)
-        n_nodes = int(node_counts.sum())
-        graph = sparse.coo_array((np.ones(len(first)), (first, second)), (n_nodes, n_nodes))
-        _, numbers = csgraph.connected_components(graph, directed=False)
-        components = numbers.astype(np.int64)
-        components[first_node[~is_open]] = -1
-        return cls(labels, slice_of, first_node, components)
+        # List the first run and the first label of each slice, and the end of both.
+        size = math.prod(shape[1:])
+        first_run = np.searchsorted(runs.starts, size * np.arange(shape[0] + 1))
+        first_label = np.append(runs.labels, runs.labels.max(initial=-1) + 1)[first_run]
+        # A rotation cell has a node for each label of its slice; after all these nodes comes one
+        # for the outside of each rotation cell.
+        label_counts = np.diff(first_label)[slice_of]
+        number_of_nodes = int(label_counts.sum())
+        first_node = np.cumsum(label_counts) - label_counts - first_label[slice_of]
+        outside = number_of_nodes + np.arange(len(slice_of))
+        parents = np.arange(number_of_nodes + len(slice_of))
 
-    def component_at(self, place: int) -> int:
-        """Return the component of a cell, given by its index over all rotation cells, or -1."""
-        rotation, position = divmod(place, self._rows.shape[1])
-        label = int(self._rows[self.slice_of[rotation], position])
-        if label == 0:
-            return -1
-        return int(self.components[self.first_node[rotation] + label])
+        def runs_at(rotation: int) -> Runs:
+            """Return the runs at a rotation cell, as places in a slice, with their nodes."""
+            number = int(slice_of[rotation])
+            span = slice(first_run[number], first_run[number + 1])
+            return runs.select(span, -number * size, int(first_node[rotation]))
+
+        is_open = exterior_open[slice_of]
+        for first, second in rotation_pairs.tolist():
+            join_overlaps(runs_at(first), runs_at(second), parents)
+            if is_open[first] and is_open[second]:
+                join_nodes(outside[[first]], outside[[second]], parents)
+        for rotation in np.flatnonzero(is_open).tolist():
+            own_runs = runs_at(rotation)
+            nodes = own_runs.labels[touch_border(own_runs, shape[1:])]
+            join_nodes(nodes, np.full_like(nodes, outside[rotation]), parents)
+        components, components_outside = np.split(number_components(parents), [number_of_nodes])
+        components_outside[~is_open] = -1
+        lines = np.arange(math.prod(shape[:-1]) + 1)
+        first_of_line = np.searchsorted(runs.starts, shape[-1] * lines)
+        table = NodeTable(runs, first_of_line, slice_of, first_node, components, size, shape[-1])
+        label_of_node = np.arange(number_of_nodes) - np.repeat(first_node, label_counts)
+        return cls(shape, table, components_outside, label_of_node)
 
     @cached_property
-    def _rows(self) -> Labels:
-        """Labels, a row of cells for each slice."""
-        return self.labels.reshape(len(self.labels), -1)
+    def count(self) -> int:
+        """Number above all components."""
+        return int(max(self.table.components.max(initial=-1), self.outside.max(initial=-1))) + 1
+
+    @cached_property
+    def component_at(self) -> Callable[[int], int]:
+        """Look-up of the component of a cell by its index over all rotation cells; -1 without."""
+        return bind_kernel(component_at, (self.table,), 0)
 
     def component_of(self, cells: Ints) -> Ints:
         """Return the component of each cell ``(rotation, x, ...)``; -1 without one."""
         rotations = cells[..., 0]
         positions = cells[..., 1:]
-        shape = np.array(self.labels.shape[1:])
-        is_inside = ((positions >= 0) & (positions < shape)).all(axis=-1)
-        coordinates = np.moveaxis(np.clip(positions, 0, shape - 1), -1, 0)
-        labels = self.labels[self.slice_of[rotations], *coordinates]
-        # Label 0 stands for the outside, so that other cells of the grid have no component.
-        nodes = self.first_node[rotations] + np.where(is_inside, labels, 0)
-        return np.where(is_inside & (labels == 0), -1, self.components[nodes])
+        shape = self.shape[1:]
+        is_inside = ((positions >= 0) & (positions < np.array(shape))).all(axis=-1)
+        coordinates = tuple(np.moveaxis(cells[is_inside], -1, 0))
+        places = np.ravel_multi_index(coordinates, (len(self.outside), *shape))
+        found = np.empty(len(places), dtype=np.int64)
+        find_components(self.table, places, found)
+        components = np.array(self.outside[rotations])
+        components[is_inside] = found
+        return components
 
     @cached_property
     def boxes(self) -> Ints:
         """First and last cell of each component, shape (components, 2, d)."""
-        dim = self.labels.ndim - 1
-        n_components = int(self.components.max(initial=-1)) + 1
-        lowest = np.full((n_components, dim), max(self.labels.shape))
-        highest = np.full((n_components, dim), -1)
-        corners = [_find_label_corners(slice_labels) for slice_labels in self.labels]
+        # Find the box of each label.
+        runs = self.table.runs
+        dim = len(self.shape) - 1
+        number_of_labels = int(runs.labels.max(initial=-1)) + 1
+        label_low = np.full((number_of_labels, dim), max(self.shape))
+        label_high = np.full((number_of_labels, dim), -1)
+        low, high = find_corners(runs, self.shape[1:])
+        np.minimum.at(label_low, runs.labels, low)
+        np.maximum.at(label_high, runs.labels, high)
         # The box of a component contains the boxes of its labels at all rotation cells.
-        for number, outside in zip(self.slice_of.tolist(), self.first_node.tolist(), strict=True):
-            low, high = corners[number]
-            components = self.components[outside + 1 : outside + 1 + len(low)]
-            np.minimum.at(lowest, components, low)
-            np.maximum.at(highest, components, high)
+        lowest = np.full((self.count, dim), max(self.shape))
+        highest = np.full((self.count, dim), -1)
+        np.minimum.at(lowest, self.table.components, label_low[self.label_of_node])
+        np.maximum.at(highest, self.table.components, label_high[self.label_of_node])
         return np.stack([lowest, highest], axis=1)
 
 
-def _label_slices(members: Bools) -> tuple[Labels, Ints]:
-    """Label the connected True cells of each slice from 1 on.
+def list_runs(states: States, highest: int) -> Runs:
+    """List the runs of cells whose state is at most ``highest``, numbered from 0 on.
 
-    ``members`` has shape (slices, ...). Returns the labels, which have the same shape, and their
-    number in each slice.
+    ``states`` has shape (slices, ...).
     """
-    labels: Labels = np.empty(members.shape, dtype=np.uint16)
-    counts = np.empty(len(members), dtype=np.int64)
-    for number, slice_members in enumerate(members):
-        slice_labels, counts[number] = ndimage.label(slice_members)
-        # Most maps need only short labels.
-        if counts[number] > MAX_SHORT_LABEL and labels.dtype == np.uint16:
-            labels = labels.astype(np.int32)
-        labels[number] = slice_labels
-    return labels, counts
+    number_of_slices, *shape = states.shape
+    rows = states.reshape(number_of_slices, -1, shape[-1])
+
+    def list_slice(number: int) -> Ints:
+        """Return the starts and stops of a slice's runs, shape (2, n)."""
+        # Every other cell may be a run of its own.
+        capacity = rows.shape[1] * (-(-shape[-1] // 2))
+        borders = np.empty((2, capacity), dtype=np.int64)
+        count = find_runs(rows[number], highest, borders)
+        return borders[:, :count] + number * rows[number].size
+
+    parts = in_threads(list_slice, range(number_of_slices), cores())
+    starts, stops = np.concatenate([np.empty((2, 0), dtype=np.int64), *parts], axis=1)
+    return Runs(starts, stops, np.arange(len(starts)))
 
 
-def _find_label_corners(labels: Labels) -> tuple[Ints, Ints]:
-    """Find the first and the last cell of each label's box, shapes (labels, d), in a slice."""
-    boxes = ndimage.find_objects(labels)
-    corners = [[(side.start, side.stop - 1) for side in box] for box in boxes]
-    array = np.array(corners, dtype=np.int64).reshape(-1, labels.ndim, 2)
-    return array[..., 0], array[..., 1]
+def label_runs(runs: Runs, shape: tuple[int, ...]) -> Runs:
+    """Label numbered runs of slices so that connected runs of a slice share a label.
+
+    ``shape`` has the number of slices, and that of cells along each axis.
+    """
+    parents = np.arange(len(runs.starts))
+    for axis in range(1, len(shape) - 1):
+        # Cells of neighbouring lines along the axis are ``stride`` cells apart.
+        stride = math.prod(shape[axis + 1 :])
+        period = stride * shape[axis]
+        has_next = runs.starts % period < period - stride
+        join_overlaps(runs.select(has_next, stride), runs, parents)
+    return runs._replace(labels=number_components(parents))
 
 
-def _find_border_labels(labels: Labels) -> Ints:
-    """Return the labels of cells at the border of a slice, without 0."""
-    faces = list[Labels]()
-    for axis in range(labels.ndim):
-        faces += [labels.take(0, axis).ravel(), labels.take(-1, axis).ravel()]
-    border_labels = np.unique(np.concatenate(faces)).astype(np.int64)
-    return border_labels[border_labels > 0]
+def number_components(parents: Ints) -> Ints:
+    """Return the component of each node, numbered in the order of their first nodes.
+
+    ``parents`` is a forest: the parent of each node, itself at a root, which is the first node of
+    its tree.
+    """
+    roots = parents
+    while True:
+        higher = roots[roots]
+        if np.array_equal(higher, roots):
+            break
+        roots = higher
+    is_root = roots == np.arange(len(roots))
+    numbers = np.cumsum(is_root) - 1
+    return numbers[roots]
 
 
-def _find_shared_labels(labels: Labels, slices: Ints) -> Ints:
-    """Find the pairs of labels that share a cell of two slices, shape (2, n)."""
-    first, second = (labels[number].ravel() for number in slices)
-    # Runs of one pair are long, so repeated pairs are dropped before the rest is sorted.
-    is_new = np.ones(len(first), dtype=np.bool_)
-    is_new[1:] = (first[1:] != first[:-1]) | (second[1:] != second[:-1])
-    is_new &= (first > 0) & (second > 0)
-    # Numbers are sorted faster than pairs.
-    codes = first[is_new].astype(np.int64) * PAIR_BASE + second[is_new]
-    return np.stack(np.divmod(np.unique(codes), PAIR_BASE))
+def find_corners(runs: Runs, shape: tuple[int, ...]) -> tuple[Ints, Ints]:
+    """Return the first and the last cell of runs in their slices, shapes (n, d)."""
+    size = math.prod(shape)
+    low = np.stack(np.unravel_index(runs.starts % size, shape), axis=1)
+    high = low.copy()
+    high[:, -1] += runs.stops - runs.starts - 1
+    return low, high
+
+
+def touch_border(runs: Runs, shape: tuple[int, ...]) -> Bools:
+    """Return which runs have a cell at the border of the grid."""
+    low, high = find_corners(runs, shape)
+    is_last = high == np.array(shape) - 1
+    return ((low == 0) | is_last).any(axis=1)
+
+
+@kernel
+def find_runs(rows: States, highest: int, borders: Ints) -> int:
+    """Write the starts and stops of runs to ``borders``, shape (2, n); return their number.
+
+    ``rows``, shape (lines, cells), are the states of a slice.
+    """
+    lines, length = rows.shape
+    count = 0
+    for line in range(lines):
+        is_member = False
+        for k in range(length):
+            if (rows[line, k] <= highest) != is_member:
+                is_member = not is_member
+                if is_member:
+                    borders[0, count] = line * length + k
+                else:
+                    borders[1, count] = line * length + k
+                    count += 1
+        if is_member:
+            borders[1, count] = (line + 1) * length
+            count += 1
+    return count
+
+
+@kernel
+def join_overlaps(first: Runs, second: Runs, parents: Ints) -> None:
+    """Join the nodes of runs that have a common cell; the runs of each record are in order."""
+    next_of_second = 0
+    for i in range(len(first.starts)):
+        # Skip runs that end before this one, and thus before all later ones.
+        start = first.starts[i]
+        while next_of_second < len(second.starts) and second.stops[next_of_second] <= start:
+            next_of_second += 1
+        k = next_of_second
+        while k < len(second.starts) and second.starts[k] < first.stops[i]:
+            join(first.labels[i], second.labels[k], parents)
+            k += 1
+
+
+@kernel
+def join_nodes(first: Ints, second: Ints, parents: Ints) -> None:
+    """Join pairs of nodes."""
+    for i in range(len(first)):
+        join(first[i], second[i], parents)
+
+
+@inlined
+def join(first: int, second: int, parents: Ints) -> None:
+    """Join the trees of two nodes; the lower root becomes the root of both."""
+    a = find_root(first, parents)
+    b = find_root(second, parents)
+    if a < b:
+        parents[b] = a
+    else:
+        parents[a] = b
+
+
+@inlined
+def find_root(node: int, parents: Ints) -> int:
+    """Return the root of a node's tree, and shorten the way to it."""
+    while parents[node] != node:
+        parents[node] = parents[parents[node]]
+        node = parents[node]
+    return node
+
+
+@kernel
+def component_at(table: NodeTable, place: int) -> int:
+    """Return the component of a cell, given by its index over all rotation cells, or -1."""
+    rotation, position = divmod(place, table.cells_of_slice)
+    cell = table.slice_of[rotation] * table.cells_of_slice + position
+    line = cell // table.cells_of_line
+    # Find the first run of the line that stops after the cell.
+    low = table.first_of_line[line]
+    end = table.first_of_line[line + 1]
+    high = end
+    while low < high:
+        middle = (low + high) // 2
+        if table.runs.stops[middle] <= cell:
+            low = middle + 1
+        else:
+            high = middle
+    if low == end or table.runs.starts[low] > cell:
+        return -1
+    return int(table.components[table.first_node[rotation] + table.runs.labels[low]])
+
+
+@kernel
+def find_components(table: NodeTable, places: Ints, components: Ints) -> None:
+    """Write the component of each cell; see :func:`component_at`."""
+    for i in range(len(places)):
+        components[i] = component_at(table, places[i])
