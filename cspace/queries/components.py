@@ -314,7 +314,7 @@ def number_components(parents: Ints) -> Ints:
         roots = higher
     is_root = roots == np.arange(len(roots))
     numbers = np.cumsum(is_root) - 1
-    return numbers[roots]
+    return np.asarray(numbers[roots])
 
 
 def find_corners(runs: Runs, shape: tuple[int, ...]) -> tuple[Ints, Ints]:
@@ -330,7 +330,7 @@ def touch_border(runs: Runs, shape: tuple[int, ...]) -> Bools:
     """Return which runs have a cell at the border of the grid."""
     low, high = find_corners(runs, shape)
     is_last = high == np.array(shape) - 1
-    return ((low == 0) | is_last).any(axis=1)
+    return np.asarray(((low == 0) | is_last).any(axis=1))
 
 
 @kernel
