@@ -278,7 +278,8 @@ def list_runs(states: States, highest: int) -> Runs:
         capacity = rows.shape[1] * (-(-shape[-1] // 2))
         borders = np.empty((2, capacity), dtype=np.int64)
         count = find_runs(rows[number], highest, borders)
-        return borders[:, :count] + number * rows[number].size
+        slice_borders: Ints = borders[:, :count] + number * rows[number].size
+        return slice_borders
 
     parts = in_threads(list_slice, range(number_of_slices), cores())
     starts, stops = np.concatenate([np.empty((2, 0), dtype=np.int64), *parts], axis=1)
@@ -313,8 +314,8 @@ def number_components(parents: Ints) -> Ints:
             break
         roots = higher
     is_root = roots == np.arange(len(roots))
-    numbers = np.cumsum(is_root) - 1
-    return np.asarray(numbers[roots])
+    numbers: Ints = np.cumsum(is_root) - 1
+    return numbers[roots]
 
 
 def find_corners(runs: Runs, shape: tuple[int, ...]) -> tuple[Ints, Ints]:
