@@ -201,13 +201,13 @@ def build_hulls(tree: Trees, volume: float) -> Hulls:
         depth = half_sides[node].min()
         if not is_rounded and (node == 0 or not is_tile):
             fit = _fit_hull(hull)
+            if fit is None:
+                continue
             hull = fit.corners
             depth = fit.depth
             boxes[node, HULL_RADIUS] = fit.growth
             # Rounding of the volumes may not hide that a part is convex.
             is_convex = node == 0 and volume > (1.0 - 1e-9) * fit.volume
-            if len(hull) > MAX_HULL_CORNERS:
-                continue
             if is_convex:
                 only_node = np.zeros((1, 5), dtype=np.int64)
                 only_node[0, STOP_CORNER] = len(hull)
@@ -294,8 +294,8 @@ class HullFit(NamedTuple):
     growth: float
 
 
-def _fit_hull(points: Floats) -> HullFit:
-    """Fit a convex hull to points, shape (n, 3).
+def _fit_hull(points: Floats) -> HullFit | None:
+    """Fit a convex hull to points, shape (n, 3), or return None if it has too many corners.
 
     A flat set keeps all points, and has infinite volume.
     """
@@ -304,7 +304,9 @@ def _fit_hull(points: Floats) -> HullFit:
     try:
         hull = ConvexHull(points)
     except QhullError:
-        return HullFit(points, math.inf, 0.0, 0.0)
+        return HullFit(points, math.inf, 0.0, 0.0) if len(points) <= MAX_HULL_CORNERS else None
+    if len(hull.vertices) > MAX_HULL_CORNERS:
+        return None
     # The height of each point above the planes of the faces; it is negative inside.
     normals = hull.equations[:, :3]
     offsets = hull.equations[:, 3]
