@@ -15,6 +15,7 @@ import pytest
 
 import cspace
 from cspace.support.compiling import clock, is_private, kernel
+from tests.helpers.missing import output_without
 
 ROOT = Path(cspace.__file__).parents[1]
 
@@ -153,6 +154,16 @@ def test_a_folder_of_another_user_is_not_private(
     assert is_private(inner)
     monkeypatch.setattr(os, "geteuid", lambda: 12345)
     assert not is_private(inner)
+
+
+def test_code_is_not_kept_where_folders_have_no_owner() -> None:
+    code = """
+import os
+del os.geteuid  # Windows has neither
+import cspace.support.compiling
+print(cspace.support.compiling.cache_folder(), cspace.build.__name__)
+"""
+    assert output_without("fcntl", code) == "None build\n"
 
 
 # ---- the clock -----------------------------------------------------------------------------------
