@@ -99,13 +99,15 @@ def _compile(function: F, **options: Any) -> F:
     folder = cache_folder()
     options |= {"nogil": True, "error_model": "numpy", "cache": folder is not None}
     options["no_cfunc_wrapper"] = True  # C functions are not used, and take a tenth of the time
+    # A locator of the user would keep code in folders that are not checked.
+    settings = {"CACHE_DIR": str(folder), "CACHE_LOCATOR_CLASSES": ""}
     with _CONFIG_LOCK:
-        user_folder = _CONFIG.CACHE_DIR
-        _CONFIG.CACHE_DIR = str(folder)
+        user_settings = {name: getattr(_CONFIG, name, "") for name in settings}
+        vars(_CONFIG).update(settings)
         try:
             return numba.njit(**options)(function)  # type: ignore[no-any-return]
         finally:
-            _CONFIG.CACHE_DIR = user_folder
+            vars(_CONFIG).update(user_settings)
 
 
 @cache

@@ -146,6 +146,14 @@ def test_cache_folders_that_others_may_write_are_not_read(
         path.chmod(before)
 
 
+def test_code_is_kept_in_the_checked_folder_alone(
+    probe: Callable[..., tuple[str, str]], tmp_path: Path
+) -> None:
+    assert probe(NUMBA_CACHE_LOCATOR_CLASSES="InTreeCacheLocator")[0] == "4.0 0"
+    assert probe(NUMBA_CACHE_LOCATOR_CLASSES="ZipCacheLocator")[0] == "4.0 1"
+    assert all(file.is_relative_to(tmp_path / "cache") for file in tmp_path.rglob("*.nbi"))
+
+
 def test_a_folder_of_another_user_is_not_private(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
