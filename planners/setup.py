@@ -207,7 +207,7 @@ def make_setup(
     return setup
 
 
-class _Setup(og.SimpleSetup):  # type: ignore[misc]
+class _Setup(og.SimpleSetup):
     """A SimpleSetup that survives Python's garbage collector."""
 
     def __init__(self, states: ob.StateSpace) -> None:
