@@ -14,7 +14,7 @@ except ImportError as error:
     raise MissingPackageError(
         "planners",
         f"needs OMPL, which cannot be imported ({error})",
-        "everything in cspace works without it",
+        "it has wheels for Python 3.11 to 3.13 on Linux and macOS; cspace works without it",
         "run: pip install ompl",
     ) from error
 

@@ -176,7 +176,7 @@ def make_setup(
 ) -> og.SimpleSetup:
     """Make OMPL's SimpleSetup for a local planner; see :func:`simple_setup` for the arguments."""
     space = edges.space
-    setup = og.SimpleSetup(make_bounded_states(edges))
+    setup = _Setup(make_bounded_states(edges))
     si = setup.getSpaceInformation()
     checker = StateValidityChecker(si, space, exact=edges.exact)
     checker.is_free = find_state_kind(space).of_state(edges.point_checker())
@@ -205,6 +205,15 @@ def make_setup(
         length.addObjective(ob.PathLengthOptimizationObjective(si), 1.0)
         setup.setOptimizationObjective(length)
     return setup
+
+
+class _Setup(og.SimpleSetup):
+    """A SimpleSetup that survives Python's garbage collector."""
+
+    def __init__(self, states: ob.StateSpace) -> None:
+        """Hold the two objects that OMPL shows the collector, and frees unless Python has them."""
+        super().__init__(states)
+        self._held = self.getSpaceInformation(), self.getProblemDefinition()
 
 
 def _choose_sampler(

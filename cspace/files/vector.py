@@ -51,7 +51,7 @@ def read_shapes(source: Any) -> list[BaseGeometry]:
     names: list[str] = []
     shapes: list[BaseGeometry] = []
     for name, shape in _iterate_geometries(source, "polygons"):
-        parts = _split_parts(shape)
+        parts = split_parts(shape, name)
         shapes += parts
         if len(parts) == 1:
             names.append(name)
@@ -178,15 +178,23 @@ def _parse_geojson(document: Any, name: str) -> Iterator[tuple[str, BaseGeometry
     yield name, geometry
 
 
-def _split_parts(shape: BaseGeometry) -> list[BaseGeometry]:
-    """Return the simple geometries of a nested collection, in order."""
+def split_parts(shape: BaseGeometry, name: str) -> list[BaseGeometry]:
+    """Return the simple geometries of a nested collection, in order.
+
+    Raises GeometryError, which names the collection, if it holds a curve.
+    """
     import shapely
 
     if shapely.get_type_id(shape) < _MIN_COLLECTION_TYPE or shape.is_empty:
         return [shape]
     parts: list[BaseGeometry] = []
-    for member in shapely.get_parts(shape):
-        parts += _split_parts(member)
+    try:
+        for member in shapely.get_parts(shape):
+            parts += split_parts(member, name)
+    except NotImplementedError as error:
+        rule = "edges must be straight"
+        hint = "replace each curve by points"
+        raise GeometryError(name, "has curved edges", rule, hint) from error
     return parts
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.errors import GeometryError
-from cspace.files.vector import check_shapes
+from cspace.files.vector import check_shapes, split_parts
 from cspace.grid import Grid
 from cspace.raster import Raster
 from cspace.raster.bitmaps import point_segments, ring_segments
@@ -59,10 +59,8 @@ class Polygons(ExactShape):
         Raises GeometryError if a part is empty, has no area, crosses itself, or is not a polygon.
         Raises InputError if a coordinate is NaN or infinite.
         """
-        import shapely
-
         # Check every simple polygon of the shape by a name of its own.
-        parts = shapely.get_parts(list(_as_geometries(shape))).tolist()
+        parts = [part for each in _as_geometries(shape) for part in split_parts(each, "polygon")]
         if not parts:
             hint = "pass at least three vertices"
             raise GeometryError("polygon", "is empty", "it must have an area", hint)

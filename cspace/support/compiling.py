@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import logging
 import os
@@ -21,6 +20,8 @@ from typing import Any, Final, TypeVar
 
 import numba
 from numba.core import event
+
+from cspace.errors import InputError
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -84,29 +85,44 @@ def allocating(function: F) -> F:
 
 
 def _compile(function: F, **options: Any) -> F:
-    """Compile a function with numba, and cache its code in our folder."""
+    """Compile a function with numba, and cache its code in our folder.
+
+    Raises InputError if numba is told not to compile.
+    """
+    if _CONFIG.DISABLE_JIT:
+        raise InputError(
+            "NUMBA_DISABLE_JIT",
+            "is set",
+            "proofs rely on the arithmetic of compiled code",
+            "unset it, or set it to 0",
+        )
     folder = cache_folder()
     options |= {"nogil": True, "error_model": "numpy", "cache": folder is not None}
     options["no_cfunc_wrapper"] = True  # C functions are not used, and take a tenth of the time
+    # A locator of the user would keep code in folders that are not checked.
+    settings = {"CACHE_DIR": str(folder), "CACHE_LOCATOR_CLASSES": ""}
     with _CONFIG_LOCK:
-        user_folder = _CONFIG.CACHE_DIR
-        _CONFIG.CACHE_DIR = str(folder)
+        user_settings = {name: getattr(_CONFIG, name, "") for name in settings}
+        vars(_CONFIG).update(settings)
         try:
             return numba.njit(**options)(function)  # type: ignore[no-any-return]
         finally:
-            _CONFIG.CACHE_DIR = user_folder
+            vars(_CONFIG).update(user_settings)
 
 
 @cache
 def cache_folder() -> Path | None:
     """Return the folder of this version's code, or None if no folder is safe to use."""
+    if not hasattr(os, "geteuid"):  # Windows does not tell who may write to a folder
+        return None
     # Code depends on the versions of numba and Python, and on the sources of the kernels.
     name = f"numba-{numba.__version__}-{sys.implementation.cache_tag}-{_digest_sources()}"
-    temporary = f"{tempfile.gettempdir()}/cache-{os.geteuid()}"
-    places = (_CONFIG.CACHE_DIR, os.environ.get("XDG_CACHE_HOME"), "~/.cache", temporary)
+    places = [_CONFIG.CACHE_DIR, os.environ.get("XDG_CACHE_HOME"), "~/.cache"]
+    with suppress(FileNotFoundError):  # no folder for temporary files
+        places.append(f"{tempfile.gettempdir()}/cache-{os.geteuid()}")
     for place in filter(None, places):
-        folder = Path(place).expanduser() / "cspace" / name
-        with suppress(OSError):
+        with suppress(OSError, RuntimeError):  # RuntimeError without a home folder
+            folder = Path(place).expanduser().absolute() / "cspace" / name
             folder.parent.mkdir(parents=True, exist_ok=True)
             folder.mkdir(mode=0o700, exist_ok=True)
             if is_private(folder):
@@ -204,6 +220,8 @@ class _SaveLock(event.Listener):
 
     def on_end(self, event: Any) -> None:
         """Take the lock when a compilation ends, and leave it with numba's lock."""
+        import fcntl  # Windows has none, and no folder
+
         action = fcntl.LOCK_EX if event.kind == "numba:compile" else fcntl.LOCK_UN
         with suppress(OSError):  # a file system without locks
             fcntl.flock(self._file, action)

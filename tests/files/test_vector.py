@@ -154,6 +154,18 @@ def test_unusable_geometries_are_refused(source, message):
         Workspace.from_polygons(source, 0.1, (0, 0, 1, 1))
 
 
+@pytest.mark.parametrize(
+    "make", [Workspace.open, Robot.open, Robot.polygon], ids=lambda m: m.__qualname__
+)
+def test_curves_are_refused_within_collections(make, tmp_path):
+    text = "GEOMETRYCOLLECTION (POINT (1 1), CURVEPOLYGON (CIRCULARSTRING (0 0, 2 2, 0 0)))"
+    (tmp_path / "a.wkt").write_text(f"GEOMETRYCOLLECTION ({text})")
+    source = shapely.from_wkt(text) if make == Robot.polygon else tmp_path / "a.wkt"
+    options = {"spacing": 0.1} if make == Workspace.open else {}
+    with pytest.raises(GeometryError, match="has curved edges"):
+        make(source, **options)
+
+
 @refusals(
     "name, text, error, message",
     ("a.geojson", "{", FileError, r"a\.geojson: cannot be read as a JSON file"),

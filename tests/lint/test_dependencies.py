@@ -81,6 +81,30 @@ def test_extras_contain_the_packages_that_code_imports():
             )
 
 
+def test_every_required_package_is_imported():
+    sources = [file.read_text(encoding="utf-8") for file in SOURCES.values()]
+    packages = set().union(*(imported_packages(ast.parse(source)) for source in sources))
+    installed = packages_distributions()
+    imported = {normalize(name) for package in packages for name in installed[package]}
+    # The bounds of llvmlite are for numba, which imports it.
+    assert distributions(PROJECT["dependencies"]) - imported == {"llvmlite"}
+
+
+@pytest.mark.parametrize(
+    ("system", "python", "is_required"),
+    [
+        ("linux", "3.13", True),
+        ("darwin", "3.11", True),
+        ("linux", "3.14", False),
+        ("win32", "3.12", False),
+    ],
+)
+def test_ompl_is_required_where_it_has_wheels(system, python, is_required):
+    (ompl,) = (needed for needed in map(Requirement, REQUIREMENTS) if needed.name == "ompl")
+    environment = {"sys_platform": system, "python_version": python}
+    assert ompl.marker.evaluate(environment) is is_required
+
+
 @pytest.mark.parametrize("text", REQUIREMENTS)
 def test_every_dependency_has_a_lower_and_an_upper_bound(text):
     requirement = Requirement(text)

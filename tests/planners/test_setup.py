@@ -134,7 +134,7 @@ except cspace.MissingPackageError as error:
     print(error)
 """,
     )
-    assert "pip install ompl" in output
+    assert "wheels for Python 3.11 to 3.13 on Linux and macOS" in output
 
 
 # ---- states --------------------------------------------------------------------------------------

@@ -15,6 +15,7 @@ import pytest
 
 import cspace
 from cspace.support.compiling import clock, is_private, kernel
+from tests.helpers.missing import output_without
 
 ROOT = Path(cspace.__file__).parents[1]
 
@@ -145,6 +146,14 @@ def test_cache_folders_that_others_may_write_are_not_read(
         path.chmod(before)
 
 
+def test_code_is_kept_in_the_checked_folder_alone(
+    probe: Callable[..., tuple[str, str]], tmp_path: Path
+) -> None:
+    assert probe(NUMBA_CACHE_LOCATOR_CLASSES="InTreeCacheLocator")[0] == "4.0 0"
+    assert probe(NUMBA_CACHE_LOCATOR_CLASSES="ZipCacheLocator")[0] == "4.0 1"
+    assert all(file.is_relative_to(tmp_path / "cache") for file in tmp_path.rglob("*.nbi"))
+
+
 def test_a_folder_of_another_user_is_not_private(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -153,6 +162,16 @@ def test_a_folder_of_another_user_is_not_private(
     assert is_private(inner)
     monkeypatch.setattr(os, "geteuid", lambda: 12345)
     assert not is_private(inner)
+
+
+def test_code_is_not_kept_where_folders_have_no_owner() -> None:
+    code = """
+import os
+del os.geteuid  # Windows has neither
+import cspace.support.compiling
+print(cspace.support.compiling.cache_folder(), cspace.build.__name__)
+"""
+    assert output_without("fcntl", code) == "None build\n"
 
 
 # ---- the clock -----------------------------------------------------------------------------------
