@@ -73,6 +73,9 @@ EXACT_TIME_SHARE: Final = 0.5
 """Share of the time left for the quick search, and then for the built-in one, if geometry decides
 MIXED cells: a search through many such cells may not end."""
 
+GAP_TIME_SHARE: Final = 0.1
+"""Share of the time limit for the part of a previous plan that is blocked; then all is searched."""
+
 LATE_SHARE: Final = 0.95
 """Share of the time limit after which a search counts as ended by it."""
 
@@ -184,10 +187,10 @@ def plan(
     map also computes components and compiles functions; these times are not limited, see
     :attr:`Plan.times`.
 
-    *Replanning.* Where obstacles or the robot move, pass the last plan as ``previous``. If the
-    robot reaches a waypoint of it by a free edge, and the way from there to the goal is still free,
-    that way is shortened, and no search is run. It may be longer than a path that has become free
-    since, so plan without ``previous`` now and then.
+    *Replanning.* Where obstacles or the robot move, pass the last plan as ``previous``. The path
+    joins it by a free edge and follows it; only a blocked part of it is searched anew. The whole is
+    then shortened. It may be longer than a path that has become free since, so plan without
+    ``previous`` now and then.
 
     *FREE cells.* Unless ``exact``, a path of any drive leads through FREE cells. So a plan ends
     soon if no chain of FREE cells joins start and goal, and :attr:`Plan.hint` says what to try. If
@@ -599,11 +602,11 @@ def _search(task: Task, may_exist: Callable[[], bool]) -> SearchResult:
     start, *goals = task.endpoints
     if start in goals:
         return SearchResult(np.array([start]), "the start is the goal")
-    if len(task.previous):
-        result = _follow_previous(task)
-        if len(result.path):
-            return result
     results: list[SearchResult] = []
+    if len(task.previous):
+        results.append(_follow_previous(task))
+        if _list_found(results):
+            return results[0]
     if _begins_quickly(task):
         results.append(_search_quickly(task))
     if _list_found(results):
@@ -690,27 +693,58 @@ def _choose_shortest(task: Task, results: Sequence[SearchResult]) -> SearchResul
 
 
 def _follow_previous(task: Task) -> SearchResult:
-    """Join the start to the previous plan, where the edges from there to the goal are free."""
+    """Go along the previous plan; search only around the part that is blocked."""
     began = clock()
     edges = task.edges
     start, goal = np.array(task.endpoints[:2])
-    ahead = np.vstack([task.previous, goal])
-    blocked = np.flatnonzero(~edges.edges_are_free(ahead))
-    ahead = ahead[blocked[-1] + 1 if len(blocked) else 0 :]
-    lengths = edges.edge_lengths(ahead[:-1], ahead[1:])
-    left = np.append(np.cumsum(lengths[::-1])[::-1], 0.0)
-    totals = edges.edge_lengths(np.broadcast_to(start, ahead.shape), ahead) + left
-    is_free = edges.edge_checker()
-    path = np.empty((0, edges.space.size))
-    for k in np.argsort(totals, kind="stable").tolist():
-        if is_free(*start.tolist(), *ahead[k].tolist()):
-            path = find_state_kind(edges.space).unwind(np.vstack([start, ahead[k:]]))
-            differs_from_next = (path[1:] != path[:-1]).any(axis=1)
-            path = path[np.append(differs_from_next, True)]
-            if task.simplify and task.objective == LENGTH:
-                path = shorten(edges, path, began + task.time_limit)
-            break
+    way = np.vstack([task.previous, goal])
+    blocked = np.flatnonzero(~edges.edges_are_free(way))
+    tail = way[blocked[-1] + 1 :] if len(blocked) else way
+    path = _join_way(edges, start, tail)
+    if not len(path) and len(blocked):
+        path = _bridge_gap(task, way[: blocked[0] + 1], tail)
+    if len(path):
+        path = find_state_kind(edges.space).unwind(path)
+        differs_from_next = (path[1:] != path[:-1]).any(axis=1)
+        path = path[np.append(differs_from_next, True)]
+        if task.simplify and task.objective == LENGTH:
+            path = shorten(edges, path, began + task.time_limit)
     return SearchResult(path, "along the previous plan", clock() - began)
+
+
+def _bridge_gap(task: Task, head: Floats, tail: Floats) -> Floats:
+    """Search from the end of a free way to the beginning of another one, shapes (n, size).
+
+    Returns the path from the start along both, or no row if the search finds none in its time. It
+    leads straight to the second way if no free edge joins the start to the first one.
+    """
+    start = np.array(task.endpoints[0])
+    before = _join_way(task.edges, start, head)
+    if not len(before):
+        before = start[np.newaxis]
+    gap_task = replace(
+        task,
+        endpoints=(tuple(before[-1].tolist()), tuple(tail[0].tolist())),
+        time_limit=GAP_TIME_SHARE * task.time_limit,
+        simplify=False,  # the whole path is shortened later
+    )
+    gap = _run_planner(gap_task, is_certain).path
+    return np.concatenate([before[:-1], gap, tail[1:]]) if len(gap) else gap
+
+
+def _join_way(edges: LocalPlanner, start: Floats, way: Floats) -> Floats:
+    """Join a configuration to a free way, shape (n, size), by the free edge of the shortest total.
+
+    Returns the path from the configuration to the end of the way, or no row if no edge is free.
+    """
+    lengths = edges.edge_lengths(way[:-1], way[1:])
+    left = np.append(np.cumsum(lengths[::-1])[::-1], 0.0)
+    totals = edges.edge_lengths(np.broadcast_to(start, way.shape), way) + left
+    is_free = edges.edge_checker()
+    for k in np.argsort(totals, kind="stable").tolist():
+        if is_free(*start.tolist(), *way[k].tolist()):
+            return np.vstack([start, way[k:]])
+    return way[:0]
 
 
 def _search_built_in(task: Task, may_exist: Callable[[], bool]) -> SearchResult:

@@ -88,17 +88,54 @@ def test_a_plan_goes_on_along_the_previous_one(drive):
     check(space, plan, halfway, (9.0, 2.5, 0.1))
     assert plan.status == "path found: along the previous plan"
     assert weighted_length(plan) < weighted_length(before)
-    # An obstacle across the previous path makes it plan anew, on the other side of the wall.
+    # An obstacle across the previous path is gone around, on the other side of the wall.
     space.add_obstacle("crate", box(4.5, 0.0, 5.5, 1.5))
     again = planners.plan(space, start, goal, previous=before, **options)
     check(space, again, start, goal)
-    assert not again.status.endswith("previous plan") and again.path[:, 1].max() > 4.5
+    assert again.status.endswith("previous plan") and again.path[:, 1].max() > 4.5
+    fresh = planners.plan(space, start, goal, **options)
+    assert weighted_length(again) < 1.05 * weighted_length(fresh)
     # An obstacle that the robot is past changes nothing.
     space.remove_obstacle("crate")
     space.add_obstacle("crate", box(0.6, 1.6, 1.0, 2.4))
     again = planners.plan(space, before.path[-2], goal, previous=before, **options)
     check(space, again, before.path[-2], goal)
     assert again.status.endswith("previous plan")
+
+
+def build_corridor():
+    """Build a corridor with bends, 40 m long and 3 m wide."""
+    occupied = np.zeros((400, 60), dtype=bool)
+    occupied[80:83, :25] = True
+    occupied[320:323, 35:] = True
+    return build(Workspace.from_array(occupied, 0.1), Robot.rectangle(0.5, 0.3), rotations=24)
+
+
+@pytest.mark.parametrize("drive", ["holonomic", "differential", "reeds-shepp"])
+def test_only_the_blocked_part_of_a_previous_plan_changes(drive):
+    space = build_corridor()
+    start, goal = (1.0, 1.0, 0.0), (39.0, 5.0, 0.0)
+    options = options_for(drive)
+    before = planners.plan(space, start, goal, **options)
+    x, y = np.median(before.path[:, :2], axis=0)
+    space.add_obstacle("crate", box(x - 0.4, y - 0.4, x + 0.4, y + 0.4))
+    again = planners.plan(space, start, goal, previous=before, **options)
+    check(space, again, start, goal)
+    assert again.status.endswith("previous plan")
+    fresh = planners.plan(space, start, goal, **options)
+    assert weighted_length(again) < 1.05 * weighted_length(fresh)
+
+
+@pytest.mark.parametrize("blocked", [1.0, 39.0], ids=["at the start", "at the goal"])
+def test_a_previous_plan_that_is_blocked_at_an_end_is_left_or_joined_there(blocked):
+    space = build_corridor()
+    before = planners.plan(space, (1.0, 1.0, 0.0), (39.0, 5.0, 0.0))
+    start, goal = (2.5, 2.5, 0.0), (37.5, 3.5, 0.0)
+    space.add_obstacle("crate", box(blocked - 0.6, 0.0, blocked + 0.6, 6.0))
+    plan = planners.plan(space, start, goal, previous=before)
+    check(space, plan, start, goal)
+    fresh = planners.plan(space, start, goal)
+    assert weighted_length(plan) < 1.05 * weighted_length(fresh)
 
 
 def test_a_previous_plan_without_a_path_counts_as_none():
