@@ -169,7 +169,9 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
     def is_connected(self, q0: ArrayLike, q1: ArrayLike) -> bool | Bools:
         """Return True if a collision-free path is proven to exist between configurations.
 
-        The proof is a chain of FREE cells. False proves nothing: see :meth:`is_disconnected`.
+        The proof is a chain of FREE cells, and that no other cell touches the two configurations;
+        :meth:`cspace.CSpace.find_path` returns a path. False proves nothing: see
+        :meth:`is_disconnected`.
         Components of cells are computed at the first call and cached; a tiled map caches them in
         its folder.
 
@@ -255,6 +257,11 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         joined = find_joined(np.asarray(highest == FREE), mixed=False)
         if apart:
             joined |= find_joined(np.asarray((highest <= MIXED) & ~joined), mixed=True)
+        # A path is proven only between configurations that no cell but FREE ones touches.
+        for rows in (starts, ends) if not apart else ():
+            touches_free = np.empty(int(joined.sum()), dtype=np.bool_)
+            self._write_motions(False, rows[joined], rows[joined], touches_free)
+            joined[joined] = touches_free
         np.not_equal(joined, apart, out=out)
         return -1
 

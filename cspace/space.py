@@ -352,8 +352,9 @@ class CSpace(ConfigurationMap, MapReasons, MapExport):
             joined = self._components.are_joined(*places)
             # No component of FREE and MIXED cells may join them if they shall be apart.
             if apart:
-                joined = joined or self._components.are_joined(*places, mixed=True)
-            return joined != apart
+                return not (joined or self._components.are_joined(*places, mixed=True))
+            # A path is proven only between configurations that no cell but FREE ones touches.
+            return joined and all(self._look_up_motion(*q, *q) == FREE for q in (q0, q1))
 
     def _clearance_of_one(self, q: tuple[Any, ...]) -> float | None:
         """Return the clearance of one configuration, or None if the look-up of arrays decides."""
@@ -505,9 +506,9 @@ class CSpace(ConfigurationMap, MapReasons, MapExport):
     ) -> Floats:
         """Find a path through FREE cells, proven free all along.
 
-        A path is found whenever FREE cells of the grid join the two configurations. It is
-        deterministic, and a short one: it follows a short chain of cells (Hart, Nilsson and Raphael
-        1968), and is then shortened. A radian of rotation counts as half a metre.
+        A path is found whenever :meth:`is_connected` is True. It is deterministic, and a short one:
+        it follows a short chain of cells (Hart, Nilsson and Raphael 1968), and is then shortened. A
+        radian of rotation counts as half a metre.
 
         Parameters
         ----------
@@ -527,8 +528,8 @@ class CSpace(ConfigurationMap, MapReasons, MapExport):
         -------
         ndarray of float64, shape (n, size)
             Waypoints from q0 to q1, with each motion between two proven free and yaw in [-pi, pi).
-            Of length 0 if FREE cells do not join the two, if one of them is on the boundary of a
-            cell that is not FREE, or if time runs out.
+            Of length 0 if :meth:`is_connected` is False, as for a configuration on the boundary of
+            a cell that is not FREE, or if time runs out.
 
         Raises
         ------
@@ -688,13 +689,21 @@ class CSpace(ConfigurationMap, MapReasons, MapExport):
         start_rotation, goal_rotation = endpoints[:, self.grid.dim :]
         rotation_cells = cells[:, 0]
         stays_in_cell = (rotation_cells == rotation_cells[0]).all()
-        if stays_in_cell and (start_rotation == goal_rotation).all():
-            # Do not turn to the center of the rotation cell and back.
-            path[:, self.grid.dim :] = start_rotation
-        # Only the edges to the first and from the last center may fail, beside cells not FREE.
         check = self.edge_checker()
-        edges = itertools.pairwise(path.tolist())
-        if not all(check(*start, *end) for start, end in edges):
+
+        def is_free(path: Floats) -> bool:
+            """Return True if all edges of a path are FREE."""
+            edges = itertools.pairwise(path.tolist())
+            return all(check(*start, *end) for start, end in edges)
+
+        if stays_in_cell and (start_rotation == goal_rotation).all():
+            # Do not turn to the center of the rotation cell and back, unless the rotation is on the
+            # border of a rotation cell that is not FREE.
+            still = path.copy()
+            still[:, self.grid.dim :] = start_rotation
+            path = still if is_free(still) else path
+        # Only the edges to the first and from the last center may fail, beside cells not FREE.
+        if not is_free(path):
             return self._no_path()
         if not straight:
             return path
@@ -812,8 +821,8 @@ class CSpace(ConfigurationMap, MapReasons, MapExport):
         -------
         ndarray of float64, shape (n, size)
             Waypoints from q0 to q1, with each motion between two proven free and yaw in [-pi, pi).
-            Of length 0 if FREE cells do not join the two, if one of them is on the boundary of a
-            cell that is not FREE, or if time runs out.
+            Of length 0 if :meth:`is_connected` is False, as for a configuration on the boundary of
+            a cell that is not FREE, or if time runs out.
 
         Raises
         ------

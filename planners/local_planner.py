@@ -77,6 +77,10 @@ DRIVES: Final[tuple[Drive, ...]] = get_args(Drive)
 LENGTH_ROUNDING_SHARE: Final = 1e-12
 """Share by which rounding may change a length."""
 
+MAX_TURN: Final = 0.499 * TWO_PI
+"""Largest turn of a joint along an edge, radians; below half a turn, so that rounding does not
+decide its direction."""
+
 MIN_SEGMENT_RADII: Final = 1e-9
 """Length, in turning radii, up to which a segment of a curve is only a rounding error."""
 
@@ -203,8 +207,19 @@ class LocalPlanner:
         return float(self.edge_lengths(start, end)[0])
 
     def insert_breakpoints(self, path: Floats) -> Floats:
-        """Insert the configurations at which the motion changes."""
-        return path
+        """Insert the configurations at which the motion changes, and split wide turns of joints.
+
+        From row to row, a joint turns by less than half a turn, so that a controller that takes the
+        shorter way makes the same motion.
+        """
+        if self.space.has_poses:
+            return path
+        angles = np.array(self.space.units) == "rad"
+        rows = [path[:1]]
+        for first, last in itertools.pairwise(path):
+            turn = np.abs(last - first)[angles].max(initial=0.0)
+            rows.append(np.linspace(first, last, int(turn // MAX_TURN) + 2)[1:])
+        return np.concatenate(rows)
 
     def remove_turns(self, path: Floats) -> Floats:
         """Remove needless turns while all edges remain proven free."""

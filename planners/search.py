@@ -21,7 +21,6 @@ from ompl import geometric as og
 from ompl import util as ou
 
 from cspace.queries.paths import pulled_straight
-from cspace.rotations.base import TWO_PI
 from cspace.support.arrays import Floats
 from cspace.support.compiling import clock
 from planners.catalogue import (
@@ -33,7 +32,7 @@ from planners.catalogue import (
     planner_named,
 )
 from planners.lattice import shorten_path
-from planners.local_planner import HOLONOMIC, ON_THE_SPOT, Endpoints, LocalPlanner
+from planners.local_planner import HOLONOMIC, MAX_TURN, ON_THE_SPOT, Endpoints, LocalPlanner
 from planners.objectives import LENGTH, ClearanceObjective, WeightedLength
 from planners.setup import MakeObjective, make_setup
 from planners.states import find_state_kind
@@ -59,10 +58,6 @@ INITIAL_TIME_SHARE: Final = 0.1
 PERTURBATION_SHARE: Final = 0.05
 """Distance by which waypoints are moved to make a path cheaper, as a fraction of the state space's
 extent."""
-
-MAX_TURN: Final = 0.499 * TWO_PI
-"""Largest turn of a continuous joint along an edge that shortens a path, radians; below half a
-turn, so that rounding does not decide its direction."""
 
 ATTEMPTS_PER_ROUND: Final = 100
 """Attempts to move waypoints or cut corners between two checks of the time limit."""

@@ -7,13 +7,15 @@ the target, then renamed.
 from __future__ import annotations
 
 import difflib
+import errno
 import io
 import itertools
 import os
 import shutil
 import uuid
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path, PurePath
 from typing import Any, Final
 
@@ -32,6 +34,9 @@ _MAX_NUMBER_BYTES: Final = 64
 
 _TEMPORARY_PREFIX: Final = ".cspace-"
 """Prefix of the names of outputs that are incomplete or being replaced."""
+
+_NOT_EMPTY: Final = (errno.ENOTEMPTY, errno.EEXIST)
+"""Errors of the system if a folder with entries would be replaced."""
 
 _MAX_NAMES_COMPARED: Final = 10_000
 """Maximum number of names in a folder that are compared with a misspelt one."""
@@ -366,9 +371,7 @@ def replacing(
         temporary = _make_temporary_name(target)
         try:
             yield temporary
-            # Another process may have made the target meanwhile.
-            _check_target(target, overwrite, folder)
-            _move(temporary, target)
+            _move(temporary, target, partial(_check_target, target, overwrite, folder))
         finally:
             _remove(temporary)
     except FileError:
@@ -429,25 +432,50 @@ def _make_temporary_name(target: Path) -> Path:
     return target.with_name(f"{_TEMPORARY_PREFIX}{uuid.uuid4().hex[:12]}{target.suffix}")
 
 
-def _move(temporary: Path, target: Path) -> None:
-    """Rename `temporary` to `target`.
+def _move(temporary: Path, target: Path, check: Callable[[], None]) -> None:
+    """Rename `temporary` to `target`, which `check` refuses if another process has made it.
 
     An old folder is set aside until the new one is in place.
     """
-    if not target.is_dir():
-        temporary.replace(target)
-        return
     aside = _make_temporary_name(target)
     try:
-        target.rename(aside)
-        temporary.rename(target)
+        check()
+        while True:
+            try:
+                temporary.rename(target)
+                return
+            except OSError as error:
+                if error.errno not in _NOT_EMPTY:
+                    raise
+            # Another process may have put its own folder there, or move the old one first.
+            check()
+            _remove(aside)
+            with suppress(FileNotFoundError):
+                target.rename(aside)
     except BaseException:
         # Put the old folder back, also after Ctrl-C.
         if aside.exists() and not target.exists():
             aside.rename(target)
-        _remove(aside)
         raise
-    _remove(aside)
+    finally:
+        _remove(aside)
+
+
+def discard_folder(folder: Path) -> None:
+    """Remove a folder of ours at once, even if another process writes into it.
+
+    It is renamed first, so the writer fails, and never puts the rest in place.
+    """
+    aside = _make_temporary_name(folder)
+    with suppress(FileNotFoundError):  # another process discards it too
+        folder.rename(aside)
+        _remove(aside)
+
+
+def discard_leftovers(folder: Path) -> None:
+    """Remove what processes that were killed, or are late, have left in a folder of ours."""
+    for leftover in folder.glob(f"{_TEMPORARY_PREFIX}*"):
+        discard_folder(leftover)
 
 
 def _remove(path: Path) -> None:

@@ -31,6 +31,12 @@ ROOT_FILE: Final = "zarr.json"
 MAX_CHUNK_BYTES: Final = 2**28
 """Maximum number of bytes that one chunk may unpack to."""
 
+MAX_ARRAY_BYTES: Final = 2**62
+"""Maximum number of bytes that an array may declare; all indices then fit into 64 bits."""
+
+MAX_DIMENSIONS: Final = 32
+"""Maximum number of axes of an array."""
+
 WRITTEN_CHUNK_BYTES: Final = 2**24
 """Maximum number of bytes in a chunk that this module writes, unless one row of cells has more."""
 
@@ -103,8 +109,9 @@ class Layout:
         shape = _check_counts(metadata["shape"])
         chunks = _check_counts(metadata["chunk_grid"]["configuration"]["chunk_shape"])
         layout = cls(shape, chunks, dtype, "zstd" in codecs)
-        if len(shape) != len(chunks):
-            raise ContentError(f"has the shape {shape} and chunks of {chunks}")
+        if len(shape) != len(chunks) or layout.nbytes > MAX_ARRAY_BYTES:
+            problem = f"has the shape {shape!s:.40} and chunks of {chunks!s:.40}"
+            raise ContentError(problem)
         if layout.chunk_bytes > MAX_CHUNK_BYTES:
             problem = f"has chunks of {bytes_text(layout.chunk_bytes)}"
             rule = f"a chunk may unpack to at most {bytes_text(MAX_CHUNK_BYTES)}"
@@ -149,8 +156,10 @@ class Layout:
             range(cells.start // side, -(-cells.stop // side))
             for cells, side in zip(box, self.chunks, strict=True)
         ]
-        # Files may declare any number of chunks, which itertools.product would list in memory.
-        for place in np.ndindex(*map(len, spans)):
+        counts = list(map(len, spans))
+        # Files may declare any number of chunks, which np.ndindex would list in memory.
+        for number in range(math.prod(counts)):
+            place = np.unravel_index(number, counts)
             index = [span[k] for span, k in zip(spans, place, strict=True)]
             axes = zip(index, self.chunks, self.shape, strict=True)
             cells = tuple(slice(i * side, min((i + 1) * side, count)) for i, side, count in axes)
@@ -236,7 +245,8 @@ def _check_counts(numbers: Any) -> tuple[int, ...]:
 
     Raises ContentError if a number is not a positive int.
     """
-    if not all(type(number) is int and number > 0 for number in numbers):
+    is_list = isinstance(numbers, list) and len(numbers) <= MAX_DIMENSIONS
+    if not is_list or not all(type(number) is int and number > 0 for number in numbers):
         problem = f"has the shape {numbers!r:.40}; all sides must be whole numbers above zero"
         raise ContentError(problem)
     return tuple(numbers)

@@ -20,7 +20,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import lru_cache
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any, Final
 
 import numpy as np
@@ -30,7 +30,7 @@ from cspace import __version__
 from cspace.errors import FileError
 from cspace.files.access import check_suffix, read_bytes, read_member, replacing
 from cspace.files.zarr_folders import ROOT_FILE, Layout
-from cspace.grid import Grid
+from cspace.grid import Grid, check_reach
 from cspace.limits import check_bytes
 from cspace.record.contents import Contents
 from cspace.record.description import (
@@ -67,7 +67,7 @@ _KIND: Final = "saved map"
 
 _DAMAGE_ADVICE: Final = (
     "a saved map must be complete and unchanged",
-    "copy it again from an intact copy, or build it again",
+    "copy it again from an intact copy, or remove it and build again",
 )
 
 _FREE_ATTRIBUTES: Final = ("format", "library_version", "robot")
@@ -135,12 +135,13 @@ def write_folder(
     }
     root = json.dumps(document, indent=2).encode()
     digest = hashlib.sha256(root)
+    folder.mkdir(exist_ok=True)
     for name, content in files:
         _add_file(digest, name, content)
-        file = folder / name
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_bytes(content)
-    folder.mkdir(parents=True, exist_ok=True)
+        # The folder itself is not made again if another process has removed it.
+        for parent in list(PurePath(name).parents)[-2::-1]:
+            (folder / parent).mkdir(exist_ok=True)
+        (folder / name).write_bytes(content)
     (folder / ROOT_FILE).write_bytes(_replace_digest(root, NO_DIGEST, digest.hexdigest()))
 
 
@@ -287,8 +288,8 @@ def _expect_layouts(attributes: Mapping[str, Any], grid: Grid) -> dict[str, Layo
     required = ("cell_states", "outer", "slice_of", *AXES[: grid.dim], *turns_of(names))
     missing = [name for name in required if name not in names]
     unknown = sorted(name for name in names if not _LATER_ARRAY.fullmatch(name))
-    if missing or unknown:
-        raise ValueError(f"it lacks {missing} and has {unknown}")
+    if missing or unknown or len(set(names)) < len(names):
+        raise ValueError(f"it lacks {missing} and has {unknown or names}")
     # Lengths of all axes by name; some arrays bring axes of their own.
     sizes = {
         "slice": attributes["slices"],
@@ -359,6 +360,8 @@ def _make_contents(
     outer = arrays["outer"]
     inner = arrays.get("inner", outer)
     source = str(attributes["workspace_source"])
+    margin = check_not_negative(attributes["margin_m"], "margin_m")
+    check_reach(margin / grid.spacing, "margin_m", "the robot", "build the map again")
     exterior = None
     if "exterior" in arrays:
         exterior = check_exterior(arrays["exterior"], outside)
@@ -369,7 +372,7 @@ def _make_contents(
         slice_of,
         states,
         outside,
-        margin=check_not_negative(attributes["margin_m"], "margin_m"),
+        margin=margin,
         overlap_counts=arrays.get("overlap_counts"),
         exterior=exterior,
         proves_blocked=attributes["inner"] == 1,

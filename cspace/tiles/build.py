@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -13,7 +14,7 @@ import numpy as np
 
 from cspace.engines.slices import raster_bytes
 from cspace.errors import FileError, InputError
-from cspace.files.access import replacing
+from cspace.files.access import discard_folder
 from cspace.limits import WORKSPACE_CELL_BYTES, map_bytes
 from cspace.obstacles import Source, changed_source
 from cspace.record.contents import Contents
@@ -21,7 +22,7 @@ from cspace.record.exterior import UNKNOWN
 from cspace.record.save import TILES_FORMAT, read_format
 from cspace.robot import Robot
 from cspace.support.arrays import StrPath
-from cspace.tiles.folder import TileFolder, as_box, grow, make_frame, make_stamp, write_root
+from cspace.tiles.folder import TileFolder, as_box, grow, make_frame, make_stamp, write_once
 from cspace.tiles.work import run_tasks
 from cspace.workspace import Workspace
 
@@ -66,21 +67,21 @@ def build_tiles(
         "source_stamp": stamp,
     }
     folder = _open_or_create(Path(store), frame, layout)
-    if folder.frame.exterior is not None:
-        return folder
-    missing = [tile for tile in range(len(folder)) if not folder.tile_path(tile).exists()]
+    tiles: Sequence[int] = range(len(folder))
+    if folder.frame.exterior is not None:  # the map is complete, unless somebody removed tiles
+        tiles = [tile for tile in tiles if not folder.tile_path(tile).exists()]
+        if not tiles:
+            return folder
     build = partial(build, inner=inner, method=method, workers=1 if client else workers)
     task = partial(build_tile, folder, workspace.cells, build)
-    run_tasks(task, missing, len(folder), bytes_to_build(folder), client, workers, progress)
+    run_tasks(task, tiles, bytes_to_build(folder), client, workers, progress)
     return folder.complete()
 
 
 def _open_or_create(path: Path, frame: Contents, layout: dict[str, Any]) -> TileFolder:
     """Open the folder of a build to resume, or write a new one."""
     if read_format(path) != TILES_FORMAT:
-        # Only an empty folder is replaced.
-        with replacing(path, overwrite=True, folder=lambda _: False) as temporary:
-            write_root(temporary, frame, layout)
+        write_once(path, frame, TILES_FORMAT, tiles=layout)
     folder = TileFolder.open(path)
     if folder.layout["stamp"] != layout["stamp"]:
         problem = "holds another map, or one of other obstacles"
@@ -112,9 +113,12 @@ def build_tile(
     part of the map of a window, with as much around the tile as the robot reaches. Raises FileError
     if the workspace has changed since the build began.
     """
-    # A cluster runs a task again if it loses the worker, while others may read the tile already.
-    if folder.tile_path(tile).exists():
+    # An earlier build, another process, or a worker that was lost may have written the tile. If
+    # it is damaged, as after a power failure, it is built again.
+    with suppress(FileError):
+        folder.read_tile(tile)
         return
+    discard_folder(folder.tile_path(tile))
     frame = folder.frame
     name = frame.workspace.source
     cells = folder.locate_tile(tile)
@@ -130,7 +134,8 @@ def build_tile(
     in_window = as_box(cells - window[0])
     workspace = Workspace(folder.sub_grid(cells), outer[in_window], inner[in_window], source=name)
     states = built.states[:, *in_window]
-    folder.write_tile(tile, replace(frame, workspace=workspace, states=states, outside=UNKNOWN))
+    contents = replace(frame, workspace=workspace, states=states, outside=UNKNOWN, exterior=None)
+    folder.write_tile(tile, contents)
 
 
 def resolve_tile(

@@ -17,7 +17,6 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import shutil
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -27,17 +26,18 @@ from typing import Any, Final
 import numpy as np
 
 from cspace.engines.slices import slice_rasters
-from cspace.files.access import replacing
+from cspace.errors import FileError
+from cspace.files.access import discard_leftovers, replacing
 from cspace.grid import Grid
 from cspace.raster import Raster
 from cspace.record.contents import Contents
 from cspace.record.description import FORMAT, arrays_of, metadata_of
-from cspace.record.exterior import Exterior
+from cspace.record.exterior import UNKNOWN, Exterior
 from cspace.record.save import (
     TILES_FORMAT,
-    is_map_folder,
     making_map,
     map_error,
+    read_format,
     read_map_and_attributes,
     read_root,
     write_map,
@@ -53,6 +53,9 @@ MIN_HALO_CELLS: Final = 4
 
 MAX_HALO_CELLS: Final = 64
 """Maximum width of the halo of a tile, in cells."""
+
+MAX_TILES: Final = 2**22
+"""Maximum number of tiles of a map."""
 
 TILE_SIDES_PER_HALO: Final = 16
 """Shortest side of a tile, in widths of its halo; halos then add little to a map."""
@@ -199,8 +202,14 @@ class TileFolder:
 
         Raises FileError if it is missing, damaged or a tile of another map or place.
         """
-        contents, attributes = read_map_and_attributes(self.tile_path(tile))
+        path = self.tile_path(tile)
+        contents, attributes = read_map_and_attributes(path)
         self._check_stamp(tile, attributes)
+        # Stamps may be forged, and arrays of other sizes would raise any error later.
+        grid = self.sub_grid(self.locate_tile(tile))
+        place = {"shape": list(grid.shape), "lower": list(grid.lower), "outside": UNKNOWN}
+        if _describe(contents) != {**_describe(self.frame), **place}:
+            raise map_error(path, "its grid, robot or rotations are not those of its map")
         return contents
 
     def _make_stamp(self, tile: int) -> str:
@@ -225,8 +234,7 @@ class TileFolder:
         occupied = Raster.from_bitmap(contents.workspace.outer, first_cell)
         box = [occupied.lower, occupied.upper] if occupied.count else None
         summary = {"stamp": self._make_stamp(tile), "counts": counts.tolist(), "obstacles": box}
-        with replacing(self.tile_path(tile), overwrite=True, folder=is_map_folder) as temporary:
-            write_map(contents, temporary, **summary)
+        write_once(self.tile_path(tile), contents, **summary)
 
     # ---- the folder ------------------------------------------------------------------------------
 
@@ -240,11 +248,24 @@ class TileFolder:
         frame_path = root / FRAME if (root / FRAME).exists() else root
         frame, attributes = read_map_and_attributes(frame_path, TILES_FORMAT)
         with making_map(root):
-            layout = attributes["tiles"]
-            sizes = np.array([layout["shape"], layout["side"]])
-            if sizes.dtype.kind != "i" or sizes.shape != (2, frame.grid.dim) or sizes.min() < 1:
-                raise ValueError(f"its grid and tiles have the sides {sizes.tolist()}")
-            return cls(root, layout, frame)
+            folder = cls(root, attributes["tiles"], frame)
+            folder._check_layout()
+            return folder
+
+    def _check_layout(self) -> None:
+        """Raise any error unless the layout is that of a map."""
+        layout = self.layout
+        sizes = np.array([layout["shape"], layout["side"]])
+        dim = len(self.frame.grid.shape)
+        if sizes.dtype.kind != "i" or sizes.shape != (2, dim) or sizes.min() < 1:
+            raise ValueError(f"its grid and tiles have the sides {sizes.tolist()!s:.80}")
+        # The grid refuses cells too far from the origin.
+        if self.grid.size < 1 or math.prod(self.counts) > MAX_TILES:
+            raise ValueError(f"it has more than {MAX_TILES} tiles")
+        if not isinstance(layout["stamp"] + layout["source_stamp"], str):
+            raise ValueError("its stamps are no texts")
+        if self.frame.exterior is not None:
+            _check_counts(layout["counts"], self.grid.size * len(self.frame.slice_of))
 
     def complete(self) -> TileFolder:
         """Write the counts and the states outside the grid; return the complete folder.
@@ -257,20 +278,22 @@ class TileFolder:
         # First and last cells of boxes of obstacles, in turn; those of no obstacle come first.
         corners = [[max(shape)] * len(shape), [-1] * len(shape)]
         for tile in range(len(self)):
-            summary, _ = read_root(self.tile_path(tile), FORMAT)
+            path = self.tile_path(tile)
+            summary, _ = read_root(path, FORMAT)
             self._check_stamp(tile, summary)
-            counts += summary["counts"]
-            corners += summary["obstacles"] or []
+            with making_map(path):
+                cells = self.sub_grid(self.locate_interior(tile)).size
+                counts += _check_counts(summary["counts"], cells * len(frame.slice_of))
+                corners += np.reshape(summary["obstacles"] or [], (-1, len(shape))).tolist()
         first_cells = corners[::2]
         last_cells = corners[1::2]
         obstacles = np.stack([np.min(first_cells, axis=0), np.max(last_cells, axis=0)])
         rasters = slice_rasters(frame.robot, frame.grid.spacing, frame.margin, frame.rotations)
         exterior = Exterior.around(shape, obstacles, rasters, frame.outside)
         layout = {**self.layout, "counts": counts.tolist()}
-        with replacing(self.path / FRAME, overwrite=True, folder=is_map_folder) as temporary:
-            write_root(temporary, replace(frame, exterior=exterior), layout)
-        for leftover in self.path.glob(".cspace-*"):
-            shutil.rmtree(leftover, ignore_errors=True)
+        complete_frame = replace(frame, exterior=exterior)
+        write_once(self.path / FRAME, complete_frame, TILES_FORMAT, tiles=layout)
+        discard_leftovers(self.path)
         return TileFolder.open(self.path)
 
 
@@ -300,16 +323,33 @@ def make_frame(
     return Contents(cell, robot, rotations, slice_of, states, **options)
 
 
+def _describe(contents: Contents) -> dict[str, Any]:
+    """Return the metadata of a map, except those of the file and the version it came from."""
+    return {**metadata_of(contents), "workspace_source": "", "library_version": ""}
+
+
+def _check_counts(counts: Any, total: int) -> Ints:
+    """Return the numbers of FREE, MIXED and BLOCKED cells; raise ValueError unless they add up."""
+    values = np.array(counts)
+    if values.shape != (3,) or values.dtype.kind != "i" or values.min() < 0 or sum(counts) != total:
+        raise ValueError(f"it counts {counts!r:.80} of {total} cells")
+    return values
+
+
 def make_stamp(frame: Contents, *others: Any) -> str:
     """Return a digest of a frame and of other values, on which a tiled map depends."""
-    # The same map may be built from another file, or by another version.
-    metadata = {**metadata_of(frame), "workspace_source": "", "library_version": ""}
-    digest = hashlib.sha256(json.dumps([metadata, *others], sort_keys=True).encode())
+    digest = hashlib.sha256(json.dumps([_describe(frame), *others], sort_keys=True).encode())
     for array in arrays_of(frame).values():
         digest.update(array.tobytes())
     return digest.hexdigest()
 
 
-def write_root(path: Path, frame: Contents, layout: Mapping[str, Any]) -> None:
-    """Write what all tiles of a map share into a folder."""
-    write_map(frame, path, format=TILES_FORMAT, tiles=layout)
+def write_once(path: Path, contents: Contents, form: str = FORMAT, **attributes: Any) -> None:
+    """Write a saved map unless it is there; the first of several processes wins."""
+    try:
+        # Only an empty folder is replaced.
+        with replacing(path, overwrite=True, folder=lambda _: False) as temporary:
+            write_map(contents, temporary, format=form, **attributes)
+    except FileError:
+        if read_format(path) != form:
+            raise

@@ -142,7 +142,7 @@ class TiledComponents:
         self._folder = folder = tiles.folder
         needed = float(LABEL_BYTES_PER_STATE * folder.slices * folder.cells_of_tile)
         task = partial(label_tile, folder)
-        labels = run_tasks(task, range(len(folder)), len(folder), needed, client, None, progress)
+        labels = run_tasks(task, range(len(folder)), needed, client, None, progress)
         free, passable = zip(*labels, strict=True)
         self._nodes = [Nodes(folder, free, mixed=False), Nodes(folder, passable, mixed=True)]
 

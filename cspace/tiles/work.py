@@ -28,7 +28,6 @@ Progress = Callable[[int, int], None]
 def run_tasks(
     task: Task,
     tiles: Sequence[int],
-    total: int,
     needed: float,
     client: Client | None = None,
     workers: int | None = None,
@@ -36,14 +35,13 @@ def run_tasks(
 ) -> list[Any]:
     """Return ``task(tile)`` for each tile, run in threads or on a cluster.
 
-    All other tiles of ``total`` count as finished. ``needed`` is the memory of one task, in bytes;
-    threads are as many as fit. Raises InputError if one does not fit, or if the cluster fails, and
-    any error of a task.
+    ``needed`` is the memory of one task, in bytes; threads are as many as fit. Raises InputError if
+    one does not fit, or if the cluster fails, and any error of a task.
     """
 
     def advance(count: int) -> None:
         if progress is not None:
-            progress(total - len(tiles) + count, total)
+            progress(count, len(tiles))
 
     if client is not None:
         return _run_on_cluster(task, tiles, client, advance)

@@ -77,7 +77,7 @@ def test_an_existing_target_is_refused_before_and_after_the_work(tmp_path):
     assert list_names(tmp_path) == ["out"]
 
 
-@pytest.mark.parametrize(("failing", "remaining"), [(1, "old"), (2, "old"), (3, "new")])
+@pytest.mark.parametrize(("failing", "remaining"), [(1, "old"), (2, "old"), (3, "old"), (4, "new")])
 @pytest.mark.parametrize("stop", [OSError("no"), KeyboardInterrupt()])
 def test_a_failed_rename_leaves_the_old_or_the_new_folder(
     tmp_path,
@@ -86,7 +86,7 @@ def test_a_failed_rename_leaves_the_old_or_the_new_folder(
     remaining,
     stop,
 ):
-    """Interrupt both renames, and the moment after."""
+    """Interrupt the vain rename, the other two, and the moment after."""
     path = tmp_path / "map"
     write_folder(path, "old")
     rename = os.rename
@@ -98,14 +98,14 @@ def test_a_failed_rename_leaves_the_old_or_the_new_folder(
         if calls == failing:
             raise stop
         rename(source, target)
-        if calls == 2 < failing:
+        if calls == 3 < failing:
             raise KeyboardInterrupt
 
     monkeypatch.setattr(os, "rename", stub)
-    is_named = isinstance(stop, OSError) and failing < 3
+    is_named = isinstance(stop, OSError) and failing < 4
     with pytest.raises(FileError if is_named else KeyboardInterrupt):
         write_folder(path, "new", overwrite=True)
-    assert calls >= min(failing, 2)
+    assert calls >= min(failing, 3)
     assert list_names(tmp_path) == ["map"]
     assert read(path) == remaining
 
@@ -164,3 +164,31 @@ def test_impossible_names_are_refused(tmp_path, monkeypatch, path):
     with pytest.raises((FileError, InputError)):
         write(path, "new")  # type: ignore[arg-type]
     assert list_names(tmp_path) == []
+
+
+@pytest.mark.parametrize("overwrite", [False, True])
+@pytest.mark.parametrize("at_call", [1, 2, 3])
+def test_writers_of_one_folder_at_once_leave_one_output(tmp_path, monkeypatch, overwrite, at_call):
+    """Run a second writer before a rename of the first."""
+    path = tmp_path / "map"
+    if overwrite:
+        write_folder(path, "old")
+    rename = os.rename
+    calls = 0
+
+    def stub(source, target):
+        nonlocal calls
+        calls += 1
+        if calls == at_call:
+            write_folder(path, "second", overwrite=overwrite)
+        rename(source, target)
+
+    monkeypatch.setattr(os, "rename", stub)
+    if not overwrite and at_call == 1:
+        with pytest.raises(FileError, match="exists"):
+            write_folder(path, "first")
+        assert read(path) == "second"
+    else:
+        write_folder(path, "first", overwrite=overwrite)
+        assert read(path) == "first"
+    assert list_names(tmp_path) == ["map"]

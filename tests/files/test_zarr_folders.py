@@ -3,6 +3,7 @@
 import json
 import os
 import struct
+import time
 import tracemalloc
 
 import numpy as np
@@ -118,6 +119,42 @@ def test_a_forged_chunk_of_a_saved_map_is_refused_before_it_is_unpacked(saved):
     check_refused(lambda: cspace.open(saved), "unpacks to 67108864 bytes but 900 are needed")
     (saved / "zarr.json").write_bytes(b"[" * 10**5)
     check_refused(lambda: cspace.open(saved), "usable map")
+
+
+@pytest.mark.parametrize("name", ["distances", "of_a_later_release"])
+@pytest.mark.parametrize(
+    ("shape", "chunks"),
+    [
+        ([2**31], [1]),
+        ([2**61], [1]),
+        ([2**62], [2**26]),
+        ([2**40, 2**40], [1, 1]),
+        ([10**400], [1]),
+        ([1] * 40, [1] * 40),
+        ([0], [1]),
+        ([-1], [1]),
+        ([1.5], [1]),
+        ([True], [1]),
+        (None, None),
+        ("2", "1"),
+        ({}, {}),
+        ([1], [0]),
+        ([2, 2], [1]),
+    ],
+    ids=str,
+)
+def test_forged_shapes_of_arrays_that_are_skipped_are_refused(saved, name, shape, chunks):
+    attributes = json.loads((saved / "zarr.json").read_bytes())["attributes"]
+    metadata = json.loads((saved / "cell_states" / "zarr.json").read_bytes())
+    metadata |= {"shape": shape, **make_grid()}
+    metadata["chunk_grid"]["configuration"]["chunk_shape"] = chunks
+    (saved / name / "c").mkdir(parents=True)
+    (saved / name / "c" / "0").write_bytes(b"there")
+    (saved / name / "zarr.json").write_text(json.dumps(metadata))
+    soak.reseal(saved, arrays=f"{attributes['arrays']} {name}")
+    start = time.process_time()
+    check_refused(lambda: cspace.open(saved), r"saved\.zarr")
+    assert time.process_time() - start < 1.0
 
 
 def test_a_missing_chunk_is_refused_unless_declared(array):

@@ -1,6 +1,7 @@
 """Laws that hold for maps of every space, however they are kept."""
 
 import itertools
+from contextlib import nullcontext, suppress
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from hypothesis import given, settings
 
 import cspace
 from cspace import FREE, MIXED
+from cspace.errors import ConfigurationError
 from tests.helpers.handmade import components
 from tests.helpers.maps import proven_paths
 from tests.helpers.placements import draw_configurations, move
@@ -15,6 +17,7 @@ from tests.helpers.strategies import seeds
 from tests.laws.any_map import (
     ALL_KINDS,
     LONG_INPUTS,
+    SPACING,
     build_map,
     build_of,
 )
@@ -237,6 +240,48 @@ def test_queries_of_a_window_equal_those_of_the_whole_map(space, outside, tmp_pa
         q = q[~window.grid.contains(q[:, :dim])]
         assert is_whole or (window.classify(q) == MIXED).all()
         assert is_whole or not window.motion_is_free(q, near[: len(q)]).any()
+
+
+def draw_on_borders(any_map, rng, n):
+    """Draw configurations in the grid, half of whose coordinates lie on borders of cells."""
+    q, cells = any_map.draw_inside(rng, n)
+    borders = np.array(any_map.space.grid.lower) + SPACING * cells[:, 1:]
+    on_border = rng.random(borders.shape) < 0.5
+    q[:, : any_map.dim] = np.where(on_border, borders, q[:, : any_map.dim])
+    if any_map.space.rotations.names == ("yaw",):
+        yaws = any_map.space.rotations.stored_arrays["yaw_bounds"].ravel()
+        q[:, -1] = np.where(rng.random(n) < 0.5, rng.choice(yaws, n), q[:, -1])
+    return q
+
+
+def label_configurations(any_map, q):
+    """Return the component of the FREE cell of each configuration, by scipy."""
+    space = any_map.space
+    positions, rotations = np.split(q, [any_map.dim], axis=1)
+    turns = space.rotations.cell_of(rotations if rotations.shape[1] > 1 else rotations.ravel())
+    turns = np.broadcast_to(turns, len(q)) if space.rotations.names else np.zeros(len(q), int)
+    return label(any_map, FREE)[turns, *space.grid.cell_of(positions).T]
+
+
+@settings(max_examples=3)
+@given(seeds)
+def test_a_path_of_free_edges_joins_exactly_the_connected_configurations(any_map, seed):
+    rng, space = np.random.default_rng(seed), any_map.space
+    q = draw_on_borders(any_map, rng, 200)
+    q = q[space.is_free(q)][:40]
+    firsts, lasts = np.split(q[: len(q) // 2 * 2], 2)
+    touch_only_free = space.motion_is_free(firsts, firsts) & space.motion_is_free(lasts, lasts)
+    numbers = label_configurations(any_map, np.concatenate([firsts, lasts])).reshape(2, -1)
+    connected = space.is_connected(firsts, lasts)
+    np.testing.assert_array_equal(connected, touch_only_free & (numbers[0] == numbers[1]))
+    for first, last, is_connected in zip(firsts, lasts, connected, strict=True):
+        assert space.is_connected(tuple(first), tuple(last)) == is_connected
+        for straight in (True, False):
+            # Whole turns may round a yaw into a rotation cell that is not FREE.
+            with nullcontext() if is_connected else suppress(ConfigurationError):
+                path = any_map.memory.find_path(first, last, straight=straight)
+                assert (len(path) > 0) == is_connected
+                assert not len(path) or space.certify_path(path).all()
 
 
 @pytest.mark.parametrize("name", ["plane", "quaternions"])

@@ -6,10 +6,12 @@ from ompl import base as ob
 
 import planners
 from cspace import InputError
-from cspace.arms import Arm, build_arm_space
+from cspace.arms import Arm, build_arm_space, build_joint_map
+from planners import Trajectory
 from planners.states import find_state_kind
+from tests.arms.test_joint_map import CONTINUOUS, build_plane_arm
 from tests.helpers.refusals import refusals
-from tests.helpers.urdfs import joint, link, planar, posed_box, post, write_urdf
+from tests.helpers.urdfs import joint, link, planar, planar_arm_meets, posed_box, post, write_urdf
 
 START, GOAL = (-0.6, 0.3), (1.4, -0.2)
 BLOCKED = (0.37, 0.0)
@@ -123,3 +125,34 @@ def test_plans_of_arms_reject_invalid_arguments(tmp_path, options, message):
     given = {"start": START, "goal": GOAL, **options}
     with pytest.raises(InputError, match=message):
         planners.plan(space_of(tmp_path), given.pop("start"), given.pop("goal"), **given)
+
+
+@pytest.mark.parametrize("planner", ["Grid", "RRTConnect"])
+def test_plans_on_joint_maps_turn_by_less_than_half_a_turn_from_row_to_row(tmp_path, planner):
+    """A controller that takes the shorter way would drive through the post."""
+    space = build_plane_arm(tmp_path, ((1.6, 0.9, 0.2),), **CONTINUOUS)
+    joint_map = build_joint_map(space, 0.1)
+    rng = np.random.default_rng(0)
+    split = 0
+    for _ in range(12):
+        start, goal = joint_map.sample_free(2, rng)
+        start[0], goal[0] = -3.1, 3.1
+        if not joint_map.is_free([start, goal]).all():
+            continue
+        plan = planners.plan(joint_map, start, goal, planner=planner, seed=1)
+        if not plan.solved:
+            continue
+        steps = np.diff(plan.waypoints, axis=0)
+        assert plan.certified and plan.recheck().all()
+        assert (np.abs(steps) < np.pi).all()
+        assert space.certify_path(plan.waypoints).all()
+        # The short way between rows is the motion that was proven.
+        shares = np.linspace(0.0, 1.0, 50)[:, np.newaxis, np.newaxis]
+        short_way = (steps + np.pi) % (2.0 * np.pi) - np.pi
+        between = (plan.waypoints[:-1] + shares * short_way).reshape(-1, 2)
+        assert not planar_arm_meets(between, ((1.6, 0.9, 0.2),)).any()
+        assert Trajectory.along(space, plan.waypoints, max_velocity=1.0, max_acceleration=1.0)
+        driven = plan.trajectory(max_velocity=1.0, max_acceleration=1.0)
+        assert (np.abs(np.diff(driven.positions, axis=0)) < np.pi).all()
+        split += len(plan.waypoints) > 2
+    assert split > 1

@@ -1,5 +1,6 @@
 """Tiled builds: interruptions, damaged folders and refusals."""
 
+import itertools
 import json
 import multiprocessing
 import os
@@ -62,6 +63,125 @@ def test_killed_builds_resume_without_rebuilding_tiles(tmp_path):
     tiles = find_tiles(path)
     assert all(tiles[name].stat().st_ino == inode for name, inode in inodes.items())
     assert not list(path.rglob(".cspace-*"))
+
+
+# ---- several builds of one folder ----------------------------------------------------------------
+
+FORK = multiprocessing.get_context("fork")
+FEW_CELLS = random_workspace((6, 4), density=0.1)
+STEPS = ((os, "rename"), (os, "replace"), (os, "mkdir"), (Path, "write_bytes"), (shutil, "rmtree"))
+"""Functions that change a folder."""
+
+
+def build_few(path):
+    return cspace.build(FEW_CELLS, cspace.Robot.disc(0.05), store=path, tile=8, workers=1)
+
+
+def build_and_act(path, step, action):
+    """Build a map, and call `action` before a step of its writing; return False without it."""
+    steps = itertools.count()
+    has_acted = False
+
+    def stop_at_step(function, *arguments, **options):
+        nonlocal has_acted
+        if not has_acted and next(steps) == step:
+            has_acted = True
+            action()
+        return function(*arguments, **options)
+
+    with pytest.MonkeyPatch.context() as patch:
+        for owner, name in STEPS:
+            patch.setattr(owner, name, wrap_function(owner, name, stop_at_step))
+        build_few(path)
+    return has_acted
+
+
+def wrap_function(owner, name, wrapper):
+    """Return a function that calls `wrapper` with the one of that name, and its arguments."""
+    function = getattr(owner, name)
+    return lambda *arguments, **options: wrapper(function, *arguments, **options)
+
+
+def build_in_child(path, step=-1):
+    """Build a map in a child that is killed before a step; return True if it was."""
+
+    def build():
+        build_and_act(path, step, lambda: os.kill(os.getpid(), signal.SIGKILL))
+
+    child = FORK.Process(target=build)
+    child.start()
+    child.join()
+    assert child.exitcode in (0, -signal.SIGKILL)
+    return child.exitcode != 0
+
+
+def check_few(path):
+    check_states(path, cspace.build(FEW_CELLS, cspace.Robot.disc(0.05)))
+
+
+def test_two_builds_at_once_leave_a_whole_map(tmp_path):
+    """Run a second build within each step of the first."""
+    for step in itertools.count():
+        path = tmp_path / str(step)
+        has_acted = build_and_act(path, step, lambda path=path: build_few(path))
+        check_few(path)
+        assert not list(path.glob(".cspace-*"))
+        if not has_acted:
+            break
+    assert step > 40
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_a_build_after_kills_at_any_steps_leaves_a_whole_map(tmp_path):
+    """Kill a build at every third step, and the next one at a random step."""
+    rng = np.random.default_rng(0)
+    for step in itertools.count(0, 3):
+        path = tmp_path / str(step)
+        was_killed = build_in_child(path, step)
+        build_in_child(path, int(rng.integers(step + 1)))
+        build_few(path)
+        check_few(path)
+        if not was_killed:
+            break
+    assert step > 40
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_processes_that_build_one_store_at_once_all_succeed(tmp_path):
+    workspace = random_workspace((200, 180))
+    space = cspace.build(workspace, CAR, rotations=8)
+
+    def build(path):
+        cspace.build(workspace, CAR, rotations=8, store=path, tile=40, workers=1)
+
+    for round_number in range(4):
+        path = tmp_path / str(round_number)
+        children = [FORK.Process(target=build, args=(path,)) for _ in range(3)]
+        for child in children:
+            child.start()
+        for child in children:
+            child.join()
+        assert [child.exitcode for child in children] == [0, 0, 0]
+        check_states(path, space)
+        assert not list(path.glob(".cspace-*"))
+
+
+def test_builds_at_once_of_other_maps_are_refused(tmp_path):
+    other = cspace.Robot.disc(0.12)
+
+    def build_other():
+        cspace.build(FEW_CELLS, other, store=path, tile=8, workers=1)
+
+    refused = 0
+    for step in range(0, 60, 3):
+        path = tmp_path / str(step)
+        try:
+            build_and_act(path, step, build_other)
+            check_few(path)
+        except FileError as error:
+            assert "holds another map" in str(error)
+            refused += 1
+    assert 0 < refused < 20
 
 
 # ---- damaged and forged folders ------------------------------------------------------------------
@@ -133,22 +253,53 @@ def test_queries_refuse_tiles_of_other_places_and_maps(built, path, source):
         cspace.open(path).classify(IN_TILE_0_1)
 
 
-def test_a_build_does_not_complete_a_map_with_a_tile_of_another_one(built, path):
-    # As from a worker that still builds a map whose folder was replaced.
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda tile, other: flip_bit(tile / "cell_states/c/0/0/0"),
+        lambda tile, other: truncate(tile / "zarr.json"),
+        lambda tile, other: shutil.rmtree(tile),
+        # As from a worker that still builds a map whose folder was replaced.
+        lambda tile, other: shutil.copytree(other, shutil.rmtree(tile) or tile),
+    ],
+    ids=["changed", "cut", "missing", "another"],
+)
+@pytest.mark.parametrize("is_complete", [False, True])
+def test_a_build_mends_damaged_tiles(built, path, damage, is_complete):
     workspace = cspace.Workspace.from_array(random_workspace((20, 33)).outer, 0.1)
-    shutil.rmtree(path / "frame")
-    shutil.rmtree(path / "0.1")
-    shutil.copytree(built / "other" / "0.1", path / "0.1")
-    with pytest.raises(FileError, match="tile of another map"):
+    damage(path / "0.1", built / "other" / "0.1")
+    if not is_complete:
+        shutil.rmtree(path / "frame")
+    elif (path / "0.1").exists():
+        # A complete map is not read again; the error says to remove the tile.
         cspace.build(workspace, CAR, rotations=4, store=path, tile=8)
-    shutil.rmtree(path / "0.1")
+        with pytest.raises(FileError, match="remove it and build again"):
+            cspace.open(path).classify(IN_TILE_0_1)
+        shutil.rmtree(path / "0.1")
     cspace.build(workspace, CAR, rotations=4, store=path, tile=8)
     check_states(path, cspace.build(workspace, CAR, rotations=4))
 
 
 @pytest.mark.parametrize(
     "tiles",
-    [None, {"shape": [20]}, {"shape": [20, 0]}, {"shape": [20, "b"]}, {"side": [-8, -8]}],
+    [
+        None,
+        {"shape": [20]},
+        {"shape": [20, 0]},
+        {"shape": [20, "b"]},
+        {"shape": [20.0, 33.0]},
+        {"shape": [2**31, 33]},
+        {"shape": [2**62, 2**62]},
+        {"shape": [2**21, 2**21]},
+        {"side": [-8, -8]},
+        {"side": None},
+        *(
+            {"counts": counts}
+            for counts in (None, 7, [1, 2], [0, 0, 0], [-1, 2640, 1], [1.0, 2, 3])
+        ),
+        {"stamp": None},
+        {"source_stamp": 7},
+    ],
     ids=str,
 )
 def test_open_refuses_forged_sizes(path, tiles):
@@ -156,6 +307,36 @@ def test_open_refuses_forged_sizes(path, tiles):
     reseal(path / "frame", tiles=tiles and {**attributes["tiles"], **tiles})
     with pytest.raises(FileError):
         cspace.open(path)
+
+
+@pytest.mark.parametrize("margin", [2.0**62, 1e308, -1.0], ids=str)
+def test_open_refuses_forged_margins(path, margin):
+    reseal(path / "frame", margin_m=margin)
+    with pytest.raises(FileError):
+        cspace.open(path)
+
+
+def test_queries_refuse_tiles_of_another_size(path):
+    """The tile and its stamp are valid, but not its grid."""
+    stamp = json.loads((path / "0.1" / "zarr.json").read_bytes())["attributes"]["stamp"]
+    smaller = random_workspace((5, 5))
+    shutil.rmtree(path / "0.1")
+    cspace.build(smaller, CAR, rotations=4).save(path / "smaller")
+    (path / "smaller").rename(path / "0.1")
+    reseal(path / "0.1", stamp=stamp)
+    tiled = cspace.open(path)
+    for query in (lambda: tiled.classify(IN_TILE_0_1), tiled.overview):
+        with pytest.raises(FileError, match="grid, robot or rotations are not those"):
+            query()
+
+
+@pytest.mark.parametrize("counts", [None, "abc", [1, 2], [1, 2, 3], [2**70, 0, 0]], ids=str)
+def test_a_build_refuses_forged_counts_of_a_tile(path, counts):
+    workspace = cspace.Workspace.from_array(random_workspace((20, 33)).outer, 0.1)
+    shutil.rmtree(path / "frame")
+    reseal(path / "0.1", counts=counts)
+    with pytest.raises(FileError):
+        cspace.build(workspace, CAR, rotations=4, store=path, tile=8)
 
 
 # ---- refusals ------------------------------------------------------------------------------------
