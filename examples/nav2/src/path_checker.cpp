@@ -33,7 +33,8 @@ Configuration read_pose(const cspace::Map& map, const std::string& frame, const 
 }
 
 /// Answer whether the map proves a path free; list the poses from which the next motion is not proven.
-void check_path(const cspace::Map& map, const std::string& frame, const nav_msgs::msg::Path& path, Service::Response& response) {
+void check_path(const cspace::Map& map, const std::string& frame, const nav_msgs::msg::Path& path,
+                Service::Response& response) {
   const std::size_t count = path.poses.size();
   response.is_valid = count > 0;
   for (std::size_t k = 0; k < count; ++k) {
@@ -62,8 +63,9 @@ int main(int count, char** arguments) {
   const auto service = node->create_service<Service>(
       "~/is_path_valid", [&](const std::shared_ptr<Service::Request> request, std::shared_ptr<Service::Response> response) {
         response->is_valid = false;
-        if (request->path.header.frame_id != frame) {
-          RCLCPP_ERROR(node->get_logger(), "the path is in '%s', not in '%s'", request->path.header.frame_id.c_str(), frame.c_str());
+        const std::string& found = request->path.header.frame_id;
+        if (found != frame) {
+          RCLCPP_ERROR(node->get_logger(), "the path is in '%s', not in '%s'", found.c_str(), frame.c_str());
           return;
         }
         check_path(*map, frame, request->path, *response);

@@ -32,7 +32,8 @@ Configuration configuration_at(const cspace::Map& map, const ob::State* state) {
 /// Motions are valid if the map proves them free and the costmap is clear along them.
 class MotionValidator : public cspace::MotionValidator {
  public:
-  MotionValidator(const ob::SpaceInformationPtr& si, std::shared_ptr<const cspace::Map> map, const Surroundings& surroundings)
+  MotionValidator(const ob::SpaceInformationPtr& si, const std::shared_ptr<const cspace::Map>& map,
+                  const Surroundings& surroundings)
       : cspace::MotionValidator(si, map), map_(*map), surroundings_(surroundings) {}
 
  protected:
@@ -51,7 +52,8 @@ std::vector<Configuration> search_leg(const std::shared_ptr<const cspace::Map>& 
                                       const ob::PlannerTerminationCondition& end) {
   og::SimpleSetup setup(cspace::state_space(*map));
   const ob::SpaceInformationPtr& si = setup.getSpaceInformation();
-  setup.setStateValidityChecker([&](const ob::State* state) { return surroundings.is_free(configuration_at(*map, state)); });
+  setup.setStateValidityChecker(
+      [&](const ob::State* state) { return surroundings.is_free(configuration_at(*map, state)); });
   si->setMotionValidator(std::make_shared<MotionValidator>(si, map, surroundings));
   ob::ScopedState<> first(setup.getStateSpace()), last(setup.getStateSpace());
   cspace::write_state(*map, from, first.get());
@@ -64,7 +66,8 @@ std::vector<Configuration> search_leg(const std::shared_ptr<const cspace::Map>& 
   const std::vector<ob::State*>& states = setup.getSolutionPath().getStates();
   std::vector<Configuration> leg = {from};
   for (std::size_t k = 1; k < states.size(); ++k)
-    for (const Configuration& q : surroundings.poses_between(leg.back(), configuration_at(*map, states[k]))) leg.push_back(q);
+    for (const Configuration& pose : surroundings.poses_between(leg.back(), configuration_at(*map, states[k])))
+      leg.push_back(pose);
   return leg;
 }
 
@@ -80,7 +83,7 @@ template <typename Outside, typename Occupied>
 void check_stop(const cspace::Map& map, const Surroundings& surroundings, const Configuration& q, const std::string& stop) {
   if (!surroundings.contain(q)) throw Outside("cspace_nav2: the " + stop + " is outside the map or the costmap");
   if (!map.is_free(q)) throw Occupied("cspace_nav2: the map does not prove the " + stop + " free");
-  if (!surroundings.is_clear(q)) throw Occupied("cspace_nav2: the footprint at the " + stop + " is not clear in the costmap");
+  if (!surroundings.is_clear(q)) throw Occupied("cspace_nav2: the costmap is occupied at the " + stop);
 }
 
 }  // namespace
@@ -113,8 +116,7 @@ nav_msgs::msg::Path CspacePlanner::plan(const Pose& start, const std::vector<Pos
                                         const std::function<bool()>& cancel_checker) {
   const std::string frame = costmap_ros_->getGlobalFrameID();
   const auto read_stop = [&](const Pose& pose, const std::string& stop) {
-    if (pose.header.frame_id != frame)
-      throw nav2_core::PlannerTFError("cspace_nav2: the " + stop + " is in '" + pose.header.frame_id + "', not in '" + frame + "'");
+    if (pose.header.frame_id != frame) throw nav2_core::PlannerTFError("cspace_nav2: the " + stop + " is not in " + frame);
     try {
       return configuration_of(*map_, pose.pose);
     } catch (const std::invalid_argument& error) {
@@ -196,7 +198,8 @@ CspacePlanner::Route CspacePlanner::search_route(const Surroundings& surrounding
     if (is_late) throw nav2_core::PlannerTimedOut("cspace_nav2: no path within the time limit");
     throw nav2_core::NoValidPathCouldBeFound("cspace_nav2: the planner found no path");
   }
-  if (!legs_are_free(surroundings, route.legs)) throw nav2_core::NoValidPathCouldBeFound("cspace_nav2: the path is not free");
+  if (!legs_are_free(surroundings, route.legs))
+    throw nav2_core::NoValidPathCouldBeFound("cspace_nav2: the path is not free");
   return route;
 }
 

@@ -60,7 +60,8 @@ int code_of(const std::exception& error) {
 }
 
 void write_error(const std::exception& error, std::size_t calls = 0) {
-  std::cout << "{\"code\": " << code_of(error) << ", \"text\": " << std::quoted(error.what()) << ", \"calls\": " << calls << "}\n";
+  std::cout << "{\"code\": " << code_of(error) << ", \"text\": " << std::quoted(error.what()) << ", \"calls\": " << calls
+            << "}\n";
 }
 
 void plan(nav2_core::GlobalPlanner& planner, const std::vector<Pose>& stops) {
@@ -74,8 +75,8 @@ void plan(nav2_core::GlobalPlanner& planner, const std::vector<Pose>& stops) {
 #endif
     std::cout << "{\"code\": 0, \"calls\": " << calls << ", \"path\": [";
     for (const Pose& pose : path.poses)
-      std::cout << (&pose == &path.poses.front() ? "" : ", ") << "[" << pose.pose.position.x << ", " << pose.pose.position.y << ", "
-                << cspace_nav2::yaw_of(pose.pose) << "]";
+      std::cout << (&pose == &path.poses.front() ? "" : ", ") << "[" << pose.pose.position.x << ", "
+                << pose.pose.position.y << ", " << cspace_nav2::yaw_of(pose.pose) << "]";
     std::cout << "]}\n";
   } catch (const std::exception& error) {
     write_error(error, calls);
