@@ -219,9 +219,7 @@ def test_unknown_cells_do_not_hide_lethal_ones(nav2: Nav2, room: Path) -> None:
         nav2.add_cost((side, 0.9), (side + 0.1, 1.1), UNKNOWN)
 
 
-def test_a_robot_without_yaw_is_tested_as_the_circle_around_it(
-    nav2: Nav2, tmp_path: Path
-) -> None:
+def test_a_robot_without_yaw_is_tested_as_the_circle_around_it(nav2: Nav2, tmp_path: Path) -> None:
     space = build_room(cspace.Robot.disc(0.2), None)
     space.save(tmp_path / "map")
     nav2.tell("footprint 0.4 0.1")
@@ -389,7 +387,8 @@ def test_the_checker_finds_the_poses_from_which_a_path_is_not_proven(
     nav2.tell(f"set map {room}")
     path = [tuple(pose) for pose in nav2.find_path(START, GOAL).tolist()]
     success = {"jazzy": None, "main": True}[version]
-    answer = {"service": "path_checker/is_path_valid", "success": success, "indices": []}
+    answer: dict[str, Any] = {"success": success, "indices": []}
+    answer["service"] = "path_checker/is_path_valid"
     assert nav2.check(*path) == {**answer, "valid": True}
     assert nav2.check(START) == {**answer, "valid": True}
     assert nav2.check() == {**answer, "valid": False}
