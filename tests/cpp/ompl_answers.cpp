@@ -1,15 +1,22 @@
-// Answers of cspace/ompl.hpp: ompl_answers MAP, with rows of two configurations on standard input. It writes a line a row:
-// isValid, clearance, checkMotion, whether lastValid agrees, lastValid's share, and its state.
+// Answers of cspace/ompl.hpp: ompl_answers MAP, with rows of two configurations on standard input. It sets up a planner that
+// needs a projection, and writes a line a row: isValid, clearance, checkMotion, whether lastValid agrees, lastValid's share,
+// and its state.
 #include <iomanip>
 #include <iostream>
 
 #include <cspace/ompl.hpp>
+#include <ompl/geometric/planners/kpiece/KPIECE1.h>
+#include <ompl/util/Console.h>
 
 int main(int, char** arguments) {
   const auto map = std::make_shared<const cspace::Map>(cspace::Map::open(arguments[1]));
   ompl::geometric::SimpleSetup setup(cspace::state_space(*map));
   cspace::set_checkers(setup, map);
   const auto& si = setup.getSpaceInformation();
+  // KPIECE1 throws for a space without a projection.
+  ompl::msg::setLogLevel(ompl::msg::LOG_ERROR);
+  setup.setPlanner(std::make_shared<ompl::geometric::KPIECE1>(si));
+  setup.setup();
   ompl::base::State *first = si->allocState(), *last = si->allocState(), *reached = si->allocState();
   std::vector<double> q0(map->size()), q1(map->size());
   std::cout << std::setprecision(17);

@@ -10,6 +10,7 @@
 #define CSPACE_OMPL_HPP
 
 #include <ompl/base/MotionValidator.h>
+#include <ompl/base/ProjectionEvaluator.h>
 #include <ompl/base/SpaceInformation.h>
 #include <ompl/base/StateValidityChecker.h>
 #include <ompl/base/spaces/RealVectorStateSpace.h>
@@ -52,6 +53,8 @@ inline ompl::base::StateSpacePtr state_space(const Map& map) {
   space->addSubspace(positions, 1.0);
   space->addSubspace(std::make_shared<ob::SO2StateSpace>(), 0.5);
   space->lock();
+  // As SE(2) and SE(3) do, planners with cells (KPIECE, EST, STRIDE) look at the position alone.
+  space->registerDefaultProjection(std::make_shared<ob::SubspaceProjectionEvaluator>(space.get(), 0));
   return space;
 }
 
@@ -151,12 +154,14 @@ class MotionValidator : public ompl::base::MotionValidator {
     return false;
   }
 
- private:
-  bool is_free(const ompl::base::State* s1, const ompl::base::State* s2) const {
+ protected:
+  /// Return true if a motion is valid; a subclass may ask for more.
+  virtual bool is_free(const ompl::base::State* s1, const ompl::base::State* s2) const {
     const std::array<double, 7> q0 = numbers_of(*map_, s1), q1 = numbers_of(*map_, s2);
     return map_->is_usable(q0.data()) && map_->is_usable(q1.data()) && map_->motion_is_free(q0.data(), q1.data());
   }
 
+ private:
   std::shared_ptr<const Map> map_;
 };
 

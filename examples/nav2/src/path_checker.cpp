@@ -1,7 +1,8 @@
-// A node with the service is_path_valid of Nav2: the footprint is free at every pose and all along between them.
+// A node with Nav2's service is_path_valid: the saved map proves the footprint free along the whole path. It does not
+// look at the costmap, which the service of the same name of planner_server does.
 //
 //   ros2 run cspace_nav2 path_checker --ros-args -p map:=/maps/office.zarr
-#include <cspace/map.hpp>
+//   ros2 service call /path_checker/is_path_valid nav2_msgs/srv/IsPathValid "{path: ...}"
 #include <nav2_msgs/srv/is_path_valid.hpp>
 #include <rclcpp/rclcpp.hpp>
 
@@ -10,15 +11,36 @@
 namespace {
 
 using Service = nav2_msgs::srv::IsPathValid;
+using cspace_nav2::Configuration;
+
+/// Say that the answer is one, in messages that have a field for it; Jazzy's does not.
+template <typename Response>
+auto set_success(Response& response, int) -> decltype(static_cast<void>(response.success = true)) {
+  response.success = true;
+}
+template <typename Response>
+void set_success(Response&, long) {}
+
+/// Return a pose of a path as a configuration; empty if it is in another frame or no pose of the plane.
+Configuration read_pose(const cspace::Map& map, const std::string& frame, const geometry_msgs::msg::PoseStamped& pose) {
+  // Nav2's planners leave the frames of poses empty, or repeat that of the path.
+  if (!pose.header.frame_id.empty() && pose.header.frame_id != frame) return {};
+  try {
+    return cspace_nav2::configuration_of(map, pose.pose);
+  } catch (const std::invalid_argument&) {
+    return {};
+  }
+}
 
 /// Answer whether the map proves a path free; list the poses from which the next motion is not proven.
-void check_path(const cspace::Map& map, const Service::Request& request, Service::Response& response) {
-  const auto& poses = request.path.poses;
-  response.is_valid = !poses.empty();
-  for (std::size_t k = 0; k < poses.size(); ++k) {
-    const std::vector<double> q = cspace_nav2::configuration_of(map, poses[k].pose);
-    const std::vector<double> next = cspace_nav2::configuration_of(map, poses[std::min(k + 1, poses.size() - 1)].pose);
-    if (map.is_usable(q.data()) && map.is_usable(next.data()) && map.motion_is_free(q, next)) continue;
+void check_path(const cspace::Map& map, const std::string& frame, const nav_msgs::msg::Path& path,
+                Service::Response& response) {
+  const std::size_t count = path.poses.size();
+  response.is_valid = count > 0;
+  for (std::size_t k = 0; k < count; ++k) {
+    const Configuration q = read_pose(map, frame, path.poses[k]);
+    const Configuration next = read_pose(map, frame, path.poses[std::min(k + 1, count - 1)]);
+    if (!q.empty() && !next.empty() && map.motion_is_free(q, next)) continue;
     response.is_valid = false;
     response.invalid_pose_indices.push_back(static_cast<std::int32_t>(k));
   }
@@ -29,11 +51,25 @@ void check_path(const cspace::Map& map, const Service::Request& request, Service
 int main(int count, char** arguments) {
   rclcpp::init(count, arguments);
   const auto node = std::make_shared<rclcpp::Node>("path_checker");
-  const auto map = std::make_shared<const cspace::Map>(cspace::Map::open(node->declare_parameter<std::string>("map", "")));
-  cspace_nav2::check_plane(*map);
+  const std::string frame = node->declare_parameter<std::string>("frame", "map");
+  std::shared_ptr<const cspace::Map> map;
+  try {
+    map = cspace_nav2::open_plane_map(node->declare_parameter<std::string>("map", ""));
+  } catch (const std::exception& error) {
+    RCLCPP_FATAL(node->get_logger(), "%s", error.what());
+    rclcpp::shutdown();
+    return 1;
+  }
   const auto service = node->create_service<Service>(
-      "is_path_valid", [map](const std::shared_ptr<Service::Request> request, std::shared_ptr<Service::Response> response) {
-        check_path(*map, *request, *response);
+      "~/is_path_valid", [&](const std::shared_ptr<Service::Request> request, std::shared_ptr<Service::Response> response) {
+        response->is_valid = false;
+        const std::string& found = request->path.header.frame_id;
+        if (found != frame) {
+          RCLCPP_ERROR(node->get_logger(), "the path is in '%s', not in '%s'", found.c_str(), frame.c_str());
+          return;
+        }
+        check_path(*map, frame, request->path, *response);
+        set_success(*response, 0);
       });
   rclcpp::spin(node);
   rclcpp::shutdown();

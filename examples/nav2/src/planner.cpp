@@ -1,62 +1,206 @@
 #include "cspace_nav2/planner.hpp"
 
 #include <ompl/geometric/planners/rrt/RRTConnect.h>
+#include <ompl/util/Console.h>
 
 #include <cspace/ompl.hpp>
 #include <nav2_core/planner_exceptions.hpp>
 #include <pluginlib/class_list_macros.hpp>
 
-#include "cspace_nav2/poses.hpp"
-
+namespace ob = ompl::base;
 namespace og = ompl::geometric;
 
 namespace cspace_nav2 {
 
-void CspacePlanner::configure(const rclcpp_lifecycle::LifecycleNode::WeakPtr& parent, std::string name,
-                              std::shared_ptr<tf2_ros::Buffer>, std::shared_ptr<nav2_costmap_2d::Costmap2DROS>) {
-  const auto node = parent.lock();
-  if (!node) throw std::runtime_error("cspace_nav2: the node is gone");
-  const std::string path = node->declare_parameter<std::string>(name + ".map", "");
-  time_limit_ = node->declare_parameter<double>(name + ".time_limit", time_limit_);
-  step_ = node->declare_parameter<double>(name + ".step", step_);
-  map_ = std::make_shared<const cspace::Map>(cspace::Map::open(path));
-  check_plane(*map_);
+namespace {
+
+/// Number of routes kept: Nav2 plans through poses with one request a leg.
+constexpr std::size_t MAX_KEPT_ROUTES = 16;
+
+/// Declare a parameter, unless an earlier configuration did, and return its value.
+template <typename Value>
+Value read_parameter(Node& node, const std::string& name, const Value& otherwise) {
+  if (node.has_parameter(name)) return node.get_parameter(name).template get_value<Value>();
+  return node.declare_parameter<Value>(name, otherwise);
 }
 
-nav_msgs::msg::Path CspacePlanner::createPlan(const geometry_msgs::msg::PoseStamped& start,
-                                              const geometry_msgs::msg::PoseStamped& goal,
-                                              std::function<bool()> cancel_checker) {
-  og::SimpleSetup setup(cspace::state_space(*map_));
-  cspace::set_checkers(setup, map_);
-  ompl::base::ScopedState<> first(setup.getStateSpace()), last(setup.getStateSpace());
-  cspace::write_state(*map_, configuration_of(*map_, start.pose), first.get());
-  cspace::write_state(*map_, configuration_of(*map_, goal.pose), last.get());
-  setup.setStartAndGoalStates(first, last);
-  setup.setPlanner(std::make_shared<og::RRTConnect>(setup.getSpaceInformation()));
-  const auto end = ompl::base::plannerOrTerminationCondition(ompl::base::PlannerTerminationCondition(cancel_checker),
-                                                             ompl::base::timedPlannerTerminationCondition(time_limit_));
-  if (setup.solve(end) != ompl::base::PlannerStatus::EXACT_SOLUTION)
-    throw nav2_core::NoValidPathCouldBeFound("cspace_nav2: no path within the time limit");
-  setup.simplifySolution();
+Configuration configuration_at(const cspace::Map& map, const ob::State* state) {
+  const std::array<double, 7> q = cspace::numbers_of(map, state);
+  return {q.begin(), q.begin() + map.size()};
+}
 
-  og::PathGeometric& found = setup.getSolutionPath();
-  // More poses on the same edges, for controllers.
-  found.interpolate(static_cast<unsigned int>(found.length() / step_) + 2);
+/// Motions are valid if the map proves them free and the costmap is clear along them.
+class MotionValidator : public cspace::MotionValidator {
+ public:
+  MotionValidator(const ob::SpaceInformationPtr& si, const std::shared_ptr<const cspace::Map>& map,
+                  const Surroundings& surroundings)
+      : cspace::MotionValidator(si, map), map_(*map), surroundings_(surroundings) {}
+
+ protected:
+  bool is_free(const ob::State* s1, const ob::State* s2) const override {
+    return surroundings_.motion_is_free(configuration_at(map_, s1), configuration_at(map_, s2));
+  }
+
+ private:
+  const cspace::Map& map_;
+  const Surroundings& surroundings_;
+};
+
+/// Return a leg, with poses for controllers on its edges; empty if none is found before the end.
+std::vector<Configuration> search_leg(const std::shared_ptr<const cspace::Map>& map, const Surroundings& surroundings,
+                                      const Configuration& from, const Configuration& to,
+                                      const ob::PlannerTerminationCondition& end) {
+  og::SimpleSetup setup(cspace::state_space(*map));
+  const ob::SpaceInformationPtr& si = setup.getSpaceInformation();
+  setup.setStateValidityChecker(
+      [&](const ob::State* state) { return surroundings.is_free(configuration_at(*map, state)); });
+  si->setMotionValidator(std::make_shared<MotionValidator>(si, map, surroundings));
+  ob::ScopedState<> first(setup.getStateSpace()), last(setup.getStateSpace());
+  cspace::write_state(*map, from, first.get());
+  cspace::write_state(*map, to, last.get());
+  setup.setStartAndGoalStates(first, last);
+  setup.setPlanner(std::make_shared<og::RRTConnect>(si));
+  if (setup.solve(end) != ob::PlannerStatus::EXACT_SOLUTION) return {};
+  setup.simplifySolution(end);
+
+  const std::vector<ob::State*>& states = setup.getSolutionPath().getStates();
+  std::vector<Configuration> leg = {from};
+  for (std::size_t k = 1; k < states.size(); ++k)
+    for (const Configuration& pose : surroundings.poses_between(leg.back(), configuration_at(*map, states[k])))
+      leg.push_back(pose);
+  return leg;
+}
+
+bool legs_are_free(const Surroundings& surroundings, const std::vector<std::vector<Configuration>>& legs) {
+  for (const auto& leg : legs)
+    for (std::size_t k = 1; k < leg.size(); ++k)
+      if (!surroundings.motion_is_free(leg[k - 1], leg[k])) return false;
+  return true;
+}
+
+/// Throw if a stop is outside or not free.
+template <typename Outside, typename Occupied>
+void check_stop(const cspace::Map& map, const Surroundings& surroundings, const Configuration& q, const std::string& stop) {
+  if (!surroundings.contain(q)) throw Outside("cspace_nav2: the " + stop + " is outside the map or the costmap");
+  if (!map.is_free(q)) throw Occupied("cspace_nav2: the map does not prove the " + stop + " free");
+  if (!surroundings.is_clear(q)) throw Occupied("cspace_nav2: the costmap is occupied at the " + stop);
+}
+
+}  // namespace
+
+void CspacePlanner::configure(const Node::WeakPtr& parent, std::string name, std::shared_ptr<Buffer>,
+                              std::shared_ptr<nav2_costmap_2d::Costmap2DROS> costmap_ros) {
+  const auto node = parent.lock();
+  if (!node) throw nav2_core::PlannerException("cspace_nav2: the node is gone");
+  ompl::msg::setLogLevel(ompl::msg::LOG_NONE);
+  costmap_ros_ = costmap_ros;
+  time_limit_ = read_parameter(*node, name + ".time_limit", 1.0);
+  step_ = read_parameter(*node, name + ".step", 0.05);
+  allow_unknown_ = read_parameter(*node, name + ".allow_unknown", true);
+  try {
+    if (!(time_limit_ > 0.0) || !(step_ > 0.0)) throw std::runtime_error("time_limit and step must be positive");
+    map_ = open_plane_map(read_parameter<std::string>(*node, name + ".map", ""));
+  } catch (const std::exception& error) {
+    RCLCPP_ERROR(node->get_logger(), "%s: %s", name.c_str(), error.what());
+    throw nav2_core::PlannerException(name + ": " + error.what());
+  }
+}
+
+void CspacePlanner::cleanup() {
+  map_.reset();
+  costmap_ros_.reset();
+  kept_routes_.clear();
+}
+
+nav_msgs::msg::Path CspacePlanner::plan(const Pose& start, const std::vector<Pose>& viapoints, const Pose& goal,
+                                        const std::function<bool()>& cancel_checker) {
+  const std::string frame = costmap_ros_->getGlobalFrameID();
+  const auto read_stop = [&](const Pose& pose, const std::string& stop) {
+    if (pose.header.frame_id != frame) throw nav2_core::PlannerTFError("cspace_nav2: the " + stop + " is not in " + frame);
+    try {
+      return configuration_of(*map_, pose.pose);
+    } catch (const std::invalid_argument& error) {
+      throw nav2_core::PlannerException("cspace_nav2: the " + stop + " is no pose of the plane: " + error.what());
+    }
+  };
+  const Surroundings surroundings(*map_, *costmap_ros_, step_, allow_unknown_);
+  const Configuration first = read_stop(start, "start");
+  check_stop<nav2_core::StartOutsideMapBounds, nav2_core::StartOccupied>(*map_, surroundings, first, "start");
+  std::vector<Configuration> goals;
+  for (std::size_t k = 0; k <= viapoints.size(); ++k) {
+    const bool is_last = k == viapoints.size();
+    const std::string stop = is_last ? "goal" : "viapoint " + std::to_string(k + 1);
+    goals.push_back(read_stop(is_last ? goal : viapoints[k], stop));
+    check_stop<nav2_core::GoalOutsideMapBounds, nav2_core::GoalOccupied>(*map_, surroundings, goals.back(), stop);
+  }
+
+  Route route = find_kept_route(surroundings, first, goals);
+  if (route.legs.empty()) {
+    route = search_route(surroundings, first, goals, cancel_checker);
+    kept_routes_.push_front(route);
+    if (kept_routes_.size() > MAX_KEPT_ROUTES) kept_routes_.pop_back();
+  }
   nav_msgs::msg::Path path;
   path.header = goal.header;
-  for (const ompl::base::State* state : found.getStates()) {
-    const std::array<double, 7> q = cspace::numbers_of(*map_, state);
-    geometry_msgs::msg::PoseStamped pose = goal;
-    pose.pose.position.x = q[0];
-    pose.pose.position.y = q[1];
-    if (map_->size() == 3) {
-      pose.pose.orientation.x = pose.pose.orientation.y = 0.0;
-      pose.pose.orientation.z = std::sin(q[2] / 2.0);
-      pose.pose.orientation.w = std::cos(q[2] / 2.0);
+  for (const auto& leg : route.legs) {
+    // A leg begins where the last one ended.
+    for (std::size_t k = path.poses.empty() ? 0 : 1; k < leg.size(); ++k) {
+      Pose pose = goal;
+      pose.pose.position.x = leg[k][0];
+      pose.pose.position.y = leg[k][1];
+      if (map_->size() == 3) {
+        pose.pose.orientation.x = pose.pose.orientation.y = 0.0;
+        pose.pose.orientation.z = std::sin(leg[k][2] / 2.0);
+        pose.pose.orientation.w = std::cos(leg[k][2] / 2.0);
+      }
+      path.poses.push_back(pose);
     }
-    path.poses.push_back(pose);
   }
   return path;
+}
+
+/// Return the rest of a route to the same goals that passes the start and is still free; without legs if there is none.
+CspacePlanner::Route CspacePlanner::find_kept_route(const Surroundings& surroundings, const Configuration& start,
+                                                    const std::vector<Configuration>& goals) const {
+  for (Route route : kept_routes_) {
+    if (route.goals != goals) continue;
+    std::vector<Configuration>& leg = route.legs.front();
+    const auto nearest = std::min_element(leg.begin(), leg.end(), [&](const Configuration& a, const Configuration& b) {
+      return surroundings.distance(start, a) < surroundings.distance(start, b);
+    });
+    if (std::hypot(start[0] - (*nearest)[0], start[1] - (*nearest)[1]) > surroundings.radius()) continue;
+    // The robot goes to the pose after the nearest one, and on from there.
+    const auto next = std::min(nearest + 1, leg.end() - 1);
+    std::vector<Configuration> rest = {start};
+    for (const Configuration& pose : surroundings.poses_between(start, *next)) rest.push_back(pose);
+    rest.insert(rest.end(), next + 1, leg.end());
+    leg = rest;
+    if (legs_are_free(surroundings, route.legs)) return route;
+  }
+  return {};
+}
+
+CspacePlanner::Route CspacePlanner::search_route(const Surroundings& surroundings, const Configuration& start,
+                                                 const std::vector<Configuration>& goals,
+                                                 const std::function<bool()>& cancel_checker) const {
+  bool is_cancelled = false, is_late = false;
+  const ob::PlannerTerminationCondition limit = ob::timedPlannerTerminationCondition(time_limit_);
+  const ob::PlannerTerminationCondition end([&] {
+    is_cancelled = is_cancelled || (cancel_checker && cancel_checker());
+    is_late = limit();
+    return is_cancelled || is_late;
+  });
+  Route route = {goals, {}};
+  for (std::size_t k = 0; k < goals.size(); ++k) {
+    route.legs.push_back(search_leg(map_, surroundings, k == 0 ? start : goals[k - 1], goals[k], end));
+    if (is_cancelled) throw nav2_core::PlannerCancelled("cspace_nav2: cancelled");
+    if (!route.legs.back().empty()) continue;
+    if (is_late) throw nav2_core::PlannerTimedOut("cspace_nav2: no path within the time limit");
+    throw nav2_core::NoValidPathCouldBeFound("cspace_nav2: the planner found no path");
+  }
+  if (!legs_are_free(surroundings, route.legs))
+    throw nav2_core::NoValidPathCouldBeFound("cspace_nav2: the path is not free");
+  return route;
 }
 
 }  // namespace cspace_nav2

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import cspace
 from tests.helpers.cpp import (
     SOURCE,
     build_program,
@@ -36,7 +35,7 @@ def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("name", ["R2", "SE2", "R3", "R3 yaw", "SE3"])
-def test_checkers_answer_as_the_map_and_reach_as_far_as_it_proves(
+def test_checkers_answer_as_the_map_and_spaces_have_projections(
     tmp_path: Path, program: Path, name: str
 ) -> None:
     space = build_space(name, "blocked")
@@ -67,34 +66,6 @@ def test_checkers_answer_as_the_map_and_reach_as_far_as_it_proves(
     assert part.any()
     assert np.all(space.motion_is_free(first[part], reached[part]))
     assert np.all(share[valid == 0] < 1.0)
-
-
-def test_the_nav2_package_plans_and_checks_paths_over_stubs(tmp_path: Path) -> None:
-    nav2 = ROOT / "examples" / "nav2"
-    program = build_program(
-        tmp_path / "try",
-        "-O0",
-        str(nav2 / "src" / "planner.cpp"),
-        f"-I{nav2 / 'include'}",
-        f"-I{nav2 / 'stubs'}",
-        *ompl_flags(),
-        source=nav2 / "stubs" / "try.cpp",
-    )
-    cells = np.zeros((60, 40), dtype=bool)
-    cells[28:32, :25] = True
-    workspace = cspace.Workspace.from_array(cells, 0.1)
-    space = cspace.build(workspace, cspace.Robot.rectangle(0.6, 0.4), rotations=16)
-    space.save(tmp_path / "map")
-    ends = ["1", "1", "0", "5", "1", "3"]
-    done = subprocess.run(
-        [str(program), str(tmp_path / "map"), *ends], text=True, capture_output=True, check=True
-    )
-    lines = done.stdout.splitlines()
-    numbers = [line.split() for line in lines if len(line.split()) == 3]
-    path = np.array(numbers, dtype=float)
-    assert lines[-2:] == ["valid", "0 "]
-    np.testing.assert_allclose(path[[0, -1]], np.reshape(ends, (2, 3)).astype(float), atol=1e-9)
-    assert np.all(space.certify_path(path))
 
 
 @pytest.mark.skipif(shutil.which("cmake") is None, reason="no cmake is here; install cmake")

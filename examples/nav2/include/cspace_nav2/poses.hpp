@@ -4,6 +4,9 @@
 #define CSPACE_NAV2_POSES_HPP
 
 #include <cmath>
+#include <memory>
+#include <stdexcept>
+#include <string>
 #include <vector>
 
 #include <cspace/map.hpp>
@@ -11,22 +14,39 @@
 
 namespace cspace_nav2 {
 
-/// Return the yaw of a pose that is level.
+using Configuration = std::vector<double>;
+
+/// Deviation of a quaternion's norm from 1, and sine of half the tilt, that pass as rounding.
+constexpr double POSE_SLACK = 1e-3;
+
+/// Return the yaw of a level pose.
 inline double yaw_of(const geometry_msgs::msg::Pose& pose) {
-  const auto& q = pose.orientation;
-  return std::atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z));
+  const auto& r = pose.orientation;
+  return std::atan2(2.0 * (r.w * r.z + r.x * r.y), r.w * r.w + r.x * r.x - r.y * r.y - r.z * r.z);
 }
 
-inline std::vector<double> configuration_of(const cspace::Map& map, const geometry_msgs::msg::Pose& pose) {
-  std::vector<double> q = {pose.position.x, pose.position.y};
+/// Return a pose as a configuration of a map.
+/// @throws std::invalid_argument if the pose is tilted, not finite, or has no unit quaternion
+inline Configuration configuration_of(const cspace::Map& map, const geometry_msgs::msg::Pose& pose) {
+  const auto& r = pose.orientation;
+  const double norm = std::sqrt(r.x * r.x + r.y * r.y + r.z * r.z + r.w * r.w);
+  // NaN fails each of these comparisons.
+  if (!(std::abs(norm - 1.0) <= POSE_SLACK)) throw std::invalid_argument("its quaternion does not have norm 1");
+  if (!(std::hypot(r.x, r.y) <= POSE_SLACK)) throw std::invalid_argument("it is tilted; the map is for a level robot");
+  Configuration q = {pose.position.x, pose.position.y};
   if (map.size() == 3) q.push_back(yaw_of(pose));
+  if (!map.is_usable(q.data())) throw std::invalid_argument("its position is not finite");
   return q;
 }
 
-/// Throw unless a map is of the plane.
-inline void check_plane(const cspace::Map& map) {
-  if (map.dim() != 2 || map.axes()[0] != "x" || map.axes()[1] != "y")
-    throw std::runtime_error("cspace_nav2: the map must be of x, y, or of x, y, yaw");
+/// Open a map of the plane.
+/// @throws std::runtime_error if there is none at this path
+inline std::shared_ptr<const cspace::Map> open_plane_map(const std::string& path) {
+  if (path.empty()) throw std::runtime_error("the parameter 'map' is missing; it names the folder that space.save wrote");
+  const auto map = std::make_shared<const cspace::Map>(cspace::Map::open(path));
+  if (map->dim() != 2 || map->axes()[0] != "x" || map->axes()[1] != "y")
+    throw std::runtime_error(path + ": is not a map of x, y, or of x, y, yaw");
+  return map;
 }
 
 }  // namespace cspace_nav2

@@ -1,4 +1,4 @@
-// Stub of nav2_core/global_planner.hpp.
+// Stub of nav2_core/global_planner.hpp of Jazzy.
 #ifndef NAV2_CORE_STUB_HPP
 #define NAV2_CORE_STUB_HPP
 
@@ -6,21 +6,19 @@
 #include <memory>
 #include <string>
 
+#include <nav2_costmap_2d/costmap_2d_ros.hpp>
 #include <nav_msgs/msg/path.hpp>
 #include <rclcpp_lifecycle/lifecycle_node.hpp>
 
 namespace tf2_ros {
 class Buffer;
 }
-namespace nav2_costmap_2d {
-class Costmap2DROS;
-}
 
 namespace nav2_core {
 class GlobalPlanner {
  public:
   using Ptr = std::shared_ptr<GlobalPlanner>;
-  virtual ~GlobalPlanner() = default;
+  virtual ~GlobalPlanner() {}
   virtual void configure(const rclcpp_lifecycle::LifecycleNode::WeakPtr& parent, std::string name,
                          std::shared_ptr<tf2_ros::Buffer> tf, std::shared_ptr<nav2_costmap_2d::Costmap2DROS> costmap_ros) = 0;
   virtual void cleanup() = 0;

@@ -1,0 +1,159 @@
+// Answers of the Nav2 package, as Nav2 would ask for them. Each line of standard input is a command, and each answer is a
+// line of JSON:
+//
+//   set NAME VALUE             a parameter, for the next configure or check
+//   frame NAME                 the frame of the poses that follow
+//   path_frame NAME            the frame of the paths that follow
+//   footprint X Y              half the sides of the rectangle that the costmap has as its footprint
+//   costs X0 Y0 X1 Y1 COST     the cost of all cells of a box
+//   cancel N                   the cancel checker says true from its call N on
+//   configure | cleanup        of the planner
+//   plan POSE ... POSE         from the first to the last pose, through the others
+//   check POSE ... POSE        whether the path is valid
+//
+// A pose is x, y and its quaternion x, y, z, w.
+#define main path_checker_main
+#include "../../../examples/nav2/src/path_checker.cpp"
+#undef main
+
+#include <iomanip>
+#include <iostream>
+
+#include "cspace_nav2/planner.hpp"
+#include <nav2_core/planner_exceptions.hpp>
+
+std::shared_ptr<nav2_core::GlobalPlanner> stub_plugin();
+
+namespace {
+
+using Pose = geometry_msgs::msg::PoseStamped;
+
+std::string frame = "map", path_frame = "map";
+std::size_t cancelled_call = 1 << 30;
+
+std::vector<Pose> read_poses(std::istream& line) {
+  std::vector<Pose> poses;
+  Pose pose;
+  pose.header.frame_id = frame;
+  auto& [p, r] = pose.pose;
+  std::vector<std::string> words;
+  for (std::string word; line >> word;) words.push_back(word);
+  for (std::size_t k = 0; k + 6 <= words.size(); k += 6) {
+    double* numbers[] = {&p.x, &p.y, &r.x, &r.y, &r.z, &r.w};
+    for (std::size_t n = 0; n < 6; ++n) *numbers[n] = std::stod(words[k + n]);
+    poses.push_back(pose);
+  }
+  return poses;
+}
+
+/// Return the error code of ComputePathToPose that planner_server gives.
+int code_of(const std::exception& error) {
+  if (dynamic_cast<const nav2_core::PlannerTFError*>(&error)) return 202;
+  if (dynamic_cast<const nav2_core::StartOutsideMapBounds*>(&error)) return 203;
+  if (dynamic_cast<const nav2_core::GoalOutsideMapBounds*>(&error)) return 204;
+  if (dynamic_cast<const nav2_core::StartOccupied*>(&error)) return 205;
+  if (dynamic_cast<const nav2_core::GoalOccupied*>(&error)) return 206;
+  if (dynamic_cast<const nav2_core::PlannerTimedOut*>(&error)) return 207;
+  if (dynamic_cast<const nav2_core::NoValidPathCouldBeFound*>(&error)) return 208;
+  if (dynamic_cast<const nav2_core::PlannerCancelled*>(&error)) return -1;
+  return dynamic_cast<const nav2_core::PlannerException*>(&error) ? 200 : -2;
+}
+
+void write_error(const std::exception& error, std::size_t calls = 0) {
+  std::cout << "{\"code\": " << code_of(error) << ", \"text\": " << std::quoted(error.what()) << ", \"calls\": " << calls
+            << "}\n";
+}
+
+void plan(nav2_core::GlobalPlanner& planner, const std::vector<Pose>& stops) {
+  std::size_t calls = 0;
+  const std::function<bool()> cancel_checker = [&] { return ++calls >= cancelled_call; };
+  try {
+#ifdef CSPACE_NAV2_HAS_VIAPOINTS
+    const auto path = planner.createPlan(stops.front(), stops.back(), {stops.begin() + 1, stops.end() - 1}, cancel_checker);
+#else
+    const auto path = planner.createPlan(stops.front(), stops.back(), cancel_checker);
+#endif
+    std::cout << "{\"code\": 0, \"calls\": " << calls << ", \"path\": [";
+    for (const Pose& pose : path.poses)
+      std::cout << (&pose == &path.poses.front() ? "" : ", ") << "[" << pose.pose.position.x << ", "
+                << pose.pose.position.y << ", " << cspace_nav2::yaw_of(pose.pose) << "]";
+    std::cout << "]}\n";
+  } catch (const std::exception& error) {
+    write_error(error, calls);
+  }
+}
+
+template <typename Response>
+auto success_of(const Response& response, int) -> decltype(static_cast<void>(response.success), std::string()) {
+  return response.success ? "true" : "false";
+}
+template <typename Response>
+std::string success_of(const Response&, long) {
+  return "null";
+}
+
+void check(const std::vector<Pose>& poses) {
+  rclcpp::stub_spin() = [&] {
+    const auto request = std::make_shared<Service::Request>();
+    const auto response = std::make_shared<Service::Response>();
+    request->path.header.frame_id = path_frame;
+    request->path.poses = poses;
+    for (const auto& [name, callback] : rclcpp::StubService<Service>::callbacks()) {
+      callback(request, response);
+      std::cout << "{\"service\": " << std::quoted(name) << ", \"valid\": " << (response->is_valid ? "true" : "false")
+                << ", \"success\": " << success_of(*response, 0) << ", \"indices\": [";
+      for (std::size_t k = 0; k < response->invalid_pose_indices.size(); ++k)
+        std::cout << (k > 0 ? ", " : "") << response->invalid_pose_indices[k];
+      std::cout << "]}\n";
+    }
+  };
+  const int code = path_checker_main(0, nullptr);
+  if (code != 0) std::cout << "{\"code\": " << code << "}\n";
+}
+
+}  // namespace
+
+int main() {
+  std::cout << std::setprecision(17) << std::unitbuf;
+  const auto node = std::make_shared<cspace_nav2::Node>("planner_server");
+  const auto costmap_ros = std::make_shared<nav2_costmap_2d::Costmap2DROS>();
+  nav2_costmap_2d::Costmap2D& costmap = costmap_ros->stub_costmap;
+  const auto planner = stub_plugin();
+  for (std::string text; std::getline(std::cin, text);) {
+    std::istringstream line(text);
+    std::string command, name;
+    line >> command;
+    if (command == "set") {
+      line >> name;
+      line >> rclcpp::stub_parameters()[name];
+    }
+    if (command == "frame") line >> frame;
+    if (command == "path_frame") line >> path_frame;
+    if (command == "cancel") line >> cancelled_call;
+    if (command == "footprint") {
+      double x, y;
+      line >> x >> y;
+      costmap_ros->stub_footprint = {{x, y, 0.0}, {x, -y, 0.0}, {-x, -y, 0.0}, {-x, y, 0.0}};
+    }
+    if (command == "costs") {
+      double x0, y0, x1, y1, cost;
+      line >> x0 >> y0 >> x1 >> y1 >> cost;
+      unsigned int low_x, low_y, high_x, high_y;
+      costmap.worldToMap(x0, y0, low_x, low_y);
+      costmap.worldToMap(x1, y1, high_x, high_y);
+      for (unsigned int mx = low_x; mx <= high_x; ++mx)
+        for (unsigned int my = low_y; my <= high_y; ++my) costmap.setCost(mx, my, static_cast<unsigned char>(cost));
+    }
+    if (command == "configure") {
+      try {
+        planner->configure(node, "plan", nullptr, costmap_ros);
+        std::cout << "{\"code\": 0}\n";
+      } catch (const std::exception& error) {
+        write_error(error);
+      }
+    }
+    if (command == "cleanup") planner->cleanup();
+    if (command == "plan") plan(*planner, read_poses(line));
+    if (command == "check") check(read_poses(line));
+  }
+}

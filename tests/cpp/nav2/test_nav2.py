@@ -1,0 +1,414 @@
+"""The package for Nav2 answers as Nav2 expects, over stubs of Jazzy's classes and of those of the main branch."""
+
+import json
+import math
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import cspace
+from tests.helpers.cpp import build_program, ompl_flags, why_no_compiler
+from tests.helpers.repository import ROOT
+
+pytestmark = [
+    pytest.mark.skipif(bool(why_no_compiler()), reason=why_no_compiler()),
+    pytest.mark.skipif(
+        not ompl_flags(), reason="no OMPL for C++ is here; install libompl-dev and pkg-config"
+    ),
+]
+
+PACKAGE = ROOT / "examples" / "nav2"
+STUBS = Path(__file__).parent / "stubs"
+HALF_SIDES = (0.3, 0.2)
+LETHAL, UNKNOWN = 254, 255
+
+Pose = tuple[float, ...]
+"""x, y, yaw, and a tilt about the robot's own x axis."""
+
+START, GOAL, ABOVE = (1.0, 1.0, 0.0), (5.0, 1.0, 3.0), (1.0, 3.0, 0.0)
+
+
+def write_pose(x: float, y: float, yaw: float, tilt: float = 0.0) -> str:
+    half, lean = yaw / 2, tilt / 2
+    sines = (math.cos(half) * math.sin(lean), math.sin(half) * math.sin(lean))
+    rest = (math.sin(half) * math.cos(lean), math.cos(half) * math.cos(lean))
+    return " ".join(map(repr, (float(x), float(y), *sines, *rest)))
+
+
+class Nav2:
+    """A planner server and a path checker in one process."""
+
+    def __init__(self, program: Path, log: Path) -> None:
+        self.log_file = log
+        with log.open("w") as stderr:
+            self.process = subprocess.Popen(
+                [str(program)],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=stderr,
+                text=True,
+            )
+        self.tell("footprint {} {}".format(*HALF_SIDES))
+
+    def tell(self, *commands: str) -> None:
+        assert self.process.stdin is not None
+        for command in commands:
+            print(command, file=self.process.stdin, flush=True)
+
+    def ask(self, command: str) -> dict[str, Any]:
+        self.tell(command)
+        assert self.process.stdout is not None
+        # A line of OMPL would not be JSON.
+        answer: dict[str, Any] = json.loads(self.process.stdout.readline())
+        return answer
+
+    def set(self, **parameters: Any) -> None:
+        self.tell(*(f"set plan.{name} {value}" for name, value in parameters.items()))
+
+    def configure(self, room: Path, **parameters: Any) -> None:
+        self.set(map=room, **{"time_limit": 5, **parameters})
+        assert self.ask("configure") == {"code": 0}
+
+    def add_cost(self, low: Any, high: Any, cost: int = LETHAL) -> None:
+        """Give cells of 0.1 m from one corner to another a cost."""
+        inner = [*np.add(low, 0.05), *np.subtract(high, 0.05)]
+        self.tell(" ".join(map(str, ["costs", *inner, cost])))
+
+    def plan(self, *poses: Pose) -> dict[str, Any]:
+        return self.ask(" ".join(["plan", *(write_pose(*pose) for pose in poses)]))
+
+    def find_path(self, *poses: Pose) -> NDArray[np.float64]:
+        answer = self.plan(*poses)
+        assert answer["code"] == 0, answer
+        return np.array(answer["path"])
+
+    def check(self, *poses: Pose) -> dict[str, Any]:
+        return self.ask(" ".join(["check", *(write_pose(*pose) for pose in poses)]))
+
+    def read_log(self) -> str:
+        return self.log_file.read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module", params=["jazzy", "main"])
+def version(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+@pytest.fixture(scope="module")
+def program(version: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folders = [PACKAGE / "include", STUBS / version, STUBS / "common"]
+    return build_program(
+        tmp_path_factory.mktemp(version) / "answers",
+        "-O0",
+        str(PACKAGE / "src" / "planner.cpp"),
+        *(f"-I{folder}" for folder in folders),
+        *ompl_flags(),
+        source=Path(__file__).with_name("answers.cpp"),
+    )
+
+
+@pytest.fixture
+def nav2(program: Path, tmp_path: Path) -> Iterator[Nav2]:
+    session = Nav2(program, tmp_path / "log")
+    yield session
+    rest, _ = session.process.communicate()
+    assert (rest, session.process.returncode) == ("", 0)
+
+
+def build_room(robot: cspace.Robot, rotations: int | None) -> cspace.CSpace:
+    """Build a map of a room that a wall divides up to y = 2.5; the costmap has 6 x 4 m of it."""
+    cells = np.zeros((70, 38), dtype=bool)
+    cells[28:32, :25] = True
+    return cspace.build(cspace.Workspace.from_array(cells, 0.1), robot, rotations=rotations)
+
+
+@pytest.fixture(scope="module")
+def space() -> cspace.CSpace:
+    return build_room(cspace.Robot.rectangle(0.6, 0.4), 16)
+
+
+@pytest.fixture(scope="module")
+def room(space: cspace.CSpace, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("room") / "map"
+    space.save(path)
+    return path
+
+
+def place_outline(path: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return points of the robot's outline, 1 mm apart, shape (poses, points, 2)."""
+    x, y = HALF_SIDES
+    s = np.arange(-1.0, 1.0, 0.002)[:, None]
+    sides = [s * (x, 0) + (0, y), s * (x, 0) - (0, y), s * (0, y) + (x, 0), s * (0, y) - (x, 0)]
+    outline = np.concatenate(sides)
+    cosine, sine = np.cos(path[:, 2:]), np.sin(path[:, 2:])
+    world_x = path[:, :1] + cosine * outline[:, 0] - sine * outline[:, 1]
+    world_y = path[:, 1:2] + sine * outline[:, 0] + cosine * outline[:, 1]
+    return np.stack([world_x, world_y], axis=2)
+
+
+def touches(path: NDArray[np.float64], low: Any, high: Any) -> bool:
+    """Return whether the robot's outline is in a box at a pose of a path."""
+    points = place_outline(path)
+    return bool(((low < points) & (points < high)).all(axis=2).any())
+
+
+def longest_step(path: NDArray[np.float64]) -> float:
+    """Return how far a point of the robot moves at most between two poses."""
+    return float(np.linalg.norm(np.diff(place_outline(path), axis=0), axis=2).max())
+
+
+def test_python_certifies_the_path_that_follows_at_the_step(
+    nav2: Nav2, space: cspace.CSpace, room: Path
+) -> None:
+    nav2.configure(room, step=0.02)
+    path = nav2.find_path(START, GOAL)
+    np.testing.assert_allclose(path[[0, -1]], [START, GOAL], atol=1e-9)
+    assert np.all(space.certify_path(path))
+    assert longest_step(path) < 0.0201
+    assert longest_step(nav2.find_path(START, (1.0, 1.0, 3.0))) < 0.0201
+    assert nav2.read_log() == ""
+
+
+# ---- the live costmap ----------------------------------------------------------------------------
+
+
+def test_paths_avoid_crates_that_only_the_costmap_knows(
+    nav2: Nav2, space: cspace.CSpace, room: Path
+) -> None:
+    rng = np.random.default_rng(0)
+    nav2.configure(room, time_limit=2)
+    found = 0
+    for _ in range(12):
+        low = rng.uniform((1.5, 2.6), (4.0, 3.3)).round(1)
+        high = (low + rng.uniform(0.3, 0.5, 2)).round(1)
+        nav2.add_cost(low, high)
+        answer = nav2.plan(START, GOAL)
+        nav2.add_cost(low, high, 0)
+        assert answer["code"] in (0, 207)
+        if answer["code"] == 0:
+            path = np.array(answer["path"])
+            # Nav2 draws the outline to about one cell.
+            assert not touches(path, low + 0.1, high - 0.1)
+            assert np.all(space.certify_path(path))
+            found += 1
+    assert found >= 6
+
+
+@pytest.mark.parametrize("allowed, code", [("true", 0), ("false", 207)])
+def test_unknown_cells_count_by_the_parameter(
+    nav2: Nav2, room: Path, allowed: str, code: int
+) -> None:
+    nav2.configure(room, time_limit=0.3, allow_unknown=allowed)
+    nav2.add_cost((2.7, 0.0), (3.3, 4.0), UNKNOWN)
+    assert nav2.plan(START, GOAL)["code"] == code
+
+
+def test_unknown_cells_do_not_hide_lethal_ones(nav2: Nav2, room: Path) -> None:
+    nav2.configure(room)
+    goal = (5.0, 1.0, 0.0)
+    nav2.add_cost((4.65, 0.7), (4.75, 1.3), UNKNOWN)
+    nav2.add_cost((5.25, 0.7), (5.35, 1.3), UNKNOWN)
+    assert nav2.plan(START, goal)["code"] == 0
+    for side in (4.65, 5.25):
+        nav2.add_cost((side, 0.9), (side + 0.1, 1.1), LETHAL)
+        assert nav2.plan(START, goal)["code"] == 206
+        nav2.add_cost((side, 0.9), (side + 0.1, 1.1), UNKNOWN)
+
+
+def test_a_robot_without_yaw_is_tested_as_the_circle_around_it(nav2: Nav2, tmp_path: Path) -> None:
+    space = build_room(cspace.Robot.disc(0.2), None)
+    space.save(tmp_path / "map")
+    nav2.tell("footprint 0.4 0.1")
+    nav2.configure(tmp_path / "map")
+    path = nav2.find_path(START, GOAL)
+    assert np.all(space.certify_path(path[:, :2]))
+    nav2.add_cost((4.9, 1.3), (5.1, 1.5))
+    assert nav2.plan(START, GOAL)["code"] == 206
+
+
+# ---- errors --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "start, goal, code",
+    [
+        pytest.param((6.5, 1.0, 0.0), GOAL, 203, id="start outside the costmap"),
+        pytest.param((1.0, 3.9, 0.0), GOAL, 203, id="start outside the map"),
+        pytest.param(START, (6.5, 1.0, 0.0), 204, id="goal outside the costmap"),
+        pytest.param(START, (1.0, 3.9, 0.0), 204, id="goal outside the map"),
+        pytest.param((3.0, 1.0, 0.0), GOAL, 205, id="start in the wall"),
+        pytest.param(START, (3.0, 1.0, 0.0), 206, id="goal in the wall"),
+        pytest.param((5.0, 3.0, 0.0), GOAL, 205, id="start at a crate"),
+        pytest.param(START, (5.0, 3.0, 0.0), 206, id="goal at a crate"),
+        pytest.param((1.0, 1.0, 0.3, 0.1), GOAL, 200, id="start tilted"),
+        pytest.param(START, (5.0, 1.0, 0.3, -0.1), 200, id="goal tilted"),
+        pytest.param(START, (5.0, 1.0, 0.0, math.pi), 200, id="goal upside down"),
+        pytest.param(START, (5.0, 1.0, math.nan), 200, id="goal without a number"),
+        pytest.param(START, (math.inf, 1.0, 0.0), 200, id="goal infinitely far"),
+    ],
+)
+def test_impossible_requests_are_refused_before_any_search(
+    nav2: Nav2, room: Path, start: Pose, goal: Pose, code: int
+) -> None:
+    nav2.configure(room)
+    nav2.add_cost((5.2, 2.8), (5.4, 3.2))
+    answer = nav2.plan(start, goal)
+    assert (answer["code"], answer["calls"]) == (code, 0)
+
+
+def test_poses_in_another_frame_or_without_a_rotation_are_refused(nav2: Nav2, room: Path) -> None:
+    nav2.configure(room)
+    for rotation in ("0 0 0 0", "0 0 0 0.5", "nan 0 0 1"):
+        assert nav2.ask(f"plan 1 1 0 0 0 1 5 1 {rotation}")["code"] == 200
+    nav2.tell("frame odom")
+    assert nav2.plan(START, GOAL)["code"] == 202
+    nav2.tell("frame map")
+    assert nav2.plan(START, GOAL)["code"] == 0
+
+
+def test_a_search_ends_at_its_limit_or_when_cancelled(nav2: Nav2, room: Path) -> None:
+    nav2.configure(room, time_limit=0.2)
+    nav2.add_cost((2.0, 0.0), (2.2, 4.0))
+    assert nav2.plan(START, GOAL)["code"] == 207
+    nav2.tell("cancel 20")
+    answer = nav2.plan(START, GOAL)
+    assert (answer["code"], answer["calls"]) == (-1, 20)
+
+
+@pytest.mark.parametrize(
+    "parameters, message",
+    [
+        ({}, "the parameter 'map' is missing"),
+        ({"map": "/no/map"}, "/no/map"),
+        ({"step": 0}, "must be positive"),
+        ({"time_limit": -1}, "must be positive"),
+    ],
+)
+def test_wrong_parameters_are_logged_and_thrown(
+    nav2: Nav2, parameters: dict[str, Any], message: str
+) -> None:
+    nav2.set(**parameters)
+    answer = nav2.ask("configure")
+    assert answer["code"] == 200 and message in answer["text"]
+    log = nav2.read_log()
+    assert log.startswith("[ERROR] [planner_server]: plan: ") and message in log
+
+
+def test_a_planner_is_configured_again_after_a_cleanup(nav2: Nav2, room: Path) -> None:
+    nav2.configure(room)
+    nav2.tell("cleanup")
+    nav2.configure(room)
+    assert nav2.plan(START, GOAL)["code"] == 0
+
+
+# ---- the last route ------------------------------------------------------------------------------
+
+
+def test_equal_requests_get_equal_routes(nav2: Nav2, room: Path) -> None:
+    nav2.configure(room)
+    requests = [(START, GOAL), (GOAL, ABOVE), (START, ABOVE)]
+    first = [nav2.find_path(*request) for request in requests]
+    for _ in range(3):
+        for request, path in zip(requests, first, strict=True):
+            np.testing.assert_array_equal(nav2.find_path(*request), path)
+
+
+def test_a_robot_on_its_way_keeps_the_rest_of_its_route(
+    nav2: Nav2, space: cspace.CSpace, room: Path
+) -> None:
+    nav2.configure(room)
+    path = nav2.find_path(START, GOAL)
+    kept = 0
+    for k in range(1, len(path) - 2, 5):
+        start = path[k] + (0.002, -0.002, 0.01)
+        if np.all(space.motion_is_free([path[k - 1], start], [start, path[k + 1]])):
+            rest = nav2.find_path(tuple(start), GOAL)
+            np.testing.assert_allclose(rest[0, :2], start[:2], atol=1e-9)
+            later = path[k + 2 :]
+            np.testing.assert_array_equal(rest[-len(later) :], later)
+            assert len(rest) <= len(later) + 4
+            kept += 1
+    assert kept > 5
+
+
+def test_a_start_far_from_the_last_route_gets_another(nav2: Nav2, room: Path) -> None:
+    nav2.configure(room)
+    path = nav2.find_path(START, GOAL)
+    away = np.linalg.norm(path[:, :2] - ABOVE[:2], axis=1).min()
+    assert away > 0.4 or pytest.skip("the route passes the other start")
+    assert nav2.plan(ABOVE, GOAL)["calls"] > 0
+    assert nav2.plan(START, GOAL)["calls"] == 0
+
+
+def test_a_route_is_left_when_a_crate_blocks_it(nav2: Nav2, room: Path) -> None:
+    nav2.configure(room)
+    path = nav2.find_path(START, ABOVE)
+    middle = path[len(path) // 2, :2].round(1)
+    nav2.add_cost(middle - 0.2, middle + 0.2)
+    assert touches(path, middle - 0.1, middle + 0.1)
+    assert not touches(nav2.find_path(START, ABOVE), middle - 0.1, middle + 0.1)
+
+
+# ---- stops on the way ----------------------------------------------------------------------------
+
+
+def test_paths_pass_all_viapoints_in_order(
+    nav2: Nav2, version: str, space: cspace.CSpace, room: Path
+) -> None:
+    if version == "jazzy":
+        pytest.skip("Jazzy's planners have no viapoints")
+    nav2.configure(room)
+    stops = [START, (5.0, 3.0, 1.0), ABOVE, GOAL]
+    path = nav2.find_path(*stops)
+    assert np.all(space.certify_path(path))
+    at = [int(np.argmin(np.abs(path - stop).max(axis=1))) for stop in stops]
+    np.testing.assert_allclose(path[at], stops, atol=1e-9)
+    assert at == sorted(at) and len(set(map(tuple, path.tolist()))) == len(path)
+    np.testing.assert_array_equal(nav2.find_path(*stops), path)
+    # Near the goal, but before the first viapoint.
+    near_goal = (4.9, 1.0, 3.0)
+    again = nav2.find_path(near_goal, *stops[1:])
+    assert np.abs(again - ABOVE).max(axis=1).min() < 1e-9
+    blocked = nav2.plan(START, ABOVE, (3.0, 1.0, 0.0), GOAL)
+    assert (blocked["code"], blocked["calls"]) == (206, 0) and "viapoint 2" in blocked["text"]
+
+
+# ---- the path checker ----------------------------------------------------------------------------
+
+
+def test_the_checker_finds_the_poses_from_which_a_path_is_not_proven(
+    nav2: Nav2, version: str, room: Path
+) -> None:
+    nav2.configure(room)
+    nav2.tell(f"set map {room}")
+    path = [tuple(pose) for pose in nav2.find_path(START, GOAL).tolist()]
+    success = {"jazzy": None, "main": True}[version]
+    answer: dict[str, Any] = {"success": success, "indices": []}
+    answer["service"] = "path_checker/is_path_valid"
+    assert nav2.check(*path) == {**answer, "valid": True}
+    assert nav2.check(START) == {**answer, "valid": True}
+    assert nav2.check() == {**answer, "valid": False}
+    blocked = {**answer, "valid": False}
+    assert nav2.check(ABOVE, START, GOAL) == {**blocked, "indices": [1]}
+    assert nav2.check(START, (1.0, 1.1, 0.0, 0.1), START) == {**blocked, "indices": [0, 1]}
+    assert nav2.ask("check 1 1 0 0 0 0") == {**blocked, "indices": [0]}
+    nav2.tell("frame odom")
+    assert nav2.check(START) == {**blocked, "indices": [0]}
+
+
+def test_the_checker_refuses_paths_in_another_frame(nav2: Nav2, version: str, room: Path) -> None:
+    nav2.tell(f"set map {room}", "path_frame odom")
+    answer = nav2.check(START)
+    assert not answer["valid"]
+    assert answer["success"] is {"jazzy": None, "main": False}[version]
+    assert "[ERROR] [path_checker]: the path is in 'odom', not in 'map'" in nav2.read_log()
+
+
+def test_a_checker_without_a_map_logs_why_and_ends(nav2: Nav2) -> None:
+    assert nav2.check(START) == {"code": 1}
+    assert "[FATAL] [path_checker]: the parameter 'map' is missing" in nav2.read_log()
