@@ -1,20 +1,18 @@
 """Margins by which a robot may grow, or must shrink, for a path.
 
 A robot A grown by m contains every point within m of A; A shrunk by m contains the points whose
-ball of radius m lies in A. Let h be the spacing and d the dimension; a cell reaches
-``h * sqrt(d) / 2`` from its center; distances are in the translation, at one rotation.
+ball of radius m lies in A. The margins are found by bisection: at each margin, the rasters of the
+resized robot give a map of FREE cells, which may join start and goal, or one of BLOCKED cells,
+which may separate them. Let h be the spacing.
 
-* Growing, with a path: if all configurations within m of q are FREE, the grown robot is free at q.
-  So it has a path along cells whose centers are farther than m + h sqrt(d) / 2 from cells that are
-  not FREE.
-* Growing, without a path: if a configuration within m of q is BLOCKED, the grown robot collides at
-  q. So it has no path if each chain has a cell whose center is within m - h sqrt(d) / 2 of BLOCKED
-  cells.
-* Shrinking, with a path: an offset o of the outer raster is needed only if all offsets within m / h
-  of o are in the raster too. Otherwise one of them, o', has a box ``h * (o' + [-1, 1]^d)`` without
-  a point of A. It is the box of o moved by at most m, so no point in that box has its ball in A.
-* Shrinking, without a path: an offset of the inner raster deeper than m below the surface of A, at
-  all rotations of the slice, lies in the shrunk robot.
+* Outer rasters of the grown robot are those of a build with that margin.
+* An outer offset o of the shrunk robot is needed only if a point in its box ``h * (o + [-1, 1]^d)``
+  lies m deep in A. The depth of a point is at most that below any plane that bounds A. If A has no
+  point in the box of another offset o', it is also at most ``h * |o - o'|``, because the two boxes
+  are translates.
+* Growing the robot by m is growing the obstacles by m. Large margins grow both.
+* An inner offset of the shrunk robot lies deeper than m below the surface of A, at all rotations of
+  the slice. An inner offset of the grown robot lies within m of one of A, less the depth of that.
 
 The robot of FREE states is grown by the map's margin, the robot of BLOCKED states is not.
 """
@@ -23,7 +21,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import cache, cached_property
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
@@ -34,9 +33,8 @@ from cspace.engines import ENGINES, choose_engine
 from cspace.engines.slices import slice_rasters
 from cspace.errors import InputError
 from cspace.queries.components import Components
-from cspace.queries.distance import Distances, compute_distances
+from cspace.queries.distance import ROUNDING_FACTOR, Distances, compute_distances
 from cspace.queries.search import find_chain, turn_costs
-from cspace.queries.widest import LEVELS_PER_CELL, MAX_LEVEL, WidthMap
 from cspace.raster import Raster
 from cspace.record.exterior import Exterior
 from cspace.rotations import RotationCell
@@ -46,20 +44,20 @@ from cspace.support.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, Sta
 if TYPE_CHECKING:
     from cspace.space import CSpace
 
-LEVEL: Final = 1.0 / LEVELS_PER_CELL
-"""Step of the widths of a search by width, in cells."""
-
-MAX_WIDTH: Final = MAX_LEVEL / LEVELS_PER_CELL
-"""Largest width of a search by width, in cells."""
-
 DEPTH_SLACK: Final = 1e-9
 """Rounding of a depth below a surface, per metre of the shape's largest number."""
 
 MAX_PAIRS: Final = 2**25
 """Points times pieces of a surface up to which depths are computed: some seconds."""
 
-STEPS_PER_CELL: Final = 2
-"""Depths per cell that are tried for a robot that must shrink."""
+MAX_GROWTH_CELLS: Final = 16
+"""Cells by which rasters grow; larger margins grow the obstacles by the rest."""
+
+STEPS_PER_CELL: Final = 8
+"""Margins per cell that are told apart."""
+
+DIRECTIONS_PER_AXIS: Final = {2: 11, 3: 5}
+"""Points along each axis of the lattice whose directions bound a robot by planes, by dimension."""
 
 
 class Way(NamedTuple):
@@ -75,12 +73,15 @@ class Way(NamedTuple):
         The narrowest cell, or the cell of the barrier that is farthest from FREE cells.
     low : float
         Margin for which a path is proven, metres; minus infinity if nothing is left of the robot.
+    high : float
+        Margin for which it is proven that no path exists, metres; infinity if there is none.
     """
 
     cells: Ints
     barrier: Ints
     bottleneck: Ints
     low: float
+    high: float
 
 
 def states_of_slices(space: CSpace) -> States:
@@ -89,58 +90,310 @@ def states_of_slices(space: CSpace) -> States:
     return states.reshape(len(states), *space.grid.shape)
 
 
-def find_free_way(space: CSpace, ends: Ints) -> Way:
-    """Find the widest chain of FREE cells between two cells that FREE cells join.
+def find_cells(space: CSpace, points: Floats) -> Ints:
+    """Return the cells ``(rotation, x, ...)`` of configurations in the grid, shape (n, 1 + d)."""
+    positions = space.grid.cell_of(points[:, : space.dim])
+    return np.column_stack([space.rotations.find_cells(points), positions])
 
-    ``ends``, shape (2, 1 + d), are the cells of start and goal.
+
+def find_way(space: CSpace, points: Floats) -> Way:
+    """Find the way of the largest robot that is proven to have one, and the cells that bar it.
+
+    ``points``, shape (2, size), are start and goal.
     """
-    start, goal = ends
-    width_map = _make_width_map(space, space.distances.array())
-    width = width_map.bottleneck(start, goal, math.inf)
-    cells = width_map.shortest(start, goal, width, math.inf)
-    narrowest = int(np.argmin([width_map.width(cell) for cell in cells]))
-    cells_wide = max(width - cell_reach(space.dim) - LEVEL, 0.0)
-    low = space.margin + cells_wide * space.grid.spacing
-    return Way(cells, cells[:0], cells[narrowest], low)
-
-
-def find_shrunk_way(space: CSpace, ends: Ints) -> Way:
-    """Find a way for the robot that must shrink least, and the cells that bar it.
-
-    ``ends``, shape (2, 1 + d), are the cells of start and goal, which FREE cells do not join.
-    """
-    pairs = slice_rasters(space.robot, space.grid.spacing, space.margin, space.rotations)
-    # Distance from each offset to the nearest one that the outer raster lacks, in cells.
-    depths = [ndimage.distance_transform_edt(np.pad(outer.cells, 1)) for outer, _ in pairs]
-    failed = 0
-    enough = 1 + math.ceil(STEPS_PER_CELL * max(map(np.max, depths)))  # nothing is left
-    is_free = np.ones((len(pairs), *space.grid.shape), dtype=np.bool_)
-    while enough - failed > 1:
-        middle = (failed + enough) // 2
-        shrunk = [
-            Raster.from_bitmap(
-                depth > middle / STEPS_PER_CELL, tuple(low - 1 for low in outer.lower)
-            )
-            for depth, (outer, _) in zip(depths, pairs, strict=True)
-        ]
-        # An unknown outside, as of a window, may be occupied.
-        is_hit = _collide(space, space.workspace.outer, shrunk, space.outside != "free")
-        candidates = ~is_hit
-        if _are_joined(space, candidates, ends):
-            enough = middle
-            is_free = candidates
-        else:
-            failed = middle
+    ends = find_cells(space, points)
+    is_connected = bool(space.is_connected(*points))
+    robot = ResizedRobot(space)
+    low, failed = _find_low(robot, ends, is_connected)
+    is_free = robot.find_free(low)
     turns = space.rotations.neighbors, turn_costs(space.rotations, space.dim, space.grid.spacing)
     states = (~is_free).view(np.uint8)  # False is FREE, and True is MIXED
-    start, goal = ends
     slice_of = space.slice_of.copy()  # writeable, as kernels are compiled for
-    cells = find_chain(states, slice_of, turns, start, goal, math.inf)
-    barrier = find_barrier(space, _list_passed(cells, slice_of, is_free))
-    depth = enough / STEPS_PER_CELL
-    vanishes = depth >= max(map(np.max, depths))
-    low = -math.inf if vanishes else space.margin - depth * space.grid.spacing
-    return Way(cells, barrier, _find_deepest(space, barrier), low)
+    cells = find_chain(states, slice_of, turns, *ends, math.inf)
+    barrier = cells[:0]
+    if is_connected:
+        wider = min(failed, low + robot.step)
+        is_narrow = ~robot.find_free(wider)[slice_of[cells[:, 0]], *cells[:, 1:].T]
+        narrow = cells[is_narrow] if is_narrow.any() else cells
+        bottleneck = narrow[len(narrow) // 2]
+    else:
+        barrier = find_barrier(space, _list_passed(cells, slice_of, is_free))
+        bottleneck = _find_deepest(space, barrier)
+    is_apart = not is_connected and bool(space.is_disconnected(*points))
+    high = _find_high(robot, ends, low, is_apart)
+    # A robot that is nowhere that deep has no point left.
+    return Way(cells, barrier, bottleneck, low if -low < robot.depth else -math.inf, high)
+
+
+def _find_low(robot: ResizedRobot, ends: Ints, is_connected: bool) -> tuple[float, float]:
+    """Return a margin at which FREE cells join two, and a slightly larger one at which they do not.
+
+    At the first, nothing may be left of the robot.
+    """
+    margin = robot.space.margin
+
+    def joins(margin: float) -> bool:
+        """Return True if FREE cells of the robot with a margin join start and goal."""
+        return _are_joined(robot.space, robot.find_free(margin), ends)
+
+    if is_connected:
+        return robot.bisect(joins, *robot.bracket(joins, margin))
+    nothing_left = -robot.step - max(float(depths.max()) for depths in robot.outer_depths)
+    return robot.bisect(joins, nothing_left, margin)
+
+
+def _find_high(robot: ResizedRobot, ends: Ints, low: float, is_apart: bool) -> float:
+    """Return a margin, metres, at which no path is proven; infinity if there is none."""
+
+    def is_open(margin: float) -> bool:
+        """Return True if the robot with a margin is not proven to have no path."""
+        return not robot.is_disconnected(ends, margin)
+
+    if is_apart:
+        return robot.bisect(is_open, max(low, -robot.depth - robot.step), 0.0)[1]
+    return robot.bisect(is_open, *robot.bracket(is_open, max(low, 0.0)))[1]
+
+
+class Planes(NamedTuple):
+    """Planes that bound a shape.
+
+    Attributes
+    ----------
+    normals : ndarray of float64, shape (n, d)
+    heights : ndarray of float64, shape (n,)
+        Largest coordinate of the shape along each normal, metres.
+    """
+
+    normals: Floats
+    heights: Floats
+
+    @classmethod
+    def around(cls, shape: ExactShape) -> Planes:
+        """Bound a shape along the directions of a lattice."""
+        count = DIRECTIONS_PER_AXIS[shape.dim]
+        lattice = np.indices((count,) * shape.dim).reshape(shape.dim, -1).T - count // 2
+        lattice = lattice[lattice.any(axis=1)]
+        normals = lattice / np.linalg.norm(lattice, axis=1, keepdims=True)
+        try:
+            simplices, radii = shape.boundary()
+        except InputError:  # the inside of a filled mesh depends on the spacing
+            return cls(normals[:0], np.empty(0))
+        heights = [((simplices @ normal).max(axis=1) + radii).max() for normal in normals]
+        return cls(normals, np.array(heights) + DEPTH_SLACK * (1.0 + shape.span))
+
+
+class ResizedRobot:
+    """Rasters of a map's robot, grown or shrunk by a margin.
+
+    Parameters
+    ----------
+    space : CSpace
+
+    Attributes
+    ----------
+    rasters : list of (outer, inner) Raster
+        Rasters of each slice, without a margin.
+    step : float
+        Difference of margins that are told apart, metres.
+    """
+
+    def __init__(self, space: CSpace) -> None:
+        """Compute the rasters of the robot as it is."""
+        self.space = space
+        self.step = space.grid.spacing / STEPS_PER_CELL
+        self.rasters = slice_rasters(space.robot, space.grid.spacing, 0.0, space.rotations)
+        self._levels = cache(self._measure_levels)
+
+    def bracket(self, holds: Callable[[float], bool], low: float) -> tuple[float, float]:
+        """Return two margins such that a condition holds at the first alone.
+
+        It holds at ``low``. The second is infinite if it holds for a robot as large as the map.
+        """
+        grid = self.space.grid
+        growth = 2.0 * grid.spacing
+        while low < grid.spacing * max(grid.shape):
+            high = low + growth
+            if not holds(high):
+                return low, high
+            low = high
+            growth *= 2.0
+        return low, math.inf
+
+    def bisect(
+        self, holds: Callable[[float], bool], low: float, high: float
+    ) -> tuple[float, float]:
+        """Return two margins, at most a step apart, such that a condition holds at the first alone.
+
+        It holds at ``low`` and fails at ``high``, unless that is infinite.
+        """
+        while math.isfinite(high) and high - low > self.step:
+            middle = (low + high) / 2.0
+            if holds(middle):
+                low = middle
+            else:
+                high = middle
+        return low, high
+
+    def find_free(self, margin: float) -> Bools:
+        """Return the cells of each slice at which the robot with a margin is free."""
+        space = self.space
+        own, rest = self._split(margin)
+        if margin >= 0.0:
+            pairs = slice_rasters(space.robot, space.grid.spacing, own, space.rotations)
+            rasters = [outer for outer, _ in pairs]
+        else:
+            rasters = [
+                Raster.from_bitmap(outer.cells & (depths >= -margin), outer.lower)
+                for (outer, _), depths in zip(self.rasters, self.outer_depths, strict=True)
+            ]
+        # An unknown outside, as of a window, may be occupied.
+        outside = space.outside != "free"
+        occupied = space.workspace.outer
+        if rest > 0.0:
+            gaps = self._outer_gaps * ROUNDING_FACTOR - math.sqrt(space.dim) / 2.0
+            occupied = gaps <= rest
+        return ~_collide(space, occupied, rasters, outside)
+
+    def is_disconnected(self, ends: Ints, margin: float) -> bool:
+        """Return True if the robot with a margin is proven to have no path between two cells."""
+        space = self.space
+        own, rest = self._split(margin)
+        added = 0
+        while added * space.grid.spacing < own:
+            added = max(2 * added, 4)  # few sizes, because tables are kept
+        inner_rasters = [
+            Raster.from_bitmap(levels <= own, tuple(low - added for low in inner.lower))
+            for levels, (_, inner) in zip(self._levels(added), self.rasters, strict=True)
+        ]
+        outside = space.outside == "blocked"
+        occupied = space.workspace.inner
+        if rest > 0.0:
+            gaps = self._inner_gaps / ROUNDING_FACTOR + math.sqrt(space.dim) / 2.0
+            occupied = gaps <= rest
+        hits = _collide(space, occupied, inner_rasters, outside)
+        states = np.where(hits, np.uint8(BLOCKED), np.uint8(MIXED))
+        pairs = [(inner, inner) for inner in inner_rasters]
+        exterior = Exterior.of(space.workspace.outer, pairs, space.outside)
+        is_open = ~exterior.is_all_blocked(space.grid.shape)
+        components = Components(states, space.slice_of, space.rotations.neighbors, is_open)
+        start, goal = components.of(ends, mixed=True)
+        return bool(start == -1 or goal == -1 or start != goal)
+
+    def _split(self, margin: float) -> tuple[float, float]:
+        """Split a margin into metres for the robot, and cells for the obstacles."""
+        spacing = self.space.grid.spacing
+        own = min(margin, MAX_GROWTH_CELLS * spacing)
+        return own, (margin - own) / spacing
+
+    @cached_property
+    def _outer_gaps(self) -> Distances:
+        """Distance of the center of each workspace cell to outer cells, in cells."""
+        return _distances_around(self.space.workspace.outer, self.space.outside != "free")
+
+    @cached_property
+    def _inner_gaps(self) -> Distances:
+        """Distance of the center of each workspace cell to inner cells, in cells."""
+        return _distances_around(self.space.workspace.inner, self.space.outside == "blocked")
+
+    @cached_property
+    def depth(self) -> float:
+        """Depth of the deepest inner offset below the robot's surface, metres: about its inradius.
+
+        Without a surface, it is estimated from the offsets.
+        """
+        if self._inner_depths is None:
+            depths = [
+                ndimage.distance_transform_edt(np.pad(inner.cells, 1)) for _, inner in self.rasters
+            ]
+            return self.space.grid.spacing * max(float(table.max()) - 1.0 for table in depths)
+        return max(float(depths.max(initial=0.0)) for depths in self._inner_depths)
+
+    @cached_property
+    def _rotation_cells(self) -> list[RotationCell]:
+        """Rotations of each slice."""
+        space = self.space
+        if space.rotations.preserve(space.robot.shape):
+            return [RotationCell()]
+        _, first_cells = np.unique(space.slice_of, return_index=True)
+        all_cells = space.rotations.make_shape_cells(space.dim)
+        return [all_cells[number] for number in first_cells]
+
+    @cached_property
+    def outer_depths(self) -> list[Floats]:
+        """Upper bound of the depth in the box of each outer offset, in each slice."""
+        planes = Planes.around(self.space.robot.shape.outer)
+        return [
+            bound_depths(planes, outer, cell, self.space.grid.spacing)
+            for (outer, _), cell in zip(self.rasters, self._rotation_cells, strict=True)
+        ]
+
+    @cached_property
+    def _inner_depths(self) -> list[Floats] | None:
+        """Lower bound of the depth of each inner offset, in each slice.
+
+        None for robots whose surface has too many pieces, and for filled meshes.
+        """
+        shape = self.space.robot.shape.inner
+        n_points = sum(inner.count for _, inner in self.rasters)
+        try:
+            n_pieces = len(shape.boundary().simplices)
+        except InputError:  # the inside of a filled mesh depends on the spacing
+            return None
+        if n_points * n_pieces > MAX_PAIRS:
+            return None
+        return [
+            measure_depths(shape, inner, cell, self.space.grid.spacing)
+            for (_, inner), cell in zip(self.rasters, self._rotation_cells, strict=True)
+        ]
+
+    def _measure_levels(self, added: int) -> list[Floats]:
+        """Return margins at which offsets are proven to lie in the robot, in each slice.
+
+        Tables have the shapes of the inner rasters with ``added`` offsets on each side.
+        """
+        spacing = self.space.grid.spacing
+        inner_depths = self._inner_depths
+        tables = []
+        for number, (_, inner) in enumerate(self.rasters):
+            depths = np.where(inner.cells, 0.0, -math.inf)
+            if inner_depths is not None:
+                depths = np.maximum(depths, inner_depths[number])
+            cells = np.pad(inner.cells, added)
+            depths = np.pad(depths, added)
+            if not inner.count:
+                tables.append(np.full(cells.shape, math.inf))
+                continue
+            # The way to the nearest inner offset and on to the surface, or by the deepest one.
+            gaps, nearest = ndimage.distance_transform_edt(
+                ~cells, sampling=spacing, return_indices=True
+            )
+            deepest = np.argwhere(cells)[np.argmax(depths[cells])]
+            far_gaps = np.linalg.norm(
+                np.moveaxis(np.indices(cells.shape), 0, -1) - deepest, axis=-1
+            )
+            levels = np.minimum(
+                gaps - depths[tuple(nearest)], spacing * far_gaps - depths[tuple(deepest)]
+            )
+            tables.append(levels)
+        return tables
+
+
+def bound_depths(planes: Planes, raster: Raster, cell: RotationCell, spacing: float) -> Floats:
+    """Bound the depth of a shape in the boxes of outer offsets from above, metres.
+
+    The bounds hold at all rotations of the cell, and have the shape of the raster's cells.
+    """
+    # The nearest box without a point of the shape.
+    padded: Floats = ndimage.distance_transform_edt(np.pad(raster.cells, 1), sampling=spacing)
+    bounds = padded[(slice(1, -1),) * padded.ndim]
+    points = spacing * (np.argwhere(raster.cells) + np.array(raster.lower))
+    normals = planes.normals
+    turned = normals if cell.matrix is None else normals @ cell.matrix.T
+    to_corners = spacing * np.abs(turned).sum(axis=1)
+    below = (planes.heights + to_corners - points @ turned.T).min(axis=1, initial=math.inf)
+    below += cell.displacement(np.abs(points) + spacing)
+    bounds[raster.cells] = np.minimum(bounds[raster.cells], below)
+    return bounds
 
 
 def find_barrier(space: CSpace, passed: Ints) -> Ints:
@@ -208,12 +461,6 @@ def _find_deepest(space: CSpace, barrier: Ints) -> Ints:
     return cell
 
 
-def _make_width_map(space: CSpace, widths: Distances) -> WidthMap:
-    """Return widths of the cells of all slices for a search."""
-    turns = turn_costs(space.rotations, space.dim, space.grid.spacing)
-    return WidthMap(widths, space.slice_of.copy(), space.rotations, turns)  # writeable, as above
-
-
 def _collide(space: CSpace, occupied: Bools, rasters: Sequence[Raster], outside: bool) -> Bools:
     """Return the cells of each slice at which a raster meets occupied cells.
 
@@ -225,6 +472,15 @@ def _collide(space: CSpace, occupied: Bools, rasters: Sequence[Raster], outside:
     return hits
 
 
+def _distances_around(occupied: Bools, outside: bool) -> Distances:
+    """Return the distance of each cell's center to occupied cells, in cells.
+
+    All space outside the grid is occupied too if ``outside``.
+    """
+    distances = distances_to(np.pad(occupied, 1, constant_values=outside)[np.newaxis])
+    return distances[0][(slice(1, -1),) * occupied.ndim]
+
+
 def _are_joined(space: CSpace, is_free: Bools, ends: Ints) -> bool:
     """Return True if free cells of the grid join two cells."""
     never_open = np.zeros(len(is_free), dtype=np.bool_)
@@ -232,111 +488,6 @@ def _are_joined(space: CSpace, is_free: Bools, ends: Ints) -> bool:
     components = Components(states, space.slice_of, space.rotations.neighbors, never_open)
     start, goal = components.of(ends)
     return bool(start != -1 and start == goal)
-
-
-def bound_growth(space: CSpace, ends: Ints) -> float:
-    """Return a margin, metres, by which the robot cannot grow and still have a path.
-
-    It is infinite if a path may lead around outside the grid.
-    """
-    states = states_of_slices(space)
-    is_open = ~Exterior(space.kernel_map.exterior).is_all_blocked(space.grid.shape)
-    # A layer of cells around the grid stands for all space outside.
-    around = [(0, 0)] + [(1, 1)] * space.dim
-    is_blocked = np.pad(states == BLOCKED, around, constant_values=True)
-    for number in np.flatnonzero(is_open):
-        _fill_border(is_blocked[number], False)
-    widths = distances_to(is_blocked)
-    for number in np.flatnonzero(is_open):
-        _fill_border(widths[number], MAX_WIDTH)
-    start, goal = ends + np.array([0] + [1] * space.dim)
-    width = _make_width_map(space, widths).bottleneck(start, goal, math.inf)
-    if width + LEVEL >= MAX_WIDTH:
-        return math.inf
-    return (width + LEVEL + cell_reach(space.dim)) * space.grid.spacing
-
-
-def bound_shrinkage(space: CSpace, ends: Ints, low: float) -> float:
-    """Return a margin, metres, by which the robot may shrink and still has no path.
-
-    The margin is zero or negative, and above ``low``, at which a path is proven. Start and goal are
-    proven disconnected for the robot as it is. The result is 0 for robots whose surface has too
-    many pieces, and for filled meshes.
-    """
-    shrunk = ShrunkRobot.of(space)
-    if shrunk is None:
-        return 0.0
-    step = space.grid.spacing / STEPS_PER_CELL
-    deepest = max((float(depths.max(initial=0.0)) for depths in shrunk.depths), default=0.0)
-    proven = 0
-    failed = math.floor(min(-low, deepest) / step) + 1
-    while failed - proven > 1:
-        middle = (proven + failed) // 2
-        if shrunk.is_disconnected(ends, middle * step):
-            proven = middle
-        else:
-            failed = middle
-    return -proven * step
-
-
-class ShrunkRobot(NamedTuple):
-    """Inner rasters of a robot, with the depth of each offset.
-
-    Attributes
-    ----------
-    space : CSpace
-    rasters : list of (outer, inner) Raster
-        Rasters of each slice.
-    depths : list of ndarray of float64
-        Lower bound of the depth of each offset of an inner raster below the robot's surface, at all
-        rotations of the slice; metres, in the shape of the raster's cells.
-    """
-
-    space: CSpace
-    rasters: Sequence[tuple[Raster, Raster]]
-    depths: Sequence[Floats]
-
-    @classmethod
-    def of(cls, space: CSpace) -> ShrunkRobot | None:
-        """Measure the depths of a map's inner rasters; None if they are unknown or too many."""
-        shape = space.robot.shape.inner
-        rotations = space.rotations
-        rasters = slice_rasters(space.robot, space.grid.spacing, 0.0, rotations)
-        rotation_cells = [RotationCell()]
-        if not rotations.preserve(space.robot.shape):
-            _, first_cells = np.unique(space.slice_of, return_index=True)
-            all_cells = rotations.make_shape_cells(space.dim)
-            rotation_cells = [all_cells[number] for number in first_cells]
-        n_points = sum(inner.count for _, inner in rasters)
-        try:
-            n_pieces = len(shape.boundary().simplices)
-        except InputError:  # the inside of a filled mesh depends on the spacing
-            return None
-        if n_points * n_pieces > MAX_PAIRS:
-            return None
-        depths = [
-            measure_depths(shape, inner, cell, space.grid.spacing)
-            for (_, inner), cell in zip(rasters, rotation_cells, strict=True)
-        ]
-        return cls(space, rasters, depths)
-
-    def is_disconnected(self, ends: Ints, depth: float) -> bool:
-        """Return True if the robot, shrunk by ``depth``, is proven to have no path."""
-        space = self.space
-        inner_rasters = [
-            Raster.from_bitmap(inner.cells & (depths >= depth), inner.lower)
-            for (_, inner), depths in zip(self.rasters, self.depths, strict=True)
-        ]
-        hits = _collide(space, space.workspace.inner, inner_rasters, space.outside == "blocked")
-        states = np.where(hits, np.uint8(BLOCKED), np.uint8(MIXED))
-        pairs = [
-            (outer, inner) for (outer, _), inner in zip(self.rasters, inner_rasters, strict=True)
-        ]
-        exterior = Exterior.of(space.workspace.outer, pairs, space.outside)
-        is_open = ~exterior.is_all_blocked(space.grid.shape)
-        components = Components(states, space.slice_of, space.rotations.neighbors, is_open)
-        start, goal = components.of(ends, mixed=True)
-        return bool(start == -1 or goal == -1 or start != goal)
 
 
 def measure_depths(shape: ExactShape, raster: Raster, cell: RotationCell, spacing: float) -> Floats:
@@ -405,16 +556,3 @@ def distances_to(members: Bools) -> Distances:
     for part, out in zip(members, distances, strict=True):
         compute_distances(part.view(np.uint8), nothing_outside, out)
     return distances
-
-
-def cell_reach(dim: int) -> float:
-    """Return the distance from a cell's center to its corners, in cells."""
-    return math.sqrt(dim) / 2.0
-
-
-def _fill_border(cells: Bools | Distances, value: float) -> None:
-    """Set the outermost cells of one slice to a value."""
-    for axis in range(cells.ndim):
-        along = np.moveaxis(cells, axis, 0)
-        along[0] = value
-        along[-1] = value

@@ -139,7 +139,7 @@ def test_an_explanation_names_the_obstacle_in_the_door():
     assert "'crate'" in explanation.obstacles
     assert "'plant'" not in explanation.obstacles
     assert explanation.passes_without == ("crate",)
-    assert "It passes without 'crate'." in str(explanation)
+    assert "The robot passes without 'crate'." in str(explanation)
     assert abs(explanation.bottleneck[0] - 2.0) < 0.5
     assert str(explanation).startswith("No path: at (")
     assert len(explanation.sentences) <= 3
