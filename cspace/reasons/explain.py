@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-import copy
 import math
 import textwrap
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy import ndimage
 
 from cspace.engines.slices import slice_rasters
-from cspace.errors import ConfigurationError, InputError
-from cspace.interface import format_configuration
 from cspace.obstacles import Obstacle
 from cspace.reasons.margins import find_cells, find_way, states_of_slices
-from cspace.reasons.removals import Removals, find_removals, remove_obstacles
+from cspace.reasons.removals import remove_obstacles
 from cspace.reasons.windows import Trial, refine_way, suggest_finer
 from cspace.support.arrays import FREE, STATE_NAMES, Bools, Floats, Ints
-from cspace.support.check import check_flag, check_points
+from cspace.support.check import check_flag
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -217,110 +213,61 @@ class Explanation:
         return axes
 
 
-class Ends(NamedTuple):
-    """Start and goal of an explanation.
+def explain(space: CSpace, points: Floats, refine: bool) -> Explanation:
+    """Explain a path between two configurations, shape (2, size), or its absence.
 
-    Attributes
-    ----------
-    points : ndarray of float64, shape (2, size)
-    cells : ndarray of int64, shape (2, 1 + d)
-        Their cells ``(rotation, x, ...)``.
+    The map must not change. See :meth:`cspace.CSpace.explain`.
     """
-
-    points: Floats
-    cells: Ints
-
-
-def explain(space: CSpace, start: ArrayLike, goal: ArrayLike, refine: bool) -> Explanation:
-    """Explain a path or its absence; see :meth:`cspace.CSpace.explain`."""
     check_flag(refine, "refine")
-    ends = check_ends(space, start, goal)
-    space = copy.copy(space)  # updates of other threads do not change the copy
-    first, second = ends.points
-    verdict = _decide(space, ends)
-    way = find_way(space, ends.points)
-    barrier = way.barrier
+    first, second = points
+    verdict = _decide(space, points)
+    way = find_way(space, points)
     named = {name: Obstacle.of(shape, space.grid) for name, shape in space.obstacles.items()}
     position = space.grid.center_of(way.bottleneck[1:])
-    touched, pieces = _list_obstacles(space, named, barrier, position)
+    touched, pieces = _list_obstacles(space, named, way.barrier, position)
     removed_alone = [
         name
         for name in touched[:MAX_TRIED_NAMES]
         if remove_obstacles(space, [name]).is_connected(first, second)
     ]
+    cells = find_cells(space, points)
     end, _, state = verdict.partition(" ")
     if state:
-        index = ("start", "goal").index(end)
-        cell = ends.cells[[index]]
+        number = ("start", "goal").index(end)
         is_blocked = state == "BLOCKED"
-        touched, pieces = _list_obstacles(space, named, cell, ends.points[index], is_blocked)
+        touched, pieces = _list_obstacles(space, named, cells[[number]], points[number], is_blocked)
     trial = None
     is_decided = verdict != "undecided"
     if refine:
-        way, trial = refine_way(space, ends.points, way, is_decided)
+        way, trial = refine_way(space, points, way, is_decided)
     elif not is_decided:
         trial = suggest_finer(space, way)
-    bottleneck = np.concatenate([position, space.rotations.centers[way.bottleneck[0]]])
     return Explanation(
         space=space,
         start=tuple(first.tolist()),
         goal=tuple(second.tolist()),
         verdict=verdict,
-        barrier=barrier,
+        barrier=way.barrier,
         obstacles=(*map(repr, touched), *pieces),
-        bottleneck=bottleneck,
+        bottleneck=np.concatenate([position, space.rotations.centers[way.bottleneck[0]]]),
         margin=(way.low, way.high),
         passes_without=tuple(removed_alone),
         trial=None if is_decided else trial,
-        free_yaws=(_find_free_yaws(space, ends.cells[0]), _find_free_yaws(space, ends.cells[1])),
-        passes_if_turning=_passes_if_turning(space, ends.cells),
+        free_yaws=(_find_free_yaws(space, cells[0]), _find_free_yaws(space, cells[1])),
+        passes_if_turning=_passes_if_turning(space, cells),
     )
 
 
-def find_removals_between(space: CSpace, start: ArrayLike, goal: ArrayLike) -> Removals | None:
-    """Find the fewest obstacles to remove; see :meth:`cspace.CSpace.removals`."""
-    cells = check_ends(space, start, goal).cells
-    return find_removals(copy.copy(space), cells)  # updates do not change the copy
-
-
-def check_ends(space: CSpace, start: ArrayLike, goal: ArrayLike) -> Ends:
-    """Check the two configurations of an explanation.
-
-    Raises InputError for maps of other kinds, ConfigurationError for configurations outside.
-    """
-    if not space.in_memory:
-        hint = "ask space.window(lower, upper), or space.overview()"
-        raise InputError("space", "is a tiled map", "reasons need a map in memory", hint)
-    if len(space.rotations.names) > 1:
-        problem = f"has the axes {', '.join(space.axes)}"
-        rule = "reasons are for maps of positions, with or without a yaw"
-        raise InputError("space", problem, rule, "build a map with rotations=72")
-    points = []
-    for name, q in (("start", start), ("goal", goal)):
-        given = check_points(q, name, space.size)
-        if given.ndim != 1:
-            hint = "pass one start and one goal"
-            raise InputError(name, f"has shape {given.shape}", "it must be one configuration", hint)
-        point = space.rotations.make_canonical(given, name)
-        if not space.grid.contains(point[: space.dim]):
-            problem = f"{format_configuration(point.tolist())} lies outside the map"
-            hint = "ask grid.lower and grid.upper"
-            raise ConfigurationError(name, problem, "it must lie in the grid", hint)
-        points.append(point)
-    rows = np.array(points)
-    return Ends(rows, find_cells(space, rows))
-
-
-def _decide(space: CSpace, ends: Ends) -> Verdict:
+def _decide(space: CSpace, points: Floats) -> Verdict:
     """Return what the map proves about two configurations."""
-    for name, point in zip(("start", "goal"), ends.points, strict=True):
+    for name, point in zip(("start", "goal"), points, strict=True):
         state = int(space.classify(point))
         if state != FREE:
             verdict: Verdict = f"{name} {STATE_NAMES[state].upper()}"  # type: ignore[assignment]
             return verdict
-    if space.is_connected(*ends.points):
+    if space.is_connected(*points):
         return "connected"
-    return "disconnected" if space.is_disconnected(*ends.points) else "undecided"
+    return "disconnected" if space.is_disconnected(*points) else "undecided"
 
 
 def _list_obstacles(

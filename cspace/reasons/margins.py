@@ -26,16 +26,15 @@ from functools import cache, cached_property
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
-from scipy import ndimage, sparse
-from scipy.sparse import csgraph
+from scipy import ndimage
 
 from cspace.engines import ENGINES, choose_engine
 from cspace.engines.slices import slice_rasters
 from cspace.errors import InputError
-from cspace.queries.components import Components
-from cspace.queries.distance import ROUNDING_FACTOR, Distances, compute_distances
+from cspace.queries.distance import ROUNDING_FACTOR, compute_distances
 from cspace.queries.search import find_chain, turn_costs
 from cspace.raster import Raster
+from cspace.record.contents import Contents
 from cspace.record.exterior import Exterior
 from cspace.rotations import RotationCell
 from cspace.shapes.shape import ExactShape
@@ -56,8 +55,11 @@ MAX_GROWTH_CELLS: Final = 16
 STEPS_PER_CELL: Final = 8
 """Margins per cell that are told apart."""
 
-DIRECTIONS_PER_AXIS: Final = {2: 11, 3: 5}
-"""Points along each axis of the lattice whose directions bound a robot by planes, by dimension."""
+DIRECTION_STEPS: Final = {2: range(-5, 6), 3: range(-2, 3)}
+"""Coordinates of the directions along which planes bound a robot, by dimension."""
+
+BLOCKED_COST: Final = 1000.0
+"""Cost of a move in a cell that is not FREE, so that a way passes few of them."""
 
 
 class Way(NamedTuple):
@@ -69,8 +71,10 @@ class Way(NamedTuple):
         Cells ``(rotation, x, ...)`` from start to goal, joined by moves of up to two cells.
     barrier : ndarray of int64, shape (m, 1 + d)
         Cells that are not FREE, and that would join start and goal if they were.
+    barred : tuple of int
+        Indices of the first and last cell of the way whose move passes the barrier.
     bottleneck : ndarray of int64, shape (1 + d,)
-        The narrowest cell, or the cell of the barrier that is farthest from FREE cells.
+        The narrowest cell.
     low : float
         Margin for which a path is proven, metres; minus infinity if nothing is left of the robot.
     high : float
@@ -79,6 +83,7 @@ class Way(NamedTuple):
 
     cells: Ints
     barrier: Ints
+    barred: tuple[int, int]
     bottleneck: Ints
     low: float
     high: float
@@ -101,57 +106,63 @@ def find_way(space: CSpace, points: Floats) -> Way:
 
     ``points``, shape (2, size), are start and goal.
     """
-    ends = find_cells(space, points)
-    is_connected = bool(space.is_connected(*points))
     robot = ResizedRobot(space)
-    low, failed = _find_low(robot, ends, is_connected)
-    is_free = robot.find_free(low)
-    turns = space.rotations.neighbors, turn_costs(space.rotations, space.dim, space.grid.spacing)
-    states = (~is_free).view(np.uint8)  # False is FREE, and True is MIXED
-    slice_of = space.slice_of.copy()  # writeable, as kernels are compiled for
-    cells = find_chain(states, slice_of, turns, *ends, math.inf)
-    barrier = cells[:0]
-    if is_connected:
-        wider = min(failed, low + robot.step)
-        is_narrow = ~robot.find_free(wider)[slice_of[cells[:, 0]], *cells[:, 1:].T]
-        narrow = cells[is_narrow] if is_narrow.any() else cells
-        bottleneck = narrow[len(narrow) // 2]
-    else:
-        barrier = find_barrier(space, _list_passed(cells, slice_of, is_free))
-        bottleneck = _find_deepest(space, barrier)
-    is_apart = not is_connected and bool(space.is_disconnected(*points))
-    high = _find_high(robot, ends, low, is_apart)
-    # A robot that is nowhere that deep has no point left.
-    return Way(cells, barrier, bottleneck, low if -low < robot.depth else -math.inf, high)
-
-
-def _find_low(robot: ResizedRobot, ends: Ints, is_connected: bool) -> tuple[float, float]:
-    """Return a margin at which FREE cells join two, and a slightly larger one at which they do not.
-
-    At the first, nothing may be left of the robot.
-    """
-    margin = robot.space.margin
 
     def joins(margin: float) -> bool:
         """Return True if FREE cells of the robot with a margin join start and goal."""
-        return _are_joined(robot.space, robot.find_free(margin), ends)
-
-    if is_connected:
-        return robot.bisect(joins, *robot.bracket(joins, margin))
-    nothing_left = -robot.step - max(float(depths.max()) for depths in robot.outer_depths)
-    return robot.bisect(joins, nothing_left, margin)
-
-
-def _find_high(robot: ResizedRobot, ends: Ints, low: float, is_apart: bool) -> float:
-    """Return a margin, metres, at which no path is proven; infinity if there is none."""
+        return bool(robot.make_free_map(margin).is_connected(*points))
 
     def is_open(margin: float) -> bool:
         """Return True if the robot with a margin is not proven to have no path."""
-        return not robot.is_disconnected(ends, margin)
+        return not robot.make_blocked_map(margin).is_disconnected(*points)
 
-    if is_apart:
-        return robot.bisect(is_open, max(low, -robot.depth - robot.step), 0.0)[1]
-    return robot.bisect(is_open, *robot.bracket(is_open, max(low, 0.0)))[1]
+    if space.is_connected(*points):
+        low, failed = robot.search(joins, space.margin)
+    else:
+        nothing_left = -robot.step - max(float(depths.max()) for depths in robot.outer_depths)
+        low, failed = robot.search(joins, nothing_left, space.margin)
+    if space.is_disconnected(*points):
+        _, high = robot.search(is_open, max(low, -robot.depth - robot.step), 0.0)
+    else:
+        _, high = robot.search(is_open, max(low, 0.0))
+    is_free = robot.find_free(low)
+    slice_of = space.slice_of.copy()  # writeable, as kernels are compiled for
+    turns = space.rotations.neighbors, turn_costs(space.rotations, space.dim, space.grid.spacing)
+    states = (~is_free).view(np.uint8)  # False is FREE, and True is MIXED
+    costs = np.where(states_of_slices(space) == FREE, 1.0, BLOCKED_COST).astype(np.float32)
+    cells = find_chain(states, slice_of, turns, *find_cells(space, points), math.inf, costs)
+    wider = min(failed, low + robot.step)
+    is_narrow = ~robot.find_free(wider)[slice_of[cells[:, 0]], *cells[:, 1:].T]
+    narrow = cells[is_narrow] if is_narrow.any() else cells
+    barrier, barred = _find_barrier(space, cells, is_free)
+    # A robot that is nowhere that deep has no point left.
+    low = low if -low < robot.depth else -math.inf
+    return Way(cells, barrier, barred, narrow[len(narrow) // 2], low, high)
+
+
+def _find_barrier(space: CSpace, cells: Ints, is_free: Bools) -> tuple[Ints, tuple[int, int]]:
+    """Find the cells of a way's moves that are not FREE, and the first and last cell beside them.
+
+    ``is_free`` are the cells of each slice that moves may pass.
+    """
+    states = states_of_slices(space)
+    barrier: dict[tuple[int, ...], None] = {}
+    barred = []
+    moves = itertools.pairwise([*cells, cells[-1]])
+    for number, (first, second) in enumerate(moves):
+        # The box around a move, or both ends of a turn on the spot.
+        box = [first, second]
+        if first[0] == second[0]:
+            low = np.minimum(first, second)
+            box = [*(np.argwhere(np.ones(np.abs(second - first) + 1)) + low)]
+        for cell in map(tuple, np.array(box).tolist()):
+            place = space.slice_of[cell[0]], *cell[1:]
+            if is_free[place] and states[place] != FREE:
+                barrier[cell] = None
+                barred.append(number)
+    last = len(cells) - 1
+    between = (barred[0], min(barred[-1] + 1, last)) if barred else (0, last)
+    return np.array([*barrier], dtype=np.int64).reshape(-1, cells.shape[1]), between
 
 
 class Planes(NamedTuple):
@@ -170,9 +181,10 @@ class Planes(NamedTuple):
     @classmethod
     def around(cls, shape: ExactShape) -> Planes:
         """Bound a shape along the directions of a lattice."""
-        count = DIRECTIONS_PER_AXIS[shape.dim]
-        lattice = np.indices((count,) * shape.dim).reshape(shape.dim, -1).T - count // 2
-        lattice = lattice[lattice.any(axis=1)]
+        steps = DIRECTION_STEPS[shape.dim]
+        lattice = np.array(
+            [step for step in itertools.product(steps, repeat=shape.dim) if any(step)]
+        )
         normals = lattice / np.linalg.norm(lattice, axis=1, keepdims=True)
         try:
             simplices, radii = shape.boundary()
@@ -183,7 +195,7 @@ class Planes(NamedTuple):
 
 
 class ResizedRobot:
-    """Rasters of a map's robot, grown or shrunk by a margin.
+    """Rasters and maps of a map's robot, grown or shrunk by a margin.
 
     Parameters
     ----------
@@ -204,30 +216,20 @@ class ResizedRobot:
         self.rasters = slice_rasters(space.robot, space.grid.spacing, 0.0, space.rotations)
         self._levels = cache(self._measure_levels)
 
-    def bracket(self, holds: Callable[[float], bool], low: float) -> tuple[float, float]:
-        """Return two margins such that a condition holds at the first alone.
-
-        It holds at ``low``. The second is infinite if it holds for a robot as large as the map.
-        """
-        grid = self.space.grid
-        growth = 2.0 * grid.spacing
-        while low < grid.spacing * max(grid.shape):
-            high = low + growth
-            if not holds(high):
-                return low, high
-            low = high
-            growth *= 2.0
-        return low, math.inf
-
-    def bisect(
-        self, holds: Callable[[float], bool], low: float, high: float
+    def search(
+        self, holds: Callable[[float], bool], low: float, high: float = math.inf
     ) -> tuple[float, float]:
         """Return two margins, at most a step apart, such that a condition holds at the first alone.
 
-        It holds at ``low`` and fails at ``high``, unless that is infinite.
+        It holds at ``low`` and fails at ``high``. The second is infinite if it holds for a robot as
+        large as the map.
         """
-        while math.isfinite(high) and high - low > self.step:
-            middle = (low + high) / 2.0
+        grid = self.space.grid
+        growth = 2.0 * grid.spacing
+        while high - low > self.step and low < grid.spacing * max(grid.shape):
+            # Doubled growth until the condition fails, bisection afterwards.
+            middle = low + growth if math.isinf(high) else (low + high) / 2.0
+            growth *= 2.0
             if holds(middle):
                 low = middle
             else:
@@ -250,34 +252,58 @@ class ResizedRobot:
         outside = space.outside != "free"
         occupied = space.workspace.outer
         if rest > 0.0:
-            gaps = self._outer_gaps * ROUNDING_FACTOR - math.sqrt(space.dim) / 2.0
-            occupied = gaps <= rest
-        return ~_collide(space, occupied, rasters, outside)
+            occupied = grow_cells(occupied, rest, outside, outwards=True)
+        return ~self._collide(occupied, rasters, outside)
 
-    def is_disconnected(self, ends: Ints, margin: float) -> bool:
-        """Return True if the robot with a margin is proven to have no path between two cells."""
+    def make_free_map(self, margin: float) -> CSpace:
+        """Make the map of the FREE cells of the robot with a margin; all others are MIXED."""
+        states = (~self.find_free(margin)).view(np.uint8)  # False is FREE, and True is MIXED
+        return self._make_map(states, Exterior(self.space.kernel_map.exterior))
+
+    def make_blocked_map(self, margin: float) -> CSpace:
+        """Make the map of the BLOCKED cells of the robot with a margin; all others are MIXED."""
         space = self.space
         own, rest = self._split(margin)
         added = 0
         while added * space.grid.spacing < own:
             added = max(2 * added, 4)  # few sizes, because tables are kept
-        inner_rasters = [
+        rasters = [
             Raster.from_bitmap(levels <= own, tuple(low - added for low in inner.lower))
             for levels, (_, inner) in zip(self._levels(added), self.rasters, strict=True)
         ]
         outside = space.outside == "blocked"
         occupied = space.workspace.inner
         if rest > 0.0:
-            gaps = self._inner_gaps / ROUNDING_FACTOR + math.sqrt(space.dim) / 2.0
-            occupied = gaps <= rest
-        hits = _collide(space, occupied, inner_rasters, outside)
+            occupied = grow_cells(occupied, rest, outside, outwards=False)
+        hits = self._collide(occupied, rasters, outside)
         states = np.where(hits, np.uint8(BLOCKED), np.uint8(MIXED))
-        pairs = [(inner, inner) for inner in inner_rasters]
-        exterior = Exterior.of(space.workspace.outer, pairs, space.outside)
-        is_open = ~exterior.is_all_blocked(space.grid.shape)
-        components = Components(states, space.slice_of, space.rotations.neighbors, is_open)
-        start, goal = components.of(ends, mixed=True)
-        return bool(start == -1 or goal == -1 or start != goal)
+        pairs = [(raster, raster) for raster in rasters]
+        return self._make_map(states, Exterior.of(space.workspace.outer, pairs, space.outside))
+
+    def _make_map(self, states: States, exterior: Exterior) -> CSpace:
+        """Make a map of other states, in the grid and outside."""
+        space = self.space
+        return type(space)(
+            Contents(
+                space.workspace,
+                space.robot,
+                space.rotations,
+                space.slice_of,
+                states,
+                space.outside,
+                exterior=exterior,
+            )
+        )
+
+    def _collide(self, occupied: Bools, rasters: Sequence[Raster], outside: bool) -> Bools:
+        """Return the cells of each slice at which a raster meets occupied cells.
+
+        All space outside the grid is occupied too if ``outside``.
+        """
+        hits = np.zeros((len(rasters), *occupied.shape), dtype=np.bool_)
+        engine = ENGINES[choose_engine(rasters)]
+        engine.collide(occupied, rasters, list(hits), outside=outside)
+        return hits
 
     def _split(self, margin: float) -> tuple[float, float]:
         """Split a margin into metres for the robot, and cells for the obstacles."""
@@ -286,26 +312,13 @@ class ResizedRobot:
         return own, (margin - own) / spacing
 
     @cached_property
-    def _outer_gaps(self) -> Distances:
-        """Distance of the center of each workspace cell to outer cells, in cells."""
-        return _distances_around(self.space.workspace.outer, self.space.outside != "free")
-
-    @cached_property
-    def _inner_gaps(self) -> Distances:
-        """Distance of the center of each workspace cell to inner cells, in cells."""
-        return _distances_around(self.space.workspace.inner, self.space.outside == "blocked")
-
-    @cached_property
     def depth(self) -> float:
         """Depth of the deepest inner offset below the robot's surface, metres: about its inradius.
 
-        Without a surface, it is estimated from the offsets.
+        Without a surface, it is half the shortest side of the robot.
         """
         if self._inner_depths is None:
-            depths = [
-                ndimage.distance_transform_edt(np.pad(inner.cells, 1)) for _, inner in self.rasters
-            ]
-            return self.space.grid.spacing * max(float(table.max()) - 1.0 for table in depths)
+            return float(np.ptp(self.space.robot.shape.inner.bounds, axis=0).min()) / 2.0
         return max(float(depths.max(initial=0.0)) for depths in self._inner_depths)
 
     @cached_property
@@ -396,98 +409,17 @@ def bound_depths(planes: Planes, raster: Raster, cell: RotationCell, spacing: fl
     return bounds
 
 
-def find_barrier(space: CSpace, passed: Ints) -> Ints:
-    """Find the fewest cells that are not FREE on a way from the first to the last of some cells.
+def grow_cells(cells: Bools, distance: float, outside: bool, *, outwards: bool) -> Bools:
+    """Grow occupied cells by a distance in cells, ``outwards`` to all cells that the result meets.
 
-    The way leads through the cells ``passed``, shape (n, 1 + d), and through FREE components.
+    Otherwise, to cells that lie in it. All space outside the grid is occupied too if ``outside``.
     """
-    states = states_of_slices(space)
-    never_open = np.zeros(len(states), dtype=np.bool_)
-    neighbors = space.rotations.neighbors
-    components = Components(states, space.slice_of, neighbors, never_open).of(passed)
-    # Nodes are the cells that are not FREE, and after them the components of the others.
-    nodes = np.where(components == -1, np.arange(len(passed)), len(passed) + components)
-    node_of = dict(zip(map(tuple, passed.tolist()), nodes.tolist(), strict=True))
-    links = []
-    for cell, node in node_of.items():
-        near_nodes = [node_of.get(near, node) for near in _list_neighbors(cell, neighbors)]
-        links += [(node, other) for other in near_nodes if other != node]
-    first, second = np.array(links, dtype=np.int64).reshape(-1, 2).T
-    n_nodes = int(nodes.max()) + 1
-    # A cell costs more than all components together.
-    costs = np.where(second < len(passed), float(len(passed)), 1.0)
-    graph = sparse.coo_array((costs, (first, second)), (n_nodes, n_nodes)).tocsr()
-    _, previous = csgraph.dijkstra(graph, indices=nodes[0], return_predecessors=True)
-    on_way = [int(nodes[-1])]
-    while on_way[-1] != nodes[0]:
-        on_way.append(int(previous[on_way[-1]]))
-    in_way = np.array([node for node in on_way if node < len(passed)], dtype=np.int64)
-    barrier: Ints = passed[np.sort(in_way)]
-    return barrier
-
-
-def _list_neighbors(cell: tuple[int, ...], neighbors: Ints) -> list[tuple[int, ...]]:
-    """List the cells that share a side with a cell, and the cell at neighbouring rotations."""
-    rotation, *position = cell
-    near = [(other, *position) for other in neighbors[rotation].tolist()]
-    for axis in range(1, len(cell)):
-        near += [(*cell[:axis], cell[axis] + step, *cell[axis + 1 :]) for step in (-1, 1)]
-    return near
-
-
-def _list_passed(cells: Ints, slice_of: Ints, is_free: Bools) -> Ints:
-    """List the free cells in the boxes around the moves of a chain, its ends first and last."""
-    passed = dict.fromkeys(map(tuple, cells.tolist()))
-    for first, second in itertools.pairwise(cells):
-        if first[0] != second[0]:
-            continue  # it turns on the spot
-        low = np.minimum(first, second)
-        high = np.maximum(first, second)
-        ranges = [range(start, stop + 1) for start, stop in zip(low, high, strict=True)]
-        for cell in itertools.product(*ranges):
-            if is_free[slice_of[cell[0]], *cell[1:]]:
-                passed[cell] = None
-    last = tuple(cells[-1].tolist())
-    del passed[last]
-    return np.array([*passed, last])
-
-
-def _find_deepest(space: CSpace, barrier: Ints) -> Ints:
-    """Return the cell of a barrier that is farthest from FREE cells."""
-    slices, positions = np.unique(space.slice_of[barrier[:, 0]], return_inverse=True)
-    depths = distances_to(states_of_slices(space)[slices] == FREE)
-    deepest = int(np.argmax(depths[positions, *barrier[:, 1:].T]))
-    cell: Ints = barrier[deepest]
-    return cell
-
-
-def _collide(space: CSpace, occupied: Bools, rasters: Sequence[Raster], outside: bool) -> Bools:
-    """Return the cells of each slice at which a raster meets occupied cells.
-
-    All space outside the grid is occupied too if ``outside``.
-    """
-    hits = np.zeros((len(rasters), *space.grid.shape), dtype=np.bool_)
-    engine = ENGINES[choose_engine(rasters)]
-    engine.collide(occupied, rasters, list(hits), outside=outside)
-    return hits
-
-
-def _distances_around(occupied: Bools, outside: bool) -> Distances:
-    """Return the distance of each cell's center to occupied cells, in cells.
-
-    All space outside the grid is occupied too if ``outside``.
-    """
-    distances = distances_to(np.pad(occupied, 1, constant_values=outside)[np.newaxis])
-    return distances[0][(slice(1, -1),) * occupied.ndim]
-
-
-def _are_joined(space: CSpace, is_free: Bools, ends: Ints) -> bool:
-    """Return True if free cells of the grid join two cells."""
-    never_open = np.zeros(len(is_free), dtype=np.bool_)
-    states = (~is_free).view(np.uint8)  # True is MIXED
-    components = Components(states, space.slice_of, space.rotations.neighbors, never_open)
-    start, goal = components.of(ends)
-    return bool(start != -1 and start == goal)
+    exterior = np.array([*[0] * cells.ndim, *[-1] * cells.ndim, MIXED if outside else FREE])
+    gaps = np.empty(cells.shape, dtype=np.float32)  # of centers
+    compute_distances(cells.view(np.uint8), exterior, gaps)
+    reach = math.sqrt(cells.ndim) / 2.0
+    gaps = gaps * ROUNDING_FACTOR - reach if outwards else gaps / ROUNDING_FACTOR + reach
+    return np.asarray(gaps <= distance)
 
 
 def measure_depths(shape: ExactShape, raster: Raster, cell: RotationCell, spacing: float) -> Floats:
@@ -515,22 +447,18 @@ def measure_depths(shape: ExactShape, raster: Raster, cell: RotationCell, spacin
 
 def distance_to_simplex(points: Floats, simplex: Floats) -> Floats:
     """Return the distance of points, shape (n, d), to a point, segment or triangle (k, d)."""
-    corners = [simplex[0], *simplex]
-    gaps = [
-        _distance_to_segment(points, corners[k - 1], corners[k]) for k in range(1, len(corners))
-    ]
-    if len(simplex) < 3:
-        return gaps[-1]
-    gaps[0] = _distance_to_segment(points, simplex[-1], simplex[0])
-    # Points over the inside of a triangle are nearest to its plane.
-    first, second, third = simplex
-    normal = np.cross(second - first, third - first)
-    doubled_area = float(np.linalg.norm(normal))
-    if doubled_area > 0.0:
-        edges = np.roll(simplex, -1, axis=0) - simplex
-        sides = np.cross(edges, points[:, np.newaxis] - simplex) @ normal
-        heights = np.abs((points - first) @ normal) / doubled_area
-        gaps.append(np.where((sides >= 0.0).all(axis=1), heights, math.inf))
+    sides = itertools.pairwise([*simplex, simplex[0]])
+    gaps = [_distance_to_segment(points, *ends) for ends in sides]
+    if len(simplex) == 3:
+        # Points over the inside of a triangle are nearest to its plane.
+        first, second, third = simplex
+        normal = np.cross(second - first, third - first)
+        doubled_area = float(np.linalg.norm(normal))
+        if doubled_area > 0.0:
+            edges = np.roll(simplex, -1, axis=0) - simplex
+            heights = np.cross(edges, points[:, np.newaxis] - simplex) @ normal
+            over = np.abs((points - first) @ normal) / doubled_area
+            gaps.append(np.where((heights >= 0.0).all(axis=1), over, math.inf))
     return np.asarray(np.min(gaps, axis=0))
 
 
@@ -543,16 +471,3 @@ def _distance_to_segment(points: Floats, first: Floats, last: Floats) -> Floats:
         along = np.clip((points - first) @ direction / square, 0.0, 1.0)
     nearest = first + along[:, np.newaxis] * direction
     return np.asarray(np.linalg.norm(points - nearest, axis=-1))
-
-
-def distances_to(members: Bools) -> Distances:
-    """Return the distance of each cell's center to the nearest closed member cell, in cells.
-
-    ``members`` and the result have shape (slices, x, y) or (slices, x, y, z).
-    """
-    dim = members.ndim - 1
-    nothing_outside = np.array([*[0] * dim, *[-1] * dim, FREE])
-    distances = np.empty(members.shape, dtype=np.float32)
-    for part, out in zip(members, distances, strict=True):
-        compute_distances(part.view(np.uint8), nothing_outside, out)
-    return distances

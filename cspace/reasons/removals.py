@@ -22,7 +22,8 @@ from cspace.engines import ENGINES, choose_engine
 from cspace.engines.slices import slice_rasters
 from cspace.errors import InputError
 from cspace.obstacles import Obstacle
-from cspace.support.arrays import FREE, Bools, Ints
+from cspace.reasons.margins import find_cells
+from cspace.support.arrays import FREE, Bools, Floats, Ints
 
 if TYPE_CHECKING:
     from cspace.space import CSpace
@@ -87,17 +88,17 @@ class Regions(NamedTuple):
         return bool(components[start] == components[goal])
 
 
-def find_removals(space: CSpace, cells: Ints) -> Removals | None:
-    """Find the fewest named obstacles whose removal joins two cells by FREE cells.
+def find_removals(space: CSpace, points: Floats) -> Removals | None:
+    """Find the fewest named obstacles whose removal joins two configurations by FREE cells.
 
-    ``cells``, shape (2, 1 + d), are those of start and goal. Returns None if no removal does.
+    ``points`` has shape (2, size). Returns None if no removal does.
     """
     names = list(space.obstacles)
     if len(names) > MAX_NAMES:
         problem = f"has {len(names)} named obstacles"
         raise InputError("space", problem, f"at most {MAX_NAMES} are tried", "merge some")
     regions = _find_regions(space, names)
-    start, goal = regions.numbers[tuple(cells.T)].tolist()
+    start, goal = regions.numbers[tuple(find_cells(space, points).T)].tolist()
     everything = 2 ** len(names) - 1
     if not regions.join(start, goal, everything):
         return None

@@ -148,12 +148,8 @@ def _decide_window(space: CSpace, way: Way, factor: int) -> Decision:
 
     Space outside the window counts as blocked, so that an open way leads through the window.
     """
-    is_barred = (way.cells[:, np.newaxis] == way.barrier).all(axis=2).any(axis=1)
-    is_barred[np.abs(way.cells - way.bottleneck).sum(axis=1).argmin()] = True
-    on_barrier = np.flatnonzero(is_barred)
-    first = max(int(on_barrier[0]) - 1, 0)
-    last = min(int(on_barrier[-1]) + 1, len(way.cells) - 1)
-    positions = way.cells[first : last + 1, 1:]
+    between = way.cells[way.barred[0] : way.barred[1] + 1]
+    positions = between[:, 1:]
     grid = space.grid
     corners = np.abs(np.array(space.robot.shape.outer.bounds)).max(axis=0)
     reach = float(np.linalg.norm(corners)) + space.margin
@@ -162,7 +158,7 @@ def _decide_window(space: CSpace, way: Way, factor: int) -> Decision:
     stop_cell = np.minimum(positions.max(axis=0) + 1 + reach_cells, grid.shape)
     window = _build_finer(space, factor, first_cell, stop_cell)
     ends = []
-    for rotation, *cell in way.cells[[first, last]].tolist():
+    for rotation, *cell in between[[0, -1]].tolist():
         center = grid.center_of(np.array(cell))
         ends.append((*center.tolist(), *space.rotations.centers[rotation].tolist()))
     if any(window.classify(q) != FREE for q in ends):
