@@ -58,7 +58,7 @@ STEPS_PER_CELL: Final = 8
 DIRECTION_STEPS: Final = {2: range(-5, 6), 3: range(-2, 3)}
 """Coordinates of the directions along which planes bound a robot, by dimension."""
 
-BLOCKED_COST: Final = 1000.0
+BLOCKED_COST: Final = 4.0
 """Cost of a move in a cell that is not FREE, so that a way passes few of them."""
 
 
