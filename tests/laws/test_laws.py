@@ -178,11 +178,13 @@ def test_paths_found_by_the_map_are_certified(any_map):
 
 
 @pytest.mark.parametrize("any_map", IN_MEMORY, indirect=True, ids="-".join)
-def test_the_obstacle_distance_of_a_batch_is_its_minimum(any_map):
+def test_each_configuration_of_a_batch_has_its_obstacle_distance(any_map):
     space = any_map.space
     q = space.sample_free(6, np.random.default_rng(14))
-    singles = [space.obstacle_distance(configuration[np.newaxis]) for configuration in q]
-    assert space.obstacle_distance(q) == pytest.approx(min(singles))
+    singles = [space.obstacle_distance(tuple(configuration.tolist())) for configuration in q]
+    distances = space.obstacle_distance(q.reshape(2, 3, -1))
+    assert distances.shape == (2, 3)
+    np.testing.assert_array_equal(distances.ravel(), singles)
 
 
 # ---- storages ------------------------------------------------------------------------------------
