@@ -175,8 +175,8 @@ class MapReasons:
         start, goal : array-like, shape (size,)
             Configurations in the grid, FREE or not; metres, and radians.
         refine : bool
-            If the map leaves it undecided, build finer windows around the MIXED cells on the way,
-            until one decides.
+            Build finer maps while they are small, which narrow the margins. If the map leaves it
+            undecided, they or finer windows around the MIXED cells on the way may decide.
 
         Returns
         -------

@@ -281,8 +281,9 @@ class CSpace(ConfigurationMap, MapReasons, MapExport):
     ) -> float | Floats:
         """Return a lower bound of the distance from obstacles.
 
-        The distance is between the robot without margin and the current obstacles: their shapes if the map has
-        them, otherwise the outer cells, and the boundary of the grid unless the outside is free.
+        The distance is between the robot without margin and the current obstacles: their shapes if
+        the map has them, otherwise the outer cells, and the boundary of the grid unless the outside
+        is free.
 
         Parameters
         ----------

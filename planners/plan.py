@@ -891,8 +891,6 @@ def _make_plan(task: Task, result: SearchResult, exists: bool | None, began: flo
         exact=edges.exact,
         seed=task.seed,
         time_limit=task.time_limit,
-        times=Times(
-            setup, result.planning, result.simplification, time.process_time() - searched
-        ),
+        times=Times(setup, result.planning, result.simplification, time.process_time() - searched),
         space=edges.space,
     )

@@ -332,7 +332,7 @@ class Plan:
         Parameters
         ----------
         refine : bool
-            Build finer windows where the map does not decide.
+            Build finer maps, which narrow the margins and may decide.
 
         Returns
         -------

@@ -204,11 +204,11 @@ def test_times_count_no_waiting():
     class SlowStart:
         def __array__(self, dtype=None, copy=None):
             time.sleep(0.3)
-            return np.array([1.0, 1.0])
+            return space.sample_free(rng=np.random.default_rng(1))
 
-    space = plan_in("plane").space
+    space = plan_in("turning", "holonomic").space
     before = time.process_time()
-    plan = planners.plan(space, SlowStart(), (2.0, 1.0))
+    plan = planners.plan(space, SlowStart(), space.sample_free(rng=np.random.default_rng(2)))
     total = time.process_time() - before
     times = plan.times
     assert times.setup + times.planning + times.simplification + times.checking <= total < 0.3
