@@ -5,16 +5,10 @@ They alone import packages above their own, when they are called.
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
-
-import numpy as np
-
-from cspace.errors import InputError
-from cspace.support.arrays import Floats
 
 if TYPE_CHECKING:
     import xarray
@@ -25,7 +19,6 @@ if TYPE_CHECKING:
     from cspace.plot.picture import PlotOptions, WorkspaceOptions
     from cspace.reasons import Explanation, Removals
     from cspace.record.contents import Contents
-    from cspace.space import CSpace
     from cspace.view.viewer import Viewer, ViewOptions
 
 
@@ -202,7 +195,8 @@ class MapReasons:
         """
         from cspace.reasons.explain import explain
 
-        return explain(*self._copy_with_ends(start, goal), refine)
+        space: Any = self
+        return explain(space, start, goal, refine)
 
     def removals(self, start: ArrayLike, goal: ArrayLike) -> Removals | None:
         """Find the fewest named obstacles whose removal gives a path.
@@ -244,20 +238,8 @@ class MapReasons:
         """
         from cspace.reasons.removals import find_removals
 
-        return find_removals(*self._copy_with_ends(start, goal))
-
-    def _copy_with_ends(self, start: ArrayLike, goal: ArrayLike) -> tuple[CSpace, Floats]:
-        """Return a copy of the map, which updates do not change, and two points, shape (2, size).
-
-        Raises InputError for maps of other kinds, ConfigurationError for configurations outside.
-        """
         space: Any = self
-        if len(space.rotations.names) > 1:
-            problem = f"has the axes {', '.join(space.axes)}"
-            rule = "reasons are for maps of positions, with or without a yaw"
-            raise InputError("space", problem, rule, "build a map with rotations=72")
-        points = [space._check_in_grid(q, name) for q, name in ((start, "start"), (goal, "goal"))]
-        return copy.copy(space), np.stack(points)
+        return find_removals(space, start, goal)
 
 
 class MapExport:

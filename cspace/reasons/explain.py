@@ -9,11 +9,12 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import ndimage
 
 from cspace.engines.slices import slice_rasters
 from cspace.obstacles import Obstacle
-from cspace.reasons.margins import find_cells, find_way, states_of_slices
+from cspace.reasons.margins import copy_with_ends, find_cells, find_way, states_of_slices
 from cspace.reasons.removals import remove_obstacles
 from cspace.reasons.windows import Trial, refine_way, suggest_finer
 from cspace.support.arrays import FREE, STATE_NAMES, Bools, Floats, Ints
@@ -213,12 +214,10 @@ class Explanation:
         return axes
 
 
-def explain(space: CSpace, points: Floats, refine: bool) -> Explanation:
-    """Explain a path between two configurations, shape (2, size), or its absence.
-
-    The map must not change. See :meth:`cspace.CSpace.explain`.
-    """
+def explain(space: CSpace, start: ArrayLike, goal: ArrayLike, refine: bool) -> Explanation:
+    """Explain a path or its absence; see :meth:`cspace.CSpace.explain`."""
     check_flag(refine, "refine")
+    space, points = copy_with_ends(space, start, goal)
     first, second = points
     verdict = _decide(space, points)
     way = find_way(space, points)

@@ -19,6 +19,7 @@ The robot of FREE states is grown by the map's margin, the robot of BLOCKED stat
 
 from __future__ import annotations
 
+import copy
 import itertools
 import math
 from collections.abc import Callable, Sequence
@@ -26,6 +27,7 @@ from functools import cache, cached_property
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import ndimage
 
 from cspace.engines import ENGINES, choose_engine
@@ -95,6 +97,19 @@ def states_of_slices(space: CSpace) -> States:
     return states.reshape(len(states), *space.grid.shape)
 
 
+def copy_with_ends(space: CSpace, start: ArrayLike, goal: ArrayLike) -> tuple[CSpace, Floats]:
+    """Return a copy of a map, which updates do not change, and start and goal, shape (2, size).
+
+    Raises InputError for maps of other kinds, ConfigurationError for configurations outside.
+    """
+    if len(space.rotations.names) > 1:
+        problem = f"has the axes {', '.join(space.axes)}"
+        rule = "reasons are for maps of positions, with or without a yaw"
+        raise InputError("space", problem, rule, "build a map with rotations=72")
+    points = [space._check_in_grid(q, name) for q, name in ((start, "start"), (goal, "goal"))]
+    return copy.copy(space), np.stack(points)
+
+
 def find_cells(space: CSpace, points: Floats) -> Ints:
     """Return the cells ``(rotation, x, ...)`` of configurations in the grid, shape (n, 1 + d)."""
     positions = space.grid.cell_of(points[:, : space.dim])
@@ -130,7 +145,8 @@ def find_way(space: CSpace, points: Floats) -> Way:
     turns = space.rotations.neighbors, turn_costs(space.rotations, space.dim, space.grid.spacing)
     states = (~is_free).view(np.uint8)  # False is FREE, and True is MIXED
     costs = np.where(states_of_slices(space) == FREE, 1.0, BLOCKED_COST).astype(np.float32)
-    cells = find_chain(states, slice_of, turns, *find_cells(space, points), math.inf, costs)
+    start, goal = find_cells(space, points)
+    cells = find_chain(states, slice_of, turns, start, goal, math.inf, costs)
     wider = min(failed, low + robot.step)
     is_narrow = ~robot.find_free(wider)[slice_of[cells[:, 0]], *cells[:, 1:].T]
     narrow = cells[is_narrow] if is_narrow.any() else cells

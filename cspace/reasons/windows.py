@@ -12,6 +12,7 @@ from cspace.builder import build
 from cspace.reasons.margins import Way, find_way
 from cspace.record.exterior import UNKNOWN
 from cspace.support.arrays import FREE, Floats, Ints
+from cspace.support.words import Outside
 from cspace.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -130,7 +131,7 @@ def _build_finer(space: CSpace, factor: int, first: Ints, stop: ArrayLike) -> CS
     bounds = np.concatenate([lower, upper])
     fine = Workspace.from_shapes(space.workspace.obstacles, grid.spacing / factor, bounds)
     count = _count_rotations(space, factor)
-    outside = "free" if space.outside == "free" else "blocked"
+    outside: Outside = "free" if space.outside == "free" else "blocked"
     rotations = None if count == 1 else count
     return build(fine, space.robot, rotations=rotations, margin=space.margin, outside=outside)
 
