@@ -25,6 +25,7 @@ BATCH_QUERIES = {
     "is_free": (1, ()),
     "is_free_around": (1, (0.1, 0.05)),
     "clearance": (1, ()),
+    "obstacle_distance": (1, ()),
     "overlap_count": (1, ()),
     "contains_robot": (1, ()),
     "motion_is_free": (2, ()),
@@ -175,16 +176,6 @@ def test_paths_found_by_the_map_are_certified(any_map):
             metres = np.linalg.norm(np.diff(path[:, :dim], axis=0), axis=1).sum()
             assert space.min_path_length(start, goal) <= metres * (1.0 + 1e-9)
     assert found
-
-
-@pytest.mark.parametrize("any_map", IN_MEMORY, indirect=True, ids="-".join)
-def test_each_configuration_of_a_batch_has_its_obstacle_distance(any_map):
-    space = any_map.space
-    q = space.sample_free(6, np.random.default_rng(14))
-    singles = [space.obstacle_distance(tuple(configuration.tolist())) for configuration in q]
-    distances = space.obstacle_distance(q.reshape(2, 3, -1))
-    assert distances.shape == (2, 3)
-    np.testing.assert_array_equal(distances.ravel(), singles)
 
 
 # ---- storages ------------------------------------------------------------------------------------
