@@ -168,8 +168,8 @@ class MapReasons:
         start, goal : array-like, shape (size,)
             Configurations in the grid, FREE or not; metres, and radians.
         refine : bool
-            If the map leaves it undecided, build finer windows around the MIXED cells on the way,
-            until one decides.
+            Build finer maps while they are small, which narrow the margins. If the map leaves it
+            undecided, they or finer windows around the MIXED cells on the way may decide.
 
         Returns
         -------
@@ -236,10 +236,10 @@ class MapReasons:
         >>> space.removals((0.5, 0.5), (3.5, 0.5))
         ['crate']
         """
-        from cspace.reasons.explain import find_removals_between
+        from cspace.reasons.removals import find_removals
 
         space: Any = self
-        return find_removals_between(space, start, goal)
+        return find_removals(space, start, goal)
 
 
 class MapExport:

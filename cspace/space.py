@@ -278,12 +278,12 @@ class CSpace(ConfigurationMap, MapReasons, MapExport):
 
     def obstacle_distance(
         self, q: ArrayLike, lengths: ArrayLike = 0.0, turns: ArrayLike = 0.0
-    ) -> float:
+    ) -> float | Floats:
         """Return a lower bound of the distance from obstacles.
 
-        It bounds the smallest distance of the robot over all given configurations. The distance is
-        between the robot without margin and the current obstacles: their shapes if the map has
-        them, otherwise the outer cells, and the boundary of the grid unless the outside is free.
+        The distance is between the robot without margin and the current obstacles: their shapes if
+        the map has them, otherwise the outer cells, and the boundary of the grid unless the outside
+        is free.
 
         Parameters
         ----------
@@ -295,7 +295,7 @@ class CSpace(ConfigurationMap, MapReasons, MapExport):
 
         Returns
         -------
-        float
+        float or ndarray of float64, shape (...)
             Metres; infinite without obstacles, and zero if a configuration or a piece is not proven
             free.
 
@@ -308,12 +308,52 @@ class CSpace(ConfigurationMap, MapReasons, MapExport):
         rows = as_contiguous(points.reshape(-1, self.size))
         row_lengths = _spread_spans(lengths, "lengths", points.shape[:-1])
         row_turns = _spread_spans(turns, "turns", points.shape[:-1])
-        if not np.all(self.is_free(points, exact=True)):
-            return 0.0
-        distance = self._exact.distance(rows, row_lengths, row_turns)
-        # The centers are proven free, margin included; a piece is not, if nothing is left for it.
-        extends = bool(row_lengths.any() or row_turns.any())
-        return 0.0 if extends and distance <= self.margin else distance
+        distances = np.zeros(len(rows))
+        for k in np.flatnonzero(self.is_free(points, exact=True)):
+            piece = slice(k, k + 1)
+            distance = self._exact.distance(rows[piece], row_lengths[piece], row_turns[piece])
+            # The center is proven free, margin included; a piece is not, if nothing is left for it.
+            extends = row_lengths[k] > 0.0 or row_turns[k] > 0.0
+            distances[k] = 0.0 if extends and distance <= self.margin else distance
+        return distances.reshape(points.shape[:-1]) if points.ndim > 1 else float(distances[0])
+
+    def path_obstacle_distance(self, path: ArrayLike) -> float:
+        """Return a lower bound of the obstacle distance along a path.
+
+        The motions between its rows are straight. They are split into pieces on which no point of
+        the robot moves by more than half a cell, so that each stays within a quarter of a cell of
+        its position at the center of the piece.
+
+        Parameters
+        ----------
+        path : array-like, shape (n, size)
+            Metres, and radians.
+
+        Returns
+        -------
+        float
+            As :meth:`obstacle_distance`; NaN if the interior of a mesh depends on the spacing.
+        """
+        rows = check_rows(path, "path", self.size)
+        starts, ends = (rows[:-1], rows[1:]) if len(rows) > 1 else (rows, rows)
+        change = self.steps_between(starts, ends)
+        metres = np.linalg.norm(change[:, : self.dim], axis=1)
+        radians = np.linalg.norm(change[:, self.dim :], axis=1)
+        # Translation and rotation of a piece move a point by a quarter of a cell each.
+        longest = 0.25 * self.grid.spacing
+        ways = np.maximum(metres, radians * max(self.robot.span, longest))
+        counts = np.maximum(np.ceil(ways / longest), 1.0).astype(np.int64)
+        edges = np.repeat(np.arange(len(starts)), counts)
+        numbers = np.arange(len(edges)) - np.repeat(np.cumsum(counts) - counts, counts)
+        shares = (numbers + 0.5) / counts[edges]
+        centers = self.interpolate(starts[edges], ends[edges], shares[:, np.newaxis])
+        pieces = (metres / counts)[edges], (radians / counts)[edges]
+        try:
+            if not np.all(self.motion_is_free(starts, ends, exact=True)):
+                return 0.0
+            return max(self.margin, self._exact.distance(centers, *pieces))
+        except InputError:
+            return math.nan
 
     def _state_of_one(self, q: tuple[Any, ...]) -> int | None:
         """Return the state of one configuration, or None if the look-up of arrays decides."""

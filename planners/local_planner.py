@@ -323,22 +323,17 @@ class LocalPlanner:
     def obstacle_distance(self, path: Floats) -> float:
         """Bound the obstacle distance along a path from below.
 
-        See :attr:`planners.Plan.obstacle_distance`. On a map, each edge is split into pieces on
-        which no point of the robot moves by more than half a cell. Each point stays within a
-        quarter of a cell of its position at the piece's center. The distance there minus that much
-        bounds the piece.
+        See :attr:`planners.Plan.obstacle_distance`, and for the pieces of curves
+        :meth:`cspace.CSpace.path_obstacle_distance`.
         """
-        if self.space.has_cells and self.space.in_memory:
-            # Translation and rotation of a piece move a point by a quarter of a cell each.
+        if self.drive in CURVES and self.space.in_memory:
             step = 0.5 * self.space.resolution
             pieces = self.split_path(path, step, step / max(self.cells.robot.span, step))
-            try:
-                # Proven edges keep the margin free, even if a piece has nothing left.
-                distance = max(self.cells.margin, self.cells.obstacle_distance(*pieces))
-            except InputError:  # the map has no geometry
-                return math.nan
+            # Proven edges keep the margin free, even if a piece has nothing left.
+            distances = self.cells.obstacle_distance(*pieces)
+            distance = max(self.cells.margin, float(np.min(distances)))
         else:
-            distance = self.space.path_obstacle_distance(path)
+            distance = self.space.path_obstacle_distance(self.insert_breakpoints(path))
         if math.isnan(distance) or self.are_free(path):
             return distance
         return 0.0

@@ -6,7 +6,7 @@ import json
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, Unpack, cast
 
 import numpy as np
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Times:
-    """Durations of the steps of :func:`planners.plan`, in seconds.
+    """Durations of the steps of :func:`planners.plan`, in seconds of the process's CPU time.
 
     The time limit applies to planning and simplification. The first plan on a map also computes the
     caches that all later plans use, such as components and, for "MaxClearance", the clearance of
@@ -46,9 +46,9 @@ class Times:
         Checks of the input, the test whether a path exists, OMPL's set-up, caches of the map, and
         compilation.
     planning : float
-        The search, in CPU time of the process, as the time limit counts it.
+        The search, as the time limit counts it, without compilation.
     simplification : float
-        Shortening the path, in CPU time; built-in searches count it as planning.
+        Shortening the path; built-in searches count it as planning.
     checking : float
         The final check of every edge.
     """
@@ -326,12 +326,13 @@ class Plan:
     def explain(self, *, refine: bool = False) -> Explanation:
         """Explain why a path between start and goal exists, or does not.
 
-        See :meth:`cspace.CSpace.explain`, which this calls. It is about a holonomic robot.
+        See :meth:`cspace.CSpace.explain`, which this calls. It is about a holonomic robot, and
+        says so if the plan has another drive.
 
         Parameters
         ----------
         refine : bool
-            Build finer windows where the map does not decide.
+            Build finer maps, which narrow the margins and may decide.
 
         Returns
         -------
@@ -347,7 +348,8 @@ class Plan:
             problem = f"is in {space!r}"
             hint = "ask space.window(lower, upper) of a tiled map"
             raise InputError("plan", problem, "only maps in memory explain", hint)
-        return cast("Explanation", space.explain(self.start, self.goal, refine=refine))
+        explanation: Explanation = space.explain(self.start, self.goal, refine=refine)
+        return replace(explanation, moves_sideways=self.drive == HOLONOMIC)
 
     def __repr__(self) -> str:
         """Return a summary in a few lines.

@@ -45,14 +45,14 @@ MUTANTS = (
     ),
     Mutant(
         "cspace/reasons/margins.py",
-        'shrunk, space.outside != "free")',
-        'shrunk, space.outside == "blocked")',
+        'outside = space.outside != "free"',
+        'outside = space.outside == "blocked"',
         "tests/reasons/test_explain.py",
     ),
     Mutant(
         "cspace/reasons/windows.py",
-        "if is_solid and window.is_disconnected(*ends)",
-        "if window.is_disconnected(*ends)",
+        "if _is_solid(space) and finer.is_disconnected(start, goal)",
+        "if finer.is_disconnected(start, goal)",
         "tests/reasons/test_explain.py",
     ),
     Mutant(

@@ -149,7 +149,7 @@ def explain(
     start: Start,
     goal: Goal,
     refine: Annotated[
-        bool, typer.Option("--refine", help="Build finer windows where the map is undecided.")
+        bool, typer.Option("--refine", help="Build finer maps, for narrower margins.")
     ] = False,
     picture: Annotated[
         Path | None, typer.Option(metavar="PNG", readable=False, help="Draw what is in the way.")

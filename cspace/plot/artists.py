@@ -89,6 +89,27 @@ MARK_STYLES: Final[dict[str, dict[str, Any]]] = {
     "goal": {"marker": "*", "markersize": 12.0, "markerfacecolor": GOAL_COLOR},
 }
 """Markers of start and goal."""
+BARRIER_STYLE: Final[dict[str, Any]] = {
+    "color": "#c2002f",
+    "linestyle": "none",
+    "marker": "s",
+    "markersize": 4.0,
+    "markeredgecolor": "white",
+    "markeredgewidth": 0.4,
+    "zorder": 4.5,
+    "label": "cells in the way",
+}
+"""Markers of cells that bar a way."""
+BOTTLENECK_STYLE: Final[dict[str, Any]] = {
+    "color": "#c2002f",
+    "linestyle": "none",
+    "marker": "o",
+    "markersize": 14.0,
+    "fillstyle": "none",
+    "zorder": 6.0,
+    "label": "narrowest place",
+}
+"""Marker of the narrowest place of a way."""
 AXES_INCHES: Final = 6.5
 """Longer side of the axes, inches."""
 MAX_ASPECT_RATIO: Final = 20.0
@@ -210,7 +231,7 @@ def draw_path(
 
     ``pair`` are the columns of ``points`` to draw, three in space.
     """
-    if not len(points):
+    if len(points) < 2:
         return []
     points = points[:, list(pair)]
     proven = with_gaps(points, ~lost) if lost.any() else points

@@ -338,12 +338,12 @@ def collect_marks(
 def _choose_stations(body: Body, points: Floats, every: float | None, zoom: float) -> Floats:
     """Choose the configurations along a path, shape (m, size), at which to draw the robot.
 
-    They are at most ``every`` metres apart; infinity, or a path of one point, gives none.
+    They are at most ``every`` metres apart; infinity gives none. A path of one point is one.
     """
     if every is not None and every != math.inf:
         every = check_positive(every, "robot_every")
     if len(points) < 2 or every == math.inf:
-        return np.empty((0, points.shape[1]))
+        return points[:1] if every is None else points[:0]
     *_, length = path_lengths(body.rotations, points, body.reach).tolist()
     # By default, about a dozen that overlap little.
     if every is None:

@@ -6,27 +6,19 @@ import math
 import textwrap
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Final, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import ndimage
 
 from cspace.engines.slices import slice_rasters
-from cspace.errors import ConfigurationError, InputError
-from cspace.interface import format_configuration
 from cspace.obstacles import Obstacle
-from cspace.reasons.margins import (
-    bound_growth,
-    bound_shrinkage,
-    find_free_way,
-    find_shrunk_way,
-    states_of_slices,
-)
-from cspace.reasons.removals import Removals, find_removals, remove_obstacles
-from cspace.reasons.windows import Trial, try_finer
+from cspace.reasons.margins import copy_with_ends, find_cells, find_way, states_of_slices
+from cspace.reasons.removals import remove_obstacles
+from cspace.reasons.windows import Trial, refine_way, suggest_finer
 from cspace.support.arrays import FREE, STATE_NAMES, Bools, Floats, Ints
-from cspace.support.check import check_flag, check_points
+from cspace.support.check import check_flag
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -47,6 +39,9 @@ Verdict = Literal[
 BORDER: Final = "the border of the map"
 """Name of the space outside the grid among the obstacles of an explanation."""
 
+SIDEWAYS: Final = "a robot that also moves sideways"
+"""The robot that a path exists for, if that of the plan has a drive."""
+
 TITLE_COLUMNS: Final = 64
 """Width of a picture's title, in characters."""
 
@@ -64,7 +59,7 @@ class Explanation:
     Attributes
     ----------
     space : CSpace
-        The map.
+        A copy of the map, which updates do not change.
     start, goal : tuple of float
         The two configurations, metres and radians.
     verdict : str
@@ -74,9 +69,10 @@ class Explanation:
         Cells ``(rotation, x, ...)`` that are not FREE. If they were, FREE cells would join start
         and goal. Empty if they are connected.
     obstacles : tuple of str
-        Obstacles that the robot touches in the barrier: quoted names of
+        Obstacles that the robot may touch in the barrier; if start or goal is not FREE, those that
+        it may touch there, or is proven to touch if BLOCKED. They are quoted names of
         :attr:`cspace.CSpace.obstacles`; connected pieces of the workspace by a point of theirs,
-        those nearest to the bottleneck first; and the border of the map.
+        the nearest first; and the border of the map.
     bottleneck : ndarray of float64, shape (size,)
         Configuration where the way between the two is narrowest: on the widest one, or on the one
         that keeps nearest to FREE cells.
@@ -84,7 +80,8 @@ class Explanation:
         Two margins, metres, as of :func:`cspace.build`, between which the largest one lies that
         leaves a path. For a robot grown by the first a path is proven; for one grown by the second
         it is proven that none exists. A negative margin shrinks the robot. The first is minus
-        infinity, and the second infinity, if nothing is proven.
+        infinity, and the second infinity, if nothing is proven, or nothing would be left of the
+        robot.
     passes_without : tuple of str
         Named obstacles whose removal alone gives a path, proven. At most four are tried.
     trial : Trial
@@ -95,6 +92,8 @@ class Explanation:
     passes_if_turning : bool
         True if a path is proven for a robot that could change between all yaws at which it is
         free, as if turning on the spot never collided.
+    moves_sideways : bool
+        False for the plan of a drive, whose robot may not follow a path that exists.
     """
 
     space: CSpace
@@ -109,6 +108,7 @@ class Explanation:
     trial: Trial | None
     free_yaws: tuple[Floats, Floats]
     passes_if_turning: bool
+    moves_sideways: bool = True
 
     @property
     def spacing(self) -> float | None:
@@ -136,6 +136,11 @@ class Explanation:
         return f"at ({place})"
 
     @property
+    def _robot(self) -> str:
+        """The robot that paths are proven for, for people."""
+        return "The robot" if self.moves_sideways else SIDEWAYS.capitalize()
+
+    @property
     def _touched(self) -> str:
         """Obstacles at the barrier, for people."""
         if not self.obstacles:
@@ -152,7 +157,8 @@ class Explanation:
             proof = "touches" if state == "BLOCKED" else "may touch"
             return f"The {end} lies in a {state} cell: the robot {proof} {self._touched}."
         if self.verdict == "connected":
-            return f"A path exists; it is narrowest {self._place}."
+            exists = "exists" if self.moves_sideways else f"exists for {SIDEWAYS}"
+            return f"A path {exists}; it is narrowest {self._place}."
         if self.verdict == "disconnected":
             return f"No path: {self._place} the robot does not pass {self._touched}."
         count = len(self.barrier)
@@ -162,24 +168,24 @@ class Explanation:
     def _describe_margin(self) -> list[str]:
         """Return the sentence of the margin, if anything is proven of it."""
         low, high = self.margin
-        if self.verdict == "connected":
+        if low >= 0.0:
             more = "" if math.isinf(high) else f", but not by {high:.3g} m"
-            return [f"The robot may grow by {max(low, 0.0):.3g} m all around{more}."]
+            return [f"The robot may grow by {low:.3g} m all around{more}."]
         if math.isinf(low):
             return ["No shrinking of the robot is known to give a path."]
         less = f", but not by {-high:.3g} m" if high < 0.0 else ""
-        return [f"It passes if the robot shrinks by {max(-low, 0.0):.3g} m all around{less}."]
+        return [f"{self._robot} passes if it shrinks by {-low:.3g} m all around{less}."]
 
     def _describe_changes(self) -> list[str]:
         """Return sentences on changes that give a path, or would decide."""
         sentences = []
         if self.passes_without:
             names = " or ".join(map(repr, self.passes_without))
-            sentences.append(f"It passes without {names}.")
+            sentences.append(f"{self._robot} passes without {names}.")
         if self.trial is not None:
             sentences.append(str(self.trial))
         if self.verdict != "connected" and self.passes_if_turning and self.space.rotations.names:
-            sentences.append("It would pass if the robot could turn anywhere.")
+            sentences.append(f"{self._robot} would pass if it could turn anywhere.")
         return sentences
 
     def plot(self) -> Axes:
@@ -190,170 +196,133 @@ class Explanation:
         matplotlib.axes.Axes
         """
         from cspace.plot import plot
+        from cspace.plot.artists import BARRIER_STYLE, BOTTLENECK_STYLE, legend_below
 
         space = self.space
-        view = {"view": "3d"} if space.dim == 3 else {}
         way = self.bottleneck[np.newaxis]
-        axes = plot(space, start=self.start, goal=self.goal, path=way, title="", **view)  # type: ignore[arg-type]
-        centers = space.grid.center_of(self.barrier[:, 1:])
-        color = "#d62728"
-        axes.plot(*centers.T, "s", color=color, markersize=3.0, zorder=5)
-        position = self.bottleneck[: space.dim, np.newaxis]
-        axes.plot(*position, "o", color=color, markersize=14.0, fillstyle="none", zorder=6)
-        axes.set_title(textwrap.fill(self.sentences[0], TITLE_COLUMNS), fontsize="medium")
+        title = textwrap.fill(self.sentences[0], TITLE_COLUMNS)
+        view = "3d" if space.dim == 3 else None
+        axes = plot(space, start=self.start, goal=self.goal, path=way, title=title, view=view)
+        handles = axes.plot(*way[:, : space.dim].T, **BOTTLENECK_STYLE)
+        if len(self.barrier):
+            centers = space.grid.center_of(self.barrier[:, 1:])
+            handles += axes.plot(*centers.T, **BARRIER_STYLE)
+        figure: Any = axes.figure
+        (legend,) = figure.legends
+        legend.remove()
+        legend_below(figure, [*legend.legend_handles, *handles])
         return axes
-
-
-class Ends(NamedTuple):
-    """Start and goal of an explanation.
-
-    Attributes
-    ----------
-    points : ndarray of float64, shape (2, size)
-    cells : ndarray of int64, shape (2, 1 + d)
-        Their cells ``(rotation, x, ...)``.
-    """
-
-    points: Floats
-    cells: Ints
 
 
 def explain(space: CSpace, start: ArrayLike, goal: ArrayLike, refine: bool) -> Explanation:
     """Explain a path or its absence; see :meth:`cspace.CSpace.explain`."""
     check_flag(refine, "refine")
-    ends = check_ends(space, start, goal)
-    first, second = ends.points
-    verdict = _decide(space, ends)
-    is_connected = verdict == "connected"
-    way = (find_free_way if is_connected else find_shrunk_way)(space, ends.cells)
-    is_apart = not is_connected and bool(space.is_disconnected(first, second))
-    if is_apart:
-        high = bound_shrinkage(space, ends.cells, way.low)
-    else:
-        high = bound_growth(space, ends.cells)
-    barrier = way.barrier
+    space, points = copy_with_ends(space, start, goal)
+    first, second = points
+    verdict = _decide(space, points)
+    way = find_way(space, points)
     named = {name: Obstacle.of(shape, space.grid) for name, shape in space.obstacles.items()}
-    touched = touched_cells(space, barrier)
-    in_barrier = [name for name, obstacle in named.items() if _meets(obstacle, touched)]
+    position = space.grid.center_of(way.bottleneck[1:])
+    touched, pieces = _list_obstacles(space, named, way.barrier, position)
     removed_alone = [
         name
-        for name in in_barrier[:MAX_TRIED_NAMES]
+        for name in touched[:MAX_TRIED_NAMES]
         if remove_obstacles(space, [name]).is_connected(first, second)
     ]
+    cells = find_cells(space, points)
+    end, _, state = verdict.partition(" ")
+    if state:
+        number = ("start", "goal").index(end)
+        is_blocked = state == "BLOCKED"
+        touched, pieces = _list_obstacles(space, named, cells[[number]], points[number], is_blocked)
     trial = None
-    if verdict == "undecided":
-        trial = try_finer(space, way, (way.low, high), refine)
-    position = space.grid.center_of(way.bottleneck[1:])
-    bottleneck = np.concatenate([position, space.rotations.centers[way.bottleneck[0]]])
-    pieces = _describe_pieces(space, list(named.values()), touched, position)
+    is_decided = verdict != "undecided"
+    if refine:
+        way, trial = refine_way(space, points, way, is_decided)
+    elif not is_decided:
+        trial = suggest_finer(space, way)
     return Explanation(
         space=space,
         start=tuple(first.tolist()),
         goal=tuple(second.tolist()),
         verdict=verdict,
-        barrier=barrier,
-        obstacles=(*map(repr, in_barrier), *pieces),
-        bottleneck=bottleneck,
-        margin=(way.low, max(high, way.low)),
+        barrier=way.barrier,
+        obstacles=(*map(repr, touched), *pieces),
+        bottleneck=np.concatenate([position, space.rotations.centers[way.bottleneck[0]]]),
+        margin=(way.low, way.high),
         passes_without=tuple(removed_alone),
-        trial=trial,
-        free_yaws=(_find_free_yaws(space, ends.cells[0]), _find_free_yaws(space, ends.cells[1])),
-        passes_if_turning=_passes_if_turning(space, ends.cells),
+        trial=None if is_decided else trial,
+        free_yaws=(_find_free_yaws(space, cells[0]), _find_free_yaws(space, cells[1])),
+        passes_if_turning=_passes_if_turning(space, cells),
     )
 
 
-def find_removals_between(space: CSpace, start: ArrayLike, goal: ArrayLike) -> Removals | None:
-    """Find the fewest obstacles to remove; see :meth:`cspace.CSpace.removals`."""
-    return find_removals(space, check_ends(space, start, goal).cells)
-
-
-def check_ends(space: CSpace, start: ArrayLike, goal: ArrayLike) -> Ends:
-    """Check the two configurations of an explanation.
-
-    Raises InputError for maps of other kinds, ConfigurationError for configurations outside.
-    """
-    if not space.in_memory:
-        hint = "ask space.window(lower, upper), or space.overview()"
-        raise InputError("space", "is a tiled map", "reasons need a map in memory", hint)
-    if len(space.rotations.names) > 1:
-        problem = f"has the axes {', '.join(space.axes)}"
-        rule = "reasons are for maps of positions, with or without a yaw"
-        raise InputError("space", problem, rule, "build a map with rotations=72")
-    points = []
-    for name, q in (("start", start), ("goal", goal)):
-        given = check_points(q, name, space.size)
-        if given.ndim != 1:
-            hint = "pass one start and one goal"
-            raise InputError(name, f"has shape {given.shape}", "it must be one configuration", hint)
-        point = space.rotations.make_canonical(given, name)
-        if not space.grid.contains(point[: space.dim]):
-            problem = f"{format_configuration(point.tolist())} lies outside the map"
-            hint = "ask grid.lower and grid.upper"
-            raise ConfigurationError(name, problem, "it must lie in the grid", hint)
-        points.append(point)
-    rows = np.array(points)
-    positions = space.grid.cell_of(rows[:, : space.dim])
-    cells = np.column_stack([space.rotations.find_cells(rows), positions])
-    return Ends(rows, cells)
-
-
-def _decide(space: CSpace, ends: Ends) -> Verdict:
+def _decide(space: CSpace, points: Floats) -> Verdict:
     """Return what the map proves about two configurations."""
-    for name, point in zip(("start", "goal"), ends.points, strict=True):
+    for name, point in zip(("start", "goal"), points, strict=True):
         state = int(space.classify(point))
         if state != FREE:
             verdict: Verdict = f"{name} {STATE_NAMES[state].upper()}"  # type: ignore[assignment]
             return verdict
-    if space.is_connected(*ends.points):
+    if space.is_connected(*points):
         return "connected"
-    return "disconnected" if space.is_disconnected(*ends.points) else "undecided"
+    return "disconnected" if space.is_disconnected(*points) else "undecided"
 
 
-def touched_cells(space: CSpace, cells: Ints) -> Bools:
+def _list_obstacles(
+    space: CSpace,
+    named: dict[str, Obstacle],
+    cells: Ints,
+    position: Floats,
+    proven: bool = False,
+) -> tuple[list[str], list[str]]:
+    """List the obstacles that the robot may touch in configuration cells, shape (n, 1 + d).
+
+    With ``proven``, list those that it is proven to touch in all of each cell. Returns names, and
+    descriptions of obstacles without names, those nearest to a position first.
+    """
+    touched = touched_cells(space, cells, proven)
+    inside = (slice(1, -1),) * space.dim
+    in_grid = touched[inside]
+    names = []
+    unnamed = (space.workspace.inner if proven else space.workspace.outer).copy()
+    for name, obstacle in named.items():
+        window = tuple(map(slice, *obstacle.box))
+        occupied = obstacle.inner if proven else obstacle.outer
+        if (occupied & in_grid[window]).any():
+            names.append(name)
+        unnamed[window] &= ~obstacle.outer
+    pieces, _ = ndimage.label(unnamed, structure=np.ones((3,) * unnamed.ndim))
+    hits = np.argwhere(in_grid & unnamed)
+    centers = space.grid.center_of(hits)
+    gaps = np.linalg.norm(centers - position[: space.dim], axis=1)
+    order = np.argsort(gaps, kind="stable")
+    _, nearest = np.unique(pieces[tuple(hits[order].T)], return_index=True)
+    descriptions = []
+    for index in np.sort(nearest):
+        place = ", ".join(f"{x:.2f}" for x in centers[order[index]])
+        descriptions.append(f"the obstacle at ({place})")
+    in_grid[...] = False
+    if touched.any() and space.outside == "blocked":
+        descriptions.append(BORDER)
+    return names, descriptions
+
+
+def touched_cells(space: CSpace, cells: Ints, proven: bool) -> Bools:
     """Return the workspace cells that the robot may touch in configuration cells.
 
-    ``cells`` has shape (n, 1 + d). The result has a layer more on each side, for the space outside,
-    shape (nx + 2, ...).
+    With ``proven``, it reaches into them from all of a cell. ``cells`` has shape (n, 1 + d). The
+    result has a layer more on each side, for the space outside, shape (nx + 2, ...).
     """
     touched = np.zeros(np.array(space.grid.shape) + 2, dtype=np.bool_)
     rasters = slice_rasters(space.robot, space.grid.spacing, space.margin, space.rotations)
     last = np.array(touched.shape) - 1
     for rotation, *position in cells.tolist():
-        outer, _ = rasters[space.slice_of[rotation]]
-        offsets = np.argwhere(outer.cells) + outer.lower + position + 1
+        outer, inner = rasters[space.slice_of[rotation]]
+        raster = inner if proven else outer
+        offsets = np.argwhere(raster.cells) + raster.lower + position + 1
         touched[tuple(np.clip(offsets, 0, last).T)] = True
     return touched
-
-
-def _meets(obstacle: Obstacle, touched: Bools) -> bool:
-    """Return True if an obstacle has one of the touched cells."""
-    in_grid = touched[(slice(1, -1),) * touched.ndim]
-    window = tuple(map(slice, *obstacle.box))
-    return bool((obstacle.outer & in_grid[window]).any())
-
-
-def _describe_pieces(
-    space: CSpace, named: list[Obstacle], touched: Bools, position: Floats
-) -> list[str]:
-    """Describe the touched obstacles without names, those nearest to a position first."""
-    in_grid = touched[(slice(1, -1),) * touched.ndim]
-    unnamed = space.workspace.outer.copy()
-    for obstacle in named:
-        unnamed[tuple(map(slice, *obstacle.box))] &= ~obstacle.outer
-    pieces, _ = ndimage.label(unnamed, structure=np.ones((3,) * unnamed.ndim))
-    cells = np.argwhere(in_grid & unnamed)
-    centers = space.grid.center_of(cells)
-    order = np.argsort(np.linalg.norm(centers - position, axis=1), kind="stable")
-    _, nearest = np.unique(pieces[tuple(cells[order].T)], return_index=True)
-    descriptions = []
-    for index in np.sort(nearest):
-        place = ", ".join(f"{x:.2f}" for x in centers[order[index]])
-        descriptions.append(f"the obstacle at ({place})")
-    outside = touched.copy()
-    outside[(slice(1, -1),) * touched.ndim] = False
-    if outside.any() and space.outside == "blocked":
-        descriptions.append(BORDER)
-    return descriptions
 
 
 def _find_free_yaws(space: CSpace, cell: Ints) -> Floats:

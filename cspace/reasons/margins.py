@@ -1,43 +1,42 @@
 """Margins by which a robot may grow, or must shrink, for a path.
 
 A robot A grown by m contains every point within m of A; A shrunk by m contains the points whose
-ball of radius m lies in A. Let h be the spacing and d the dimension; a cell reaches
-``h * sqrt(d) / 2`` from its center; distances are in the translation, at one rotation.
+ball of radius m lies in A. The margins are found by bisection: at each margin, the rasters of the
+resized robot give a map of FREE cells, which may join start and goal, or one of BLOCKED cells,
+which may separate them. Let h be the spacing.
 
-* Growing, with a path: if all configurations within m of q are FREE, the grown robot is free at q.
-  So it has a path along cells whose centers are farther than m + h sqrt(d) / 2 from cells that are
-  not FREE.
-* Growing, without a path: if a configuration within m of q is BLOCKED, the grown robot collides at
-  q. So it has no path if each chain has a cell whose center is within m - h sqrt(d) / 2 of BLOCKED
-  cells.
-* Shrinking, with a path: an offset o of the outer raster is needed only if all offsets within m / h
-  of o are in the raster too. Otherwise one of them, o', has a box ``h * (o' + [-1, 1]^d)`` without
-  a point of A. It is the box of o moved by at most m, so no point in that box has its ball in A.
-* Shrinking, without a path: an offset of the inner raster deeper than m below the surface of A, at
-  all rotations of the slice, lies in the shrunk robot.
+* Outer rasters of the grown robot are those of a build with that margin.
+* An outer offset o of the shrunk robot is needed only if a point in its box ``h * (o + [-1, 1]^d)``
+  lies m deep in A. The depth of a point is at most that below any plane that bounds A. If A has no
+  point in the box of another offset o', it is also at most ``h * |o - o'|``, because the two boxes
+  are translates.
+* Growing the robot by m is growing the obstacles by m. Large margins grow both.
+* An inner offset of the shrunk robot lies deeper than m below the surface of A, at all rotations of
+  the slice. An inner offset of the grown robot lies within m of one of A, less the depth of that.
 
 The robot of FREE states is grown by the map's margin, the robot of BLOCKED states is not.
 """
 
 from __future__ import annotations
 
+import copy
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import cache, cached_property
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
-from scipy import ndimage, sparse
-from scipy.sparse import csgraph
+from numpy.typing import ArrayLike
+from scipy import ndimage
 
 from cspace.engines import ENGINES, choose_engine
 from cspace.engines.slices import slice_rasters
 from cspace.errors import InputError
-from cspace.queries.components import Components
-from cspace.queries.distance import Distances, compute_distances
+from cspace.queries.distance import ROUNDING_FACTOR, compute_distances
 from cspace.queries.search import find_chain, turn_costs
-from cspace.queries.widest import LEVELS_PER_CELL, MAX_LEVEL, WidthMap
 from cspace.raster import Raster
+from cspace.record.contents import Contents
 from cspace.record.exterior import Exterior
 from cspace.rotations import RotationCell
 from cspace.shapes.shape import ExactShape
@@ -46,20 +45,23 @@ from cspace.support.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, Sta
 if TYPE_CHECKING:
     from cspace.space import CSpace
 
-LEVEL: Final = 1.0 / LEVELS_PER_CELL
-"""Step of the widths of a search by width, in cells."""
-
-MAX_WIDTH: Final = MAX_LEVEL / LEVELS_PER_CELL
-"""Largest width of a search by width, in cells."""
-
 DEPTH_SLACK: Final = 1e-9
 """Rounding of a depth below a surface, per metre of the shape's largest number."""
 
 MAX_PAIRS: Final = 2**25
 """Points times pieces of a surface up to which depths are computed: some seconds."""
 
-STEPS_PER_CELL: Final = 2
-"""Depths per cell that are tried for a robot that must shrink."""
+MAX_GROWTH_CELLS: Final = 16
+"""Cells by which rasters grow; larger margins grow the obstacles by the rest."""
+
+STEPS_PER_CELL: Final = 8
+"""Margins per cell that are told apart."""
+
+DIRECTION_STEPS: Final = {2: range(-5, 6), 3: range(-2, 3)}
+"""Coordinates of the directions along which planes bound a robot, by dimension."""
+
+BLOCKED_COST: Final = 4.0
+"""Cost of a move in a cell that is not FREE, so that a way passes few of them."""
 
 
 class Way(NamedTuple):
@@ -71,16 +73,22 @@ class Way(NamedTuple):
         Cells ``(rotation, x, ...)`` from start to goal, joined by moves of up to two cells.
     barrier : ndarray of int64, shape (m, 1 + d)
         Cells that are not FREE, and that would join start and goal if they were.
+    barred : tuple of int
+        Indices of the first and last cell of the way whose move passes the barrier.
     bottleneck : ndarray of int64, shape (1 + d,)
-        The narrowest cell, or the cell of the barrier that is farthest from FREE cells.
+        The narrowest cell.
     low : float
         Margin for which a path is proven, metres; minus infinity if nothing is left of the robot.
+    high : float
+        Margin for which it is proven that no path exists, metres; infinity if there is none.
     """
 
     cells: Ints
     barrier: Ints
+    barred: tuple[int, int]
     bottleneck: Ints
     low: float
+    high: float
 
 
 def states_of_slices(space: CSpace) -> States:
@@ -89,254 +97,345 @@ def states_of_slices(space: CSpace) -> States:
     return states.reshape(len(states), *space.grid.shape)
 
 
-def find_free_way(space: CSpace, ends: Ints) -> Way:
-    """Find the widest chain of FREE cells between two cells that FREE cells join.
+def copy_with_ends(space: CSpace, start: ArrayLike, goal: ArrayLike) -> tuple[CSpace, Floats]:
+    """Return a copy of a map, which updates do not change, and start and goal, shape (2, size).
 
-    ``ends``, shape (2, 1 + d), are the cells of start and goal.
+    Raises InputError for maps of other kinds, ConfigurationError for configurations outside.
     """
-    start, goal = ends
-    width_map = _make_width_map(space, space.distances.array())
-    width = width_map.bottleneck(start, goal, math.inf)
-    cells = width_map.shortest(start, goal, width, math.inf)
-    narrowest = int(np.argmin([width_map.width(cell) for cell in cells]))
-    cells_wide = max(width - cell_reach(space.dim) - LEVEL, 0.0)
-    low = space.margin + cells_wide * space.grid.spacing
-    return Way(cells, cells[:0], cells[narrowest], low)
+    if len(space.rotations.names) > 1:
+        problem = f"has the axes {', '.join(space.axes)}"
+        rule = "reasons are for maps of positions, with or without a yaw"
+        raise InputError("space", problem, rule, "build a map with rotations=72")
+    points = [space._check_in_grid(q, name) for q, name in ((start, "start"), (goal, "goal"))]
+    return copy.copy(space), np.stack(points)
 
 
-def find_shrunk_way(space: CSpace, ends: Ints) -> Way:
-    """Find a way for the robot that must shrink least, and the cells that bar it.
+def find_cells(space: CSpace, points: Floats) -> Ints:
+    """Return the cells ``(rotation, x, ...)`` of configurations in the grid, shape (n, 1 + d)."""
+    positions = space.grid.cell_of(points[:, : space.dim])
+    return np.column_stack([space.rotations.find_cells(points), positions])
 
-    ``ends``, shape (2, 1 + d), are the cells of start and goal, which FREE cells do not join.
+
+def find_way(space: CSpace, points: Floats) -> Way:
+    """Find the way of the largest robot that is proven to have one, and the cells that bar it.
+
+    ``points``, shape (2, size), are start and goal.
     """
-    pairs = slice_rasters(space.robot, space.grid.spacing, space.margin, space.rotations)
-    # Distance from each offset to the nearest one that the outer raster lacks, in cells.
-    depths = [ndimage.distance_transform_edt(np.pad(outer.cells, 1)) for outer, _ in pairs]
-    failed = 0
-    enough = 1 + math.ceil(STEPS_PER_CELL * max(map(np.max, depths)))  # nothing is left
-    is_free = np.ones((len(pairs), *space.grid.shape), dtype=np.bool_)
-    while enough - failed > 1:
-        middle = (failed + enough) // 2
-        shrunk = [
-            Raster.from_bitmap(
-                depth > middle / STEPS_PER_CELL, tuple(low - 1 for low in outer.lower)
-            )
-            for depth, (outer, _) in zip(depths, pairs, strict=True)
-        ]
-        # An unknown outside, as of a window, may be occupied.
-        is_hit = _collide(space, space.workspace.outer, shrunk, space.outside != "free")
-        candidates = ~is_hit
-        if _are_joined(space, candidates, ends):
-            enough = middle
-            is_free = candidates
-        else:
-            failed = middle
+    robot = ResizedRobot(space)
+
+    def joins(margin: float) -> bool:
+        """Return True if FREE cells of the robot with a margin join start and goal."""
+        return bool(robot.make_free_map(margin).is_connected(*points))
+
+    def is_open(margin: float) -> bool:
+        """Return True if the robot with a margin is not proven to have no path."""
+        return not robot.make_blocked_map(margin).is_disconnected(*points)
+
+    if space.is_connected(*points):
+        low, failed = robot.search(joins, space.margin)
+    else:
+        nothing_left = -robot.step - max(float(depths.max()) for depths in robot.outer_depths)
+        low, failed = robot.search(joins, nothing_left, space.margin)
+    if space.is_disconnected(*points):
+        _, high = robot.search(is_open, max(low, -robot.depth - robot.step), 0.0)
+    else:
+        _, high = robot.search(is_open, max(low, 0.0))
+    is_free = robot.find_free(low)
+    slice_of = space.slice_of.copy()  # writeable, as kernels are compiled for
     turns = space.rotations.neighbors, turn_costs(space.rotations, space.dim, space.grid.spacing)
     states = (~is_free).view(np.uint8)  # False is FREE, and True is MIXED
-    start, goal = ends
-    slice_of = space.slice_of.copy()  # writeable, as kernels are compiled for
-    cells = find_chain(states, slice_of, turns, start, goal, math.inf)
-    barrier = find_barrier(space, _list_passed(cells, slice_of, is_free))
-    depth = enough / STEPS_PER_CELL
-    vanishes = depth >= max(map(np.max, depths))
-    low = -math.inf if vanishes else space.margin - depth * space.grid.spacing
-    return Way(cells, barrier, _find_deepest(space, barrier), low)
+    costs = np.where(states_of_slices(space) == FREE, 1.0, BLOCKED_COST).astype(np.float32)
+    start, goal = find_cells(space, points)
+    cells = find_chain(states, slice_of, turns, start, goal, math.inf, costs)
+    wider = min(failed, low + robot.step)
+    is_narrow = ~robot.find_free(wider)[slice_of[cells[:, 0]], *cells[:, 1:].T]
+    narrow = cells[is_narrow] if is_narrow.any() else cells
+    barrier, barred = _find_barrier(space, cells, is_free)
+    # A robot that is nowhere that deep has no point left.
+    low = low if -low < robot.depth else -math.inf
+    return Way(cells, barrier, barred, narrow[len(narrow) // 2], low, high)
 
 
-def find_barrier(space: CSpace, passed: Ints) -> Ints:
-    """Find the fewest cells that are not FREE on a way from the first to the last of some cells.
+def _find_barrier(space: CSpace, cells: Ints, is_free: Bools) -> tuple[Ints, tuple[int, int]]:
+    """Find the cells of a way's moves that are not FREE, and the first and last cell beside them.
 
-    The way leads through the cells ``passed``, shape (n, 1 + d), and through FREE components.
+    ``is_free`` are the cells of each slice that moves may pass.
     """
     states = states_of_slices(space)
-    never_open = np.zeros(len(states), dtype=np.bool_)
-    neighbors = space.rotations.neighbors
-    components = Components(states, space.slice_of, neighbors, never_open).of(passed)
-    # Nodes are the cells that are not FREE, and after them the components of the others.
-    nodes = np.where(components == -1, np.arange(len(passed)), len(passed) + components)
-    node_of = dict(zip(map(tuple, passed.tolist()), nodes.tolist(), strict=True))
-    links = []
-    for cell, node in node_of.items():
-        near_nodes = [node_of.get(near, node) for near in _list_neighbors(cell, neighbors)]
-        links += [(node, other) for other in near_nodes if other != node]
-    first, second = np.array(links, dtype=np.int64).reshape(-1, 2).T
-    n_nodes = int(nodes.max()) + 1
-    # A cell costs more than all components together.
-    costs = np.where(second < len(passed), float(len(passed)), 1.0)
-    graph = sparse.coo_array((costs, (first, second)), (n_nodes, n_nodes)).tocsr()
-    _, previous = csgraph.dijkstra(graph, indices=nodes[0], return_predecessors=True)
-    on_way = [int(nodes[-1])]
-    while on_way[-1] != nodes[0]:
-        on_way.append(int(previous[on_way[-1]]))
-    in_way = np.array([node for node in on_way if node < len(passed)], dtype=np.int64)
-    barrier: Ints = passed[np.sort(in_way)]
-    return barrier
+    barrier: dict[tuple[int, ...], None] = {}
+    barred = []
+    moves = itertools.pairwise([*cells, cells[-1]])
+    for number, (first, second) in enumerate(moves):
+        # The box around a move, or both ends of a turn on the spot.
+        box = [first, second]
+        if first[0] == second[0]:
+            low = np.minimum(first, second)
+            box = [*(np.argwhere(np.ones(np.abs(second - first) + 1)) + low)]
+        for cell in map(tuple, np.array(box).tolist()):
+            place = space.slice_of[cell[0]], *cell[1:]
+            if is_free[place] and states[place] != FREE:
+                barrier[cell] = None
+                barred.append(number)
+    last = len(cells) - 1
+    between = (barred[0], min(barred[-1] + 1, last)) if barred else (0, last)
+    return np.array([*barrier], dtype=np.int64).reshape(-1, cells.shape[1]), between
 
 
-def _list_neighbors(cell: tuple[int, ...], neighbors: Ints) -> list[tuple[int, ...]]:
-    """List the cells that share a side with a cell, and the cell at neighbouring rotations."""
-    rotation, *position = cell
-    near = [(other, *position) for other in neighbors[rotation].tolist()]
-    for axis in range(1, len(cell)):
-        near += [(*cell[:axis], cell[axis] + step, *cell[axis + 1 :]) for step in (-1, 1)]
-    return near
-
-
-def _list_passed(cells: Ints, slice_of: Ints, is_free: Bools) -> Ints:
-    """List the free cells in the boxes around the moves of a chain, its ends first and last."""
-    passed = dict.fromkeys(map(tuple, cells.tolist()))
-    for first, second in itertools.pairwise(cells):
-        if first[0] != second[0]:
-            continue  # it turns on the spot
-        low = np.minimum(first, second)
-        high = np.maximum(first, second)
-        ranges = [range(start, stop + 1) for start, stop in zip(low, high, strict=True)]
-        for cell in itertools.product(*ranges):
-            if is_free[slice_of[cell[0]], *cell[1:]]:
-                passed[cell] = None
-    last = tuple(cells[-1].tolist())
-    del passed[last]
-    return np.array([*passed, last])
-
-
-def _find_deepest(space: CSpace, barrier: Ints) -> Ints:
-    """Return the cell of a barrier that is farthest from FREE cells."""
-    slices, positions = np.unique(space.slice_of[barrier[:, 0]], return_inverse=True)
-    depths = distances_to(states_of_slices(space)[slices] == FREE)
-    deepest = int(np.argmax(depths[positions, *barrier[:, 1:].T]))
-    cell: Ints = barrier[deepest]
-    return cell
-
-
-def _make_width_map(space: CSpace, widths: Distances) -> WidthMap:
-    """Return widths of the cells of all slices for a search."""
-    turns = turn_costs(space.rotations, space.dim, space.grid.spacing)
-    return WidthMap(widths, space.slice_of.copy(), space.rotations, turns)  # writeable, as above
-
-
-def _collide(space: CSpace, occupied: Bools, rasters: Sequence[Raster], outside: bool) -> Bools:
-    """Return the cells of each slice at which a raster meets occupied cells.
-
-    All space outside the grid is occupied too if ``outside``.
-    """
-    hits = np.zeros((len(rasters), *space.grid.shape), dtype=np.bool_)
-    engine = ENGINES[choose_engine(rasters)]
-    engine.collide(occupied, rasters, list(hits), outside=outside)
-    return hits
-
-
-def _are_joined(space: CSpace, is_free: Bools, ends: Ints) -> bool:
-    """Return True if free cells of the grid join two cells."""
-    never_open = np.zeros(len(is_free), dtype=np.bool_)
-    states = (~is_free).view(np.uint8)  # True is MIXED
-    components = Components(states, space.slice_of, space.rotations.neighbors, never_open)
-    start, goal = components.of(ends)
-    return bool(start != -1 and start == goal)
-
-
-def bound_growth(space: CSpace, ends: Ints) -> float:
-    """Return a margin, metres, by which the robot cannot grow and still have a path.
-
-    It is infinite if a path may lead around outside the grid.
-    """
-    states = states_of_slices(space)
-    is_open = ~Exterior(space.kernel_map.exterior).is_all_blocked(space.grid.shape)
-    # A layer of cells around the grid stands for all space outside.
-    around = [(0, 0)] + [(1, 1)] * space.dim
-    is_blocked = np.pad(states == BLOCKED, around, constant_values=True)
-    for number in np.flatnonzero(is_open):
-        _fill_border(is_blocked[number], False)
-    widths = distances_to(is_blocked)
-    for number in np.flatnonzero(is_open):
-        _fill_border(widths[number], MAX_WIDTH)
-    start, goal = ends + np.array([0] + [1] * space.dim)
-    width = _make_width_map(space, widths).bottleneck(start, goal, math.inf)
-    if width + LEVEL >= MAX_WIDTH:
-        return math.inf
-    return (width + LEVEL + cell_reach(space.dim)) * space.grid.spacing
-
-
-def bound_shrinkage(space: CSpace, ends: Ints, low: float) -> float:
-    """Return a margin, metres, by which the robot may shrink and still has no path.
-
-    The margin is zero or negative, and above ``low``, at which a path is proven. Start and goal are
-    proven disconnected for the robot as it is. The result is 0 for robots whose surface has too
-    many pieces, and for filled meshes.
-    """
-    shrunk = ShrunkRobot.of(space)
-    if shrunk is None:
-        return 0.0
-    step = space.grid.spacing / STEPS_PER_CELL
-    deepest = max((float(depths.max(initial=0.0)) for depths in shrunk.depths), default=0.0)
-    proven = 0
-    failed = math.floor(min(-low, deepest) / step) + 1
-    while failed - proven > 1:
-        middle = (proven + failed) // 2
-        if shrunk.is_disconnected(ends, middle * step):
-            proven = middle
-        else:
-            failed = middle
-    return -proven * step
-
-
-class ShrunkRobot(NamedTuple):
-    """Inner rasters of a robot, with the depth of each offset.
+class Planes(NamedTuple):
+    """Planes that bound a shape.
 
     Attributes
     ----------
-    space : CSpace
-    rasters : list of (outer, inner) Raster
-        Rasters of each slice.
-    depths : list of ndarray of float64
-        Lower bound of the depth of each offset of an inner raster below the robot's surface, at all
-        rotations of the slice; metres, in the shape of the raster's cells.
+    normals : ndarray of float64, shape (n, d)
+    heights : ndarray of float64, shape (n,)
+        Largest coordinate of the shape along each normal, metres.
     """
 
-    space: CSpace
-    rasters: Sequence[tuple[Raster, Raster]]
-    depths: Sequence[Floats]
+    normals: Floats
+    heights: Floats
 
     @classmethod
-    def of(cls, space: CSpace) -> ShrunkRobot | None:
-        """Measure the depths of a map's inner rasters; None if they are unknown or too many."""
-        shape = space.robot.shape.inner
-        rotations = space.rotations
-        rasters = slice_rasters(space.robot, space.grid.spacing, 0.0, rotations)
-        rotation_cells = [RotationCell()]
-        if not rotations.preserve(space.robot.shape):
-            _, first_cells = np.unique(space.slice_of, return_index=True)
-            all_cells = rotations.make_shape_cells(space.dim)
-            rotation_cells = [all_cells[number] for number in first_cells]
-        n_points = sum(inner.count for _, inner in rasters)
+    def around(cls, shape: ExactShape) -> Planes:
+        """Bound a shape along the directions of a lattice."""
+        steps = DIRECTION_STEPS[shape.dim]
+        lattice = np.array(
+            [step for step in itertools.product(steps, repeat=shape.dim) if any(step)]
+        )
+        normals = lattice / np.linalg.norm(lattice, axis=1, keepdims=True)
+        try:
+            simplices, radii = shape.boundary()
+        except InputError:  # the inside of a filled mesh depends on the spacing
+            return cls(normals[:0], np.empty(0))
+        heights = [((simplices @ normal).max(axis=1) + radii).max() for normal in normals]
+        return cls(normals, np.array(heights) + DEPTH_SLACK * (1.0 + shape.span))
+
+
+class ResizedRobot:
+    """Rasters and maps of a map's robot, grown or shrunk by a margin.
+
+    Parameters
+    ----------
+    space : CSpace
+
+    Attributes
+    ----------
+    rasters : list of (outer, inner) Raster
+        Rasters of each slice, without a margin.
+    step : float
+        Difference of margins that are told apart, metres.
+    """
+
+    def __init__(self, space: CSpace) -> None:
+        """Compute the rasters of the robot as it is."""
+        self.space = space
+        self.step = space.grid.spacing / STEPS_PER_CELL
+        self.rasters = slice_rasters(space.robot, space.grid.spacing, 0.0, space.rotations)
+        self._levels = cache(self._measure_levels)
+
+    def search(
+        self, holds: Callable[[float], bool], low: float, high: float = math.inf
+    ) -> tuple[float, float]:
+        """Return two margins, at most a step apart, such that a condition holds at the first alone.
+
+        It holds at ``low`` and fails at ``high``. The second is infinite if it holds for a robot as
+        large as the map.
+        """
+        grid = self.space.grid
+        growth = 2.0 * grid.spacing
+        while high - low > self.step and low < grid.spacing * max(grid.shape):
+            # Doubled growth until the condition fails, bisection afterwards.
+            middle = low + growth if math.isinf(high) else (low + high) / 2.0
+            growth *= 2.0
+            if holds(middle):
+                low = middle
+            else:
+                high = middle
+        return low, high
+
+    def find_free(self, margin: float) -> Bools:
+        """Return the cells of each slice at which the robot with a margin is free."""
+        space = self.space
+        own, rest = self._split(margin)
+        if margin >= 0.0:
+            pairs = slice_rasters(space.robot, space.grid.spacing, own, space.rotations)
+            rasters = [outer for outer, _ in pairs]
+        else:
+            rasters = [
+                Raster.from_bitmap(outer.cells & (depths >= -margin), outer.lower)
+                for (outer, _), depths in zip(self.rasters, self.outer_depths, strict=True)
+            ]
+        # An unknown outside, as of a window, may be occupied.
+        outside = space.outside != "free"
+        occupied = space.workspace.outer
+        if rest > 0.0:
+            occupied = grow_cells(occupied, rest, outside, outwards=True)
+        return ~self._collide(occupied, rasters, outside)
+
+    def make_free_map(self, margin: float) -> CSpace:
+        """Make the map of the FREE cells of the robot with a margin; all others are MIXED."""
+        states = (~self.find_free(margin)).view(np.uint8)  # False is FREE, and True is MIXED
+        return self._make_map(states, Exterior(self.space.kernel_map.exterior))
+
+    def make_blocked_map(self, margin: float) -> CSpace:
+        """Make the map of the BLOCKED cells of the robot with a margin; all others are MIXED."""
+        space = self.space
+        own, rest = self._split(margin)
+        added = 0
+        while added * space.grid.spacing < own:
+            added = max(2 * added, 4)  # few sizes, because tables are kept
+        rasters = [
+            Raster.from_bitmap(levels <= own, tuple(low - added for low in inner.lower))
+            for levels, (_, inner) in zip(self._levels(added), self.rasters, strict=True)
+        ]
+        outside = space.outside == "blocked"
+        occupied = space.workspace.inner
+        if rest > 0.0:
+            occupied = grow_cells(occupied, rest, outside, outwards=False)
+        hits = self._collide(occupied, rasters, outside)
+        states = np.where(hits, np.uint8(BLOCKED), np.uint8(MIXED))
+        pairs = [(raster, raster) for raster in rasters]
+        return self._make_map(states, Exterior.of(space.workspace.outer, pairs, space.outside))
+
+    def _make_map(self, states: States, exterior: Exterior) -> CSpace:
+        """Make a map of other states, in the grid and outside."""
+        space = self.space
+        return type(space)(
+            Contents(
+                space.workspace,
+                space.robot,
+                space.rotations,
+                space.slice_of,
+                states,
+                space.outside,
+                exterior=exterior,
+            )
+        )
+
+    def _collide(self, occupied: Bools, rasters: Sequence[Raster], outside: bool) -> Bools:
+        """Return the cells of each slice at which a raster meets occupied cells.
+
+        All space outside the grid is occupied too if ``outside``.
+        """
+        hits = np.zeros((len(rasters), *occupied.shape), dtype=np.bool_)
+        engine = ENGINES[choose_engine(rasters)]
+        engine.collide(occupied, rasters, list(hits), outside=outside)
+        return hits
+
+    def _split(self, margin: float) -> tuple[float, float]:
+        """Split a margin into metres for the robot, and cells for the obstacles."""
+        spacing = self.space.grid.spacing
+        own = min(margin, MAX_GROWTH_CELLS * spacing)
+        return own, (margin - own) / spacing
+
+    @cached_property
+    def depth(self) -> float:
+        """Depth of the deepest inner offset below the robot's surface, metres: about its inradius.
+
+        Without a surface, it is half the shortest side of the robot.
+        """
+        if self._inner_depths is None:
+            return float(np.ptp(self.space.robot.shape.inner.bounds, axis=0).min()) / 2.0
+        return max(float(depths.max(initial=0.0)) for depths in self._inner_depths)
+
+    @cached_property
+    def _rotation_cells(self) -> list[RotationCell]:
+        """Rotations of each slice."""
+        space = self.space
+        if space.rotations.preserve(space.robot.shape):
+            return [RotationCell()]
+        _, first_cells = np.unique(space.slice_of, return_index=True)
+        all_cells = space.rotations.make_shape_cells(space.dim)
+        return [all_cells[number] for number in first_cells]
+
+    @cached_property
+    def outer_depths(self) -> list[Floats]:
+        """Upper bound of the depth in the box of each outer offset, in each slice."""
+        planes = Planes.around(self.space.robot.shape.outer)
+        return [
+            bound_depths(planes, outer, cell, self.space.grid.spacing)
+            for (outer, _), cell in zip(self.rasters, self._rotation_cells, strict=True)
+        ]
+
+    @cached_property
+    def _inner_depths(self) -> list[Floats] | None:
+        """Lower bound of the depth of each inner offset, in each slice.
+
+        None for robots whose surface has too many pieces, and for filled meshes.
+        """
+        shape = self.space.robot.shape.inner
+        n_points = sum(inner.count for _, inner in self.rasters)
         try:
             n_pieces = len(shape.boundary().simplices)
         except InputError:  # the inside of a filled mesh depends on the spacing
             return None
         if n_points * n_pieces > MAX_PAIRS:
             return None
-        depths = [
-            measure_depths(shape, inner, cell, space.grid.spacing)
-            for (_, inner), cell in zip(rasters, rotation_cells, strict=True)
+        return [
+            measure_depths(shape, inner, cell, self.space.grid.spacing)
+            for (_, inner), cell in zip(self.rasters, self._rotation_cells, strict=True)
         ]
-        return cls(space, rasters, depths)
 
-    def is_disconnected(self, ends: Ints, depth: float) -> bool:
-        """Return True if the robot, shrunk by ``depth``, is proven to have no path."""
-        space = self.space
-        inner_rasters = [
-            Raster.from_bitmap(inner.cells & (depths >= depth), inner.lower)
-            for (_, inner), depths in zip(self.rasters, self.depths, strict=True)
-        ]
-        hits = _collide(space, space.workspace.inner, inner_rasters, space.outside == "blocked")
-        states = np.where(hits, np.uint8(BLOCKED), np.uint8(MIXED))
-        pairs = [
-            (outer, inner) for (outer, _), inner in zip(self.rasters, inner_rasters, strict=True)
-        ]
-        exterior = Exterior.of(space.workspace.outer, pairs, space.outside)
-        is_open = ~exterior.is_all_blocked(space.grid.shape)
-        components = Components(states, space.slice_of, space.rotations.neighbors, is_open)
-        start, goal = components.of(ends, mixed=True)
-        return bool(start == -1 or goal == -1 or start != goal)
+    def _measure_levels(self, added: int) -> list[Floats]:
+        """Return margins at which offsets are proven to lie in the robot, in each slice.
+
+        Tables have the shapes of the inner rasters with ``added`` offsets on each side.
+        """
+        spacing = self.space.grid.spacing
+        inner_depths = self._inner_depths
+        tables = []
+        for number, (_, inner) in enumerate(self.rasters):
+            depths = np.where(inner.cells, 0.0, -math.inf)
+            if inner_depths is not None:
+                depths = np.maximum(depths, inner_depths[number])
+            cells = np.pad(inner.cells, added)
+            depths = np.pad(depths, added)
+            if not inner.count:
+                tables.append(np.full(cells.shape, math.inf))
+                continue
+            # The way to the nearest inner offset and on to the surface, or by the deepest one.
+            gaps, nearest = ndimage.distance_transform_edt(
+                ~cells, sampling=spacing, return_indices=True
+            )
+            deepest = np.argwhere(cells)[np.argmax(depths[cells])]
+            far_gaps = np.linalg.norm(
+                np.moveaxis(np.indices(cells.shape), 0, -1) - deepest, axis=-1
+            )
+            levels = np.minimum(
+                gaps - depths[tuple(nearest)], spacing * far_gaps - depths[tuple(deepest)]
+            )
+            tables.append(levels)
+        return tables
+
+
+def bound_depths(planes: Planes, raster: Raster, cell: RotationCell, spacing: float) -> Floats:
+    """Bound the depth of a shape in the boxes of outer offsets from above, metres.
+
+    The bounds hold at all rotations of the cell, and have the shape of the raster's cells.
+    """
+    # The nearest box without a point of the shape.
+    padded: Floats = ndimage.distance_transform_edt(np.pad(raster.cells, 1), sampling=spacing)
+    bounds = padded[(slice(1, -1),) * padded.ndim]
+    points = spacing * (np.argwhere(raster.cells) + np.array(raster.lower))
+    normals = planes.normals
+    turned = normals if cell.matrix is None else normals @ cell.matrix.T
+    to_corners = spacing * np.abs(turned).sum(axis=1)
+    below = (planes.heights + to_corners - points @ turned.T).min(axis=1, initial=math.inf)
+    below += cell.displacement(np.abs(points) + spacing)
+    bounds[raster.cells] = np.minimum(bounds[raster.cells], below)
+    return bounds
+
+
+def grow_cells(cells: Bools, distance: float, outside: bool, *, outwards: bool) -> Bools:
+    """Grow occupied cells by a distance in cells, ``outwards`` to all cells that the result meets.
+
+    Otherwise, to cells that lie in it. All space outside the grid is occupied too if ``outside``.
+    """
+    exterior = np.array([*[0] * cells.ndim, *[-1] * cells.ndim, MIXED if outside else FREE])
+    gaps = np.empty(cells.shape, dtype=np.float32)  # of centers
+    compute_distances(cells.view(np.uint8), exterior, gaps)
+    reach = math.sqrt(cells.ndim) / 2.0
+    gaps = gaps * ROUNDING_FACTOR - reach if outwards else gaps / ROUNDING_FACTOR + reach
+    return np.asarray(gaps <= distance)
 
 
 def measure_depths(shape: ExactShape, raster: Raster, cell: RotationCell, spacing: float) -> Floats:
@@ -364,22 +463,18 @@ def measure_depths(shape: ExactShape, raster: Raster, cell: RotationCell, spacin
 
 def distance_to_simplex(points: Floats, simplex: Floats) -> Floats:
     """Return the distance of points, shape (n, d), to a point, segment or triangle (k, d)."""
-    corners = [simplex[0], *simplex]
-    gaps = [
-        _distance_to_segment(points, corners[k - 1], corners[k]) for k in range(1, len(corners))
-    ]
-    if len(simplex) < 3:
-        return gaps[-1]
-    gaps[0] = _distance_to_segment(points, simplex[-1], simplex[0])
-    # Points over the inside of a triangle are nearest to its plane.
-    first, second, third = simplex
-    normal = np.cross(second - first, third - first)
-    doubled_area = float(np.linalg.norm(normal))
-    if doubled_area > 0.0:
-        edges = np.roll(simplex, -1, axis=0) - simplex
-        sides = np.cross(edges, points[:, np.newaxis] - simplex) @ normal
-        heights = np.abs((points - first) @ normal) / doubled_area
-        gaps.append(np.where((sides >= 0.0).all(axis=1), heights, math.inf))
+    sides = itertools.pairwise([*simplex, simplex[0]])
+    gaps = [_distance_to_segment(points, *ends) for ends in sides]
+    if len(simplex) == 3:
+        # Points over the inside of a triangle are nearest to its plane.
+        first, second, third = simplex
+        normal = np.cross(second - first, third - first)
+        doubled_area = float(np.linalg.norm(normal))
+        if doubled_area > 0.0:
+            edges = np.roll(simplex, -1, axis=0) - simplex
+            heights = np.cross(edges, points[:, np.newaxis] - simplex) @ normal
+            over = np.abs((points - first) @ normal) / doubled_area
+            gaps.append(np.where((heights >= 0.0).all(axis=1), over, math.inf))
     return np.asarray(np.min(gaps, axis=0))
 
 
@@ -392,29 +487,3 @@ def _distance_to_segment(points: Floats, first: Floats, last: Floats) -> Floats:
         along = np.clip((points - first) @ direction / square, 0.0, 1.0)
     nearest = first + along[:, np.newaxis] * direction
     return np.asarray(np.linalg.norm(points - nearest, axis=-1))
-
-
-def distances_to(members: Bools) -> Distances:
-    """Return the distance of each cell's center to the nearest closed member cell, in cells.
-
-    ``members`` and the result have shape (slices, x, y) or (slices, x, y, z).
-    """
-    dim = members.ndim - 1
-    nothing_outside = np.array([*[0] * dim, *[-1] * dim, FREE])
-    distances = np.empty(members.shape, dtype=np.float32)
-    for part, out in zip(members, distances, strict=True):
-        compute_distances(part.view(np.uint8), nothing_outside, out)
-    return distances
-
-
-def cell_reach(dim: int) -> float:
-    """Return the distance from a cell's center to its corners, in cells."""
-    return math.sqrt(dim) / 2.0
-
-
-def _fill_border(cells: Bools | Distances, value: float) -> None:
-    """Set the outermost cells of one slice to a value."""
-    for axis in range(cells.ndim):
-        along = np.moveaxis(cells, axis, 0)
-        along[0] = value
-        along[-1] = value

@@ -14,7 +14,7 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage, sparse
 from scipy.sparse import csgraph
 
@@ -22,6 +22,7 @@ from cspace.engines import ENGINES, choose_engine
 from cspace.engines.slices import slice_rasters
 from cspace.errors import InputError
 from cspace.obstacles import Obstacle
+from cspace.reasons.margins import copy_with_ends, find_cells
 from cspace.support.arrays import FREE, Bools, Ints
 
 if TYPE_CHECKING:
@@ -87,26 +88,24 @@ class Regions(NamedTuple):
         return bool(components[start] == components[goal])
 
 
-def find_removals(space: CSpace, cells: Ints) -> Removals | None:
-    """Find the fewest named obstacles whose removal joins two cells by FREE cells.
-
-    ``cells``, shape (2, 1 + d), are those of start and goal. Returns None if no removal does.
-    """
+def find_removals(space: CSpace, start: ArrayLike, goal: ArrayLike) -> Removals | None:
+    """Find the fewest named obstacles to remove; see :meth:`cspace.CSpace.removals`."""
+    space, points = copy_with_ends(space, start, goal)
     names = list(space.obstacles)
     if len(names) > MAX_NAMES:
         problem = f"has {len(names)} named obstacles"
         raise InputError("space", problem, f"at most {MAX_NAMES} are tried", "merge some")
     regions = _find_regions(space, names)
-    start, goal = regions.numbers[tuple(cells.T)].tolist()
+    first, last = regions.numbers[tuple(find_cells(space, points).T)].tolist()
     everything = 2 ** len(names) - 1
-    if not regions.join(start, goal, everything):
+    if not regions.join(first, last, everything):
         return None
-    enough = _find_enough(regions, start, goal, len(names))
+    enough = _find_enough(regions, first, last, len(names))
     n_tried = 0
     for size in range(len(enough)):
         for chosen in itertools.combinations(range(len(names)), size):
             n_tried += 1
-            if regions.join(start, goal, sum(1 << bit for bit in chosen)):
+            if regions.join(first, last, sum(1 << bit for bit in chosen)):
                 return Removals([names[bit] for bit in chosen], size)
             if n_tried == MAX_SETS:
                 return Removals([names[bit] for bit in enough], size)

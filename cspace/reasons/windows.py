@@ -1,4 +1,4 @@
-"""Finer windows of a map, which decide passages that its own cells leave undecided."""
+"""Finer maps and windows, which decide what the cells of a map leave undecided."""
 
 from __future__ import annotations
 
@@ -6,10 +6,13 @@ import math
 from typing import TYPE_CHECKING, Final, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from cspace.builder import build
-from cspace.reasons.margins import Way
-from cspace.support.arrays import FREE
+from cspace.reasons.margins import Way, find_way
+from cspace.record.exterior import UNKNOWN
+from cspace.support.arrays import FREE, Floats, Ints
+from cspace.support.words import Outside
 from cspace.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -21,6 +24,8 @@ MAX_HALVINGS: Final = 4
 MARGIN_CELLS: Final = 8
 """Width of a window around the cells to decide, in cells of the map."""
 
+MAX_WHOLE_CELLS: Final = 2**22
+"""Number of cells, over all rotations, up to which a finer map has the whole workspace."""
 
 Decision = Literal["open", "shut", "nothing", "untried"]
 """Result of a finer window."""
@@ -36,8 +41,8 @@ class Trial(NamedTuple):
     rotations : int
         Number of its yaw cells; 1 if the robot does not rotate.
     decided : {"open", "shut", "nothing", "untried"}
-        Proof of a window of such cells around the MIXED cells: the way is open there, or shut;
-        "nothing" if no window down to a sixteenth of the map's spacing decides.
+        Proof of such cells, in a window around the MIXED cells or on the whole map: the way is open
+        there, or shut; "nothing" if none down to a sixteenth of the map's spacing decide.
     """
 
     spacing: float
@@ -55,34 +60,88 @@ class Trial(NamedTuple):
         return f"With {settings}, the way there is proven {self.decided}."
 
 
-def try_finer(space: CSpace, way: Way, margin: tuple[float, float], refine: bool) -> Trial:
-    """Estimate the spacing that decides a way, or with ``refine`` try finer windows.
+def suggest_finer(space: CSpace, way: Way) -> Trial:
+    """Estimate the spacing that decides a way.
 
     The true margin is taken to be the middle of its two bounds: their distance is proportional to
     spacing and angle of the cells, and must fall below twice the true margin.
     """
-    count = len(space.rotations)
-    low, high = margin
+    low, high = way.low, way.high
     halvings = 1
     if math.isfinite(low) and math.isfinite(high):
         middle = max(abs(low + high) / 2.0, (high - low) / 2.0 ** (MAX_HALVINGS + 1))
         halvings = max(1, math.ceil(math.log2((high - low) / 2.0 / middle)))
-    halvings = min(halvings, MAX_HALVINGS)
-    if not refine:
-        factor = 2**halvings
-        return Trial(space.grid.spacing / factor, _count_rotations(count, factor), "untried")
-    for halving in range(1, MAX_HALVINGS + 1):
-        factor = 2**halving
-        decided = _decide_window(space, way, factor)
-        trial = Trial(space.grid.spacing / factor, _count_rotations(count, factor), decided)
-        if decided != "nothing":
+    factor = 2 ** min(halvings, MAX_HALVINGS)
+    return _describe_trial(space, factor, "untried")
+
+
+def refine_way(space: CSpace, points: Floats, way: Way, is_decided: bool) -> tuple[Way, Trial]:
+    """Try finer cells: narrow the margins of a way, and decide it unless it is.
+
+    ``points``, shape (2, size), are start and goal. Maps of the whole workspace are built while
+    they are small; after them, windows for what is undecided.
+    """
+    decided: Decision = "nothing"
+    factor = 1
+    for _ in range(MAX_HALVINGS):
+        finer = 2 * factor
+        n_cells = finer**space.dim * space.grid.size * _count_rotations(space, finer)
+        is_whole = n_cells <= MAX_WHOLE_CELLS and space.outside != UNKNOWN
+        if is_decided and not is_whole:
             break
-    return trial
+        factor = finer
+        if is_whole:
+            map_ = _build_finer(space, factor, np.zeros(space.dim, np.int64), space.grid.shape)
+            fine_way = find_way(map_, points)
+            high = min(way.high, fine_way.high) if _is_solid(space) else way.high
+            way = way._replace(low=max(way.low, fine_way.low), high=high)
+            decided = _decide(space, map_, points)
+        else:
+            decided = _decide_window(space, way, factor)
+        if decided != "nothing" and not is_decided:
+            break
+    return way, _describe_trial(space, factor, decided)
 
 
-def _count_rotations(count: int, factor: int) -> int:
+def _describe_trial(space: CSpace, factor: int, decided: Decision) -> Trial:
+    """Describe cells that are finer by a factor."""
+    return Trial(space.grid.spacing / factor, _count_rotations(space, factor), decided)
+
+
+def _count_rotations(space: CSpace, factor: int) -> int:
     """Return the number of rotation cells at a finer spacing."""
+    count = len(space.rotations)
     return 1 if count == 1 else count * factor
+
+
+def _is_solid(space: CSpace) -> bool:
+    """Return True if occupied cells are; those without shapes, as unknown ones, may be free."""
+    workspace = space.workspace
+    return workspace.shapes is not None or np.array_equal(workspace.outer, workspace.inner)
+
+
+def _build_finer(space: CSpace, factor: int, first: Ints, stop: ArrayLike) -> CSpace:
+    """Build a map of finer cells between two cells of a map.
+
+    It begins with a cell of the map, so that its cells are those of a whole finer map.
+    """
+    grid = space.grid
+    lower = grid.lower + grid.spacing * first
+    upper = grid.lower + grid.spacing * np.asarray(stop)
+    bounds = np.concatenate([lower, upper])
+    fine = Workspace.from_shapes(space.workspace.obstacles, grid.spacing / factor, bounds)
+    count = _count_rotations(space, factor)
+    outside: Outside = "free" if space.outside == "free" else "blocked"
+    rotations = None if count == 1 else count
+    return build(fine, space.robot, rotations=rotations, margin=space.margin, outside=outside)
+
+
+def _decide(space: CSpace, finer: CSpace, ends: ArrayLike) -> Decision:
+    """Return what a finer map proves about two configurations."""
+    start, goal = np.asarray(ends)
+    if finer.is_connected(start, goal):
+        return "open"
+    return "shut" if _is_solid(space) and finer.is_disconnected(start, goal) else "nothing"
 
 
 def _decide_window(space: CSpace, way: Way, factor: int) -> Decision:
@@ -90,34 +149,19 @@ def _decide_window(space: CSpace, way: Way, factor: int) -> Decision:
 
     Space outside the window counts as blocked, so that an open way leads through the window.
     """
-    is_barred = (way.cells[:, np.newaxis] == way.barrier).all(axis=2).any(axis=1)
-    is_barred[np.abs(way.cells - way.bottleneck).sum(axis=1).argmin()] = True
-    on_barrier = np.flatnonzero(is_barred)
-    first = max(int(on_barrier[0]) - 1, 0)
-    last = min(int(on_barrier[-1]) + 1, len(way.cells) - 1)
-    positions = way.cells[first : last + 1, 1:]
+    between = way.cells[way.barred[0] : way.barred[1] + 1]
+    positions = between[:, 1:]
     grid = space.grid
     corners = np.abs(np.array(space.robot.shape.outer.bounds)).max(axis=0)
     reach = float(np.linalg.norm(corners)) + space.margin
     reach_cells = math.ceil(reach / grid.spacing) + MARGIN_CELLS
-    # The window begins with a cell of the map, so that its cells are those of a whole finer map.
     first_cell = np.maximum(positions.min(axis=0) - reach_cells, 0)
     stop_cell = np.minimum(positions.max(axis=0) + 1 + reach_cells, grid.shape)
-    lower = grid.lower + grid.spacing * first_cell
-    upper = grid.lower + grid.spacing * stop_cell
-    shapes = space.workspace.obstacles
-    fine = Workspace.from_shapes(shapes, grid.spacing / factor, np.concatenate([lower, upper]))
-    rotations = None if len(space.rotations) == 1 else len(space.rotations) * factor
-    window = build(fine, space.robot, rotations=rotations, margin=space.margin)
+    window = _build_finer(space, factor, first_cell, stop_cell)
     ends = []
-    for rotation, *cell in way.cells[[first, last]].tolist():
+    for rotation, *cell in between[[0, -1]].tolist():
         center = grid.center_of(np.array(cell))
         ends.append((*center.tolist(), *space.rotations.centers[rotation].tolist()))
     if any(window.classify(q) != FREE for q in ends):
         return "nothing"
-    if window.is_connected(*ends):
-        return "open"
-    # Occupied cells without shapes, such as unknown ones, may be free inside.
-    workspace = space.workspace
-    is_solid = workspace.shapes is not None or np.array_equal(workspace.outer, workspace.inner)
-    return "shut" if is_solid and window.is_disconnected(*ends) else "nothing"
+    return _decide(space, window, ends)

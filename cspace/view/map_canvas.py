@@ -109,7 +109,8 @@ class MapCanvas(Canvas):
         wall = 0.5 * max(self.glyph.size, 0.002 * longest)
         self.stage = stage = Stage(grid, min(wall, 0.03 * longest))
         self.kinds = [*KINDS]
-        if cells.drawn.workspace.unknown is None:
+        workspace = cells.drawn.workspace
+        if workspace.unknown is None or not workspace.outer[workspace.unknown].any():
             self.kinds.remove("unknown")
         hidden = {"mixed"} if stage.has_height else {"border", "mixed"}
         self.shown = {*self.kinds, SECTION} - hidden

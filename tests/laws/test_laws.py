@@ -28,6 +28,7 @@ BATCH_QUERIES = {
     "is_free": (1, ()),
     "is_free_around": (1, (0.1, 0.05)),
     "clearance": (1, ()),
+    "obstacle_distance": (1, ()),
     "overlap_count": (1, ()),
     "contains_robot": (1, ()),
     "motion_is_free": (2, ()),
@@ -178,14 +179,6 @@ def test_paths_found_by_the_map_are_certified(any_map):
             metres = np.linalg.norm(np.diff(path[:, :dim], axis=0), axis=1).sum()
             assert space.min_path_length(start, goal) <= metres * (1.0 + 1e-9)
     assert found
-
-
-@pytest.mark.parametrize("any_map", IN_MEMORY, indirect=True, ids="-".join)
-def test_the_obstacle_distance_of_a_batch_is_its_minimum(any_map):
-    space = any_map.space
-    q = space.sample_free(6, np.random.default_rng(14))
-    singles = [space.obstacle_distance(configuration[np.newaxis]) for configuration in q]
-    assert space.obstacle_distance(q) == pytest.approx(min(singles))
 
 
 # ---- storages ------------------------------------------------------------------------------------

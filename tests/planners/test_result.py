@@ -6,6 +6,7 @@ import json
 import math
 import pickle
 import re
+import time
 from dataclasses import fields
 
 import numpy as np
@@ -151,6 +152,8 @@ def test_the_obstacle_distance_is_the_minimum_along_the_path(drive):
     between = 0.5 * float((dense.lengths + 0.4 * dense.rotations).max())
     least = minimum - between - 0.25 * grid.spacing - 1e-6
     assert least <= plan.obstacle_distance <= minimum + 1e-6
+    if drive in ("holonomic", "differential"):
+        assert least <= plan.space.path_obstacle_distance(plan.path) <= minimum + 1e-6
     assert plan.obstacle_distance > plan.clearance or plan.clearance == 0.0
 
 
@@ -195,3 +198,17 @@ def test_start_and_goal_of_a_printed_plan_are_taken_when_typed_back(spacing):
         assert planners.plan(space, first, last).solved == plan.solved
         without_map = pickle.loads(pickle.dumps(plan))
         assert read_configurations(repr(without_map)) == [tuple(plan.start), tuple(plan.goal)]
+
+
+def test_times_count_no_waiting():
+    class SlowStart:
+        def __array__(self, dtype=None, copy=None):
+            time.sleep(0.3)
+            return space.sample_free(rng=np.random.default_rng(1))
+
+    space = plan_in("turning", "holonomic").space
+    before = time.process_time()
+    plan = planners.plan(space, SlowStart(), space.sample_free(rng=np.random.default_rng(2)))
+    total = time.process_time() - before
+    times = plan.times
+    assert times.setup + times.planning + times.simplification + times.checking <= total < 0.3

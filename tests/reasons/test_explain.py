@@ -1,6 +1,9 @@
 """Explanations against doors of known width, and against searches of their own."""
 
+import itertools
 import math
+import re
+import threading
 
 import numpy as np
 import pytest
@@ -139,7 +142,7 @@ def test_an_explanation_names_the_obstacle_in_the_door():
     assert "'crate'" in explanation.obstacles
     assert "'plant'" not in explanation.obstacles
     assert explanation.passes_without == ("crate",)
-    assert "It passes without 'crate'." in str(explanation)
+    assert "The robot passes without 'crate'." in str(explanation)
     assert abs(explanation.bottleneck[0] - 2.0) < 0.5
     assert str(explanation).startswith("No path: at (")
     assert len(explanation.sentences) <= 3
@@ -192,9 +195,9 @@ def test_equal_start_and_goal_and_empty_workspaces_are_explained():
 @pytest.mark.parametrize(
     ("start", "error", "problem"),
     [
-        ((9.0, 9.0), ConfigurationError, "outside the map"),
+        ((9.0, 9.0), ConfigurationError, "in the grid"),
         ((math.nan, 0.0), InputError, "nan"),
-        ([(1.0, 1.0), (2.0, 2.0)], InputError, "shape"),
+        ([(1.0, 1.0), (2.0, 2.0)], ConfigurationError, "one configuration"),
     ],
     ids=["outside", "NaN", "several"],
 )
@@ -275,3 +278,176 @@ def test_filled_meshes_are_explained():
     explanation = space.explain((0.4, 1.0, 1.0), (1.6, 1.0, 1.0))
     assert explanation.verdict != "connected"
     assert explanation.margin[1] >= 0.0
+
+
+def widest_disc(obstacles, start, goal):
+    """Return the radius of the largest disc with a path in the room, by shapely."""
+    room = shapely.box(0.0, 0.0, SIDE, SIDE)
+    solid = shapely.union_all(obstacles)
+    passing, failing = 0.0, SIDE
+    while failing - passing > 1e-5:
+        radius = (passing + failing) / 2.0
+        free = room.buffer(-radius).difference(solid.buffer(radius, quad_segs=128))
+        parts = [part for part in shapely.get_parts(free) if part.covers(shapely.Point(start))]
+        if parts and parts[0].covers(shapely.Point(goal)):
+            passing = radius
+        else:
+            failing = radius
+    return passing
+
+
+def bisect_by_maps(workspace, proves, low, high):
+    """Return the radii between which the answer of new maps of a disc changes."""
+    while high - low > 1e-3:
+        radius = (low + high) / 2.0
+        if proves(cspace.build(workspace, cspace.Robot.disc(radius))):
+            low = radius
+        else:
+            high = radius
+    return low, high
+
+
+@settings(max_examples=8)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_margins_are_true_and_as_narrow_as_those_of_new_maps(seed):
+    rng = np.random.default_rng(seed)
+    low, sides = rng.uniform((0.9, 0.2), (2.4, 3.0), (4, 2)), rng.uniform(0.1, 0.9, (4, 2))
+    boxes = shapely.box(*low.T, *(low + sides).T)
+    workspace = cspace.Workspace.from_polygons([*boxes], 0.08, (0.0, 0.0, SIDE, SIDE))
+    ends = (0.5, 2.0), (3.6, 2.1)
+    radius = float(rng.uniform(0.15, 0.45))
+    margin = cspace.build(workspace, cspace.Robot.disc(radius)).explain(*ends).margin
+    assert margin[0] <= widest_disc([*boxes], *ends) - radius + 1e-4
+    assert margin[1] >= widest_disc([*boxes], *ends) - radius - 1e-4
+    proven, _ = bisect_by_maps(workspace, lambda space: space.is_connected(*ends), 0.01, 2.0)
+    step = 0.08 / 8 + 1e-3
+    if math.isfinite(margin[0]):
+        assert margin[0] >= proven - radius - step
+    _, refuted = bisect_by_maps(
+        workspace, lambda space: not space.is_disconnected(*ends), 0.01, 2.0
+    )
+    assert margin[1] <= refuted - radius + step
+
+
+@pytest.mark.parametrize("spacing", [0.02, 0.05])
+def test_refining_narrows_margins(spacing):
+    space = build_door(0.55, cspace.Robot.disc(0.3), spacing)
+    coarse, fine = (
+        space.explain((0.8, 2.0), (3.2, 2.0), refine=refine) for refine in (False, True)
+    )
+    assert coarse.margin[0] < fine.margin[0] <= -0.025 <= fine.margin[1] <= coarse.margin[1]
+    assert np.ptp(fine.margin) < 0.4 * np.ptp(coarse.margin)
+
+
+@pytest.mark.parametrize("growth", [0.0, 1.7])
+def test_margins_hold_for_boxes_in_space(growth):
+    # A square window of 0.8 m in a wall; margins far above a cell grow the obstacles too.
+    occupied = np.zeros((40, 40, 40), dtype=bool)
+    occupied[19:21] = True
+    half = 4 + round(growth * 4)
+    occupied[19:21, 20 - half : 20 + half, 20 - half : 20 + half] = False
+    space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), cspace.Robot.box((0.3,) * 3))
+    low, high = space.explain((0.9, 2.0, 2.0), (3.1, 2.0, 2.0)).margin
+    true = min(0.1 * half - 0.15, 0.9 - 0.15)
+    assert low <= true <= high <= low + 0.25
+
+
+def test_no_path_is_promised_to_a_robot_that_vanishes():
+    for robot, rotations in (
+        (cspace.Robot.rectangle(0.4, 0.1), 12),
+        (cspace.Robot.disc(0.05), None),
+    ):
+        space = build_door(0.02, robot, 0.05, rotations)
+        turn = () if rotations is None else (0.0,)
+        explanation = space.explain((0.8, 2.0, *turn), (3.2, 2.0, *turn))
+        assert explanation.margin[0] == -math.inf
+        assert "passes if" not in str(explanation)
+
+
+def test_only_obstacles_that_touch_a_blocked_start_are_named():
+    space = build_door(0.4, cspace.Robot.disc(0.3), 0.05)
+    shapes = {
+        "crate": shapely.box(0.3, 0.3, 0.9, 0.9),
+        "far": shapely.box(2.6, 0.2, 3.6, 1.0),
+        "near": shapely.box(0.95, 0.5, 1.1, 0.7),
+    }
+    for name, shape in shapes.items():
+        space.add_obstacle(name, shape)
+    robot = shapely.Point(0.6, 0.6).buffer(0.3)
+    explanation = space.explain((0.6, 0.6), (3.2, 2.0))
+    assert explanation.verdict == "start BLOCKED"
+    assert explanation.obstacles == ("'crate'",)
+    assert robot.intersects(shapes["crate"]) and not robot.intersects(shapes["near"])
+    assert "'crate'" in space.explain((3.2, 2.0), (0.6, 0.6)).obstacles
+
+
+def test_the_near_wall_of_a_mixed_start_is_named():
+    space = build_door(0.4, cspace.Robot.disc(0.3), 0.05)
+    start = (1.52, 3.2)
+    explanation = space.explain(start, (3.2, 2.0))
+    assert explanation.verdict == "start MIXED"
+    (named,) = explanation.obstacles
+    place = [float(number) for number in re.findall(r"-?\d+\.\d+", named)]
+    assert math.dist(place, start) < 0.3 + 3 * 0.05
+    beside_border = space.explain((0.31, 2.0), (3.2, 2.0))
+    assert beside_border.verdict == "start MIXED"
+    assert beside_border.obstacles == (cspace.reasons.explain.BORDER,)
+
+
+def test_updates_of_another_thread_change_no_explanation():
+    space = build_door(0.4, cspace.Robot.disc(0.3), 0.05)
+    is_done = threading.Event()
+
+    def move():
+        for step in itertools.count():
+            if is_done.is_set():
+                return
+            x = 0.3 + 0.1 * (step % 25)
+            space.add_obstacle(f"cart {step % 3}", shapely.box(x, 0.2, x + 0.3, 0.6))
+            space.remove_obstacle(f"cart {step % 3}")
+
+    mover = threading.Thread(target=move)
+    mover.start()
+    try:
+        for _ in range(25):
+            explanation = space.explain((0.8, 2.0), (3.2, 2.0))
+            assert explanation.verdict == "disconnected"
+            assert explanation.space.is_disconnected((0.8, 2.0), (3.2, 2.0))
+            space.removals((0.8, 2.0), (3.2, 2.0))
+    finally:
+        is_done.set()
+        mover.join()
+
+
+def test_plans_of_drives_say_that_a_path_is_for_robots_that_move_sideways():
+    space = build_door(1.2, cspace.Robot.rectangle(0.4, 0.3), 0.1, rotations=24)
+    ends = (0.8, 2.0, 0.0), (3.2, 2.0, 0.0)
+    plan = planners.plan(space, *ends, drive="dubins", turning_radius=0.4)
+    words = "for a robot that also moves sideways"
+    assert str(plan.explain()).startswith(f"A path exists {words}")
+    assert words not in str(space.explain(*ends))
+    assert words not in str(planners.plan(space, *ends).explain())
+
+
+@pytest.mark.parametrize("spatial", [False, True], ids=["plane", "space"])
+def test_the_picture_names_what_is_red_and_shows_its_title(spatial):
+    space = build_door(0.4, cspace.Robot.disc(0.3), 0.1)
+    ends = (0.8, 2.0), (3.2, 2.0)
+    if spatial:
+        occupied = np.zeros((20, 20, 20), dtype=bool)
+        occupied[9:11] = True
+        workspace = cspace.Workspace.from_array(occupied, 0.2)
+        space = cspace.build(workspace, cspace.Robot.box((0.4,) * 3))
+        ends = (0.8, 2.0, 2.0), (3.2, 2.0, 2.0)
+    explanation = space.explain(*ends)
+    figure = explanation.plot().figure
+    figure.canvas.draw()
+    (legend,) = figure.legends
+    labels = [text.get_text() for text in legend.get_texts()]
+    assert {"cells in the way", "narrowest place", "start", "goal"} <= set(labels)
+    assert "path" not in labels
+    (title,) = (
+        text for text in figure.texts if text.get_text()[:7] == explanation.sentences[0][:7]
+    )
+    box = title.get_window_extent()
+    assert box.x0 >= 0.0 and box.x1 <= figure.bbox.x1 and box.y1 <= figure.bbox.y1

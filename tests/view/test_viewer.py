@@ -45,6 +45,21 @@ def viewed(request):
         yield request.param, space, viewer
 
 
+@pytest.mark.parametrize("taken_as_free", [False, True], ids=["occupied", "free"])
+def test_unknown_cells_are_obstacles_of_the_page_only_if_they_are_occupied(taken_as_free):
+    outer = np.zeros((24, 20), dtype=bool)
+    outer[11:13, 9:12] = True
+    unknown = np.zeros_like(outer)
+    unknown[2:4, 2:4] = True
+    if not taken_as_free:
+        outer |= unknown
+    grid = cspace.Grid((0.0, 0.0), 0.1, outer.shape)
+    workspace = cspace.Workspace(grid, outer, outer, source="sensor", unknown=unknown)
+    space = cspace.build(workspace, cspace.Robot.disc(0.1))
+    with space.view(block=False, port=0) as viewer:
+        assert ("unknown" in viewer.canvas.kinds) != taken_as_free
+
+
 def test_the_scene_follows_the_robot_and_the_choices(viewed):
     _, space, viewer = viewed
     page = viewer.page
