@@ -303,22 +303,23 @@ class Workspace(WorkspacePlot):
     ) -> Workspace:
         """Read an image, one cell per pixel.
 
-        The first row of the image is the top.
+        The first row of the image is the top, after its EXIF orientation.
 
         Parameters
         ----------
         path : path-like
-            Any image that Pillow reads.
+            A PNG, PGM, PPM, PBM, BMP, JPEG or TIFF.
         spacing : float
-            Side of a pixel, in metres.
+            Side of a pixel, in metres; that of a GeoTIFF must agree.
         lower : array-like, shape (2,), optional
-            Lower left corner of the image, in metres; the origin if left out.
+            Lower left corner of the image, in metres. If left out, it is that of a GeoTIFF, and
+            the origin for other images.
         threshold : float
             Pixels are dark if the mean of their colour channels, from 0 (black) to 1 (white), is
             below this.
         dark : {"occupied", "free"}
-            State of dark pixels; bright pixels have the other. Pixels that are not fully opaque are
-            always occupied.
+            State of dark pixels; bright pixels have the other. Pixels that are not fully opaque, or
+            have GDAL's value for no data, are unknown and always occupied.
 
         Raises
         ------
@@ -329,9 +330,9 @@ class Workspace(WorkspacePlot):
         """
         from cspace.files.images import read_image
 
-        cells = read_image(path, threshold, dark)
-        corner = (0.0, 0.0) if lower is None else lower
-        return cls(Grid(corner, spacing, cells.shape), cells, cells, source=str(path))
+        own_lower, cells, unseen = read_image(path, spacing, threshold, dark)
+        grid = Grid(own_lower if lower is None else lower, spacing, cells.shape)
+        return cls(grid, cells, cells, source=str(path), unknown=unseen)
 
     @classmethod
     def from_movingai(cls, path: StrPath, spacing: float = 1.0) -> Workspace:

@@ -15,11 +15,12 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.errors import InputError
+from cspace.errors import InputError, warn_user
 from cspace.files.access import ContentError, decoding, is_count, read_bytes, read_text
+from cspace.files.fields import Fields
 from cspace.limits import check_cells
-from cspace.support.arrays import Bools, Floats, StrPath
-from cspace.support.check import check_finite, check_word
+from cspace.support.arrays import Bools, Floats, StrPath, frozen
+from cspace.support.check import check_finite, check_positive, check_word
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -37,8 +38,49 @@ _MAX_PIXELS_PER_BYTE: Final = 8 * 1040
 """Maximum number of pixels per byte of these formats: 8 pixels of one bit, times deflate's best
 ratio."""
 
+_WHITE_8_BIT: Final = 2**8 - 1
+"""Largest level of a channel of 8 bits."""
+
+_PIXELS_PER_PART: Final = 2**22
+"""Approximate number of pixels that are converted at once."""
+
+_UNSIGNED_FORMATS: Final = frozenset({1, 4})
+"""Sample formats of TIFF that are unsigned whole numbers, or not said."""
+
+_USUAL_GAMMA: Final = 1.0 / 2.2
+"""Gamma of PNG images that viewers show as they are."""
+
+_SAME_SPACING: Final = 1e-6
+"""Maximum relative difference of two values of one spacing."""
+
+FIELDS: Final = (
+    Fields(
+        "images",
+        honoured=(
+            "bit depth, PGM's maximum, palette, CMYK, transparency",
+            "EXIF and TIFF orientation",
+            "TIFF: WhiteIsZero, fill order, GDAL's nodata",
+            "GeoTIFF: pixel scale, tie point, pixel-is-point",
+        ),
+        refused=(
+            "bytes after the pixels of a PBM, PGM or PPM",
+            "signed and real samples",
+            "GeoTIFF: degrees, feet, oblong or turned pixels",
+        ),
+        warned=("further pages or frames", "gamma other than 1/2.2"),
+    ),
+    Fields("`.map`, `.3dmap`", honoured=("header, in either order of its sizes",)),
+)
+
 _PILLOW_LIMIT_LOCK: Final = threading.Lock()
 """Held while Pillow's own pixel limit, which is global to the process, is replaced by ours."""
+
+
+class Placement(NamedTuple):
+    """Placement that a GeoTIFF states, in metres."""
+
+    spacing: float
+    lower: tuple[float, float]
 
 
 class Shades(NamedTuple):
@@ -50,12 +92,14 @@ class Shades(NamedTuple):
     white_level : int
         Level of white; black is 0.
     opaque : ndarray of bool, shape (nx, ny), or True
-        True for pixels of full alpha.
+        True for pixels of full alpha that hold data.
+    placement : Placement or None
     """
 
     levels: NDArray[np.unsignedinteger[Any]]
     white_level: int
     opaque: Bools | bool
+    placement: Placement | None = None
 
     @property
     def shades(self) -> Floats:
@@ -64,37 +108,70 @@ class Shades(NamedTuple):
 
     def select(self, levels: Bools) -> Bools:
         """Return a mask of the pixels whose level is set in `levels`."""
-        return np.asarray(levels[self.levels])
+        selected = np.empty(self.levels.shape, dtype=np.bool_)
+        # Part by part, because an index of all pixels would take eight bytes each.
+        columns_at_once = max(1, _PIXELS_PER_PART // selected.shape[1])
+        for first in range(0, len(selected), columns_at_once):
+            part = slice(first, first + columns_at_once)
+            selected[part] = levels[self.levels[part]]
+        return selected
 
 
-def read_image(path: StrPath, threshold: float = 0.5, dark: str = "occupied") -> Bools:
-    """Read the occupied cells of an image, shape (nx, ny).
+class ImageCells(NamedTuple):
+    """Cells of an image, each array of shape (nx, ny), and the lower corner that it states.
+
+    Cells that are not fully opaque are unknown; they count as occupied.
+    """
+
+    lower: tuple[float, float]
+    occupied: Bools
+    unknown: Bools | None
+
+
+def read_image(
+    path: StrPath, spacing: float, threshold: float = 0.5, dark: str = "occupied"
+) -> ImageCells:
+    """Read the occupied cells of an image.
 
     Each pixel is one cell. The content decides whether it is a PNG, PGM, PPM, PBM, BMP, JPEG or
     TIFF. The first row is the top of the map. The shade of a pixel is the mean of its colour
     channels, from 0 (black) to 1 (white). Pixels below `threshold` are dark, and `dark` says
-    whether dark means "occupied" or "free". A pixel that is not fully opaque is always occupied.
+    whether dark means "occupied" or "free". The corner is the origin unless a GeoTIFF states it.
 
-    Raises InputError if `threshold` is not above 0 and at most 1, or `dark` is another word. Raises
-    FileError if the file is missing or too large, cannot be decoded, or has pixels of an unknown
-    mode.
+    Raises InputError if `threshold` is not above 0 and at most 1, `dark` is another word, or
+    `spacing` is not that of a GeoTIFF. Raises FileError if the file is missing or too large, cannot
+    be decoded, or has pixels of an unknown mode.
     """
     level = check_finite(threshold, "threshold")
     if level.shape != () or not 0.0 < level <= 1.0:
         rule = "it must be one number above 0 and at most 1"
         raise InputError("threshold", f"is {threshold!r}", rule, "pass e.g. 0.5")
     check_word(dark, "dark", ("occupied", "free"))
+    check_positive(spacing, "spacing")
     image = read_shades(path, "image")
-    dark_levels = image.shades < level
-    free_levels = dark_levels if dark == "free" else ~dark_levels
-    free = image.select(free_levels) & image.opaque
-    return ~free
+    lower = (0.0, 0.0)
+    if image.placement is not None:
+        stated, lower = image.placement
+        if not math.isclose(spacing, stated, rel_tol=_SAME_SPACING):
+            problem = f"is {spacing:g} but {path} has pixels of {stated:g} m"
+            raise InputError("spacing", problem, "they must agree", f"pass spacing={stated!r}")
+    occupied_levels = image.shades < level
+    if dark == "free":
+        occupied_levels = ~occupied_levels
+    occupied = image.select(occupied_levels)
+    unknown = None
+    if isinstance(image.opaque, np.ndarray):
+        unknown = np.logical_not(image.opaque, out=image.opaque)
+        occupied |= unknown
+        frozen(unknown)
+    return ImageCells(lower, frozen(occupied), unknown)
 
 
-def read_shades(path: StrPath, kind: str) -> Shades:
+def read_shades(path: StrPath, kind: str, *, may_turn: bool = True) -> Shades:
     """Read the shades of an image.
 
-    Grey images of 16 bits keep all their levels. `kind` names the image in messages.
+    Grey images of 16 bits keep all their levels. An EXIF orientation is applied, or refused unless
+    `may_turn`. `kind` names the image in messages.
 
     Raises FileError if the file is missing or too large, cannot be decoded, or has pixels of an
     unknown mode.
@@ -102,14 +179,35 @@ def read_shades(path: StrPath, kind: str) -> Shades:
     data = read_bytes(path, kind)
     rule = f"it must be a whole file of {', '.join(IMAGE_FORMATS)}"
     with decoding(path, kind, rule, "save it again"), warnings.catch_warnings():
+        from PIL import ImageOps
+
         image = _open_image(data)
         warnings.simplefilter("ignore")  # they concern metadata, which are not used
         check_cells(path, image.size, memory=_BYTES_PER_PIXEL)
         pixels = math.prod(image.size)
         if image.format in _BOUNDED_FORMATS and pixels > _MAX_PIXELS_PER_BYTE * len(data):
             raise ContentError(f"declares {pixels} pixels, more than its bytes can hold")
+        if image.format == "PPM":
+            _check_length(image, len(data))
+        pages = getattr(image, "n_frames", 1)
+        tags: dict[int, Any] = dict(getattr(image, "tag_v2", {}))
+        orientation = image.getexif().get(_ORIENTATION, 1)
+        if orientation != 1 and not may_turn:
+            rule = "map servers ignore it, and viewers do not"
+            raise ContentError(f"has EXIF orientation {orientation}", rule, "save it upright")
+        placement = _read_placement(image, tags)
         image.load()
-        return _convert_image(image)
+        ImageOps.exif_transpose(image, in_place=True)
+        shades = _convert_image(image, tags)
+    gamma = image.info.get("gamma", _USUAL_GAMMA)
+    if pages > 1:
+        warn_user(f"{path}: it has {pages} pages or frames, and only the first is read")
+    if not math.isclose(gamma, _USUAL_GAMMA, rel_tol=0.1):
+        warn_user(
+            f"{path}: its gamma of {gamma:g} is not applied, so viewers show other shades; save it "
+            "with a gamma of 1/2.2"
+        )
+    return shades._replace(placement=placement)
 
 
 def _open_image(data: bytes) -> Image:
@@ -126,42 +224,146 @@ def _open_image(data: bytes) -> Image:
             Image.MAX_IMAGE_PIXELS = limit
 
 
-_WHITE_8_BIT: Final = 2**8 - 1
-"""Largest level of a channel of 8 bits."""
+def _check_length(image: Image, size: int) -> None:
+    """Raise ContentError unless a binary PBM, PGM or PPM ends with its last pixel.
 
-_WHITE_16_BIT: Final = 2**16 - 1
-"""Largest level of a channel of 16 bits."""
+    Converted line ends move all pixels, and show only by the length of the file.
+    """
+    decoder, _, start, arguments = image.tile[0]
+    if decoder == "ppm_plain":
+        return
+    width, height = image.size
+    row_bytes = width * len(image.getbands())
+    if image.mode == "1":
+        row_bytes = math.ceil(width / 8)
+    elif image.mode == "I" or (decoder == "ppm" and arguments[1] > _WHITE_8_BIT):
+        row_bytes *= 2
+    excess = size - start - height * row_bytes
+    if excess > 0:
+        problem = f"has {excess} bytes more than its pixels"
+        rule = "then its line ends were converted, or it holds several images"
+        hint = "fetch it again, as a binary file (in git: *.pgm binary in .gitattributes)"
+        raise ContentError(problem, rule, hint)
 
 
-def _convert_image(image: Image) -> Shades:
+_PHOTOMETRIC: Final = 262
+_BITS_PER_SAMPLE: Final = 258
+_ORIENTATION: Final = 274
+_SAMPLE_FORMAT: Final = 339
+_PIXEL_SCALE: Final = 33550
+_TIE_POINTS: Final = 33922
+_MATRIX: Final = 34264
+_GEO_KEYS: Final = 34735
+_NODATA: Final = 42113
+"""Numbers of tags of TIFF, GeoTIFF and GDAL; EXIF has that of the orientation, too."""
+
+_WHITE_IS_ZERO: Final = 0
+_BLACK_IS_ZERO: Final = 1
+_RED_GREEN_BLUE: Final = 2
+"""Values of the photometric tag."""
+
+_MODEL_TYPE: Final = 1024
+_RASTER_TYPE: Final = 1025
+_LINEAR_UNIT: Final = 3076
+"""Numbers of keys of GeoTIFF."""
+
+_PROJECTED: Final = 1
+_PIXEL_IS_POINT: Final = 2
+_METRE: Final = 9001
+"""Values of keys of GeoTIFF."""
+
+
+def _read_placement(image: Image, tags: dict[int, Any]) -> Placement | None:
+    """Return the placement that a GeoTIFF states, or None for another image.
+
+    Raises ContentError unless it is in metres, upright, and has square pixels.
+    """
+    if not tags.keys() & {_PIXEL_SCALE, _TIE_POINTS, _MATRIX}:
+        return None
+    scale = tags.get(_PIXEL_SCALE, ())
+    tie = tags.get(_TIE_POINTS, ())
+    words = tags.get(_GEO_KEYS, ())
+    keys = dict(zip(words[4::4], words[7::4], strict=False))
+    is_upright = _MATRIX not in tags and tags.get(_ORIENTATION, 1) == 1 and len(tie) == 6
+    if not is_upright or len(scale) < 2 or not math.isclose(scale[0], scale[1]):
+        problem = "is a GeoTIFF that is turned, warped, or has pixels that are not square"
+        raise ContentError(problem, "cells are upright squares", "resample it, with gdalwarp")
+    if keys.get(_MODEL_TYPE, _PROJECTED) != _PROJECTED or keys.get(_LINEAR_UNIT, _METRE) != _METRE:
+        problem = "is a GeoTIFF in degrees, feet or another unit"
+        hint = "project it, e.g. gdalwarp -t_srs EPSG:32632 (your UTM zone)"
+        raise ContentError(problem, "maps are in metres", hint)
+    spacing = scale[0]
+    column, row, _, x, y, _ = tie
+    half = 0.5 if keys.get(_RASTER_TYPE) == _PIXEL_IS_POINT else 0.0
+    left = x - (column + half) * spacing
+    bottom = y + (row + half - image.height) * spacing
+    return Placement(spacing, (left, bottom))
+
+
+def _convert_image(image: Image, tags: dict[int, Any]) -> Shades:
     """Convert an image of Pillow to shades.
 
     Raises an error if the meaning of its pixels is unknown.
     """
     # Shades of grey have one axis of pixels; colours, and an alpha channel, have a third axis.
-    mode, white_level = _choose_channels(image)
-    rows = np.asarray(image if image.mode == mode else image.convert(mode))
-    # Rows count from the top, but y counts from the bottom.
-    pixels = rows[::-1].swapaxes(0, 1)
-    if white_level == _WHITE_16_BIT and (pixels.min() < 0 or pixels.max() > white_level):
-        raise _make_mode_error(image)
-    if pixels.ndim == 2:
-        return Shades(pixels.astype(np.uint16), white_level, True)
-    red_green_blue = pixels[..., :3]
-    levels = red_green_blue.sum(axis=2, dtype=np.uint16)
-    opaque = pixels[..., 3] == _WHITE_8_BIT if mode == "RGBA" else True
+    mode, white_level = _choose_channels(image, tags)
+    width, height = image.size
+    is_deep = mode.startswith("I")
+    nodata = _parse_nodata(tags)
+    has_gaps = mode == "RGBA" or nodata is not None
+    levels = np.empty(image.size, np.uint8 if white_level == _WHITE_8_BIT else np.uint16)
+    opaque = np.ones(image.size, dtype=np.bool_) if has_gaps else True
+    rows_at_once = max(1, _PIXELS_PER_PART // width)
+    for top in range(0, height, rows_at_once):
+        bottom = min(top + rows_at_once, height)
+        rows = image.crop((0, top, width, bottom))
+        pixels = np.asarray(rows if rows.mode == mode else rows.convert(mode))
+        if is_deep and (pixels.min() < 0 or pixels.max() > white_level):
+            raise _make_mode_error(image)
+        colours = np.atleast_3d(pixels)[..., :3]
+        total = colours[..., 0].astype(levels.dtype)
+        for channel in range(1, colours.shape[2]):
+            total += colours[..., channel]
+        # Rows count from the top, but y counts from the bottom.
+        part = np.s_[:, height - bottom : height - top]
+        levels[part] = total[::-1].T
+        if isinstance(opaque, np.ndarray):
+            if nodata is not None:
+                opaque[part] = (colours != nodata).any(axis=2)[::-1].T
+            if mode == "RGBA":
+                opaque[part] &= (pixels[..., 3] == _WHITE_8_BIT)[::-1].T
+    if is_deep and tags.get(_PHOTOMETRIC) == _WHITE_IS_ZERO:  # Pillow inverts the others
+        np.subtract(white_level, levels, out=levels)
     return Shades(levels, white_level, opaque)
 
 
-def _choose_channels(image: Image) -> tuple[str, int]:
+def _parse_nodata(tags: dict[int, Any]) -> float | None:
+    """Return the level, of each channel, that means no data; None if there is none.
+
+    Raises ContentError if Pillow scales or inverts the levels of such an image.
+    """
+    if _NODATA not in tags:
+        return None
+    bits = set(tags.get(_BITS_PER_SAMPLE, ()))
+    if tags.get(_PHOTOMETRIC) not in (_BLACK_IS_ZERO, _RED_GREEN_BLUE) or not bits <= {8, 16}:
+        rule = "it is read for grey and colours of 8 bits, and grey of 16, with black as 0"
+        hint = "convert it, with gdal_translate -expand rgb"
+        raise ContentError("has a value for no data", rule, hint)
+    return float(tags[_NODATA].strip("\0 "))
+
+
+def _choose_channels(image: Image, tags: dict[int, Any]) -> tuple[str, int]:
     """Return Pillow's mode in which to read an image, and its level of white."""
     has_alpha = image.has_transparency_data
+    if not set(tags.get(_SAMPLE_FORMAT, ())) <= _UNSIGNED_FORMATS:
+        raise _make_mode_error(image)
     if image.mode in ("1", "L") and not has_alpha:
         return "L", _WHITE_8_BIT
     # Mode "I" is 16-bit grey in these two formats, but has an unknown range in the others.
     is_16_bit = image.mode == "I" and image.format in ("PNG", "PPM")
     if (is_16_bit or image.mode.startswith("I;16")) and not has_alpha:
-        return image.mode, _WHITE_16_BIT
+        bits = tags.get(_BITS_PER_SAMPLE, (16,))[0]
+        return image.mode, 2**bits - 1
     if image.mode in ("1", "L", *COLOUR_MODES):
         mode = "RGBA" if has_alpha else "RGB"
         return mode, 3 * _WHITE_8_BIT  # the sum of the three colours
