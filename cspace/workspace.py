@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from cspace.errors import FileError, InputError, UnitWarning, warn_user
 from cspace.files.access import UNKNOWNS
-from cspace.grid import FARTHEST_CELL, SLACK, Grid
+from cspace.grid import FARTHEST_CELL, SLACK, Grid, check_reach
 from cspace.limits import MESH_CELL_BYTES, WORKSPACE_CELL_BYTES, PlannedGrid, check_memory
 from cspace.methods import WorkspacePlot
 from cspace.shapes import Balls, Mesh, Polygons, Shape, ShapeLike, Voxels, as_shape
@@ -59,6 +59,8 @@ class OpenOptions(TypedDict, total=False):
     bounds: ArrayLike
     inner: ArrayLike
     radius: float
+    drop_missing: bool
+    offset: ArrayLike
     solid: Solid
     unknown: str
     threshold: float
@@ -176,11 +178,13 @@ class Workspace(WorkspacePlot):
         ----------
         occupied : array-like of bool, shape (nx, ny) or (nx, ny, nz), or path-like
             Cells that meet an obstacle, indexed in the order of the coordinates; 0 and 1 are
-            accepted. A path names a ``.npy`` file or a ``.zarr`` array.
+            accepted. A path names a ``.npy`` file or a ``.zarr`` array. The coordinates of an
+            xarray, if it has them, are the centers of the cells, in metres.
         spacing : float
             Side of a cell, in metres.
         lower : array-like, shape (d,), optional
-            Lower corner of the first cell, in metres; the origin if left out.
+            Lower corner of the first cell, in metres. If left out, it is that of an xarray's
+            coordinates, or the origin.
         inner : array-like of bool, same shape, optional
             Cells that lie in obstacles; ``occupied`` if left out.
         lazy : bool
@@ -192,6 +196,7 @@ class Workspace(WorkspacePlot):
             If an array is empty, not boolean or of the wrong shape, or a number is invalid.
         """
         from cspace.files.formats import read_npy, read_zarr_array
+        from cspace.files.rasters import place_raster
         from cspace.limits import check_cells as check_file_cells
         from cspace.obstacles import LazyCells, check_no_chunk_missing, is_lazy
 
@@ -208,15 +213,20 @@ class Workspace(WorkspacePlot):
                 if not lazy:
                     check_file_cells(source, array.shape, memory=WORKSPACE_CELL_BYTES)
                     array = np.asarray(array)
+        array, own_lower = place_raster(array, spacing)
         check_no_chunk_missing(array)
         reads_later = inner is None and is_lazy(array)
         cells = LazyCells(array) if reads_later else check_cells(array, "occupied")
         dim = len(cells.shape)
-        corner = check_point((0.0,) * dim if lower is None else lower, "lower", dim)
+        if lower is None:
+            lower = np.zeros(dim) if own_lower is None else own_lower
+        corner = check_point(lower, "lower", dim)
         if isinstance(cells, LazyCells):
             return LazyWorkspace(Grid(corner, spacing, cells.shape), cells, source)
         grid = Grid(corner, spacing, cells.shape)
-        inside = cells if inner is None else check_cells(inner, "inner")
+        inside = cells
+        if inner is not None:
+            inside = check_cells(place_raster(inner, spacing, "inner")[0], "inner")
         return cls(grid, cells, inside, source=source)
 
     @classmethod
@@ -244,7 +254,7 @@ class Workspace(WorkspacePlot):
         from cspace.raster.bitmaps import align_image
 
         check_word(unknown, "unknown", UNKNOWNS)
-        image = read_ros_map(path)
+        image = read_ros_map(path, unknown)
         with _naming_file(path):
             grid, outer, inner, unseen = align_image(*image, unknown)
         return cls(grid, outer, inner, source=str(path), unknown=unseen)
@@ -369,13 +379,16 @@ class Workspace(WorkspacePlot):
         bounds: ArrayLike | None,
         source: str,
         kind: str = "",
+        *,
         points: Floats | None = None,
+        can_move: bool = False,
         lazy: bool = False,
     ) -> Workspace:
         """Rasterize shapes of one dimension on a grid.
 
         The grid covers the bounds, or the bounding box of the shapes. If ``kind`` names the
         shapes, warn if the extent of their points, or of their corners, can hardly be in metres.
+        ``can_move`` says whether the caller has an ``offset``, for messages.
         """
         from cspace.obstacles import Obstacle, ShapeCells
 
@@ -386,7 +399,11 @@ class Workspace(WorkspacePlot):
         box = corners if bounds is None else check_bounds(bounds, shapes[0].dim)
         is_simple = len(shapes) == 1 and not isinstance(shapes[0], Mesh)
         cost = WORKSPACE_CELL_BYTES if is_simple else MESH_CELL_BYTES
-        grid = covering_grid(box, spacing, 0 if lazy else cost)
+        hint = ""
+        if can_move:
+            step = ", ".join(f"{-math.floor(coordinate):.9g}" for coordinate in corners[0])
+            hint = f"use a larger spacing, or pass offset=({step}) and move the bounds by it, too"
+        grid = covering_grid(box, spacing, 0 if lazy else cost, hint)
         if kind:
             extent = corners
             if points is not None:
@@ -488,6 +505,7 @@ class Workspace(WorkspacePlot):
         spacing: float,
         bounds: ArrayLike | None = None,
         *,
+        offset: ArrayLike | None = None,
         lazy: bool = False,
     ) -> Workspace:
         """Rasterize polygons, lines and points in the plane.
@@ -498,6 +516,7 @@ class Workspace(WorkspacePlot):
         ----------
         polygons : shapely geometry, GeoJSON mapping, WKT string, path-like, or iterable of these
             Closed sets, in metres, without z; files end in ``.geojson``, ``.json`` or ``.wkt``.
+            Also objects with ``__geo_interface__``, such as a GeoDataFrame.
         spacing : float
             Side of a cell, in metres.
         bounds : array-like, shape (4,) or (2, 2), optional
@@ -505,6 +524,9 @@ class Workspace(WorkspacePlot):
             as in trimesh, in metres; the bounding box of the obstacles if left out. The grid begins
             at the lower corner and covers the upper one, except for a strip of at most 1e-9 cells
             due to rounding. **Obstacles are clipped to it.**
+        offset : array-like, shape (2,), optional
+            Metres added to all coordinates, before the bounds apply. It moves a frame whose origin
+            is far away, such as UTM, to the map.
         lazy : bool
             Rasterize cells when they are read: see :class:`cspace.workspace.LazyWorkspace`.
 
@@ -518,16 +540,24 @@ class Workspace(WorkspacePlot):
         FileError
             If the file is missing or malformed.
         """
+        import shapely
+
         from cspace.files.vector import POLYGON_SUFFIXES, read_shapes
 
         check_extent(spacing, bounds, 2)
-        shape = Polygons(read_shapes(polygons))
+        geometries = read_shapes(polygons)
+        if offset is not None:
+            step = check_point(offset, "offset", 2)
+            geometries = list(shapely.transform(geometries, lambda points: points + step))
+        shape = Polygons(geometries)
         count = len(shape.geometries)
         source = "1 polygon" if count == 1 else f"{count} polygons"
         is_text = isinstance(polygons, str | os.PathLike)  # a path, or WKT
         if is_text and str(polygons).lower().endswith(POLYGON_SUFFIXES):
             source = str(polygons)
-        return cls._of([shape], spacing, bounds, source, "set of polygons", lazy=lazy)
+        return cls._of(
+            [shape], spacing, bounds, source, "set of polygons", can_move=True, lazy=lazy
+        )
 
     @classmethod
     def from_mesh(
@@ -537,6 +567,7 @@ class Workspace(WorkspacePlot):
         bounds: ArrayLike | None = None,
         *,
         solid: Solid = "auto",
+        offset: ArrayLike | None = None,
         lazy: bool = False,
     ) -> Workspace:
         """Rasterize a triangle mesh in space; ``outer`` and ``inner`` are proven.
@@ -555,6 +586,8 @@ class Workspace(WorkspacePlot):
             Parts with an interior. "auto": the closed parts, with a warning if others are open.
             "surface": none. "fill": all that the surface encloses at this spacing, with a warning
             if an open mesh encloses no cell.
+        offset : array-like, shape (3,), optional
+            As for :meth:`from_polygons`.
         lazy : bool
             As for :meth:`from_polygons`; not for "fill", which needs all cells at once.
 
@@ -570,15 +603,17 @@ class Workspace(WorkspacePlot):
         """
         check_extent(spacing, bounds, 3)
         shape = Mesh.of(mesh, solid)
+        if offset is not None:
+            shape = replace(shape, vertices=shape.vertices + check_point(offset, "offset", 3))
         source = str(mesh) if isinstance(mesh, str | os.PathLike) else shape.source
         if shape.solid != "fill":
-            return cls._of([shape], spacing, bounds, source, "mesh", lazy=lazy)
+            return cls._of([shape], spacing, bounds, source, "mesh", can_move=True, lazy=lazy)
         if lazy:
             problem = "is True with solid='fill'"
             rule = "filling needs all cells at once"
             hint = "close the mesh and pass solid='auto'"
             raise InputError("lazy", problem, rule, hint)
-        workspace = cls._of([shape], spacing, bounds, source, "mesh")
+        workspace = cls._of([shape], spacing, bounds, source, "mesh", can_move=True)
         # The filled cells depend on the spacing, so the mesh does not stand for them.
         return replace(workspace, shapes=None)
 
@@ -622,6 +657,8 @@ class Workspace(WorkspacePlot):
         bounds: ArrayLike | None = None,
         *,
         radius: float = 0.0,
+        drop_missing: bool = False,
+        offset: ArrayLike | None = None,
     ) -> Workspace:
         """Rasterize a point cloud: each point is an obstacle, or a ball around it.
 
@@ -636,6 +673,11 @@ class Workspace(WorkspacePlot):
             As for :meth:`from_balls`.
         radius : float
             Radius of the balls, metres, zero or above.
+        drop_missing : bool
+            Leave out points that are not finite: many sensors write NaN where they saw nothing,
+            which is neither free nor occupied.
+        offset : array-like, shape (d,), optional
+            As for :meth:`from_polygons`.
 
         Raises
         ------
@@ -648,36 +690,50 @@ class Workspace(WorkspacePlot):
 
         if isinstance(points, str | os.PathLike):
             check_extent(spacing, bounds, 3)
-            cloud = Balls.of(read_points(points), radius)
+            cloud = Balls.of(read_points(points, drop_missing), radius)
             source = str(points)
         else:
             check_positive(spacing, "spacing")
+            if drop_missing:
+                points = np.asarray(points)
+                points = points[np.isfinite(points).all(axis=-1)]
             cloud = Balls.of(points, radius)
             source = f"{len(cloud.radii)} points"
+        if offset is not None:
+            cloud = Balls(cloud.centers + check_point(offset, "offset", cloud.dim), cloud.radii)
         # The extent of the points shows a wrong unit; the balls around them would hide it.
-        return cls._of([cloud], spacing, bounds, source, "cloud", cloud.centers)
+        return cls._of(
+            [cloud], spacing, bounds, source, "cloud", points=cloud.centers, can_move=True
+        )
 
     @classmethod
-    def from_octomap(cls, path: StrPath, unknown: str = "occupied") -> Workspace:
+    def from_octomap(
+        cls, path: StrPath, unknown: str = "occupied", bounds: ArrayLike | None = None
+    ) -> Workspace:
         """Read an OctoMap, ``.bt`` or ``.ot``, at its finest resolution.
 
         Parameters
         ----------
         path : path-like
         unknown : {"occupied", "free"}
-            State of unknown cells within the bounding box of the known ones.
+            State of unknown cells.
+        bounds : array-like, shape (6,) or (2, 3), optional
+            Lower, then upper corner of the map, in metres, which covers them with whole cells of
+            the OctoMap; the bounding box of the known cells if left out. **Obstacles are clipped to
+            it.**
 
         Raises
         ------
         InputError
-            If ``unknown`` is neither word.
+            If ``unknown`` is neither word, or ``bounds`` is reversed.
         FileError
             If the file is missing, truncated or malformed.
         """
         from cspace.files.octomap import read_octomap
 
         check_word(unknown, "unknown", UNKNOWNS)
-        lower, spacing, cells, unseen = read_octomap(path, unknown == "occupied")
+        box = None if bounds is None else check_bounds(bounds, 3)
+        lower, spacing, cells, unseen = read_octomap(path, unknown == "occupied", box)
         with _naming_file(path):
             grid = Grid(lower, spacing, cells.shape)
         return cls(grid, cells, cells, source=str(path), unknown=unseen)
@@ -743,7 +799,7 @@ class Workspace(WorkspacePlot):
         **options
             Those of the method for that format: ``spacing`` except for ROS maps and OctoMaps
             (optional for MovingAI), ``unknown``, ``threshold``, ``dark``, ``lower``, ``bounds``,
-            ``solid``, ``radius``.
+            ``offset``, ``solid``, ``radius``, ``drop_missing``.
 
         Raises
         ------
@@ -902,15 +958,18 @@ def covering_shape(corners: Floats, spacing: float) -> list[int]:
     return [int(min(n, FARTHEST_CELL)) for n in counts]
 
 
-def covering_grid(corners: Floats, spacing: float, bytes_a_cell: int) -> Grid:
+def covering_grid(corners: Floats, spacing: float, bytes_a_cell: int, hint: str = "") -> Grid:
     """Return the grid from the lower of two corners, shape (2, dim), over the upper one.
 
-    Raises InputError if its cells do not fit into memory.
+    Raises InputError if its cells do not fit into memory, or if it is too far from the origin; the
+    ``hint`` is for that.
     """
     # No raster can tell such numbers from zero, and shapely fails on numbers below 1e-308.
     corners = np.where(np.abs(corners) < _ZERO_BOUND * spacing, 0.0, corners)
     shape = covering_shape(corners, spacing)
     check_memory(bytes_a_cell * float(math.prod(shape)), "the map", PlannedGrid(shape, spacing))
+    if hint:
+        check_reach(float(np.abs(corners).max() / spacing), "the map", "the origin", hint)
     return Grid(corners[0], spacing, shape)
 
 

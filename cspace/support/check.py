@@ -302,12 +302,15 @@ def check_pairs(edges: ArrayLike, vertices: Floats) -> Ints:
 def check_dims(array: Any, name: str) -> None:
     """Refuse an array with dimensions other than x, y (and z).
 
-    Dimensions are named as in xarray. Raises InputError if they are others, or in another order.
+    Dimensions are named as in xarray or zarr. Raises InputError if they are others, or in another
+    order.
     """
-    dims = getattr(array, "dims", None)
-    if dims is not None and tuple(dims) != ("x", "y", "z")[: len(dims)]:
+    metadata = getattr(array, "metadata", None)
+    dims = getattr(array, "dims", None) or getattr(metadata, "dimension_names", None) or ()
+    if dims and None not in dims and tuple(dims) != ("x", "y", "z")[: len(dims)]:
         rule = "they must be x, y (and z), in this order"
-        raise InputError(name, f"has the dimensions {tuple(dims)}", rule, "rename or transpose it")
+        hint = "rename or transpose it, and reverse y if its first row is the top"
+        raise InputError(name, f"has the dimensions {tuple(dims)}", rule, hint)
 
 
 def check_cells(values: ArrayLike, name: str) -> Bools:
