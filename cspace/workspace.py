@@ -16,8 +16,14 @@ from numpy.typing import ArrayLike
 
 from cspace.errors import FileError, InputError, UnitWarning, warn_user
 from cspace.files.access import UNKNOWNS
-from cspace.grid import FARTHEST_CELL, SLACK, Grid, check_reach
-from cspace.limits import MESH_CELL_BYTES, WORKSPACE_CELL_BYTES, PlannedGrid, check_memory
+from cspace.grid import FARTHEST_CELL, SLACK, Grid
+from cspace.limits import (
+    MESH_CELL_BYTES,
+    SHAPE_CELL_BYTES,
+    WORKSPACE_CELL_BYTES,
+    PlannedGrid,
+    check_memory,
+)
 from cspace.methods import WorkspacePlot
 from cspace.shapes import Balls, Mesh, Polygons, Shape, ShapeLike, Voxels, as_shape
 from cspace.support.arrays import Bools, Floats, StrPath, frozen
@@ -320,16 +326,15 @@ class Workspace(WorkspacePlot):
         path : path-like
             A PNG, PGM, PPM, PBM, BMP, JPEG or TIFF.
         spacing : float
-            Side of a pixel, in metres; that of a GeoTIFF must agree.
+            Side of a pixel, in metres.
         lower : array-like, shape (2,), optional
-            Lower left corner of the image, in metres. If left out, it is that of a GeoTIFF, and
-            the origin for other images.
+            Lower left corner of the image, in metres; the origin if left out.
         threshold : float
             Pixels are dark if the mean of their colour channels, from 0 (black) to 1 (white), is
             below this.
         dark : {"occupied", "free"}
-            State of dark pixels; bright pixels have the other. Pixels that are not fully opaque, or
-            have GDAL's value for no data, are unknown and always occupied.
+            State of dark pixels; bright pixels have the other. Pixels that are not fully opaque are
+            unknown, and always occupied.
 
         Raises
         ------
@@ -337,11 +342,16 @@ class Workspace(WorkspacePlot):
             If a number or word is invalid.
         FileError
             If the file is missing or cannot be decoded.
+
+        Warns
+        -----
+        UnitWarning
+            If a GeoTIFF states its placement, which is not read.
         """
         from cspace.files.images import read_image
 
-        own_lower, cells, unseen = read_image(path, spacing, threshold, dark)
-        grid = Grid(own_lower if lower is None else lower, spacing, cells.shape)
+        cells, unseen = read_image(path, threshold, dark)
+        grid = Grid((0.0, 0.0) if lower is None else lower, spacing, cells.shape)
         return cls(grid, cells, cells, source=str(path), unknown=unseen)
 
     @classmethod
@@ -379,16 +389,13 @@ class Workspace(WorkspacePlot):
         bounds: ArrayLike | None,
         source: str,
         kind: str = "",
-        *,
         points: Floats | None = None,
-        can_move: bool = False,
         lazy: bool = False,
     ) -> Workspace:
         """Rasterize shapes of one dimension on a grid.
 
         The grid covers the bounds, or the bounding box of the shapes. If ``kind`` names the
         shapes, warn if the extent of their points, or of their corners, can hardly be in metres.
-        ``can_move`` says whether the caller has an ``offset``, for messages.
         """
         from cspace.obstacles import Obstacle, ShapeCells
 
@@ -398,12 +405,8 @@ class Workspace(WorkspacePlot):
         corners = np.stack([np.min(lowers, axis=0), np.max(uppers, axis=0)])
         box = corners if bounds is None else check_bounds(bounds, shapes[0].dim)
         is_simple = len(shapes) == 1 and not isinstance(shapes[0], Mesh)
-        cost = WORKSPACE_CELL_BYTES if is_simple else MESH_CELL_BYTES
-        hint = ""
-        if can_move:
-            step = ", ".join(f"{-math.floor(coordinate):.9g}" for coordinate in corners[0])
-            hint = f"use a larger spacing, or pass offset=({step}) and move the bounds by it, too"
-        grid = covering_grid(box, spacing, 0 if lazy else cost, hint)
+        cost = SHAPE_CELL_BYTES if is_simple else MESH_CELL_BYTES
+        grid = covering_grid(box, spacing, 0 if lazy else cost)
         if kind:
             extent = corners
             if points is not None:
@@ -555,9 +558,7 @@ class Workspace(WorkspacePlot):
         is_text = isinstance(polygons, str | os.PathLike)  # a path, or WKT
         if is_text and str(polygons).lower().endswith(POLYGON_SUFFIXES):
             source = str(polygons)
-        return cls._of(
-            [shape], spacing, bounds, source, "set of polygons", can_move=True, lazy=lazy
-        )
+        return cls._of([shape], spacing, bounds, source, "set of polygons", lazy=lazy)
 
     @classmethod
     def from_mesh(
@@ -607,13 +608,13 @@ class Workspace(WorkspacePlot):
             shape = replace(shape, vertices=shape.vertices + check_point(offset, "offset", 3))
         source = str(mesh) if isinstance(mesh, str | os.PathLike) else shape.source
         if shape.solid != "fill":
-            return cls._of([shape], spacing, bounds, source, "mesh", can_move=True, lazy=lazy)
+            return cls._of([shape], spacing, bounds, source, "mesh", lazy=lazy)
         if lazy:
             problem = "is True with solid='fill'"
             rule = "filling needs all cells at once"
             hint = "close the mesh and pass solid='auto'"
             raise InputError("lazy", problem, rule, hint)
-        workspace = cls._of([shape], spacing, bounds, source, "mesh", can_move=True)
+        workspace = cls._of([shape], spacing, bounds, source, "mesh")
         # The filled cells depend on the spacing, so the mesh does not stand for them.
         return replace(workspace, shapes=None)
 
@@ -694,6 +695,9 @@ class Workspace(WorkspacePlot):
             source = str(points)
         else:
             check_positive(spacing, "spacing")
+            names = list(getattr(points, "columns", ()))  # of pandas
+            if {"x", "y"} <= set(names):
+                points = points[[axis for axis in "xyz" if axis in names]]
             if drop_missing:
                 points = np.asarray(points)
                 points = points[np.isfinite(points).all(axis=-1)]
@@ -702,9 +706,7 @@ class Workspace(WorkspacePlot):
         if offset is not None:
             cloud = Balls(cloud.centers + check_point(offset, "offset", cloud.dim), cloud.radii)
         # The extent of the points shows a wrong unit; the balls around them would hide it.
-        return cls._of(
-            [cloud], spacing, bounds, source, "cloud", points=cloud.centers, can_move=True
-        )
+        return cls._of([cloud], spacing, bounds, source, "cloud", cloud.centers)
 
     @classmethod
     def from_octomap(
@@ -958,18 +960,15 @@ def covering_shape(corners: Floats, spacing: float) -> list[int]:
     return [int(min(n, FARTHEST_CELL)) for n in counts]
 
 
-def covering_grid(corners: Floats, spacing: float, bytes_a_cell: int, hint: str = "") -> Grid:
+def covering_grid(corners: Floats, spacing: float, bytes_a_cell: int) -> Grid:
     """Return the grid from the lower of two corners, shape (2, dim), over the upper one.
 
-    Raises InputError if its cells do not fit into memory, or if it is too far from the origin; the
-    ``hint`` is for that.
+    Raises InputError if its cells do not fit into memory.
     """
     # No raster can tell such numbers from zero, and shapely fails on numbers below 1e-308.
     corners = np.where(np.abs(corners) < _ZERO_BOUND * spacing, 0.0, corners)
     shape = covering_shape(corners, spacing)
     check_memory(bytes_a_cell * float(math.prod(shape)), "the map", PlannedGrid(shape, spacing))
-    if hint:
-        check_reach(float(np.abs(corners).max() / spacing), "the map", "the origin", hint)
     return Grid(corners[0], spacing, shape)
 
 

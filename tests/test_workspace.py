@@ -132,3 +132,15 @@ def test_obstacles_smaller_than_a_cell_or_outside_the_bounds_warn(extent, bounds
     texts = [str(warning.message) for warning in caught]
     assert len(texts) == warns
     assert all(re.search("units are probably wrong|has no obstacle", text) for text in texts)
+
+
+def test_polygons_whose_map_does_not_fit_are_refused_before_any_work(monkeypatch):
+    wall = shapely.box(0, 0, 600, 600)
+    monkeypatch.setattr("cspace.limits.free_bytes", lambda: 1_000_000)
+    monkeypatch.setattr("cspace.shapes.Polygons.cells", mock.Mock(side_effect=AssertionError))
+    with pytest.raises(InputError, match="use a spacing of at least") as caught:
+        Workspace.from_polygons(wall, 1.0)
+    monkeypatch.undo()
+    coarser = float(caught.value.hint.split()[6])
+    monkeypatch.setattr("cspace.limits.free_bytes", lambda: 1_000_000)
+    assert Workspace.from_polygons(wall, coarser).outer.all()

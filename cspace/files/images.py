@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.errors import InputError, warn_user
+from cspace.errors import InputError, UnitWarning, warn_user
 from cspace.files.access import ContentError, decoding, is_count, read_bytes, read_text
 from cspace.files.fields import Fields
 from cspace.limits import check_cells
 from cspace.support.arrays import Bools, Floats, StrPath, frozen
-from cspace.support.check import check_finite, check_positive, check_word
+from cspace.support.check import check_finite, check_word
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -50,37 +50,26 @@ _UNSIGNED_FORMATS: Final = frozenset({1, 4})
 _USUAL_GAMMA: Final = 1.0 / 2.2
 """Gamma of PNG images that viewers show as they are."""
 
-_SAME_SPACING: Final = 1e-6
-"""Maximum relative difference of two values of one spacing."""
-
 FIELDS: Final = (
     Fields(
-        "images",
+        "`.png`, `.pgm`, `.ppm`, `.pbm`, `.pnm`, `.jpg`, `.jpeg`, `.bmp`, `.tif`, `.tiff`",
         honoured=(
             "bit depth, PGM's maximum, palette, CMYK, transparency",
             "EXIF and TIFF orientation",
-            "TIFF: WhiteIsZero, fill order, GDAL's nodata",
-            "GeoTIFF: pixel scale, tie point, pixel-is-point",
+            "TIFF: WhiteIsZero, fill order",
         ),
         refused=(
             "bytes after the pixels of a PBM, PGM or PPM",
             "signed and real samples",
-            "GeoTIFF: degrees, feet, oblong or turned pixels",
+            "GDAL's nodata",
         ),
-        warned=("further pages or frames", "gamma other than 1/2.2"),
+        warned=("further pages or frames", "gamma other than 1/2.2", "placement of a GeoTIFF"),
     ),
     Fields("`.map`, `.3dmap`", honoured=("header, in either order of its sizes",)),
 )
 
 _PILLOW_LIMIT_LOCK: Final = threading.Lock()
 """Held while Pillow's own pixel limit, which is global to the process, is replaced by ours."""
-
-
-class Placement(NamedTuple):
-    """Placement that a GeoTIFF states, in metres."""
-
-    spacing: float
-    lower: tuple[float, float]
 
 
 class Shades(NamedTuple):
@@ -92,14 +81,12 @@ class Shades(NamedTuple):
     white_level : int
         Level of white; black is 0.
     opaque : ndarray of bool, shape (nx, ny), or True
-        True for pixels of full alpha that hold data.
-    placement : Placement or None
+        True for pixels of full alpha.
     """
 
     levels: NDArray[np.unsignedinteger[Any]]
     white_level: int
     opaque: Bools | bool
-    placement: Placement | None = None
 
     @property
     def shades(self) -> Floats:
@@ -117,54 +104,36 @@ class Shades(NamedTuple):
         return selected
 
 
-class ImageCells(NamedTuple):
-    """Cells of an image, each array of shape (nx, ny), and the lower corner that it states.
-
-    Cells that are not fully opaque are unknown; they count as occupied.
-    """
-
-    lower: tuple[float, float]
-    occupied: Bools
-    unknown: Bools | None
-
-
 def read_image(
-    path: StrPath, spacing: float, threshold: float = 0.5, dark: str = "occupied"
-) -> ImageCells:
-    """Read the occupied cells of an image.
+    path: StrPath, threshold: float = 0.5, dark: str = "occupied"
+) -> tuple[Bools, Bools | None]:
+    """Read the occupied and the unknown cells of an image, shape (nx, ny) each.
 
     Each pixel is one cell. The content decides whether it is a PNG, PGM, PPM, PBM, BMP, JPEG or
     TIFF. The first row is the top of the map. The shade of a pixel is the mean of its colour
     channels, from 0 (black) to 1 (white). Pixels below `threshold` are dark, and `dark` says
-    whether dark means "occupied" or "free". The corner is the origin unless a GeoTIFF states it.
+    whether dark means "occupied" or "free". A pixel that is not fully opaque is unknown, and
+    occupied.
 
-    Raises InputError if `threshold` is not above 0 and at most 1, `dark` is another word, or
-    `spacing` is not that of a GeoTIFF. Raises FileError if the file is missing or too large, cannot
-    be decoded, or has pixels of an unknown mode.
+    Raises InputError if `threshold` is not above 0 and at most 1, or `dark` is another word. Raises
+    FileError if the file is missing or too large, cannot be decoded, or has pixels of an unknown
+    mode.
     """
     level = check_finite(threshold, "threshold")
     if level.shape != () or not 0.0 < level <= 1.0:
         rule = "it must be one number above 0 and at most 1"
         raise InputError("threshold", f"is {threshold!r}", rule, "pass e.g. 0.5")
     check_word(dark, "dark", ("occupied", "free"))
-    check_positive(spacing, "spacing")
     image = read_shades(path, "image")
-    lower = (0.0, 0.0)
-    if image.placement is not None:
-        stated, lower = image.placement
-        if not math.isclose(spacing, stated, rel_tol=_SAME_SPACING):
-            problem = f"is {spacing:g} but {path} has pixels of {stated:g} m"
-            raise InputError("spacing", problem, "they must agree", f"pass spacing={stated!r}")
     occupied_levels = image.shades < level
     if dark == "free":
         occupied_levels = ~occupied_levels
     occupied = image.select(occupied_levels)
     unknown = None
     if isinstance(image.opaque, np.ndarray):
-        unknown = np.logical_not(image.opaque, out=image.opaque)
+        unknown = frozen(np.logical_not(image.opaque, out=image.opaque))
         occupied |= unknown
-        frozen(unknown)
-    return ImageCells(lower, frozen(occupied), unknown)
+    return frozen(occupied), unknown
 
 
 def read_shades(path: StrPath, kind: str, *, may_turn: bool = True) -> Shades:
@@ -195,7 +164,9 @@ def read_shades(path: StrPath, kind: str, *, may_turn: bool = True) -> Shades:
         if orientation != 1 and not may_turn:
             rule = "map servers ignore it, and viewers do not"
             raise ContentError(f"has EXIF orientation {orientation}", rule, "save it upright")
-        placement = _read_placement(image, tags)
+        if _NODATA in tags:
+            rule = "such pixels are neither dark nor bright"
+            raise ContentError("has a value for no data", rule, "fill it, with gdal_fillnodata")
         image.load()
         ImageOps.exif_transpose(image, in_place=True)
         shades = _convert_image(image, tags)
@@ -207,7 +178,13 @@ def read_shades(path: StrPath, kind: str, *, may_turn: bool = True) -> Shades:
             f"{path}: its gamma of {gamma:g} is not applied, so viewers show other shades; save it "
             "with a gamma of 1/2.2"
         )
-    return shades._replace(placement=placement)
+    if tags.keys() & {_PIXEL_SCALE, _MATRIX}:
+        warn_user(
+            f"{path}: the placement of a GeoTIFF is not read; for that, open it with rioxarray and "
+            "pass the array to Workspace.from_array",
+            UnitWarning,
+        )
+    return shades
 
 
 def _open_image(data: bytes) -> Image:
@@ -251,53 +228,9 @@ _BITS_PER_SAMPLE: Final = 258
 _ORIENTATION: Final = 274
 _SAMPLE_FORMAT: Final = 339
 _PIXEL_SCALE: Final = 33550
-_TIE_POINTS: Final = 33922
 _MATRIX: Final = 34264
-_GEO_KEYS: Final = 34735
 _NODATA: Final = 42113
 """Numbers of tags of TIFF, GeoTIFF and GDAL; EXIF has that of the orientation, too."""
-
-_WHITE_IS_ZERO: Final = 0
-_BLACK_IS_ZERO: Final = 1
-_RED_GREEN_BLUE: Final = 2
-"""Values of the photometric tag."""
-
-_MODEL_TYPE: Final = 1024
-_RASTER_TYPE: Final = 1025
-_LINEAR_UNIT: Final = 3076
-"""Numbers of keys of GeoTIFF."""
-
-_PROJECTED: Final = 1
-_PIXEL_IS_POINT: Final = 2
-_METRE: Final = 9001
-"""Values of keys of GeoTIFF."""
-
-
-def _read_placement(image: Image, tags: dict[int, Any]) -> Placement | None:
-    """Return the placement that a GeoTIFF states, or None for another image.
-
-    Raises ContentError unless it is in metres, upright, and has square pixels.
-    """
-    if not tags.keys() & {_PIXEL_SCALE, _TIE_POINTS, _MATRIX}:
-        return None
-    scale = tags.get(_PIXEL_SCALE, ())
-    tie = tags.get(_TIE_POINTS, ())
-    words = tags.get(_GEO_KEYS, ())
-    keys = dict(zip(words[4::4], words[7::4], strict=False))
-    is_upright = _MATRIX not in tags and tags.get(_ORIENTATION, 1) == 1 and len(tie) == 6
-    if not is_upright or len(scale) < 2 or not math.isclose(scale[0], scale[1]):
-        problem = "is a GeoTIFF that is turned, warped, or has pixels that are not square"
-        raise ContentError(problem, "cells are upright squares", "resample it, with gdalwarp")
-    if keys.get(_MODEL_TYPE, _PROJECTED) != _PROJECTED or keys.get(_LINEAR_UNIT, _METRE) != _METRE:
-        problem = "is a GeoTIFF in degrees, feet or another unit"
-        hint = "project it, e.g. gdalwarp -t_srs EPSG:32632 (your UTM zone)"
-        raise ContentError(problem, "maps are in metres", hint)
-    spacing = scale[0]
-    column, row, _, x, y, _ = tie
-    half = 0.5 if keys.get(_RASTER_TYPE) == _PIXEL_IS_POINT else 0.0
-    left = x - (column + half) * spacing
-    bottom = y + (row + half - image.height) * spacing
-    return Placement(spacing, (left, bottom))
 
 
 def _convert_image(image: Image, tags: dict[int, Any]) -> Shades:
@@ -309,10 +242,8 @@ def _convert_image(image: Image, tags: dict[int, Any]) -> Shades:
     mode, white_level = _choose_channels(image, tags)
     width, height = image.size
     is_deep = mode.startswith("I")
-    nodata = _parse_nodata(tags)
-    has_gaps = mode == "RGBA" or nodata is not None
     levels = np.empty(image.size, np.uint8 if white_level == _WHITE_8_BIT else np.uint16)
-    opaque = np.ones(image.size, dtype=np.bool_) if has_gaps else True
+    opaque = np.empty(image.size, dtype=np.bool_) if mode == "RGBA" else True
     rows_at_once = max(1, _PIXELS_PER_PART // width)
     for top in range(0, height, rows_at_once):
         bottom = min(top + rows_at_once, height)
@@ -328,28 +259,10 @@ def _convert_image(image: Image, tags: dict[int, Any]) -> Shades:
         part = np.s_[:, height - bottom : height - top]
         levels[part] = total[::-1].T
         if isinstance(opaque, np.ndarray):
-            if nodata is not None:
-                opaque[part] = (colours != nodata).any(axis=2)[::-1].T
-            if mode == "RGBA":
-                opaque[part] &= (pixels[..., 3] == _WHITE_8_BIT)[::-1].T
-    if is_deep and tags.get(_PHOTOMETRIC) == _WHITE_IS_ZERO:  # Pillow inverts the others
+            opaque[part] = (pixels[..., 3] == _WHITE_8_BIT)[::-1].T
+    if is_deep and tags.get(_PHOTOMETRIC) == 0:  # white is 0; Pillow inverts the others
         np.subtract(white_level, levels, out=levels)
     return Shades(levels, white_level, opaque)
-
-
-def _parse_nodata(tags: dict[int, Any]) -> float | None:
-    """Return the level, of each channel, that means no data; None if there is none.
-
-    Raises ContentError if Pillow scales or inverts the levels of such an image.
-    """
-    if _NODATA not in tags:
-        return None
-    bits = set(tags.get(_BITS_PER_SAMPLE, ()))
-    if tags.get(_PHOTOMETRIC) not in (_BLACK_IS_ZERO, _RED_GREEN_BLUE) or not bits <= {8, 16}:
-        rule = "it is read for grey and colours of 8 bits, and grey of 16, with black as 0"
-        hint = "convert it, with gdal_translate -expand rgb"
-        raise ContentError("has a value for no data", rule, hint)
-    return float(tags[_NODATA].strip("\0 "))
 
 
 def _choose_channels(image: Image, tags: dict[int, Any]) -> tuple[str, int]:

@@ -38,9 +38,6 @@ _OCTREE_SHAPE: Final = (_SIDE, _SIDE, _SIDE)
 _BOUND_SLACK: Final = 1e-9
 """Distance from the next cell, in cells, at which a bound counts as its border."""
 
-_FARTHEST_CELL: Final = 2**40
-"""Largest cell of a bound; a map up to it does not fit into memory."""
-
 _CHILD_OFFSETS: Final[Ints] = np.ravel_multi_index(
     np.unravel_index(np.arange(8), (2, 2, 2), order="F"), _OCTREE_SHAPE
 )
@@ -80,23 +77,23 @@ def read_octomap(
     with decoding(path, _OCTOMAP_KIND):
         header, end = _parse_octomap_header(content)
         leaves = _read_leaves(header, content[end:])
-    first = leaves.corners.min(axis=0)
-    last = (leaves.corners + leaves.sides[:, None]).max(axis=0)
+    # Cells count from the origin, which is in the middle of the octree.
+    corners = leaves.corners - _SIDE // 2
+    first = corners.min(axis=0)
+    last = (corners + leaves.sides[:, None]).max(axis=0)
     if bounds is not None:
-        # The origin is in the middle of the octree; cells beyond it are unknown.
-        lower, upper = np.clip(bounds / header.resolution, -_FARTHEST_CELL, _FARTHEST_CELL)
-        first = np.floor(lower + _BOUND_SLACK).astype(np.int64) + _SIDE // 2
-        last = np.maximum(first + 1, np.ceil(upper - _BOUND_SLACK).astype(np.int64) + _SIDE // 2)
-    shape = tuple((last - first).tolist())
+        lower, upper = bounds / header.resolution
+        first = np.floor(lower + _BOUND_SLACK)
+        last = np.maximum(np.ceil(upper - _BOUND_SLACK), first + 1.0)
+    shape = tuple(map(int, last - first))
     check_cells(path, shape, memory=3.0)  # the states and two masks
     states = np.full(shape, _UNSEEN, dtype=np.uint8)
-    _fill_leaves(states, leaves._replace(corners=leaves.corners - first))
+    _fill_leaves(states, leaves._replace(corners=corners - first))
     unseen = states == _UNSEEN
     occupied = states == 1  # as _fill_leaves writes it
     if unknown_is_occupied:
         occupied |= unseen
-    lower = (first - _SIDE // 2) * header.resolution
-    return lower, header.resolution, frozen(occupied), frozen(unseen)
+    return first * header.resolution, header.resolution, frozen(occupied), frozen(unseen)
 
 
 def _parse_octomap_header(content: bytes) -> tuple[_OctomapHeader, int]:
@@ -264,8 +261,8 @@ def _fill_leaves(states: Bytes, leaves: _Leaves) -> None:
 
     Parts of leaves outside the array are skipped.
     """
-    lows = np.clip(leaves.corners, 0, states.shape)
-    highs = np.clip(leaves.corners + leaves.sides[:, None], 0, states.shape)
+    lows = np.clip(leaves.corners, 0, states.shape).astype(np.int64)
+    highs = np.clip(leaves.corners + leaves.sides[:, None], 0, states.shape).astype(np.int64)
     sides = highs - lows
     is_cell = (sides == 1).all(axis=1)
     states[tuple(lows[is_cell].T)] = leaves.occupied[is_cell]

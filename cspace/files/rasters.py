@@ -37,7 +37,7 @@ FIELDS: Final = (
 
 
 def place_raster(array: Any, spacing: float, name: str = "occupied") -> tuple[Any, Floats | None]:
-    """Return an array indexed as its coordinates ascend, and the corner of its first cell.
+    """Return an array indexed as its coordinates ascend, without them, and its lower corner.
 
     The corner is in metres, and None for an array without coordinates. Coordinates are those of
     xarray, the centers of cells; arrays of other packages have none.
@@ -46,7 +46,7 @@ def place_raster(array: Any, spacing: float, name: str = "occupied") -> tuple[An
     """
     coordinates = getattr(array, "coords", {})
     axes = [axis for axis in "xyz" if axis in getattr(array, "dims", ())]
-    if len(axes) != getattr(array, "ndim", 0) or not all(axis in coordinates for axis in axes):
+    if len(axes) != getattr(array, "ndim", 0) or not set(axes) <= set(coordinates):
         return array, None
     systems = [array.attrs.get("crs")]
     systems += [coordinate.attrs.get("crs_wkt") for coordinate in coordinates.values()]
@@ -59,6 +59,8 @@ def place_raster(array: Any, spacing: float, name: str = "occupied") -> tuple[An
         units = str(array[axis].attrs.get("units", ""))
         if units not in _METRES:
             hint = f"scale it, e.g. array.assign_coords({axis}=0.01 * array.{axis}.values) for cm"
+            if units.startswith("deg"):
+                hint = "project it, e.g. by array.rio.reproject of rioxarray"
             raise InputError(label, f"is in {units!r:.40}", "it must be in metres", hint)
         centers = check_finite(array[axis].values, label)
         if centers[0] > centers[-1]:
@@ -71,4 +73,4 @@ def place_raster(array: Any, spacing: float, name: str = "occupied") -> tuple[An
             hint = f"pass spacing={np.median(steps):.6g}, or interpolate the array"
             raise InputError(label, problem, f"they must be the spacing, {spacing:g} m", hint)
         lower[index] = centers[0] - 0.5 * spacing
-    return array, lower
+    return array.drop_vars(axes), lower

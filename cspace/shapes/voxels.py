@@ -13,7 +13,6 @@ import scipy  # loads its submodules on first use
 from numpy.typing import ArrayLike
 
 from cspace.errors import GeometryError
-from cspace.files.rasters import place_raster
 from cspace.grid import Grid
 from cspace.raster import Raster
 from cspace.raster.bitmaps import (
@@ -169,21 +168,19 @@ class Voxels(ExactShape):
     def of(cls, occupied: ArrayLike, spacing: float, lower: ArrayLike | None = None) -> Voxels:
         """Make the union of a bitmap's cells; metres.
 
-        `lower` is the corner of the first cell, by default that of an xarray's coordinates, or the
-        origin.
+        `lower` is the corner of the first cell, by default the origin.
 
         Raises GeometryError if no cell is occupied. Raises InputError if `occupied` is not an array
         of booleans, or of 0 and 1, with two or three axes, or another value is invalid.
         """
-        side = check_positive(spacing, "spacing")
-        occupied, own_lower = place_raster(occupied, side)
         bitmap = check_cells(occupied, "occupied")
         if not bitmap.any():
             rule = "at least one cell must be occupied"
             hint = "set the cells that it fills"
             raise GeometryError("occupied", "holds no True cell", rule, hint)
+        side = check_positive(spacing, "spacing")
         if lower is None:
-            lower = np.zeros(bitmap.ndim) if own_lower is None else own_lower
+            lower = np.zeros(bitmap.ndim)
         return cls(bitmap, side, check_point(lower, "lower", dim=bitmap.ndim))
 
     @property

@@ -300,10 +300,10 @@ def check_pairs(edges: ArrayLike, vertices: Floats) -> Ints:
 
 
 def check_dims(array: Any, name: str) -> None:
-    """Refuse an array with dimensions other than x, y (and z).
+    """Refuse an array with dimensions other than x, y (and z), or with coordinates.
 
     Dimensions are named as in xarray or zarr. Raises InputError if they are others, or in another
-    order.
+    order, or have coordinates: :func:`cspace.files.rasters.place_raster` takes them off.
     """
     metadata = getattr(array, "metadata", None)
     dims = getattr(array, "dims", None) or getattr(metadata, "dimension_names", None) or ()
@@ -311,6 +311,9 @@ def check_dims(array: Any, name: str) -> None:
         rule = "they must be x, y (and z), in this order"
         hint = "rename or transpose it, and reverse y if its first row is the top"
         raise InputError(name, f"has the dimensions {tuple(dims)}", rule, hint)
+    if set(dims) & set(getattr(array, "coords", ())):
+        hint = "pass its values, with ascending x and y"
+        raise InputError(name, "has coordinates", "they have no effect here", hint)
 
 
 def check_cells(values: ArrayLike, name: str) -> Bools:
