@@ -65,7 +65,7 @@ FIELDS: Final = (
         ),
         warned=("further pages or frames", "gamma other than 1/2.2", "placement of a GeoTIFF"),
     ),
-    Fields("`.map`, `.3dmap`", honoured=("header, in either order of its sizes",)),
+    Fields("`.map`, `.3dmap`", honoured=("header",)),
 )
 
 _PILLOW_LIMIT_LOCK: Final = threading.Lock()

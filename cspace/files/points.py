@@ -45,13 +45,13 @@ FIELDS: Final = (
     Fields(
         "`.pcd`",
         honoured=("FIELDS, SIZE, TYPE, COUNT", "WIDTH, HEIGHT, POINTS", "DATA"),
-        refused=("binary_compressed", "points that are not finite, unless dropped"),
+        refused=("binary_compressed", "NaN, unless dropped"),
         warned=("VIEWPOINT", "bytes after the points"),
     ),
     Fields(
         "`.xyz`, `.txt`, `.csv`",
-        honoured=("names of columns, in the first lines",),
-        refused=("columns without x, y and z", "points that are not finite, unless dropped"),
+        honoured=("names of columns",),
+        refused=("columns without x, y and z", "NaN, unless dropped"),
     ),
     Fields("`.npy`", honoured=("order, byte order, type",), refused=("objects", "other numbers")),
 )

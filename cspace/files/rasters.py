@@ -21,10 +21,10 @@ _MAX_STEP_ERROR: Final = 1e-3
 FIELDS: Final = (
     Fields(
         "xarray",
-        honoured=("order of dimensions, with coordinates", "coordinates, in either direction"),
+        honoured=("coordinates, in either direction", "their order"),
         refused=(
             *("unequal steps", "steps other than `spacing`", "`units` other than metres"),
-            *("`crs` of longitude and latitude", "y, x without coordinates"),
+            *("`crs` in degrees", "y, x without coordinates"),
         ),
         warned=("other `crs`",),
     ),

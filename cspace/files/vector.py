@@ -48,13 +48,13 @@ FIELDS: Final = (
     Fields(
         "`.geojson`, `.json`, `__geo_interface__`",
         honoured=("type", "`crs` of a UTM zone, or null"),
-        refused=("`crs` of longitude and latitude, or web Mercator", "altitudes"),
+        refused=("`crs` in degrees, or web Mercator", "altitudes"),
         warned=("other `crs`", "no `crs` and coordinates like degrees"),
     ),
     Fields(
         "`.wkt`, shapely",
         honoured=("type", "SRID of a UTM zone"),
-        refused=("SRID of longitude and latitude, or web Mercator", "Z", "curves", "surfaces"),
+        refused=("SRID in degrees, or web Mercator", "Z", "curves", "surfaces"),
         warned=("other SRID",),
     ),
 )
