@@ -393,13 +393,13 @@ def _warn_of_nothing_free(space: CSpace | TiledCSpace, margin: float) -> None:
     if mixed:
         reason = f"{mixed:,} of {mixed + blocked:,} cells are MIXED, undecided at this spacing"
         hint = "use a smaller spacing, or a smaller robot or margin"
-    if space.in_memory and space.grid.size <= MAX_EXAMINED_CELLS:
+    if isinstance(space, CSpace) and space.grid.size <= MAX_EXAMINED_CELLS:
         reason, hint = _find_obstruction(space, margin) or (reason, hint)
     warn_user(f"no cell of the map is FREE: {reason}; {hint}")
 
 
-def _find_obstruction(space: CSpace | TiledCSpace, margin: float) -> tuple[str, str] | None:
-    """Return why no cell of a map in memory can be FREE, and a hint; None if it is not known."""
+def _find_obstruction(space: CSpace, margin: float) -> tuple[str, str] | None:
+    """Return why no cell of a map can be FREE, and a hint; None if it is not known."""
     workspace = space.workspace
     if workspace.outer.all():
         if workspace.unknown is None:

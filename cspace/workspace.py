@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, TypeAlias, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, Final, TypeAlias, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -695,13 +695,14 @@ class Workspace(WorkspacePlot):
             source = str(points)
         else:
             check_positive(spacing, "spacing")
-            names = list(getattr(points, "columns", ()))  # of pandas
+            table: Any = points
+            names = list(getattr(table, "columns", ()))  # of pandas
             if {"x", "y"} <= set(names):
-                points = points[[axis for axis in "xyz" if axis in names]]
+                table = table[[axis for axis in "xyz" if axis in names]]
             if drop_missing:
-                points = np.asarray(points)
-                points = points[np.isfinite(points).all(axis=-1)]
-            cloud = Balls.of(points, radius)
+                table = np.asarray(table)
+                table = table[np.isfinite(table).all(axis=-1)]
+            cloud = Balls.of(table, radius)
             source = f"{len(cloud.radii)} points"
         if offset is not None:
             cloud = Balls(cloud.centers + check_point(offset, "offset", cloud.dim), cloud.radii)

@@ -24,6 +24,7 @@ from cspace.support.check import check_finite, check_word
 
 if TYPE_CHECKING:
     from PIL.Image import Image
+    from PIL.ImageFile import ImageFile
 
 IMAGE_FORMATS: Final = ("PNG", "PPM", "BMP", "JPEG", "TIFF")
 """Formats that Pillow may detect from the content; its other plug-ins may start programs."""
@@ -97,7 +98,7 @@ class Shades(NamedTuple):
         """Return a mask of the pixels whose level is set in `levels`."""
         selected = np.empty(self.levels.shape, dtype=np.bool_)
         # Part by part, because an index of all pixels would take eight bytes each.
-        columns_at_once = max(1, _PIXELS_PER_PART // selected.shape[1])
+        columns_at_once = max(1, _PIXELS_PER_PART // selected[0].size)
         for first in range(0, len(selected), columns_at_once):
             part = slice(first, first + columns_at_once)
             selected[part] = levels[self.levels[part]]
@@ -187,7 +188,7 @@ def read_shades(path: StrPath, kind: str, *, may_turn: bool = True) -> Shades:
     return shades
 
 
-def _open_image(data: bytes) -> Image:
+def _open_image(data: bytes) -> ImageFile:
     """Open an image with Pillow, without Pillow's own limit of its size."""
     from PIL import Image
 
@@ -201,7 +202,7 @@ def _open_image(data: bytes) -> Image:
             Image.MAX_IMAGE_PIXELS = limit
 
 
-def _check_length(image: Image, size: int) -> None:
+def _check_length(image: ImageFile, size: int) -> None:
     """Raise ContentError unless a binary PBM, PGM or PPM ends with its last pixel.
 
     Converted line ends move all pixels, and show only by the length of the file.

@@ -46,7 +46,7 @@ def place_raster(array: Any, spacing: float, name: str = "occupied") -> tuple[An
     """
     coordinates = getattr(array, "coords", {})
     axes = [axis for axis in "xyz" if axis in getattr(array, "dims", ())]
-    if len(axes) != getattr(array, "ndim", 0) or not set(axes) <= set(coordinates):
+    if not axes or len(axes) != array.ndim or not set(axes) <= set(coordinates):
         return array, None
     systems = [array.attrs.get("crs")]
     systems += [coordinate.attrs.get("crs_wkt") for coordinate in coordinates.values()]

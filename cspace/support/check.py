@@ -309,7 +309,7 @@ def check_dims(array: Any, name: str) -> None:
     dims = getattr(array, "dims", None) or getattr(metadata, "dimension_names", None) or ()
     if dims and None not in dims and tuple(dims) != ("x", "y", "z")[: len(dims)]:
         rule = "they must be x, y (and z), in this order"
-        hint = "rename or transpose it, and reverse y if its first row is the top"
+        hint = "project, rename or transpose it, and reverse y if its first row is the top"
         raise InputError(name, f"has the dimensions {tuple(dims)}", rule, hint)
     if set(dims) & set(getattr(array, "coords", ())):
         hint = "pass its values, with ascending x and y"
