@@ -144,3 +144,22 @@ def test_polygons_whose_map_does_not_fit_are_refused_before_any_work(monkeypatch
     coarser = float(caught.value.hint.split()[6])
     monkeypatch.setattr("cspace.limits.free_bytes", lambda: 1_000_000)
     assert Workspace.from_polygons(wall, coarser).outer.all()
+
+
+@pytest.mark.parametrize("array", [[[0.0, 0.7], [1.0, 0.2]], [[0, 70], [100, 20]]], ids=str)
+def test_the_hint_about_arrays_of_numbers_is_followed(array):
+    array = np.array(array)
+    with pytest.raises(InputError, match=r"compare with a threshold first, e\.g\. ") as caught:
+        Workspace.from_array(array, 0.1)
+    compared = eval(caught.value.hint.partition("e.g. ")[2], {"array": array})
+    assert Workspace.from_array(compared, 0.1).outer.tolist() == [[False, True], [True, False]]
+
+
+def test_the_hint_about_unknown_cells_of_ros_is_followed():
+    cells = np.array([[0, -1], [100, 0]])
+    with pytest.raises(InputError, match=r"use Workspace\.from_occupancy_grid"):
+        Workspace.from_array(cells, 0.1)
+    message = cspace.ros.OccupancyGrid()
+    message.info.width, message.info.height, message.info.resolution = 2, 2, 0.1
+    message.data = cells.T.ravel()
+    assert Workspace.from_occupancy_grid(message).outer.tolist() == [[False, True], [True, False]]

@@ -207,7 +207,8 @@ def _check_length(image: ImageFile, size: int) -> None:
 
     Converted line ends move all pixels, and show only by the length of the file.
     """
-    decoder, _, start, arguments = image.tile[0]
+    tile: Any = image.tile[0]
+    decoder, _, start, arguments = tile
     if decoder == "ppm_plain":
         return
     width, height = image.size

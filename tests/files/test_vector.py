@@ -285,6 +285,13 @@ def test_the_hint_about_heights_is_followed():
     assert read_shapes(flat) == [L_SHAPE]
 
 
+def test_the_hint_about_crossing_boundaries_is_followed():
+    with pytest.raises(GeometryError, match=r"or try shapely\.make_valid"):
+        read_shapes(BOW_TIE)
+    wings = read_shapes(shapely.make_valid(shapely.from_wkt(BOW_TIE)))
+    assert sum(wing.area for wing in wings) == 0.5
+
+
 def test_an_offset_moves_a_far_frame(tmp_path):
     far = affinity.translate(L_SHAPE, 692_000, 5_334_000)
     (tmp_path / "utm.wkt").write_text(far.wkt)
