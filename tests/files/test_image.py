@@ -125,7 +125,7 @@ def test_a_chunk_that_claims_gigabytes_takes_little_memory(image):
 def test_the_hint_about_an_unknown_kind_is_followed(tmp_path):
     picture = Image.fromarray(np.array([[0.0, 255.0]], np.float32))
     picture.save(tmp_path / "odd.tif")
-    with pytest.raises(FileError, match="convert it, e.g. to an 8-bit grey PNG"):
+    with pytest.raises(FileError, match=r"convert it, e\.g\. to an 8-bit grey PNG"):
         Workspace.from_image(tmp_path / "odd.tif", 1.0)
     picture.convert("L").save(tmp_path / "grey.png")
     assert Workspace.from_image(tmp_path / "grey.png", 1.0).outer[:, 0].tolist() == [True, False]
