@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Literal, TypedDict, Unpack, overload
 
 import numpy as np
+import scipy  # loads its submodules on first use
 from numpy.typing import ArrayLike
 
 from cspace.engines import ENGINES, METHODS, choose_engine
@@ -64,6 +65,9 @@ RATE: Final = 2.0 * (1.0 + 1e-4)
 
 MAX_WIDTH_DIRECTIONS: Final = 4096
 """Maximum number of directions in which a robot's width is measured."""
+
+MAX_EXAMINED_CELLS: Final = 10_000_000
+"""Maximum number of cells of a workspace that is examined if its map has no FREE cell."""
 
 _TURN_AXES: Final = {"fixed": 0, "yaw": 1, "all": 3}
 """Dimensions of the rotations of a suggestion."""
@@ -184,6 +188,8 @@ def build(
         from its reference point than ten times its size, as in another unit than the metre. A
         point raises no warning. Without walls (``outside="free"``), the robot may be ten times as
         large as the workspace.
+    UserWarning
+        If no cell is FREE; the message says why, as far as it is known.
 
     References
     ----------
@@ -205,7 +211,7 @@ def build(
     _check_types(workspace, robot)
     robot = robot_of(robot)
     _check(workspace, robot, cells, method, counts, outside, workers)
-    _warn_of_units(workspace.grid, robot, cells, margin, outside)
+    explained = _warn_of_units(workspace.grid, robot, cells, margin, outside)
     if store is not None:  # build tile by tile, into a folder
         from cspace.tiles.build import build_tiles
         from cspace.tiles.space import TiledCSpace
@@ -228,7 +234,10 @@ def build(
             outside=outside,
             margin=margin,
         )
-        return TiledCSpace(folder)
+        tiled = TiledCSpace(folder)
+        if not (explained or tiled.count()[0]):
+            _warn_of_nothing_free(tiled, margin)
+        return tiled
     if client is not None:
         hint = "pass store='map.zarr'"
         raise InputError("client", "is given without a store", "its workers make tiles", hint)
@@ -244,7 +253,10 @@ def build(
         workers=workers,
         progress=progress,
     )
-    return CSpace(contents, rasters)
+    space = CSpace(contents, rasters)
+    if not explained and contents.states.view(np.bool_).all():  # FREE is 0
+        _warn_of_nothing_free(space, margin)
+    return space
 
 
 def build_contents(
@@ -337,14 +349,18 @@ def _warn_of_units(
     rotations: Rotations,
     margin: float,
     outside: Outside,
-) -> None:
-    """Warn if a robot's size or place suggests another unit or origin."""
+) -> bool:
+    """Warn if a robot's size or place suggests another unit or origin.
+
+    Returns True if the warning says why no cell is FREE.
+    """
     lower, upper = robot.shape.outer.bounds
     sides = upper - lower
     workspace_sides = grid.spacing * np.array(grid.shape)
     size = float(sides.max())
     distance = float(np.linalg.norm(np.maximum(np.maximum(lower, -upper), 0.0)))
-    if outside == "blocked" and not _may_fit(sides + 2.0 * margin, workspace_sides, rotations):
+    fits = _may_fit(sides + 2.0 * margin, workspace_sides, rotations)
+    if outside == "blocked" and not fits:
         grown = f"with a margin of {margin:g} m, " if margin > 0.0 else ""
         workspace_text = _sides_text(workspace_sides)
         problem = (
@@ -364,8 +380,47 @@ def _warn_of_units(
         problem = f"it lies {distance:g} m from its origin, the reference point of configurations"
         hint = f"move its center there, by ({move}) m, and check the units (metres)"
     else:
-        return
+        return False
     warn_user(f"the robot is {_sides_text(sides)} large; {problem}; {hint}", UnitWarning)
+    return outside == "blocked" and not fits
+
+
+def _warn_of_nothing_free(space: CSpace | TiledCSpace, margin: float) -> None:
+    """Warn that a map has no FREE cell, and say why as far as it is known."""
+    _, mixed, blocked = space.count()
+    reason = "the robot, with its margin, fits nowhere between the obstacles"
+    hint = "use a smaller robot or margin, and check the units (metres)"
+    if mixed:
+        reason = f"{mixed:,} of {mixed + blocked:,} cells are MIXED, undecided at this spacing"
+        hint = "use a smaller spacing, or a smaller robot or margin"
+    if isinstance(space, CSpace) and space.grid.size <= MAX_EXAMINED_CELLS:
+        reason, hint = _find_obstruction(space, margin) or (reason, hint)
+    warn_user(f"no cell of the map is FREE: {reason}; {hint}")
+
+
+def _find_obstruction(space: CSpace, margin: float) -> tuple[str, str] | None:
+    """Return why no cell of a map can be FREE, and a hint; None if it is not known."""
+    workspace = space.workspace
+    if workspace.outer.all():
+        if workspace.unknown is None:
+            hint = "check the bounds and, for an image, threshold and dark"
+            return "every cell of the workspace is occupied", hint
+        unknown = np.count_nonzero(workspace.unknown)
+        reason = f"{unknown:,} of {space.grid.size:,} cells are unknown, and the others occupied"
+        hint = "pass unknown='free' for a sensor map, or put a transparent image on white"
+        return reason, hint
+    distances = scipy.ndimage.distance_transform_edt(~workspace.outer)
+    widest = space.grid.spacing * float(distances.max())
+    needed = margin
+    if space.grid.dim == 2:
+        needed += space.robot.shape.inner.inscribed_radius
+    if needed <= widest:
+        return None
+    reason = (
+        f"the widest free disc has a radius of {widest:.3g} m, and the robot with its margin needs "
+        f"{needed:.3g} m"
+    )
+    return reason, "use a smaller robot or margin, and check the units (metres)"
 
 
 def _may_fit(sides: Floats, workspace_sides: Floats, rotations: Rotations) -> bool:

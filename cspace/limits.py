@@ -22,6 +22,9 @@ from cspace.support.arrays import StrPath
 WORKSPACE_CELL_BYTES: Final = 2
 """Memory for each cell of a workspace: its outer and its inner bitmap."""
 
+SHAPE_CELL_BYTES: Final = 5
+"""Memory for each cell while polygons or balls are rasterised. Measured; its map takes less."""
+
 MESH_CELL_BYTES: Final = 8
 """Memory for each cell while a mesh is rasterised: both bitmaps, and labels of the components."""
 

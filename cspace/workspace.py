@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, TypeAlias, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, Final, TypeAlias, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,7 +17,13 @@ from numpy.typing import ArrayLike
 from cspace.errors import FileError, InputError, UnitWarning, warn_user
 from cspace.files.access import UNKNOWNS
 from cspace.grid import FARTHEST_CELL, SLACK, Grid
-from cspace.limits import MESH_CELL_BYTES, WORKSPACE_CELL_BYTES, PlannedGrid, check_memory
+from cspace.limits import (
+    MESH_CELL_BYTES,
+    SHAPE_CELL_BYTES,
+    WORKSPACE_CELL_BYTES,
+    PlannedGrid,
+    check_memory,
+)
 from cspace.methods import WorkspacePlot
 from cspace.shapes import Balls, Mesh, Polygons, Shape, ShapeLike, Voxels, as_shape
 from cspace.support.arrays import Bools, Floats, StrPath, frozen
@@ -59,6 +65,8 @@ class OpenOptions(TypedDict, total=False):
     bounds: ArrayLike
     inner: ArrayLike
     radius: float
+    drop_missing: bool
+    offset: ArrayLike
     solid: Solid
     unknown: str
     threshold: float
@@ -176,11 +184,13 @@ class Workspace(WorkspacePlot):
         ----------
         occupied : array-like of bool, shape (nx, ny) or (nx, ny, nz), or path-like
             Cells that meet an obstacle, indexed in the order of the coordinates; 0 and 1 are
-            accepted. A path names a ``.npy`` file or a ``.zarr`` array.
+            accepted. A path names a ``.npy`` file or a ``.zarr`` array. The coordinates of an
+            xarray, if it has them, are the centers of the cells, in metres.
         spacing : float
             Side of a cell, in metres.
         lower : array-like, shape (d,), optional
-            Lower corner of the first cell, in metres; the origin if left out.
+            Lower corner of the first cell, in metres. If left out, it is that of an xarray's
+            coordinates, or the origin.
         inner : array-like of bool, same shape, optional
             Cells that lie in obstacles; ``occupied`` if left out.
         lazy : bool
@@ -192,6 +202,7 @@ class Workspace(WorkspacePlot):
             If an array is empty, not boolean or of the wrong shape, or a number is invalid.
         """
         from cspace.files.formats import read_npy, read_zarr_array
+        from cspace.files.rasters import place_raster
         from cspace.limits import check_cells as check_file_cells
         from cspace.obstacles import LazyCells, check_no_chunk_missing, is_lazy
 
@@ -208,15 +219,20 @@ class Workspace(WorkspacePlot):
                 if not lazy:
                     check_file_cells(source, array.shape, memory=WORKSPACE_CELL_BYTES)
                     array = np.asarray(array)
+        array, own_lower = place_raster(array, spacing)
         check_no_chunk_missing(array)
         reads_later = inner is None and is_lazy(array)
         cells = LazyCells(array) if reads_later else check_cells(array, "occupied")
         dim = len(cells.shape)
-        corner = check_point((0.0,) * dim if lower is None else lower, "lower", dim)
+        if lower is None:
+            lower = np.zeros(dim) if own_lower is None else own_lower
+        corner = check_point(lower, "lower", dim)
         if isinstance(cells, LazyCells):
             return LazyWorkspace(Grid(corner, spacing, cells.shape), cells, source)
         grid = Grid(corner, spacing, cells.shape)
-        inside = cells if inner is None else check_cells(inner, "inner")
+        inside = cells
+        if inner is not None:
+            inside = check_cells(place_raster(inner, spacing, "inner")[0], "inner")
         return cls(grid, cells, inside, source=source)
 
     @classmethod
@@ -244,7 +260,7 @@ class Workspace(WorkspacePlot):
         from cspace.raster.bitmaps import align_image
 
         check_word(unknown, "unknown", UNKNOWNS)
-        image = read_ros_map(path)
+        image = read_ros_map(path, unknown)
         with _naming_file(path):
             grid, outer, inner, unseen = align_image(*image, unknown)
         return cls(grid, outer, inner, source=str(path), unknown=unseen)
@@ -303,12 +319,12 @@ class Workspace(WorkspacePlot):
     ) -> Workspace:
         """Read an image, one cell per pixel.
 
-        The first row of the image is the top.
+        The first row of the image is the top, after its EXIF orientation.
 
         Parameters
         ----------
         path : path-like
-            Any image that Pillow reads.
+            A PNG, PGM, PPM, PBM, BMP, JPEG or TIFF.
         spacing : float
             Side of a pixel, in metres.
         lower : array-like, shape (2,), optional
@@ -318,7 +334,7 @@ class Workspace(WorkspacePlot):
             below this.
         dark : {"occupied", "free"}
             State of dark pixels; bright pixels have the other. Pixels that are not fully opaque are
-            always occupied.
+            unknown, and always occupied.
 
         Raises
         ------
@@ -326,12 +342,17 @@ class Workspace(WorkspacePlot):
             If a number or word is invalid.
         FileError
             If the file is missing or cannot be decoded.
+
+        Warns
+        -----
+        UnitWarning
+            If a GeoTIFF states its placement, which is not read.
         """
         from cspace.files.images import read_image
 
-        cells = read_image(path, threshold, dark)
-        corner = (0.0, 0.0) if lower is None else lower
-        return cls(Grid(corner, spacing, cells.shape), cells, cells, source=str(path))
+        cells, unseen = read_image(path, threshold, dark)
+        grid = Grid((0.0, 0.0) if lower is None else lower, spacing, cells.shape)
+        return cls(grid, cells, cells, source=str(path), unknown=unseen)
 
     @classmethod
     def from_movingai(cls, path: StrPath, spacing: float = 1.0) -> Workspace:
@@ -384,7 +405,7 @@ class Workspace(WorkspacePlot):
         corners = np.stack([np.min(lowers, axis=0), np.max(uppers, axis=0)])
         box = corners if bounds is None else check_bounds(bounds, shapes[0].dim)
         is_simple = len(shapes) == 1 and not isinstance(shapes[0], Mesh)
-        cost = WORKSPACE_CELL_BYTES if is_simple else MESH_CELL_BYTES
+        cost = SHAPE_CELL_BYTES if is_simple else MESH_CELL_BYTES
         grid = covering_grid(box, spacing, 0 if lazy else cost)
         if kind:
             extent = corners
@@ -487,6 +508,7 @@ class Workspace(WorkspacePlot):
         spacing: float,
         bounds: ArrayLike | None = None,
         *,
+        offset: ArrayLike | None = None,
         lazy: bool = False,
     ) -> Workspace:
         """Rasterize polygons, lines and points in the plane.
@@ -497,6 +519,7 @@ class Workspace(WorkspacePlot):
         ----------
         polygons : shapely geometry, GeoJSON mapping, WKT string, path-like, or iterable of these
             Closed sets, in metres, without z; files end in ``.geojson``, ``.json`` or ``.wkt``.
+            Also objects with ``__geo_interface__``, such as a GeoDataFrame.
         spacing : float
             Side of a cell, in metres.
         bounds : array-like, shape (4,) or (2, 2), optional
@@ -504,6 +527,9 @@ class Workspace(WorkspacePlot):
             as in trimesh, in metres; the bounding box of the obstacles if left out. The grid begins
             at the lower corner and covers the upper one, except for a strip of at most 1e-9 cells
             due to rounding. **Obstacles are clipped to it.**
+        offset : array-like, shape (2,), optional
+            Metres added to all coordinates, before the bounds apply. It moves a frame whose origin
+            is far away, such as UTM, to the map.
         lazy : bool
             Rasterize cells when they are read: see :class:`cspace.workspace.LazyWorkspace`.
 
@@ -517,10 +543,16 @@ class Workspace(WorkspacePlot):
         FileError
             If the file is missing or malformed.
         """
+        import shapely
+
         from cspace.files.vector import POLYGON_SUFFIXES, read_shapes
 
         check_extent(spacing, bounds, 2)
-        shape = Polygons(read_shapes(polygons))
+        geometries = read_shapes(polygons)
+        if offset is not None:
+            step = check_point(offset, "offset", 2)
+            geometries = list(shapely.transform(geometries, lambda points: points + step))
+        shape = Polygons(geometries)
         count = len(shape.geometries)
         source = "1 polygon" if count == 1 else f"{count} polygons"
         is_text = isinstance(polygons, str | os.PathLike)  # a path, or WKT
@@ -536,6 +568,7 @@ class Workspace(WorkspacePlot):
         bounds: ArrayLike | None = None,
         *,
         solid: Solid = "auto",
+        offset: ArrayLike | None = None,
         lazy: bool = False,
     ) -> Workspace:
         """Rasterize a triangle mesh in space; ``outer`` and ``inner`` are proven.
@@ -554,6 +587,8 @@ class Workspace(WorkspacePlot):
             Parts with an interior. "auto": the closed parts, with a warning if others are open.
             "surface": none. "fill": all that the surface encloses at this spacing, with a warning
             if an open mesh encloses no cell.
+        offset : array-like, shape (3,), optional
+            As for :meth:`from_polygons`.
         lazy : bool
             As for :meth:`from_polygons`; not for "fill", which needs all cells at once.
 
@@ -569,6 +604,8 @@ class Workspace(WorkspacePlot):
         """
         check_extent(spacing, bounds, 3)
         shape = Mesh.of(mesh, solid)
+        if offset is not None:
+            shape = replace(shape, vertices=shape.vertices + check_point(offset, "offset", 3))
         source = str(mesh) if isinstance(mesh, str | os.PathLike) else shape.source
         if shape.solid != "fill":
             return cls._of([shape], spacing, bounds, source, "mesh", lazy=lazy)
@@ -621,6 +658,8 @@ class Workspace(WorkspacePlot):
         bounds: ArrayLike | None = None,
         *,
         radius: float = 0.0,
+        drop_missing: bool = False,
+        offset: ArrayLike | None = None,
     ) -> Workspace:
         """Rasterize a point cloud: each point is an obstacle, or a ball around it.
 
@@ -635,6 +674,11 @@ class Workspace(WorkspacePlot):
             As for :meth:`from_balls`.
         radius : float
             Radius of the balls, metres, zero or above.
+        drop_missing : bool
+            Leave out points that are not finite: many sensors write NaN where they saw nothing,
+            which is neither free nor occupied.
+        offset : array-like, shape (d,), optional
+            As for :meth:`from_polygons`.
 
         Raises
         ------
@@ -647,36 +691,52 @@ class Workspace(WorkspacePlot):
 
         if isinstance(points, str | os.PathLike):
             check_extent(spacing, bounds, 3)
-            cloud = Balls.of(read_points(points), radius)
+            cloud = Balls.of(read_points(points, drop_missing), radius)
             source = str(points)
         else:
             check_positive(spacing, "spacing")
-            cloud = Balls.of(points, radius)
+            table: Any = points
+            names = list(getattr(table, "columns", ()))  # of pandas
+            if {"x", "y"} <= set(names):
+                table = table[[axis for axis in "xyz" if axis in names]]
+            if drop_missing:
+                table = np.asarray(table)
+                table = table[np.isfinite(table).all(axis=-1)]
+            cloud = Balls.of(table, radius)
             source = f"{len(cloud.radii)} points"
+        if offset is not None:
+            cloud = Balls(cloud.centers + check_point(offset, "offset", cloud.dim), cloud.radii)
         # The extent of the points shows a wrong unit; the balls around them would hide it.
         return cls._of([cloud], spacing, bounds, source, "cloud", cloud.centers)
 
     @classmethod
-    def from_octomap(cls, path: StrPath, unknown: str = "occupied") -> Workspace:
+    def from_octomap(
+        cls, path: StrPath, unknown: str = "occupied", bounds: ArrayLike | None = None
+    ) -> Workspace:
         """Read an OctoMap, ``.bt`` or ``.ot``, at its finest resolution.
 
         Parameters
         ----------
         path : path-like
         unknown : {"occupied", "free"}
-            State of unknown cells within the bounding box of the known ones.
+            State of unknown cells.
+        bounds : array-like, shape (6,) or (2, 3), optional
+            Lower, then upper corner of the map, in metres, which covers them with whole cells of
+            the OctoMap; the bounding box of the known cells if left out. **Obstacles are clipped to
+            it.**
 
         Raises
         ------
         InputError
-            If ``unknown`` is neither word.
+            If ``unknown`` is neither word, or ``bounds`` is reversed.
         FileError
             If the file is missing, truncated or malformed.
         """
         from cspace.files.octomap import read_octomap
 
         check_word(unknown, "unknown", UNKNOWNS)
-        lower, spacing, cells, unseen = read_octomap(path, unknown == "occupied")
+        box = None if bounds is None else check_bounds(bounds, 3)
+        lower, spacing, cells, unseen = read_octomap(path, unknown == "occupied", box)
         with _naming_file(path):
             grid = Grid(lower, spacing, cells.shape)
         return cls(grid, cells, cells, source=str(path), unknown=unseen)
@@ -742,7 +802,7 @@ class Workspace(WorkspacePlot):
         **options
             Those of the method for that format: ``spacing`` except for ROS maps and OctoMaps
             (optional for MovingAI), ``unknown``, ``threshold``, ``dark``, ``lower``, ``bounds``,
-            ``solid``, ``radius``.
+            ``offset``, ``solid``, ``radius``, ``drop_missing``.
 
         Raises
         ------

@@ -531,9 +531,33 @@ MUTANTS = (
     # Files and exports.
     Mutant(
         "cspace/files/images.py",
-        "pixels = rows[::-1].swapaxes(0, 1)",
-        "pixels = rows.swapaxes(0, 1)",
+        "levels[part] = total[::-1].T",
+        "levels[part] = total.T",
         "tests/files/test_image.py",
+    ),
+    Mutant(
+        "cspace/files/images.py",
+        'elif image.mode == "I" or (decoder',
+        "elif False or (decoder",
+        "tests/files/test_image.py",
+    ),
+    Mutant(
+        "cspace/files/rasters.py",
+        "lower[index] = centers[0] - 0.5 * spacing",
+        "lower[index] = centers[0]",
+        "tests/files/test_rasters.py",
+    ),
+    Mutant(
+        "cspace/files/ros.py",
+        "free_levels &= ~doubtful_levels",
+        "free_levels &= free_levels",
+        "tests/files/test_rosmap.py",
+    ),
+    Mutant(
+        "cspace/files/octomap.py",
+        "first = np.floor(lower + _BOUND_SLACK)",
+        "first = np.ceil(lower + _BOUND_SLACK)",
+        "tests/files/test_octomap.py",
     ),
     Mutant(
         "cspace/files/ros.py",

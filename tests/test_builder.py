@@ -1,5 +1,7 @@
 """Builds of maps: definition, independent geometry, laws, options and refusals."""
 
+import warnings
+
 import numpy as np
 import pyclipper
 import pytest
@@ -9,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 import cspace
-from cspace import BLOCKED, FREE, MIXED, Robot, Rotations, Workspace
+from cspace import BLOCKED, FREE, MIXED, Robot, Rotations, UnitWarning, Workspace
 from cspace.engines.slices import slice_rasters
 from tests.helpers.oracles import overlaps_by_shifts
 from tests.helpers.strategies import exteriors, robots, stars
@@ -134,3 +136,55 @@ def test_maps_obey_monotony_union_and_translation(problem, rotations, shift, dat
     middle = [slice(3, 3 + n) for n in first.shape]
     middle[axis] = slice(3 + shift, 3 + shift + first.shape[axis])
     assert (moved[(..., *middle)] == states(first)).all()
+
+
+# ---- maps without a FREE cell --------------------------------------------------------------------
+
+
+def test_a_map_without_a_free_cell_warns_and_says_why(tmp_path):
+    full = Workspace.from_array(np.ones((9, 8), dtype=bool), 0.1)
+    corridor = np.ones((30, 20), dtype=bool)
+    corridor[:, 8:12] = False
+    narrow = Workspace.from_array(corridor, 0.1)
+    unseen = np.ones((9, 8), dtype=bool)
+    unseen[0] = False
+    grid = cspace.Grid((0, 0), 0.1, (9, 8))
+    dark = Workspace(grid, np.ones((9, 8), bool), np.ones((9, 8), bool), unknown=unseen)
+    cases = [
+        (full, Robot.disc(0.05), "every cell of the workspace is occupied"),
+        (dark, Robot.disc(0.05), "64 of 72 cells are unknown.*unknown='free' for a sensor map"),
+        (narrow, Robot.disc(0.25), "radius of 0.2 m, and the robot with its margin needs 0.25 m"),
+        (narrow, Robot.rectangle(0.38, 0.38), "cells are MIXED, undecided at this spacing"),
+    ]
+    for workspace, robot, message in cases:
+        with pytest.warns(UserWarning, match=f"no cell of the map is FREE: .*{message}"):
+            space = cspace.build(workspace, robot)
+        assert space.count()[0] == 0
+        with pytest.warns(UserWarning, match="no cell of the map is FREE"):
+            cspace.build(workspace, robot, store=tmp_path / f"{len(list(tmp_path.iterdir()))}.zarr")
+
+
+def test_the_hints_of_a_map_without_a_free_cell_are_followed():
+    corridor = np.ones((60, 40), dtype=bool)
+    corridor[:, 16:24] = False
+    for factor in (1, 4):  # "use a smaller spacing"
+        cells = corridor.repeat(factor, axis=0).repeat(factor, axis=1)
+        workspace = Workspace.from_array(cells, 0.05 / factor)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            space = cspace.build(workspace, Robot.rectangle(0.36, 0.36))
+        told = [str(warning.message) for warning in caught]
+        if factor == 1:
+            assert "MIXED" in told[0] and "use a smaller spacing" in told[0]
+        else:
+            assert told == []
+            assert space.count()[0]
+
+
+def test_a_map_with_free_cells_or_one_that_was_explained_has_no_such_warning():
+    open_field = Workspace.from_array(np.zeros((9, 8), dtype=bool), 0.1)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        cspace.build(open_field, Robot.disc(0.1))
+        cspace.build(open_field, Robot.disc(5.0))
+    assert [warning.category for warning in caught] == [UnitWarning]

@@ -132,3 +132,34 @@ def test_obstacles_smaller_than_a_cell_or_outside_the_bounds_warn(extent, bounds
     texts = [str(warning.message) for warning in caught]
     assert len(texts) == warns
     assert all(re.search("units are probably wrong|has no obstacle", text) for text in texts)
+
+
+def test_polygons_whose_map_does_not_fit_are_refused_before_any_work(monkeypatch):
+    wall = shapely.box(0, 0, 600, 600)
+    monkeypatch.setattr("cspace.limits.free_bytes", lambda: 1_000_000)
+    monkeypatch.setattr("cspace.shapes.Polygons.cells", mock.Mock(side_effect=AssertionError))
+    with pytest.raises(InputError, match="use a spacing of at least") as caught:
+        Workspace.from_polygons(wall, 1.0)
+    monkeypatch.undo()
+    coarser = float(caught.value.hint.split()[6])
+    monkeypatch.setattr("cspace.limits.free_bytes", lambda: 1_000_000)
+    assert Workspace.from_polygons(wall, coarser).outer.all()
+
+
+@pytest.mark.parametrize("array", [[[0.0, 0.7], [1.0, 0.2]], [[0, 70], [100, 20]]], ids=str)
+def test_the_hint_about_arrays_of_numbers_is_followed(array):
+    array = np.array(array)
+    with pytest.raises(InputError, match=r"compare with a threshold first, e\.g\. ") as caught:
+        Workspace.from_array(array, 0.1)
+    compared = eval(caught.value.hint.partition("e.g. ")[2], {"array": array})
+    assert Workspace.from_array(compared, 0.1).outer.tolist() == [[False, True], [True, False]]
+
+
+def test_the_hint_about_unknown_cells_of_ros_is_followed():
+    cells = np.array([[0, -1], [100, 0]])
+    with pytest.raises(InputError, match=r"use Workspace\.from_occupancy_grid"):
+        Workspace.from_array(cells, 0.1)
+    message = cspace.ros.OccupancyGrid()
+    message.info.width, message.info.height, message.info.resolution = 2, 2, 0.1
+    message.data = cells.T.ravel()
+    assert Workspace.from_occupancy_grid(message).outer.tolist() == [[False, True], [True, False]]

@@ -37,7 +37,8 @@ class _Commands(TyperGroup):
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("default", UserWarning)
-                warnings.simplefilter("ignore", AngleWarning)  # options state the unit of an angle
+                # Options state the unit of an angle; files do not.
+                warnings.filterwarnings("ignore", r".*numpy\.radians", AngleWarning)
                 warnings.showwarning = print_warning
                 return super().invoke(ctx)
         except BrokenPipeError:

@@ -30,6 +30,7 @@ from cspace.cli.options import (
     open_robot,
     parse_box,
     parse_configuration,
+    parse_offset,
     parse_rotation,
     parse_rotation_cells,
     read_arm,
@@ -83,8 +84,8 @@ def make(
         str | None,
         typer.Option(
             metavar="LOWER,UPPER",
-            help="Box to map, metres, for polygons, meshes, points: XMIN,YMIN,XMAX,YMAX, or in "
-            "space XMIN,YMIN,ZMIN,XMAX,YMAX,ZMAX  [default: that of the file].",
+            help="Box to map, metres, for polygons, meshes, points, OctoMaps: XMIN,YMIN,XMAX,YMAX, "
+            "or in space XMIN,YMIN,ZMIN,XMAX,YMAX,ZMAX  [default: that of the file].",
         ),
     ] = None,
     unknown: Annotated[
@@ -101,6 +102,17 @@ def make(
     radius: Annotated[
         float | None,
         typer.Option(metavar="METRES", help="Of the ball around each point of a point cloud."),
+    ] = None,
+    drop_missing: Annotated[
+        bool, typer.Option(help="Leave out points of a cloud that are not finite.")
+    ] = False,
+    offset: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y[,Z]",
+            help="Metres to add to the coordinates of polygons, meshes and points, before the "
+            "bounds apply, e.g. for files in UTM.",
+        ),
     ] = None,
     output: Annotated[
         Path | None,
@@ -140,7 +152,16 @@ def make(
     else:
         prepare_store(output, overwrite)
     box = None if bounds is None else parse_box(bounds, "bounds")
-    options = drop_none(spacing=spacing, unknown=unknown, bounds=box, solid=solid, radius=radius)
+    step = None if offset is None else parse_offset(offset)
+    options = drop_none(
+        spacing=spacing,
+        unknown=unknown,
+        bounds=box,
+        solid=solid,
+        radius=radius,
+        drop_missing=drop_missing or None,
+        offset=step,
+    )
     clock = Clock()
     with clock.step("read"):
         shape = open_robot(robot, robot_solid, package_dirs)

@@ -193,6 +193,13 @@ def _parse_numbers(
     return tuple(numbers)
 
 
+def parse_offset(text: str) -> tuple[float, ...]:
+    """Parse ``--offset``, a number for each axis; raise InputError otherwise."""
+    dim = 3 if text.count(",") > 1 else 2
+    rule = "it must be X,Y or, in space, X,Y,Z, metres"
+    return _parse_numbers(text.strip("() "), "offset", "xyz"[:dim], ("m",) * dim, rule)
+
+
 def parse_box(text: str, argument: str) -> tuple[float, ...]:
     """Parse the lower and upper corner of a box, metres, e.g. ``bounds``.
 

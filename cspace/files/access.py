@@ -289,7 +289,7 @@ def _make_line_error(text: str, first: int, separator: str | None, columns: int)
             if len(values) in (0, columns):
                 continue
         except ValueError:
-            rule = "it must hold only numbers; put '#' before a heading"
+            rule = "it must hold only numbers"
         problem = f"line {number} is {line.strip()[:_MAX_QUOTED_CHARACTERS]!r}"
         return ContentError(problem, rule, hint)
     return ContentError("cannot be read", "it must hold columns of numbers", hint)

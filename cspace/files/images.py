@@ -15,14 +15,16 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.errors import InputError
+from cspace.errors import InputError, UnitWarning, warn_user
 from cspace.files.access import ContentError, decoding, is_count, read_bytes, read_text
+from cspace.files.fields import Fields
 from cspace.limits import check_cells
-from cspace.support.arrays import Bools, Floats, StrPath
+from cspace.support.arrays import Bools, Floats, StrPath, frozen
 from cspace.support.check import check_finite, check_word
 
 if TYPE_CHECKING:
     from PIL.Image import Image
+    from PIL.ImageFile import ImageFile
 
 IMAGE_FORMATS: Final = ("PNG", "PPM", "BMP", "JPEG", "TIFF")
 """Formats that Pillow may detect from the content; its other plug-ins may start programs."""
@@ -36,6 +38,36 @@ _BOUNDED_FORMATS: Final = ("PNG", "PPM", "BMP")
 _MAX_PIXELS_PER_BYTE: Final = 8 * 1040
 """Maximum number of pixels per byte of these formats: 8 pixels of one bit, times deflate's best
 ratio."""
+
+_WHITE_8_BIT: Final = 2**8 - 1
+"""Largest level of a channel of 8 bits."""
+
+_PIXELS_PER_PART: Final = 2**22
+"""Approximate number of pixels that are converted at once."""
+
+_UNSIGNED_FORMATS: Final = frozenset({1, 4})
+"""Sample formats of TIFF that are unsigned whole numbers, or not said."""
+
+_USUAL_GAMMA: Final = 1.0 / 2.2
+"""Gamma of PNG images that viewers show as they are."""
+
+FIELDS: Final = (
+    Fields(
+        "`.png`, `.pgm`, `.ppm`, `.pbm`, `.pnm`, `.jpg`, `.jpeg`, `.bmp`, `.tif`, `.tiff`",
+        honoured=(
+            "bit depth, PGM's maximum, palette, CMYK, transparency",
+            "EXIF and TIFF orientation",
+            "TIFF: WhiteIsZero, fill order",
+        ),
+        refused=(
+            "bytes after the pixels of a PBM, PGM or PPM",
+            "signed and real samples",
+            "GDAL's nodata",
+        ),
+        warned=("further pages or frames", "gamma other than 1/2.2", "placement of a GeoTIFF"),
+    ),
+    Fields("`.map`, `.3dmap`", honoured=("header",)),
+)
 
 _PILLOW_LIMIT_LOCK: Final = threading.Lock()
 """Held while Pillow's own pixel limit, which is global to the process, is replaced by ours."""
@@ -64,16 +96,25 @@ class Shades(NamedTuple):
 
     def select(self, levels: Bools) -> Bools:
         """Return a mask of the pixels whose level is set in `levels`."""
-        return np.asarray(levels[self.levels])
+        selected = np.empty(self.levels.shape, dtype=np.bool_)
+        # Part by part, because an index of all pixels would take eight bytes each.
+        columns_at_once = max(1, _PIXELS_PER_PART // selected[0].size)
+        for first in range(0, len(selected), columns_at_once):
+            part = slice(first, first + columns_at_once)
+            selected[part] = levels[self.levels[part]]
+        return selected
 
 
-def read_image(path: StrPath, threshold: float = 0.5, dark: str = "occupied") -> Bools:
-    """Read the occupied cells of an image, shape (nx, ny).
+def read_image(
+    path: StrPath, threshold: float = 0.5, dark: str = "occupied"
+) -> tuple[Bools, Bools | None]:
+    """Read the occupied and the unknown cells of an image, shape (nx, ny) each.
 
     Each pixel is one cell. The content decides whether it is a PNG, PGM, PPM, PBM, BMP, JPEG or
     TIFF. The first row is the top of the map. The shade of a pixel is the mean of its colour
     channels, from 0 (black) to 1 (white). Pixels below `threshold` are dark, and `dark` says
-    whether dark means "occupied" or "free". A pixel that is not fully opaque is always occupied.
+    whether dark means "occupied" or "free". A pixel that is not fully opaque is unknown, and
+    occupied.
 
     Raises InputError if `threshold` is not above 0 and at most 1, or `dark` is another word. Raises
     FileError if the file is missing or too large, cannot be decoded, or has pixels of an unknown
@@ -85,16 +126,22 @@ def read_image(path: StrPath, threshold: float = 0.5, dark: str = "occupied") ->
         raise InputError("threshold", f"is {threshold!r}", rule, "pass e.g. 0.5")
     check_word(dark, "dark", ("occupied", "free"))
     image = read_shades(path, "image")
-    dark_levels = image.shades < level
-    free_levels = dark_levels if dark == "free" else ~dark_levels
-    free = image.select(free_levels) & image.opaque
-    return ~free
+    occupied_levels = image.shades < level
+    if dark == "free":
+        occupied_levels = ~occupied_levels
+    occupied = image.select(occupied_levels)
+    unknown = None
+    if isinstance(image.opaque, np.ndarray):
+        unknown = frozen(np.logical_not(image.opaque, out=image.opaque))
+        occupied |= unknown
+    return frozen(occupied), unknown
 
 
-def read_shades(path: StrPath, kind: str) -> Shades:
+def read_shades(path: StrPath, kind: str, *, may_turn: bool = True) -> Shades:
     """Read the shades of an image.
 
-    Grey images of 16 bits keep all their levels. `kind` names the image in messages.
+    Grey images of 16 bits keep all their levels. An EXIF orientation is applied, or refused unless
+    `may_turn`. `kind` names the image in messages.
 
     Raises FileError if the file is missing or too large, cannot be decoded, or has pixels of an
     unknown mode.
@@ -102,17 +149,46 @@ def read_shades(path: StrPath, kind: str) -> Shades:
     data = read_bytes(path, kind)
     rule = f"it must be a whole file of {', '.join(IMAGE_FORMATS)}"
     with decoding(path, kind, rule, "save it again"), warnings.catch_warnings():
+        from PIL import ImageOps
+
         image = _open_image(data)
         warnings.simplefilter("ignore")  # they concern metadata, which are not used
         check_cells(path, image.size, memory=_BYTES_PER_PIXEL)
         pixels = math.prod(image.size)
         if image.format in _BOUNDED_FORMATS and pixels > _MAX_PIXELS_PER_BYTE * len(data):
             raise ContentError(f"declares {pixels} pixels, more than its bytes can hold")
+        if image.format == "PPM":
+            _check_length(image, len(data))
+        pages = getattr(image, "n_frames", 1)
+        tags: dict[int, Any] = dict(getattr(image, "tag_v2", {}))
+        orientation = image.getexif().get(_ORIENTATION, 1)
+        if orientation != 1 and not may_turn:
+            rule = "map servers ignore it, and viewers do not"
+            raise ContentError(f"has EXIF orientation {orientation}", rule, "save it upright")
+        if _NODATA in tags:
+            rule = "such pixels are neither dark nor bright"
+            raise ContentError("has a value for no data", rule, "fill it, with gdal_fillnodata")
         image.load()
-        return _convert_image(image)
+        ImageOps.exif_transpose(image, in_place=True)
+        shades = _convert_image(image, tags)
+    gamma = image.info.get("gamma", _USUAL_GAMMA)
+    if pages > 1:
+        warn_user(f"{path}: it has {pages} pages or frames, and only the first is read")
+    if not math.isclose(gamma, _USUAL_GAMMA, rel_tol=0.1):
+        warn_user(
+            f"{path}: its gamma of {gamma:g} is not applied, so viewers show other shades; save it "
+            "with a gamma of 1/2.2"
+        )
+    if tags.keys() & {_PIXEL_SCALE, _MATRIX}:
+        warn_user(
+            f"{path}: the placement of a GeoTIFF is not read; for that, open it with rioxarray and "
+            "pass the array to Workspace.from_array",
+            UnitWarning,
+        )
+    return shades
 
 
-def _open_image(data: bytes) -> Image:
+def _open_image(data: bytes) -> ImageFile:
     """Open an image with Pillow, without Pillow's own limit of its size."""
     from PIL import Image
 
@@ -126,42 +202,83 @@ def _open_image(data: bytes) -> Image:
             Image.MAX_IMAGE_PIXELS = limit
 
 
-_WHITE_8_BIT: Final = 2**8 - 1
-"""Largest level of a channel of 8 bits."""
+def _check_length(image: ImageFile, size: int) -> None:
+    """Raise ContentError unless a binary PBM, PGM or PPM ends with its last pixel.
 
-_WHITE_16_BIT: Final = 2**16 - 1
-"""Largest level of a channel of 16 bits."""
+    Converted line ends move all pixels, and show only by the length of the file.
+    """
+    tile: Any = image.tile[0]
+    decoder, _, start, arguments = tile
+    if decoder == "ppm_plain":
+        return
+    width, height = image.size
+    row_bytes = width * len(image.getbands())
+    if image.mode == "1":
+        row_bytes = math.ceil(width / 8)
+    elif image.mode == "I" or (decoder == "ppm" and arguments[1] > _WHITE_8_BIT):
+        row_bytes *= 2
+    excess = size - start - height * row_bytes
+    if excess > 0:
+        problem = f"has {excess} bytes more than its pixels"
+        rule = "then its line ends were converted, or it holds several images"
+        hint = "fetch it again, as a binary file (in git: *.pgm binary in .gitattributes)"
+        raise ContentError(problem, rule, hint)
 
 
-def _convert_image(image: Image) -> Shades:
+_PHOTOMETRIC: Final = 262
+_BITS_PER_SAMPLE: Final = 258
+_ORIENTATION: Final = 274
+_SAMPLE_FORMAT: Final = 339
+_PIXEL_SCALE: Final = 33550
+_MATRIX: Final = 34264
+_NODATA: Final = 42113
+"""Numbers of tags of TIFF, GeoTIFF and GDAL; EXIF has that of the orientation, too."""
+
+
+def _convert_image(image: Image, tags: dict[int, Any]) -> Shades:
     """Convert an image of Pillow to shades.
 
     Raises an error if the meaning of its pixels is unknown.
     """
     # Shades of grey have one axis of pixels; colours, and an alpha channel, have a third axis.
-    mode, white_level = _choose_channels(image)
-    rows = np.asarray(image if image.mode == mode else image.convert(mode))
-    # Rows count from the top, but y counts from the bottom.
-    pixels = rows[::-1].swapaxes(0, 1)
-    if white_level == _WHITE_16_BIT and (pixels.min() < 0 or pixels.max() > white_level):
-        raise _make_mode_error(image)
-    if pixels.ndim == 2:
-        return Shades(pixels.astype(np.uint16), white_level, True)
-    red_green_blue = pixels[..., :3]
-    levels = red_green_blue.sum(axis=2, dtype=np.uint16)
-    opaque = pixels[..., 3] == _WHITE_8_BIT if mode == "RGBA" else True
+    mode, white_level = _choose_channels(image, tags)
+    width, height = image.size
+    is_deep = mode.startswith("I")
+    levels = np.empty(image.size, np.uint8 if white_level == _WHITE_8_BIT else np.uint16)
+    opaque = np.empty(image.size, dtype=np.bool_) if mode == "RGBA" else True
+    rows_at_once = max(1, _PIXELS_PER_PART // width)
+    for top in range(0, height, rows_at_once):
+        bottom = min(top + rows_at_once, height)
+        rows = image.crop((0, top, width, bottom))
+        pixels = np.asarray(rows if rows.mode == mode else rows.convert(mode))
+        if is_deep and (pixels.min() < 0 or pixels.max() > white_level):
+            raise _make_mode_error(image)
+        colours = np.atleast_3d(pixels)[..., :3]
+        total = colours[..., 0].astype(levels.dtype)
+        for channel in range(1, colours.shape[2]):
+            total += colours[..., channel]
+        # Rows count from the top, but y counts from the bottom.
+        part = np.s_[:, height - bottom : height - top]
+        levels[part] = total[::-1].T
+        if isinstance(opaque, np.ndarray):
+            opaque[part] = (pixels[..., 3] == _WHITE_8_BIT)[::-1].T
+    if is_deep and tags.get(_PHOTOMETRIC) == 0:  # white is 0; Pillow inverts the others
+        np.subtract(white_level, levels, out=levels)
     return Shades(levels, white_level, opaque)
 
 
-def _choose_channels(image: Image) -> tuple[str, int]:
+def _choose_channels(image: Image, tags: dict[int, Any]) -> tuple[str, int]:
     """Return Pillow's mode in which to read an image, and its level of white."""
     has_alpha = image.has_transparency_data
+    if not set(tags.get(_SAMPLE_FORMAT, ())) <= _UNSIGNED_FORMATS:
+        raise _make_mode_error(image)
     if image.mode in ("1", "L") and not has_alpha:
         return "L", _WHITE_8_BIT
     # Mode "I" is 16-bit grey in these two formats, but has an unknown range in the others.
     is_16_bit = image.mode == "I" and image.format in ("PNG", "PPM")
     if (is_16_bit or image.mode.startswith("I;16")) and not has_alpha:
-        return image.mode, _WHITE_16_BIT
+        bits = tags.get(_BITS_PER_SAMPLE, (16,))[0]
+        return image.mode, 2**bits - 1
     if image.mode in ("1", "L", *COLOUR_MODES):
         mode = "RGBA" if has_alpha else "RGB"
         return mode, 3 * _WHITE_8_BIT  # the sum of the three colours

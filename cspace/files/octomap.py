@@ -9,10 +9,19 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace.files.access import ContentError, decoding, iterate_header_lines, read_bytes
+from cspace.files.fields import Fields
 from cspace.limits import check_cells
 from cspace.support.arrays import Bools, Bytes, Floats, Ints, StrPath, frozen
 
 _OCTOMAP_KIND: Final = "OctoMap"
+
+FIELDS: Final = (
+    Fields(
+        "`.bt`, `.ot`",
+        honoured=("first line, `id`", "`size`", "`res`", "unknown cells"),
+        refused=("trees but OcTree and ColorOcTree", "values that are NaN"),
+    ),
+)
 
 _FIRST_LINES: Final = {"# Octomap OcTree binary file": True, "# Octomap OcTree file": False}
 _COLOUR_BYTES: Final = {"OcTree": 0, "ColorOcTree": 3}
@@ -25,6 +34,9 @@ _SIDE: Final = 2**_LEVELS
 """Number of finest cells along each axis of an octree. The origin is in the middle."""
 
 _OCTREE_SHAPE: Final = (_SIDE, _SIDE, _SIDE)
+
+_BOUND_SLACK: Final = 1e-9
+"""Distance from the next cell, in cells, at which a bound counts as its border."""
 
 _CHILD_OFFSETS: Final[Ints] = np.ravel_multi_index(
     np.unravel_index(np.arange(8), (2, 2, 2), order="F"), _OCTREE_SHAPE
@@ -45,7 +57,7 @@ class _OctomapHeader(NamedTuple):
 
 
 def read_octomap(
-    path: StrPath, unknown_is_occupied: bool = True
+    path: StrPath, unknown_is_occupied: bool = True, bounds: Floats | None = None
 ) -> tuple[Floats, float, Bools, Bools]:
     """Read the placement, occupied and unknown cells of an OctoMap.
 
@@ -54,7 +66,7 @@ def read_octomap(
     corner lies a whole number of cells from the origin. Coarse leaves are expanded to the finest
     cells. A leaf of a full tree is occupied if its probability is at least one half, as in OctoMap,
     because the file holds no other threshold. Cells without a leaf are occupied if
-    `unknown_is_occupied`.
+    `unknown_is_occupied`. The cells cover `bounds`, shape (2, 3), or all leaves.
 
     Raises FileError if the file is missing, is not an OctoMap, has an unsupported type, is
     truncated or damaged, has no known cell, or is larger than :mod:`cspace.limits` allows.
@@ -65,19 +77,23 @@ def read_octomap(
     with decoding(path, _OCTOMAP_KIND):
         header, end = _parse_octomap_header(content)
         leaves = _read_leaves(header, content[end:])
-    first = leaves.corners.min(axis=0)
-    ends = leaves.corners + leaves.sides[:, None]
-    shape = tuple((ends.max(axis=0) - first).tolist())
+    # Cells count from the origin, which is in the middle of the octree.
+    corners = leaves.corners - _SIDE // 2
+    first = corners.min(axis=0)
+    last = (corners + leaves.sides[:, None]).max(axis=0)
+    if bounds is not None:
+        lower, upper = bounds / header.resolution
+        first = np.floor(lower + _BOUND_SLACK)
+        last = np.maximum(np.ceil(upper - _BOUND_SLACK), first + 1.0)
+    shape = tuple(map(int, last - first))
     check_cells(path, shape, memory=3.0)  # the states and two masks
     states = np.full(shape, _UNSEEN, dtype=np.uint8)
-    _fill_leaves(states, leaves._replace(corners=leaves.corners - first))
+    _fill_leaves(states, leaves._replace(corners=corners - first))
     unseen = states == _UNSEEN
     occupied = states == 1  # as _fill_leaves writes it
     if unknown_is_occupied:
         occupied |= unseen
-    # The origin is in the middle of the octree.
-    lower = (first - _SIDE // 2) * header.resolution
-    return lower, header.resolution, frozen(occupied), frozen(unseen)
+    return first * header.resolution, header.resolution, frozen(occupied), frozen(unseen)
 
 
 def _parse_octomap_header(content: bytes) -> tuple[_OctomapHeader, int]:
@@ -241,9 +257,16 @@ def _unravel(firsts: Ints) -> Ints:
 
 
 def _fill_leaves(states: Bytes, leaves: _Leaves) -> None:
-    """Set the state of the cells in leaves: 1 if occupied, else 0."""
-    is_cell = leaves.sides == 1
-    states[tuple(leaves.corners[is_cell].T)] = leaves.occupied[is_cell]
-    coarse_columns = (column[~is_cell].tolist() for column in leaves)
-    for (x, y, z), side, occupied in zip(*coarse_columns, strict=True):
-        states[x : x + side, y : y + side, z : z + side] = occupied
+    """Set the state of the cells in leaves: 1 if occupied, else 0.
+
+    Parts of leaves outside the array are skipped.
+    """
+    lows = np.clip(leaves.corners, 0, states.shape).astype(np.int64)
+    highs = np.clip(leaves.corners + leaves.sides[:, None], 0, states.shape).astype(np.int64)
+    sides = highs - lows
+    is_cell = (sides == 1).all(axis=1)
+    states[tuple(lows[is_cell].T)] = leaves.occupied[is_cell]
+    is_coarse = (sides > 0).all(axis=1) & ~is_cell
+    columns = (column[is_coarse].tolist() for column in (lows, highs, leaves.occupied))
+    for low, high, occupied in zip(*columns, strict=True):
+        states[tuple(map(slice, low, high))] = occupied

@@ -9,12 +9,13 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from typing import Final
 
 import numpy as np
 
-from cspace.errors import GeometryError
+from cspace.errors import GeometryError, warn_user
 from cspace.files.access import (
     ContentError,
     check_suffix,
@@ -24,6 +25,7 @@ from cspace.files.access import (
     read_columns,
     read_text,
 )
+from cspace.files.fields import Fields
 from cspace.files.formats import read_npy
 from cspace.files.polygons import read_ply
 from cspace.support.arrays import Floats, StrPath
@@ -36,15 +38,34 @@ _PCD_KEYS: Final = (
 )
 """Keys of the lines of a PCD header."""
 
+_NO_VIEWPOINT: Final = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
+"""Position and quaternion of a viewpoint at the origin."""
 
-def read_points(path: StrPath) -> Floats:
+FIELDS: Final = (
+    Fields(
+        "`.pcd`",
+        honoured=("FIELDS, SIZE, TYPE, COUNT", "WIDTH, HEIGHT, POINTS", "DATA"),
+        refused=("binary_compressed", "NaN, unless dropped"),
+        warned=("VIEWPOINT", "bytes after the points"),
+    ),
+    Fields(
+        "`.xyz`, `.txt`, `.csv`",
+        honoured=("names of columns",),
+        refused=("columns without x, y and z", "NaN, unless dropped"),
+    ),
+    Fields("`.npy`", honoured=("order, byte order, type",), refused=("objects", "other numbers")),
+)
+
+
+def read_points(path: StrPath, drop_missing: bool = False) -> Floats:
     """Read a point cloud, shape (n, 3), in metres.
 
     The suffix selects the format. ``.npy``: an array of shape (n, 3). ``.xyz``, ``.txt``, ``.csv``:
-    lines of x, y and z, separated by blanks or commas, with ``#`` before comments. ``.ply``: its
-    vertices. ``.pcd``: the format of the Point Cloud Library. Colours, normals and other columns
-    are skipped. Truncation of a text between two lines, or within its last number, cannot be
-    detected.
+    lines of numbers, separated by blanks or commas, with ``#`` before comments; the first line may
+    name the columns, otherwise x, y and z come first. ``.ply``: its vertices. ``.pcd``: the format
+    of the Point Cloud Library. Colours, normals and other columns are skipped. Truncation of a text
+    between two lines, or within its last number, cannot be detected. With `drop_missing`, points
+    that are not finite are dropped.
 
     Raises GeometryError if there are no points, or if a ``.ply`` has surfaces other than faces.
     Also if a point is not finite: many sensors write NaN where they saw nothing, which is neither
@@ -53,6 +74,8 @@ def read_points(path: StrPath) -> Floats:
     suffix = check_suffix(path, CLOUD_READERS, "the suffix selects the format", "points")
     with decoding(path, "point cloud"):
         points = CLOUD_READERS[suffix](path)
+        if drop_missing:
+            points = points[np.isfinite(points).all(axis=1)]
         if not len(points):
             hint = "check how it was written"
             raise ContentError("holds no point", "a cloud needs one", hint, kind=GeometryError)
@@ -60,7 +83,7 @@ def read_points(path: StrPath) -> Floats:
         if broken:
             problem = f"holds {broken} points of {len(points)} that are not finite"
             rule = "a missing return is neither free nor occupied"
-            hint = "drop them before writing: points[np.isfinite(points).all(axis=1)]"
+            hint = "pass drop_missing=True to leave them out"
             raise ContentError(problem, rule, hint, kind=GeometryError)
     return points
 
@@ -80,13 +103,63 @@ def _read_text(path: StrPath) -> Floats:
 
     Further columns are ignored.
     """
-    rows = read_columns(read_text(path, "point cloud", memory=12.0))  # shape (n, columns)
+    text = read_text(path, "point cloud", memory=12.0)
+    names, lines = _find_rows(text)
+    rows = read_columns(text.split("\n", lines)[-1], lines + 1)  # shape (n, columns)
     if not len(rows):
         return np.zeros((0, 3))
     if rows.shape[1] < 3:
         problem = f"has {rows.shape[1]} columns"
         raise ContentError(problem, "points have x, y and z", "write three columns")
-    return np.ascontiguousarray(rows[:, :3])
+    if not names:
+        return np.ascontiguousarray(rows[:, :3])
+    columns = [names.index(axis) for axis in "xyz" if names.count(axis) == 1]
+    if len(columns) != 3 or len(names) != rows.shape[1]:
+        problem = f"has {rows.shape[1]} columns under the heading {' '.join(names):.60}"
+        rule = "it must name every column, and x, y and z once each, in metres"
+        raise ContentError(problem, rule, "write e.g. id,x,y,z, or delete the heading")
+    return np.ascontiguousarray(rows[:, columns])
+
+
+_HEADING_CHARACTERS: Final = 2**16
+"""Number of characters in which the first row of a text begins, or it has no heading."""
+
+_WORD: Final = re.compile(r"[^\s,;\"']+")
+
+_COMMENT_MARKS: Final = ("#", "//")
+
+
+def _find_rows(text: str) -> tuple[list[str], int]:
+    """Return the names of a text's columns, and the number of lines before its first row.
+
+    A heading is a line of words alone, or a comment with words that begin with x, y and z. Without
+    a heading, there are no names.
+    """
+    names: list[str] = []
+    start = text[:_HEADING_CHARACTERS]
+    lines = (start if start == text else start.rpartition("\n")[0]).split("\n")
+    for number, line in enumerate(lines):
+        content = line.strip().lower()
+        words = _WORD.findall(content.lstrip("#/"))
+        is_comment = content.startswith(_COMMENT_MARKS)
+        if is_comment:
+            is_heading = {"x", "y", "z"} <= {word[0] for word in words}
+        else:
+            is_heading = not any(map(_is_number, words))
+        if words and is_heading:
+            names = words
+        elif words and not is_comment:
+            return names, number
+    return names, len(lines)
+
+
+def _is_number(word: str) -> bool:
+    """Return True if a word is a number."""
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
 
 
 def read_pcd(path: StrPath) -> Floats:
@@ -94,7 +167,7 @@ def read_pcd(path: StrPath) -> Floats:
 
     They are in the unit of the file. Coordinates are NaN where the sensor saw nothing. The data may
     be ``ascii`` or ``binary``. The fields ``x``, ``y`` and ``z`` may have any numeric type; others
-    are skipped. ``VIEWPOINT`` is not applied, as in the Point Cloud Library. Truncation of an
+    are skipped. ``VIEWPOINT`` is warned of and not applied. Truncation of an
     ``ascii`` file within its last number cannot be detected.
     """
     # A header of text lines, then the points as text or as records.
@@ -111,14 +184,26 @@ def read_pcd(path: StrPath) -> Floats:
         counts = [int(word) for word in entries.get("COUNT", ["1"] * len(entries["FIELDS"]))]
         record = _make_record(entries, counts)
         expected = _count_points(entries)
+        viewpoint = [float(word) for word in entries.get("VIEWPOINT", _NO_VIEWPOINT)]
     except (TypeError, ValueError, IndexError) as error:
         rule = "fields need types F, I or U, a SIZE and a COUNT, and POINTS is their number"
         raise ContentError(f"has a malformed header: {error}; {rule}") from error
     fields = _find_coordinates(entries["FIELDS"], counts)
+    if viewpoint != _NO_VIEWPOINT:
+        warn_user(
+            f"{path}: its VIEWPOINT is not applied, as in the Point Cloud Library; if the points "
+            "are in the sensor's frame, transform them, and write VIEWPOINT 0 0 0 1 0 0 0"
+        )
     if encoding == "binary":
         count = (len(content) - header_end) // record.itemsize
         if count < expected:
             raise ContentError(f"holds {count} points but its header says {expected}")
+        excess = len(content) - header_end - expected * record.itemsize
+        if excess:
+            warn_user(
+                f"{path}: it has {excess} bytes after its {expected} points, which are skipped; "
+                "if its line ends were converted, all points are wrong: fetch it again"
+            )
         cloud = np.frombuffer(content, record, expected, header_end)
         return np.concatenate([cloud[str(field)] for field in fields], axis=1, dtype=np.float64)
     rows = read_columns(content[header_end:].decode("latin-1"), header_lines + 1)

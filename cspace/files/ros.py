@@ -20,8 +20,9 @@ from typing import Any, Final, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.errors import FileError, GeometryError, InputError, warn_user
+from cspace.errors import AngleWarning, FileError, GeometryError, InputError, warn_user
 from cspace.files.access import ContentError, decoding
+from cspace.files.fields import Fields
 from cspace.files.images import Shades, read_shades
 from cspace.files.plain import read_yaml
 from cspace.support.arrays import Bools, Floats, StrPath
@@ -50,8 +51,35 @@ _REQUIRED_MAP_KEYS: Final = (
     "free_thresh",
 )
 
+_ANGLE_ROUNDING: Final = 1e-6
+"""Excess, in radians, of a whole turn that is written with few digits."""
 
-def read_ros_map(path: StrPath) -> tuple[MapInfo, Bools, Bools]:
+_UNKNOWN_GREY: Final = 205 / 255
+"""Shade that the map savers of ROS write for unknown cells in trinary mode."""
+
+FIELDS: Final = (
+    Fields(
+        "ROS map, `.yaml`",
+        honoured=(
+            *("`image`", "`mode`", "`resolution`", "`origin` with its yaw", "`negate`"),
+            *("`occupied_thresh`", "`free_thresh`", "transparency"),
+        ),
+        refused=("`negate` in raw mode", "EXIF orientation of the image"),
+        warned=(
+            *("grey 205 below `free_thresh`, unknown", "yaw beyond a whole turn"),
+            *("an image outside the folder", "other keys"),
+        ),
+    ),
+    Fields(
+        "`nav_msgs/OccupancyGrid`",
+        honoured=("`resolution`, of float32", "`width`, `height`", "`origin`", "-1"),
+        refused=("tilt of `origin`",),
+        warned=("values beyond -1 to 100, unknown",),
+    ),
+)
+
+
+def read_ros_map(path: StrPath, unknown: str = "occupied") -> tuple[MapInfo, Bools, Bools]:
     """Read the placement and cells of a ROS map.
 
     The image becomes cells as in map_server of ROS 1 and Navigation2. Here *shade* is the mean of
@@ -59,7 +87,8 @@ def read_ros_map(path: StrPath) -> tuple[MapInfo, Bools, Bools]:
     ``negate`` is 1:
 
     * ``trinary`` (the default): ``p >= occupied_thresh`` is occupied, ``p < free_thresh`` is free,
-      the rest is unknown;
+      the rest is unknown. Grey 205, which map savers write for unknown cells, is unknown also if
+      it is below ``free_thresh``; a warning counts such cells;
     * ``scale``: ``p < free_thresh`` is free and the rest is occupied, because a cell with some
       probability of being occupied is not proven free;
     * ``raw``: ``round(255 * shade)`` is the occupancy in per cent; below ``100 * free_thresh`` is
@@ -72,6 +101,8 @@ def read_ros_map(path: StrPath) -> tuple[MapInfo, Bools, Bools]:
     ----------
     path : path-like
         The YAML file. The path of its ``image`` is relative to its folder.
+    unknown : {"occupied", "free"}
+        What the caller takes unknown cells for; no warning counts them if they are free.
 
     Returns
     -------
@@ -87,8 +118,8 @@ def read_ros_map(path: StrPath) -> tuple[MapInfo, Bools, Bools]:
     """
     with decoding(path, "ROS map"):
         header = _read_header(path)
-    image = read_shades(header.image, "ROS map's image")
-    free, occupied = _classify_pixels(header, image)
+    image = read_shades(header.image, "ROS map's image", may_turn=False)
+    free, occupied = _classify_pixels(header, image, unknown == "occupied")
     return header.info, free, occupied
 
 
@@ -139,6 +170,9 @@ def _read_header(path: StrPath) -> _MapHeader:
         if key not in document:
             present = ", ".join(document) or "nothing"
             raise _make_key_error(f"{key} is missing", f"there, besides {present:.200}", "add it")
+    other_keys = ", ".join(document.keys() - {*_REQUIRED_MAP_KEYS, "mode"})
+    if other_keys:
+        warn_user(f"{path}: {other_keys:.60} is not read in a ROS map; remove or correct it")
     mode = document.get("mode", MODES[0])
     negate = document["negate"]
     if mode not in MODES:
@@ -167,6 +201,12 @@ def _parse_placement(document: Mapping[str, Any], source: str) -> MapInfo:
         hint = "write e.g. 'origin: [0.0, 0.0, 0.0]'"
         raise _make_key_error(f"origin is {origin!r:.60}", "x, y and yaw", hint)
     x, y, yaw = (_parse_number(value, f"origin[{index}]") for index, value in enumerate(origin))
+    if abs(yaw) > 2.0 * math.pi + _ANGLE_ROUNDING:
+        warn_user(
+            f"{source}: the yaw of origin is {yaw:g}, beyond a whole turn; it is in radians; "
+            f"write {math.radians(yaw):.6g} if it was in degrees",
+            AngleWarning,
+        )
     return MapInfo(source, resolution, (x, y), yaw)
 
 
@@ -199,11 +239,11 @@ def _make_key_error(problem: str, rule: str, hint: str) -> ContentError:
     return ContentError(problem, f"in a ROS map it must be {rule}", hint)
 
 
-def _classify_pixels(header: _MapHeader, image: Shades) -> tuple[Bools, Bools]:
+def _classify_pixels(header: _MapHeader, image: Shades, warn: bool) -> tuple[Bools, Bools]:
     """Return masks of the free and the occupied pixels of a ROS map.
 
     The modes are documented at :func:`read_ros_map`. All pixels of a level are alike, so levels are
-    classified first.
+    classified first. With `warn`, warn of unknown pixels below ``free_thresh``.
     """
     shades = image.shades
     # In raw mode, levels are percentages; in the other modes, they are shades of a probability.
@@ -218,6 +258,16 @@ def _classify_pixels(header: _MapHeader, image: Shades) -> tuple[Bools, Bools]:
         occupied_levels = ~free_levels
     else:
         occupied_levels = probability >= header.occupied_thresh
+        doubtful_levels = free_levels & (shades == _UNKNOWN_GREY) & (not header.negate)
+        if doubtful_levels.any():
+            free_levels &= ~doubtful_levels
+            count = np.count_nonzero(image.select(doubtful_levels) & image.opaque)
+            if count and warn:
+                warn_user(
+                    f"{header.info.source}: {count:,} cells are of grey 205, which map savers "
+                    f"write for unknown ones, but lie below free_thresh: {header.free_thresh:g}; "
+                    "they count as unknown: write free_thresh: 0.196, or pass unknown='free'"
+                )
     free = image.select(free_levels) & image.opaque
     occupied = image.select(occupied_levels) & image.opaque
     return free, occupied
@@ -410,6 +460,12 @@ def read_occupancy_grid(
     # Row by row from the lowest y; other numbers than per cent stand for unknown cells.
     percent = values.reshape(height, width).T
     is_known = (percent >= 0) & (percent <= 100)
+    others = np.count_nonzero(~is_known & (percent != -1))
+    if others:
+        warn_user(
+            f"msg.data: {others:,} values are beyond -1 to 100 and count as unknown; for the costs "
+            "of a Costmap, pass e.g. np.where(costs >= 253, 100, 0)"
+        )
     free = is_known & (percent / 100.0 < low)
     occupied = is_known & (percent / 100.0 >= high)
     position = "info.origin.position"

@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from cspace.errors import FileError, GeometryError, InputError
+from cspace.errors import FileError, GeometryError, InputError, UnitWarning, warn_user
 from cspace.files.access import decoding, read_text
+from cspace.files.crs import PROJECT, check_crs
+from cspace.files.fields import Fields
 from cspace.files.plain import check_nesting, read_json
 from cspace.limits import check_file_memory
 from cspace.support.arrays import StrPath
@@ -30,8 +32,31 @@ _BYTES_PER_POINT: Final = 1000.0
 """Maximum memory, in bytes, of one point of a file, as an object and again in its collection."""
 
 _WKT: Final = re.compile(
-    r"\s*(POINT|LINESTRING|LINEARRING|POLYGON|MULTI\w+|GEOMETRYCOLLECTION)\s*(?:(?:ZM|Z|M)\s*)?(?:\(|EMPTY)",
+    r"\s*(?:SRID\s*=\s*(?P<srid>\d+)\s*;\s*)?"
+    r"(?:POINT|LINESTRING|LINEARRING|POLYGON|MULTI\w+|GEOMETRYCOLLECTION|CIRCULARSTRING"
+    r"|COMPOUNDCURVE|CURVEPOLYGON|TIN|TRIANGLE|POLYHEDRALSURFACE)"
+    r"\s*(?:(?:ZM|Z|M)\s*)?(?:\(|EMPTY)",
     re.IGNORECASE,
+)
+
+_MAX_DEGREES: Final = np.array([180.0, 90.0])
+
+_MIN_SIZES_FROM_ORIGIN: Final = 50.0
+"""Distance from the origin, over the size of the obstacles, above which degrees are suspected."""
+
+FIELDS: Final = (
+    Fields(
+        "`.geojson`, `.json`, `__geo_interface__`",
+        honoured=("type", "`crs` of a UTM zone, or null"),
+        refused=("`crs` in degrees, or web Mercator", "altitudes"),
+        warned=("other `crs`", "no `crs` and coordinates like degrees"),
+    ),
+    Fields(
+        "`.wkt`, shapely",
+        honoured=("type", "SRID of a UTM zone"),
+        refused=("SRID in degrees, or web Mercator", "Z", "curves", "surfaces"),
+        warned=("other SRID",),
+    ),
 )
 
 
@@ -41,16 +66,21 @@ def read_shapes(source: Any) -> list[BaseGeometry]:
     Each is valid and not empty. `source` is a shapely geometry; GeoJSON as a mapping (geometry,
     Feature or FeatureCollection); a WKT string; a file that ends in ``.geojson``, ``.json``
     (GeoJSON) or ``.wkt`` (one geometry, or one per line; truncation between two lines cannot be
-    detected); or an iterable of these. Coordinates are metres; a coordinate reference system is
-    ignored. Polygons are filled; lines, rings and points are obstacles without an interior.
+    detected); an object with ``__geo_interface__``; or an iterable of these. Coordinates are
+    metres. Polygons are filled; lines, rings and points are obstacles without an interior.
 
-    Raises GeometryError if there is no geometry, or one is malformed, empty, self-crossing, or has
-    coordinates that are not finite or three-dimensional.
+    Raises GeometryError if there is no geometry, or one is malformed, empty, self-crossing, curved,
+    has coordinates that are not finite or three-dimensional, or a coordinate reference system in
+    degrees.
     """
+    import shapely
+
     # Each simple geometry has a name for messages, such as "polygons[2], part 0".
     names: list[str] = []
     shapes: list[BaseGeometry] = []
     for name, shape in _iterate_geometries(source, "polygons"):
+        if shapely.get_srid(shape):
+            check_crs(f"EPSG:{shapely.get_srid(shape)}", name)
         parts = split_parts(shape, name)
         shapes += parts
         if len(parts) == 1:
@@ -78,7 +108,11 @@ def _iterate_geometries(source: Any, name: str) -> Iterator[tuple[str, BaseGeome
     if isinstance(source, shapely.Geometry):
         yield name, source
     elif isinstance(source, Mapping):
-        yield from _parse_geojson(source, name)
+        yield from _read_geojson(source, name)
+    elif hasattr(source, "__geo_interface__"):
+        if getattr(source, "crs", None) is not None:
+            check_crs(source.crs, name)
+        yield from _read_geojson(source.__geo_interface__, name)
     elif isinstance(source, str | os.PathLike):
         yield from _read_text_geometries(source, name)
     elif isinstance(source, Iterable):  # of any of these
@@ -102,7 +136,7 @@ def _read_text_geometries(source: StrPath, name: str) -> Iterator[tuple[str, Bas
         if not isinstance(document, dict):
             problem = f"holds a JSON {type(document).__name__}"
             raise FileError(file, problem, "GeoJSON is an object", "write e.g. {'type': ...}")
-        yield from _parse_geojson(document, file)
+        yield from _read_geojson(document, file)
     elif isinstance(source, str) and is_wkt(source):
         yield name, _parse_wkt(source, name)
     else:
@@ -140,11 +174,44 @@ def _parse_wkt(text: str, name: str) -> BaseGeometry:
     try:
         with decoding(name, "WKT geometry"):
             check_nesting(text, "(", ")")
+        found = _WKT.match(text)
+        srid = found["srid"] if found else None
+        if srid:
+            text = text.partition(";")[2]
         with np.errstate(invalid="ignore"):  # a later check refuses NaN by name
-            return shapely.from_wkt(text)
-    except (shapely.errors.ShapelyError, NotImplementedError, ValueError) as error:
+            return shapely.set_srid(shapely.from_wkt(text), int(srid or 0))
+    except NotImplementedError as error:
+        raise _make_curve_error(name) from error
+    except (shapely.errors.ShapelyError, ValueError) as error:
         problem = f"is not WKT: {' '.join(str(error).split())}"
         raise GeometryError(name, problem, "it must be whole", hint) from error
+
+
+def _make_curve_error(name: str) -> GeometryError:
+    """Return the error for a geometry that shapely does not support."""
+    problem = "is or holds a curve, such as CIRCULARSTRING or CURVEPOLYGON"
+    rule = "only straight lines are read"
+    return GeometryError(name, problem, rule, "replace it, with ST_CurveToLine in PostGIS")
+
+
+def _read_geojson(document: Mapping[str, Any], name: str) -> Iterator[tuple[str, BaseGeometry]]:
+    """Yield the geometries of GeoJSON; warn if they look like degrees and it does not say."""
+    import shapely
+
+    named_shapes = list(_parse_geojson(document, name))
+    yield from named_shapes
+    if "crs" in document or not named_shapes:
+        return
+    corners = shapely.total_bounds([shape for _, shape in named_shapes]).reshape(2, 2)
+    size = np.ptp(corners, axis=0).max()
+    distance = np.linalg.norm(corners.mean(axis=0))
+    fits = (np.abs(corners) <= _MAX_DEGREES).all()
+    if fits and 0.0 < _MIN_SIZES_FROM_ORIGIN * size < distance:
+        warn_user(
+            f"{name}: its coordinates look like degrees, as RFC 7946 asks for, and are read as "
+            f'metres; {PROJECT}, or add "crs": null if they are metres',
+            UnitWarning,
+        )
 
 
 def _parse_geojson(document: Any, name: str) -> Iterator[tuple[str, BaseGeometry]]:
@@ -157,9 +224,13 @@ def _parse_geojson(document: Any, name: str) -> Iterator[tuple[str, BaseGeometry
         raise GeometryError(name, problem, "an obstacle needs one", hint)
     # Collections and features hold geometries, in which the recursion ends.
     kind = document.get("type")
+    crs = document.get("crs")
+    if crs is not None:
+        properties = crs.get("properties") if isinstance(crs, Mapping) else None
+        check_crs(properties.get("name", crs) if isinstance(properties, Mapping) else crs, name)
     if kind == "FeatureCollection":
         features = document.get("features")
-        if not isinstance(features, list):
+        if not isinstance(features, list | tuple):
             problem = f"has features {features!r:.60}"
             raise GeometryError(name, problem, "they must be a list", "correct it")
         for index, feature in enumerate(features):
@@ -181,7 +252,7 @@ def _parse_geojson(document: Any, name: str) -> Iterator[tuple[str, BaseGeometry
 def split_parts(shape: BaseGeometry, name: str) -> list[BaseGeometry]:
     """Return the simple geometries of a nested collection, in order.
 
-    Raises GeometryError, which names the collection, if it holds a curve.
+    Raises GeometryError if one of them is a curve.
     """
     import shapely
 
@@ -189,12 +260,11 @@ def split_parts(shape: BaseGeometry, name: str) -> list[BaseGeometry]:
         return [shape]
     parts: list[BaseGeometry] = []
     try:
-        for member in shapely.get_parts(shape):
-            parts += split_parts(member, name)
+        members = shapely.get_parts(shape)
     except NotImplementedError as error:
-        rule = "edges must be straight"
-        hint = "replace each curve by points"
-        raise GeometryError(name, "has curved edges", rule, hint) from error
+        raise _make_curve_error(name) from error
+    for member in members:
+        parts += split_parts(member, name)
     return parts
 
 

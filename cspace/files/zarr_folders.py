@@ -276,6 +276,7 @@ class ZarrArray:
         self.shape = self._layout.shape
         self.dtype = self._layout.dtype
         self.ndim = len(self.shape)
+        self.dims = tuple(metadata.get("dimension_names") or ())
 
     def __getitem__(self, box: Sequence[slice]) -> NDArray[Any]:
         """Read the entries in a box.

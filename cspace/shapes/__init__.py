@@ -76,8 +76,6 @@ def as_shape(source: ShapeLike, radius: ArrayLike | None = None, name: str = "sh
     Raises InputError if `source` describes no shape, and FileError if it names a missing or
     malformed file.
     """
-    import shapely
-
     from cspace.files.vector import read_shapes
 
     # From the most specific type to the least.
@@ -96,7 +94,7 @@ def as_shape(source: ShapeLike, radius: ArrayLike | None = None, name: str = "sh
     is_array = isinstance(value, np.ndarray) and value.ndim > 0
     if is_array or isinstance(value, list | tuple):
         return _convert_sequence(value, name)
-    if isinstance(value, shapely.Geometry | Mapping):
+    if isinstance(value, Mapping) or hasattr(value, "__geo_interface__"):
         return Polygons(read_shapes(value))
     if hasattr(value, "vertices") or hasattr(value, "geometry"):
         return _make_mesh(value)
@@ -113,8 +111,6 @@ def _convert_sequence(values: Any, name: str) -> Shape:
 
     It holds geometries, corners of a polygon, or vertices and faces.
     """
-    import shapely
-
     from cspace.files.vector import read_shapes
 
     if getattr(values, "dtype", None) == np.bool_:
@@ -122,7 +118,7 @@ def _convert_sequence(values: Any, name: str) -> Shape:
         hint = "pass cspace.shapes.Voxels.of(cells, spacing), in metres"
         raise InputError(name, "is an array of cells", rule, hint)
     first: Any = next(iter(values), {})
-    if isinstance(first, shapely.Geometry | Mapping):
+    if isinstance(first, Mapping) or hasattr(first, "__geo_interface__"):
         return Polygons(read_shapes(values))
     # The shape of a row tells points from vertices and faces; () is a plain number.
     row_shape = np.shape(first)

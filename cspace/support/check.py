@@ -300,14 +300,20 @@ def check_pairs(edges: ArrayLike, vertices: Floats) -> Ints:
 
 
 def check_dims(array: Any, name: str) -> None:
-    """Refuse an array with dimensions other than x, y (and z).
+    """Refuse an array with dimensions other than x, y (and z), or with coordinates.
 
-    Dimensions are named as in xarray. Raises InputError if they are others, or in another order.
+    Dimensions are named as in xarray or zarr. Raises InputError if they are others, or in another
+    order, or have coordinates: :func:`cspace.files.rasters.place_raster` takes them off.
     """
-    dims = getattr(array, "dims", None)
-    if dims is not None and tuple(dims) != ("x", "y", "z")[: len(dims)]:
+    metadata = getattr(array, "metadata", None)
+    dims = getattr(array, "dims", None) or getattr(metadata, "dimension_names", None) or ()
+    if dims and None not in dims and tuple(dims) != ("x", "y", "z")[: len(dims)]:
         rule = "they must be x, y (and z), in this order"
-        raise InputError(name, f"has the dimensions {tuple(dims)}", rule, "rename or transpose it")
+        hint = "project, rename or transpose it, and reverse y if its first row is the top"
+        raise InputError(name, f"has the dimensions {tuple(dims)}", rule, hint)
+    if set(dims) & set(getattr(array, "coords", ())):
+        hint = "pass its values, with ascending x and y"
+        raise InputError(name, "has coordinates", "they have no effect here", hint)
 
 
 def check_cells(values: ArrayLike, name: str) -> Bools:

@@ -131,19 +131,24 @@ def test_options_of_workspaces_reach_their_readers(room):
         f"image: sensor.pgm\nresolution: 0.1\norigin: [0, 0, 0]\n{thresholds}"
     )
 
-    def count_free(workspace):
+    def count_free(workspace, warning=""):
         command = f"map {workspace} --outside free --overwrite -o m.zarr"
-        return int(document(command)["cells"]["free"])
+        return int(document(command, warning=warning)["cells"]["free"])
 
-    assert count_free("sensor.yaml --robot disc:0.01") == 0
+    unseen = "24 of 24 cells are unknown"
+    assert count_free("sensor.yaml --robot disc:0.01", unseen) == 0
     assert count_free("sensor.yaml --robot disc:0.01 --unknown free") == 24
     cloud = "cloud.xyz --robot ball:0.05 --spacing 0.1 --bounds -1,-1,-1,2,3,1"
     assert count_free(f"{cloud} --radius 0.4") < count_free(cloud)
+    Path("gaps.csv").write_text("id,x,y,z\n7,0,0,0\n8,nan,0,0\n9,1,1,0\n")
+    command = f"{cloud.replace('cloud.xyz', 'gaps.csv')} --drop-missing"
+    assert count_free(command) == count_free(f"{command} --offset=0,0,0")
+    assert count_free(command) < count_free(f"{command} --offset=(90,0,0)", "no obstacle")
     count_free("cube.obj --robot ball:0.1 --spacing 0.25 --bounds=-1,-1,-1,2,2,2")
     space = cspace.open("m.zarr")
     assert (space.grid.lower, space.grid.shape) == ((-1.0,) * 3, (12,) * 3)
     assert space.classify([0.5, 0.5, 0.5]) == cspace.BLOCKED
-    count_free("cube.obj --robot ball:0.1 --spacing 0.25 --solid surface")
+    count_free("cube.obj --robot ball:0.1 --spacing 0.25 --solid surface", "are MIXED")
     assert cspace.open("m.zarr").classify([0.5, 0.5, 0.5]) != cspace.BLOCKED
 
 

@@ -1,16 +1,20 @@
 """Images as workspaces."""
 
+import struct
 import tracemalloc
+import zlib
 from contextlib import suppress
 
 import numpy as np
 import pytest
+import rioxarray
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from cspace import Grid, Workspace
-from cspace.errors import FileError, InputError
+import cspace
+from cspace import Grid, Robot, Workspace
+from cspace.errors import FileError, InputError, UnitWarning
 from cspace.files.images import read_shades
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import seeds
@@ -116,3 +120,207 @@ def test_a_chunk_that_claims_gigabytes_takes_little_memory(image):
         assert tracemalloc.get_traced_memory()[1] < 50e6
     finally:
         tracemalloc.stop()
+
+
+def test_the_hint_about_an_unknown_kind_is_followed(tmp_path):
+    picture = Image.fromarray(np.array([[0.0, 255.0]], np.float32))
+    picture.save(tmp_path / "odd.tif")
+    with pytest.raises(FileError, match=r"convert it, e\.g\. to an 8-bit grey PNG"):
+        Workspace.from_image(tmp_path / "odd.tif", 1.0)
+    picture.convert("L").save(tmp_path / "grey.png")
+    assert Workspace.from_image(tmp_path / "grey.png", 1.0).outer[:, 0].tolist() == [True, False]
+
+
+# Fields that change what pixels mean
+
+WALL = np.full((8, 10), 255)
+WALL[2, 3:6] = 0
+"""A black wall on white ground, the first row at the top."""
+
+
+def occupied_cells(path, **options):
+    """Return the indices of the occupied cells of an image of 0.1 m pixels."""
+    return np.argwhere(Workspace.from_image(path, 0.1, **options).outer).tolist()
+
+
+WALL_CELLS = [[3, 5], [4, 5], [5, 5]]
+
+
+FORMATS_OF_TAGS = {2: "s", 3: "H", 4: "I", 12: "d"}
+
+
+def write_tiff(path, rows, bits, tags, order="<"):
+    """Write a grey TIFF of one strip; further tags are a type and values, by number."""
+    height, width = WALL.shape
+    tags = {256: (3, width), 257: (3, height), 258: (3, bits), 259: (3, 1), 277: (3, 1)} | tags
+    tags |= {278: (3, height), 279: (4, len(rows)), 273: (4, 0)}
+    start = 14 + 12 * len(tags)  # of the values that do not fit into their entry
+    entries, values_outside = b"", b""
+    places = {}
+    for number, (kind, *values) in sorted(tags.items()):
+        letter = FORMATS_OF_TAGS[kind]
+        if kind == 2:
+            values = [letter.encode() for letter in values[0] + "\0"]
+        value = struct.pack(
+            f"{order}{len(values)}{letter}" if kind != 2 else "c" * len(values), *values
+        )
+        places[number] = len(entries) + 8
+        entries += struct.pack(f"{order}HHI", number, kind, len(values))
+        if len(value) <= 4:
+            entries += value.ljust(4, b"\0")
+        else:
+            entries += struct.pack(f"{order}I", start + len(values_outside))
+            values_outside += value
+    strip = struct.pack(f"{order}I", start + len(values_outside))
+    entries = entries[: places[273]] + strip + entries[places[273] + 4 :]
+    head = (b"II*\0" if order == "<" else b"MM\0*") + struct.pack(f"{order}IH", 8, len(tags))
+    path.write_bytes(head + entries + bytes(4) + values_outside + rows)
+    return path
+
+
+def pack_levels(levels, bits, order):
+    """Return rows of levels of 1, 4, 8, 12 or 16 bits."""
+    if bits == 16:
+        return levels.astype(f"{order}u2").tobytes()
+    digits = (levels[..., None] >> np.arange(bits)[::-1]) & 1
+    return np.packbits(digits.reshape(len(levels), -1), axis=1).tobytes()
+
+
+@pytest.mark.parametrize("bits", [1, 4, 8, 12, 16])
+@pytest.mark.parametrize("photometric", [0, 1], ids=["white-is-zero", "black-is-zero"])
+@pytest.mark.parametrize("order", "<>")
+def test_grey_tiffs_are_read_in_their_sense_or_refused(tmp_path, bits, photometric, order):
+    levels = (WALL > 0) * (2**bits - 1)
+    rows = pack_levels(levels if photometric else 2**bits - 1 - levels, bits, order)
+    path = write_tiff(tmp_path / "wall.tif", rows, bits, {262: (3, photometric)}, order)
+    try:
+        assert occupied_cells(path, threshold=0.9) == WALL_CELLS
+    except FileError:
+        assert bits in (12, 16)
+        assert (photometric, order) != (1, "<")
+
+
+def test_signed_samples_of_a_tiff_are_refused(tmp_path):
+    rows = pack_levels(WALL, 8, "<")
+    path = write_tiff(tmp_path / "wall.tif", rows, 8, {262: (3, 1), 339: (3, 2)})
+    with pytest.raises(FileError, match="has image mode"):
+        Workspace.from_image(path, 0.1)
+
+
+TURNS = {
+    2: np.fliplr,
+    3: lambda rows: np.rot90(rows, 2),
+    4: np.flipud,
+    5: np.transpose,
+    6: lambda rows: np.rot90(rows, -1),
+    7: lambda rows: np.rot90(rows, 2).T,
+    8: np.rot90,
+}
+"""Rows as they are shown, of rows as they are stored, by EXIF orientation."""
+
+
+@pytest.mark.parametrize("orientation", TURNS)
+@pytest.mark.parametrize("suffix", [".png", ".jpg", ".tif"])
+def test_the_exif_orientation_of_every_format_is_applied(tmp_path, orientation, suffix):
+    large = WALL.repeat(8, axis=0).repeat(8, axis=1).astype(np.uint8)
+    exif = Image.Exif()
+    exif[274] = orientation
+    path = tmp_path / f"turned{suffix}"
+    Image.fromarray(large).save(path, exif=exif)
+    shown = TURNS[orientation](large)
+    assert (Workspace.from_image(path, 0.1).outer == (shown < 128)[::-1].T).all()
+
+
+@pytest.mark.parametrize("header", ["P5 10 8 {}\n", "P6 10 8 {}\n", "P4\n10 8\n"])
+@pytest.mark.parametrize("white", [1, 100, 255, 1000, 65535])
+def test_netpbm_of_any_maximum_ends_with_its_last_pixel(tmp_path, header, white):
+    channels = 3 if header[1] == "6" else 1
+    levels = (WALL // 255 * white).repeat(channels, axis=1)
+    rows = pack_levels(levels, 16 if white > 255 else 8, ">")
+    if header[1] == "4":
+        rows = pack_levels(1 - WALL // 255, 1, ">")
+    header = header.format(white).encode()
+    path = tmp_path / "wall.pnm"
+    path.write_bytes(header + rows)
+    assert occupied_cells(path) == WALL_CELLS
+    for content in (header[:-1] + b"\r\n" + rows, header + rows + b"\0"):
+        path.write_bytes(content)
+        with pytest.raises(FileError, match="1 bytes more than its pixels"):
+            Workspace.from_image(path, 0.1)
+
+
+@pytest.mark.filterwarnings("ignore:Use `@`:PendingDeprecationWarning")
+def test_the_placement_of_a_geotiff_warns_and_the_hint_places_it(tmp_path):
+    tie = (12, 0.0, 0.0, 0.0, 5.0, 7.0, 0.0)
+    tags = {262: (3, 1), 33550: (12, 0.1, 0.1, 0.0), 33922: tie}
+    path = write_tiff(tmp_path / "geo.tif", pack_levels(WALL, 8, "<"), 8, tags)
+    with pytest.warns(UnitWarning, match=r"not read; .* rioxarray and pass the array to Workspace"):
+        workspace = Workspace.from_image(path, 0.1, lower=(5, 6.2))
+    placed = Workspace.from_array(rioxarray.open_rasterio(path)[0] < 128, 0.1)
+    assert placed.grid.lower == pytest.approx(workspace.grid.lower)
+    assert (placed.outer == workspace.outer).all()
+    tags = {262: (3, 1), 34264: (12, *range(16))}
+    path = write_tiff(tmp_path / "turned.tif", pack_levels(WALL, 8, "<"), 8, tags)
+    with pytest.warns(UnitWarning, match="the placement of a GeoTIFF is not read"):
+        Workspace.from_image(path, 0.1)
+
+
+def test_a_value_for_no_data_is_refused(tmp_path):
+    tags = {262: (3, 1), 42113: (2, "255")}
+    path = write_tiff(tmp_path / "gaps.tif", pack_levels(WALL, 8, "<"), 8, tags)
+    with pytest.raises(FileError, match="has a value for no data"):
+        Workspace.from_image(path, 0.1)
+
+
+def test_further_pages_and_an_unusual_gamma_warn(tmp_path):
+    picture = Image.fromarray(WALL.astype(np.uint8))
+    for name in ("pages.tif", "frames.png"):
+        picture.save(tmp_path / name, save_all=True, append_images=[picture.rotate(180)])
+        with pytest.warns(UserWarning, match="2 pages or frames"):
+            assert occupied_cells(tmp_path / name) == WALL_CELLS
+    picture.save(tmp_path / "plain.png")
+    content = (tmp_path / "plain.png").read_bytes()
+    chunk = b"gAMA" + struct.pack(">I", 100_000)
+    chunk = struct.pack(">I", 4) + chunk + struct.pack(">I", zlib.crc32(chunk))
+    (tmp_path / "linear.png").write_bytes(content[:33] + chunk + content[33:])
+    with pytest.warns(UserWarning, match="its gamma of 1 is not applied"):
+        assert occupied_cells(tmp_path / "linear.png") == WALL_CELLS
+
+
+@pytest.mark.parametrize("mode", ["LA", "RGBA", "PA", "P"])
+def test_a_transparent_ground_is_unknown_and_the_warning_says_what_to_do(tmp_path, mode):
+    colours = np.zeros((8, 10, 4), np.uint8)
+    colours[2, 3:6, 3] = 255
+    picture = Image.fromarray(colours)
+    options = {}
+    if mode == "P":
+        picture = Image.fromarray((WALL > 0).astype(np.uint8))
+        picture.putpalette([0] * 6)
+        options = {"transparency": 1}
+    path = tmp_path / ("plan.tif" if mode == "PA" else "plan.png")
+    try:
+        (picture if mode == "P" else picture.convert(mode)).save(path, **options)
+    except OSError:
+        pytest.skip("Pillow writes no such file")
+    workspace = Workspace.from_image(path, 0.05)
+    assert (workspace.unknown == (WALL > 0)[::-1].T).all()
+    with pytest.warns(UserWarning, match="77 of 80 cells are unknown.*transparent image on white"):
+        cspace.build(workspace, Robot.disc(0.02))
+    opened = Image.open(path).convert("RGBA")
+    white = Image.new("RGBA", opened.size, "white")
+    Image.alpha_composite(white, opened).save(tmp_path / "white.png")
+    assert occupied_cells(tmp_path / "white.png") == WALL_CELLS
+
+
+def test_reading_takes_few_bytes_for_each_pixel(tmp_path):
+    pixels = np.full((4000, 4000, 3), 255, np.uint8)
+    pixels[100:900, 300:400] = 0
+    Image.fromarray(pixels).save(tmp_path / "large.png", compress_level=1)
+    tracemalloc.start()
+    try:
+        workspace = Workspace.from_image(tmp_path / "large.png", 0.05)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert workspace.outer.sum() == 80_000
+    assert peak < 5.6 * pixels.size / 3

@@ -82,6 +82,26 @@ def test_values_become_cells():
     assert (free.outer == (values == 100).T).all()
 
 
+@pytest.mark.parametrize("kind", ["b", "B"])
+def test_values_beyond_per_cent_warn_and_are_unknown(kind):
+    message = make_message([[0, 100, -1, 0]])
+    message.data = array(kind, [0, 100, 101, 127])
+    with pytest.warns(UserWarning, match="2 values are beyond -1 to 100"):
+        workspace = Workspace.from_occupancy_grid(message)
+    assert workspace.unknown[:, 0].tolist() == [False, False, True, True]
+
+
+def test_the_hint_about_costs_is_followed():
+    costs = np.array([0, 252, 253, 254, 255], np.uint8)
+    message = make_message([[0] * 5])
+    message.data = costs
+    with pytest.warns(UserWarning, match=r"pass e\.g\. (np\.where\(costs >= 253, 100, 0\))"):
+        Workspace.from_occupancy_grid(message, "free")
+    message.data = np.where(costs >= 253, 100, 0)
+    workspace = Workspace.from_occupancy_grid(message, "free")
+    assert workspace.outer[:, 0].tolist() == [False, False, True, True, True]
+
+
 @given(
     yaw=st.sampled_from([0.0, math.pi / 2, math.pi, -2.0]) | st.floats(-math.pi, math.pi),
     unknown=st.sampled_from(["occupied", "free"]),

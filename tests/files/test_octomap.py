@@ -115,3 +115,30 @@ def test_unknown_cells_are_occupied_or_free(tmp_path):
     (tmp_path / "a.bt").write_bytes(make_binary(CHAIN, 17))
     with pytest.raises(InputError, match="unknown is 'maybe'"):
         Workspace.from_octomap(tmp_path / "a.bt", "maybe")
+
+
+@settings(max_examples=15)
+@given(seeds, st.sampled_from(["occupied", "free"]))
+def test_bounds_cut_the_same_cells_out_of_an_octomap(tmp_path_factory, seed, unknown):
+    octomap = pytest.importorskip("octomap")
+    path = tmp_path_factory.getbasetemp() / "tree.bt"
+    draw_tree(octomap, seed, "OcTree").writeBinary(os.fsencode(path))
+    whole = Workspace.from_octomap(path, unknown)
+    side = whole.grid.spacing
+    rng = np.random.default_rng(seed)
+    first = np.round(np.array(whole.grid.lower) / side).astype(int)
+    low = first + rng.integers(-5, 10, 3)
+    high = low + rng.integers(1, 25, 3)
+    inset = rng.uniform(0.0, 0.9, (2, 3)) * [[1], [-1]] * (high - low > 1)
+    cut = Workspace.from_octomap(path, unknown, (np.array([low, high]) + inset) * side)
+    assert cut.grid.lower == pytest.approx(tuple(low * side))
+    assert cut.grid.shape == tuple(high - low)
+    seen = np.zeros(whole.grid.shape, bool) if whole.unknown is None else whole.unknown
+    blind = np.zeros(cut.grid.shape, bool) if cut.unknown is None else cut.unknown
+    padded = [
+        np.pad(cells, 60, constant_values=value)
+        for cells, value in ((whole.outer, unknown == "occupied"), (seen, True))
+    ]
+    window = tuple(map(slice, low - first + 60, high - first + 60))
+    assert (cut.outer == padded[0][window]).all()
+    assert (blind == padded[1][window]).all()

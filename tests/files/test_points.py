@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cspace import Workspace
-from cspace.errors import FileError, GeometryError
+from cspace.errors import FileError, GeometryError, InputError
 from cspace.files.points import read_points
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import seeds
@@ -139,12 +139,105 @@ def test_further_columns_and_comments_of_a_text_are_skipped(tmp_path):
 @refusals(
     "text, message",
     ("1 2 3\n\n1 2 3 4", "line 3 is '1 2 3 4'; it must hold 3 columns"),
-    ("x y z\n1 2 3", "line 1 is 'x y z'; it must hold only numbers"),
+    ("1 2 3\nx y z", "line 2 is 'x y z'; it must hold only numbers"),
+    ("id,a,b,c\n1,2,3,4", "4 columns under the heading id a b c"),
+    ("x_mm y_mm z_mm\n1 2 3", "3 columns under the heading x_mm y_mm z_mm"),
+    ("x,y,z,x\n1,2,3,4", "4 columns under the heading x y z x"),
+    ("x [mm],y [mm],z [mm]\n1,2,3", "3 columns under the heading x [mm] y [mm] z [mm]"),
+    ("# x_cm y_cm z_cm\n1 2 3", "3 columns under the heading x_cm y_cm z_cm"),
     ("1,2,3\n4,,6", "line 2 is '4,,6'"),
     ("1 2 3 \xff", "not text"),
 )
 def test_malformed_text_is_refused(tmp_path, text, message):
     check_refused(write(tmp_path, "cloud.xyz", text.encode("latin-1")), message)
+
+
+HEADINGS = [
+    ("id,x,y,z", "0,1,2,3"),
+    ("# id,x,y,z", "0,1,2,3"),
+    ("#id x y z", "0 1 2 3"),
+    ("//Z Y X Intensity", "3 2 1 9"),
+    ("# made by hand\n\n# Z,X,Y", "3,1,2"),
+    ('"label";"z";"y";"x"', "9 3 2 1"),
+    ("X, Y, Z, R, G, B", "1, 2, 3, 7, 7, 7"),
+    ("# a plain remark", "1 2 3 9"),
+    ("// a plain remark\n// and another", "1 2 3"),
+]
+
+
+@pytest.mark.parametrize(("heading", "row"), HEADINGS)
+def test_a_heading_names_the_columns(tmp_path, heading, row):
+    path = write(tmp_path, "cloud.csv", f"{heading}\n{row}\n{row}\n".encode())
+    assert read_points(path).tolist() == [[1, 2, 3]] * 2
+
+
+def test_the_hint_about_a_heading_is_followed(tmp_path):
+    path = write(tmp_path, "cloud.csv", b"id,e,n,u\n7,1,2,3\n")
+    with pytest.raises(FileError, match=r"write e\.g\. (id,x,y,z), or delete") as caught:
+        read_points(path)
+    heading = caught.value.hint.split()[2].strip(",")
+    path = write(tmp_path, "cloud.csv", heading.encode() + b"\n7,1,2,3\n")
+    assert read_points(path).tolist() == [[1, 2, 3]]
+
+
+def test_long_comments_come_before_the_points(tmp_path):
+    text = "".join(f"# remark {number} of many\n" for number in range(5000))
+    path = write(tmp_path, "cloud.xyz", f"{text}1 2 3\n4 5 6".encode())
+    assert read_points(path).tolist() == [[1, 2, 3], [4, 5, 6]]
+
+
+# missing points, other frames and other arrays
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_missing_points_are_dropped_on_request(tmp_path, form):
+    name, make, option = form
+    points = np.array([[1, 2, 3], [np.nan] * 3, [1, np.inf, 2], [4, 5, 6]])
+    path = write(tmp_path, name, make(points, option))
+    with pytest.raises(GeometryError, match="pass drop_missing=True to leave them out"):
+        Workspace.from_points(path, 1.0)
+    for source in (path, points):
+        workspace = Workspace.from_points(source, 1.0, (0, 0, 0, 6, 6, 7), drop_missing=True)
+        assert np.argwhere(workspace.inner | workspace.outer)[:1].tolist() == [[0, 1, 2]]
+        assert len(workspace.shapes[0].centers) == 2
+
+
+def test_a_far_frame_is_refused_and_its_hint_followed(tmp_path):
+    far = CLOUD[:2] + np.array([500_000, 5_200_000, 0])
+    path = write(tmp_path, "utm.npy", make_npy(far, ""))
+    with pytest.raises(InputError, match=r"cells from the origin.* by offset= of the reader"):
+        Workspace.open(path, spacing=0.5)
+    offset = (-500_000, -5_200_000, 3)
+    workspace = Workspace.open(path, spacing=0.5, offset=offset)
+    moved = workspace.shapes[0].centers - (far + offset)
+    assert np.abs(moved).max() == 0
+    assert (
+        Workspace.open(path, spacing=0.5, offset=offset, bounds=(0, 0, 0, 2, 2, 2)).grid.size == 64
+    )
+
+
+def test_columns_of_a_table_are_found_by_name():
+    class Table(dict):
+        """As a pandas.DataFrame."""
+
+        columns = ("z", "id", "x", "y")
+
+        def __getitem__(self, names):
+            return np.stack([self.get(name) for name in names], axis=1)
+
+    table = Table(z=[3.0, 3.5], id=[7, 8], x=[1.0, 1.5], y=[2.0, 2.5])
+    workspace = Workspace.from_points(table, 0.1)
+    assert workspace.shapes[0].centers.tolist() == [[1, 2, 3], [1.5, 2.5, 3.5]]
+
+
+def test_a_viewpoint_and_bytes_after_the_points_warn(tmp_path):
+    content = make_pcd(CLOUD, "binary")
+    path = write(tmp_path, "cloud.pcd", content.replace(b"0 0 0 1 0 0 0", b"0 0 1 1 0 0 0"))
+    with pytest.warns(UserWarning, match="VIEWPOINT is not applied"):
+        assert (read_points(path) == CLOUD).all()
+    path = write(tmp_path, "cloud.pcd", content + b"\r\n")
+    with pytest.warns(UserWarning, match="2 bytes after its 4 points"):
+        assert (read_points(path) == CLOUD).all()
 
 
 # NumPy arrays

@@ -1,6 +1,7 @@
 """ROS maps, read and written."""
 
 import math
+import warnings
 
 import numpy as np
 import pytest
@@ -12,8 +13,9 @@ from hypothesis.extra import numpy as hnp
 from PIL import Image
 
 from cspace import BLOCKED, FREE, MIXED, Grid, Workspace
-from cspace.errors import FileError, InputError
+from cspace.errors import AngleWarning, FileError, InputError
 from cspace.export.images import write_ros_map
+from tests.helpers.commands import run
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import seeds
 
@@ -153,7 +155,14 @@ def test_real_maps_have_the_cells_of_their_pixels(data, name):
     header = yaml.safe_load(path.read_text())
     shades = np.asarray(Image.open(path.with_name(header["image"])).convert("L")) / 255.0
     occupied = shades if header["negate"] else 1.0 - shades
-    workspace = Workspace.open(path)
+    unseen = (shades == 205 / 255) & (occupied < header["free_thresh"])
+    occupied[unseen] = header["free_thresh"]
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        workspace = Workspace.open(path)
+    assert [f"{unseen.sum():,} cells are of grey 205" in str(w.message) for w in caught] == (
+        [True] if unseen.any() else []
+    )
     lower = tuple(header["origin"][:2])
     assert workspace.grid == Grid(lower, header["resolution"], occupied.T.shape)
     assert np.array_equal(workspace.outer, (occupied >= header["free_thresh"])[::-1].T)
@@ -205,3 +214,70 @@ def test_written_maps_read_back_identically(tmp_path_factory, state, lower, spac
     assert np.array_equal(cautious.outer, state != FREE)
     assert np.array_equal(bold.outer, state == BLOCKED)
     assert sorted(file.name for file in path.parent.iterdir()) == ["a map.pgm", "a map.yaml"]
+
+
+@pytest.mark.parametrize("mode", ["L", "RGB"])
+def test_grey_of_unknown_cells_below_the_threshold_is_unknown(tmp_path, mode):
+    path = write_map(tmp_path, PIXELS, free_thresh=0.25)
+    Image.fromarray(PIXELS).convert(mode).save(tmp_path / "map.png")
+    with pytest.warns(UserWarning, match="1 cells are of grey 205") as caught:
+        workspace = Workspace.from_ros_map(path)
+    assert workspace.outer.sum() == 3
+    assert np.argwhere(workspace.unknown).tolist() == [[1, 0]]
+    message = str(caught[0].message)
+    assert "write free_thresh: 0.196, or pass unknown='free'" in message
+    # Follow both hints; neither warns.
+    assert Workspace.from_ros_map(path, unknown="free").outer.sum() == 2
+    path.write_text(path.read_text().replace("free_thresh: 0.25", "free_thresh: 0.196"))
+    assert Workspace.from_ros_map(path).outer.sum() == 3
+
+
+def test_other_greys_and_other_modes_keep_their_threshold(tmp_path):
+    for pixels, changes in (
+        ([204, 206, 254], {}),
+        ([0, 50, 51], {"negate": 1}),
+        ([205, 206, 254], {"mode": "scale"}),
+        ([0, 1, 24], {"mode": "raw"}),
+    ):
+        path = write_map(tmp_path, np.array([pixels], np.uint8), free_thresh=0.25, **changes)
+        assert not Workspace.from_ros_map(path).outer.any()
+
+
+@pytest.mark.parametrize("yaw", [90.0, -180.0, 7.0])
+def test_a_yaw_beyond_a_whole_turn_warns_with_the_radians(tmp_path, yaw):
+    path = write_map(tmp_path, PIXELS, origin=[-1.0, 2.0, yaw])
+    with pytest.warns(AngleWarning, match="beyond a whole turn") as caught:
+        Workspace.from_ros_map(path)
+    radians = float(str(caught[0].message).partition("write ")[2].split()[0])
+    assert radians == pytest.approx(math.radians(yaw), rel=1e-5)
+    path = write_map(tmp_path, PIXELS, origin=[-1.0, 2.0, radians])
+    for near in (radians, 2 * math.pi, -6.2831853):
+        path = write_map(tmp_path, PIXELS, origin=[-1.0, 2.0, near])
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            Workspace.from_ros_map(path)
+
+
+def test_the_command_line_shows_the_warning_of_a_yaw(tmp_path):
+    path = write_map(tmp_path, PIXELS, origin=[-1.0, 2.0, 90.0])
+    result = run("map", str(path), "--robot", "disc:0.1", "-o", str(tmp_path / "map.zarr"))
+    assert result.exit_code == 0
+    assert "yaw of origin is 90, beyond a whole turn" in result.stderr
+
+
+def test_keys_that_are_not_read_warn(tmp_path):
+    path = write_map(tmp_path, PIXELS, modes="raw", unknown_thresh=0.5)
+    with pytest.warns(UserWarning, match="modes, unknown_thresh is not read"):
+        Workspace.from_ros_map(path)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg", ".tif"])
+def test_an_image_that_viewers_turn_is_refused_in_a_map(tmp_path, suffix):
+    path = write_map(tmp_path, PIXELS, image=f"map{suffix}")
+    exif = Image.Exif()
+    exif[274] = 6
+    Image.fromarray(PIXELS).save(tmp_path / f"map{suffix}", exif=exif)
+    with pytest.raises(FileError, match="EXIF orientation 6; map servers ignore it"):
+        Workspace.from_ros_map(path)
+    Image.fromarray(PIXELS).save(tmp_path / f"map{suffix}")
+    assert Workspace.from_ros_map(path).grid.shape == (3, 2)

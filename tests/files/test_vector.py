@@ -12,8 +12,9 @@ from shapely.geometry import box, mapping
 
 import cspace
 from cspace import Grid, Robot, Workspace
-from cspace.errors import FileError, GeometryError, InputError
+from cspace.errors import FileError, GeometryError, InputError, UnitWarning
 from cspace.files.vector import read_shapes
+from tests.helpers.commands import run
 from tests.helpers.refusals import refusals
 
 L_SHAPE = shapely.Polygon([(0.1, 0.1), (2.9, 0.1), (2.9, 0.9), (0.9, 0.9), (0.9, 1.9), (0.1, 1.9)])
@@ -162,8 +163,161 @@ def test_curves_are_refused_within_collections(make, tmp_path):
     (tmp_path / "a.wkt").write_text(f"GEOMETRYCOLLECTION ({text})")
     source = shapely.from_wkt(text) if make == Robot.polygon else tmp_path / "a.wkt"
     options = {"spacing": 0.1} if make == Workspace.open else {}
-    with pytest.raises(GeometryError, match="has curved edges"):
+    with pytest.raises(GeometryError, match="is or holds a curve"):
         make(source, **options)
+
+
+# Reference systems, curves and other frames
+
+
+def town(crs=None, **members):
+    """Return GeoJSON of two buildings of 30 m in Zurich, in degrees."""
+    buildings = [box(x, 47.37, x + 3e-4, 47.3702) for x in (8.54, 8.55)]
+    features = [{"type": "Feature", "properties": {}, "geometry": mapping(b)} for b in buildings]
+    if crs:
+        members["crs"] = {"type": "name", "properties": {"name": crs}}
+    return {"type": "FeatureCollection", "features": features, **members}
+
+
+DEGREES = [
+    "urn:ogc:def:crs:OGC:1.3:CRS84",
+    "urn:ogc:def:crs:EPSG::4326",
+    "EPSG:4258",
+    "http://www.opengis.net/def/crs/EPSG/0/4326",
+    'GEOGCS["WGS 84",DATUM["WGS_1984"]]',
+    "EPSG:3857",
+]
+
+
+@pytest.mark.parametrize("crs", DEGREES)
+def test_reference_systems_that_are_not_metres_are_refused(tmp_path, crs):
+    path = tmp_path / "town.geojson"
+    path.write_text(json.dumps(town(crs)))
+    for source in (path, town(crs)):
+        with pytest.raises(GeometryError, match="not metres on the ground; project it to metres"):
+            Workspace.from_polygons(source, 0.5)
+
+
+@pytest.mark.parametrize("crs", ["urn:ogc:def:crs:EPSG::32632", "EPSG:25832", "EPSG:32719"])
+def test_what_the_hint_projects_to_is_read_without_a_warning(crs):
+    plan = {"type": "Polygon", "coordinates": mapping(L_SHAPE)["coordinates"]}
+    plan["crs"] = {"type": "name", "properties": {"name": crs}}
+    assert read_shapes(plan) == [L_SHAPE]
+
+
+def test_other_reference_systems_warn():
+    for crs in ({"type": "name", "properties": {"name": "EPSG:2056"}}, "local", {"type": "link"}):
+        with pytest.warns(UnitWarning, match="are read as metres"):
+            read_shapes(mapping(L_SHAPE) | {"crs": crs})
+
+
+def test_geojson_like_degrees_warns_unless_it_says_null():
+    with pytest.warns(UnitWarning, match="look like degrees.*add .crs.: null"):
+        Workspace.from_polygons(town(), 1e-4)
+    assert Workspace.from_polygons(town(crs=None) | {"crs": None}, 1e-4).outer.any()
+    for plan in (L_SHAPE, affinity.translate(L_SHAPE, 50, 40), affinity.scale(L_SHAPE, 20, 20)):
+        assert read_shapes(mapping(plan)) == [plan]
+
+
+class Table:
+    """As a geopandas.GeoDataFrame."""
+
+    def __init__(self, document, crs):
+        self.__geo_interface__ = document
+        self.crs = crs
+
+    def __iter__(self):
+        return iter(["geometry"])
+
+
+def test_objects_with_a_geo_interface_are_read_with_their_reference_system():
+    document = {
+        "type": "FeatureCollection",
+        "features": ({"type": "Feature", "geometry": mapping(BOTH), "properties": {}},),
+    }
+    for crs in (None, "EPSG:32632"):
+        assert Workspace.from_polygons(Table(document, crs), 0.5).grid.shape == (12, 4)
+    with pytest.raises(GeometryError, match="reference system EPSG:4326"):
+        Workspace.from_polygons(Table(document, "EPSG:4326"), 0.5)
+    space = cspace.build(Workspace.from_polygons(FAR, 0.1, (0, 0, 8, 3)), "disc:0.1")
+    space.add_obstacle("table", Table(document, None))
+    assert not space.is_free((0.5, 0.5))
+
+
+@pytest.mark.parametrize("prefix", ["SRID=4326;", " srid=4258 ; "])
+def test_extended_wkt_is_read_with_its_reference_system(tmp_path, prefix):
+    for text in (prefix + L_SHAPE.wkt, shapely.set_srid(L_SHAPE, 4326)):
+        with pytest.raises(GeometryError, match=r"reference system EPSG:4\d+; .*metres"):
+            Workspace.from_polygons(text, 0.5)
+    (tmp_path / "plan.wkt").write_text(f"SRID=32632;{L_SHAPE.wkt}\nSRID=25832;{FAR.wkt}\n")
+    assert read_shapes(tmp_path / "plan.wkt") == [
+        shapely.set_srid(L_SHAPE, 32632),
+        shapely.set_srid(FAR, 25832),
+    ]
+
+
+ARC = "CIRCULARSTRING (0 0, 4 0, 4 4, 0 4, 0 0)"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        ARC,
+        f"CURVEPOLYGON ({ARC})",
+        f"COMPOUNDCURVE ({ARC})",
+        f"MULTICURVE ({ARC}, (0 0, 1 1))",
+        f"MULTISURFACE (CURVEPOLYGON ({ARC}))",
+        f"GEOMETRYCOLLECTION (POINT (9 9), {ARC})",
+        f"GEOMETRYCOLLECTION (GEOMETRYCOLLECTION ({ARC}), POINT (9 9))",
+        f"POINT (1 2)\n{ARC}",
+    ],
+)
+def test_curves_are_refused_by_name(tmp_path, text):
+    path = tmp_path / "arc.wkt"
+    path.write_text(text)
+    with pytest.raises(GeometryError, match="is or holds a curve, such as CIRCULARSTRING"):
+        Workspace.from_polygons(path, 0.1)
+    result = run("map", str(path), "--robot", "disc:0.1", "--spacing", "0.1")
+    assert result.exit_code == 2
+    assert result.stderr.count("\n") == 1
+    assert "holds a curve" in result.stderr
+
+
+@pytest.mark.parametrize("name", ["TIN", "TRIANGLE", "POLYHEDRALSURFACE"])
+def test_surfaces_are_refused_by_name(name):
+    with pytest.raises(GeometryError, match=name):
+        read_shapes(f"{name} (((0 0, 1 0, 1 1, 0 0)))")
+
+
+def test_the_hint_about_heights_is_followed():
+    solid = shapely.force_3d(L_SHAPE, 2.5)
+    with pytest.raises(GeometryError, match=r"drop them with shapely\.force_2d"):
+        read_shapes(mapping(solid))
+    flat = shapely.force_2d(shapely.from_geojson(json.dumps(mapping(solid))))
+    assert read_shapes(flat) == [L_SHAPE]
+
+
+def test_the_hint_about_crossing_boundaries_is_followed():
+    with pytest.raises(GeometryError, match=r"or try shapely\.make_valid"):
+        read_shapes(BOW_TIE)
+    wings = read_shapes(shapely.make_valid(shapely.from_wkt(BOW_TIE)))
+    assert sum(wing.area for wing in wings) == 0.5
+
+
+def test_an_offset_moves_a_far_frame(tmp_path):
+    far = affinity.translate(L_SHAPE, 692_000, 5_334_000)
+    (tmp_path / "utm.wkt").write_text(far.wkt)
+    with pytest.raises(InputError, match=r"cells from the origin.* by offset= of the reader"):
+        Workspace.from_polygons(tmp_path / "utm.wkt", 0.1)
+    offset = (-692_000, -5_334_000)
+    for lazy in (False, True):
+        workspace = Workspace.from_polygons(tmp_path / "utm.wkt", 0.1, offset=offset, lazy=lazy)
+        check_cells(workspace, [affinity.translate(far, *offset)])
+    result = run(
+        "map", str(tmp_path / "utm.wkt"), "--robot", "disc:0.1", "--spacing", "0.1",
+        f"--offset={offset}", "-o", str(tmp_path / "a.zarr"),
+    )  # fmt: skip
+    assert result.exit_code == 0
 
 
 @refusals(

@@ -1,0 +1,135 @@
+"""Arrays with coordinates or named dimensions, as cells of a workspace."""
+
+import numpy as np
+import pytest
+import zarr
+from hypothesis import given
+from hypothesis import strategies as st
+
+import cspace
+from cspace import Robot, Workspace
+from cspace.errors import GeometryError, InputError, UnitWarning
+from cspace.shapes import Voxels
+from tests.helpers.refusals import refusals
+from tests.helpers.strategies import seeds
+
+xarray = pytest.importorskip("xarray")
+
+X = -2.95 + 0.1 * np.arange(6)
+Y = -1.65 - 0.1 * np.arange(4)
+"""Centers of cells of 0.1 m: x ascends, and y descends as in a GeoTIFF."""
+
+
+def make_raster(**changes):
+    """Return rows from the top, with one occupied cell at (-2.95, -1.95)."""
+    cells = np.zeros((4, 6), dtype=bool)
+    cells[-1, 0] = True
+    coordinates = {"y": Y, "x": X} | changes
+    return xarray.DataArray(cells, dims=("y", "x"), coords=coordinates)
+
+
+@given(seed=seeds, is_lazy=st.booleans(), dim=st.sampled_from([2, 3]))
+def test_every_cell_lies_at_its_coordinates(seed, is_lazy, dim):
+    rng = np.random.default_rng(seed)
+    spacing = float(rng.choice([0.05, 0.1, 0.25]))
+    axes = rng.permutation(list("xyz"[:dim])).tolist()
+    shape = rng.integers(1, 6, dim)
+    coordinates = {}
+    for axis, count in zip(axes, shape, strict=True):
+        centers = rng.integers(-50, 50) * spacing + spacing * np.arange(count)
+        if rng.random() < 0.5:
+            centers = centers[::-1]
+        coordinates[axis] = centers.astype(rng.choice(["f4", "f8"]))
+    raster = xarray.DataArray(rng.random(shape) < 0.4, dims=axes, coords=coordinates)
+    workspace = Workspace.from_array(raster.chunk() if is_lazy else raster, spacing)
+    assert workspace.outer.sum() == raster.values.sum()
+    for index in np.argwhere(raster.values):
+        place = {axis: coordinates[axis][i] for axis, i in zip(axes, index, strict=True)}
+        center = [float(place[axis]) for axis in "xyz"[:dim]]
+        assert workspace.outer[tuple(workspace.grid.cell_of(center))]
+
+
+def test_a_lower_corner_that_is_given_counts_before_the_coordinates():
+    workspace = Workspace.from_array(make_raster(), 0.1, (1, 2))
+    assert workspace.grid.lower == (1.0, 2.0)
+    assert np.argwhere(workspace.outer).tolist() == [[0, 0]]
+    inner = Workspace.from_array(make_raster(), 0.1, inner=make_raster()).inner
+    assert np.argwhere(inner).tolist() == [[0, 0]]
+
+
+def test_coordinates_without_effect_are_refused_and_the_hint_followed():
+    raster = make_raster().transpose("x", "y")
+    empty = Workspace.from_array(np.zeros((6, 4), dtype=bool), 0.1, (-3.0, -2.0))
+    space = cspace.build(empty, Robot.disc(0.02), outside="free")
+    values = raster.values[:, ::-1]
+    for use in (
+        lambda cells: Voxels.of(cells, 0.1, (-3.0, -2.0)).contains([-2.95, -1.95]),
+        lambda cells: space.update(cells, (0, 0)).occupied == 1,
+    ):
+        with pytest.raises(InputError, match="pass its values, with ascending x and y"):
+            use(raster)
+        assert use(values)
+    assert np.argwhere(space.workspace.outer).tolist() == [[0, 0]]
+
+
+def test_a_raster_without_coordinates_is_indexed_by_x_and_y():
+    raster = make_raster().drop_vars(["x", "y"])
+    with pytest.raises(InputError, match="transpose it, and reverse y if its first row is the top"):
+        Workspace.from_array(raster, 0.1)
+    workspace = Workspace.from_array(raster.transpose("x", "y")[:, ::-1], 0.1, (-3.0, -2.0))
+    placed = Workspace.from_array(make_raster(), 0.1)
+    assert workspace.grid.lower == pytest.approx(placed.grid.lower)
+    assert (workspace.outer == placed.outer).all()
+
+
+@refusals(
+    "changes, spacing, message",
+    ({"y": [0.0, 0.1, 0.3, 0.4]}, 0.1, "occupied.y has steps from 0.1 to 0.2 m"),
+    ({"y": Y[[0, 2, 1, 3]]}, 0.1, "occupied.y has steps from "),
+    ({}, 0.05, "they must be the spacing, 0.05 m; pass spacing=0.1"),
+    ({"x": ("x", X, {"units": "cm"})}, 0.1, "occupied.x is in 'cm'; it must be in metres"),
+    ({"x": ("x", X, {"units": "degrees_east"})}, 0.1, "by array.rio.reproject"),
+    ({"y": [np.nan, *Y[1:]]}, 0.1, "occupied.y[0] is nan"),
+)
+def test_other_coordinates_are_refused(changes, spacing, message):
+    with pytest.raises(InputError) as caught:
+        Workspace.from_array(make_raster(**changes), spacing)
+    assert message in str(caught.value)
+
+
+def test_the_hints_about_units_and_spacing_are_followed():
+    array = make_raster(x=("x", 100 * X, {"units": "cm"}))
+    with pytest.raises(InputError) as caught:
+        Workspace.from_array(array, 0.1)
+    scaled = caught.value.hint.removeprefix("scale it, e.g. ").removesuffix(" for cm")
+    workspace = Workspace.from_array(eval(scaled, {"array": array}), 0.1)
+    assert workspace.grid.lower == pytest.approx((-3.0, -2.0))
+    with pytest.raises(InputError) as caught:
+        Workspace.from_array(make_raster(), 0.2)
+    spacing = float(caught.value.hint.split(",")[0].partition("=")[2])
+    assert Workspace.from_array(make_raster(), spacing).grid.spacing == 0.1
+
+
+def test_the_reference_system_of_a_raster_counts():
+    system = xarray.DataArray(0, attrs={"crs_wkt": 'GEOGCS["WGS 84",AUTHORITY["EPSG","4326"]]'})
+    with pytest.raises(GeometryError, match="not metres on the ground"):
+        Workspace.from_array(make_raster(spatial_ref=system), 0.1)
+    with pytest.raises(GeometryError, match=r"\+init=epsg:4326"):
+        Workspace.from_array(make_raster().assign_attrs(crs="+init=epsg:4326"), 0.1)
+    with pytest.warns(UnitWarning, match="read as metres"):
+        Workspace.from_array(make_raster().assign_attrs(crs="EPSG:2056"), 0.1)
+
+
+@pytest.mark.parametrize("names", [("y", "x"), ("lat", "lon"), ("x", "z")])
+def test_dimensions_of_zarr_arrays_are_read(tmp_path, names):
+    cells = np.zeros((3, 5), dtype=bool)
+    options = {"config": {"write_empty_chunks": True}, "compressors": None}
+    array = zarr.create_array(tmp_path / "a.zarr", data=cells, dimension_names=names, **options)
+    for source in (tmp_path / "a.zarr", array):
+        with pytest.raises(InputError, match="has the dimensions"):
+            Workspace.from_array(source, 0.1)
+    for good in (("x", "y"), None):
+        zarr.create_array(
+            tmp_path / "b.zarr", data=cells, dimension_names=good, overwrite=True, **options
+        )
+        assert Workspace.from_array(tmp_path / "b.zarr", 0.1).grid.shape == (3, 5)
