@@ -205,13 +205,21 @@ def reach_cell(
     nx, ny, nz = estimate.shape
     reached = ((rotation * nx + u) * ny + v) * nz + w
     cost = progress.cost[cell] + step
-    if progress.closed[reached]:
-        return
-    is_first = progress.previous[reached] == 0
-    if is_first or np.float32(cost) < progress.cost[reached]:
+    if is_cheaper(progress, reached, cost):
         progress.cost[reached] = cost
         progress.previous[reached] = cell + 1
         push(progress, expected_cost(estimate, progress, reached, rotation, u, v, w), reached)
+
+
+@internal
+def is_cheaper(progress: Progress, node: int, cost: float) -> bool:
+    """Return True if a chain is the cheapest so far to a node that was not expanded.
+
+    ``cost`` is that of the chain; an infinite cost is none.
+    """
+    if progress.closed[node] or cost == math.inf:
+        return False
+    return progress.previous[node] == 0 or np.float32(cost) < progress.cost[node]
 
 
 @internal

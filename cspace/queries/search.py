@@ -32,12 +32,19 @@ from cspace.queries.frontier import (
     Estimate,
     Progress,
     begin_at,
-    estimate_without_obstacles,
     expand_until_done,
     pop_best,
     reach_cell,
 )
-from cspace.queries.guide import NO_FACTORS, Guide, any_direction, factor_at, measure_turns
+from cspace.queries.guide import (
+    NARROW_PRICE,
+    NO_FACTORS,
+    POSITIONS_WEIGHT,
+    Guide,
+    any_direction,
+    factor_at,
+    measure_turns,
+)
 from cspace.queries.moves import Moves, list_moves
 from cspace.queries.points import Cell
 from cspace.record.states import read_only
@@ -57,8 +64,9 @@ LABELLING_SHARE: Final = 1 / 256
 """Share of the nodes that a search expands while all could be labelled; after it, a search asks the
 labels whether a chain may exist."""
 
-WEIGHT_IN_THE_OPEN: Final = 1.1
-"""Weight of the estimate that ignores obstacles."""
+WEIGHT_OF_ONE_ROTATION: Final = 1.02
+"""Weight of the guide's own estimate for robots that only translate: it chooses the way around each
+obstacle, and the guide is exact enough for shorter ways."""
 
 
 class Graph(NamedTuple):
@@ -186,17 +194,16 @@ def _search_guided(
     size = math.prod(shape)
     goal_rotation, goal_position = divmod(goal, size)
     goal_cell = _locate(goal_position, shape)
-    # Without rotations, straight distances are as good as a search, and quicker.
-    if len(graph.slice_of) == 1:
-        estimate = estimate_without_obstacles(shape, goal_cell, WEIGHT_IN_THE_OPEN)
-        return search(graph, estimate, start, goal, until, may_exist=may_exist)
     start_cell = _locate(start % size, shape)
+    turns = len(graph.slice_of) > 1
     guide = Guide(
         graph.states,
         any_direction(graph.states),
         (0, start_cell),
         (0, goal_cell),
         BLOCK_SIDE,
+        narrow_price=NARROW_PRICE if turns else 0.0,
+        weight=POSITIONS_WEIGHT if turns else WEIGHT_OF_ONE_ROTATION,
         factors=graph.factors,
     )
     rotations = measure_turns(graph.neighbors, graph.turns, goal_rotation)
