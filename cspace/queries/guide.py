@@ -1,4 +1,4 @@
-"""The way to a goal over blocks of cells, which guides searches among rotations.
+"""The way to a goal over blocks of cells, which guides searches over cells and rotations.
 
 A state is a direction of the robot and a block. A block is passable in a direction if one of its
 cells is FREE at one of the rotations of that direction. So a chain of blocks may promise a way that
@@ -16,6 +16,7 @@ has examined everything.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -214,10 +215,21 @@ class Guide:
                 rotations=measure_turns(directions.neighbors, turns, start_direction),
             )
 
-    def reach(self, direction: int, cell: Cell, until: float) -> None:
+    def is_reached(self, cell: Cell) -> bool:
+        """Return True if a chain from the block of a cell is known, for one direction."""
+        return bool(self.estimate.reached[0, *self._find_block(cell)] != 0)
+
+    def reach(
+        self,
+        direction: int,
+        cell: Cell,
+        until: float,
+        may_exist: Callable[[], bool] | None = None,
+    ) -> None:
         """Search on until a short chain from the block of a cell is known, if any.
 
-        Raises TimeoutError after ``until``, a reading of :data:`cspace.support.compiling.clock`.
+        A long search asks once whether a chain ``may_exist``, and ends if none does. Raises
+        TimeoutError after ``until``, a reading of :data:`cspace.support.compiling.clock`.
         """
         last = int(np.ravel_multi_index((direction, *self._find_block(cell)), self._shape))
         is_first = self.estimate.bound[0] == 0.0  # the search from the goal has not begun
@@ -239,6 +251,7 @@ class Guide:
             self._directions.moves.shape[1] + self._directions.neighbors.shape[1],
             until,
             lambda state: self._reach_positions(state, until),
+            may_exist,
         )
         is_exhausted = self._progress.length[0] == 0
         lowest_key = -math.inf if is_exhausted else self._progress.keys[0]

@@ -14,7 +14,6 @@ Kernels see three axes: a map of the plane has one layer of cells along the firs
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable
 from typing import Final, NamedTuple
@@ -59,10 +58,6 @@ longer."""
 
 BLOCK_SIDE: Final = 4
 """Cells along each side of the blocks of the guide."""
-
-LABELLING_SHARE: Final = 1 / 256
-"""Share of the nodes that a search expands while all could be labelled; after it, a search asks the
-labels whether a chain may exist."""
 
 WEIGHT_OF_ONE_ROTATION: Final = 1.02
 """Weight of the guide's own estimate for robots that only translate: it chooses the way around each
@@ -206,6 +201,9 @@ def _search_guided(
         weight=POSITIONS_WEIGHT if turns else WEIGHT_OF_ONE_ROTATION,
         factors=graph.factors,
     )
+    guide.reach(0, start_cell, until, may_exist)
+    if not guide.is_reached(start_cell):
+        return begin_at(start, len(graph.slice_of) * size)
     rotations = measure_turns(graph.neighbors, graph.turns, goal_rotation)
     estimate = guide.estimate._replace(weight=WEIGHT, rotations=rotations)
 
@@ -232,26 +230,16 @@ def search(
     that no chain may pass. Where the estimate is not known yet, ``reach_block`` is called with a
     node. Raises TimeoutError after ``until``.
     """
-    count = len(graph.slice_of) * math.prod(estimate.shape)
-    progress = begin_at(start, count)
-    rounds = itertools.count(1)
-    asks_after = math.ceil(count * LABELLING_SHARE / POPS_PER_CLOCK_CHECK)
-
-    def expand(progress: Progress) -> int:
-        outcome: int = expand_cells(graph, estimate, progress, goal)
-        is_long = outcome == GOES_ON and next(rounds) == asks_after
-        if is_long and may_exist is not None and not may_exist():
-            return DONE
-        return outcome
-
+    progress = begin_at(start, len(graph.slice_of) * math.prod(estimate.shape))
     if excluded is not None:
         progress = progress._replace(closed=excluded)
     return expand_until_done(
-        expand,
+        lambda progress: expand_cells(graph, estimate, progress, goal),
         progress,
         len(graph.moves.steps) + graph.neighbors.shape[1],
         until,
         reach_block,
+        may_exist,
     )
 
 

@@ -1,4 +1,4 @@
-"""The guide of searches among rotations: shortest chains over blocks of cells, by scipy."""
+"""The guide of searches: shortest chains over blocks of cells, by scipy."""
 
 import itertools
 import math
