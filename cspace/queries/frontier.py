@@ -228,7 +228,8 @@ def is_cheaper(progress: Progress, node: int, cost: float) -> bool:
     """
     if progress.closed[node] or cost == math.inf:
         return False
-    return progress.previous[node] == 0 or np.float32(cost) < progress.cost[node]
+    is_first: bool = progress.previous[node] == 0
+    return is_first or np.float32(cost) < progress.cost[node]
 
 
 @internal
