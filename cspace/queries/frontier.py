@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import mmap
 from collections.abc import Callable
@@ -19,6 +20,10 @@ Costs = NDArray[np.float32]
 
 POPS_PER_CLOCK_CHECK: Final = 2**14
 """Nodes taken from the queue between two checks of the time limit, about 10 ms."""
+
+LABELLING_SHARE: Final = 1 / 256
+"""Share of the nodes that a search expands while all could be labelled; after it, a search asks the
+labels whether a chain may exist."""
 
 NO_NODE: Final = -1
 UNKNOWN: Final = -2
@@ -147,16 +152,20 @@ def expand_until_done(
     max_new_entries: int,
     until: float,
     reach_first: Callable[[int], None] | None = None,
+    may_exist: Callable[[], bool] | None = None,
 ) -> Progress:
     """Call ``expand`` until it returns :data:`DONE`; double the queue as needed.
 
     ``expand`` adds at most ``max_new_entries`` to the queue for each node. Where it needs an
-    estimate, ``reach_first`` is called with the first node of the queue. Raises TimeoutError after
-    ``until``.
+    estimate, ``reach_first`` is called with the first node of the queue. A long search asks once
+    whether a chain ``may_exist``, and ends if none does. Raises TimeoutError after ``until``.
     """
+    rounds = itertools.count(1)
+    asks_after = math.ceil(len(progress.cost) * LABELLING_SHARE / POPS_PER_CLOCK_CHECK)
     while True:
         outcome = expand(progress)
-        if outcome == DONE:
+        is_long = outcome == GOES_ON and next(rounds) == asks_after
+        if outcome == DONE or (is_long and may_exist is not None and not may_exist()):
             return progress
         check_deadline(until)
         if outcome == NEEDS_ESTIMATE and reach_first is not None:
@@ -205,13 +214,22 @@ def reach_cell(
     nx, ny, nz = estimate.shape
     reached = ((rotation * nx + u) * ny + v) * nz + w
     cost = progress.cost[cell] + step
-    if progress.closed[reached]:
-        return
-    is_first = progress.previous[reached] == 0
-    if is_first or np.float32(cost) < progress.cost[reached]:
+    if is_cheaper(progress, reached, cost):
         progress.cost[reached] = cost
         progress.previous[reached] = cell + 1
         push(progress, expected_cost(estimate, progress, reached, rotation, u, v, w), reached)
+
+
+@internal
+def is_cheaper(progress: Progress, node: int, cost: float) -> bool:
+    """Return True if a chain is the cheapest so far to a node that was not expanded.
+
+    ``cost`` is that of the chain; an infinite cost is none.
+    """
+    if progress.closed[node] or cost == math.inf:
+        return False
+    is_first: bool = progress.previous[node] == 0
+    return is_first or np.float32(cost) < progress.cost[node]
 
 
 @internal

@@ -1,9 +1,10 @@
-"""The way to a goal over blocks of cells, which guides searches among rotations.
+"""The way to a goal over blocks of cells, which guides searches over cells and rotations.
 
 A state is a direction of the robot and a block. A block is passable in a direction if one of its
 cells is FREE at one of the rotations of that direction. So a chain of blocks may promise a way that
 the robot cannot take, but hardly a passage of the robot is missed. Blocks in which the robot can
-hardly turn are dearer.
+hardly turn are dearer. If a direction has one rotation, passable cells of blocks must also meet,
+because blocks are wider than the thinnest walls.
 
 A search from the goal to the start measures short chains. It goes on when another search, from the
 start, needs the cost of a block that it has not reached (D. Silver, "Cooperative pathfinding",
@@ -15,6 +16,7 @@ has examined everything.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -33,6 +35,7 @@ from cspace.queries.frontier import (
     begin_at,
     estimate_without_obstacles,
     expand_until_done,
+    is_cheaper,
     pop_best,
     reach_cell,
     sparse_zeros,
@@ -136,6 +139,8 @@ class Guide:
         Cells along each side of a block.
     narrow_price : float
         Share by which a block is dearer where the robot passes at few rotations.
+    weight : float
+        Weight of the estimate, for one direction.
     factors : ndarray of float32, the shape of states, optional
         Factor, 1 or above, of the cost of moves in each cell.
     worst_state : int
@@ -156,6 +161,7 @@ class Guide:
         side: int,
         *,
         narrow_price: float = NARROW_PRICE,
+        weight: float = POSITIONS_WEIGHT,
         factors: Costs = NO_FACTORS,
         worst_state: int = FREE,
     ) -> None:
@@ -186,7 +192,7 @@ class Guide:
             side=side,
         )
         start_block = self._find_block(start_cell)
-        self._to_start = estimate_without_obstacles(shape[1:], start_block, POSITIONS_WEIGHT)
+        self._to_start = estimate_without_obstacles(shape[1:], start_block, weight)
         self._guide: Guide | None = None
         if len(directions.slices) > 1:
             self._guide = Guide(
@@ -209,10 +215,21 @@ class Guide:
                 rotations=measure_turns(directions.neighbors, turns, start_direction),
             )
 
-    def reach(self, direction: int, cell: Cell, until: float) -> None:
+    def is_reached(self, cell: Cell) -> bool:
+        """Return True if a chain from the block of a cell is known, for one direction."""
+        return bool(self.estimate.reached[0, *self._find_block(cell)] != 0)
+
+    def reach(
+        self,
+        direction: int,
+        cell: Cell,
+        until: float,
+        may_exist: Callable[[], bool] | None = None,
+    ) -> None:
         """Search on until a short chain from the block of a cell is known, if any.
 
-        Raises TimeoutError after ``until``, a reading of :data:`cspace.support.compiling.clock`.
+        A long search asks once whether a chain ``may_exist``, and ends if none does. Raises
+        TimeoutError after ``until``, a reading of :data:`cspace.support.compiling.clock`.
         """
         last = int(np.ravel_multi_index((direction, *self._find_block(cell)), self._shape))
         is_first = self.estimate.bound[0] == 0.0  # the search from the goal has not begun
@@ -234,6 +251,7 @@ class Guide:
             self._directions.moves.shape[1] + self._directions.neighbors.shape[1],
             until,
             lambda state: self._reach_positions(state, until),
+            may_exist,
         )
         is_exhausted = self._progress.length[0] == 0
         lowest_key = -math.inf if is_exhausted else self._progress.keys[0]
@@ -275,7 +293,7 @@ def measure_turns(neighbors: Ints, turns: Floats, goal: int) -> Floats:
     is_settled = False
     while not is_settled:
         by_neighbors = np.where(neighbors < 0, np.inf, costs[neighbors] + turns)
-        lower_costs = np.minimum(costs, by_neighbors.min(axis=1))
+        lower_costs = np.minimum(costs, by_neighbors.min(axis=1, initial=np.inf))
         is_settled = np.array_equal(costs, lower_costs)
         costs = lower_costs
     return costs
@@ -297,6 +315,7 @@ def expand_blocks(
     nx, ny, nz = to_start.shape
     n_moves = directions.moves.shape[1]
     n_turns = directions.neighbors.shape[1]
+    has_one_rotation = directions.slices.shape[1] == 1
     for _ in range(max_states):
         if progress.closed[last]:
             return DONE
@@ -319,8 +338,13 @@ def expand_blocks(
             w = k - directions.moves[direction, move, 2]
             if 0 <= u < nx and 0 <= v < ny and 0 <= w < nz:
                 price = price_of(blocks, directions.slices, direction, u, v, w)
-                if price < math.inf:
-                    cost = price * directions.move_costs[direction, move]
+                cost = price * directions.move_costs[direction, move]
+                reached = ((direction * nx + u) * ny + v) * nz + w
+                is_useful = is_cheaper(progress, reached, progress.cost[state] + cost)
+                if is_useful and has_one_rotation:
+                    number = directions.slices[direction, 0]
+                    is_useful = are_joined(blocks, number, (i, j, k), (u, v, w))
+                if is_useful:
                     reach_cell(to_start, progress, state, direction, u, v, w, cost)
         for turn in range(n_turns):
             other = directions.neighbors[direction, turn]
@@ -360,6 +384,60 @@ def price_of(blocks: Blocks, slices: Ints, direction: int, u: int, v: int, w: in
     price = np.float32(factor * (1.0 + blocks.narrow_price * (1.0 - n_passable / n_samples)))
     blocks.prices[direction, u, v, w] = price
     return price
+
+
+@internal
+def are_joined(blocks: Blocks, number: int, first: Cell, last: Cell) -> bool:
+    """Return True if one of two chains of blocks joins two near blocks in a slice.
+
+    Each block of a chain shares a face with the next, and passable cells meet at the face. A chain
+    goes on along the axis on which it is farthest behind; where axes are equal, one chain prefers
+    the first, and the other one the last.
+    """
+    for prefers_last in range(2):
+        i, j, k = first
+        is_open = True
+        while is_open and (i, j, k) != last:
+            x = abs(last[0] - i)
+            y = abs(last[1] - j)
+            z = abs(last[2] - k)
+            u, v, w = i, j, k
+            if z > max(x, y) or (z == max(x, y) and prefers_last) or x + y == 0:
+                w += 1 if last[2] > k else -1
+            elif y > x or (y == x and prefers_last) or x == 0:
+                v += 1 if last[1] > j else -1
+            else:
+                u += 1 if last[0] > i else -1
+            is_open = meet_at_face(blocks, number, (i, j, k), (u, v, w))
+            i, j, k = u, v, w
+        if is_open:
+            return True
+    return False
+
+
+@internal
+def meet_at_face(blocks: Blocks, number: int, first: Cell, second: Cell) -> bool:
+    """Return True if passable cells of two blocks meet at the face that both share."""
+    _, nx, ny, nz = blocks.states.shape
+    side = blocks.side
+    du = second[0] - first[0]
+    dv = second[1] - first[1]
+    dw = second[2] - first[2]
+    low_u = side * first[0] + (side - 1 if du > 0 else 0)
+    low_v = side * first[1] + (side - 1 if dv > 0 else 0)
+    low_w = side * first[2] + (side - 1 if dw > 0 else 0)
+    high_u = low_u + (1 if du != 0 else side)
+    high_v = low_v + (1 if dv != 0 else side)
+    high_w = low_w + (1 if dw != 0 else side)
+    for i in range(low_u, min(high_u, nx)):
+        for j in range(low_v, min(high_v, ny)):
+            for k in range(low_w, min(high_w, nz)):
+                if (
+                    blocks.states[number, i, j, k] <= blocks.worst_state
+                    and blocks.states[number, i + du, j + dv, k + dw] <= blocks.worst_state
+                ):
+                    return True
+    return False
 
 
 @internal

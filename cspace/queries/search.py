@@ -14,7 +14,6 @@ Kernels see three axes: a map of the plane has one layer of cells along the firs
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable
 from typing import Final, NamedTuple
@@ -32,12 +31,19 @@ from cspace.queries.frontier import (
     Estimate,
     Progress,
     begin_at,
-    estimate_without_obstacles,
     expand_until_done,
     pop_best,
     reach_cell,
 )
-from cspace.queries.guide import NO_FACTORS, Guide, any_direction, factor_at, measure_turns
+from cspace.queries.guide import (
+    NARROW_PRICE,
+    NO_FACTORS,
+    POSITIONS_WEIGHT,
+    Guide,
+    any_direction,
+    factor_at,
+    measure_turns,
+)
 from cspace.queries.moves import Moves, list_moves
 from cspace.queries.points import Cell
 from cspace.record.states import read_only
@@ -53,12 +59,9 @@ longer."""
 BLOCK_SIDE: Final = 4
 """Cells along each side of the blocks of the guide."""
 
-LABELLING_SHARE: Final = 1 / 256
-"""Share of the nodes that a search expands while all could be labelled; after it, a search asks the
-labels whether a chain may exist."""
-
-WEIGHT_IN_THE_OPEN: Final = 1.1
-"""Weight of the estimate that ignores obstacles."""
+WEIGHT_OF_ONE_ROTATION: Final = 1.02
+"""Weight of the guide's own estimate for robots that only translate: it chooses the way around each
+obstacle, and the guide is exact enough for shorter ways."""
 
 
 class Graph(NamedTuple):
@@ -186,19 +189,21 @@ def _search_guided(
     size = math.prod(shape)
     goal_rotation, goal_position = divmod(goal, size)
     goal_cell = _locate(goal_position, shape)
-    # Without rotations, straight distances are as good as a search, and quicker.
-    if len(graph.slice_of) == 1:
-        estimate = estimate_without_obstacles(shape, goal_cell, WEIGHT_IN_THE_OPEN)
-        return search(graph, estimate, start, goal, until, may_exist=may_exist)
     start_cell = _locate(start % size, shape)
+    turns = len(graph.slice_of) > 1
     guide = Guide(
         graph.states,
         any_direction(graph.states),
         (0, start_cell),
         (0, goal_cell),
         BLOCK_SIDE,
+        narrow_price=NARROW_PRICE if turns else 0.0,
+        weight=POSITIONS_WEIGHT if turns else WEIGHT_OF_ONE_ROTATION,
         factors=graph.factors,
     )
+    guide.reach(0, start_cell, until, may_exist)
+    if not guide.is_reached(start_cell):
+        return begin_at(start, len(graph.slice_of) * size)
     rotations = measure_turns(graph.neighbors, graph.turns, goal_rotation)
     estimate = guide.estimate._replace(weight=WEIGHT, rotations=rotations)
 
@@ -225,26 +230,16 @@ def search(
     that no chain may pass. Where the estimate is not known yet, ``reach_block`` is called with a
     node. Raises TimeoutError after ``until``.
     """
-    count = len(graph.slice_of) * math.prod(estimate.shape)
-    progress = begin_at(start, count)
-    rounds = itertools.count(1)
-    asks_after = math.ceil(count * LABELLING_SHARE / POPS_PER_CLOCK_CHECK)
-
-    def expand(progress: Progress) -> int:
-        outcome: int = expand_cells(graph, estimate, progress, goal)
-        is_long = outcome == GOES_ON and next(rounds) == asks_after
-        if is_long and may_exist is not None and not may_exist():
-            return DONE
-        return outcome
-
+    progress = begin_at(start, len(graph.slice_of) * math.prod(estimate.shape))
     if excluded is not None:
         progress = progress._replace(closed=excluded)
     return expand_until_done(
-        expand,
+        lambda progress: expand_cells(graph, estimate, progress, goal),
         progress,
         len(graph.moves.steps) + graph.neighbors.shape[1],
         until,
         reach_block,
+        may_exist,
     )
 
 

@@ -1,4 +1,4 @@
-"""The guide of searches among rotations: shortest chains over blocks of cells, by scipy."""
+"""The guide of searches: shortest chains over blocks of cells, by scipy."""
 
 import itertools
 import math
@@ -10,7 +10,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from cspace.queries.frontier import DEAD_END_COST
-from cspace.queries.guide import Directions, Guide
+from cspace.queries.guide import POSITIONS_WEIGHT, Directions, Guide, any_direction
 from cspace.support.arrays import BLOCKED, FREE, MIXED
 from tests.helpers.strategies import seeds
 
@@ -112,6 +112,44 @@ def test_a_guide_measures_short_chains(dim, seed):
             assert estimate.bound[0] == -math.inf
         # What is known is the cost of a chain.
         assert (estimate.positions[is_reached] * 1.001 >= expected[is_reached]).all()
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@settings(max_examples=15)
+@given(seeds)
+def test_blocks_of_one_rotation_join_where_their_cells_meet(dim, seed):
+    rng = np.random.default_rng(seed)
+    shape = (1,) * (3 - dim) + tuple(rng.integers(4, 16, dim))
+    states = rng.choice(np.uint8([FREE, BLOCKED]), (1, *shape), p=[0.4, 0.6])
+    side = int(rng.integers(1, 5))
+    goal = tuple(rng.integers(0, shape).tolist())
+    states[(0, *goal)] = FREE
+    blocks = tuple(-(-size // side) for size in shape)
+    number = np.arange(math.prod(blocks)).reshape(blocks)
+    block_of = number[np.ix_(*(np.arange(size) // side for size in shape))]
+    # Blocks joined by two cells that share a face.
+    pairs = []
+    for axis in range(3):
+        lower = np.moveaxis(states[0] == FREE, axis, 0)
+        numbers = np.moveaxis(block_of, axis, 0)
+        meets = lower[:-1] & lower[1:]
+        pairs.append(np.stack([numbers[:-1][meets], numbers[1:][meets]]))
+    rows, columns = np.concatenate(pairs, axis=1)
+    graph = csr_array((np.ones(len(rows)), (rows, columns)), (number.size,) * 2)
+    graph.data[:] = 1.0
+    steps = dijkstra(graph, directed=False, indices=block_of[goal], unweighted=True)
+    directions = any_direction(states)
+    for cell in rng.integers(0, shape, (5, 3)).tolist():
+        guide = Guide(states, directions, (0, tuple(cell)), (0, goal), side, narrow_price=0.0)
+        guide.reach(0, tuple(cell), math.inf)
+        block = tuple(np.array(cell) // side)
+        expected = steps[number[block]]
+        reached = guide.estimate.reached[(0, *block)] != 0
+        assert reached == np.isfinite(expected)
+        if reached:
+            straight = math.dist(block, np.array(goal) // side)
+            cost = guide.estimate.positions[(0, *block)]
+            assert straight * 0.999 <= cost <= POSITIONS_WEIGHT * 1.001 * expected
 
 
 def test_a_dead_end_is_found_without_a_look_at_the_whole_map():
