@@ -1,6 +1,7 @@
 """Lists of the pages that are generated from the code: ``python docs/lists.py`` writes them anew."""
 
 import inspect
+import pkgutil
 import re
 from collections.abc import Callable, Iterable, Mapping
 from importlib import import_module
@@ -8,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import cspace
+import cspace.files
 import planners
 from cspace.export.maps import EXPORT_FORMATS
 from cspace.files.formats import ROBOT_FORMATS, WORKSPACE_FORMATS
@@ -55,6 +57,7 @@ def make_list(name: str, linked: bool) -> str:
         "workspace formats": lambda: list_formats(WORKSPACE_FORMATS),
         "robot formats": lambda: list_formats(ROBOT_FORMATS),
         "export formats": lambda: list_formats(EXPORT_FORMATS),
+        "fields": list_fields,
     }
     lines = tables[name]() if name in tables else list_names(find_names()[name], linked)
     return "".join(f"{line}\n" for line in lines)
@@ -80,6 +83,15 @@ def list_formats(formats: Mapping[str, Any]) -> Iterable[str]:
     for (summary, dimension), names in suffixes.items():
         shown = ", ".join(f"`{name}`" if name else "a folder" for name in names)
         yield f"| {shown} | {summary} | {MAPS_IN[dimension]} |"
+
+
+def list_fields() -> Iterable[str]:
+    """Yield the rows of the table of fields, in the order of the readers' modules."""
+    yield from ("| file | honoured | refused | warned of |", "|---|---|---|---|")
+    for module in pkgutil.iter_modules(cspace.files.__path__, "cspace.files."):
+        for fields in getattr(import_module(module.name), "FIELDS", ()):
+            done = ("; ".join(names) for names in fields[1:])
+            yield f"| {' | '.join((fields.files, *done))} |"
 
 
 # ---- functions and methods -----------------------------------------------------------------------

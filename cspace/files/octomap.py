@@ -9,10 +9,19 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace.files.access import ContentError, decoding, iterate_header_lines, read_bytes
+from cspace.files.fields import Fields
 from cspace.limits import check_cells
 from cspace.support.arrays import Bools, Bytes, Floats, Ints, StrPath, frozen
 
 _OCTOMAP_KIND: Final = "OctoMap"
+
+FIELDS: Final = (
+    Fields(
+        "`.bt`, `.ot`",
+        honoured=("kind of tree (first line, `id`)", "`size`", "`res`", "unknown cells"),
+        refused=("other trees than OcTree and ColorOcTree", "values that are NaN"),
+    ),
+)
 
 _FIRST_LINES: Final = {"# Octomap OcTree binary file": True, "# Octomap OcTree file": False}
 _COLOUR_BYTES: Final = {"OcTree": 0, "ColorOcTree": 3}
