@@ -22,14 +22,14 @@ import re
 import struct
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, Literal, NamedTuple, TypeAlias
 from urllib.parse import unquote
 from xml.etree.ElementTree import Element
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.errors import GeometryError, InputError
+from cspace.errors import GeometryError, InputError, UnitWarning, warn_user
 from cspace.files.access import (
     ContentError,
     check_suffix,
@@ -37,6 +37,7 @@ from cspace.files.access import (
     parse_numbers,
     read_bytes,
 )
+from cspace.files.fields import Fields
 from cspace.files.plain import check_nesting, parse_xml
 from cspace.files.polygons import (
     join_surfaces,
@@ -49,10 +50,20 @@ from cspace.files.polygons import (
 )
 from cspace.limits import check_bytes
 from cspace.support.arrays import Floats, Ints, StrPath, Surface
-from cspace.support.check import check_finite
+from cspace.support.check import check_finite, check_word
 
 Json = dict[str, Any]
 """An object of a glTF header."""
+
+Up: TypeAlias = Literal["x", "y", "z"]
+"""Axis of a mesh that points up."""
+
+UPRIGHT: Final[Mapping[Up, Floats]] = {
+    "x": np.array([(0.0, -1.0, 0.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0)]),
+    "y": np.array([(1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0)]),
+    "z": np.eye(3),
+}
+"""Rotation that makes an axis point along z, shape (3, 3), by the axis; as in COLLADA and glTF."""
 
 _MESH_KIND: Final = "mesh"
 
@@ -79,8 +90,8 @@ _ROW_TYPES: Final[dict[str, dict[int, Any]]] = {
 """Data type of a row of a glTF accessor, by its type and component type."""
 
 
-def _read_gltf(file: Path) -> Surface:
-    """Read the triangles of a glTF scene.
+def _read_gltf(file: Path) -> tuple[Surface, Up]:
+    """Read the triangles of a glTF scene, whose y points up.
 
     Raises FileError if the file or a buffer is missing, truncated or malformed. Raises
     GeometryError if it holds anything but triangles, or if its shape depends on an extension, a
@@ -111,7 +122,7 @@ def _read_gltf(file: Path) -> Surface:
         mesh: [_make_gltf_surface(points, corners) for points, corners in primitives[mesh]]
         for mesh, _ in placed
     }
-    return _join_placed(surfaces, placed)
+    return _join_placed(surfaces, placed), "y"
 
 
 def _join_placed(
@@ -392,8 +403,8 @@ class _Collada(NamedTuple):
         return target
 
 
-def _read_collada(file: Path) -> Surface:
-    """Read the triangles of a COLLADA scene, in metres.
+def _read_collada(file: Path) -> tuple[Surface, Up]:
+    """Read the triangles of a COLLADA scene, in metres, and the axis that points up.
 
     Axes stay as they are; lines are skipped.
 
@@ -409,7 +420,19 @@ def _read_collada(file: Path) -> Surface:
         for points, faces in surfaces[geometry]:
             unfolded_bytes += surface_bytes(len(points), len(faces))
     check_bytes(file, unfolded_bytes, "unfolds to", memory=3.0)
-    return _join_placed(surfaces, placed)
+    axis = _read_asset(collada.root, "up_axis", lambda element: (element.text or "").strip())
+    if axis not in _UP_BY_NAME:
+        raise ContentError(f"has the up_axis {axis!r}", f"there are {', '.join(_UP_BY_NAME)}")
+    return _join_placed(surfaces, placed), _UP_BY_NAME[axis]
+
+
+_UP_BY_NAME: Final[Mapping[str | None, Up]] = {
+    None: "y",
+    "X_UP": "x",
+    "Y_UP": "y",
+    "Z_UP": "z",
+}
+"""Axis by its name in COLLADA; by default y."""
 
 
 def _parse_collada(data: bytes) -> _Collada:
@@ -471,11 +494,25 @@ def _place_geometries(collada: _Collada) -> Iterator[tuple[Element, Floats]]:
 
 def _read_unit(root: Element) -> float:
     """Return the metres per unit of a COLLADA file."""
-    unit = root.find("asset/unit[@meter]")
-    metres = 1.0 if unit is None else float(unit.get("meter", ""))
+    metres = float(_read_asset(root, "unit", lambda unit: unit.get("meter")) or 1.0)
     if not (math.isfinite(metres) and metres > 0.0):
         raise ContentError(f"has a unit of {metres:g} metres")
     return metres
+
+
+def _read_asset(
+    root: Element, tag: str, read_value: Callable[[Element], str | None]
+) -> str | None:
+    """Return the value of an element of a COLLADA file's assets; None if there is none.
+
+    Raises ContentError if parts of the file have other values than the whole.
+    """
+    values = dict.fromkeys(
+        read_value(element) for asset in root.iter("asset") for element in asset.findall(tag)
+    )
+    if len(values) > 1:
+        raise ContentError(f"has several assets with another {tag}", "one is read", "convert them")
+    return next(iter(values), None)
 
 
 def _find_scene(collada: _Collada) -> Element:
@@ -635,14 +672,42 @@ _FACET: Final = re.compile(
 _SOLIDS: Final = re.compile(rb"^[ \t]*(end)?solid\b[^\n]*", re.MULTILINE)
 """A line of a text STL file that begins or ends a solid."""
 
+_UNIT_NOTE: Final = re.compile(
+    rb"(?:\A|^(?:#|comment|obj_info))[^\n]*?"
+    rb"\b(millimet\w+|centimet\w+|inch(?:es)?|feet|units?\W{1,4}(?:mm|cm|in|ft))\b",
+    re.MULTILINE,
+)
+"""A unit other than the metre, in lower case, in the first line or a comment of a mesh file."""
 
-def read_mesh(path: StrPath) -> Surface:
+_NOTED_BYTES: Final = 4096
+"""Number of bytes at the start of a mesh file that are searched for a unit."""
+
+
+def warn_of_unit(path: StrPath) -> None:
+    """Warn if a comment of a mesh file without units speaks of another unit than the metre."""
+    file = Path(path)
+    if file.suffix.lower() in (".stl", ".obj", ".ply"):
+        with file.open("rb") as stream:
+            note = _UNIT_NOTE.search(stream.read(_NOTED_BYTES).lower())
+        if note is not None:
+            warn_user(
+                f"{os.fspath(path)}: a comment says {note[1].decode('latin-1')!r}, and coordinates "
+                "are read as metres; scale them first, e.g. trimesh.load_mesh(path) and "
+                "mesh.apply_scale(0.001) for millimetres",
+                UnitWarning,
+            )
+
+
+def read_mesh(path: StrPath, up: Up | None = "z") -> Surface:
     """Read the vertices and triangles of a mesh file.
 
     The suffix selects the format. Parts of a scene are transformed and joined. Coordinates of
     ``.glb`` and ``.gltf`` are metres by definition, coordinates of ``.dae`` are converted from the
-    file's unit, and other formats are assumed to be in metres. Axes stay as they are, whichever
-    axis the file calls up.
+    file's unit, and other formats are assumed to be in metres.
+
+    The axis ``up`` of the file becomes z. By default axes stay as they are, whichever axis the file
+    calls up, as in ROS (rviz, MoveIt). With None they stay too, and a warning says so if the file
+    calls another axis up.
 
     Nothing is repaired, merged or dropped: a file with an unsupported part is refused with
     GeometryError. A polygon of four or more corners is refused too if its triangles are ambiguous:
@@ -660,15 +725,27 @@ def read_mesh(path: StrPath) -> Surface:
     """
     suffix = check_suffix(path, _READERS, "the suffix selects the format", "mesh")
     with decoding(path, _MESH_KIND):
-        vertices, faces = _READERS[suffix](Path(path))
+        (vertices, faces), declared_up = _READERS[suffix](Path(path))
         if not len(faces):
             content = "cloud of points" if len(vertices) else ""
             raise _make_empty_error(os.fspath(path), content)
         check_finite(vertices, f"vertices of {path}")
-    return vertices, np.ascontiguousarray(faces)
+    if up is None and declared_up != "z":
+        warn_user(
+            f"{os.fspath(path)}: {declared_up} points up in the file, and its axes stay as they are, "
+            f"as in ROS; pass up={declared_up!r} to from_mesh, open or cspace.Mesh.of to turn it "
+            "upright, or up='z' to keep its axes"
+        )
+    return turn_upright(vertices, up or "z"), np.ascontiguousarray(faces)
 
 
-def _read_stl(file: Path) -> Surface:
+def turn_upright(vertices: Floats, up: Up) -> Floats:
+    """Turn vertices, shape (V, 3), so that an axis points along z."""
+    check_word(up, "up", tuple(UPRIGHT))
+    return vertices if up == "z" else vertices @ UPRIGHT[up].T
+
+
+def _read_stl(file: Path) -> tuple[Surface, Up]:
     """Read the triangles of an STL file.
 
     It may be binary or text. Triangles share no vertices.
@@ -687,7 +764,7 @@ def _read_stl(file: Path) -> Surface:
         raise ContentError(
             f"declares {declared} triangles but has bytes for {present:g}, as a binary STL file"
         )
-    return vertices, np.arange(len(vertices), dtype=np.int64).reshape(-1, 3)
+    return (vertices, np.arange(len(vertices), dtype=np.int64).reshape(-1, 3)), "z"
 
 
 def _parse_stl_text(data: bytes) -> Floats:
@@ -716,21 +793,21 @@ def _parse_stl_text(data: bytes) -> Floats:
     return parse_numbers(words, float).reshape(-1, 3)
 
 
-def _read_ply(file: Path) -> Surface:
+def _read_ply(file: Path) -> tuple[Surface, Up]:
     """Read the polygons of a PLY file as triangles."""
     vertices, corners, sizes = read_ply(file)
-    return vertices, triangulate(vertices, corners, sizes)
+    return (vertices, triangulate(vertices, corners, sizes)), "z"
 
 
-_READERS: Final[dict[str, Callable[[Path], Surface]]] = {
+_READERS: Final[dict[str, Callable[[Path], tuple[Surface, Up]]]] = {
     ".stl": _read_stl,
-    ".obj": read_obj,
+    ".obj": lambda file: (read_obj(file), "z"),
     ".ply": _read_ply,
     ".glb": _read_gltf,
     ".gltf": _read_gltf,
     ".dae": _read_collada,
 }
-"""Function that reads a file, by suffix."""
+"""Function that reads a file and the axis that it calls up, by suffix."""
 
 MESH_SUFFIXES: Final = tuple(_READERS)
 """Suffixes of the files that :func:`read_mesh` reads."""

@@ -1,4 +1,4 @@
-"""MoveIt's messages in YAML: tables of their fields, and parsers.
+"""MoveIt's messages, also as mappings or in YAML: tables of their fields, and parsers.
 
 The YAML is what ROS prints, or what robowflex and MotionBenchMaker write. Fields that a message
 does not have are refused, because a misspelled one would be lost. Fields that would change the
@@ -7,15 +7,20 @@ answer but are not read are refused too, unless they are empty.
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
-from collections.abc import Callable, Mapping
+import os
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any, Final, TypeAlias
 
 import numpy as np
 
+from cspace.errors import InputError
 from cspace.files.access import ContentError, decoding
+from cspace.files.fields import Fields
 from cspace.files.plain import read_yaml
-from cspace.support.arrays import Floats, StrPath
+from cspace.support.arrays import Floats
 
 WORLD: Final = "world"
 """Frame of poses whose header names none, as in robowflex."""
@@ -517,20 +522,67 @@ _parse_request: Final = make_table_parser(
 )
 
 
-def read_scene_message(path: StrPath) -> dict[str, Any]:
+def read_scene_message(source: object) -> dict[str, Any]:
     """Read the fields of a planning scene, or of its world alone."""
-    content = read_yaml(path, SCENE_KIND)
+    content = _load(source, SCENE_KIND)
     if isinstance(content, dict) and "collision_objects" in content:
         content = {"world": content}
-    with decoding(path, SCENE_KIND):
+    with naming(source, SCENE_KIND):
         return _parse_scene(content, "")
 
 
-def read_request_message(path: StrPath) -> dict[str, Any]:
+def read_request_message(source: object) -> dict[str, Any]:
     """Read the fields of a motion plan request."""
-    content = read_yaml(path, REQUEST_KIND)
-    with decoding(path, REQUEST_KIND):
+    content = _load(source, REQUEST_KIND)
+    with naming(source, REQUEST_KIND):
         return _parse_request(content, "")
+
+
+def name_source(source: object, kind: str) -> str:
+    """Return the path of a file, or the kind of a message."""
+    return os.fspath(source) if isinstance(source, str | os.PathLike) else kind
+
+
+@contextmanager
+def naming(source: object, kind: str) -> Iterator[None]:
+    """Turn a ContentError into a FileError, or into an InputError for a message."""
+    if isinstance(source, str | os.PathLike):
+        with decoding(source, kind):
+            yield
+        return
+    try:
+        yield
+    except ContentError as error:
+        raise InputError(kind, *error.parts) from error
+
+
+def _load(source: object, kind: str) -> Any:
+    """Return the plain value of a YAML file, a mapping or a message."""
+    if isinstance(source, str | os.PathLike):
+        return read_yaml(source, kind)
+    return _convert_message(source)
+
+
+def _convert_message(value: Any) -> Any:
+    """Convert a message to tables, lists and plain values."""
+    if isinstance(value, Mapping):
+        return {name: _convert_message(field) for name, field in value.items()}
+    if isinstance(value, bytes):  # ROS 2 has a byte as text of one character
+        return value.decode("latin-1")
+    if isinstance(value, str):
+        return value
+    if hasattr(value, "tolist"):  # an array of numpy or of Python
+        return value.tolist()
+    if isinstance(value, list | tuple):
+        return [_convert_message(item) for item in value]
+    # The names of fields in ROS 2, in rosbags, and in ROS 1.
+    if hasattr(value, "get_fields_and_field_types"):
+        names = list(value.get_fields_and_field_types())
+    elif dataclasses.is_dataclass(value):
+        names = [field.name for field in dataclasses.fields(value)]
+    else:
+        names = list(getattr(value, "__slots__", ()))
+    return {name: _convert_message(getattr(value, name)) for name in names} if names else value
 
 
 def joint_values(state: Mapping[str, Any], place: str) -> dict[str, float]:

@@ -10,13 +10,15 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 
 from cspace.errors import GeometryError, InputError, warn_user
-from cspace.files.access import ContentError, decoding
-from cspace.files.meshes import read_mesh
+from cspace.files.access import ContentError
+from cspace.files.meshes import read_mesh, warn_of_unit
 from cspace.files.moveit import (
     SCENE_KIND,
     WORLD,
     check_poses,
     find_frame,
+    name_source,
+    naming,
     read_scene_message,
     wrong_value,
 )
@@ -29,6 +31,7 @@ from cspace.files.urdf import (
     load_urdf,
     locate_meshes,
     package_folders,
+    warn_of_visuals,
     zero_poses,
 )
 from cspace.shapes.balls import Balls
@@ -43,7 +46,7 @@ from cspace.shapes.shape import (
     cylinder_bounds,
 )
 from cspace.shapes.voxels import Box
-from cspace.support.arrays import Floats, StrPath, Surface
+from cspace.support.arrays import Floats, Surface
 from cspace.support.check import (
     check_finite,
     check_known,
@@ -61,12 +64,13 @@ def read_urdf(
     link: str | Sequence[str] | None = None,
     package_dirs: PackageDirs = (),
     primitives: bool = True,
+    visuals: bool = False,
 ) -> list[Surface]:
     """Read the surface of a robot's collision geometry, metres.
 
-    It is in the frame of the first link. Links are as for :meth:`cspace.Robot.from_urdf`. If a
-    shape is curved, return an outer and an inner surface. Without `primitives`, only meshes are
-    accepted.
+    It is in the frame of the first link. Links and `visuals` are as for
+    :meth:`cspace.Robot.from_urdf`. If a shape is curved, return an outer and an inner surface.
+    Without `primitives`, only meshes are accepted.
 
     Raises FileError if the file or a mesh is missing or malformed. Raises InputError if a link is
     missing, the links have no collision geometry, or a size is not above zero. Raises
@@ -74,10 +78,11 @@ def read_urdf(
     """
     folders = package_folders(package_dirs)
     file = os.fspath(path)
-    urdf = load_urdf(path)
+    urdf = load_urdf(path, visuals)
     links = fixed_links(urdf) if link is None else check_names(link, "link")
     for name in links:
         check_known(name, "link", urdf.link_map)
+    warn_of_visuals(urdf, urdf.link_map if link is None else links, path)
     # The bounds of all collision geometries, moved to the frame of the first link.
     outer_surfaces = []
     inner_surfaces = []
@@ -118,7 +123,7 @@ def _check_shapes(
     if len(omitted) == len(with_geometry):
         problem = f"is {', '.join(links) or 'empty'}"
         rule = "no such link has collision geometry"
-        hint = "add <collision>"
+        hint = "add <collision>, or pass visuals=True"
         if with_geometry:
             hint = f"name links that have: {', '.join(with_geometry)}"
         raise InputError("link", problem, rule, hint)
@@ -189,6 +194,8 @@ def _scale_mesh(file: Path, scale: Any, place: str) -> Surface:
         problem = f"is {factors.tolist()}"
         rule = "no factor may be zero"
         raise InputError(f"{place}: scale", problem, rule, "correct it")
+    if (factors == 1.0).all():
+        warn_of_unit(file)
     return transform_surface(read_mesh(file), np.diag([*factors, 1.0]))
 
 
@@ -236,6 +243,8 @@ class SceneContent(NamedTuple):
 
     Attributes
     ----------
+    source : str
+        The file, or "planning scene" for a message.
     frame : str
         The planning frame.
     shapes : list of SceneShape
@@ -246,52 +255,51 @@ class SceneContent(NamedTuple):
         The fields of the message.
     """
 
+    source: str
     frame: str
     shapes: list[SceneShape]
     attached: list[AttachedShapes]
     fields: dict[str, Any]
 
+    def list_obstacles(self) -> list[Shape]:
+        """Return the obstacles in the planning frame.
 
-def read_scene_shapes(path: StrPath, package_dirs: PackageDirs = ()) -> list[Shape]:
-    """Read the obstacles of a planning scene, in its planning frame.
-
-    A warning lists the attached objects, which are not read. Raises as :func:`read_scene`, and
-    GeometryError if the scene has no obstacle.
-    """
-    scene = read_scene(path, package_dirs)
-    if not scene.shapes:
-        raise empty_error(path)
-    if scene.attached:
-        names = ", ".join(carried.shapes[0].object_id for carried in scene.attached)
-        problem = f"attached objects ({names}) enlarge the robot and are not read"
-        warn_user(f"{os.fspath(path)}: {problem}; use arm.attach")
-    return [_transform(obstacle.shape, obstacle.pose) for obstacle in scene.shapes]
+        A warning lists the attached objects, which are left out. Raises GeometryError if the scene
+        has no obstacle.
+        """
+        if not self.shapes:
+            raise empty_error(self.source)
+        if self.attached:
+            names = ", ".join(carried.shapes[0].object_id for carried in self.attached)
+            problem = f"attached objects ({names}) enlarge the robot and are not read"
+            warn_user(f"{self.source}: {problem}; use arm.attach")
+        return [_transform(obstacle.shape, obstacle.pose) for obstacle in self.shapes]
 
 
-def empty_error(path: StrPath) -> GeometryError:
+def empty_error(source: str) -> GeometryError:
     """Return the error for a scene without shapes."""
-    rule = "a scene needs one"
-    return GeometryError(os.fspath(path), "holds no shape", rule, "pass another file")
+    return GeometryError(source, "holds no shape", "a scene needs one", "pass another scene")
 
 
-def read_scene(path: StrPath, package_dirs: PackageDirs = ()) -> SceneContent:
+def read_scene(source: object, package_dirs: PackageDirs = ()) -> SceneContent:
     """Read the shapes of a planning scene.
 
     Parameters
     ----------
-    path : path-like
-        YAML of a ``moveit_msgs/PlanningScene``, or of its ``world``.
+    source : path-like, mapping, or message
+        A ``moveit_msgs/PlanningScene``, or its ``world``; a file has it in YAML.
     package_dirs : path-like, or sequence of path-like
         Folders that hold the folders of packages, for meshes.
 
-    Raises FileError if the file is missing or malformed, holds anything but boxes, spheres,
-    cylinders, cones and meshes in one frame, or only changes another scene. Raises GeometryError if
-    a mesh has no triangle.
+    Raises FileError, or InputError for a message, if it is missing or malformed, holds anything but
+    boxes, spheres, cylinders, cones and meshes in one frame, or only changes another scene. Raises
+    GeometryError if a mesh has no triangle.
     """
     folders = package_folders(package_dirs)
-    fields = read_scene_message(path)
-    with decoding(path, SCENE_KIND):
-        reader = _Reader(path, folders)
+    fields = read_scene_message(source)
+    name = name_source(source, SCENE_KIND)
+    with naming(source, SCENE_KIND):
+        reader = _Reader(name, folders)
         frames = set[str]()
         shapes = list[SceneShape]()
         for item in fields["world"]["collision_objects"]:
@@ -300,13 +308,13 @@ def read_scene(path: StrPath, package_dirs: PackageDirs = ()) -> SceneContent:
         attached_items = fields["robot_state"]["attached_collision_objects"]
         attached = [reader.read_attached(item) for item in attached_items]
         frames |= {carried.frame for carried in attached if carried.frame != carried.link}
-        return SceneContent(find_frame(frames), shapes, attached, fields)
+        return SceneContent(name, find_frame(frames), shapes, attached, fields)
 
 
 class _Reader:
     """Maker of the shapes of collision objects."""
 
-    def __init__(self, path: StrPath, folders: Sequence[Path]) -> None:
+    def __init__(self, path: str, folders: Sequence[Path]) -> None:
         """Remember where meshes lie, and that no name is used yet."""
         self._path = path
         self._folders = folders
@@ -369,7 +377,7 @@ class _Reader:
                 surface = _scale_mesh(files[resource], mesh["dimensions"], mesh_place)
             else:
                 surface = _read_inline_mesh(mesh, mesh_place)
-            yield Mesh(*surface, source=f"{os.fspath(self._path)}: {mesh_place}"), pose
+            yield Mesh(*surface, source=f"{self._path}: {mesh_place}"), pose
 
 
 def _read_inline_mesh(mesh: Mapping[str, Any], place: str) -> Surface:
