@@ -841,7 +841,7 @@ def _read_joint(joint: Any, file: str) -> Joint:
             where,
             f"is of type {joint.type!r}",
             f"below the base, joints are {', '.join(_JOINT_KINDS)}",
-            f"pass base={joint.child!r}, or another link below it",
+            f"correct the type, or pass base={joint.child!r}",
         )
     kind = _JOINT_KINDS[joint.type]
     frame = np.eye(4) if joint.origin is None else check_rigid(joint.origin, f"{where}: origin")
@@ -906,7 +906,7 @@ def _read_limits(joint: Any, where: str) -> tuple[float, float]:
             f"{where}: limits",
             f"are {lower:.12g} and {upper:.12g}",
             "the lower one must not be above the upper one",
-            "exchange them",
+            "correct them; a limit that is left out is zero",
         )
     return lower, upper
 

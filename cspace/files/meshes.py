@@ -77,6 +77,39 @@ _APPEARANCE_PREFIXES: Final = (
 )
 """Prefixes of the glTF extensions that do not change the shape."""
 
+FIELDS: Final = (
+    Fields(
+        "`.glb`, `.gltf`",
+        honoured=("metres", "`scene`", "`matrix`, `translation`, `rotation`, `scale` of nodes"),
+        refused=(
+            "skins and morphs",
+            "sparse, quantised or compressed numbers",
+            "extensions except of the appearance",
+            "parts without triangles",
+        ),
+        warned=("y is up (`up=`)",),
+    ),
+    Fields(
+        "`.dae`",
+        honoured=("`unit meter`", "`matrix`, `translate`, `rotate`, `scale`", "instances"),
+        refused=("parts of another unit", "`lookat`, `skew`", "controllers"),
+        warned=("`up_axis` (`up=`); by default Y_UP",),
+    ),
+    Fields("`.stl`", honoured=("text or binary",), warned=("a unit in the header",)),
+    Fields(
+        "`.obj`",
+        honoured=("negative indices",),
+        refused=("weights", "surfaces of curves", "other files"),
+        warned=("a unit in a comment",),
+    ),
+    Fields(
+        "`.ply`",
+        honoured=("`format`", "types and order of properties"),
+        refused=("lists of other elements than `face`",),
+        warned=("a unit in a comment",),
+    ),
+)
+
 _TRIANGLES_MODE: Final = 4
 """Mode of a glTF primitive that consists of triangles."""
 
@@ -108,7 +141,7 @@ def _read_gltf(file: Path) -> tuple[Surface, Up]:
     # For each mesh, the points and corners of its primitives, as views of the buffers.
     primitives = [
         [_read_gltf_part(primitive, header) for primitive in mesh["primitives"]]
-        for mesh in header.get("meshes", [])
+        for mesh in map(_refuse_extensions, header.get("meshes", []))
     ]
     placed = list(_place_gltf_meshes(header))
     # Primitives may share arrays, and a mesh may be placed several times, so the memory is checked
@@ -134,6 +167,8 @@ def _join_placed(
     """
     copies: list[Surface] = []
     for mesh, pose in placed:
+        if (pose[3] != (0.0, 0.0, 0.0, 1.0)).any():
+            raise ContentError(f"has a matrix with the last row {pose[3].tolist()}")
         copies += [transform_surface(surface, pose) for surface in surfaces[mesh]]
     return join_surfaces(copies)
 
@@ -169,7 +204,7 @@ def _read_accessor(number: int, kind: str, header: Json) -> NDArray[Any]:
     ``kind`` is "VEC3" for positions or "SCALAR" for indices. Raises GeometryError if the accessor
     is sparse, compressed or quantised, and ContentError if it is malformed or exceeds its buffer.
     """
-    accessor = _look_up(header, "accessors", number)
+    accessor = _refuse_extensions(_look_up(header, "accessors", number))
     if "sparse" in accessor:
         raise unsupported_part(f"a sparse accessor ({number})")
     if "bufferView" not in accessor:
@@ -288,14 +323,15 @@ def _refuse_moved_mesh(node: Json, mesh: Json) -> None:
         raise unsupported_part("a mesh that a morph moves", "apply the morph before exporting")
 
 
-def _refuse_extensions(element: Json) -> None:
-    """Refuse a glTF element with an unknown extension.
+def _refuse_extensions(element: Json) -> Json:
+    """Return a glTF element; refuse one with an unknown extension.
 
     Raises GeometryError, except for extensions of the appearance alone.
     """
     for name in element.get("extensions", {}):
         if not name.startswith(_APPEARANCE_PREFIXES):
             raise unsupported_part(f"a part with the extension {name}")
+    return element
 
 
 def _look_up(header: Json, kind: str, number: int) -> Json:
@@ -420,19 +456,14 @@ def _read_collada(file: Path) -> tuple[Surface, Up]:
         for points, faces in surfaces[geometry]:
             unfolded_bytes += surface_bytes(len(points), len(faces))
     check_bytes(file, unfolded_bytes, "unfolds to", memory=3.0)
-    axis = _read_asset(collada.root, "up_axis", lambda element: (element.text or "").strip())
+    axis = _read_asset(collada.root, "up_axis", lambda element: element.text) or "Y_UP"
     if axis not in _UP_BY_NAME:
         raise ContentError(f"has the up_axis {axis!r}", f"there are {', '.join(_UP_BY_NAME)}")
     return _join_placed(surfaces, placed), _UP_BY_NAME[axis]
 
 
-_UP_BY_NAME: Final[Mapping[str | None, Up]] = {
-    None: "y",
-    "X_UP": "x",
-    "Y_UP": "y",
-    "Z_UP": "z",
-}
-"""Axis by its name in COLLADA; by default y."""
+_UP_BY_NAME: Final[Mapping[str, Up]] = {"X_UP": "x", "Y_UP": "y", "Z_UP": "z"}
+"""Axis by its name in COLLADA."""
 
 
 def _parse_collada(data: bytes) -> _Collada:
@@ -505,13 +536,12 @@ def _read_asset(
 ) -> str | None:
     """Return the value of an element of a COLLADA file's assets; None if there is none.
 
-    Raises ContentError if parts of the file have other values than the whole.
+    Raises ContentError if parts of the file have another value.
     """
-    values = dict.fromkeys(
-        read_value(element) for asset in root.iter("asset") for element in asset.findall(tag)
-    )
+    elements = [element for asset in root.iter("asset") for element in asset.findall(tag)]
+    values = {(read_value(element) or "").strip() for element in elements}
     if len(values) > 1:
-        raise ContentError(f"has several assets with another {tag}", "one is read", "convert them")
+        raise ContentError(f"has parts of another {tag}", "it must have one", "export it with one")
     return next(iter(values), None)
 
 
@@ -673,11 +703,11 @@ _SOLIDS: Final = re.compile(rb"^[ \t]*(end)?solid\b[^\n]*", re.MULTILINE)
 """A line of a text STL file that begins or ends a solid."""
 
 _UNIT_NOTE: Final = re.compile(
-    rb"(?:\A|^(?:#|comment|obj_info))[^\n]*?"
+    rb"^(?:#|comment|obj_info)[^\n]*?"
     rb"\b(millimet\w+|centimet\w+|inch(?:es)?|feet|units?\W{1,4}(?:mm|cm|in|ft))\b",
     re.MULTILINE,
 )
-"""A unit other than the metre, in lower case, in the first line or a comment of a mesh file."""
+"""A comment of a mesh file, in lower case, with a unit other than the metre."""
 
 _NOTED_BYTES: Final = 4096
 """Number of bytes at the start of a mesh file that are searched for a unit."""
@@ -686,16 +716,23 @@ _NOTED_BYTES: Final = 4096
 def warn_of_unit(path: StrPath) -> None:
     """Warn if a comment of a mesh file without units speaks of another unit than the metre."""
     file = Path(path)
-    if file.suffix.lower() in (".stl", ".obj", ".ply"):
-        with file.open("rb") as stream:
-            note = _UNIT_NOTE.search(stream.read(_NOTED_BYTES).lower())
-        if note is not None:
-            warn_user(
-                f"{os.fspath(path)}: a comment says {note[1].decode('latin-1')!r}, and coordinates "
-                "are read as metres; scale them first, e.g. trimesh.load_mesh(path) and "
-                "mesh.apply_scale(0.001) for millimetres",
-                UnitWarning,
-            )
+    if file.suffix.lower() not in (".stl", ".obj", ".ply"):
+        return
+    with file.open("rb") as stream:
+        text = stream.read(_NOTED_BYTES).lower()
+    # The first line of an STL file is a comment.
+    note = _UNIT_NOTE.search(b"#" + text if file.suffix.lower() == ".stl" else text)
+    if note is not None:
+        _warn_of_units(os.fspath(path), note[1].decode("latin-1"))
+
+
+def _warn_of_units(name: str, units: str) -> None:
+    """Warn that a mesh in other units is taken as metres."""
+    warn_user(
+        f"{name}: says {units!r}, and its coordinates are taken as metres; scale it first, e.g. "
+        "load it with trimesh and call apply_scale(0.001) for millimetres",
+        UnitWarning,
+    )
 
 
 def read_mesh(path: StrPath, up: Up | None = "z") -> Surface:
@@ -813,6 +850,10 @@ MESH_SUFFIXES: Final = tuple(_READERS)
 """Suffixes of the files that :func:`read_mesh` reads."""
 
 
+_METRES: Final = ("m", "meter", "meters", "metre", "metres")
+"""Names of the metre in trimesh."""
+
+
 def flatten_trimesh(shape: Any, name: str) -> Surface:
     """Join the meshes of a trimesh object.
 
@@ -824,6 +865,8 @@ def flatten_trimesh(shape: Any, name: str) -> Surface:
     """
     import trimesh
 
+    if getattr(shape, "units", None) not in (None, *_METRES):
+        _warn_of_units(name, f"units = {shape.units}")
     if isinstance(shape, trimesh.Scene):
         placed = map(shape.graph.get, shape.graph.nodes_geometry)
         parts = [(shape.geometry[mesh], transform) for transform, mesh in placed]

@@ -44,6 +44,34 @@ MAX_NUMBER: Final = 1e100
 MOTION_ROUNDING: Final = 1e-6
 """Largest difference of the entries of two equal motions, metres and radians."""
 
+FIELDS: Final = (
+    Fields(
+        "MoveIt planning scenes",
+        honoured=(
+            "`frame_id`",
+            "poses",
+            "`primitives`, `meshes`",
+            "`attached_collision_objects`",
+            "`allowed_collision_matrix`",
+            "`joint_state`",
+        ),
+        refused=(
+            "several frames",
+            "transforms other than the identity",
+            "`planes`, `subframe_names`, `octomap`",
+            "`link_padding`, `link_scale`",
+            "`is_diff`",
+            "unknown fields",
+        ),
+        warned=("attached objects without an arm",),
+    ),
+    Fields(
+        "MoveIt requests",
+        honoured=("`start_state`", "joint, position and orientation constraints", "tolerances"),
+        refused=("constraints of paths and visibility", "`target_point_offset`", "unknown fields"),
+    ),
+)
+
 Parser: TypeAlias = Callable[[Any, str], Any]
 """Function of a value of YAML and its place in the file; raises ContentError if it is wrong."""
 

@@ -42,6 +42,35 @@ GEOMETRIES: Final[Mapping[str, tuple[str, ...]]] = {
 """Required attributes of each type of collision geometry."""
 
 
+FIELDS: Final = (
+    Fields(
+        "`.urdf`",
+        honoured=(
+            "`origin`",
+            "`axis`",
+            "`limit`; 0 where left out",
+            "`safety_controller` if narrower",
+            "`mimic`, except of limits",
+            "`scale` of meshes",
+        ),
+        refused=("xacro", "planar and floating joints below the base", "capsules"),
+        warned=(
+            "`visual` without `collision` (`visuals=True`)",
+            "angles beyond a whole turn",
+            "`limit` without lower and upper",
+            "links that move against a rigid robot",
+        ),
+    ),
+    Fields(
+        "`.srdf`",
+        honoured=(
+            "`disable_collisions`, `enable_collisions`, `disable_default_collisions`",
+            "`group`, `group_state`, `end_effector`",
+        ),
+        warned=("names that the URDF lacks",),
+    ),
+)
+
 _NUMBERS_PER_ATTRIBUTE: Final[Mapping[str, Mapping[str, int]]] = {
     "origin": {"xyz": 3, "rpy": 3},
     "axis": {"xyz": 3},
@@ -71,6 +100,9 @@ PackageDirs: TypeAlias = "str | os.PathLike[str] | Sequence[str | os.PathLike[st
 
 _PACKAGE_SCHEMES: Final = ("package", "model")
 """Schemes of mesh names that start with the name of a package."""
+
+_ANY_GEOMETRY: Final = '<geometry><box size="1 1 1"/></geometry>'
+"""Geometry in place of one that is not read."""
 
 _MAX_LISTED_MESHES: Final = 3
 """Largest number of meshes that a warning names."""
@@ -117,9 +149,11 @@ def _choose_geometry(root: Element, visuals: bool) -> None:
     for link in root.findall("link"):
         if link.find("collision") is not None:
             link[:] = [part for part in link if part.tag != "visual"]
-        elif visuals:
-            for visual in link.findall("visual"):
+        for visual in link.findall("visual"):
+            if visuals:
                 visual.tag = "collision"
+            else:  # no matter what it is, which yourdfpy may not know
+                visual[:] = [ElementTree.fromstring(_ANY_GEOMETRY)]
 
 
 def _shorten_mimic_chains(urdf: URDF) -> None:
@@ -327,9 +361,8 @@ def _check_numbers(element: Element, place: str) -> list[str]:
             is_scalar = name == "scale" and len(numbers) == 1
             if len(numbers) != count and not is_scalar:
                 rule = "one finite number" if count == 1 else f"{count} finite numbers"
-                raise ContentError(
-                    f"has {attribute}", f"it must be {rule}", "write them with blanks between"
-                )
+                hint = "write numbers, separated by blanks"
+                raise ContentError(f"has {attribute}", f"it must be {rule}", hint)
             if name in angle_names and max(map(abs, numbers)) > _MAX_EXPECTED_ANGLE:
                 large_angles.append(attribute)
     return large_angles

@@ -68,7 +68,7 @@ def test_a_padded_footprint_covers_the_footprint_grown_and_nav2s(radii, shift, p
     rounded = padded.buffer(1e-9)
     assert rounded.covers(footprint.buffer(padding))
     assert rounded.covers(pad_as_nav2(corners, padding))
-    assert footprint.buffer(np.sqrt(2) * padding * 1.001).covers(padded)
+    assert footprint.buffer(np.sqrt(2) * padding * 1.001, quad_segs=64).covers(padded)
 
 
 def test_a_fork_keeps_its_material_and_a_warning_says_what_nav2_would_lose():
@@ -77,7 +77,7 @@ def test_a_fork_keeps_its_material_and_a_warning_says_what_nav2_would_lose():
         padded = Robot.from_footprint(FORK, padding=0.05)
     (warning,) = heard
     assert warning.filename == __file__ and lost > 0.05
-    assert padded.geometry.covers(shapely.Polygon(FORK).buffer(0.05))
+    assert padded.geometry.buffer(1e-9).covers(shapely.Polygon(FORK).buffer(0.05))
     # The corners that the warning names are Nav2's polygon, without a warning.
     corners = np.array(FORK)
     same = Robot.from_footprint(corners + 0.05 * np.sign(corners)).geometry
