@@ -1094,17 +1094,14 @@ class _ArmBuilder:
 
     def _compute_fixed_pose(self, joint: Joint) -> Floats:
         """Compute the pose, shape (4, 4), into which a still joint brings its child link."""
-        from scipy.spatial.transform import Rotation
+        from cspace.files.urdf import make_motion
 
+        if joint.kind == FIXED:
+            return np.eye(4)
         leader = self._joints[joint.leader]
         position = self._held.get(leader.name, _find_rest_value(leader))
         value = joint.factor * position + joint.offset
-        pose = np.eye(4)
-        if joint.kind == REVOLUTE:
-            pose[:3, :3] = Rotation.from_rotvec(value * joint.axis).as_matrix()
-        elif joint.kind == PRISMATIC:
-            pose[:3, 3] = value * joint.axis
-        return pose
+        return make_motion(value * joint.axis, slides=joint.kind == PRISMATIC)
 
     def _read_links(
         self,

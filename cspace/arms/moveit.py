@@ -229,29 +229,28 @@ def read_moveit_scene(source: object, *, package_dirs: PackageDirs = ()) -> Plan
         As :meth:`cspace.Workspace.from_moveit_scene`. Also if the state of the robot moves its
         base, or only changes another state.
     """
-    from cspace.shapes.scenes import empty_error, read_scene
+    from cspace.shapes.scenes import read_scene
 
     content = read_scene(source, package_dirs)
-    if not content.shapes and not content.attached:
-        raise empty_error(content.source)
-    ids = {named.name: named.object_id for named in content.shapes}
+    obstacles = {}
     attached = {}
-    for link, frame, touch_links, shapes in content.attached:
-        for named in shapes:
-            ids[named.name] = named.object_id
-            shape = PosedShape(named.shape, named.pose)
-            attached[named.name] = AttachedObject(shape, link, frame, tuple(touch_links))
+    for each in content.shapes:
+        shape = PosedShape(each.shape, each.pose)
+        if each.link:
+            attached[each.name] = AttachedObject(shape, each.link, each.frame, each.touch_links)
+        else:
+            obstacles[each.name] = shape
     with naming(source, SCENE_KIND):
         values = joint_values(content.fields["robot_state"], "robot_state")
         contacts = _read_contacts(content.fields["allowed_collision_matrix"])
     return PlanningScene(
         source=content.source,
         frame=content.frame,
-        obstacles={named.name: PosedShape(named.shape, named.pose) for named in content.shapes},
+        obstacles=obstacles,
         attached=attached,
         robot_state=JointValues(values),
         _contacts=contacts,
-        _ids=ids,
+        _ids={each.name: each.object_id for each in content.shapes},
     )
 
 

@@ -430,8 +430,6 @@ def zero_poses(urdf: URDF) -> dict[str, Floats]:
     Poses are matrices, shape (4, 4), relative to the root. A joint that mimics another one is at
     its offset.
     """
-    from scipy.spatial.transform import Rotation
-
     root = root_link(urdf)
     below = _list_child_joints(urdf)
     poses = {root: np.eye(4)}
@@ -443,16 +441,26 @@ def zero_poses(urdf: URDF) -> dict[str, Floats]:
                 pose = pose @ joint.origin
             # The joint that it mimics is at zero, so it moves by its offset.
             if joint.mimic is not None and joint.type in _MOVING_TYPES:
-                motion = np.eye(4)
                 displacement = joint.mimic.offset * joint.axis / np.linalg.norm(joint.axis)
-                if joint.type == "prismatic":
-                    motion[:3, 3] = displacement
-                else:
-                    motion[:3, :3] = Rotation.from_rotvec(displacement).as_matrix()
-                pose = pose @ motion
+                pose = pose @ make_motion(displacement, slides=joint.type == "prismatic")
             poses[joint.child] = pose
             order.append(joint.child)
     return poses
+
+
+def make_motion(displacement: Floats, *, slides: bool) -> Floats:
+    """Return the motion, shape (4, 4), of a joint that slides or turns.
+
+    ``displacement`` is its axis, shape (3,), times metres or radians.
+    """
+    from scipy.spatial.transform import Rotation
+
+    motion = np.eye(4)
+    if slides:
+        motion[:3, 3] = displacement
+    else:
+        motion[:3, :3] = Rotation.from_rotvec(displacement).as_matrix()
+    return motion
 
 
 def package_folders(package_dirs: PackageDirs) -> list[Path]:
@@ -752,17 +760,14 @@ def _parse_value(text: str, state: str, joint: str) -> float:
 
     Raises ContentError if it is not a finite number.
     """
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
+    numbers = _parse_numbers(text)
+    if len(numbers) != 1:
         raise ContentError(
             f"has {joint} at {text!r} in the state {state!r}",
             "it must be one finite number",
             "correct it",
         )
-    return value
+    return numbers[0]
 
 
 def _get_attribute(element: Element, key: str) -> str:

@@ -92,8 +92,7 @@ def read_urdf(
     for name in links:
         # Solving by the first link's pose gives the pose relative to it.
         pose: Floats = np.linalg.solve(poses[links[0]], poses[name]).astype(np.float64)
-        for number, collision in enumerate(urdf.link_map[name].collisions):
-            place = f"{file}: link {name!r}, collision {number}"
+        for place, collision in _iterate_collisions(urdf, name, file):
             if not primitives and collision.geometry.mesh is None:
                 problem = (
                     f"is 'surface', and {place} is a box, a cylinder or a sphere, which is solid"
@@ -133,6 +132,12 @@ def _check_shapes(
         warn_user(f"{problem}; to include them, {hint}")
 
 
+def _iterate_collisions(urdf: URDF, link: str, file: str) -> Iterator[tuple[str, Any]]:
+    """Yield the place, for messages, of each collision geometry of a link, and the geometry."""
+    for number, collision in enumerate(urdf.link_map[link].collisions):
+        yield f"{file}: link {link!r}, collision {number}", collision
+
+
 def _read_origin(collision: Any, place: str) -> Floats:
     """Return the pose of a collision geometry in its link, shape (4, 4)."""
     if collision.origin is None:
@@ -150,8 +155,7 @@ def link_shapes(
 
     Raises FileError if a mesh is malformed, and InputError if a size is not above zero.
     """
-    for number, collision in enumerate(urdf.link_map[link].collisions):
-        place = f"{os.fspath(path)}: link {link!r}, collision {number}"
+    for place, collision in _iterate_collisions(urdf, link, os.fspath(path)):
         outer_surface, inner_surface = _make_bounds(collision.geometry, meshes, place)
         solid_part = solid if collision.geometry.mesh is not None else "auto"
         outer = Mesh(*outer_surface, solid_part, place)
@@ -211,31 +215,21 @@ class SceneShape(NamedTuple):
         Motion from the frame of the shape to the frame of its object.
     object_id : str
         Id of its collision object.
+    frame : str
+        Frame of the object: the planning frame, or the link that carries it.
+    link : str
+        Link that carries it; empty for an obstacle.
+    touch_links : tuple of str
+        Further links that may touch it.
     """
 
     name: str
     shape: Shape
     pose: Floats
     object_id: str
-
-
-class AttachedShapes(NamedTuple):
-    """The shapes of an object that a link carries.
-
-    Attributes
-    ----------
-    link : str
-    frame : str
-        Frame of the poses: the link, or the planning frame.
-    touch_links : list of str
-        Further links that may touch it.
-    shapes : list of SceneShape
-    """
-
-    link: str
     frame: str
-    touch_links: list[str]
-    shapes: list[SceneShape]
+    link: str = ""
+    touch_links: tuple[str, ...] = ()
 
 
 class SceneContent(NamedTuple):
@@ -248,9 +242,7 @@ class SceneContent(NamedTuple):
     frame : str
         The planning frame.
     shapes : list of SceneShape
-        Obstacles, in the planning frame.
-    attached : list of AttachedShapes
-        Objects that the robot carries.
+        Obstacles, and objects that the robot carries.
     fields : dict
         The fields of the message.
     """
@@ -258,7 +250,6 @@ class SceneContent(NamedTuple):
     source: str
     frame: str
     shapes: list[SceneShape]
-    attached: list[AttachedShapes]
     fields: dict[str, Any]
 
     def list_obstacles(self) -> list[Shape]:
@@ -267,16 +258,21 @@ class SceneContent(NamedTuple):
         A warning lists the attached objects, which are left out. Raises GeometryError if the scene
         has no obstacle.
         """
-        if not self.shapes:
-            raise empty_error(self.source)
-        if self.attached:
-            names = ", ".join(carried.shapes[0].object_id for carried in self.attached)
-            problem = f"attached objects ({names}) enlarge the robot and are not read"
+        obstacles = [
+            _transform(scene_shape.shape, scene_shape.pose)
+            for scene_shape in self.shapes
+            if not scene_shape.link
+        ]
+        if not obstacles:
+            raise _make_empty_error(self.source)
+        carried = dict.fromkeys(each.object_id for each in self.shapes if each.link)
+        if carried:
+            problem = f"attached objects ({', '.join(carried)}) enlarge the robot and are not read"
             warn_user(f"{self.source}: {problem}; use arm.attach")
-        return [_transform(obstacle.shape, obstacle.pose) for obstacle in self.shapes]
+        return obstacles
 
 
-def empty_error(source: str) -> GeometryError:
+def _make_empty_error(source: str) -> GeometryError:
     """Return the error for a scene without shapes."""
     return GeometryError(source, "holds no shape", "a scene needs one", "pass another scene")
 
@@ -300,15 +296,15 @@ def read_scene(source: object, package_dirs: PackageDirs = ()) -> SceneContent:
     name = name_source(source, SCENE_KIND)
     with naming(source, SCENE_KIND):
         reader = _Reader(name, folders)
-        frames = set[str]()
         shapes = list[SceneShape]()
         for item in fields["world"]["collision_objects"]:
-            frames.add(item["header"]["frame_id"] or WORLD)
             shapes += reader.read_object(item)
-        attached_items = fields["robot_state"]["attached_collision_objects"]
-        attached = [reader.read_attached(item) for item in attached_items]
-        frames |= {carried.frame for carried in attached if carried.frame != carried.link}
-        return SceneContent(name, find_frame(frames), shapes, attached, fields)
+        for item in fields["robot_state"]["attached_collision_objects"]:
+            shapes += reader.read_attached(item)
+        frames = {each.frame for each in shapes if each.frame != each.link}
+        if not shapes:
+            raise _make_empty_error(name)
+        return SceneContent(name, find_frame(frames), shapes, fields)
 
 
 class _Reader:
@@ -337,21 +333,23 @@ class _Reader:
                 problem = f"has {used_name!r} twice"
                 raise ContentError(problem, "ids and names of shapes must differ", "rename one")
             self._names.add(used_name)
+        frame = item["header"]["frame_id"] or WORLD
         return [
-            SceneShape(shape_name, shape, item["pose"] @ pose, name)
+            SceneShape(shape_name, shape, item["pose"] @ pose, name, frame)
             for shape_name, (shape, pose) in zip(names, shapes, strict=True)
         ]
 
-    def read_attached(self, item: Mapping[str, Any]) -> AttachedShapes:
+    def read_attached(self, item: Mapping[str, Any]) -> list[SceneShape]:
         """Return the shapes of an attached object."""
         link = item["link_name"]
         carried = item["object"]
-        frame = carried["header"]["frame_id"]
-        if not frame:
+        if not carried["header"]["frame_id"]:
             problem = f"has no header.frame_id at object {carried['id']!r}"
             rule = "MoveIt and robowflex would take the frame of the world"
             raise ContentError(problem, rule, f"add it, e.g. {link}")
-        return AttachedShapes(link, frame, item["touch_links"], self.read_object(carried))
+        touch_links = tuple(item["touch_links"])
+        shapes = self.read_object(carried)
+        return [shape._replace(link=link, touch_links=touch_links) for shape in shapes]
 
     def _make_primitives(
         self, item: Mapping[str, Any], place: str

@@ -253,14 +253,14 @@ def test_scenes_are_read_from_messages_and_mappings_as_from_files(tmp_path):
         assert (build_arm_space(scene, arm).is_free(rows) == expected).all()
     assert read_moveit_scene(message).robot_state == {"lift": 0.25}
     cells = Workspace.from_moveit_scene(message, 0.1)
-    assert len(cells.shapes) == 2 and cells.shapes[0].bounds[0].tolist() == [1.4, 0.2, 0.65]
+    assert len(cells.shapes) == 2 and cells.shapes[0].bounds[0] == pytest.approx([1.4, 0.2, 0.65])
 
 
 @refusals(
     "source, message",
     ({"world": {"colision_objects": []}}, "^planning scene has the unknown field 'colision_objects'"),
     (make_message((math.nan, 0.0, 0.0)), r"has nan as .*position; it must be one finite number"),
-    (7, "has 7 as the file; it must be a table"),
+    (7, "has 7 as the top; it must be a table"),
     ({}, "holds no shape"),
 )
 def test_messages_that_are_no_scene_are_refused_as_arguments(source, message):
