@@ -531,9 +531,7 @@ def _read_unit(root: Element) -> float:
     return metres
 
 
-def _read_asset(
-    root: Element, tag: str, read_value: Callable[[Element], str | None]
-) -> str | None:
+def _read_asset(root: Element, tag: str, read_value: Callable[[Element], str | None]) -> str | None:
     """Return the value of an element of a COLLADA file's assets; None if there is none.
 
     Raises ContentError if parts of the file have another value.
@@ -769,9 +767,9 @@ def read_mesh(path: StrPath, up: Up | None = "z") -> Surface:
         check_finite(vertices, f"vertices of {path}")
     if up is None and declared_up != "z":
         warn_user(
-            f"{os.fspath(path)}: {declared_up} points up in the file, and its axes stay as they are, "
-            f"as in ROS; pass up={declared_up!r} to from_mesh, open or cspace.Mesh.of to turn it "
-            "upright, or up='z' to keep its axes"
+            f"{os.fspath(path)}: {declared_up} points up in the file, and its axes stay as they "
+            f"are, as in ROS; pass up={declared_up!r} to from_mesh, open or cspace.Mesh.of to turn "
+            "it upright, or up='z' to keep its axes"
         )
     return turn_upright(vertices, up or "z"), np.ascontiguousarray(faces)
 

@@ -333,14 +333,34 @@ def check_poses(fields: Mapping[str, Any], items: str, poses: str, place: str) -
 
 # ---- messages ------------------------------------------------------------------------------------
 
-_IGNORED_FIELDS: Final = frozenset(
-    """
-    seq stamp type name weight detach_posture velocity effort joint_names twist wrench binary id
-    resolution child_frame_id robot_model_name object_colors parameterization workspace_parameters
-    pipeline_id planner_id num_planning_attempts max_velocity_scaling_factor
-    max_acceleration_scaling_factor cartesian_speed_end_effector_link cartesian_speed_limited_link
-    max_cartesian_speed
-    """.split()
+_IGNORED_FIELDS: Final = (
+    "seq",
+    "stamp",
+    "type",
+    "name",
+    "weight",
+    "detach_posture",
+    "velocity",
+    "effort",
+    "joint_names",
+    "twist",
+    "wrench",
+    "binary",
+    "id",
+    "resolution",
+    "child_frame_id",
+    "robot_model_name",
+    "object_colors",
+    "parameterization",
+    "workspace_parameters",
+    "pipeline_id",
+    "planner_id",
+    "num_planning_attempts",
+    "max_velocity_scaling_factor",
+    "max_acceleration_scaling_factor",
+    "cartesian_speed_end_effector_link",
+    "cartesian_speed_limited_link",
+    "max_cartesian_speed",
 )
 """Fields of messages that change no answer; a schema that has one of them reads it."""
 
@@ -472,7 +492,7 @@ _REQUEST: Final[Schema] = {
 }
 
 
-def read_scene_message(source: object) -> dict[str, Any]:
+def read_scene_message(source: object) -> Any:
     """Read the fields of a planning scene, or of its world alone."""
     content = _load(source, SCENE_KIND)
     if isinstance(content, dict) and "collision_objects" in content:
@@ -481,7 +501,7 @@ def read_scene_message(source: object) -> dict[str, Any]:
         return parse(_SCENE, content, "")
 
 
-def read_request_message(source: object) -> dict[str, Any]:
+def read_request_message(source: object) -> Any:
     """Read the fields of a motion plan request."""
     content = _load(source, REQUEST_KIND)
     with naming(source, REQUEST_KIND):

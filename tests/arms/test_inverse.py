@@ -154,7 +154,12 @@ def test_a_pose_that_is_no_motion_is_refused_with_what_is_wrong(pose):
         PoseGoal("tool0", pose)
     # Followed, the hint gives a pose.
     source = refused.value.hint.removeprefix("take R from scipy, e.g. ")
-    PoseGoal("tool0", np.block([[eval(source, {"Rotation": Rotation}), np.ones((3, 1))], [np.zeros((1, 3)), 1.0]]))
+    PoseGoal(
+        "tool0",
+        np.block(
+            [[eval(source, {"Rotation": Rotation}), np.ones((3, 1))], [np.zeros((1, 3)), 1.0]]
+        ),
+    )
 
 
 @refusals(

@@ -74,7 +74,12 @@ def test_only_joints_between_base_and_tip_move(tmp_path):
 def two_bars(folder, elbow, kind="revolute", above=""):
     """Write an arm whose second joint has the given parts."""
     turn = joint("elbow", "upper", "fore", at=(1, 0, 0), kind=kind, limits=None, extra=elbow)
-    parts = [link("foot"), link("upper", BAR), link("fore", BAR), joint("shoulder", "foot", "upper")]
+    parts = [
+        link("foot"),
+        link("upper", BAR),
+        link("fore", BAR),
+        joint("shoulder", "foot", "upper"),
+    ]
     return write_urdf(folder, *parts, turn, above)
 
 
@@ -122,9 +127,15 @@ def test_joints_above_the_base_may_be_of_any_type(tmp_path, kind):
 def test_a_chain_of_mimicking_joints_follows_the_first(tmp_path):
     limits = '<limit lower="-1" upper="1"/>'
     hand = link("hand", BAR) + joint(
-        "wrist", "fore", "hand", at=(1, 0, 0), extra='<mimic joint="elbow" multiplier="3" offset="0.5"/>'
+        "wrist",
+        "fore",
+        "hand",
+        at=(1, 0, 0),
+        extra='<mimic joint="elbow" multiplier="3" offset="0.5"/>',
     )
-    path = two_bars(tmp_path, limits + '<mimic joint="shoulder" multiplier="-2" offset="1"/>', above=hand)
+    path = two_bars(
+        tmp_path, limits + '<mimic joint="shoulder" multiplier="-2" offset="1"/>', above=hand
+    )
     arm = Arm.from_urdf(path)
     q = 0.3
     elbow = -2 * q + 1
@@ -166,9 +177,7 @@ def test_the_work_of_a_long_chain_grows_as_its_length(tmp_path, kind):
         parts = [link("l0"), link("l1"), joint("turn", "l0", "l1", kind="continuous", limits=None)]
         for k in range(1, count):
             parts.append(link(f"l{k + 1}", *([BAR] if k == count - 1 else [])))
-            parts.append(
-                joint(f"j{k}", f"l{k}", f"l{k + 1}", kind=type_, limits=None, extra=extra)
-            )
+            parts.append(joint(f"j{k}", f"l{k}", f"l{k + 1}", kind=type_, limits=None, extra=extra))
         path = write_urdf(tmp_path, *parts)
         return count_instructions(lambda: Arm.from_urdf(path))
 
@@ -421,7 +430,12 @@ def write_rack(folder, factor):
     (planar, {"kind": "floating"}, {}, "is of type 'floating'; below the base, joints are fixed"),
     (planar, {"axis": (0, 0, 0)}, {}, "axis '0.0 0.0 0.0' at the joint 'shoulder'"),
     (write_chain, {"leader": "one"}, {"base": "b"}, "mimics 'one'; there are three"),
-    (write_chain, {"leader": "two"}, {}, "the joint 'two', which mimics itself; .*; remove <mimic>"),
+    (
+        write_chain,
+        {"leader": "two"},
+        {},
+        "the joint 'two', which mimics itself; .*; remove <mimic>",
+    ),
     (planar, {}, {"package_dirs": 7}, "package_dirs is 7; it must be a folder"),
     (
         planar,

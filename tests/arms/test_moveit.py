@@ -221,7 +221,10 @@ def make_message(at):
     turn = Message(x=0.0, y=0.0, z=0.0, w=1.0)
     box = Message(type=1, dimensions=array("d", [0.2, 0.2, 0.2]), polygon=Message(points=[]))
     corners = [Point(*row) for row in np.eye(4, 3, -1)]
-    faces = [Message(vertex_indices=np.array(row)) for row in ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))]
+    faces = [
+        Message(vertex_indices=np.array(row))
+        for row in ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))
+    ]
     thing = Message(
         id="box",
         header=Header(),
@@ -234,7 +237,10 @@ def make_message(at):
     octomap = Message(octomap=Message(data=array("b"), resolution=0.0))
     state = Message(joint_state=Message(name=["lift"], position=array("d", [0.25])))
     return Message(
-        name="", world=Message(collision_objects=[thing], octomap=octomap), robot_state=state, is_diff=False
+        name="",
+        world=Message(collision_objects=[thing], octomap=octomap),
+        robot_state=state,
+        is_diff=False,
     )
 
 
@@ -258,7 +264,10 @@ def test_scenes_are_read_from_messages_and_mappings_as_from_files(tmp_path):
 
 @refusals(
     "source, message",
-    ({"world": {"colision_objects": []}}, "^planning scene has the unknown field 'colision_objects'"),
+    (
+        {"world": {"colision_objects": []}},
+        "^planning scene has the unknown field 'colision_objects'",
+    ),
     (make_message((math.nan, 0.0, 0.0)), r"has nan as .*position; it must be one finite number"),
     (7, "has 7 as the top; it must be a table"),
     ({}, "holds no shape"),

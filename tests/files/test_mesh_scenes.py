@@ -98,7 +98,9 @@ def test_nodes_of_gltf_place_meshes(tmp_path):
     (lambda h, add: h["accessors"][0].update(extensions={"VENDOR_scale": {}}), "VENDOR_scale"),
     (lambda h, add: h.update(extensionsRequired=["KHR_mesh_quantization"]), "KHR_mesh_quant"),
     (
-        lambda h, add: h["nodes"][0].update(matrix=[1, 0, 0, 0.5, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]),
+        lambda h, add: h["nodes"][0].update(
+            matrix=[1, 0, 0, 0.5, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
+        ),
         r"a matrix with the last row \[0\.5",
     ),
     (lambda h, add: h["nodes"][0].update(skin=0), "skin"),
@@ -167,7 +169,10 @@ def test_nodes_of_collada_place_meshes_in_metres(tmp_path):
     (make_collada(nodes='<instance_geometry url="other.dae#box"/>'), "another file"),
     (make_collada(nodes='<node id="a"><instance_node url="#a"/></node>'), "within itself"),
     (make_collada(unit='<unit meter="0"/>'), "a unit of 0 metres"),
-    (make_collada(unit="<up_axis>W_UP</up_axis>"), "the up_axis 'W_UP'; there are X_UP, Y_UP, Z_UP"),
+    (
+        make_collada(unit="<up_axis>W_UP</up_axis>"),
+        "the up_axis 'W_UP'; there are X_UP, Y_UP, Z_UP",
+    ),
     (make_collada(unit=CENTIMETRE, body=f"<asset>{METRE}</asset>"), "has parts of another unit"),
     (
         make_collada(nodes=PLACED.join(["<matrix>1 0 0 0 0 1 0 0 0 0 1 0 0 0 1 1</matrix>", ""])),
@@ -209,13 +214,15 @@ def measure(mesh):
 @pytest.mark.parametrize(("form", "axis"), [("glb", "y"), ("Y_UP", "y"), ("X_UP", "x")])
 def test_a_file_whose_y_or_x_is_up_is_warned_of_and_turned_on_demand(tmp_path, form, axis):
     path = write_plate(tmp_path, form)
-    with pytest.warns(UserWarning, match=f"{axis} points up in the file.*; pass up='{axis}'") as heard:
+    with pytest.warns(
+        UserWarning, match=f"{axis} points up in the file.*; pass up='{axis}'"
+    ) as heard:
         kept = Mesh.of(path)
     assert len(heard) == 1 and heard[0].filename == __file__
     standing = [1.2, 0.3, 0.8] if axis == "y" else [0.3, 1.2, 0.8]
     assert measure(kept) == measure(Mesh.of(path, up="z")) == standing
     # Followed, the hint gives a plate that lies on the ground, without a warning.
-    lying = [1.2, 0.8, 0.3] if axis == "y" else [1.2, 0.8, 0.3]
+    lying = [1.2, 0.8, 0.3]
     for made in (
         Mesh.of(path, up=axis),
         Mesh.of(kept, up=axis),
@@ -232,9 +239,10 @@ def test_a_file_whose_y_or_x_is_up_is_warned_of_and_turned_on_demand(tmp_path, f
 @pytest.mark.parametrize(("form", "axis"), [("glb", "y"), ("X_UP", "x")])
 def test_turning_follows_the_right_hand_rule_of_the_format(tmp_path, form, axis):
     """COLLADA: up, right and in are x, -y and z for X_UP, y, x and z for Y_UP, z, x and -y for Z_UP."""
-    right, up, inward = {"y": ((1, 0, 0), (0, 1, 0), (0, 0, 1)), "x": ((0, -1, 0), (1, 0, 0), (0, 0, 1))}[
-        axis
-    ]
+    right, up, inward = {
+        "y": ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
+        "x": ((0, -1, 0), (1, 0, 0), (0, 0, 1)),
+    }[axis]
     points = np.array([right, up, inward, (0, 0, 0)], float)
     made = Mesh.of((points, [(0, 1, 2), (0, 2, 3), (0, 3, 1), (1, 3, 2)]), "surface", axis)
     assert made.vertices.tolist() == [[1, 0, 0], [0, 0, 1], [0, -1, 0], [0, 0, 0]]

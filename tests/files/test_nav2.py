@@ -43,7 +43,16 @@ def test_a_footprint_is_its_polygon():
     assert Robot.parse(f"footprint:{FOOTPRINT}").geometry.equals(robot.geometry)
 
 
-FORK = [(1, 0.3), (1, 0.2), (0.2, 0.2), (0.2, -0.2), (1, -0.2), (1, -0.3), (-0.5, -0.3), (-0.5, 0.3)]
+FORK = [
+    (1, 0.3),
+    (1, 0.2),
+    (0.2, 0.2),
+    (0.2, -0.2),
+    (1, -0.2),
+    (1, -0.3),
+    (-0.5, -0.3),
+    (-0.5, 0.3),
+]
 
 
 def pad_as_nav2(corners, padding):
