@@ -192,7 +192,9 @@ def open_file(path: Path) -> object:
     if path.stem in OPENERS:
         return OPENERS[path.stem](path)
     path = path.with_name("map.yaml") if path.name == "map.pgm" else path
-    options = {} if path.suffix in (".yaml", ".bt", ".ot") else {"spacing": 0.5}
+    options: dict[str, Any] = {} if path.suffix in (".yaml", ".bt", ".ot") else {"spacing": 0.5}
+    if path.suffix in (".glb", ".gltf", ".dae"):
+        options["up"] = "y"
     return Workspace.open(path, **options).outer
 
 
