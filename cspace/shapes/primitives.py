@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
 _MAX_NEGLECTED_SHARE: Final = 1e-9
-"""Largest part of a padded footprint's area that counts as rounding."""
+"""Largest part of a padding, or of a padded footprint's area, that counts as rounding."""
 
 
 class NamedShape(NamedTuple):
@@ -134,7 +134,9 @@ def _grow_by_square(points: Floats, padding: float) -> BaseGeometry:
     ends = np.stack([points, np.roll(points, -1, axis=0)], axis=1)
     corners = (ends[:, :, np.newaxis] + square).reshape(len(points), 8, 2)
     polygon = shapely.Polygon(points)
-    grown = shapely.union_all([polygon, *shapely.convex_hull(shapely.multipoints(corners))])
+    swept = shapely.convex_hull(shapely.multipoints(corners))
+    # The union has corners within straight sides, up to rounding.
+    grown = shapely.union_all([polygon, *swept]).simplify(_MAX_NEGLECTED_SHARE * padding)
     moved = shapely.make_valid(shapely.Polygon(points + padding * np.sign(points)))
     missing = shapely.difference(grown, moved).area
     if missing > _MAX_NEGLECTED_SHARE * grown.area:

@@ -96,6 +96,7 @@ def test_a_fork_keeps_its_material_and_a_warning_says_what_nav2_would_lose():
 def test_a_rectangle_around_the_origin_is_padded_as_in_nav2():
     padded = Robot.from_footprint(FOOTPRINT, padding=0.05).geometry
     assert padded.equals(shapely.box(-0.35, -0.25, 0.35, 0.25))
+    assert len(padded.exterior.coords) == 5
 
 
 @pytest.mark.parametrize(
