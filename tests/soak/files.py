@@ -112,7 +112,7 @@ def write_families(folder: Path) -> dict[str, Path]:
         "robot.urdf",
         f'<robot name="r"><link name="base">{parts}</link><link name="top"/>{joint}</robot>',
     )
-    costmap = '  ros__parameters:\n    footprint: "[[0.3, 0.2], [0.3, -0.2], [-0.3, 0]]"\n    footprint_padding: 0.02\n'
+    costmap = '  ros__parameters:\n    footprint: "[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]"\n    footprint_padding: 0.02\n'
     put("robot.yaml", f"local_costmap:\n{costmap}global_costmap:\n{costmap}")
     put("scene.yaml", _write_scene())
     put("request.yaml", _write_request())
