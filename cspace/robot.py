@@ -34,6 +34,7 @@ from cspace.support.check import check_not_negative, check_positive
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
+    from cspace.files.meshes import Up
     from cspace.files.urdf import PackageDirs
     from cspace.shapes import ShapeLike
     from cspace.shapes.balls import BallSet
@@ -238,7 +239,14 @@ class Robot:
         return cls(*primitives.capsule(radius, length, center))
 
     @classmethod
-    def from_mesh(cls, shape: MeshLike, *, solid: Solid = "auto", name: str | None = None) -> Robot:
+    def from_mesh(
+        cls,
+        shape: MeshLike,
+        *,
+        solid: Solid = "auto",
+        up: Up | None = None,
+        name: str | None = None,
+    ) -> Robot:
         """Make a robot of a triangle mesh.
 
         Parameters
@@ -250,6 +258,8 @@ class Robot:
         solid : {"auto", "surface", "fill"}
             Parts with an interior; see :class:`cspace.Mesh`. "auto" keeps the setting of a
             ``cspace.Mesh``.
+        up : {"x", "y", "z"}, optional
+            Axis that points up and becomes z; see :meth:`cspace.Mesh.of`.
 
         Raises
         ------
@@ -261,7 +271,7 @@ class Robot:
         FileError
             If the file cannot be read.
         """
-        mesh = Mesh.of(shape, solid)
+        mesh = Mesh.of(shape, solid, up)
         mesh.check_origin(warn=True)
         return cls(name or f"mesh of {len(mesh.faces)} triangles", mesh)
 
@@ -307,8 +317,10 @@ class Robot:
             Corners in order, metres; as text e.g. ``"[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3,
             0.2]]"``.
         padding : float
-            Metres by which each coordinate of a corner moves away from zero, as with
-            ``footprint_padding``.
+            Metres by which the polygon grows along both axes: its Minkowski sum with a square of
+            sides ``2 * padding``. It contains the polygon that ``footprint_padding`` makes in Nav2,
+            where each coordinate of a corner moves away from zero; a warning says by how much the
+            two differ, if they do.
 
         Raises
         ------
@@ -358,6 +370,7 @@ class Robot:
         *,
         solid: Solid = "auto",
         package_dirs: PackageDirs = (),
+        visuals: bool = False,
     ) -> Robot:
         """Read the collision geometry of a URDF.
 
@@ -388,6 +401,9 @@ class Robot:
             geometry is meshes, because boxes, cylinders and spheres are solid.
         package_dirs : path-like or sequence of path-like, optional
             Folders that hold the folders of ROS packages.
+        visuals : bool
+            Use the visual geometry of links without collision geometry. By default such a link is
+            left out, as by MoveIt, and a warning names it.
 
         Raises
         ------
@@ -401,7 +417,7 @@ class Robot:
         """
         from cspace.shapes.scenes import read_urdf
 
-        surfaces = read_urdf(path, link, package_dirs, solid != "surface")
+        surfaces = read_urdf(path, link, package_dirs, solid != "surface", visuals)
         name = Path(path).name
         # Surfaces around and inside the links, or a single one if their meshes are exact.
         outer, *inner = (Mesh(*surface, solid, name) for surface in surfaces)
@@ -479,7 +495,9 @@ class Robot:
         path: str | os.PathLike[str],
         *,
         solid: Solid | None = None,
+        up: Up | None = None,
         package_dirs: PackageDirs | None = None,
+        visuals: bool | None = None,
     ) -> Robot:
         """Read a robot from a file; :meth:`parse` takes short texts.
 
@@ -491,14 +509,18 @@ class Robot:
             table of all suffixes.
         solid : {"auto", "surface", "fill"}, optional
             Parts of a mesh, or of the meshes of a URDF, with an interior; "auto" if left out.
+        up : {"x", "y", "z"}, optional
+            For a mesh: axis that points up, as for :meth:`from_mesh`.
         package_dirs : path-like or sequence of path-like, optional
             For a URDF: folders that hold the folders of ROS packages, as for :meth:`from_urdf`.
+        visuals : bool, optional
+            For a URDF: use visual geometry of links without collision geometry.
 
         Raises
         ------
         InputError
-            If the suffix is none of these, the path is a short text, or ``solid`` or
-            ``package_dirs`` is given for a file that does not take it.
+            If the suffix is none of these, the path is a short text, or an option is given for a
+            file that does not take it.
         FileError
             If the file cannot be read.
         """
@@ -512,8 +534,8 @@ class Robot:
         rule = f"it must be a file that describes a robot; Robot.parse takes {short_texts}"
         reader = ROBOT_FORMATS[check_suffix(file, ROBOT_FORMATS, rule, "robot")]
         # Options that the format does not take are refused.
-        options = {"solid": solid, "package_dirs": package_dirs}
-        options = {option: value for option, value in options.items() if value is not None}
+        given = {"solid": solid, "up": up, "package_dirs": package_dirs, "visuals": visuals}
+        options = {option: value for option, value in given.items() if value is not None}
         for option, value in options.items():
             if option not in reader.options:
                 suffixes = [

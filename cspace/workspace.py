@@ -32,6 +32,7 @@ from cspace.support.check import check_bounds, check_cells, check_point, check_p
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
+    from cspace.files.meshes import Up
     from cspace.files.ros import GridMessage
     from cspace.files.urdf import PackageDirs
     from cspace.obstacles import Source
@@ -68,6 +69,7 @@ class OpenOptions(TypedDict, total=False):
     drop_missing: bool
     offset: ArrayLike
     solid: Solid
+    up: Up
     unknown: str
     threshold: float
     dark: str
@@ -568,6 +570,7 @@ class Workspace(WorkspacePlot):
         bounds: ArrayLike | None = None,
         *,
         solid: Solid = "auto",
+        up: Up | None = None,
         offset: ArrayLike | None = None,
         lazy: bool = False,
     ) -> Workspace:
@@ -587,6 +590,8 @@ class Workspace(WorkspacePlot):
             Parts with an interior. "auto": the closed parts, with a warning if others are open.
             "surface": none. "fill": all that the surface encloses at this spacing, with a warning
             if an open mesh encloses no cell.
+        up : {"x", "y", "z"}, optional
+            Axis that points up and becomes z; see :meth:`cspace.Mesh.of`.
         offset : array-like, shape (3,), optional
             As for :meth:`from_polygons`.
         lazy : bool
@@ -603,7 +608,7 @@ class Workspace(WorkspacePlot):
             If the file is missing or malformed.
         """
         check_extent(spacing, bounds, 3)
-        shape = Mesh.of(mesh, solid)
+        shape = Mesh.of(mesh, solid, up)
         if offset is not None:
             shape = replace(shape, vertices=shape.vertices + check_point(offset, "offset", 3))
         source = str(mesh) if isinstance(mesh, str | os.PathLike) else shape.source
@@ -744,7 +749,7 @@ class Workspace(WorkspacePlot):
     @classmethod
     def from_moveit_scene(
         cls,
-        path: StrPath,
+        source: object,
         spacing: float,
         bounds: ArrayLike | None = None,
         *,
@@ -758,9 +763,9 @@ class Workspace(WorkspacePlot):
 
         Parameters
         ----------
-        path : path-like
-            YAML of a ``moveit_msgs/PlanningScene``: as ROS prints it, or as MotionBenchMaker and
-            robowflex write it.
+        source : path-like, mapping, or message
+            A ``moveit_msgs/PlanningScene``, a mapping with its fields, or a file of it in YAML: as
+            ROS prints it, or as MotionBenchMaker and robowflex write it.
         spacing : float
             Side of a cell, in metres.
         bounds : array-like, shape (6,) or (2, 3), optional
@@ -772,9 +777,9 @@ class Workspace(WorkspacePlot):
         Raises
         ------
         FileError
-            If the file is missing or malformed, only changes another scene, or holds anything else:
+            If a file is missing or malformed, only changes another scene, or holds anything else:
             an OctoMap, a plane, a subframe, a transform, a padded link, a primitive of another
-            type, or an unknown field.
+            type, or an unknown field. For a mapping or a message, InputError.
         GeometryError
             If a mesh has no triangle, or there is no shape at all.
         InputError
@@ -784,11 +789,11 @@ class Workspace(WorkspacePlot):
         --------
         cspace.arms.read_moveit_scene : The same obstacles for an arm.
         """
-        from cspace.shapes.scenes import read_scene_shapes
+        from cspace.shapes.scenes import read_scene
 
         check_extent(spacing, bounds, 3)
-        shapes = read_scene_shapes(path, package_dirs)
-        return cls._of(shapes, spacing, bounds, str(path), "planning scene")
+        scene = read_scene(source, package_dirs)
+        return cls._of(scene.list_obstacles(), spacing, bounds, scene.source, "planning scene")
 
     @classmethod
     def open(cls, path: StrPath, **options: Unpack[OpenOptions]) -> Workspace:
@@ -802,7 +807,7 @@ class Workspace(WorkspacePlot):
         **options
             Those of the method for that format: ``spacing`` except for ROS maps and OctoMaps
             (optional for MovingAI), ``unknown``, ``threshold``, ``dark``, ``lower``, ``bounds``,
-            ``offset``, ``solid``, ``radius``, ``drop_missing``.
+            ``offset``, ``solid``, ``up``, ``radius``, ``drop_missing``.
 
         Raises
         ------

@@ -19,7 +19,7 @@ from cspace.arms.inverse import DEFAULT_TOLERANCE, Branch, PoseGoal, branch_to, 
 from cspace.arms.proofs import Scene, are_free
 from cspace.arms.scenes import make_scene
 from cspace.arms.solids import PosedShape, Solid, check_rigid
-from cspace.errors import ConfigurationError, InputError
+from cspace.errors import ConfigurationError, InputError, warn_user
 from cspace.shapes import ShapeLike, as_shape
 from cspace.support.arrays import Bools, Floats, frozen
 from cspace.support.check import (
@@ -198,11 +198,13 @@ class Arm:
         held_joints: Mapping[str, float] | None = None,
         solid: SolidMode = "auto",
         package_dirs: PackageDirs = (),
+        visuals: bool = False,
     ) -> Arm:
         """Read an arm from a URDF file with collision geometry.
 
         Revolute, continuous and prismatic joints move, together with the joints that mimic them.
-        Fixed joints merge their links into one body.
+        Fixed joints merge their links into one body. Soft limits of ``<safety_controller>`` replace
+        wider limits. A limit that ``<limit>`` leaves out is zero, by the format.
 
         Parameters
         ----------
@@ -232,6 +234,9 @@ class Arm:
             spacing, which arms do not have.
         package_dirs : path-like or sequence of path-like, optional
             Folders that contain the folders of ROS packages.
+        visuals : bool
+            Use the visual geometry of links without collision geometry. By default a warning names
+            such links, and no proof covers them.
 
         Raises
         ------
@@ -239,7 +244,7 @@ class Arm:
             If a file is missing or malformed, or a mesh name matches several files.
         InputError
             If a folder, link, joint or group does not exist, no joint moves, limits are missing,
-            reversed or exceeded by a held joint, an axis is zero, a joint has another type, or no
+            reversed or exceeded by a held joint, a joint below the base has another type, or no
             link has a collision geometry.
         MissingPackageError
             If yourdfpy is not installed.
@@ -248,7 +253,7 @@ class Arm:
 
         check_word(solid, "solid", ("auto", "surface"))
         folders = package_folders(package_dirs)
-        urdf = load_urdf(path)
+        urdf = load_urdf(path, visuals)
         file = os.fspath(path)
         for argument, link in (("tip", tip), ("base", base)):
             if link is not None:
@@ -260,10 +265,12 @@ class Arm:
                 "both say which joints move",
                 "leave one out",
             )
-        all_joints = {joint.name: _read_joint(joint, file) for joint in urdf.robot.joints}
+        base = base or root_link(urdf)
+        read_joints = [_read_joint(joint, file) for joint in _sort_joints(urdf.robot.joints, base)]
+        joints_below = {joint.name: joint for joint in read_joints}
         semantics = Srdf({}, {}, {}, {}) if srdf is None else read_srdf(srdf, urdf)
-        chosen = None if joints is None else _choose_joints(joints, semantics.groups, all_joints)
-        builder = _ArmBuilder(file, urdf, all_joints, base or root_link(urdf), tip, chosen)
+        chosen = None if joints is None else _choose_joints(joints, semantics.groups, joints_below)
+        builder = _ArmBuilder(file, urdf, joints_below, base, tip, chosen)
         builder.hold_joints({} if held_joints is None else held_joints)
         arm = builder.build_arm(semantics, folders, solid)
         # Only an SRDF says which links may touch; without one, the geometry does.
@@ -829,7 +836,14 @@ def is_independent(joint: Joint) -> bool:
 def _read_joint(joint: Any, file: str) -> Joint:
     """Convert a joint of yourdfpy, checking its numbers; errors name the file and the joint."""
     where = f"{file}: joint {joint.name!r}"
-    kind = _JOINT_KINDS[check_known(joint.type, where, _JOINT_KINDS)]
+    if joint.type not in _JOINT_KINDS:
+        raise InputError(
+            where,
+            f"is of type {joint.type!r}",
+            f"below the base, joints are {', '.join(_JOINT_KINDS)}",
+            f"correct the type, or pass base={joint.child!r}",
+        )
+    kind = _JOINT_KINDS[joint.type]
     frame = np.eye(4) if joint.origin is None else check_rigid(joint.origin, f"{where}: origin")
     axis = check_finite(joint.axis, f"{where}: axis")
     velocity = getattr(joint.limit, "velocity", None) or 0.0
@@ -865,23 +879,34 @@ def _read_joint(joint: Any, file: str) -> Joint:
 def _read_limits(joint: Any, where: str) -> tuple[float, float]:
     """Return the lower and upper limit of a joint of yourdfpy, radians or metres.
 
-    Raise InputError, which begins with ``where``, if one is missing or they are reversed.
+    Raise InputError, which begins with ``where``, if there are none or they are reversed.
     """
-    limits: Any = getattr(joint.limit, "lower", None), getattr(joint.limit, "upper", None)
-    if None in limits:
+    limit = joint.limit
+    if limit is None:
         raise InputError(
             where,
             "has no limits",
             "revolute and prismatic joints have",
             "add <limit lower= upper=>",
         )
-    lower, upper = check_finite(limits, f"{where}: limit").tolist()
+    if limit.lower is None and limit.upper is None:
+        warn_user(
+            f"{where}: <limit> has neither lower nor upper, which are zero then, by the format, so "
+            "the joint does not move; add them, or make the joint continuous"
+        )
+    lower = limit.lower or 0.0
+    upper = limit.upper or 0.0
+    # Soft limits count if they are narrower, as for MoveIt.
+    soft = joint.safety_controller
+    if soft is not None:
+        lower = lower if soft.soft_lower_limit is None else max(lower, soft.soft_lower_limit)
+        upper = upper if soft.soft_upper_limit is None else min(upper, soft.soft_upper_limit)
     if lower > upper:
         raise InputError(
             f"{where}: limits",
             f"are {lower:.12g} and {upper:.12g}",
             "the lower one must not be above the upper one",
-            "exchange them",
+            "correct them; a limit that is left out is zero",
         )
     return lower, upper
 
@@ -904,7 +929,7 @@ class _ArmBuilder:
     ) -> None:
         """Choose the joints that move: those ``chosen``, or all, between ``base`` and ``tip``.
 
-        ``joints`` are all joints of the URDF by name. Without a tip, all branches below the base
+        ``joints`` are those below the base, by name and in order. Without a tip, all branches
         count. Raises InputError if no joint moves.
         """
         self._file = file
@@ -912,17 +937,19 @@ class _ArmBuilder:
         self._joints = joints
         self._base = base
         self._held: dict[str, float] = {}
-        self._order = _sort_joints(joints.values(), base)
+        self._order = list(joints.values())
         joint_above = {joint.child: joint for joint in self._order}
         branch = set(joint_above) if tip is None else _list_links_to(tip, base, joint_above)
-        self._moving_names = []
+        # The index of each joint that moves, in a configuration.
+        self._moving_names: dict[str, int] = {}
         for joint in self._order:
             is_chosen = chosen is None or joint.name in chosen
             if is_independent(joint) and joint.child in branch and is_chosen:
-                self._moving_names.append(joint.name)
+                self._moving_names[joint.name] = len(self._moving_names)
         # Leaders are checked last, because that needs the names of all joints that move.
+        leaders = {joint.name for joint in self._order if joint.leader == joint.name}
         for joint in self._order:
-            self._check_leader(joint)
+            self._check_leader(joint, leaders)
         if not self._moving_names:
             raise InputError(
                 file,
@@ -931,10 +958,9 @@ class _ArmBuilder:
                 "name another base, tip or joints",
             )
 
-    def _check_leader(self, joint: Joint) -> None:
+    def _check_leader(self, joint: Joint, leaders: Set[str]) -> None:
         """Raise InputError if a joint mimics an unknown one, or would slide without end."""
         where = f"{self._file}: joint {joint.name!r}"
-        leaders = [other.name for other in self._order if other.leader == other.name]
         leader = self._joints[check_known(joint.leader, where, leaders, "mimics")]
         if joint.kind == PRISMATIC and self._is_moved(joint) and math.isinf(leader.upper):
             raise InputError(
@@ -960,7 +986,7 @@ class _ArmBuilder:
         ]
         # JointValues are those of a whole robot, so they may also name joints that move.
         if isinstance(values, JointValues):
-            check_joint_values(values, "held_joints", self._joints)
+            check_joint_values(values, "held_joints", self._urdf.joint_map)
             values = {name: values[name] for name in still_names if name in values}
         given = check_joint_values(values, "held_joints", still_names)
         for name in still_names:
@@ -1009,7 +1035,7 @@ class _ArmBuilder:
                 self._file,
                 "has no collision geometry",
                 "an arm's links need some",
-                "add <collision>",
+                "add <collision>, or pass visuals=True",
             )
         # A joint that moves may move several bodies, because other joints mimic it.
         moving = [self._joints[name] for name in self._moving_names]
@@ -1032,7 +1058,7 @@ class _ArmBuilder:
             placements=placements,
             carriers={},
             base_is_root=len(placements) == len(self._urdf.link_map),
-            _passive=frozenset(self._joints.keys() - {*self._moving_names, *self._held}),
+            _passive=frozenset(self._urdf.joint_map.keys() - {*self._moving_names, *self._held}),
             _states=srdf.states,
         )
 
@@ -1046,15 +1072,15 @@ class _ArmBuilder:
             for a, b in combinations(arm.links, 2)
             if a.body == b.body
         }
-        # The neighbour of a link is the nearest link with geometry above it.
-        parents = {joint.child: joint.parent for joint in self._order}
+        # The neighbour of a link is the nearest link with geometry above it. Parents come first, so
+        # each link takes it from its parent.
         with_geometry = {link.name for link in arm.links}
-        for link in arm.links:
-            neighbour = parents.get(link.name)
-            while neighbour is not None and neighbour not in with_geometry:
-                neighbour = parents.get(neighbour)
-            if neighbour is not None:
-                allowed.setdefault(sort_pair(link.name, neighbour), "adjacent")
+        nearest = {self._base: self._base if self._base in with_geometry else None}
+        for joint in self._order:
+            neighbour = nearest[joint.parent]
+            nearest[joint.child] = joint.child if joint.child in with_geometry else neighbour
+            if neighbour is not None and joint.child in with_geometry:
+                allowed.setdefault(sort_pair(joint.child, neighbour), "adjacent")
         samples = arm.contact_samples[:_SAMPLES_OF_ALWAYS]
         for pair, scene in arm.moving_pairs().items():
             if pair not in allowed and always_touch(scene, samples):
@@ -1068,17 +1094,14 @@ class _ArmBuilder:
 
     def _compute_fixed_pose(self, joint: Joint) -> Floats:
         """Compute the pose, shape (4, 4), into which a still joint brings its child link."""
-        from scipy.spatial.transform import Rotation
+        from cspace.files.urdf import make_motion
 
+        if joint.kind == FIXED:
+            return np.eye(4)
         leader = self._joints[joint.leader]
         position = self._held.get(leader.name, _find_rest_value(leader))
         value = joint.factor * position + joint.offset
-        pose = np.eye(4)
-        if joint.kind == REVOLUTE:
-            pose[:3, :3] = Rotation.from_rotvec(value * joint.axis).as_matrix()
-        elif joint.kind == PRISMATIC:
-            pose[:3, 3] = value * joint.axis
-        return pose
+        return make_motion(value * joint.axis, slides=joint.kind == PRISMATIC)
 
     def _read_links(
         self,
@@ -1087,9 +1110,10 @@ class _ArmBuilder:
         inside: SolidMode,
     ) -> Iterable[Solid]:
         """Read the links with collision geometry, each on its body."""
-        from cspace.files.urdf import find_meshes
+        from cspace.files.urdf import find_meshes, warn_of_visuals
         from cspace.shapes.scenes import link_shapes
 
+        warn_of_visuals(self._urdf, placements, self._file)
         meshes = find_meshes(self._urdf, placements, self._file, package_dirs)
         for name, (body, pose) in placements.items():
             shapes = link_shapes(self._urdf, name, self._file, meshes, inside)
@@ -1118,7 +1142,7 @@ class _ArmBuilder:
                 link_lengths[body] += np.abs(joint.factor * ends + joint.offset).max()
         # A joint moves two bodies against each other if it carries exactly one of them.
         between = carries[:, np.newaxis] != carries[np.newaxis]
-        indices = [self._moving_names.index(joint.leader) for joint in joints]
+        indices = [self._moving_names[joint.leader] for joint in joints]
         return Chain(
             parents=np.array(parents, dtype=np.int64),
             frames=frames,
@@ -1132,16 +1156,16 @@ class _ArmBuilder:
         )
 
 
-def _sort_joints(joints: Iterable[Joint], base: str) -> list[Joint]:
-    """Return the joints below a link, depth first, and by name where the tree branches.
+def _sort_joints(joints: Iterable[Any], base: str) -> list[Any]:
+    """Return the joints of yourdfpy below a link, depth first, by name where the tree branches.
 
     So every body comes after its parent, and the order is that of urdfdom for MoveIt.
     """
     # The stack is read from its end, so the names are sorted in reverse.
-    joints_below: dict[str, list[Joint]] = {}
+    joints_below: dict[str, list[Any]] = {}
     for joint in sorted(joints, key=lambda joint: joint.name, reverse=True):
         joints_below.setdefault(joint.parent, []).append(joint)
-    order: list[Joint] = []
+    order: list[Any] = []
     pending = list(joints_below.get(base, ()))
     while pending:
         joint = pending.pop()
@@ -1170,7 +1194,7 @@ def _list_links_to(tip: str, base: str, joint_above: Mapping[str, Joint]) -> set
 
 def _find_rest_value(joint: Joint) -> float:
     """Return the joint value nearest to zero within the limits."""
-    return float(np.clip(0.0, joint.lower, joint.upper))
+    return min(max(0.0, joint.lower), joint.upper)
 
 
 def always_touch(scene: Scene, points: Floats) -> bool:

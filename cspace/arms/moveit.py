@@ -15,7 +15,7 @@ from cspace.arms.inverse import PoseGoal
 from cspace.arms.model import LIMIT_SLACK, Arm, JointValues, Names, sort_pair
 from cspace.arms.solids import PosedShape, check_rigid
 from cspace.errors import InputError
-from cspace.files.access import ContentError, decoding
+from cspace.files.access import ContentError
 from cspace.files.moveit import (
     REQUEST_KIND,
     SCENE_KIND,
@@ -23,11 +23,13 @@ from cspace.files.moveit import (
     check_poses,
     find_frame,
     joint_values,
+    name_source,
+    naming,
     read_request_message,
     wrong_value,
 )
 from cspace.files.urdf import PackageDirs
-from cspace.support.arrays import Floats, StrPath
+from cspace.support.arrays import Floats
 from cspace.support.check import check_known
 
 _MAX_EULER_TOLERANCE: Final = 0.5 * math.pi
@@ -76,7 +78,7 @@ class PlanningScene:
     Attributes
     ----------
     source : str
-        The file.
+        The file, or "planning scene".
     frame : str
         Frame of the obstacles; ``"world"`` if the file names none.
     obstacles : dict of str to PosedShape
@@ -207,7 +209,7 @@ def find_base_pose(frame: str, arm: Arm, source: str) -> Floats:
     return np.eye(4)
 
 
-def read_moveit_scene(path: StrPath, *, package_dirs: PackageDirs = ()) -> PlanningScene:
+def read_moveit_scene(source: object, *, package_dirs: PackageDirs = ()) -> PlanningScene:
     """Read a MoveIt planning scene, for :func:`cspace.build_arm_space`.
 
     Collision objects are read in one frame, the planning frame, and attached objects in that frame
@@ -215,7 +217,7 @@ def read_moveit_scene(path: StrPath, *, package_dirs: PackageDirs = ()) -> Plann
 
     Parameters
     ----------
-    path : path-like
+    source : path-like, mapping, or message
         As for :meth:`cspace.Workspace.from_moveit_scene`, which reads the same shapes.
     package_dirs : path-like, or sequence of path-like
         Folders that contain the folders of packages, for meshes, as for
@@ -227,29 +229,28 @@ def read_moveit_scene(path: StrPath, *, package_dirs: PackageDirs = ()) -> Plann
         As :meth:`cspace.Workspace.from_moveit_scene`. Also if the state of the robot moves its
         base, or only changes another state.
     """
-    from cspace.shapes.scenes import empty_error, read_scene
+    from cspace.shapes.scenes import read_scene
 
-    content = read_scene(path, package_dirs)
-    if not content.shapes and not content.attached:
-        raise empty_error(path)
-    ids = {named.name: named.object_id for named in content.shapes}
+    content = read_scene(source, package_dirs)
+    obstacles = {}
     attached = {}
-    for link, frame, touch_links, shapes in content.attached:
-        for named in shapes:
-            ids[named.name] = named.object_id
-            shape = PosedShape(named.shape, named.pose)
-            attached[named.name] = AttachedObject(shape, link, frame, tuple(touch_links))
-    with decoding(path, SCENE_KIND):
+    for each in content.shapes:
+        shape = PosedShape(each.shape, each.pose)
+        if each.link:
+            attached[each.name] = AttachedObject(shape, each.link, each.frame, each.touch_links)
+        else:
+            obstacles[each.name] = shape
+    with naming(source, SCENE_KIND):
         values = joint_values(content.fields["robot_state"], "robot_state")
         contacts = _read_contacts(content.fields["allowed_collision_matrix"])
     return PlanningScene(
-        source=str(path),
+        source=content.source,
         frame=content.frame,
-        obstacles={named.name: PosedShape(named.shape, named.pose) for named in content.shapes},
+        obstacles=obstacles,
         attached=attached,
         robot_state=JointValues(values),
         _contacts=contacts,
-        _ids=ids,
+        _ids={each.name: each.object_id for each in content.shapes},
     )
 
 
@@ -300,7 +301,7 @@ class MotionPlanRequest:
     Attributes
     ----------
     source : str
-        The file.
+        The file, or "motion plan request".
     group : str
         Group of the SRDF that moves, for ``Arm.from_urdf(joints=)``; empty if the file names none.
     start_state : JointValues
@@ -400,7 +401,7 @@ class MotionPlanRequest:
         return replace(goal, pose=np.linalg.solve(base, np.asarray(goal.pose)))
 
 
-def read_moveit_request(path: StrPath) -> MotionPlanRequest:
+def read_moveit_request(source: object) -> MotionPlanRequest:
     """Read a MoveIt motion plan request.
 
     Goals may be joint constraints with tolerances, or a position constraint, an orientation
@@ -413,33 +414,32 @@ def read_moveit_request(path: StrPath) -> MotionPlanRequest:
 
     Parameters
     ----------
-    path : path-like
-        YAML of a ``moveit_msgs/MotionPlanRequest``: as ROS prints it, or as MotionBenchMaker and
-        robowflex write it.
+    source : path-like, mapping, or message
+        A ``moveit_msgs/MotionPlanRequest``, a mapping with its fields, or a file of it in YAML: as
+        ROS prints it, or as MotionBenchMaker and robowflex write it.
 
     Raises
     ------
-    FileError
-        If the file is missing or malformed, has no goal or an unknown field, or constrains paths,
+    FileError, or InputError for a mapping or a message
+        If a file is missing or malformed, has no goal or an unknown field, or constrains paths,
         visibility, or joints and poses in one goal; if objects are attached, which belong to the
         scene; or if a region of positions is no box, sphere or cylinder.
 
     Examples
     --------
-    >>> import pathlib, tempfile
     >>> from cspace.arms import read_moveit_request
-    >>> path = pathlib.Path(tempfile.mkdtemp(), "request.yaml")
-    >>> goal = "{joint_constraints: [{joint_name: elbow, position: 1.0, tolerance_above: 0.01}]}"
-    >>> start = "{joint_state: {name: [elbow], position: [0.5]}}"
-    >>> text = f"group_name: arm, start_state: {start}, goal_constraints: [{goal}]"
-    >>> _ = path.write_text(f"{{{text}}}")
-    >>> request = read_moveit_request(path)
+    >>> constraint = {"joint_name": "elbow", "position": 1.0, "tolerance_above": 0.01}
+    >>> start = {"joint_state": {"name": ["elbow"], "position": [0.5]}}
+    >>> goal = {"joint_constraints": [constraint]}
+    >>> request = read_moveit_request(
+    ...     {"group_name": "arm", "start_state": start, "goal_constraints": [goal]}
+    ... )
     >>> request.group, request.start_state, request.goals[0].upper
     ('arm', {'elbow': 0.5}, {'elbow': 1.01})
     """
-    fields = read_request_message(path)
+    fields = read_request_message(source)
     frames = set[str]()
-    with decoding(path, REQUEST_KIND):
+    with naming(source, REQUEST_KIND):
         goals = [
             _read_goal(item, f"goal_constraints[{number}]", frames)
             for number, item in enumerate(fields["goal_constraints"])
@@ -447,7 +447,7 @@ def read_moveit_request(path: StrPath) -> MotionPlanRequest:
         if not goals:
             raise ContentError("has no goal_constraints", "a request has at least one", "add them")
         return MotionPlanRequest(
-            source=str(path),
+            source=name_source(source, REQUEST_KIND),
             group=fields["group_name"],
             start_state=JointValues(joint_values(fields["start_state"], "start_state")),
             goals=tuple(goals),

@@ -264,6 +264,7 @@ def check_rigid(pose: ArrayLike, name: str) -> Floats:
         If it is no rigid motion.
     """
     matrix = check_finite(pose, name)
+    problem = f"has shape {matrix.shape}"
     if matrix.shape == (4, 4):
         # Digits of a file are few, so take the nearest rotation, by a singular value decomposition.
         left, _, right = np.linalg.svd(matrix[:3, :3])
@@ -273,11 +274,12 @@ def check_rigid(pose: ArrayLike, name: str) -> Floats:
         is_near = np.abs(rigid - matrix).max() < MAX_ROTATION_ERROR
         if is_near and np.linalg.det(rigid) > 0.0:
             return rigid
+        problem = f"has R = {matrix[:3, :3].tolist()} and the last row {matrix[3].tolist()}"
     raise InputError(
         name,
-        f"has shape {matrix.shape}",
-        "it must be a rigid motion, shape (4, 4)",
-        "pass [[R, t], [0, 0, 0, 1]], with the rotation matrix R",
+        problem,
+        "it must be [[R, t], [0, 0, 0, 1]], shape (4, 4), with a rotation matrix R",
+        "take R from scipy, e.g. Rotation.from_euler('xyz', (0, 0, 0)).as_matrix()",
     )
 
 

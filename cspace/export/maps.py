@@ -181,7 +181,7 @@ def export(
         If netCDF is asked for, and xarray is not installed.
     """
     # What the format holds: any dimension or one; all rotations, all or one, or one.
-    suffix = check_suffix(path, EXPORT_FORMATS, "the suffix selects the format")
+    suffix = check_suffix(path, EXPORT_FORMATS, "the suffix selects the format", is_output=True)
     form = EXPORT_FORMATS[suffix]
     if form.dimension not in (None, contents.grid.dim):
         scope = "of the plane" if form.dimension == 2 else "in space"

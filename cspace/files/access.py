@@ -13,7 +13,7 @@ import itertools
 import os
 import shutil
 import uuid
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Container, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path, PurePath
@@ -50,6 +50,8 @@ _MAX_LFS_POINTER_BYTES: Final = 1024
 _CONVERTERS: Final = {
     ".nrrd": "read it with pynrrd or SimpleITK, and pass the array to Workspace.from_array",
     ".off": "convert it: trimesh.load('mesh.off').export('mesh.ply')",
+    ".3mf": "convert it: trimesh.load_scene('mesh.3mf').convert_units('m').export('mesh.stl')",
+    ".xacro": "expand it: xacro robot.urdf.xacro > robot.urdf",
 }
 """Hint for each suffix of other formats that are easily converted."""
 
@@ -116,17 +118,21 @@ def _name_file_in_errors(file: Path, kind: str) -> Iterator[None]:
         raise FileError(str(file), problem, rule, "check its permissions") from error
 
 
-def suggest_file(path: Path, otherwise: str) -> str:
+def suggest_file(path: Path, otherwise: str, suffixes: Container[str] | None = None) -> str:
     """Return a hint about a wrong file name.
 
     It names a converter if the file exists. If the file is missing, it names the most similar file
-    beside it. `otherwise` is the hint if there is none.
+    beside it, of these suffixes. `otherwise` is the hint if there is none.
     """
     try:
         if path.exists():
             return _CONVERTERS.get(path.suffix.lower(), otherwise)
         visible = (file.name for file in path.parent.iterdir() if not file.name.startswith("."))
-        names = {name.lower(): name for name in itertools.islice(visible, _MAX_NAMES_COMPARED)}
+        names = {
+            name.lower(): name
+            for name in itertools.islice(visible, _MAX_NAMES_COMPARED)
+            if suffixes is None or PurePath(name).suffix.lower() in suffixes
+        }
     except (OSError, ValueError):
         return otherwise
     matches = difflib.get_close_matches(path.name.lower(), names, n=1)
@@ -187,15 +193,26 @@ def decoding(path: StrPath, kind: str, *advice: str) -> Iterator[None]:
         raise FileError(os.fspath(path), *described.parts) from error
 
 
-def check_suffix(path: StrPath, known: Iterable[str], rule: str, argument: str = "path") -> str:
+def check_suffix(
+    path: StrPath,
+    known: Collection[str],
+    rule: str,
+    argument: str = "path",
+    *,
+    is_output: bool = False,
+) -> str:
     """Return the suffix of a file name, in lower case.
+
+    Messages suggest a similar file, unless the file is an output.
 
     Raises InputError if `path` is not a file name, or its suffix is not in `known`.
     """
     file = check_name(path)
     suffix = file.suffix.lower()
     if suffix not in known:
-        hint = suggest_file(file, f"use one of {', '.join(filter(None, known))}")
+        hint = f"use one of {', '.join(filter(None, known))}"
+        if not is_output:
+            hint = suggest_file(file, hint, known)
         raise InputError(argument, f"is {file}, with suffix {suffix!r}", rule, hint)
     return suffix
 

@@ -87,13 +87,13 @@ WORKSPACE_FORMATS: Final[dict[str, Format]] = {
 ROBOT_FORMATS: Final[dict[str, Format]] = {
     **dict.fromkeys(vector.POLYGON_SUFFIXES, Format("polygon", 2, "polygons")),
     **dict.fromkeys(
-        meshes.MESH_SUFFIXES, Format("from_mesh", 3, "a triangle mesh", options=("solid",))
+        meshes.MESH_SUFFIXES, Format("from_mesh", 3, "a triangle mesh", options=("solid", "up"))
     ),
     ".urdf": Format(
         "from_urdf",
         3,
         "the fixed base of a URDF, or links of it: `FILE.urdf#LINK,LINK`",
-        options=("solid", "package_dirs"),
+        options=("solid", "package_dirs", "visuals"),
     ),
     **dict.fromkeys(
         ros.YAML_SUFFIXES,

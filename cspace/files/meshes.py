@@ -22,14 +22,14 @@ import re
 import struct
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, Literal, NamedTuple, TypeAlias
 from urllib.parse import unquote
 from xml.etree.ElementTree import Element
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace.errors import GeometryError, InputError
+from cspace.errors import GeometryError, InputError, UnitWarning, warn_user
 from cspace.files.access import (
     ContentError,
     check_suffix,
@@ -37,6 +37,7 @@ from cspace.files.access import (
     parse_numbers,
     read_bytes,
 )
+from cspace.files.fields import Fields
 from cspace.files.plain import check_nesting, parse_xml
 from cspace.files.polygons import (
     join_surfaces,
@@ -49,10 +50,20 @@ from cspace.files.polygons import (
 )
 from cspace.limits import check_bytes
 from cspace.support.arrays import Floats, Ints, StrPath, Surface
-from cspace.support.check import check_finite
+from cspace.support.check import check_finite, check_word
 
 Json = dict[str, Any]
 """An object of a glTF header."""
+
+Up: TypeAlias = Literal["x", "y", "z"]
+"""Axis of a mesh that points up."""
+
+UPRIGHT: Final[Mapping[Up, Floats]] = {
+    "x": np.array([(0.0, -1.0, 0.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0)]),
+    "y": np.array([(1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0)]),
+    "z": np.eye(3),
+}
+"""Rotation that makes an axis point along z, shape (3, 3), by the axis; as in COLLADA and glTF."""
 
 _MESH_KIND: Final = "mesh"
 
@@ -65,6 +76,39 @@ _APPEARANCE_PREFIXES: Final = (
     "MSFT_texture_",
 )
 """Prefixes of the glTF extensions that do not change the shape."""
+
+FIELDS: Final = (
+    Fields(
+        "`.glb`, `.gltf`",
+        honoured=("metres", "`scene`", "`matrix`, `translation`, `rotation`, `scale` of nodes"),
+        refused=(
+            "skins and morphs",
+            "sparse, quantised or compressed numbers",
+            "extensions except of the appearance",
+            "parts without triangles",
+        ),
+        warned=("y is up (`up=`)",),
+    ),
+    Fields(
+        "`.dae`",
+        honoured=("`unit meter`", "`matrix`, `translate`, `rotate`, `scale`", "instances"),
+        refused=("parts of another unit", "`lookat`, `skew`", "controllers"),
+        warned=("`up_axis` (`up=`); by default Y_UP",),
+    ),
+    Fields("`.stl`", honoured=("text or binary",), warned=("a unit in the header",)),
+    Fields(
+        "`.obj`",
+        honoured=("negative indices",),
+        refused=("weights", "surfaces of curves", "other files"),
+        warned=("a unit in a comment",),
+    ),
+    Fields(
+        "`.ply`",
+        honoured=("`format`", "types and order of properties"),
+        refused=("lists of other elements than `face`",),
+        warned=("a unit in a comment",),
+    ),
+)
 
 _TRIANGLES_MODE: Final = 4
 """Mode of a glTF primitive that consists of triangles."""
@@ -79,8 +123,8 @@ _ROW_TYPES: Final[dict[str, dict[int, Any]]] = {
 """Data type of a row of a glTF accessor, by its type and component type."""
 
 
-def _read_gltf(file: Path) -> Surface:
-    """Read the triangles of a glTF scene.
+def _read_gltf(file: Path) -> tuple[Surface, Up]:
+    """Read the triangles of a glTF scene, whose y points up.
 
     Raises FileError if the file or a buffer is missing, truncated or malformed. Raises
     GeometryError if it holds anything but triangles, or if its shape depends on an extension, a
@@ -97,7 +141,7 @@ def _read_gltf(file: Path) -> Surface:
     # For each mesh, the points and corners of its primitives, as views of the buffers.
     primitives = [
         [_read_gltf_part(primitive, header) for primitive in mesh["primitives"]]
-        for mesh in header.get("meshes", [])
+        for mesh in map(_refuse_extensions, header.get("meshes", []))
     ]
     placed = list(_place_gltf_meshes(header))
     # Primitives may share arrays, and a mesh may be placed several times, so the memory is checked
@@ -111,7 +155,7 @@ def _read_gltf(file: Path) -> Surface:
         mesh: [_make_gltf_surface(points, corners) for points, corners in primitives[mesh]]
         for mesh, _ in placed
     }
-    return _join_placed(surfaces, placed)
+    return _join_placed(surfaces, placed), "y"
 
 
 def _join_placed(
@@ -123,6 +167,8 @@ def _join_placed(
     """
     copies: list[Surface] = []
     for mesh, pose in placed:
+        if (pose[3] != (0.0, 0.0, 0.0, 1.0)).any():
+            raise ContentError(f"has a matrix with the last row {pose[3].tolist()}")
         copies += [transform_surface(surface, pose) for surface in surfaces[mesh]]
     return join_surfaces(copies)
 
@@ -158,7 +204,7 @@ def _read_accessor(number: int, kind: str, header: Json) -> NDArray[Any]:
     ``kind`` is "VEC3" for positions or "SCALAR" for indices. Raises GeometryError if the accessor
     is sparse, compressed or quantised, and ContentError if it is malformed or exceeds its buffer.
     """
-    accessor = _look_up(header, "accessors", number)
+    accessor = _refuse_extensions(_look_up(header, "accessors", number))
     if "sparse" in accessor:
         raise unsupported_part(f"a sparse accessor ({number})")
     if "bufferView" not in accessor:
@@ -277,14 +323,15 @@ def _refuse_moved_mesh(node: Json, mesh: Json) -> None:
         raise unsupported_part("a mesh that a morph moves", "apply the morph before exporting")
 
 
-def _refuse_extensions(element: Json) -> None:
-    """Refuse a glTF element with an unknown extension.
+def _refuse_extensions(element: Json) -> Json:
+    """Return a glTF element; refuse one with an unknown extension.
 
     Raises GeometryError, except for extensions of the appearance alone.
     """
     for name in element.get("extensions", {}):
         if not name.startswith(_APPEARANCE_PREFIXES):
             raise unsupported_part(f"a part with the extension {name}")
+    return element
 
 
 def _look_up(header: Json, kind: str, number: int) -> Json:
@@ -392,8 +439,8 @@ class _Collada(NamedTuple):
         return target
 
 
-def _read_collada(file: Path) -> Surface:
-    """Read the triangles of a COLLADA scene, in metres.
+def _read_collada(file: Path) -> tuple[Surface, Up]:
+    """Read the triangles of a COLLADA scene, in metres, and the axis that points up.
 
     Axes stay as they are; lines are skipped.
 
@@ -409,7 +456,14 @@ def _read_collada(file: Path) -> Surface:
         for points, faces in surfaces[geometry]:
             unfolded_bytes += surface_bytes(len(points), len(faces))
     check_bytes(file, unfolded_bytes, "unfolds to", memory=3.0)
-    return _join_placed(surfaces, placed)
+    axis = _read_asset(collada.root, "up_axis", lambda element: element.text) or "Y_UP"
+    if axis not in _UP_BY_NAME:
+        raise ContentError(f"has the up_axis {axis!r}", f"there are {', '.join(_UP_BY_NAME)}")
+    return _join_placed(surfaces, placed), _UP_BY_NAME[axis]
+
+
+_UP_BY_NAME: Final[Mapping[str, Up]] = {"X_UP": "x", "Y_UP": "y", "Z_UP": "z"}
+"""Axis by its name in COLLADA."""
 
 
 def _parse_collada(data: bytes) -> _Collada:
@@ -471,11 +525,22 @@ def _place_geometries(collada: _Collada) -> Iterator[tuple[Element, Floats]]:
 
 def _read_unit(root: Element) -> float:
     """Return the metres per unit of a COLLADA file."""
-    unit = root.find("asset/unit[@meter]")
-    metres = 1.0 if unit is None else float(unit.get("meter", ""))
+    metres = float(_read_asset(root, "unit", lambda unit: unit.get("meter")) or 1.0)
     if not (math.isfinite(metres) and metres > 0.0):
         raise ContentError(f"has a unit of {metres:g} metres")
     return metres
+
+
+def _read_asset(root: Element, tag: str, read_value: Callable[[Element], str | None]) -> str | None:
+    """Return the value of an element of a COLLADA file's assets; None if there is none.
+
+    Raises ContentError if parts of the file have another value.
+    """
+    elements = [element for asset in root.iter("asset") for element in asset.findall(tag)]
+    values = {(read_value(element) or "").strip() for element in elements}
+    if len(values) > 1:
+        raise ContentError(f"has parts of another {tag}", "it must have one", "export it with one")
+    return next(iter(values), None)
 
 
 def _find_scene(collada: _Collada) -> Element:
@@ -635,14 +700,49 @@ _FACET: Final = re.compile(
 _SOLIDS: Final = re.compile(rb"^[ \t]*(end)?solid\b[^\n]*", re.MULTILINE)
 """A line of a text STL file that begins or ends a solid."""
 
+_UNIT_NOTE: Final = re.compile(
+    rb"^(?:#|comment|obj_info)[^\n]*?"
+    rb"\b(millimet\w+|centimet\w+|inch(?:es)?|feet|units?\W{1,4}(?:mm|cm|in|ft))\b",
+    re.MULTILINE,
+)
+"""A comment of a mesh file, in lower case, with a unit other than the metre."""
 
-def read_mesh(path: StrPath) -> Surface:
+_NOTED_BYTES: Final = 4096
+"""Number of bytes at the start of a mesh file that are searched for a unit."""
+
+
+def warn_of_unit(path: StrPath) -> None:
+    """Warn if a comment of a mesh file without units speaks of another unit than the metre."""
+    file = Path(path)
+    if file.suffix.lower() not in (".stl", ".obj", ".ply"):
+        return
+    with file.open("rb") as stream:
+        text = stream.read(_NOTED_BYTES).lower()
+    # The first line of an STL file is a comment.
+    note = _UNIT_NOTE.search(b"#" + text if file.suffix.lower() == ".stl" else text)
+    if note is not None:
+        _warn_of_units(os.fspath(path), note[1].decode("latin-1"))
+
+
+def _warn_of_units(name: str, units: str) -> None:
+    """Warn that a mesh in other units is taken as metres."""
+    warn_user(
+        f"{name}: says {units!r}, and its coordinates are taken as metres; scale it first, e.g. "
+        "load it with trimesh and call apply_scale(0.001) for millimetres",
+        UnitWarning,
+    )
+
+
+def read_mesh(path: StrPath, up: Up | None = "z") -> Surface:
     """Read the vertices and triangles of a mesh file.
 
     The suffix selects the format. Parts of a scene are transformed and joined. Coordinates of
     ``.glb`` and ``.gltf`` are metres by definition, coordinates of ``.dae`` are converted from the
-    file's unit, and other formats are assumed to be in metres. Axes stay as they are, whichever
-    axis the file calls up.
+    file's unit, and other formats are assumed to be in metres.
+
+    The axis ``up`` of the file becomes z. By default axes stay as they are, whichever axis the file
+    calls up, as in ROS (rviz, MoveIt). With None they stay too, and a warning says so if the file
+    calls another axis up.
 
     Nothing is repaired, merged or dropped: a file with an unsupported part is refused with
     GeometryError. A polygon of four or more corners is refused too if its triangles are ambiguous:
@@ -660,15 +760,27 @@ def read_mesh(path: StrPath) -> Surface:
     """
     suffix = check_suffix(path, _READERS, "the suffix selects the format", "mesh")
     with decoding(path, _MESH_KIND):
-        vertices, faces = _READERS[suffix](Path(path))
+        (vertices, faces), declared_up = _READERS[suffix](Path(path))
         if not len(faces):
             content = "cloud of points" if len(vertices) else ""
             raise _make_empty_error(os.fspath(path), content)
         check_finite(vertices, f"vertices of {path}")
-    return vertices, np.ascontiguousarray(faces)
+    if up is None and declared_up != "z":
+        warn_user(
+            f"{os.fspath(path)}: {declared_up} points up in the file, and its axes stay as they "
+            f"are, as in ROS; pass up={declared_up!r} to from_mesh, open or cspace.Mesh.of to turn "
+            "it upright, or up='z' to keep its axes"
+        )
+    return turn_upright(vertices, up or "z"), np.ascontiguousarray(faces)
 
 
-def _read_stl(file: Path) -> Surface:
+def turn_upright(vertices: Floats, up: Up) -> Floats:
+    """Turn vertices, shape (V, 3), so that an axis points along z."""
+    check_word(up, "up", tuple(UPRIGHT))
+    return vertices if up == "z" else vertices @ UPRIGHT[up].T
+
+
+def _read_stl(file: Path) -> tuple[Surface, Up]:
     """Read the triangles of an STL file.
 
     It may be binary or text. Triangles share no vertices.
@@ -687,7 +799,7 @@ def _read_stl(file: Path) -> Surface:
         raise ContentError(
             f"declares {declared} triangles but has bytes for {present:g}, as a binary STL file"
         )
-    return vertices, np.arange(len(vertices), dtype=np.int64).reshape(-1, 3)
+    return (vertices, np.arange(len(vertices), dtype=np.int64).reshape(-1, 3)), "z"
 
 
 def _parse_stl_text(data: bytes) -> Floats:
@@ -716,24 +828,28 @@ def _parse_stl_text(data: bytes) -> Floats:
     return parse_numbers(words, float).reshape(-1, 3)
 
 
-def _read_ply(file: Path) -> Surface:
+def _read_ply(file: Path) -> tuple[Surface, Up]:
     """Read the polygons of a PLY file as triangles."""
     vertices, corners, sizes = read_ply(file)
-    return vertices, triangulate(vertices, corners, sizes)
+    return (vertices, triangulate(vertices, corners, sizes)), "z"
 
 
-_READERS: Final[dict[str, Callable[[Path], Surface]]] = {
+_READERS: Final[dict[str, Callable[[Path], tuple[Surface, Up]]]] = {
     ".stl": _read_stl,
-    ".obj": read_obj,
+    ".obj": lambda file: (read_obj(file), "z"),
     ".ply": _read_ply,
     ".glb": _read_gltf,
     ".gltf": _read_gltf,
     ".dae": _read_collada,
 }
-"""Function that reads a file, by suffix."""
+"""Function that reads a file and the axis that it calls up, by suffix."""
 
 MESH_SUFFIXES: Final = tuple(_READERS)
 """Suffixes of the files that :func:`read_mesh` reads."""
+
+
+_METRES: Final = ("m", "meter", "meters", "metre", "metres")
+"""Names of the metre in trimesh."""
 
 
 def flatten_trimesh(shape: Any, name: str) -> Surface:
@@ -747,6 +863,8 @@ def flatten_trimesh(shape: Any, name: str) -> Surface:
     """
     import trimesh
 
+    if getattr(shape, "units", None) not in (None, *_METRES):
+        _warn_of_units(name, f"units = {shape.units}")
     if isinstance(shape, trimesh.Scene):
         placed = map(shape.graph.get, shape.graph.nodes_geometry)
         parts = [(shape.geometry[mesh], transform) for transform, mesh in placed]

@@ -1,4 +1,4 @@
-"""MoveIt's messages in YAML: tables of their fields, and parsers.
+"""MoveIt's messages, also as mappings or in YAML: tables of their fields, and parsers.
 
 The YAML is what ROS prints, or what robowflex and MotionBenchMaker write. Fields that a message
 does not have are refused, because a misspelled one would be lost. Fields that would change the
@@ -7,15 +7,20 @@ answer but are not read are refused too, unless they are empty.
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
-from collections.abc import Callable, Mapping
+import os
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any, Final, TypeAlias
 
 import numpy as np
 
+from cspace.errors import InputError
 from cspace.files.access import ContentError, decoding
+from cspace.files.fields import Fields
 from cspace.files.plain import read_yaml
-from cspace.support.arrays import Floats, StrPath
+from cspace.support.arrays import Floats
 
 WORLD: Final = "world"
 """Frame of poses whose header names none, as in robowflex."""
@@ -39,8 +44,39 @@ MAX_NUMBER: Final = 1e100
 MOTION_ROUNDING: Final = 1e-6
 """Largest difference of the entries of two equal motions, metres and radians."""
 
+FIELDS: Final = (
+    Fields(
+        "MoveIt planning scenes",
+        honoured=(
+            "`frame_id`",
+            "poses",
+            "`primitives`, `meshes`",
+            "`attached_collision_objects`",
+            "`allowed_collision_matrix`",
+            "`joint_state`",
+        ),
+        refused=(
+            "several frames",
+            "transforms other than the identity",
+            "`planes`, `subframe_names`, `octomap`",
+            "`link_padding`, `link_scale`",
+            "`is_diff`",
+            "unknown fields",
+        ),
+        warned=("attached objects without an arm",),
+    ),
+    Fields(
+        "MoveIt requests",
+        honoured=("`start_state`", "joint, position and orientation constraints", "tolerances"),
+        refused=("constraints of paths and visibility", "`target_point_offset`", "unknown fields"),
+    ),
+)
+
 Parser: TypeAlias = Callable[[Any, str], Any]
 """Function of a value of YAML and its place in the file; raises ContentError if it is wrong."""
+
+Schema: TypeAlias = "Parser | list[Schema] | dict[str, Schema]"
+"""How :func:`parse` parses a value."""
 
 PRIMITIVES: Final[Mapping[str, tuple[str, ...]]] = {
     "box": ("x", "y", "z"),
@@ -62,19 +98,14 @@ def wrong_value(value: Any, place: str, rule: str, hint: str = "correct it") -> 
     return ContentError(f"has {repr(value)[:60]} as {place}", rule, hint)
 
 
-def ignore(value: Any, place: str) -> Any:
-    """Return a value that changes no answer."""
-    return value
-
-
 def refuse(hint: str) -> Parser:
     """Make a parser of a field that must be empty."""
 
-    def parse(value: Any, place: str) -> None:
+    def check(value: Any, place: str) -> None:
         if _holds_entries(value):
             raise ContentError(f"has {place}", "it is not read", hint)
 
-    return parse
+    return check
 
 
 def _holds_entries(value: Any) -> bool:
@@ -91,7 +122,7 @@ def accept_only(*accepted: Any, hint: str = "correct it") -> Parser:
     """Make a parser that accepts some values; a missing value is the first of them."""
     rule = f"it must be {' or '.join(map(repr, accepted))}"
 
-    def parse(value: Any, place: str) -> Any:
+    def check(value: Any, place: str) -> Any:
         if value is None:
             return accepted[0]
         # True == 1 in Python, but not in a message.
@@ -101,7 +132,7 @@ def accept_only(*accepted: Any, hint: str = "correct it") -> Parser:
             raise wrong_value(value, place, rule, hint)
         return value
 
-    return parse
+    return check
 
 
 def allow_missing(parser: Parser, default: Any) -> Parser:
@@ -109,50 +140,46 @@ def allow_missing(parser: Parser, default: Any) -> Parser:
     return lambda value, place: default if value is None else parser(value, place)
 
 
-def make_table_parser(fields: Mapping[str, Parser]) -> Callable[[Any, str], dict[str, Any]]:
-    """Make a parser of a table that has no other fields."""
+def parse(schema: Schema, value: Any, place: str) -> Any:
+    """Parse a value of YAML.
 
-    def parse(value: Any, place: str) -> dict[str, Any]:
-        if not isinstance(value, dict | None):
-            raise wrong_value(value, place or "the file", "it must be a table of names and values")
-        # A field that is missing is parsed as None, for which its parser has a default or an error.
-        table = value or {}
-        for name in table:
-            if name not in fields:
-                raise ContentError(
-                    f"has the unknown field {str(name)[:40]!r} at {place or 'the top'}",
-                    f"the fields are {', '.join(fields)}",
-                    "correct or remove it",
-                )
-        return {
-            name: parser(table.get(name), f"{place}.{name}".lstrip("."))
-            for name, parser in fields.items()
-        }
-
-    return parse
-
-
-def make_list_parser(parser: Parser) -> Parser:
-    """Make a parser of a list; a missing list is empty."""
-
-    def parse(value: Any, place: str) -> list[Any]:
+    ``schema`` is the parser of one value, a list of the schema of all items, or a table of the
+    schema of each field.
+    """
+    if callable(schema):
+        return schema(value, place)
+    if isinstance(schema, list):
         if not isinstance(value, list | None):
             raise wrong_value(value, place, "it must be a list")
-        return [parser(item, f"{place}[{number}]") for number, item in enumerate(value or ())]
+        (item_schema,) = schema
+        items = enumerate(value or ())
+        return [parse(item_schema, item, f"{place}[{number}]") for number, item in items]
+    if not isinstance(value, dict | None):
+        raise wrong_value(value, place or "the top", "it must be a table of names and values")
+    # A field that is missing is parsed as None, for which its parser has a default or an error.
+    table = value or {}
+    for name in table:
+        if name not in schema and name not in _IGNORED_FIELDS:
+            raise ContentError(
+                f"has the unknown field {str(name)[:40]!r} at {place or 'the top'}",
+                f"the fields are {', '.join(schema)}",
+                "correct or remove it",
+            )
+    return {
+        name: parse(field, table.get(name), f"{place}.{name}".lstrip("."))
+        for name, field in schema.items()
+    }
 
-    return parse
 
-
-def allow_wrapped(field: str, parser: Parser) -> Parser:
+def allow_wrapped(field: str, schema: Schema) -> Parser:
     """Make a parser of a value that may be the only field of a table."""
-    wrapped = make_table_parser({field: parser})
 
-    def parse(value: Any, place: str) -> Any:
+    def parse_either(value: Any, place: str) -> Any:
         if isinstance(value, dict):
-            return wrapped(value, place)[field]
-        return parser(value, place)
+            return parse({field: schema}, value, place)[field]
+        return parse(schema, value, place)
 
-    return parse
+    return parse_either
 
 
 def parse_name(value: Any, place: str) -> str:
@@ -165,7 +192,7 @@ def parse_name(value: Any, place: str) -> str:
 
 def parse_names(value: Any, place: str) -> list[str]:
     """Parse a list of different names."""
-    names: list[str] = make_list_parser(parse_name)(value, place)
+    names: list[str] = parse([parse_name], value, place)
     for name, following in itertools.pairwise(sorted(names)):
         if name == following:
             raise ContentError(
@@ -198,7 +225,7 @@ def parse_tolerance(value: Any, place: str) -> float:
 def make_vector_parser(count: int) -> Parser:
     """Make a parser of a list of numbers, or of a table with x, y, z and w."""
 
-    def parse(value: Any, place: str) -> Floats:
+    def parse_vector(value: Any, place: str) -> Floats:
         entries = value
         if isinstance(value, dict) and len(value) == count:
             entries = [value.get(name) for name in "xyzw"[:count]]
@@ -206,22 +233,18 @@ def make_vector_parser(count: int) -> Parser:
             raise wrong_value(value, place, f"it must be {count} finite numbers")
         return np.array([parse_number(entry, place) for entry in entries])
 
-    return parse
+    return parse_vector
 
 
 _parse_position: Final = allow_missing(make_vector_parser(3), np.zeros(3))
 _parse_quaternion: Final = allow_missing(make_vector_parser(4), np.array([0.0, 0.0, 0.0, 1.0]))
-_parse_pose_fields: Final = make_table_parser(
-    {"position": _parse_position, "orientation": _parse_quaternion}
-)
-_parse_transform_fields: Final = make_table_parser(
-    {"translation": _parse_position, "rotation": _parse_quaternion}
-)
+_POSE: Final[Schema] = {"position": _parse_position, "orientation": _parse_quaternion}
+_TRANSFORM: Final[Schema] = {"translation": _parse_position, "rotation": _parse_quaternion}
 
 
 def parse_pose(value: Any, place: str) -> Floats:
     """Parse a pose as a matrix, shape (4, 4); a missing pose is the identity."""
-    fields = _parse_pose_fields(value, place)
+    fields = parse(_POSE, value, place)
     return _make_motion(fields["position"], fields["orientation"], place)
 
 
@@ -232,7 +255,7 @@ def parse_rotation(value: Any, place: str) -> Floats:
 
 def parse_identity(value: Any, place: str) -> None:
     """Refuse a transform that is not the identity."""
-    fields = _parse_transform_fields(value, place)
+    fields = parse(_TRANSFORM, value, place)
     motion = _make_motion(fields["translation"], fields["rotation"], place)
     if np.abs(motion - np.eye(4)).max() > MOTION_ROUNDING:
         raise ContentError(
@@ -265,18 +288,16 @@ def _make_motion(position: Floats, quaternion: Floats, place: str) -> Floats:
     return motion
 
 
-_parse_primitive_fields: Final = make_table_parser(
-    {
-        "type": ignore,
-        "dimensions": make_list_parser(parse_number),
-        "polygon": refuse("only prisms have one, and they are not read; write another primitive"),
-    }
-)
+_PRIMITIVE: Final[Schema] = {
+    "type": lambda value, place: value,
+    "dimensions": [parse_number],
+    "polygon": refuse("only prisms have one, and they are not read; write another primitive"),
+}
 
 
 def parse_primitive(value: Any, place: str) -> tuple[str, list[float]]:
     """Parse a ``shape_msgs/SolidPrimitive`` as its kind and its dimensions in metres."""
-    fields = _parse_primitive_fields(value, place)
+    fields = parse(_PRIMITIVE, value, place)
     kind = str(fields["type"]).lower()
     # Messages have the number of a kind, and files may have its name.
     names_by_number = {str(number): name for number, name in enumerate(PRIMITIVES, 1)}
@@ -312,225 +333,226 @@ def check_poses(fields: Mapping[str, Any], items: str, poses: str, place: str) -
 
 # ---- messages ------------------------------------------------------------------------------------
 
-_parse_header: Final = make_table_parser({"seq": ignore, "stamp": ignore, "frame_id": parse_frame})
-
-_parse_mesh: Final = make_table_parser(
-    {
-        "triangles": make_list_parser(
-            allow_wrapped("vertex_indices", make_list_parser(parse_number))
-        ),
-        "vertices": make_list_parser(make_vector_parser(3)),
-        "resource": allow_missing(parse_name, ""),
-        "dimensions": allow_missing(make_vector_parser(3), None),
-    }
+_IGNORED_FIELDS: Final = (
+    "seq",
+    "stamp",
+    "type",
+    "name",
+    "weight",
+    "detach_posture",
+    "velocity",
+    "effort",
+    "joint_names",
+    "twist",
+    "wrench",
+    "binary",
+    "id",
+    "resolution",
+    "child_frame_id",
+    "robot_model_name",
+    "object_colors",
+    "parameterization",
+    "workspace_parameters",
+    "pipeline_id",
+    "planner_id",
+    "num_planning_attempts",
+    "max_velocity_scaling_factor",
+    "max_acceleration_scaling_factor",
+    "cartesian_speed_end_effector_link",
+    "cartesian_speed_limited_link",
+    "max_cartesian_speed",
 )
+"""Fields of messages that change no answer; a schema that has one of them reads it."""
+
+_HEADER: Final[Schema] = {"frame_id": parse_frame}
+
+_MESH: Final[Schema] = {
+    "triangles": [allow_wrapped("vertex_indices", [parse_number])],
+    "vertices": [make_vector_parser(3)],
+    "resource": allow_missing(parse_name, ""),
+    "dimensions": allow_missing(make_vector_parser(3), None),
+}
 
 _refuse_planes: Final = refuse("a plane has no end; write a box")
 _refuse_subframes: Final = refuse("remove them, and write poses in the planning frame")
 
-_parse_collision_object: Final = make_table_parser(
-    {
-        "id": parse_name,
-        "header": _parse_header,
-        "pose": parse_pose,
-        "type": ignore,
-        # ROS 2 prints the number as a byte.
-        "operation": accept_only("add", "ADD", "", 0, "\0", hint="write the scene as it is"),
-        "primitives": make_list_parser(parse_primitive),
-        "primitive_poses": make_list_parser(parse_pose),
-        "meshes": make_list_parser(_parse_mesh),
-        "mesh_poses": make_list_parser(parse_pose),
-        "planes": _refuse_planes,
-        "plane_poses": _refuse_planes,
-        "subframe_names": _refuse_subframes,
-        "subframe_poses": _refuse_subframes,
-    }
-)
+_COLLISION_OBJECT: Final[Schema] = {
+    "id": parse_name,
+    "header": _HEADER,
+    "pose": parse_pose,
+    # ROS 2 prints the number as a byte.
+    "operation": accept_only("add", "ADD", "", 0, "\0", hint="write the scene as it is"),
+    "primitives": [parse_primitive],
+    "primitive_poses": [parse_pose],
+    "meshes": [_MESH],
+    "mesh_poses": [parse_pose],
+    "planes": _refuse_planes,
+    "plane_poses": _refuse_planes,
+    "subframe_names": _refuse_subframes,
+    "subframe_poses": _refuse_subframes,
+}
 
-_parse_attached_object: Final = make_table_parser(
-    {
-        "link_name": parse_name,
-        "object": _parse_collision_object,
-        "touch_links": make_list_parser(parse_name),
-        "detach_posture": ignore,
-        "weight": ignore,
-    }
-)
+_ATTACHED_OBJECT: Final[Schema] = {
+    "link_name": parse_name,
+    "object": _COLLISION_OBJECT,
+    "touch_links": [parse_name],
+}
 
-_STATE_FIELDS: Final = {
-    "joint_state": make_table_parser(
-        {
-            "header": _parse_header,
-            "name": parse_names,
-            "position": make_list_parser(parse_number),
-            "velocity": ignore,
-            "effort": ignore,
-        }
-    ),
-    "multi_dof_joint_state": make_table_parser(
-        {
-            "header": _parse_header,
-            "joint_names": ignore,
-            "transforms": make_list_parser(parse_identity),
-            "twist": ignore,
-            "wrench": ignore,
-        }
-    ),
-    "attached_collision_objects": make_list_parser(_parse_attached_object),
+_STATE: Final[dict[str, Schema]] = {
+    "joint_state": {"header": _HEADER, "name": parse_names, "position": [parse_number]},
+    "multi_dof_joint_state": {"header": _HEADER, "transforms": [parse_identity]},
+    "attached_collision_objects": [_ATTACHED_OBJECT],
     "is_diff": accept_only(False, hint="write the whole state"),
 }
 
-_parse_flags: Final = make_list_parser(accept_only(False, True))
+_FLAGS: Final[Schema] = [accept_only(False, True)]
 
-_parse_matrix: Final = make_table_parser(
-    {
-        "entry_names": parse_names,
-        "entry_values": make_list_parser(allow_wrapped("enabled", _parse_flags)),
-        "default_entry_names": parse_names,
-        "default_entry_values": _parse_flags,
-    }
-)
+_MATRIX: Final[Schema] = {
+    "entry_names": parse_names,
+    "entry_values": [allow_wrapped("enabled", _FLAGS)],
+    "default_entry_names": parse_names,
+    "default_entry_values": _FLAGS,
+}
 
-_parse_octomap: Final = make_table_parser(
-    {
-        "header": _parse_header,
-        "binary": ignore,
-        "id": ignore,
-        "resolution": ignore,
-        "data": refuse("save it as .bt, and read it with Workspace.from_octomap"),
-    }
-)
-
-_parse_fixed_transform: Final = make_table_parser(
-    {"header": _parse_header, "child_frame_id": ignore, "transform": parse_identity}
-)
+_OCTOMAP: Final[Schema] = {
+    "header": _HEADER,
+    "data": refuse("save it as .bt, and read it with Workspace.from_octomap"),
+}
 
 _USE_PADDING: Final = "remove it, and pass padding= to build_arm_space"
 
-_parse_scene: Final = make_table_parser(
-    {
-        "name": ignore,
-        "robot_model_name": ignore,
-        "object_colors": ignore,
-        "is_diff": accept_only(False, hint="write the whole scene"),
-        "world": make_table_parser(
-            {
-                "collision_objects": make_list_parser(_parse_collision_object),
-                "octomap": make_table_parser(
-                    {"header": _parse_header, "origin": parse_pose, "octomap": _parse_octomap}
-                ),
-            }
-        ),
-        "robot_state": make_table_parser(_STATE_FIELDS),
-        "allowed_collision_matrix": _parse_matrix,
-        "fixed_frame_transforms": make_list_parser(_parse_fixed_transform),
-        "link_padding": make_list_parser(
-            make_table_parser({"link_name": ignore, "padding": accept_only(0.0, hint=_USE_PADDING)})
-        ),
-        "link_scale": make_list_parser(
-            make_table_parser({"link_name": ignore, "scale": accept_only(1.0, hint=_USE_PADDING)})
-        ),
-    }
-)
+_SCENE: Final[Schema] = {
+    "is_diff": accept_only(False, hint="write the whole scene"),
+    "world": {
+        "collision_objects": [_COLLISION_OBJECT],
+        "octomap": {"header": _HEADER, "origin": parse_pose, "octomap": _OCTOMAP},
+    },
+    "robot_state": _STATE,
+    "allowed_collision_matrix": _MATRIX,
+    "fixed_frame_transforms": [{"header": _HEADER, "transform": parse_identity}],
+    "link_padding": [{"link_name": parse_name, "padding": accept_only(0.0, hint=_USE_PADDING)}],
+    "link_scale": [{"link_name": parse_name, "scale": accept_only(1.0, hint=_USE_PADDING)}],
+}
 
-_parse_joint_constraint: Final = make_table_parser(
-    {
-        "joint_name": parse_name,
-        "position": parse_number,
-        "tolerance_above": parse_tolerance,
-        "tolerance_below": parse_tolerance,
-        "weight": ignore,
-    }
-)
+_JOINT_CONSTRAINT: Final[Schema] = {
+    "joint_name": parse_name,
+    "position": parse_number,
+    "tolerance_above": parse_tolerance,
+    "tolerance_below": parse_tolerance,
+}
 
-_parse_region: Final = make_table_parser(
-    {
-        "primitives": make_list_parser(parse_primitive),
-        "primitive_poses": make_list_parser(parse_pose),
-        "meshes": refuse("write a box, a sphere or a cylinder"),
-        "mesh_poses": refuse("write a box, a sphere or a cylinder"),
-    }
-)
+_refuse_meshes: Final = refuse("write a box, a sphere or a cylinder")
 
-_parse_position_constraint: Final = make_table_parser(
-    {
-        "header": _parse_header,
-        "link_name": parse_name,
-        "target_point_offset": refuse("constrain the position of the link's origin"),
-        "constraint_region": _parse_region,
-        "weight": ignore,
-    }
-)
+_POSITION_CONSTRAINT: Final[Schema] = {
+    "header": _HEADER,
+    "link_name": parse_name,
+    "target_point_offset": refuse("constrain the position of the link's origin"),
+    "constraint_region": {
+        "primitives": [parse_primitive],
+        "primitive_poses": [parse_pose],
+        "meshes": _refuse_meshes,
+        "mesh_poses": _refuse_meshes,
+    },
+}
 
-_parse_orientation_constraint: Final = make_table_parser(
-    {
-        "header": _parse_header,
-        "orientation": parse_rotation,
-        "link_name": parse_name,
-        "absolute_x_axis_tolerance": allow_missing(parse_number, 0.0),
-        "absolute_y_axis_tolerance": allow_missing(parse_number, 0.0),
-        "absolute_z_axis_tolerance": allow_missing(parse_number, 0.0),
-        "parameterization": ignore,
-        "weight": ignore,
-    }
-)
+_parse_optional: Final = allow_missing(parse_number, 0.0)
+
+_ORIENTATION_CONSTRAINT: Final[Schema] = {
+    "header": _HEADER,
+    "orientation": parse_rotation,
+    "link_name": parse_name,
+    "absolute_x_axis_tolerance": _parse_optional,
+    "absolute_y_axis_tolerance": _parse_optional,
+    "absolute_z_axis_tolerance": _parse_optional,
+}
 
 _refuse_unobeyed: Final = refuse("remove it; plans would not obey it")
 
-_parse_request: Final = make_table_parser(
-    {
-        "group_name": parse_frame,
-        "start_state": make_table_parser(
-            _STATE_FIELDS
-            | {
-                "attached_collision_objects": refuse(
-                    "write them as attached_collision_objects of the scene's robot_state"
-                ),
-                "is_diff": ignore,
-            }
+_GOAL: Final[Schema] = {
+    "joint_constraints": [_JOINT_CONSTRAINT],
+    "position_constraints": [_POSITION_CONSTRAINT],
+    "orientation_constraints": [_ORIENTATION_CONSTRAINT],
+    "visibility_constraints": _refuse_unobeyed,
+}
+
+_REQUEST: Final[Schema] = {
+    "group_name": parse_frame,
+    "start_state": {
+        **_STATE,
+        "attached_collision_objects": refuse(
+            "write them as attached_collision_objects of the scene's robot_state"
         ),
-        "goal_constraints": make_list_parser(
-            make_table_parser(
-                {
-                    "name": ignore,
-                    "joint_constraints": make_list_parser(_parse_joint_constraint),
-                    "position_constraints": make_list_parser(_parse_position_constraint),
-                    "orientation_constraints": make_list_parser(_parse_orientation_constraint),
-                    "visibility_constraints": _refuse_unobeyed,
-                }
-            )
-        ),
-        "path_constraints": _refuse_unobeyed,
-        "trajectory_constraints": _refuse_unobeyed,
-        "reference_trajectories": _refuse_unobeyed,
-        "allowed_planning_time": allow_missing(parse_number, 0.0),
-        "workspace_parameters": ignore,
-        "pipeline_id": ignore,
-        "planner_id": ignore,
-        "num_planning_attempts": ignore,
-        "max_velocity_scaling_factor": ignore,
-        "max_acceleration_scaling_factor": ignore,
-        "cartesian_speed_end_effector_link": ignore,
-        "cartesian_speed_limited_link": ignore,
-        "max_cartesian_speed": ignore,
-    }
-)
+        "is_diff": accept_only(False, True),
+    },
+    "goal_constraints": [_GOAL],
+    "path_constraints": _refuse_unobeyed,
+    "trajectory_constraints": _refuse_unobeyed,
+    "reference_trajectories": _refuse_unobeyed,
+    "allowed_planning_time": _parse_optional,
+}
 
 
-def read_scene_message(path: StrPath) -> dict[str, Any]:
+def read_scene_message(source: object) -> Any:
     """Read the fields of a planning scene, or of its world alone."""
-    content = read_yaml(path, SCENE_KIND)
+    content = _load(source, SCENE_KIND)
     if isinstance(content, dict) and "collision_objects" in content:
         content = {"world": content}
-    with decoding(path, SCENE_KIND):
-        return _parse_scene(content, "")
+    with naming(source, SCENE_KIND):
+        return parse(_SCENE, content, "")
 
 
-def read_request_message(path: StrPath) -> dict[str, Any]:
+def read_request_message(source: object) -> Any:
     """Read the fields of a motion plan request."""
-    content = read_yaml(path, REQUEST_KIND)
-    with decoding(path, REQUEST_KIND):
-        return _parse_request(content, "")
+    content = _load(source, REQUEST_KIND)
+    with naming(source, REQUEST_KIND):
+        return parse(_REQUEST, content, "")
+
+
+def name_source(source: object, kind: str) -> str:
+    """Return the path of a file, or the kind of a message."""
+    return os.fspath(source) if isinstance(source, str | os.PathLike) else kind
+
+
+@contextmanager
+def naming(source: object, kind: str) -> Iterator[None]:
+    """Turn a ContentError into a FileError, or into an InputError for a message."""
+    if isinstance(source, str | os.PathLike):
+        with decoding(source, kind):
+            yield
+        return
+    try:
+        yield
+    except ContentError as error:
+        raise InputError(kind, *error.parts) from error
+
+
+def _load(source: object, kind: str) -> Any:
+    """Return the plain value of a YAML file, a mapping or a message."""
+    if isinstance(source, str | os.PathLike):
+        return read_yaml(source, kind)
+    return _convert_message(source)
+
+
+def _convert_message(value: Any) -> Any:
+    """Convert a message to tables, lists and plain values."""
+    if isinstance(value, Mapping):
+        return {name: _convert_message(field) for name, field in value.items()}
+    if isinstance(value, bytes):  # ROS 2 has a byte as text of one character
+        return value.decode("latin-1")
+    if isinstance(value, str):
+        return value
+    if hasattr(value, "tolist"):  # an array of numpy or of Python
+        return value.tolist()
+    if isinstance(value, list | tuple):
+        return [_convert_message(item) for item in value]
+    # The names of fields in ROS 2, in rosbags, and in ROS 1.
+    if hasattr(value, "get_fields_and_field_types"):
+        names = list(value.get_fields_and_field_types())
+    elif dataclasses.is_dataclass(value):
+        names = [field.name for field in dataclasses.fields(value)]
+    else:
+        names = list(getattr(value, "__slots__", ()))
+    return {name: _convert_message(getattr(value, name)) for name in names} if names else value
 
 
 def joint_values(state: Mapping[str, Any], place: str) -> dict[str, float]:

@@ -220,7 +220,10 @@ _XACRO_NAMESPACES: Final = ("{http://www.ros.org/wiki/xacro}", "{http://ros.org/
 
 
 def check_expanded(root: Element) -> None:
-    """Raise ContentError if a file holds unexpanded xacro macros."""
-    if any(str(element.tag).startswith(_XACRO_NAMESPACES) for element in root.iter()):
+    """Raise ContentError if a file holds unexpanded xacro macros or expressions."""
+    tags = [str(element.tag) for element in root.iter()]
+    values = [value for element in root.iter() for value in element.attrib.values()]
+    has_expressions = any("${" in value or "$(" in value for value in values)
+    if has_expressions or any(tag.startswith(_XACRO_NAMESPACES) for tag in tags):
         hint = "run xacro robot.urdf.xacro > robot.urdf"
         raise ContentError("holds xacro macros", "expand them first", hint)

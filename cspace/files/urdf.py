@@ -15,13 +15,15 @@ from contextlib import suppress
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias
+from urllib.parse import unquote
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from cspace.errors import FileError, InputError, import_optional, warn_user
+from cspace.errors import AngleWarning, FileError, InputError, import_optional, warn_user
 from cspace.files.access import ContentError, decoding, read_bytes
+from cspace.files.fields import Fields
 from cspace.files.plain import check_expanded, parse_xml
 from cspace.support.arrays import Floats
 
@@ -40,10 +42,40 @@ GEOMETRIES: Final[Mapping[str, tuple[str, ...]]] = {
 """Required attributes of each type of collision geometry."""
 
 
+FIELDS: Final = (
+    Fields(
+        "`.urdf`",
+        honoured=(
+            "`origin`",
+            "`axis`",
+            "`limit`; 0 where left out",
+            "`safety_controller` if narrower",
+            "`mimic`, except of limits",
+            "`scale` of meshes",
+        ),
+        refused=("xacro", "planar and floating joints below the base", "capsules"),
+        warned=(
+            "`visual` without `collision` (`visuals=True`)",
+            "angles beyond a whole turn",
+            "`limit` without lower and upper",
+            "links that move against a rigid robot",
+        ),
+    ),
+    Fields(
+        "`.srdf`",
+        honoured=(
+            "`disable_collisions`, `enable_collisions`, `disable_default_collisions`",
+            "`group`, `group_state`, `end_effector`",
+        ),
+        warned=("names that the URDF lacks",),
+    ),
+)
+
 _NUMBERS_PER_ATTRIBUTE: Final[Mapping[str, Mapping[str, int]]] = {
     "origin": {"xyz": 3, "rpy": 3},
     "axis": {"xyz": 3},
     "limit": {"lower": 1, "upper": 1, "velocity": 1},
+    "safety_controller": {"soft_lower_limit": 1, "soft_upper_limit": 1},
     "mimic": {"multiplier": 1, "offset": 1},
     "box": {"size": 3},
     "cylinder": {"radius": 1, "length": 1},
@@ -51,6 +83,15 @@ _NUMBERS_PER_ATTRIBUTE: Final[Mapping[str, Mapping[str, int]]] = {
     "mesh": {"scale": 3},
 }
 """Number of values of each numeric attribute, by element and attribute."""
+
+_ANGLES_PER_TYPE: Final[Mapping[str, tuple[str, ...]]] = {
+    "revolute": ("rpy", "lower", "upper", "soft_lower_limit", "soft_upper_limit", "offset"),
+    "continuous": ("rpy", "offset"),
+}
+"""Attributes that are angles, by the type of joint; elsewhere only ``rpy`` is."""
+
+_MAX_EXPECTED_ANGLE: Final = 1.01 * math.tau
+"""Largest angle, radians, that is not suspected to be in degrees; files round a whole turn."""
 
 
 PackageDirs: TypeAlias = "str | os.PathLike[str] | Sequence[str | os.PathLike[str]]"
@@ -60,14 +101,19 @@ PackageDirs: TypeAlias = "str | os.PathLike[str] | Sequence[str | os.PathLike[st
 _PACKAGE_SCHEMES: Final = ("package", "model")
 """Schemes of mesh names that start with the name of a package."""
 
+_ANY_GEOMETRY: Final = '<geometry><box size="1 1 1"/></geometry>'
+"""Geometry in place of one that is not read."""
+
 _MAX_LISTED_MESHES: Final = 3
 """Largest number of meshes that a warning names."""
 
 
-def load_urdf(path: str | os.PathLike[str]) -> URDF:
+def load_urdf(path: str | os.PathLike[str], visuals: bool = False) -> URDF:
     """Load a URDF with yourdfpy.
 
-    Its structure is checked first, because yourdfpy assumes that it is right.
+    Its structure is checked first, because yourdfpy assumes that it is right. With ``visuals``, the
+    visual geometry of a link without collision geometry becomes its collision geometry. A joint
+    that mimics a mimicking joint mimics the leader of that joint instead.
 
     Raises MissingPackageError without yourdfpy, and FileError if the file is missing or malformed.
     """
@@ -77,11 +123,73 @@ def load_urdf(path: str | os.PathLike[str]) -> URDF:
     data = read_bytes(path, _URDF_KIND, 20.0, "max_description_bytes")
     with decoding(path, _URDF_KIND):
         root = _parse_robot(data, _URDF_KIND)
-        _check_robot(root)
+        root.set("name", root.get("name", Path(path).stem))
+        _choose_geometry(root, visuals)
+        large_angles = _check_robot(root)
         plain = io.BytesIO(ElementTree.tostring(root))
         # Omit its scene graphs, because they take cubic time for a long chain of links.
-        return yourdfpy.URDF.load(
+        urdf: URDF = yourdfpy.URDF.load(
             plain, load_meshes=False, build_scene_graph=False, build_collision_scene_graph=False
+        )
+        _shorten_mimic_chains(urdf)
+    if large_angles:
+        warn_user(
+            f"{os.fspath(path)}: {len(large_angles)} angles are beyond a whole turn, first "
+            f"{large_angles[0]}; angles are in radians; write e.g. 3.14159 for 180 degrees",
+            AngleWarning,
+        )
+    return urdf
+
+
+def _choose_geometry(root: Element, visuals: bool) -> None:
+    """Keep visual geometry only in links without collision geometry.
+
+    With ``visuals``, it becomes their collision geometry.
+    """
+    for link in root.findall("link"):
+        if link.find("collision") is not None:
+            link[:] = [part for part in link if part.tag != "visual"]
+        for visual in link.findall("visual"):
+            if visuals:
+                visual.tag = "collision"
+            else:  # no matter what it is, which yourdfpy may not know
+                visual[:] = [ElementTree.fromstring(_ANY_GEOMETRY)]
+
+
+def _shorten_mimic_chains(urdf: URDF) -> None:
+    """Let each joint mimic one that mimics no other.
+
+    Raises ContentError if joints mimic each other in a loop.
+    """
+    mimics = {
+        joint.name: joint.mimic
+        for joint in urdf.robot.joints
+        if joint.mimic is not None and joint.type in _MOVING_TYPES
+    }
+    leaders = {name: [mimic.joint] for name, mimic in mimics.items()}
+    try:
+        order = list(TopologicalSorter(leaders).static_order())
+    except CycleError as error:
+        _, (name, *_) = error.args  # the message, and the joints of the loop
+        problem = f"has the joint {name!r}, which mimics itself"
+        raise ContentError(problem, "it must mimic another joint", "remove <mimic>") from error
+    for name in order:  # leaders come first
+        mimic = mimics.get(name)
+        leader = mimics.get(mimic.joint) if mimic is not None else None
+        if mimic is not None and leader is not None:
+            mimic.joint = leader.joint
+            mimic.offset += mimic.multiplier * leader.offset
+            mimic.multiplier *= leader.multiplier
+
+
+def warn_of_visuals(urdf: URDF, links: Iterable[str], path: str | os.PathLike[str]) -> None:
+    """Warn of links with visual but no collision geometry, which is left out."""
+    shown = [link for link in map(urdf.link_map.get, links) if link is not None]
+    names = [str(link.name) for link in shown if link.visuals and not link.collisions]
+    if names:
+        warn_user(
+            f"{os.fspath(path)}: <visual> but no <collision> at {', '.join(names)}; no proof "
+            "covers what is only drawn; add <collision>, or pass visuals=True to use <visual> there"
         )
 
 
@@ -147,23 +255,25 @@ def _parse_robot(data: bytes, kind: str) -> Element:
     return root
 
 
-def _check_robot(root: Element) -> None:
-    """Refuse a URDF that yourdfpy would misread.
+def _check_robot(root: Element) -> list[str]:
+    """Refuse a URDF that yourdfpy would misread; return the angles beyond a whole turn.
 
     Raises ContentError.
     """
+    large_angles = []
     names = _read_names(root, "link")
     if not names:
         raise ContentError("has no <link>", "a robot needs one", "pass the right file")
     for kind in ("link", "joint"):
         _check_unique(_read_names(root, kind), kind)
         for element in root.findall(kind):
-            _check_numbers(element, f"{kind} {element.get('name')!r}")
+            large_angles += _check_numbers(element, f"{kind} {element.get('name')!r}")
     _check_tree(names, _find_parents(root, set(names)))
     for link in root.findall("link"):
         for number, collision in enumerate(link.findall("collision")):
             place = f"link {link.get('name')!r}, collision {number}"
             _check_geometry(collision.find("geometry"), place)
+    return large_angles
 
 
 def _read_names(root: Element, kind: str) -> list[str]:
@@ -233,26 +343,38 @@ def _check_tree(names: list[str], parents: dict[str, str]) -> None:
         raise ContentError(problem, "there must be one root", "join the others")
 
 
-def _check_numbers(element: Element, place: str) -> None:
-    """Refuse attributes with a wrong count of numbers.
+def _check_numbers(element: Element, place: str) -> list[str]:
+    """Refuse attributes with a wrong count of numbers; return the angles beyond a whole turn.
 
     Raises ContentError. ``place`` names the element in messages.
     """
+    angle_names = _ANGLES_PER_TYPE.get(element.get("type", ""), ("rpy",))
+    large_angles = []
     # The element and all elements in it.
     for member in element.iter():
         for name, count in _NUMBERS_PER_ATTRIBUTE.get(str(member.tag), {}).items():
             text = member.get(name)
             if text is None:
                 continue
-            try:
-                numbers = [float(word) for word in text.split()]
-            except ValueError:
-                numbers = []
+            numbers = _parse_numbers(text)
+            attribute = f"{name}={text!r} at the {member.tag} of {place}"
             is_scalar = name == "scale" and len(numbers) == 1
             if len(numbers) != count and not is_scalar:
-                rule = "it must be one number" if count == 1 else f"it must be {count} numbers"
-                problem = f"has {name}={text!r} at the {member.tag} of {place}"
-                raise ContentError(problem, rule, "correct it")
+                rule = "one finite number" if count == 1 else f"{count} finite numbers"
+                hint = "write numbers, separated by blanks"
+                raise ContentError(f"has {attribute}", f"it must be {rule}", hint)
+            if name in angle_names and max(map(abs, numbers)) > _MAX_EXPECTED_ANGLE:
+                large_angles.append(attribute)
+    return large_angles
+
+
+def _parse_numbers(text: str) -> list[float]:
+    """Parse finite numbers between blanks, or return an empty list."""
+    try:
+        numbers = [float(word) for word in text.split()]
+    except ValueError:
+        return []
+    return numbers if all(map(math.isfinite, numbers)) else []
 
 
 def _check_geometry(geometry: Element | None, place: str) -> None:
@@ -308,8 +430,6 @@ def zero_poses(urdf: URDF) -> dict[str, Floats]:
     Poses are matrices, shape (4, 4), relative to the root. A joint that mimics another one is at
     its offset.
     """
-    from scipy.spatial.transform import Rotation
-
     root = root_link(urdf)
     below = _list_child_joints(urdf)
     poses = {root: np.eye(4)}
@@ -321,16 +441,26 @@ def zero_poses(urdf: URDF) -> dict[str, Floats]:
                 pose = pose @ joint.origin
             # The joint that it mimics is at zero, so it moves by its offset.
             if joint.mimic is not None and joint.type in _MOVING_TYPES:
-                motion = np.eye(4)
                 displacement = joint.mimic.offset * joint.axis / np.linalg.norm(joint.axis)
-                if joint.type == "prismatic":
-                    motion[:3, 3] = displacement
-                else:
-                    motion[:3, :3] = Rotation.from_rotvec(displacement).as_matrix()
-                pose = pose @ motion
+                pose = pose @ make_motion(displacement, slides=joint.type == "prismatic")
             poses[joint.child] = pose
             order.append(joint.child)
     return poses
+
+
+def make_motion(displacement: Floats, *, slides: bool) -> Floats:
+    """Return the motion, shape (4, 4), of a joint that slides or turns.
+
+    ``displacement`` is its axis, shape (3,), times metres or radians.
+    """
+    from scipy.spatial.transform import Rotation
+
+    motion = np.eye(4)
+    if slides:
+        motion[:3, 3] = displacement
+    else:
+        motion[:3, :3] = Rotation.from_rotvec(displacement).as_matrix()
+    return motion
 
 
 def package_folders(package_dirs: PackageDirs) -> list[Path]:
@@ -370,15 +500,19 @@ def _list_candidates(
     The first list has the paths for its full name, in order of preference; the second list has
     paths for a part of the name. `folder` is the folder of the URDF.
     """
-    scheme, _, relative = name.rpartition("://")
+    scheme, _, escaped = name.rpartition("://")
+    # A URI may write %20 for a blank.
+    relatives = dict.fromkeys([escaped, unquote(escaped)])
     near = [*package_dirs, folder, *folder.parents]
     if scheme not in _PACKAGE_SCHEMES:
-        return [folder / relative], [base / relative for base in near]
-    inside_package = relative.partition("/")[2]
+        exact = [folder / relative for relative in relatives]
+        return exact, [base / relative for base in near for relative in relatives]
     ros_folders = _list_folders("ROS_PACKAGE_PATH")
     ament_folders = [prefix / "share" for prefix in _list_folders("AMENT_PREFIX_PATH")]
-    exact = [base / relative for base in (*near, *ros_folders, *ament_folders)]
-    return exact, [base / inside_package for base in near]
+    bases = [*near, *ros_folders, *ament_folders]
+    exact = [base / relative for base in bases for relative in relatives]
+    inside_package = [relative.partition("/")[2] for relative in relatives]
+    return exact, [base / relative for base in near for relative in inside_package]
 
 
 def _list_folders(variable: str) -> list[Path]:
@@ -626,17 +760,14 @@ def _parse_value(text: str, state: str, joint: str) -> float:
 
     Raises ContentError if it is not a finite number.
     """
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
+    numbers = _parse_numbers(text)
+    if len(numbers) != 1:
         raise ContentError(
             f"has {joint} at {text!r} in the state {state!r}",
             "it must be one finite number",
             "correct it",
         )
-    return value
+    return numbers[0]
 
 
 def _get_attribute(element: Element, key: str) -> str:

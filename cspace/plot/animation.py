@@ -113,7 +113,7 @@ def animate(
         If the file exists and ``overwrite`` is not set, or if it cannot be written.
     """
     target = Path(file)
-    check_suffix(target, (".gif",), "an animation is a GIF", "file")
+    check_suffix(target, (".gif",), "an animation is a GIF", "file", is_output=True)
     points = check_path(space, path)
     if not len(points):
         raise InputError(

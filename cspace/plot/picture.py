@@ -308,7 +308,7 @@ def save_figure(
     written.
     """
     target = Path(file)
-    check_suffix(target, PICTURE_SUFFIXES, "the suffix says what to write", "file")
+    check_suffix(target, PICTURE_SUFFIXES, "the suffix says what to write", "file", is_output=True)
     dots = check_positive(dpi, "dpi", "pixels per inch")
     if dots > _MAX_DPI:
         rule = f"it must be at most {_MAX_DPI:,.0f} pixels per inch"  # some 20,000 pixels across

@@ -211,7 +211,7 @@ def save(
     ``derived`` are arrays in addition, of the names in ``DERIVED``.
     """
     rule = "a map is saved as a Zarr folder; space.export writes other formats"
-    check_suffix(path, MAP_SUFFIXES, rule)
+    check_suffix(path, MAP_SUFFIXES, rule, is_output=True)
     with replacing(path, overwrite, folder=is_map_folder) as temporary:
         write_map(contents, temporary, compress, derived)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -98,12 +98,15 @@ def as_shape(source: ShapeLike, radius: ArrayLike | None = None, name: str = "sh
         return Polygons(read_shapes(value))
     if hasattr(value, "vertices") or hasattr(value, "geometry"):
         return _make_mesh(value)
-    hint = (
-        "pass e.g. shapely.box(0, 0, 1, 1), trimesh.creation.box((1, 1, 1)), or points and "
-        "their radius"
-    )
-    problem = f"is a {type(value).__name__}"
-    raise InputError(name, problem, "a polygon or a mesh is needed", hint)
+    raise InputError(name, f"is a {type(value).__name__}", *_SHAPE_NEEDED)
+
+
+_SHAPE_NEEDED: Final = (
+    "a polygon or a mesh is needed",
+    "pass e.g. shapely.box(0, 0, 1, 1), trimesh.creation.box((1, 1, 1)), or points and their "
+    "radius",
+)
+"""Rule and hint of messages about a value that is no shape."""
 
 
 def _convert_sequence(values: Any, name: str) -> Shape:
@@ -130,6 +133,8 @@ def _convert_sequence(values: Any, name: str) -> Shape:
         if row_shape == (2,) or len(values) == 2:
             hint += ", or at least 3 corners of a polygon"
         raise InputError(name, "is points", "points need a radius", hint)
+    if row_shape == ():
+        raise InputError(name, f"is {len(values)} numbers", *_SHAPE_NEEDED)
     return _make_mesh(values)
 
 

@@ -26,6 +26,7 @@ from cspace.support.check import check_finite, check_points, check_unmasked, che
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
+    from cspace.files.meshes import Up
     from cspace.raster.surfaces import SolidSurface, WindingNumber
 
 
@@ -146,7 +147,7 @@ class Mesh(ExactShape):
         object.__setattr__(self, "faces", frozen(faces))
 
     @classmethod
-    def of(cls, shape: MeshLike, solid: Solid = "auto") -> Mesh:
+    def of(cls, shape: MeshLike, solid: Solid = "auto", up: Up | None = None) -> Mesh:
         """Make a mesh from anything that describes one.
 
         Parameters
@@ -155,12 +156,15 @@ class Mesh(ExactShape):
             A file is read; a pair is vertices (V, 3), in metres, and faces (F, 3).
         solid : {"auto", "surface", "fill"}
             With ``"auto"``, a Mesh keeps its own.
+        up : {"x", "y", "z"}, optional
+            Axis that points up; it becomes z. By default axes stay as they are, as in ROS, and a
+            warning names a file that calls another axis up, as ``.glb`` and ``.gltf`` do.
 
         Raises
         ------
         InputError
-            If ``shape`` is something else, a coordinate is not finite, or ``solid`` is another
-            word.
+            If ``shape`` is something else, a coordinate is not finite, or ``solid`` or ``up`` is
+            another word.
         GeometryError
             If there is no triangle.
         FileError
@@ -171,18 +175,18 @@ class Mesh(ExactShape):
         MeshWarning
             If ``solid`` is ``"auto"`` and a body is open; once per Mesh.
         """
-        mesh = cls.convert(shape, solid)
+        mesh = cls.convert(shape, solid, up)
         mesh.warn_if_open()
         return mesh
 
     @classmethod
-    def convert(cls, shape: MeshLike, solid: Solid = "auto") -> Mesh:
-        """Make a mesh like :meth:`of`, without a warning."""
-        if isinstance(shape, Mesh) and solid in ("auto", shape.solid):
-            return shape
+    def convert(cls, shape: MeshLike, solid: Solid = "auto", up: Up | None = None) -> Mesh:
+        """Make a mesh like :meth:`of`, without a warning of open bodies."""
         if isinstance(shape, Mesh):
-            return cls(shape.vertices, shape.faces, solid, shape.source)
-        vertices, faces, source = _read_arrays(shape)
+            solid = shape.solid if solid == "auto" else solid
+            if solid == shape.solid and up is None:
+                return shape
+        vertices, faces, source = _read_arrays(shape, up)
         return cls(vertices, faces, solid, source)
 
     def warn_if_open(self, option: str = "solid={!r}", fills: bool = True) -> None:
@@ -487,15 +491,24 @@ def _fill_cracks(shadow: BaseGeometry, width: float) -> BaseGeometry:
     return shapely.MultiPolygon(filled)
 
 
-def _read_arrays(shape: Any) -> tuple[Any, Any, str]:
-    """Return vertices, faces and a name."""
-    from cspace.files.meshes import flatten_trimesh, read_mesh
+def _read_arrays(shape: Any, up: Up | None) -> tuple[Any, Any, str]:
+    """Return vertices, faces and a name; the axis ``up`` of the shape becomes z."""
+    from cspace.files.meshes import flatten_trimesh, read_mesh, turn_upright, warn_of_unit
 
     if isinstance(shape, (str, os.PathLike)):
-        return *read_mesh(shape), Path(shape).name
-    if isinstance(shape, (tuple, list)) and len(shape) == 2:
-        return *shape, "mesh"
-    return *flatten_trimesh(shape, "mesh"), "mesh"
+        surface = read_mesh(shape, up)
+        warn_of_unit(shape)
+        return *surface, Path(shape).name
+    source = "mesh"
+    if isinstance(shape, Mesh):
+        vertices, faces, source = shape.vertices, shape.faces, shape.source
+    elif isinstance(shape, (tuple, list)) and len(shape) == 2:
+        vertices, faces = shape
+    else:
+        vertices, faces = flatten_trimesh(shape, "mesh")
+    if up is not None:
+        vertices = turn_upright(_check_vertices(vertices, source), up)
+    return vertices, faces, source
 
 
 def _check_vertices(values: Any, source: str) -> Floats:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from numpy.typing import ArrayLike
 
-from cspace.errors import InputError
+from cspace.errors import InputError, warn_user
 from cspace.shapes.balls import Balls
 from cspace.shapes.mesh import Mesh
 from cspace.shapes.polygon import Polygons
@@ -21,7 +21,14 @@ from cspace.shapes.shape import (
     ellipse_bounds,
 )
 from cspace.shapes.voxels import Box
+from cspace.support.arrays import Floats
 from cspace.support.check import check_not_negative, check_point, check_positive
+
+if TYPE_CHECKING:
+    from shapely.geometry.base import BaseGeometry
+
+_MAX_NEGLECTED_SHARE: Final = 1e-9
+"""Largest part of a padding, or of a padded footprint's area, that counts as rounding."""
 
 
 class NamedShape(NamedTuple):
@@ -100,18 +107,47 @@ def _translate(bounds: BoundsPair, center: ArrayLike) -> BoundedShape:
 
 
 def footprint(corners: str | ArrayLike, padding: float = 0.0) -> NamedShape:
-    """Make a polygon from a footprint; metres.
+    """Make a polygon from a footprint, grown by a padding along both axes; metres.
 
     `corners` may be the text of Nav2, ``"[[0.3, 0.2], ...]"``.
     """
-    import numpy as np
-
     from cspace.files.ros import parse_footprint
 
     points = parse_footprint(corners)
-    # As in Nav2, the padding moves each coordinate away from zero.
-    polygon = Polygons.of(points + check_not_negative(padding, "padding") * np.sign(points))
+    polygon = Polygons.of(points)
+    if check_not_negative(padding, "padding"):
+        polygon = Polygons.of(_grow_by_square(points, padding))
     return NamedShape(f"polygon with {polygon.corners} corners", polygon)
+
+
+def _grow_by_square(points: Floats, padding: float) -> BaseGeometry:
+    """Return the Minkowski sum of a polygon, corners (n, 2), and a square of sides 2 padding.
+
+    It contains what Nav2 makes of the polygon, and all within `padding` of it. A warning says by
+    how much Nav2's differs.
+    """
+    import numpy as np
+    import shapely
+
+    # The sum is the polygon and what a square covers that moves along its sides.
+    square = padding * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
+    ends = np.stack([points, np.roll(points, -1, axis=0)], axis=1)
+    corners = (ends[:, :, np.newaxis] + square).reshape(len(points), 8, 2)
+    polygon = shapely.Polygon(points)
+    swept = shapely.convex_hull(shapely.multipoints(corners))
+    # The union has corners within straight sides, up to rounding.
+    grown = shapely.union_all([polygon, *swept]).simplify(_MAX_NEGLECTED_SHARE * padding)
+    moved = shapely.make_valid(shapely.Polygon(points + padding * np.sign(points)))
+    missing = shapely.difference(grown, moved).area
+    if missing > _MAX_NEGLECTED_SHARE * grown.area:
+        lost = shapely.difference(polygon, moved).area
+        warn_user(
+            f"padding: {padding:g} m all around the footprint are {missing:.3g} m2 more than Nav2 "
+            f"pads, and {lost:.3g} m2 of these lie in the footprint; Nav2 moves each coordinate of "
+            "a corner away from zero, which need not cover the robot; for its polygon pass "
+            "corners + padding * numpy.sign(corners) without padding"
+        )
+    return grown
 
 
 # ---- short texts ---------------------------------------------------------------------------------

@@ -10,13 +10,15 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 
 from cspace.errors import GeometryError, InputError, warn_user
-from cspace.files.access import ContentError, decoding
-from cspace.files.meshes import read_mesh
+from cspace.files.access import ContentError
+from cspace.files.meshes import read_mesh, warn_of_unit
 from cspace.files.moveit import (
     SCENE_KIND,
     WORLD,
     check_poses,
     find_frame,
+    name_source,
+    naming,
     read_scene_message,
     wrong_value,
 )
@@ -29,6 +31,7 @@ from cspace.files.urdf import (
     load_urdf,
     locate_meshes,
     package_folders,
+    warn_of_visuals,
     zero_poses,
 )
 from cspace.shapes.balls import Balls
@@ -43,7 +46,7 @@ from cspace.shapes.shape import (
     cylinder_bounds,
 )
 from cspace.shapes.voxels import Box
-from cspace.support.arrays import Floats, StrPath, Surface
+from cspace.support.arrays import Floats, Surface
 from cspace.support.check import (
     check_finite,
     check_known,
@@ -61,12 +64,13 @@ def read_urdf(
     link: str | Sequence[str] | None = None,
     package_dirs: PackageDirs = (),
     primitives: bool = True,
+    visuals: bool = False,
 ) -> list[Surface]:
     """Read the surface of a robot's collision geometry, metres.
 
-    It is in the frame of the first link. Links are as for :meth:`cspace.Robot.from_urdf`. If a
-    shape is curved, return an outer and an inner surface. Without `primitives`, only meshes are
-    accepted.
+    It is in the frame of the first link. Links and `visuals` are as for
+    :meth:`cspace.Robot.from_urdf`. If a shape is curved, return an outer and an inner surface.
+    Without `primitives`, only meshes are accepted.
 
     Raises FileError if the file or a mesh is missing or malformed. Raises InputError if a link is
     missing, the links have no collision geometry, or a size is not above zero. Raises
@@ -74,10 +78,11 @@ def read_urdf(
     """
     folders = package_folders(package_dirs)
     file = os.fspath(path)
-    urdf = load_urdf(path)
+    urdf = load_urdf(path, visuals)
     links = fixed_links(urdf) if link is None else check_names(link, "link")
     for name in links:
         check_known(name, "link", urdf.link_map)
+    warn_of_visuals(urdf, urdf.link_map if link is None else links, path)
     # The bounds of all collision geometries, moved to the frame of the first link.
     outer_surfaces = []
     inner_surfaces = []
@@ -87,8 +92,7 @@ def read_urdf(
     for name in links:
         # Solving by the first link's pose gives the pose relative to it.
         pose: Floats = np.linalg.solve(poses[links[0]], poses[name]).astype(np.float64)
-        for number, collision in enumerate(urdf.link_map[name].collisions):
-            place = f"{file}: link {name!r}, collision {number}"
+        for place, collision in _iterate_collisions(urdf, name, file):
             if not primitives and collision.geometry.mesh is None:
                 problem = (
                     f"is 'surface', and {place} is a box, a cylinder or a sphere, which is solid"
@@ -118,7 +122,7 @@ def _check_shapes(
     if len(omitted) == len(with_geometry):
         problem = f"is {', '.join(links) or 'empty'}"
         rule = "no such link has collision geometry"
-        hint = "add <collision>"
+        hint = "add <collision>, or pass visuals=True"
         if with_geometry:
             hint = f"name links that have: {', '.join(with_geometry)}"
         raise InputError("link", problem, rule, hint)
@@ -126,6 +130,12 @@ def _check_shapes(
         problem = f"{file}: {', '.join(omitted)} move against {links[0]} and are omitted"
         hint = "name all links, which are placed with their joints at zero"
         warn_user(f"{problem}; to include them, {hint}")
+
+
+def _iterate_collisions(urdf: URDF, link: str, file: str) -> Iterator[tuple[str, Any]]:
+    """Yield the place, for messages, of each collision geometry of a link, and the geometry."""
+    for number, collision in enumerate(urdf.link_map[link].collisions):
+        yield f"{file}: link {link!r}, collision {number}", collision
 
 
 def _read_origin(collision: Any, place: str) -> Floats:
@@ -145,8 +155,7 @@ def link_shapes(
 
     Raises FileError if a mesh is malformed, and InputError if a size is not above zero.
     """
-    for number, collision in enumerate(urdf.link_map[link].collisions):
-        place = f"{os.fspath(path)}: link {link!r}, collision {number}"
+    for place, collision in _iterate_collisions(urdf, link, os.fspath(path)):
         outer_surface, inner_surface = _make_bounds(collision.geometry, meshes, place)
         solid_part = solid if collision.geometry.mesh is not None else "auto"
         outer = Mesh(*outer_surface, solid_part, place)
@@ -189,6 +198,8 @@ def _scale_mesh(file: Path, scale: Any, place: str) -> Surface:
         problem = f"is {factors.tolist()}"
         rule = "no factor may be zero"
         raise InputError(f"{place}: scale", problem, rule, "correct it")
+    if (factors == 1.0).all():
+        warn_of_unit(file)
     return transform_surface(read_mesh(file), np.diag([*factors, 1.0]))
 
 
@@ -204,31 +215,21 @@ class SceneShape(NamedTuple):
         Motion from the frame of the shape to the frame of its object.
     object_id : str
         Id of its collision object.
+    frame : str
+        Frame of the object: the planning frame, or the link that carries it.
+    link : str
+        Link that carries it; empty for an obstacle.
+    touch_links : tuple of str
+        Further links that may touch it.
     """
 
     name: str
     shape: Shape
     pose: Floats
     object_id: str
-
-
-class AttachedShapes(NamedTuple):
-    """The shapes of an object that a link carries.
-
-    Attributes
-    ----------
-    link : str
-    frame : str
-        Frame of the poses: the link, or the planning frame.
-    touch_links : list of str
-        Further links that may touch it.
-    shapes : list of SceneShape
-    """
-
-    link: str
     frame: str
-    touch_links: list[str]
-    shapes: list[SceneShape]
+    link: str = ""
+    touch_links: tuple[str, ...] = ()
 
 
 class SceneContent(NamedTuple):
@@ -236,77 +237,80 @@ class SceneContent(NamedTuple):
 
     Attributes
     ----------
+    source : str
+        The file, or "planning scene" for a message.
     frame : str
         The planning frame.
     shapes : list of SceneShape
-        Obstacles, in the planning frame.
-    attached : list of AttachedShapes
-        Objects that the robot carries.
+        Obstacles, and objects that the robot carries.
     fields : dict
         The fields of the message.
     """
 
+    source: str
     frame: str
     shapes: list[SceneShape]
-    attached: list[AttachedShapes]
     fields: dict[str, Any]
 
+    def list_obstacles(self) -> list[Shape]:
+        """Return the obstacles in the planning frame.
 
-def read_scene_shapes(path: StrPath, package_dirs: PackageDirs = ()) -> list[Shape]:
-    """Read the obstacles of a planning scene, in its planning frame.
+        A warning lists the attached objects, which are left out. Raises GeometryError if the scene
+        has no obstacle.
+        """
+        obstacles = [
+            _transform(scene_shape.shape, scene_shape.pose)
+            for scene_shape in self.shapes
+            if not scene_shape.link
+        ]
+        if not obstacles:
+            raise _make_empty_error(self.source)
+        carried = dict.fromkeys(each.object_id for each in self.shapes if each.link)
+        if carried:
+            problem = f"attached objects ({', '.join(carried)}) enlarge the robot and are not read"
+            warn_user(f"{self.source}: {problem}; use arm.attach")
+        return obstacles
 
-    A warning lists the attached objects, which are not read. Raises as :func:`read_scene`, and
-    GeometryError if the scene has no obstacle.
-    """
-    scene = read_scene(path, package_dirs)
-    if not scene.shapes:
-        raise empty_error(path)
-    if scene.attached:
-        names = ", ".join(carried.shapes[0].object_id for carried in scene.attached)
-        problem = f"attached objects ({names}) enlarge the robot and are not read"
-        warn_user(f"{os.fspath(path)}: {problem}; use arm.attach")
-    return [_transform(obstacle.shape, obstacle.pose) for obstacle in scene.shapes]
 
-
-def empty_error(path: StrPath) -> GeometryError:
+def _make_empty_error(source: str) -> GeometryError:
     """Return the error for a scene without shapes."""
-    rule = "a scene needs one"
-    return GeometryError(os.fspath(path), "holds no shape", rule, "pass another file")
+    return GeometryError(source, "holds no shape", "a scene needs one", "pass another scene")
 
 
-def read_scene(path: StrPath, package_dirs: PackageDirs = ()) -> SceneContent:
+def read_scene(source: object, package_dirs: PackageDirs = ()) -> SceneContent:
     """Read the shapes of a planning scene.
 
     Parameters
     ----------
-    path : path-like
-        YAML of a ``moveit_msgs/PlanningScene``, or of its ``world``.
+    source : path-like, mapping, or message
+        A ``moveit_msgs/PlanningScene``, or its ``world``; a file has it in YAML.
     package_dirs : path-like, or sequence of path-like
         Folders that hold the folders of packages, for meshes.
 
-    Raises FileError if the file is missing or malformed, holds anything but boxes, spheres,
-    cylinders, cones and meshes in one frame, or only changes another scene. Raises GeometryError if
-    a mesh has no triangle.
+    Raises FileError, or InputError for a message, if it is missing or malformed, holds anything but
+    boxes, spheres, cylinders, cones and meshes in one frame, or only changes another scene. Raises
+    GeometryError if a mesh has no triangle.
     """
     folders = package_folders(package_dirs)
-    fields = read_scene_message(path)
-    with decoding(path, SCENE_KIND):
-        reader = _Reader(path, folders)
-        frames = set[str]()
+    fields = read_scene_message(source)
+    name = name_source(source, SCENE_KIND)
+    with naming(source, SCENE_KIND):
+        reader = _Reader(name, folders)
         shapes = list[SceneShape]()
         for item in fields["world"]["collision_objects"]:
-            frames.add(item["header"]["frame_id"] or WORLD)
             shapes += reader.read_object(item)
-        attached_items = fields["robot_state"]["attached_collision_objects"]
-        attached = [reader.read_attached(item) for item in attached_items]
-        frames |= {carried.frame for carried in attached if carried.frame != carried.link}
-        return SceneContent(find_frame(frames), shapes, attached, fields)
+        for item in fields["robot_state"]["attached_collision_objects"]:
+            shapes += reader.read_attached(item)
+        frames = {each.frame for each in shapes if each.frame != each.link}
+        if not shapes:
+            raise _make_empty_error(name)
+        return SceneContent(name, find_frame(frames), shapes, fields)
 
 
 class _Reader:
     """Maker of the shapes of collision objects."""
 
-    def __init__(self, path: StrPath, folders: Sequence[Path]) -> None:
+    def __init__(self, path: str, folders: Sequence[Path]) -> None:
         """Remember where meshes lie, and that no name is used yet."""
         self._path = path
         self._folders = folders
@@ -329,21 +333,23 @@ class _Reader:
                 problem = f"has {used_name!r} twice"
                 raise ContentError(problem, "ids and names of shapes must differ", "rename one")
             self._names.add(used_name)
+        frame = item["header"]["frame_id"] or WORLD
         return [
-            SceneShape(shape_name, shape, item["pose"] @ pose, name)
+            SceneShape(shape_name, shape, item["pose"] @ pose, name, frame)
             for shape_name, (shape, pose) in zip(names, shapes, strict=True)
         ]
 
-    def read_attached(self, item: Mapping[str, Any]) -> AttachedShapes:
+    def read_attached(self, item: Mapping[str, Any]) -> list[SceneShape]:
         """Return the shapes of an attached object."""
         link = item["link_name"]
         carried = item["object"]
-        frame = carried["header"]["frame_id"]
-        if not frame:
+        if not carried["header"]["frame_id"]:
             problem = f"has no header.frame_id at object {carried['id']!r}"
             rule = "MoveIt and robowflex would take the frame of the world"
             raise ContentError(problem, rule, f"add it, e.g. {link}")
-        return AttachedShapes(link, frame, item["touch_links"], self.read_object(carried))
+        touch_links = tuple(item["touch_links"])
+        shapes = self.read_object(carried)
+        return [shape._replace(link=link, touch_links=touch_links) for shape in shapes]
 
     def _make_primitives(
         self, item: Mapping[str, Any], place: str
@@ -369,7 +375,7 @@ class _Reader:
                 surface = _scale_mesh(files[resource], mesh["dimensions"], mesh_place)
             else:
                 surface = _read_inline_mesh(mesh, mesh_place)
-            yield Mesh(*surface, source=f"{os.fspath(self._path)}: {mesh_place}"), pose
+            yield Mesh(*surface, source=f"{self._path}: {mesh_place}"), pose
 
 
 def _read_inline_mesh(mesh: Mapping[str, Any], place: str) -> Surface:

@@ -16,10 +16,6 @@ from cspace.support.arrays import Bools, Floats, Ints, frozen
 MAX_COUNT: Final = 2**53
 """Largest count: floats represent all whole numbers up to it."""
 
-_FLOATS_HINT: Final = "pass floats, in metres or radians; of a scipy Rotation, those of as_quat()"
-"""Hint for values that are not numbers."""
-
-
 UNKNOWN_CELL: Final = -1
 """Value of unknown cells in occupancy grids of ROS."""
 
@@ -39,11 +35,15 @@ def check_real(values: ArrayLike, name: str) -> NDArray[Any]:
         if array.dtype.kind not in "fiubc":
             array = np.asarray(array, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise InputError(name, f"is {values!r}", "it must be numeric", _FLOATS_HINT) from error
+        hint = "pass numbers, in metres or radians"
+        if isinstance(values, str | bytes):
+            hint = "write the number without quotes"
+        elif hasattr(values, "as_quat"):
+            hint = "pass the Rotation's as_quat()"
+        raise InputError(name, f"is {values!r}", "it must be numeric", hint) from error
     except OverflowError as error:
-        raise InputError(
-            name, "has too large an integer", "it must fit a float", _FLOATS_HINT
-        ) from error
+        problem = "has too large an integer"
+        raise InputError(name, problem, "it must fit a float", "pass a float") from error
     if array.dtype.kind == "c":
         raise InputError(name, "has complex values", "it must be real", "pass array.real")
     return array

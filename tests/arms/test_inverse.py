@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from cspace import Arm, ConfigurationError, InputError, PoseGoal
 from tests.helpers.refusals import refusals
@@ -141,10 +142,30 @@ def test_a_pose_goal_keeps_a_rigid_pose_and_both_tolerances():
         np.asarray(PoseGoal("tool0", rounded).pose)[0, 0] = 2.0
 
 
+@pytest.mark.parametrize(
+    "pose",
+    [np.ones((4, 4)), np.diag([1.0, 1.0, -1.0, 1.0]), pose_at(1, 2).T, np.eye(3)],
+    ids=["ones", "mirror", "transposed", "rotation"],
+)
+def test_a_pose_that_is_no_motion_is_refused_with_what_is_wrong(pose):
+    seen = "shape" if pose.shape == (3, 3) else "R = .* and the last row"
+    message = rf"pose has {seen}.*; it must be \[\[R, t\].*; take R from scipy"
+    with pytest.raises(InputError, match=message) as refused:
+        PoseGoal("tool0", pose)
+    # Followed, the hint gives a pose.
+    source = refused.value.hint.removeprefix("take R from scipy, e.g. ")
+    PoseGoal(
+        "tool0",
+        np.block(
+            [[eval(source, {"Rotation": Rotation}), np.ones((3, 1))], [np.zeros((1, 3)), 1.0]]
+        ),
+    )
+
+
 @refusals(
     "options, message",
     ({"frame": "tool9"}, "frame is 'tool9'; there are foot, upper, fore"),
-    ({"pose": 2 * np.eye(4)}, "pose has shape.*it must be a rigid motion"),
+    ({"pose": 2 * np.eye(4)}, "pose has R = .*it must be .* a rotation matrix R"),
     ({"tolerance": (0.01, math.nan)}, r"tolerance is \(0.01, nan\); it must be two numbers"),
     ({"near": np.zeros((2, 2))}, r"near has shape \(2, 2\); it must be one configuration"),
     ({"near": (0.0, 9.0)}, "near has elbow at 9; its limits are -3 and 3"),

@@ -1,5 +1,7 @@
 """Arms from URDF and SRDF files, against yourdfpy."""
 
+import sys
+
 import numpy as np
 import pytest
 import trimesh
@@ -7,7 +9,7 @@ import yourdfpy
 from hypothesis import given, settings
 
 from cspace import MeshWarning, Robot
-from cspace.arms import Arm, build_arm_space
+from cspace.arms import Arm, JointValues, build_arm_space
 from cspace.errors import ConfigurationError, FileError, InputError
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import seeds
@@ -67,6 +69,121 @@ def test_only_joints_between_base_and_tip_move(tmp_path):
     only = Arm.from_urdf(path, base="b", tip="c")
     assert [each.name for each in only.links] == ["b", "d", "c"]
     assert only.lower.tolist() == [0.5]
+
+
+def two_bars(folder, elbow, kind="revolute", above=""):
+    """Write an arm whose second joint has the given parts."""
+    turn = joint("elbow", "upper", "fore", at=(1, 0, 0), kind=kind, limits=None, extra=elbow)
+    parts = [
+        link("foot"),
+        link("upper", BAR),
+        link("fore", BAR),
+        joint("shoulder", "foot", "upper"),
+    ]
+    return write_urdf(folder, *parts, turn, above)
+
+
+SOFT = '<limit lower="-2" upper="2"/><safety_controller k_velocity="1" {}/>'
+
+
+@pytest.mark.parametrize(
+    "elbow, limits",
+    [
+        ('<limit upper="0.04"/>', (0.0, 0.04)),
+        ('<limit lower="-0.5"/>', (-0.5, 0.0)),
+        (SOFT.format('soft_lower_limit="-1" soft_upper_limit="1.5"'), (-1.0, 1.5)),
+        (SOFT.format('soft_lower_limit="-3" soft_upper_limit="1.5"'), (-2.0, 1.5)),
+        (SOFT.format('soft_upper_limit="3"'), (-2.0, 2.0)),
+        (SOFT.format(""), (-2.0, 2.0)),
+    ],
+)
+def test_limits_have_the_defaults_of_the_format_and_soft_ones_narrow_them(tmp_path, elbow, limits):
+    path = two_bars(tmp_path, elbow)
+    arm = Arm.from_urdf(path)
+    assert (arm.lower[1], arm.upper[1]) == limits
+    held = Arm.from_urdf(path, joints=["shoulder"])
+    assert held.held_joints == {"elbow": 0.0}
+
+
+def test_a_limit_of_effort_alone_holds_the_joint_with_a_warning(tmp_path):
+    path = two_bars(tmp_path, '<limit effort="9" velocity="1"/>')
+    with pytest.warns(UserWarning, match="'elbow': <limit> has neither lower nor upper") as heard:
+        arm = Arm.from_urdf(path)
+    assert len(heard) == 1 and (arm.lower[1], arm.upper[1]) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("kind", ["planar", "floating"])
+def test_joints_above_the_base_may_be_of_any_type(tmp_path, kind):
+    world = link("world") + joint("root", "world", "foot", kind=kind, limits=None)
+    path = two_bars(tmp_path, '<limit lower="-1" upper="1"/>', above=world)
+    with pytest.raises(InputError, match=f"'root' is of type '{kind}'.*or pass base='foot'"):
+        Arm.from_urdf(path)
+    arm = Arm.from_urdf(path, base="foot")
+    assert arm.joints == ("shoulder", "elbow") and not arm.base_is_root
+    whole_robot = JointValues(root=1.0, shoulder=0.5, elbow=0.25)
+    assert arm.configuration(whole_robot).tolist() == [0.5, 0.25]
+
+
+def test_a_chain_of_mimicking_joints_follows_the_first(tmp_path):
+    limits = '<limit lower="-1" upper="1"/>'
+    hand = link("hand", BAR) + joint(
+        "wrist",
+        "fore",
+        "hand",
+        at=(1, 0, 0),
+        extra='<mimic joint="elbow" multiplier="3" offset="0.5"/>',
+    )
+    path = two_bars(
+        tmp_path, limits + '<mimic joint="shoulder" multiplier="-2" offset="1"/>', above=hand
+    )
+    arm = Arm.from_urdf(path)
+    q = 0.3
+    elbow = -2 * q + 1
+    angles = np.cumsum([q, elbow, 3 * elbow + 0.5])
+    tip = np.sum([(np.cos(angle), np.sin(angle)) for angle in angles[:2]], axis=0)
+    np.testing.assert_allclose(arm.pose([q], "hand")[:2, 3], tip, atol=1e-12)
+    x_axis = arm.pose([q], "hand")[:2, 0]
+    np.testing.assert_allclose(x_axis, (np.cos(angles[2]), np.sin(angles[2])), atol=1e-12)
+
+
+def count_instructions(call):
+    """Return the number of instructions of Python that run in the library."""
+    count = 0
+
+    def trace(frame, event, argument):
+        nonlocal count
+        if event == "call":
+            if "cspace" not in frame.f_code.co_filename:
+                return None
+            frame.f_trace_opcodes, frame.f_trace_lines = True, False
+        elif event == "opcode":
+            count += 1
+        return trace
+
+    before = sys.gettrace()
+    sys.settrace(trace)
+    try:
+        call()
+    finally:
+        sys.settrace(before)
+    return count
+
+
+@pytest.mark.parametrize("kind", ["fixed", "mimic"])
+def test_the_work_of_a_long_chain_grows_as_its_length(tmp_path, kind):
+    def read(count):
+        extra = '<mimic joint="turn" multiplier="0"/>' if kind == "mimic" else ""
+        type_ = "continuous" if kind == "mimic" else "fixed"
+        parts = [link("l0"), link("l1"), joint("turn", "l0", "l1", kind="continuous", limits=None)]
+        for k in range(1, count):
+            parts.append(link(f"l{k + 1}", *([BAR] if k == count - 1 else [])))
+            parts.append(joint(f"j{k}", f"l{k}", f"l{k + 1}", kind=type_, limits=None, extra=extra))
+        path = write_urdf(tmp_path, *parts)
+        return count_instructions(lambda: Arm.from_urdf(path))
+
+    read(10)  # the first call imports and compiles
+    work = [read(count) for count in (50, 200, 800)]
+    assert work[1] < 4.4 * work[0] and work[2] < 4.4 * work[1]
 
 
 def write_srdf(folder, text):
@@ -290,7 +407,7 @@ def write_chain(folder, leader):
         *(link(name, BAR) for name in "abcd"),
         joint("one", "a", "b"),
         joint("two", "b", "c", extra=follows),
-        joint("three", "c", "d", extra='<mimic joint="one"/>' if leader == "three" else ""),
+        joint("three", "c", "d"),
     )
 
 
@@ -310,10 +427,15 @@ def write_rack(folder, factor):
     "write, changes, options, message",
     (planar, {}, {"base": "fore", "tip": "foot"}, "is not below"),
     (planar, {"limits": (1.0, -1.0)}, {}, "limits are 1 and -1"),
-    (planar, {"kind": "floating"}, {}, "is 'floating'; there are fixed"),
+    (planar, {"kind": "floating"}, {}, "is of type 'floating'; below the base, joints are fixed"),
     (planar, {"axis": (0, 0, 0)}, {}, "axis '0.0 0.0 0.0' at the joint 'shoulder'"),
     (write_chain, {"leader": "one"}, {"base": "b"}, "mimics 'one'; there are three"),
-    (write_chain, {"leader": "three"}, {}, "mimics 'three'; there are one"),
+    (
+        write_chain,
+        {"leader": "two"},
+        {},
+        "the joint 'two', which mimics itself; .*; remove <mimic>",
+    ),
     (planar, {}, {"package_dirs": 7}, "package_dirs is 7; it must be a folder"),
     (
         planar,

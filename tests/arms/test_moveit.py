@@ -1,7 +1,9 @@
 """MoveIt's planning scenes and motion plan requests, applied to arms."""
 
+import dataclasses
 import json
 import math
+from array import array
 
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import planners
-from cspace import Arm, PoseGoal, Robot, build_arm_space
+from cspace import Arm, PoseGoal, Robot, Workspace, build_arm_space
 from cspace.arms import JointValues, read_moveit_request, read_moveit_scene
 from cspace.errors import ConfigurationError, FileError, InputError
 from tests.helpers.refusals import refusals
@@ -177,6 +179,113 @@ def test_what_cannot_be_kept_of_a_scene_is_refused(tmp_path, more, message):
     with pytest.raises(FileError, match=message) as caught:
         read_moveit_scene(path)
     assert str(caught.value).startswith(str(path)) and "\n" not in str(caught.value)
+
+
+class Header:
+    """A message of ROS 1, which lists its fields as slots."""
+
+    __slots__ = ("frame_id",)
+
+    def __init__(self):
+        self.frame_id = "world"
+
+
+@dataclasses.dataclass
+class Point:
+    """A message as rosbags makes it, or a copy of it."""
+
+    x: float
+    y: float
+    z: float
+
+
+class Message:
+    """A message of ROS 2, which says what its fields are."""
+
+    __slots__ = ("_fields",)
+
+    def __init__(self, **fields):
+        self._fields = fields
+
+    def get_fields_and_field_types(self):
+        return dict.fromkeys(self._fields, "any")
+
+    def __getattr__(self, name):
+        if name not in self._fields:
+            raise AttributeError(name)
+        return self._fields[name]
+
+
+def make_message(at):
+    """Make the message of a scene with a box and a mesh."""
+    turn = Message(x=0.0, y=0.0, z=0.0, w=1.0)
+    box = Message(type=1, dimensions=array("d", [0.2, 0.2, 0.2]), polygon=Message(points=[]))
+    corners = [Point(*row) for row in np.eye(4, 3, -1)]
+    faces = [
+        Message(vertex_indices=np.array(row))
+        for row in ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))
+    ]
+    thing = Message(
+        id="box",
+        header=Header(),
+        operation=b"\0",
+        primitives=[box],
+        primitive_poses=(Message(position=Point(*at), orientation=turn),),
+        meshes=[Message(triangles=faces, vertices=corners)],
+        mesh_poses=[Message(position=Point(9.0, 9.0, 9.0), orientation=turn)],
+    )
+    octomap = Message(octomap=Message(data=array("b"), resolution=0.0))
+    state = Message(joint_state=Message(name=["lift"], position=array("d", [0.25])))
+    return Message(
+        name="",
+        world=Message(collision_objects=[thing], octomap=octomap),
+        robot_state=state,
+        is_diff=False,
+    )
+
+
+def test_scenes_are_read_from_messages_and_mappings_as_from_files(tmp_path):
+    arm = read_arm(tmp_path)
+    made = make_object("box", (1.5, 0.3, 0.75))
+    mapping = {"world": {"collision_objects": [made]}}
+    message = make_message((1.5, 0.3, 0.75))
+    by_file = build_arm_space(read_moveit_scene(write_scene(tmp_path, made)), arm)
+    rows = np.random.default_rng(0).uniform(-2.0, 2.0, (200, 2))
+    expected = by_file.is_free(rows)
+    assert 100 < expected.sum() <= 190
+    for source in (mapping, mapping["world"], message):
+        scene = read_moveit_scene(source)
+        assert scene.source == "planning scene"
+        assert (build_arm_space(scene, arm).is_free(rows) == expected).all()
+    assert read_moveit_scene(message).robot_state == {"lift": 0.25}
+    cells = Workspace.from_moveit_scene(message, 0.1)
+    assert len(cells.shapes) == 2 and cells.shapes[0].bounds[0] == pytest.approx([1.4, 0.2, 0.65])
+
+
+@refusals(
+    "source, message",
+    (
+        {"world": {"colision_objects": []}},
+        "^planning scene has the unknown field 'colision_objects'",
+    ),
+    (make_message((math.nan, 0.0, 0.0)), r"has nan as .*position; it must be one finite number"),
+    (7, "has 7 as the top; it must be a table"),
+    ({}, "holds no shape"),
+)
+def test_messages_that_are_no_scene_are_refused_as_arguments(source, message):
+    with pytest.raises(InputError, match=message):
+        read_moveit_scene(source)
+
+
+def test_requests_are_read_from_mappings(tmp_path):
+    goal = joint_goal(shoulder=1.0, elbow=0.5)
+    path = write_request(tmp_path, goal)
+    given = {"group_name": "bars", "start_state": joint_state(STATE), "goal_constraints": [goal]}
+    arm = read_arm(tmp_path)
+    by_file, by_mapping = read_moveit_request(path), read_moveit_request(given)
+    assert by_mapping.source == "motion plan request"
+    assert by_mapping.start_state == by_file.start_state
+    np.testing.assert_array_equal(by_mapping.make_goals(arm), by_file.make_goals(arm))
 
 
 # ---- requests ------------------------------------------------------------------------------------

@@ -165,7 +165,7 @@ def test_scattered_cells_refuse_to_exceed_the_memory(arm, monkeypatch):
     ),
     (
         lambda arm: build_arm_space({"a": PosedShape(Robot.ball(1.0), 2.0 * np.eye(4))}, arm),
-        "pose of a has shape",
+        "pose of a has R = ",
     ),
     (lambda arm: arm.attach("tool", Robot.disc(0.1), "fore"), "shape is in the plane"),
 )

@@ -1,8 +1,12 @@
 """Scenes in glTF and COLLADA."""
 
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
+import trimesh
 
+from cspace import InputError, Mesh, Robot, UnitWarning, Workspace
 from tests.helpers.mesh_files import (
     BOX_CORNERS,
     BOX_MESH,
@@ -90,6 +94,15 @@ def test_nodes_of_gltf_place_meshes(tmp_path):
     (lambda h, add: h["accessors"][0].update(count=9), "exceeds its view"),
     (lambda h, add: h["bufferViews"][0].update(byteOffset=-4), "exceeds its buffer"),
     (lambda h, add: h["nodes"][0].update(extensions={"EXT_instancing": {}}), "EXT_instancing"),
+    (lambda h, add: h["meshes"][0].update(extensions={"VENDOR_bend": {}}), "VENDOR_bend"),
+    (lambda h, add: h["accessors"][0].update(extensions={"VENDOR_scale": {}}), "VENDOR_scale"),
+    (lambda h, add: h.update(extensionsRequired=["KHR_mesh_quantization"]), "KHR_mesh_quant"),
+    (
+        lambda h, add: h["nodes"][0].update(
+            matrix=[1, 0, 0, 0.5, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
+        ),
+        r"a matrix with the last row \[0\.5",
+    ),
     (lambda h, add: h["nodes"][0].update(skin=0), "skin"),
     (lambda h, add: h["meshes"][0].update(weights=[0.0, 1.0]), "morph"),
     (lambda h, add: h["nodes"][0].update(children=[0]), "twice"),
@@ -100,6 +113,7 @@ def test_unsupported_features_of_gltf_are_refused(tmp_path, edit, message):
 
 # COLLADA
 
+CENTIMETRE, METRE = '<unit name="metre" meter="0.01"/>', '<unit meter="1"/>'
 TRIANGLES = write_primitives("triangles", 12, BOX_MESH.faces)
 POLYGONS = write_primitives("polygons", 6, *BOX_QUADS)
 
@@ -155,6 +169,15 @@ def test_nodes_of_collada_place_meshes_in_metres(tmp_path):
     (make_collada(nodes='<instance_geometry url="other.dae#box"/>'), "another file"),
     (make_collada(nodes='<node id="a"><instance_node url="#a"/></node>'), "within itself"),
     (make_collada(unit='<unit meter="0"/>'), "a unit of 0 metres"),
+    (
+        make_collada(unit="<up_axis>W_UP</up_axis>"),
+        "the up_axis 'W_UP'; there are X_UP, Y_UP, Z_UP",
+    ),
+    (make_collada(unit=CENTIMETRE, body=f"<asset>{METRE}</asset>"), "has parts of another unit"),
+    (
+        make_collada(nodes=PLACED.join(["<matrix>1 0 0 0 0 1 0 0 0 0 1 0 0 0 1 1</matrix>", ""])),
+        "a matrix with the last row",
+    ),
     (make_collada(write_primitives("tristrips", 6, *BOX_QUADS)), "tristrips"),
     (make_collada(TRIANGLES.replace('"12"', '"4294967295"')), "4294967295 triangles but holds 12"),
     (make_collada(TRIANGLES.replace("0</p>", "</p>")), "numbers, 2 for a corner"),
@@ -163,3 +186,118 @@ def test_nodes_of_collada_place_meshes_in_metres(tmp_path):
 )
 def test_unsupported_features_of_collada_are_refused(tmp_path, content, message):
     check_refused(tmp_path, "odd.dae", content, message)
+
+
+# Axes and units
+
+PLATE = trimesh.creation.box((1.2, 0.3, 0.8))
+"""A plate that lies flat where y points up."""
+
+
+def write_plate(folder, form):
+    """Write the plate as glTF, or as COLLADA whose axis ``form`` points up."""
+    if form == "glb":
+        path = folder / "plate.glb"
+        PLATE.export(path)
+        return path
+    path = folder / "plate.dae"
+    scale = "<scale>0.3 0.075 0.2</scale>" if form != "X_UP" else "<scale>0.075 0.3 0.2</scale>"
+    path.write_text(make_collada(nodes=scale + PLACED, unit=f"<up_axis>{form}</up_axis>"))
+    return path
+
+
+def measure(mesh):
+    lower, upper = mesh.bounds
+    return (upper - lower).round(6).tolist()
+
+
+@pytest.mark.parametrize(("form", "axis"), [("glb", "y"), ("Y_UP", "y"), ("X_UP", "x")])
+def test_a_file_whose_y_or_x_is_up_is_warned_of_and_turned_on_demand(tmp_path, form, axis):
+    path = write_plate(tmp_path, form)
+    with pytest.warns(
+        UserWarning, match=f"{axis} points up in the file.*; pass up='{axis}'"
+    ) as heard:
+        kept = Mesh.of(path)
+    assert len(heard) == 1 and heard[0].filename == __file__
+    standing = [1.2, 0.3, 0.8] if axis == "y" else [0.3, 1.2, 0.8]
+    assert measure(kept) == measure(Mesh.of(path, up="z")) == standing
+    # Followed, the hint gives a plate that lies on the ground, without a warning.
+    lying = [1.2, 0.8, 0.3]
+    for made in (
+        Mesh.of(path, up=axis),
+        Mesh.of(kept, up=axis),
+        Robot.from_mesh(path, up=axis).shape,
+        Robot.open(path, up=axis).shape,
+        Workspace.open(path, spacing=0.1, up=axis).shapes[0],
+    ):
+        assert measure(made) == lying
+        assert made.volume == pytest.approx(1.2 * 0.8 * 0.3)
+    x0, y0, x1, y1 = Robot.open(path, up=axis).footprint().geometry.bounds
+    assert (x1 - x0, y1 - y0) == pytest.approx((1.2, 0.8), abs=1e-5)
+
+
+@pytest.mark.parametrize(("form", "axis"), [("glb", "y"), ("X_UP", "x")])
+def test_turning_follows_the_right_hand_rule_of_the_format(tmp_path, form, axis):
+    """COLLADA: up, right and in are x, -y and z for X_UP, y, x and z for Y_UP, z, x and -y for Z_UP."""
+    right, up, inward = {
+        "y": ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
+        "x": ((0, -1, 0), (1, 0, 0), (0, 0, 1)),
+    }[axis]
+    points = np.array([right, up, inward, (0, 0, 0)], float)
+    made = Mesh.of((points, [(0, 1, 2), (0, 2, 3), (0, 3, 1), (1, 3, 2)]), "surface", axis)
+    assert made.vertices.tolist() == [[1, 0, 0], [0, 0, 1], [0, -1, 0], [0, 0, 0]]
+
+
+def test_axes_of_meshes_in_urdf_stay_as_in_ros_without_a_warning(tmp_path):
+    write_plate(tmp_path, "glb")
+    path = tmp_path / "robot.urdf"
+    geometry = '<collision><geometry><mesh filename="plate.glb"/></geometry></collision>'
+    path.write_text(f'<robot name="r"><link name="l">{geometry}</link></robot>')
+    assert measure(Robot.from_urdf(path).shape) == [1.2, 0.3, 0.8]
+
+
+def test_a_z_up_file_is_read_without_a_warning(tmp_path):
+    assert measure(Mesh.of(write_plate(tmp_path, "Z_UP"))) == [1.2, 0.3, 0.8]
+
+
+NOTES = {
+    "obj": [("# File units = millimeters\n", True), ("# units: mm\n", True), ("o inches\n", False)],
+    "ply": [("comment exported in inches\n", True), ("comment unit: metre\n", False)],
+    "stl": [("units=mm", True), ("made in min", False)],
+}
+
+
+@pytest.mark.parametrize(
+    ("form", "note", "warns"), [(form, *row) for form, rows in NOTES.items() for row in rows]
+)
+def test_a_comment_that_names_another_unit_is_warned_of(tmp_path, form, note, warns):
+    path = tmp_path / f"box.{form}"
+    data = BOX_MESH.export(file_type=form)
+    data = data if isinstance(data, bytes) else data.encode()
+    mark = note.encode()
+    start = data.index(b"element") if form == "ply" else 0
+    path.write_bytes(data[:start] + mark + data[start + (len(mark) if form == "stl" else 0) :])
+    scaled = tmp_path / "scaled.urdf"
+    mesh = f'<collision><geometry><mesh filename="box.{form}" scale="0.001 0.001 0.001"/></geometry></collision>'
+    scaled.write_text(f'<robot name="r"><link name="l">{mesh}</link></robot>')
+    assert measure(Robot.from_urdf(scaled).shape) == [0.004] * 3  # the scale answers the question
+    with pytest.warns(UnitWarning, match="taken as metres") if warns else nullcontext():
+        assert measure(Mesh.of(path)) == [4.0] * 3
+
+
+def test_units_of_trimesh_other_than_the_metre_are_warned_of():
+    mesh = BOX_MESH.copy()
+    mesh.units = "millimeter"
+    with pytest.warns(UnitWarning, match="units = millimeter"):
+        Mesh.of(mesh)
+    mesh.convert_units("meters")
+    assert measure(Mesh.of(mesh)) == [0.004] * 3
+
+
+def test_the_hint_for_3mf_converts_its_units(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    trimesh.creation.box((1000, 2000, 3000)).export("mesh.3mf")
+    with pytest.raises(InputError) as refused:
+        Mesh.of("mesh.3mf")
+    eval(refused.value.hint.removeprefix("convert it: "), {"trimesh": trimesh})
+    assert measure(Mesh.of("mesh.stl")) == [1.0, 2.0, 3.0]

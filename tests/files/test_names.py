@@ -2,6 +2,7 @@
 
 import os
 
+import numpy as np
 import pytest
 
 import cspace
@@ -49,6 +50,24 @@ def test_a_file_of_another_format_is_refused_with_its_converter(tmp_path):
     (tmp_path / "part.off").touch()
     with pytest.raises(CspaceError, match=r"convert it: trimesh"):
         Mesh.of(tmp_path / "part.off")
+
+
+def test_an_output_is_not_taken_for_a_misspelt_input(tmp_path):
+    space = cspace.build(Workspace.from_array(np.zeros((9, 9), dtype=bool), 0.1), "disc:0.1")
+    (tmp_path / "corridor.ply").touch()
+    for write in (space.export, space.save):
+        with pytest.raises(InputError, match=r"use one of \.zarr") as refused:
+            write(tmp_path / "corridor.csv")
+        assert "did you mean" not in str(refused.value)
+    with pytest.raises(InputError, match=rf"did you mean {tmp_path / 'corridor.ply'}\?"):
+        Mesh.of(tmp_path / "corridor.csv")
+
+
+def test_no_file_of_an_unknown_format_is_suggested(tmp_path):
+    (tmp_path / "cart.csvx").touch()
+    with pytest.raises(InputError) as refused:
+        Robot.open(tmp_path / "cart.csv")
+    assert "did you mean" not in str(refused.value)
 
 
 def test_folders_pipes_and_other_objects_are_refused(tmp_path):

@@ -1,7 +1,13 @@
 """Robots from Nav2 parameters."""
 
+import math
+import warnings
+
+import numpy as np
 import pytest
 import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from cspace import FileError, GeometryError, InputError, Robot
 from tests.helpers.refusals import refusals
@@ -37,10 +43,60 @@ def test_a_footprint_is_its_polygon():
     assert Robot.parse(f"footprint:{FOOTPRINT}").geometry.equals(robot.geometry)
 
 
-def test_padding_moves_each_coordinate_away_from_zero():
-    corners = [(0.5, 0), (0, 0.25), (-0.5, 0), (0, -0.5)]
-    padded = Robot.from_footprint(corners, padding=0.25).geometry
-    assert padded.equals(shapely.Polygon([(0.75, 0), (0, 0.5), (-0.75, 0), (0, -0.75)]))
+FORK = [
+    (1, 0.3),
+    (1, 0.2),
+    (0.2, 0.2),
+    (0.2, -0.2),
+    (1, -0.2),
+    (1, -0.3),
+    (-0.5, -0.3),
+    (-0.5, 0.3),
+]
+
+
+def pad_as_nav2(corners, padding):
+    """Move each coordinate away from zero, as ``padFootprint`` in Nav2's footprint.cpp."""
+    moved = [[c + math.copysign(padding, c) * (c != 0.0) for c in corner] for corner in corners]
+    return shapely.make_valid(shapely.Polygon(moved))
+
+
+@settings(max_examples=60)
+@given(
+    radii=st.lists(st.floats(0.05, 1.0), min_size=3, max_size=9),
+    shift=st.sampled_from([(0.0, 0.0), (0.8, 0.0), (2.0, -3.0)]),
+    padding=st.floats(0.001, 0.5),
+)
+def test_a_padded_footprint_covers_the_footprint_grown_and_nav2s(radii, shift, padding):
+    angles = 2 * np.pi * np.arange(len(radii)) / len(radii)
+    corners = np.column_stack([np.cos(angles), np.sin(angles)]) * np.array(radii)[:, None] + shift
+    footprint = shapely.Polygon(corners)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        padded = Robot.from_footprint(corners, padding=padding).geometry
+    rounded = padded.buffer(1e-9)
+    assert rounded.covers(footprint.buffer(padding))
+    assert rounded.covers(pad_as_nav2(corners, padding))
+    assert footprint.buffer(np.sqrt(2) * padding * 1.001, quad_segs=64).covers(padded)
+
+
+def test_a_fork_keeps_its_material_and_a_warning_says_what_nav2_would_lose():
+    lost = shapely.Polygon(FORK).difference(pad_as_nav2(FORK, 0.05)).area
+    with pytest.warns(UserWarning, match=f"{lost:.3g} m2 of these lie in the footprint") as heard:
+        padded = Robot.from_footprint(FORK, padding=0.05)
+    (warning,) = heard
+    assert warning.filename == __file__ and lost > 0.05
+    assert padded.geometry.buffer(1e-9).covers(shapely.Polygon(FORK).buffer(0.05))
+    # The corners that the warning names are Nav2's polygon, without a warning.
+    corners = np.array(FORK)
+    same = Robot.from_footprint(corners + 0.05 * np.sign(corners)).geometry
+    assert same.equals(pad_as_nav2(FORK, 0.05))
+
+
+def test_a_rectangle_around_the_origin_is_padded_as_in_nav2():
+    padded = Robot.from_footprint(FOOTPRINT, padding=0.05).geometry
+    assert padded.equals(shapely.box(-0.35, -0.25, 0.35, 0.25))
+    assert len(padded.exterior.coords) == 5
 
 
 @pytest.mark.parametrize(
@@ -78,6 +134,12 @@ def test_costmaps_that_differ_are_both_named(tmp_path):
     "table, error, message",
     ("{resolution: 0.05}", FileError, "neither footprint nor robot_radius"),
     ("{robot_radius: wide}", InputError, "local_costmap: robot_radius is 'wide'"),
+    ("{robot_radius: 0}", InputError, "robot_radius is 0; it must be one number above zero"),
+    ("{robot_radius: '0.22'}", InputError, "robot_radius is '0.22'; .*; write .* without quotes$"),
+    ("{robot_radius: 1, footprint_padding: '1'}", InputError, "footprint_padding is '1'; .*quotes"),
+    ("{robot_radius: 1, footprint_padding: -1}", InputError, "footprint_padding is -1; .*zero or"),
+    ("{footprint: [1, 1, -1, 1, 0, 0]}", GeometryError, r"footprint is .*; write e\.g\. \[\["),
+    ('{footprint: "[[1, 1], [-1, -1], [1, -1], [-1, 1]]"}', GeometryError, "cross|intersect"),
     ('{footprint: "[[1, 1], [2, 2]]"}', GeometryError, "local_costmap: footprint is .* three"),
 )
 def test_bad_parameters_are_named(tmp_path, table, error, message):

@@ -1,5 +1,7 @@
 """URDF files, against formulas of primitives posed by scipy."""
 
+import warnings
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +9,7 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from cspace import FileError, InputError, Mesh, Robot
+from cspace import AngleWarning, Arm, FileError, InputError, Mesh, Robot
 from tests.helpers.refusals import refusals
 
 BASE = """
@@ -111,6 +113,8 @@ def test_mesh_files_are_found_by_every_kind_of_name(cell):
         "package://cell_description/meshes/link.stl",
         "../meshes/link.stl",
         f"file://{mesh}",
+        "package://cell%5Fdescription/meshes/link.stl",
+        f"file://{mesh}".replace("link", "l%69nk"),
     ):
         scaled = MESH.replace('NAME"', f'{name}" scale="1 -2 0.5"')
         shape = Robot.from_urdf(write_urdf(cell.parent, scaled)).shape
@@ -152,6 +156,14 @@ def test_a_mesh_of_a_missing_package_is_guessed_with_a_warning(tmp_path, cell):
     assert measure_side(relative) == 3
 
 
+def test_names_with_blanks_are_found_escaped_and_plain(tmp_path):
+    write_box(tmp_path / "my arm" / "base link.stl", 7)
+    for name in ("package://my%20arm/base%20link.stl", "my arm/base%20link.stl"):
+        assert measure_side(write_urdf(tmp_path, MESH.replace("NAME", name))) == 7
+    write_box(tmp_path / "my arm" / "base%20link.stl", 3)  # the name itself comes first
+    assert measure_side(write_urdf(tmp_path, MESH.replace("NAME", name))) == 3
+
+
 def make_chain(count, kind="fixed", extra=""):
     """Return a chain of boxes, each turned by 0.01 against the one before."""
     box = '<collision><geometry><box size="0.5 0.4 0.3"/></geometry></collision>'
@@ -185,6 +197,97 @@ def test_mimic_joints_are_at_their_offset(tmp_path, kind, angle, slide):
     assert np.allclose(np.ptp(corners, axis=0), sides)
 
 
+def test_a_chain_of_mimicking_joints_ends_at_the_offset_of_all(tmp_path):
+    chain = make_chain(4, "prismatic", '<mimic joint="j0" multiplier="3" offset="0.5"/>')
+    first, _, rest = chain.partition('<joint name="j2"')
+    path = write_urdf(tmp_path, f'{first}<joint name="j2"{rest.replace("j0", "j1")}')
+    corners = Robot.from_urdf(path, ["l1", "l3"]).shape.vertices[-8:]
+    x, y = np.eye(3)[:2]
+    turn = Rotation.from_euler("z", 0.01)
+    # From frame to frame: 1 along x, a turn, and the slide along y, of j2 by 3 * 0.5 + 0.5.
+    expected = x + turn.apply(0.5 * y + x + turn.apply(2.0 * y))
+    np.testing.assert_allclose(corners.mean(axis=0), expected, atol=1e-9)
+
+
+DRAWN = '<visual><origin xyz="0 0 1"/><geometry><box size="0.2 0.9 0.1"/></geometry></visual>'
+BOX = '<collision><geometry><box size="0.6 0.4 0.2"/></geometry></collision>'
+MAST = (
+    f'<link name="base">{BOX}{DRAWN}</link><link name="mast">{DRAWN}</link><link name="frame"/>'
+    f'<link name="fan">{DRAWN}</link><link name="mass"/>'
+    '<joint name="a" type="fixed"><parent link="base"/><child link="mast"/></joint>'
+    '<joint name="b" type="fixed"><parent link="mast"/><child link="frame"/></joint>'
+    '<joint name="c" type="continuous"><parent link="base"/><child link="fan"/></joint>'
+    '<joint name="d" type="fixed"><parent link="frame"/><child link="mass"/></joint>'
+)
+
+
+@pytest.mark.parametrize(
+    "read, named",
+    [
+        (Robot.from_urdf, "mast, fan;"),
+        (lambda path: Robot.from_urdf(path, ["base", "mast"]), "mast;"),
+        (Arm.from_urdf, "(mast, fan|fan, mast);"),
+    ],
+    ids=["base", "links", "arm"],
+)
+def test_links_that_are_only_drawn_are_named_once(tmp_path, read, named):
+    path = write_urdf(tmp_path, MAST)
+    with pytest.warns(UserWarning, match=f"<visual> but no <collision> at {named}") as heard:
+        read(path)
+    assert len(heard) == 1 and heard[0].filename == __file__
+
+
+@pytest.mark.filterwarnings("ignore:.*fan move against base")
+def test_visuals_stand_for_collision_geometry_that_is_missing(tmp_path):
+    path = write_urdf(tmp_path, MAST)
+    for robot in (Robot.from_urdf(path, visuals=True), Robot.open(path, visuals=True)):
+        lower, upper = robot.shape.bounds
+        assert (lower.tolist(), upper.tolist()) == ([-0.3, -0.45, -0.1], [0.3, 0.45, 1.05])
+    arm = Arm.from_urdf(path, visuals=True)
+    assert {link.name for link in arm.links} == {"base", "mast", "fan"}
+
+
+def test_what_is_drawn_may_be_of_any_kind_if_it_is_not_read(tmp_path):
+    odd = '<visual><geometry><capsule radius="1" length="1"/></geometry></visual>'
+    path = write_urdf(tmp_path, f'<link name="l">{BOX}{odd}</link>')
+    assert Robot.from_urdf(path).shape.bounds[1][0] == 0.3
+    bare = write_urdf(tmp_path, f'<link name="l">{odd}</link>')
+    for visuals, error in ((False, InputError), (True, FileError)):
+        with pytest.raises(error), pytest.warns(UserWarning) if not visuals else nullcontext():
+            Robot.from_urdf(bare, visuals=visuals)
+
+
+TURN = '<link name="l">{}</link><link name="m"/><joint name="j" type="{}"><parent link="l"/><child link="m"/>{}</joint>'
+
+
+@pytest.mark.parametrize(
+    ("kind", "part", "count"),
+    [
+        ("fixed", '<origin rpy="0 0 180"/>', 1),
+        ("revolute", '<limit lower="-180" upper="180"/>', 2),
+        ("revolute", '<limit lower="-1" upper="90"/><origin rpy="90 -90 0"/>', 2),
+        ("continuous", '<mimic joint="k" offset="45"/>', 1),
+        ("revolute", '<limit lower="-3" upper="3"/><safety_controller soft_upper_limit="170"/>', 1),
+        ("revolute", '<limit lower="-6.2832" upper="6.2832"/><origin rpy="0 0 -6.2832"/>', 0),
+        ("prismatic", '<limit lower="-180" upper="180"/>', 0),
+        ("continuous", '<limit lower="-1e16" upper="1e16"/>', 0),
+    ],
+)
+def test_angles_in_degrees_are_warned_of_once(tmp_path, kind, part, count):
+    path = write_urdf(tmp_path, TURN.format(BOX, kind, part))
+    with warnings.catch_warnings(record=True) as heard:
+        warnings.simplefilter("always")
+        Robot.from_urdf(path)
+    assert [each.category for each in heard] == [AngleWarning] * (count > 0)
+    assert not count or f"{count} angles are beyond" in str(heard[0].message)
+
+
+def test_a_robot_without_a_name_has_the_name_of_its_file(tmp_path):
+    path = tmp_path / "cart.urdf"
+    path.write_text(f'<robot><link name="l">{BOX}</link></robot>')
+    assert Robot.from_urdf(path).shape.bounds[1][0] == 0.3
+
+
 LINKS = '<link name="l"/><link name="m"/>'
 JOINT = '<joint name="j" type="fixed"><parent link="{}"/><child link="{}"/></joint>'
 FORTH = JOINT.format("l", "m")
@@ -210,6 +313,15 @@ def make_link(geometry):
         "lacks the length of the cylinder of link 'l'",
     ),
     (make_link('<mesh filename="x.stl" scale="0 1 1"/>'), InputError, "no factor may be zero"),
+    (make_link('<box size="1, 1, 1"/>'), FileError, "size='1, 1, 1' .*separated by blanks"),
+    (make_link('<box size="1 1 nan"/>'), FileError, "it must be 3 finite numbers"),
+    (make_link('<box size="${w} 1 1"/>'), FileError, "xacro macros.*; run xacro"),
+    (make_link('<mesh filename="$(find p)/x.stl"/>'), FileError, "xacro macros.*; run xacro"),
+    (
+        TURN.format("", "continuous", '<mimic joint="j"/>'),
+        FileError,
+        "the joint 'j', which mimics itself; .*; remove <mimic>",
+    ),
     ('<x:if xmlns:x="http://www.ros.org/wiki/xacro"/>' + LINKS, FileError, "xacro macros"),
 )
 def test_malformed_urdf_is_refused_in_one_line(tmp_path, body, error, message):

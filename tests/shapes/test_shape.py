@@ -192,6 +192,8 @@ def test_anything_that_describes_a_shape_becomes_one(source, radius, kind):
     (np.ones((2, 2), dtype=bool), r"array of cells.*Voxels\.of"),
     ("robot.txt", "it must be a short text, WKT, or a file"),
     (object(), "is a object; a polygon or a mesh is needed"),
+    ((1, 1, 2, 2), r"is 4 numbers; a polygon or a mesh is needed; pass e\.g\. shapely\.box"),
+    (np.arange(6.0), r"is 6 numbers; .* trimesh\.creation\.box"),
 )
 def test_other_sources_are_refused(source, message):
     with pytest.raises(InputError, match=message):

@@ -112,7 +112,7 @@ def write_families(folder: Path) -> dict[str, Path]:
         "robot.urdf",
         f'<robot name="r"><link name="base">{parts}</link><link name="top"/>{joint}</robot>',
     )
-    costmap = '  ros__parameters:\n    footprint: "[[0.3, 0.2], [0.3, -0.2], [-0.3, 0]]"\n    footprint_padding: 0.02\n'
+    costmap = '  ros__parameters:\n    footprint: "[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]"\n    footprint_padding: 0.02\n'
     put("robot.yaml", f"local_costmap:\n{costmap}global_costmap:\n{costmap}")
     put("scene.yaml", _write_scene())
     put("request.yaml", _write_request())
@@ -192,7 +192,9 @@ def open_file(path: Path) -> object:
     if path.stem in OPENERS:
         return OPENERS[path.stem](path)
     path = path.with_name("map.yaml") if path.name == "map.pgm" else path
-    options = {} if path.suffix in (".yaml", ".bt", ".ot") else {"spacing": 0.5}
+    options: dict[str, Any] = {} if path.suffix in (".yaml", ".bt", ".ot") else {"spacing": 0.5}
+    if path.suffix in (".glb", ".gltf", ".dae"):
+        options["up"] = "y"
     return Workspace.open(path, **options).outer
 
 
