@@ -76,6 +76,12 @@ FIELDS: Final = (
         refused=("tilt of `origin`",),
         warned=("values beyond -1 to 100, unknown",),
     ),
+    Fields(
+        "Nav2 parameters",
+        honoured=("`footprint`", "`robot_radius`", "`footprint_padding`"),
+        refused=("numbers in quotes", "negative padding"),
+        warned=("padding, where Nav2's differs",),
+    ),
 )
 
 

@@ -390,29 +390,33 @@ def price_of(blocks: Blocks, slices: Ints, direction: int, u: int, v: int, w: in
 def are_joined(blocks: Blocks, number: int, first: Cell, last: Cell) -> bool:
     """Return True if one of two chains of blocks joins two near blocks in a slice.
 
-    Each block of a chain shares a face with the next, and passable cells meet at the face. A chain
-    goes on along the axis on which it is farthest behind; where axes are equal, one chain prefers
-    the first, and the other one the last.
+    Each block of a chain shares a face with the next, and passable cells meet at the face. Of two
+    axes on which a chain is as far behind, one chain prefers the first, and the other one the last.
     """
     for prefers_last in range(2):
-        i, j, k = first
+        block = first
         is_open = True
-        while is_open and (i, j, k) != last:
-            x = abs(last[0] - i)
-            y = abs(last[1] - j)
-            z = abs(last[2] - k)
-            u, v, w = i, j, k
-            if z > max(x, y) or (z == max(x, y) and prefers_last) or x + y == 0:
-                w += 1 if last[2] > k else -1
-            elif y > x or (y == x and prefers_last) or x == 0:
-                v += 1 if last[1] > j else -1
-            else:
-                u += 1 if last[0] > i else -1
-            is_open = meet_at_face(blocks, number, (i, j, k), (u, v, w))
-            i, j, k = u, v, w
+        while is_open and block != last:
+            next_block = step_towards(block, last, prefers_last == 1)
+            is_open = meet_at_face(blocks, number, block, next_block)
+            block = next_block
         if is_open:
             return True
     return False
+
+
+@internal
+def step_towards(block: Cell, last: Cell, prefers_last: bool) -> Cell:
+    """Return the next block on the way to another, along the axis that is farthest behind."""
+    i, j, k = block
+    x = abs(last[0] - i)
+    y = abs(last[1] - j)
+    z = abs(last[2] - k)
+    if z > max(x, y) or (z == max(x, y) and prefers_last):
+        return i, j, k + (1 if last[2] > k else -1)
+    if y > x or (y == x and prefers_last):
+        return i, j + (1 if last[1] > j else -1), k
+    return i + (1 if last[0] > i else -1), j, k
 
 
 @internal
