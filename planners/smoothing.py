@@ -286,10 +286,19 @@ class Smoother:
             runs={},
         )
 
-    def lay_out(self) -> Layout:
-        """Lay out the smooth path, with turns on the spot at its stops."""
+    def lay_out(self) -> Layout | None:
+        """Lay out the smooth path, with turns on the spot at its stops.
+
+        If the pegs between two stops contradict each other, return None and stop in between.
+        """
         ends = np.flatnonzero(self.stops)
-        runs = [self._find_run(*pair) for pair in itertools.pairwise(ends.tolist())]
+        runs = []
+        for first, last in itertools.pairwise(ends.tolist()):
+            try:
+                runs.append(self._find_run(first, last))
+            except (RuntimeError, np.linalg.LinAlgError):
+                self._add_stop(0.5 * float(self.times[first] + self.times[last]))
+                return None
         parts: list[Segments] = []
         windows: list[Floats] = []
         if not self.course.yaws:
@@ -466,7 +475,7 @@ class Smoother:
         depths = ((targets - at_pegs[:, :size]) / self.fastest * outward).sum(axis=1)
         pushes = _solve_pushes((outward @ outward.T) * at_pegs[:, size:], depths)
         pushed = columns[:, size:] @ (pushes[:, np.newaxis] * outward)
-        if not np.abs(pushed).max() <= total:
+        if not np.abs(pushed).max() <= self.times[-1]:
             raise RuntimeError("pegs push the curve farther away than the path is long")
         moved: Floats = columns[:, :size] + pushed * self.fastest
 
@@ -542,17 +551,15 @@ def _solve_pushes(effects: Floats, depths: Floats) -> Floats:
 def smooth_path(smoother: Smoother, prove: Callable[[Segments], Bools]) -> Layout | None:
     """Return the smoothest proven path, or None if there is none with a curve.
 
-    There is none if pegs contradict each other, so that their pushes are not found.
     It ends: after the rounds that may pull, each round adds a stop, and there are as many as
     corners.
     """
     known: dict[bytes, bool] = {}
     rounds = 0
     while True:
-        try:
-            layout = smoother.lay_out()
-        except (RuntimeError, np.linalg.LinAlgError):
-            return None
+        layout = smoother.lay_out()
+        if layout is None:
+            continue
         if not layout.is_smooth:
             return None
         proven = _prove_new(layout.segments, prove, known)

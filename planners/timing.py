@@ -28,11 +28,11 @@ HALVINGS = 40
 MIN_COEFFICIENT = 1e-300
 """Smallest squared acceleration that counts, relative to the limit."""
 
-MIN_RAMP_SHARE: Final = 1e-8
+MIN_RAMP_SHARE: Final = 1e-6
 """Smallest share of the duration in which the robot reaches full speed. Numbers for times resolve
 no larger accelerations."""
 
-MIN_PHASE_SHARE: Final = 1e-14
+MIN_PHASE_SHARE: Final = 1e-12
 """Smallest share of the duration that a phase takes; shorter ones are rounding errors, and skipped.
 """
 
@@ -66,9 +66,12 @@ MAX_RATE_STEP: Final = 1e-8
 """Largest jump of the rates between two segments without a stop, relative to these."""
 
 MAX_ERROR: Final = 1e-11
-"""Largest relative gap in the places of a motion, and excess over its limits, for rounding."""
+"""Largest relative gap in the places of a motion, for rounding."""
 
-MAX_SPEED_GAP: Final = 1e-6
+MAX_EXCESS: Final = 1e-9
+"""Largest relative excess of a motion over its limits, for rounding."""
+
+MAX_SPEED_GAP: Final = 1e-5
 """Largest jump of the speed between phases, relative to the largest: that of skipped phases."""
 
 
@@ -109,9 +112,13 @@ class MotionBounds(NamedTuple):
         return self._replace(acceleration=LimitRates(linear, angular, acceleration.dim))
 
 
-def find_phases(segments: Segments, rotations: Rotations, bounds: MotionBounds) -> Phases:
+def find_phases(
+    segments: Segments, rotations: Rotations, passes: Bools, bounds: MotionBounds
+) -> Phases:
     """Return the fastest motion along segments, from rest to rest.
 
+    On curves, it obeys its limits at the ends of intervals only; see :func:`obey_limits`.
+    ``passes``, shape (m - 1,), is True if no stop is needed between two segments.
     A straight segment or an arc has one largest speed and acceleration, so it is accelerated,
     driven and slowed down as a whole. A curve is cut into intervals of constant acceleration.
     """
@@ -142,14 +149,20 @@ def find_phases(segments: Segments, rotations: Rotations, bounds: MotionBounds) 
     # A curve rests where it has no direction.
     begin_caps, end_caps = (np.where(np.isinf(cap), 0.0, cap) for cap in caps)
     may_pass = np.ones(len(owners) - 1, dtype=np.bool_)
-    may_pass[np.cumsum(counts)[:-1] - 1] = find_passes(segments, rotations, bounds)
+    may_pass[np.cumsum(counts)[:-1] - 1] = passes
     nodes = np.zeros(len(owners) + 1)
     nodes[1:-1] = np.where(may_pass, np.minimum(end_caps[:-1], begin_caps[1:]), 0.0)
     bound_squares(lengths, np.concatenate(terms, axis=1), is_curved, nodes)
     gains = bounds.acceleration.largest(ends[0][0])
-    phases = _fill_phases(owners, begins, lengths, is_curved, begin_caps, gains, nodes)
+    return _fill_phases(owners, begins, lengths, is_curved, begin_caps, gains, nodes)
+
+
+def obey_limits(
+    segments: Segments, rotations: Rotations, phases: Phases, bounds: MotionBounds
+) -> Phases:
+    """Slow a motion down to its limits at every instant."""
     excess = _find_excess(segments, rotations, phases, bounds)
-    return slow_down(phases, max(excess * (1.0 - MAX_ERROR), 1.0))
+    return slow_down(phases, max(excess - MAX_EXCESS, 1.0))
 
 
 def _turns_ahead(segments: Segments) -> Bools:
@@ -351,11 +364,17 @@ def find_passes(segments: Segments, rotations: Rotations, bounds: MotionBounds) 
 
 
 def is_motion(
-    rows: Floats, segments: Segments, rotations: Rotations, phases: Phases, bounds: MotionBounds
+    rows: Floats,
+    segments: Segments,
+    rotations: Rotations,
+    passes: Bools,
+    phases: Phases,
+    bounds: MotionBounds,
 ) -> bool:
-    """Return True if phases move along a path from rest to rest, within limits at every instant.
+    """Return True if phases move along a path from its start to its goal, from rest to rest.
 
-    ``rows`` begin and end the path. Comparisons are False for NaN.
+    ``rows`` begin and end the path. Other arguments are as for :func:`find_phases`. Comparisons are
+    False for NaN.
     """
     ends, _, _ = place_along(segments, rotations, segments.lengths)
     before = np.concatenate([rows[:1], ends])
@@ -369,15 +388,13 @@ def is_motion(
     slips = np.diff(begins, prepend=0.0, append=total)
     slips[1:-1] -= moved
     jumps = np.diff(phases.speeds) - changes
-    stops = np.cumsum(np.append(False, ~find_passes(segments, rotations, bounds)))
+    stops = np.cumsum(np.append(False, ~passes))
     is_stop = np.diff(stops[phases.segments], prepend=-1) > 0
     is_stop[-1] = True
-    excess = _find_excess(segments, rotations, phases, bounds)
     return bool(
         (gaps <= bounds.gap * measure_sizes(before, rotations)).all()
         and (durations > 0.0).all()
         and (np.abs(slips) <= MAX_ERROR * total).all()
         and (np.abs(jumps) <= MAX_SPEED_GAP * phases.speeds.max()).all()
         and not phases.speeds[is_stop].any()
-        and excess <= 1.0 + MAX_ERROR
     )

@@ -50,7 +50,17 @@ from planners.smoothing import (
     measure_sizes,
     smooth_path,
 )
-from planners.timing import MAX_ERROR, MotionBounds, Phases, find_phases, is_motion, slow_down
+from planners.timing import (
+    MAX_ERROR,
+    MAX_EXCESS,
+    MotionBounds,
+    Phases,
+    find_passes,
+    find_phases,
+    is_motion,
+    obey_limits,
+    slow_down,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -588,16 +598,21 @@ def _find_motion(
     is_curved = path.drive in CURVES
     segments = (_split_curves if is_curved else _split_edges)(path, rotations, bounds.velocity)
     bounds = bounds.limit_ramps(segments)
-    motions = [(path._replace(blend=False), segments, find_phases(segments, rotations, bounds))]
+    passes = find_passes(segments, rotations, bounds)
+    on_edges = find_phases(segments, rotations, passes, bounds)
+    motions = [(path._replace(blend=False), segments, passes, on_edges)]
     layout = _smooth(path, rotations, bounds)
     if layout is not None:
-        blended = find_phases(layout.segments, rotations, bounds)
-        if blended.times[-1] < motions[0][2].times[-1]:
-            motions.insert(0, (path, layout.segments, blended))
-    for taken, segments, phases in motions:
-        stretched = _stretch(phases, duration)
-        if is_motion(path.waypoints, segments, rotations, stretched, bounds):
-            return taken, segments, stretched
+        passes = find_passes(layout.segments, rotations, bounds)
+        blended = find_phases(layout.segments, rotations, passes, bounds)
+        motions.insert(0, (path, layout.segments, passes, blended))
+    longest = on_edges.times[-1] * (1.0 + MAX_EXCESS)
+    for taken, segments, passes, fastest in motions:
+        phases = obey_limits(segments, rotations, fastest, bounds)
+        if phases.times[-1] <= longest:
+            phases = _stretch(phases, duration)
+            if is_motion(path.waypoints, segments, rotations, passes, phases, bounds):
+                return taken, segments, phases
     raise InputError(
         "limits",
         "differ so much that rounding exceeds them",
@@ -736,7 +751,7 @@ def _stretch(phases: Phases, duration: float | None) -> Phases:
     if duration is None or total == 0.0:
         return phases
     factor = check_positive(duration, "duration", "seconds") / total
-    if factor < 1.0 - 1e-9:
+    if factor < 1.0 - MAX_EXCESS:
         raise InputError(
             "duration",
             f"is {duration!r}",
