@@ -75,7 +75,7 @@ MAX_TURN: Final = 2.8
 MIN_BEND: Final = 1e-9
 """Smallest change of the velocities at a corner, relative to full speed."""
 
-ROUNDING: Final = 1e-14
+ROUNDING: Final = 1e-13
 """Largest step that is a rounding error, relative to the coordinates of the path, or radians."""
 
 MIN_TURN: Final = 1e-12

@@ -16,7 +16,7 @@ import numpy as np
 from cspace.rotations import Rotations
 from cspace.support.arrays import Bools, Floats, Ints
 from cspace.support.compiling import internal, kernel
-from planners.segments import Segments, join_segments, place_along
+from planners.segments import Segments, place_along
 from planners.smoothing import LimitRates, measure_sizes
 
 INTERVALS_PER_CURVE: Final = 2
@@ -37,7 +37,7 @@ MIN_PHASE_SHARE: Final = 1e-12
 """
 
 MIN_SPEED: Final = 1e-150
-"""Smallest mean speed on a curve, which makes a path with such a curve slower than one without."""
+"""Smallest speed on a segment, which makes a path with such a curve slower than one without."""
 
 PARTS_PER_INTERVAL: Final = 2
 """Number of parts of an interval in which the limits are bounded each."""
@@ -266,14 +266,13 @@ def _fill_phases(
     first = np.sqrt(before)
     last = np.sqrt(after)
     cruise = np.where(peaks >= caps, np.maximum(lengths - up - down, 0.0), 0.0)
-    tiny = np.finfo(float).tiny
     even = np.where(is_curved, 2.0 * lengths / np.maximum(first + last, MIN_SPEED), 0.0)
     zeros = np.zeros(len(lengths))
     changes = 0.5 * (after - before) / np.where(is_curved, lengths, 1.0)
     columns = (
         (
             np.where(is_curved, even, (fastest - first) / gains),
-            np.where(is_curved, 0.0, cruise / np.maximum(fastest, tiny)),
+            np.where(is_curved, 0.0, cruise / np.maximum(fastest, MIN_SPEED)),
             np.where(is_curved, 0.0, (fastest - last) / gains),
         ),
         (owners, owners, owners),

@@ -22,6 +22,7 @@ from cspace.rotations.quaternion import multiply
 from cspace.support.arrays import Bools, Floats, Ints, frozen
 from cspace.support.check import check_finite, check_positive
 from cspace.support.words import Drive
+from planners.car_curves import MAX_GAP
 from planners.local_planner import (
     CURVES,
     HOLONOMIC,
@@ -38,7 +39,6 @@ from planners.segments import (
     place_along,
     prove_segments,
 )
-from planners.car_curves import MAX_GAP
 from planners.smoothing import (
     PEG_CELLS,
     ROUNDING,
