@@ -65,11 +65,8 @@ MIN_WEIGHT: Final = 1e-9
 MAX_RATE_STEP: Final = 1e-8
 """Largest jump of the rates between two segments without a stop, relative to these."""
 
-MAX_ERROR: Final = 1e-11
-"""Largest relative gap in the places of a motion, for rounding."""
-
-MAX_EXCESS: Final = 1e-9
-"""Largest relative excess of a motion over its limits, for rounding."""
+MAX_ERROR: Final = 1e-9
+"""Largest relative gap between the parts of a motion, and excess over its limits, for rounding."""
 
 MAX_SPEED_GAP: Final = 1e-5
 """Largest jump of the speed between phases, relative to the largest: that of skipped phases."""
@@ -118,9 +115,9 @@ def find_phases(
     """Return the fastest motion along segments, from rest to rest.
 
     On curves, it obeys its limits at the ends of intervals only; see :func:`obey_limits`.
-    ``passes``, shape (m - 1,), is True if no stop is needed between two segments.
-    A straight segment or an arc has one largest speed and acceleration, so it is accelerated,
-    driven and slowed down as a whole. A curve is cut into intervals of constant acceleration.
+    ``passes``, shape (m - 1,), is True if no stop is needed between two segments. A straight
+    segment or an arc has one largest speed and acceleration, so it is accelerated, driven and
+    slowed down as a whole. A curve is cut into intervals of constant acceleration.
     """
     is_curve = segments.is_curve
     counts = np.where(is_curve, INTERVALS_PER_CURVE, 1)
@@ -162,7 +159,7 @@ def obey_limits(
 ) -> Phases:
     """Slow a motion down to its limits at every instant."""
     excess = _find_excess(segments, rotations, phases, bounds)
-    return slow_down(phases, max(excess - MAX_EXCESS, 1.0))
+    return slow_down(phases, max(excess - MAX_ERROR, 1.0))
 
 
 def _turns_ahead(segments: Segments) -> Bools:

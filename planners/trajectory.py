@@ -52,7 +52,6 @@ from planners.smoothing import (
 )
 from planners.timing import (
     MAX_ERROR,
-    MAX_EXCESS,
     MotionBounds,
     Phases,
     find_passes,
@@ -606,7 +605,7 @@ def _find_motion(
         passes = find_passes(layout.segments, rotations, bounds)
         blended = find_phases(layout.segments, rotations, passes, bounds)
         motions.insert(0, (path, layout.segments, passes, blended))
-    longest = on_edges.times[-1] * (1.0 + MAX_EXCESS)
+    longest = on_edges.times[-1] * (1.0 + MAX_ERROR)
     for taken, segments, passes, fastest in motions:
         phases = obey_limits(segments, rotations, fastest, bounds)
         if phases.times[-1] <= longest:
@@ -751,7 +750,7 @@ def _stretch(phases: Phases, duration: float | None) -> Phases:
     if duration is None or total == 0.0:
         return phases
     factor = check_positive(duration, "duration", "seconds") / total
-    if factor < 1.0 - MAX_EXCESS:
+    if factor < 1.0 - MAX_ERROR:
         raise InputError(
             "duration",
             f"is {duration!r}",

@@ -524,7 +524,7 @@ MUTANTS = (
     ),
     Mutant(
         "planners/timing.py",
-        "return slow_down(phases, max(excess - MAX_EXCESS, 1.0))",
+        "return slow_down(phases, max(excess - MAX_ERROR, 1.0))",
         "return slow_down(phases, 0.9)",
         "tests/planners/test_smoothing.py",
     ),
