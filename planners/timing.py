@@ -63,7 +63,8 @@ MIN_WEIGHT: Final = 1e-9
 """Smallest Bernstein coefficient of a divisor, relative to the divisor, for rounding."""
 
 MAX_RATE_STEP: Final = 1e-8
-"""Largest jump of the rates between two segments without a stop, relative to these."""
+"""Largest jump of the rates between two segments without a stop, relative to these and to full
+speed."""
 
 MAX_ERROR: Final = 1e-9
 """Largest relative gap between the parts of a motion, and excess over its limits, for rounding."""
@@ -353,9 +354,12 @@ def find_passes(segments: Segments, rotations: Rotations, bounds: MotionBounds) 
     """Return whether the rates continue from each segment to the next, shape (m - 1,)."""
     ends = place_along(segments, rotations, segments.lengths)[1][:-1]
     begins = place_along(segments, rotations, np.zeros(len(segments.lengths)))[1][1:]
-    # Rates without a limit of acceleration may jump.
-    jumps = bounds.acceleration.shares(ends - begins).max(axis=1)
-    largest = bounds.acceleration.shares(np.maximum(np.abs(ends), np.abs(begins))).max(axis=1)
+    turn_rate = bounds.velocity.angular or float(np.abs(segments.curvatures).max()) or 1.0
+    # A yaw rate without a limit of acceleration may jump.
+    angular = None if bounds.acceleration.angular is None else turn_rate
+    full_speed = bounds.velocity._replace(angular=angular)
+    jumps = full_speed.shares(ends - begins).max(axis=1)
+    largest = full_speed.shares(np.maximum(np.abs(ends), np.abs(begins))).max(axis=1).clip(max=1.0)
     return np.asarray(jumps <= max(MAX_RATE_STEP, bounds.gap) * largest)
 
 
