@@ -63,8 +63,10 @@ MIN_WEIGHT: Final = 1e-9
 """Smallest Bernstein coefficient of a divisor, relative to the divisor, for rounding."""
 
 MAX_RATE_STEP: Final = 1e-8
-"""Largest jump of the rates between two segments without a stop, relative to these and to full
-speed."""
+"""Largest jump of a rate between two segments without a stop, relative to the rate."""
+
+MIN_RATE_STEP: Final = 1e-10
+"""Smallest jump of a rate, relative to full speed; smaller ones are rounding errors."""
 
 MAX_ERROR: Final = 1e-9
 """Largest relative gap between the parts of a motion, and excess over its limits, for rounding."""
@@ -358,9 +360,10 @@ def find_passes(segments: Segments, rotations: Rotations, bounds: MotionBounds) 
     # A yaw rate without a limit of acceleration may jump.
     angular = None if bounds.acceleration.angular is None else turn_rate
     full_speed = bounds.velocity._replace(angular=angular)
-    jumps = full_speed.shares(ends - begins).max(axis=1)
-    largest = full_speed.shares(np.maximum(np.abs(ends), np.abs(begins))).max(axis=1).clip(max=1.0)
-    return np.asarray(jumps <= max(MAX_RATE_STEP, bounds.gap) * largest)
+    jumps = full_speed.shares(ends - begins)
+    largest = full_speed.shares(np.maximum(np.abs(ends), np.abs(begins)))
+    are_small = jumps <= max(MAX_RATE_STEP, bounds.gap) * largest + MIN_RATE_STEP
+    return np.asarray(are_small.all(axis=1))
 
 
 def is_motion(

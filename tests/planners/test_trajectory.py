@@ -303,11 +303,11 @@ def test_cars_follow_their_curves_at_their_limits(seed, count, drive, limits):
     assert ((speed >= top * (1 - 1e-6)) | (gain >= top_gain - 1e-4)).all()
 
 
-@pytest.mark.parametrize("gain", [1.0, 1e6, 1e9])
-def test_cars_rest_at_cusps_whatever_they_gain(gain):
+@pytest.mark.parametrize(("speed", "gain"), [(10.0, 1.0), (10.0, 1e9), (1e7, 1.0)])
+def test_cars_rest_at_cusps_whatever_their_limits(speed, gain):
     plan = plan_along("turning", [(0.0, 0.0, 0.0), (0.0, 0.5, 0.0)], "reeds-shepp")
     trajectory = plan.trajectory(
-        max_velocity=10.0,
+        max_velocity=speed,
         max_acceleration=gain,
         max_angular_velocity=1.0,
         max_angular_acceleration=1.0,
