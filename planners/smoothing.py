@@ -75,8 +75,11 @@ MAX_TURN: Final = 2.8
 MIN_BEND: Final = 1e-9
 """Smallest change of the velocities at a corner, relative to full speed."""
 
-MIN_LENGTH: Final = 1e-12
-"""Smallest length of a straight line, metres or radians; shorter ones are left out."""
+ROUNDING: Final = 1e-13
+"""Largest step that is a rounding error, relative to the coordinates of the path, or radians."""
+
+MIN_TURN: Final = 1e-12
+"""Smallest turn on the spot, radians; rounding decides the directions of edges that closely."""
 
 TO_POLYNOMIAL: Final = (
     np.array(
@@ -127,7 +130,7 @@ class Course:
     Attributes
     ----------
     rows : ndarray of float64, shape (n, size)
-        Configurations, no two after each other equal.
+        Configurations, no two after each other equal up to rounding.
     places : ndarray of float64, shape (n, k)
         The same in coordinates that are added like vectors; only x and y of a robot that drives.
     signs : ndarray of int64, shape (n - 1,)
@@ -145,15 +148,34 @@ class Course:
     yaws: tuple[list[float], ...]
 
 
+def measure_sizes(rows: Floats, rotations: Rotations) -> Floats:
+    """Return the largest coordinates of a path, shape (k,); 1 radian for rotations.
+
+    The translation of a robot that rotates has one size, because its axes mix.
+    """
+    dim = rows.shape[1] - len(rotations.names)
+    sizes = np.abs(rows[:, :dim]).max(axis=0)
+    if not rotations.names:
+        return np.asarray(sizes)
+    angles = rotations.steps_between(rows[:1], rows[:1])[0, dim:]
+    return np.concatenate([np.full(dim, sizes.max()), np.ones(len(angles))])
+
+
+def find_moves(rows: Floats, rotations: Rotations) -> Bools:
+    """Return which coordinates change by more than rounding between rows, shape (n - 1, k)."""
+    steps = rotations.steps_between(rows[:-1], rows[1:])
+    return np.asarray(np.abs(steps) > ROUNDING * measure_sizes(rows, rotations))
+
+
 def find_course(rows: Floats, rotations: Rotations) -> Course:
     """Return the course of a robot that moves in all directions."""
-    lengths = np.linalg.norm(rotations.steps_between(rows[:-1], rows[1:]), axis=1)
-    rows = align_quaternions(rows[np.concatenate([[True], lengths > MIN_LENGTH])], rotations)
+    moves = find_moves(rows, rotations).any(axis=1)
+    rows = align_quaternions(rows[np.concatenate([[True], moves])], rotations)
     steps = rotations.steps_between(rows[:-1], rows[1:])
     stops = np.zeros(len(rows), dtype=np.bool_)
     if "qw" in rotations.names:
         # Rotations in space do not add up like vectors.
-        rotates = np.abs(steps[:, -3:]).max(axis=1, initial=0.0) > MIN_LENGTH
+        rotates = find_moves(rows, rotations)[:, -3:].any(axis=1)
         stops[:-1] |= rotates
         stops[1:] |= rotates
     stops[[0, -1]] = True
@@ -162,9 +184,9 @@ def find_course(rows: Floats, rotations: Rotations) -> Course:
     return Course(rows, places, np.zeros(len(steps), dtype=np.int64), stops, ())
 
 
-def find_driven_course(rows: Floats) -> Course:
+def find_driven_course(rows: Floats, rotations: Rotations) -> Course:
     """Return the course of a robot that drives and turns on the spot."""
-    drives = np.flatnonzero((rows[1:, :2] != rows[:-1, :2]).any(axis=1))
+    drives = np.flatnonzero(find_moves(rows, rotations)[:, :2].any(axis=1))
     first_rows = np.concatenate([[0], drives + 1])
     last_rows = np.concatenate([drives, [len(rows) - 1]])
     spans = zip(first_rows, last_rows, strict=True)
@@ -264,10 +286,19 @@ class Smoother:
             runs={},
         )
 
-    def lay_out(self) -> Layout:
-        """Lay out the smooth path, with turns on the spot at its stops."""
+    def lay_out(self) -> Layout | None:
+        """Lay out the smooth path, with turns on the spot at its stops.
+
+        If the pegs between two stops contradict each other, return None and stop in between.
+        """
         ends = np.flatnonzero(self.stops)
-        runs = [self._find_run(*pair) for pair in itertools.pairwise(ends.tolist())]
+        runs = []
+        for first, last in itertools.pairwise(ends.tolist()):
+            try:
+                runs.append(self._find_run(first, last))
+            except (RuntimeError, np.linalg.LinAlgError):
+                self._add_stop(0.5 * float(self.times[first] + self.times[last]))
+                return None
         parts: list[Segments] = []
         windows: list[Floats] = []
         if not self.course.yaws:
@@ -384,6 +415,9 @@ class Smoother:
         if sign:
             end[2] = math.atan2(last_rate[1], last_rate[0])
         count = len(starts)
+        # Where bounds stop several control points in one place, the curve has no length.
+        sizes = measure_sizes(course.rows, self.rotations)
+        moves = (np.ptp(spans, axis=0) > ROUNDING * sizes).any(axis=1)
         curves = Segments(
             starts=starts,
             rates=rates,
@@ -395,7 +429,8 @@ class Smoother:
             ends=np.concatenate([starts[1:], [end]]),
         )
         knots = np.linspace(window[0], window[1], count + 1)
-        return Layout(curves, np.column_stack([knots[:-1], knots[1:]]), True)
+        windows = np.column_stack([knots[:-1], knots[1:]])
+        return Layout(curves.select(moves), windows[moves], True)
 
     def _smooth(self, first: int, last: int, pegs: list[Peg]) -> Floats:
         """Return the control points of a smooth curve between two stops, shape (m + 1, k)."""
@@ -439,8 +474,10 @@ class Smoother:
         at_pegs = np.einsum("cj,cjk->ck", weights, _add_ends(columns)[index])
         depths = ((targets - at_pegs[:, :size]) / self.fastest * outward).sum(axis=1)
         pushes = _solve_pushes((outward @ outward.T) * at_pegs[:, size:], depths)
-        pushed = columns[:, size:] @ (pushes[:, np.newaxis] * outward) * self.fastest
-        moved: Floats = columns[:, :size] + pushed
+        pushed = columns[:, size:] @ (pushes[:, np.newaxis] * outward)
+        if not np.abs(pushed).max() <= self.times[-1]:
+            raise RuntimeError("pegs push the curve farther away than the path is long")
+        moved: Floats = columns[:, :size] + pushed * self.fastest
 
         lower, upper = self.bounds
         dim = min(len(lower), self.course.rows.shape[1])
@@ -459,7 +496,7 @@ class Smoother:
         rows: list[tuple[float, ...]] = []
         for first, last in itertools.pairwise(yaws):
             turn = float(shorter(np.array(last - first)))
-            if abs(turn) > MIN_LENGTH:
+            if abs(turn) > MIN_TURN:
                 rows.append((x, y, first, math.copysign(1.0, turn), abs(turn), x, y, last))
         table = np.array(rows).reshape(-1, 8)
         none = np.zeros((len(table), 2))
@@ -521,6 +558,8 @@ def smooth_path(smoother: Smoother, prove: Callable[[Segments], Bools]) -> Layou
     rounds = 0
     while True:
         layout = smoother.lay_out()
+        if layout is None:
+            continue
         if not layout.is_smooth:
             return None
         proven = _prove_new(layout.segments, prove, known)

@@ -16,8 +16,8 @@ import numpy as np
 from cspace.rotations import Rotations
 from cspace.support.arrays import Bools, Floats, Ints
 from cspace.support.compiling import internal, kernel
-from planners.segments import Segments, join_segments, place_along
-from planners.smoothing import LimitRates
+from planners.segments import Segments, place_along
+from planners.smoothing import LimitRates, measure_sizes
 
 INTERVALS_PER_CURVE: Final = 2
 """Number of constant accelerations along each curve."""
@@ -28,12 +28,16 @@ HALVINGS = 40
 MIN_COEFFICIENT = 1e-300
 """Smallest squared acceleration that counts, relative to the limit."""
 
+MIN_RAMP_SHARE: Final = 1e-6
+"""Smallest share of the duration in which the robot reaches full speed. Numbers for times resolve
+no larger accelerations."""
+
 MIN_PHASE_SHARE: Final = 1e-12
 """Smallest share of the duration that a phase takes; shorter ones are rounding errors, and skipped.
 """
 
 MIN_SPEED: Final = 1e-150
-"""Smallest mean speed on a curve, which makes a path with such a curve slower than one without."""
+"""Smallest speed on a segment, which makes a path with such a curve slower than one without."""
 
 PARTS_PER_INTERVAL: Final = 2
 """Number of parts of an interval in which the limits are bounded each."""
@@ -59,7 +63,16 @@ MIN_WEIGHT: Final = 1e-9
 """Smallest Bernstein coefficient of a divisor, relative to the divisor, for rounding."""
 
 MAX_RATE_STEP: Final = 1e-8
-"""Largest jump of the rates between two curves without a stop, relative to these."""
+"""Largest jump of a rate between two segments without a stop, relative to the rate."""
+
+MIN_RATE_STEP: Final = 1e-10
+"""Smallest jump of a rate, relative to full speed; smaller ones are rounding errors."""
+
+MAX_ERROR: Final = 1e-9
+"""Largest relative gap between the parts of a motion, and excess over its limits, for rounding."""
+
+MAX_SPEED_GAP: Final = 1e-5
+"""Largest jump of the speed between phases, relative to the largest: that of skipped phases."""
 
 
 class Phases(NamedTuple):
@@ -81,6 +94,22 @@ class MotionBounds(NamedTuple):
     velocity: LimitRates
     acceleration: LimitRates
     lateral: float  # largest acceleration across the direction of driving
+    gap: float  # largest relative gap between segments
+
+    def limit_ramps(self, segments: Segments) -> MotionBounds:
+        """Return bounds without accelerations that times of a motion do not resolve."""
+        velocity, acceleration = self.velocity, self.acceleration
+        lengths = segments.lengths
+        ramps = velocity.largest(segments.rates) / acceleration.largest(segments.rates)
+        shortest = MIN_RAMP_SHARE * (lengths + 2.0 * np.sqrt(lengths * ramps)).sum()
+        if shortest == 0.0:
+            return self
+        speeds = velocity.linear if acceleration.linear.ndim else velocity.linear.max()
+        linear = np.minimum(acceleration.linear, speeds / shortest)
+        angular = acceleration.angular
+        if angular is not None and velocity.angular is not None:
+            angular = min(angular, velocity.angular / shortest)
+        return self._replace(acceleration=LimitRates(linear, angular, acceleration.dim))
 
 
 def find_phases(
@@ -88,6 +117,7 @@ def find_phases(
 ) -> Phases:
     """Return the fastest motion along segments, from rest to rest.
 
+    On curves, it obeys its limits at the ends of intervals only; see :func:`obey_limits`.
     ``passes``, shape (m - 1,), is True if no stop is needed between two segments. A straight
     segment or an arc has one largest speed and acceleration, so it is accelerated, driven and
     slowed down as a whole. A curve is cut into intervals of constant acceleration.
@@ -100,6 +130,7 @@ def find_phases(
     parts = segments.select(owners)
     ends = [place_along(parts, rotations, s)[1:] for s in (begins, begins + lengths)]
     is_curved = is_curve[owners]
+    turns_ahead = _turns_ahead(parts)
     caps = []
     terms = []
     for share, (first, second) in zip((0.0, 2.0), ends, strict=True):
@@ -110,23 +141,33 @@ def find_phases(
         along = first + share * lengths[:, np.newaxis] * bent
         pairs = (along, along), (along, bent), (bent, bent)
         terms.append(np.stack([bounds.acceleration.multiply(*pair) for pair in pairs], axis=2))
-        if parts.drives.any():
+        if turns_ahead.any():
             sideways = np.abs(first[:, 2]) * np.linalg.norm(first[:, :2], axis=1)
             with np.errstate(divide="ignore"):
-                largest = np.where(is_curved, bounds.lateral / sideways, np.inf)
+                largest = np.where(turns_ahead, bounds.lateral / sideways, np.inf)
             caps[-1] = np.minimum(caps[-1], largest)
-    with np.errstate(divide="ignore"):
-        on_arcs = bounds.lateral / np.abs(parts.curvatures)
-    begin_caps, end_caps = (np.minimum(cap, on_arcs) for cap in caps)
+    # A curve rests where it has no direction.
+    begin_caps, end_caps = (np.where(np.isinf(cap), 0.0, cap) for cap in caps)
     may_pass = np.ones(len(owners) - 1, dtype=np.bool_)
     may_pass[np.cumsum(counts)[:-1] - 1] = passes
     nodes = np.zeros(len(owners) + 1)
     nodes[1:-1] = np.where(may_pass, np.minimum(end_caps[:-1], begin_caps[1:]), 0.0)
     bound_squares(lengths, np.concatenate(terms, axis=1), is_curved, nodes)
     gains = bounds.acceleration.largest(ends[0][0])
-    phases = _fill_phases(owners, begins, lengths, is_curved, begin_caps, gains, nodes)
+    return _fill_phases(owners, begins, lengths, is_curved, begin_caps, gains, nodes)
+
+
+def obey_limits(
+    segments: Segments, rotations: Rotations, phases: Phases, bounds: MotionBounds
+) -> Phases:
+    """Slow a motion down to its limits at every instant."""
     excess = _find_excess(segments, rotations, phases, bounds)
-    return slow_down(phases, max(excess, 1.0))
+    return slow_down(phases, max(excess - MAX_ERROR, 1.0))
+
+
+def _turns_ahead(segments: Segments) -> Bools:
+    """Return True for arcs, and for curves along which a robot drives."""
+    return np.asarray((segments.drives != 0) | (segments.curvatures != 0.0))
 
 
 @kernel
@@ -225,14 +266,13 @@ def _fill_phases(
     first = np.sqrt(before)
     last = np.sqrt(after)
     cruise = np.where(peaks >= caps, np.maximum(lengths - up - down, 0.0), 0.0)
-    tiny = np.finfo(float).tiny
     even = np.where(is_curved, 2.0 * lengths / np.maximum(first + last, MIN_SPEED), 0.0)
     zeros = np.zeros(len(lengths))
     changes = 0.5 * (after - before) / np.where(is_curved, lengths, 1.0)
     columns = (
         (
             np.where(is_curved, even, (fastest - first) / gains),
-            np.where(is_curved, 0.0, cruise / np.maximum(fastest, tiny)),
+            np.where(is_curved, 0.0, cruise / np.maximum(fastest, MIN_SPEED)),
             np.where(is_curved, 0.0, (fastest - last) / gains),
         ),
         (owners, owners, owners),
@@ -251,35 +291,38 @@ def _fill_phases(
 def _find_excess(
     segments: Segments, rotations: Rotations, phases: Phases, bounds: MotionBounds
 ) -> float:
-    """Return the factor by which curves must be slower, since limits hold at interval ends only.
+    """Return the factor by which a motion must be slower to obey its limits at every instant.
 
     The squared speed is linear in the length. So accelerations, squared velocities, and the squared
     acceleration across the direction of driving are polynomials in the length. The rates of a
     direction of driving are such, too, over a power of the squared length of the derivative.
     """
-    curved = np.flatnonzero(segments.is_curve[phases.segments[:-1]])
-    if not len(curved):
-        return 1.0
+    durations = np.diff(phases.times)
+    moved = durations * (phases.speeds[:-1] + 0.5 * durations * phases.accelerations[:-1])
     shares = (PART_SHARES + np.arange(PARTS_PER_INTERVAL)) / PARTS_PER_INTERVAL
-    rows = np.tile(curved, shares.size)
-    curves = segments.select(phases.segments[curved])
-    passed = np.outer(shares, curves.lengths / INTERVALS_PER_CURVE).reshape(-1, 1)
-    parts = join_segments([curves] * shares.size)
+    rows = np.tile(np.arange(len(moved)), shares.size)
+    passed = np.outer(shares, moved).reshape(-1, 1)
+    parts = segments.select(phases.segments[rows])
+    turns_ahead = _turns_ahead(parts)[:, np.newaxis]
+    # The limits along an arc are those along its tangent.
+    parts = parts._replace(curvatures=np.zeros(len(rows)))
     _, first, second = place_along(parts, rotations, phases.positions[rows] + passed[:, 0])
     accelerations = phases.accelerations[rows, np.newaxis]
     squares = phases.speeds[rows, np.newaxis] ** 2 + 2.0 * accelerations * passed
     changes = first * accelerations + second * squares
     velocities = bounds.velocity.multiply(first, first) * squares
-    weights = np.ones_like(passed)
-    excess = 0.0
-    if parts.drives.any():
+    metres = np.ones_like(passed)
+    excess = [1.0]
+    if turns_ahead.any():
         metres = (first[:, :2] ** 2).sum(axis=1, keepdims=True)
-        sideways = (first[:, 2:] * squares) ** 2 * metres
-        weights = metres**2
-        excess = np.sqrt(_bound(sideways, metres).max()) / bounds.lateral
-    excess = max(excess, _bound(velocities, weights).max())
-    excess = max(excess, bounds.acceleration.shares(_bound(changes, weights)).max())
-    return float(np.sqrt(excess))
+        sideways = turns_ahead * (first[:, 2:] * squares) ** 2 * metres
+        metres = np.where(parts.drives[:, np.newaxis] != 0, metres, 1.0)
+        excess.append(np.sqrt(_bound(sideways, metres).max()) / bounds.lateral)
+    weights = metres**2
+    excess.append(_bound(velocities, weights).max(initial=0.0))
+    shares_used = bounds.acceleration.shares(_bound(changes, weights))
+    excess.append(shares_used.max(initial=0.0))
+    return float(np.sqrt(np.max(excess)))
 
 
 def _bound(values: Floats, weights: Floats) -> Floats:
@@ -291,7 +334,8 @@ def _bound(values: Floats, weights: Floats) -> Floats:
     weighted = np.column_stack([values[:, :-1], values[:, -1:] * weights, weights])
     rows = (TO_BERNSTEIN @ weighted.reshape(DEGREE + 1, -1)).reshape(weighted.shape)
     scales = rows[:, -1]
-    unsafe = scales <= MIN_WEIGHT * weights.max()
+    largest = weights.reshape(DEGREE + 1, -1).max(axis=0)
+    unsafe = scales <= np.tile(MIN_WEIGHT * largest, DEGREE + 1)
     rows[:, -2] /= scales
     rows[unsafe, -2] = np.inf
     return rows[:, :-1]
@@ -308,10 +352,52 @@ def slow_down(phases: Phases, factor: float) -> Phases:
     )
 
 
-def find_passes(segments: Segments, rotations: Rotations) -> Bools:
+def find_passes(segments: Segments, rotations: Rotations, bounds: MotionBounds) -> Bools:
     """Return whether the rates continue from each segment to the next, shape (m - 1,)."""
     ends = place_along(segments, rotations, segments.lengths)[1][:-1]
     begins = place_along(segments, rotations, np.zeros(len(segments.lengths)))[1][1:]
-    jumps = np.abs(ends - begins).max(axis=1, initial=0.0)
-    largest = np.maximum(np.abs(ends), np.abs(begins)).max(axis=1, initial=0.0)
-    return np.asarray(jumps <= MAX_RATE_STEP * largest)
+    turn_rate = bounds.velocity.angular or float(np.abs(segments.curvatures).max()) or 1.0
+    # A yaw rate without a limit of acceleration may jump.
+    angular = None if bounds.acceleration.angular is None else turn_rate
+    full_speed = bounds.velocity._replace(angular=angular)
+    jumps = full_speed.shares(ends - begins)
+    largest = full_speed.shares(np.maximum(np.abs(ends), np.abs(begins)))
+    are_small = jumps <= max(MAX_RATE_STEP, bounds.gap) * largest + MIN_RATE_STEP
+    return np.asarray(are_small.all(axis=1))
+
+
+def is_motion(
+    rows: Floats,
+    segments: Segments,
+    rotations: Rotations,
+    passes: Bools,
+    phases: Phases,
+    bounds: MotionBounds,
+) -> bool:
+    """Return True if phases move along a path from its start to its goal, from rest to rest.
+
+    ``rows`` begin and end the path. Other arguments are as for :func:`find_phases`. Comparisons are
+    False for NaN.
+    """
+    ends, _, _ = place_along(segments, rotations, segments.lengths)
+    before = np.concatenate([rows[:1], ends])
+    after = np.concatenate([segments.starts, rows[-1:]])
+    gaps = np.abs(rotations.steps_between(before, after))
+    durations = np.diff(phases.times)
+    changes = durations * phases.accelerations[:-1]
+    moved = durations * (phases.speeds[:-1] + 0.5 * changes)
+    total = segments.lengths.sum()
+    begins = (np.cumsum(segments.lengths) - segments.lengths)[phases.segments] + phases.positions
+    slips = np.diff(begins, prepend=0.0, append=total)
+    slips[1:-1] -= moved
+    jumps = np.diff(phases.speeds) - changes
+    stops = np.cumsum(np.append(False, ~passes))
+    is_stop = np.diff(stops[phases.segments], prepend=-1) > 0
+    is_stop[-1] = True
+    return bool(
+        (gaps <= bounds.gap * measure_sizes(before, rotations)).all()
+        and (durations > 0.0).all()
+        and (np.abs(slips) <= MAX_ERROR * total).all()
+        and (np.abs(jumps) <= MAX_SPEED_GAP * phases.speeds.max()).all()
+        and not phases.speeds[is_stop].any()
+    )

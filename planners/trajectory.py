@@ -22,6 +22,7 @@ from cspace.rotations.quaternion import multiply
 from cspace.support.arrays import Bools, Floats, Ints, frozen
 from cspace.support.check import check_finite, check_positive
 from cspace.support.words import Drive
+from planners.car_curves import MAX_GAP
 from planners.local_planner import (
     CURVES,
     HOLONOMIC,
@@ -40,14 +41,25 @@ from planners.segments import (
 )
 from planners.smoothing import (
     PEG_CELLS,
+    ROUNDING,
     Layout,
     LimitRates,
     Smoother,
     find_course,
     find_driven_course,
+    measure_sizes,
     smooth_path,
 )
-from planners.timing import MotionBounds, Phases, find_passes, find_phases, slow_down
+from planners.timing import (
+    MAX_ERROR,
+    MotionBounds,
+    Phases,
+    find_passes,
+    find_phases,
+    is_motion,
+    obey_limits,
+    slow_down,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -55,17 +67,6 @@ if TYPE_CHECKING:
 
 Limits = ArrayLike | Mapping[str, float] | None
 """A limit: one number, or one for each axis."""
-
-MAX_EDGE_BEND: Final = 1e-9
-"""Largest change of direction without a stop between straight edges, for rounding."""
-
-MAX_CURVE_BEND: Final = 1e-6
-"""Largest change of direction without a stop between curves, as large as
-:data:`planners.car_curves.MAX_GAP`."""
-
-MIN_SEGMENT_LENGTH: Final = 1e-12
-"""Smallest length of an edge, metres and radians; rounding decides the direction of shorter ones,
-which are skipped."""
 
 MAX_ROWS: Final = 10**6
 """Largest number of rows of a trajectory."""
@@ -562,35 +563,9 @@ def make_trajectory(
     path: DrivenPath, limits: MotionLimits, duration: float | None, time_step: float
 ) -> Trajectory:
     """Make the fastest trajectory along a path; see :meth:`planners.Plan.trajectory`."""
-    is_curved = path.drive in CURVES
     rotations = rotations_of(() if path.moves_joints else path.axes)
-    rotates = bool(rotations.names)
-    needs_angular = rotates and not is_curved
-    dim = len(path.axes) - len(rotations.names)
-    known = path.space.max_velocity if path.space is not None else {}
-    max_velocity = _check_limits(path, dim, limits.max_velocity, "max_velocity", known)
-    max_acceleration = _check_limits(path, dim, limits.max_acceleration, "max_acceleration", {})
-    max_turn_rate = _check_option(limits, "max_angular_velocity", rotates, needs_angular)
-    max_turn_gain = _check_option(limits, "max_angular_acceleration", rotates, needs_angular)
-    turns_sideways = is_curved or path.drive in ON_THE_SPOT
-    max_lateral = _check_option(limits, "max_lateral_acceleration", turns_sideways, False)
-    bounds = MotionBounds(
-        velocity=LimitRates(max_velocity, max_turn_rate, dim),
-        acceleration=LimitRates(max_acceleration, max_turn_gain, dim),
-        lateral=float(max_acceleration.min()) if max_lateral is None else max_lateral,
-    )
-    segments, phases = _find_motion(path, rotations, bounds, yaw_jumps=max_turn_gain is None)
-    layout = _smooth(path, rotations, bounds)
-    uses_blends = False
-    if layout is not None:
-        passes = find_passes(layout.segments, rotations)
-        blended = find_phases(layout.segments, rotations, passes, bounds)
-        uses_blends = bool(blended.times[-1] < phases.times[-1])
-        if uses_blends:
-            segments = layout.segments
-            phases = blended
-    path = path._replace(blend=uses_blends)
-    phases = _stretch(phases, duration)
+    bounds = _check_bounds(path, len(path.axes) - len(rotations.names), limits)
+    path, segments, phases = _find_motion(path, rotations, bounds, duration)
     times = _row_times(phases, check_positive(time_step, "time_step", "seconds"))
     positions, velocities, accelerations = _evaluate(segments, phases, rotations, times)
     made = Trajectory(
@@ -600,32 +575,49 @@ def make_trajectory(
         accelerations=frozen(accelerations),
         axes=path.axes,
         units=path.units,
-        certified=path.certified,
+        certified=path.certified or path.blend,  # smooth paths have just been proven
         _route=path._replace(space=None),
         _rotations=rotations,
         _segments=segments,
         _phases=phases,
     )
-    if path.space is None or uses_blends:  # smooth paths have just been proven
-        return replace(made, certified=uses_blends or path.certified)
+    if path.space is None or path.blend:
+        return made
     return replace(made, certified=bool(made.recheck(path.space).all()))
 
 
 def _find_motion(
-    path: DrivenPath, rotations: Rotations, bounds: MotionBounds, yaw_jumps: bool
-) -> tuple[Segments, Phases]:
-    """Return the fastest motion that stays on the path's edges or a car's arcs.
+    path: DrivenPath, rotations: Rotations, bounds: MotionBounds, duration: float | None
+) -> tuple[DrivenPath, Segments, Phases]:
+    """Return the fastest motion along a path, and the path with ``blend`` if it has curves.
 
     The steering of a car, and so its yaw rate, may jump unless its angular acceleration has a
     limit.
     """
     is_curved = path.drive in CURVES
-    segments = _split_curves(path) if is_curved else _split_edges(path.waypoints, rotations)
-    compared = slice(bounds.velocity.dim if is_curved and yaw_jumps else None)
-    ends = place_along(segments, rotations, segments.lengths)[1]
-    bends = np.abs(ends[:-1, compared] - segments.rates[1:, compared]).max(axis=1, initial=0.0)
-    passes = bends <= (MAX_CURVE_BEND if is_curved else MAX_EDGE_BEND)
-    return segments, find_phases(segments, rotations, passes, bounds)
+    segments = (_split_curves if is_curved else _split_edges)(path, rotations, bounds.velocity)
+    bounds = bounds.limit_ramps(segments)
+    passes = find_passes(segments, rotations, bounds)
+    on_edges = find_phases(segments, rotations, passes, bounds)
+    motions = [(path._replace(blend=False), segments, passes, on_edges)]
+    layout = _smooth(path, rotations, bounds)
+    if layout is not None:
+        passes = find_passes(layout.segments, rotations, bounds)
+        blended = find_phases(layout.segments, rotations, passes, bounds)
+        motions.insert(0, (path, layout.segments, passes, blended))
+    longest = on_edges.times[-1] * (1.0 + MAX_ERROR)
+    for taken, segments, passes, fastest in motions:
+        phases = obey_limits(segments, rotations, fastest, bounds)
+        if phases.times[-1] <= longest:
+            phases = _stretch(phases, duration)
+            if is_motion(path.waypoints, segments, rotations, passes, phases, bounds):
+                return taken, segments, phases
+    raise InputError(
+        "limits",
+        "differ so much that rounding exceeds them",
+        "a motion goes from start to goal within its limits at every instant",
+        "pass limits and a duration nearer to each other",
+    )
 
 
 def _smooth(path: DrivenPath, rotations: Rotations, bounds: MotionBounds) -> Layout | None:
@@ -634,7 +626,7 @@ def _smooth(path: DrivenPath, rotations: Rotations, bounds: MotionBounds) -> Lay
     if not path.blend or path.drive in CURVES or space is None or not can_prove_curves(space):
         return None
     if path.drive in ON_THE_SPOT:
-        course = find_driven_course(path.waypoints)
+        course = find_driven_course(path.waypoints, rotations)
     else:
         course = find_course(path.waypoints, rotations)
     if course.stops.all():
@@ -650,6 +642,26 @@ def _smooth(path: DrivenPath, rotations: Rotations, bounds: MotionBounds) -> Lay
         PEG_CELLS * 2.0 * space.resolution if space.has_cells else 0.0,
     )
     return smooth_path(smoother, lambda parts: prove_segments(space, path.exact, parts))
+
+
+def _check_bounds(path: DrivenPath, dim: int, limits: MotionLimits) -> MotionBounds:
+    """Return checked limits of a motion with ``dim`` translations or joints."""
+    is_curved = path.drive in CURVES
+    rotates = dim < len(path.axes)
+    needs_angular = rotates and not is_curved
+    known = path.space.max_velocity if path.space is not None else {}
+    max_velocity = _check_limits(path, dim, limits.max_velocity, "max_velocity", known)
+    max_acceleration = _check_limits(path, dim, limits.max_acceleration, "max_acceleration", {})
+    max_turn_rate = _check_option(limits, "max_angular_velocity", rotates, needs_angular)
+    max_turn_gain = _check_option(limits, "max_angular_acceleration", rotates, needs_angular)
+    turns_sideways = is_curved or path.drive in ON_THE_SPOT
+    max_lateral = _check_option(limits, "max_lateral_acceleration", turns_sideways, False)
+    return MotionBounds(
+        velocity=LimitRates(max_velocity, max_turn_rate, dim),
+        acceleration=LimitRates(max_acceleration, max_turn_gain, dim),
+        lateral=float(max_acceleration.min()) if max_lateral is None else max_lateral,
+        gap=MAX_GAP if is_curved else MAX_ERROR,
+    )
 
 
 def _check_limits(
@@ -695,14 +707,14 @@ def _check_option(
     return None if value is None else check_positive(value, name, "metres, radians, seconds")
 
 
-def _split_edges(waypoints: Floats, rotations: Rotations) -> Segments:
+def _split_edges(path: DrivenPath, rotations: Rotations, velocity: LimitRates) -> Segments:
     """Return the straight edges of a path, shape (n, size)."""
-    starts = align_quaternions(waypoints, rotations)
+    starts = align_quaternions(path.waypoints, rotations)
     steps = rotations.steps_between(starts[:-1], starts[1:])
-    return _make_segments(starts, steps, np.linalg.norm(steps, axis=1), np.zeros(len(steps)))
+    return _make_segments(starts, steps, np.zeros(len(steps)), rotations, velocity)
 
 
-def _split_curves(path: DrivenPath) -> Segments:
+def _split_curves(path: DrivenPath, rotations: Rotations, velocity: LimitRates) -> Segments:
     """Return the arcs and straights of a car's path."""
     curves = CarCurves(cast("Space", path.space), False, path.drive, path.turning_radius)
     parts = [Pieces(np.zeros((0, 3)), np.zeros(0), np.zeros(0))]
@@ -712,21 +724,23 @@ def _split_curves(path: DrivenPath) -> Segments:
     yaws = starts[:, 2]
     steps = np.column_stack([metres * np.cos(yaws), metres * np.sin(yaws), radians])
     points = np.concatenate([starts, path.waypoints[-1:]])
-    return _make_segments(points, steps, np.abs(metres), radians)
+    return _make_segments(points, steps, radians, rotations, velocity)
 
 
-def _make_segments(points: Floats, steps: Floats, lengths: Floats, radians: Floats) -> Segments:
-    """Return the segments between points, without very short ones.
+def _make_segments(
+    points: Floats, steps: Floats, radians: Floats, rotations: Rotations, velocity: LimitRates
+) -> Segments:
+    """Return the segments between points, without those that are rounding errors.
 
-    ``points`` have shape (m + 1, size). ``steps``, shape (m, k), are the lengths times the rates;
+    ``points`` have shape (m + 1, size). Each segment is as long as its seconds at full speed.
     ``radians`` turn the direction of motion.
     """
-    kept = np.flatnonzero(lengths > MIN_SEGMENT_LENGTH)
-    if not len(kept):  # a plan without motion becomes a segment without length
+    kept = (np.abs(steps) > ROUNDING * measure_sizes(points, rotations)).any(axis=1)
+    if not kept.any():  # a plan without motion becomes a segment without length
         return make_lines(points[:1], np.eye(1, steps.shape[1]), np.zeros(1), points[:1])
-    lengths = lengths[kept]
+    lengths = 1.0 / velocity.largest(steps[kept])
     rates = steps[kept] / lengths[:, np.newaxis]
-    lines = make_lines(points[kept], rates, lengths, points[kept + 1])
+    lines = make_lines(points[:-1][kept], rates, lengths, points[1:][kept])
     return lines._replace(curvatures=radians[kept] / lengths)
 
 
@@ -736,7 +750,7 @@ def _stretch(phases: Phases, duration: float | None) -> Phases:
     if duration is None or total == 0.0:
         return phases
     factor = check_positive(duration, "duration", "seconds") / total
-    if factor < 1.0 - 1e-9:
+    if factor < 1.0 - MAX_ERROR:
         raise InputError(
             "duration",
             f"is {duration!r}",

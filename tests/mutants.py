@@ -518,13 +518,13 @@ MUTANTS = (
     ),
     Mutant(
         "planners/timing.py",
-        "jumps <= MAX_RATE_STEP * largest",
+        "jumps <= max(MAX_RATE_STEP, bounds.gap) * largest",
         "jumps <= MAX_RATE_STEP * largest.max() * 1e9",
         "tests/planners/test_smoothing.py",
     ),
     Mutant(
         "planners/timing.py",
-        "return slow_down(phases, max(excess, 1.0))",
+        "return slow_down(phases, max(excess - MAX_ERROR, 1.0))",
         "return slow_down(phases, 0.9)",
         "tests/planners/test_smoothing.py",
     ),

@@ -21,7 +21,15 @@ from cspace import InputError
 from cspace.arms import Arm, build_arm_space
 from planners.segments import Segments, place_along, prove_segments
 from tests.helpers.regions import place_polygon
-from tests.helpers.urdfs import planar, planar_arm_meets, posed_box, post
+from tests.helpers.urdfs import (
+    joint,
+    link,
+    planar,
+    planar_arm_meets,
+    posed_box,
+    post,
+    write_urdf,
+)
 
 FOOTPRINT = [(-0.4, -0.2), (0.4, -0.2), (0.4, 0.2), (-0.4, 0.2)]
 LIMITS: dict[str, Any] = {"max_velocity": 1.2, "max_acceleration": 0.8}
@@ -207,6 +215,57 @@ def test_unproven_curve_that_is_not_pulled_back_becomes_its_edges() -> None:
     trajectory = plan.trajectory(max_velocity=1.0, max_acceleration=1.0)
     assert trajectory.certified
     assert trajectory.duration == pytest.approx(5.0)
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [
+        [(0.6959, 1.5547), (0.2031, 3.9956), (0.0415, 3.7576), (0.0996, 3.8322), (0.222, 2.2031)],
+        [(0.9169, 0.0642), (0.265, 3.9861), (0.028, 3.7906), (3.4604, 2.7875)],
+        [(0.4925, 3.894), (3.9789, 3.7473), (3.7037, 3.9514), (3.8058, 3.3724)],
+    ],
+)
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+def test_curves_that_bounds_stop_at_a_corner_are_motions(
+    tmp_path: Path, rows: list[tuple[float, float]], scale: float
+) -> None:
+    sides = (0.1 * scale, 0.1 * scale, 0.1 * scale)
+    slide: dict[str, Any] = {"kind": "prismatic", "limits": (0.0, 4.0 * scale)}
+    parts = (
+        link("foot", (sides, (0, 0, 0))),
+        link("carriage"),
+        link("cart", (sides, (0, 0, 3.0 * scale))),
+        joint("x", "foot", "carriage", axis=(1, 0, 0), **slide),
+        joint("y", "carriage", "cart", axis=(0, 1, 0), **slide),
+    )
+    space = build_arm_space({}, Arm.from_urdf(write_urdf(tmp_path, *parts)))
+    waypoints = scale * np.array(rows)
+    plan = planners.plan(space, waypoints[0], waypoints[-1])
+    plan = dataclasses.replace(plan, path=waypoints, waypoints=waypoints)
+    trajectory = plan.trajectory(max_velocity=scale, max_acceleration=scale)
+    assert trajectory.positions[[0, -1]] == pytest.approx(waypoints[[0, -1]], rel=1e-9)
+    assert (np.diff(trajectory.times) > 0.0).all()
+    t = np.linspace(-0.01, trajectory.duration + 0.01, 4000)
+    velocities = np.diff(trajectory.sample(t)[0], axis=0) / (t[1] - t[0]) / scale
+    assert 0.5 < np.abs(velocities).max() < 1.0 + 1e-6
+    assert np.abs(np.diff(velocities, axis=0)).max() < (1.0 + 1e-6) * (t[1] - t[0])
+
+
+@pytest.mark.parametrize("pushes", [math.nan, 1e9])
+def test_pegs_that_contradict_each_other_lead_to_stops(
+    monkeypatch: pytest.MonkeyPatch, pushes: float
+) -> None:
+    def solve(matrix: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, float]:
+        if math.isnan(pushes):
+            raise RuntimeError("Maximum number of iterations reached.")
+        return np.full(len(target), pushes), 0.0
+
+    plan = build_plan(1, "holonomic", None)
+    stopping = plan.trajectory(**LIMITS, blend=False)
+    monkeypatch.setattr("scipy.optimize.nnls", solve)
+    trajectory = plan.trajectory(**LIMITS)
+    assert trajectory.certified
+    np.testing.assert_array_equal(trajectory.positions, stopping.positions)
 
 
 def test_small_lateral_limit_slows_a_differential_drive() -> None:

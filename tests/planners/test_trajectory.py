@@ -195,6 +195,50 @@ def test_an_edge_takes_the_shortest_time_in_one_part_or_several(seed, cuts, kind
     assert plan_along(kind, rows).trajectory(**limits).duration == pytest.approx(seconds, rel=1e-6)
 
 
+@pytest.mark.parametrize("metres", [1e-6, 1e6])
+@pytest.mark.parametrize("seconds", [1e-6, 1e6])
+def test_trajectories_scale_with_their_units(metres, seconds):
+    # A short edge, a sharp turn back, and a bend of the lift alone.
+    rows = np.array([(0.5, 0.7, 0.1), (0.5, 0.7 + 1e-7, 0.1), (0.9, 0.2, 0.1), (0.5, 0.7, 0.1)])
+    rows = np.vstack([rows, (1.0, 0.7 + 1e-5, 0.1), (1.5, 0.7, 0.1)])
+    scales = np.array([1.0, metres, 1.0])
+    trajectories = [
+        plan_along("joints", rows * sizes).trajectory(
+            max_velocity=sizes / unit,
+            max_acceleration=2.0 * sizes / unit**2,
+            time_step=0.0937 * unit,
+        )
+        for sizes, unit in ((1.0 + 0.0 * scales, 1.0), (scales, seconds))
+    ]
+    one, scaled = trajectories
+    np.testing.assert_allclose(scaled.times, one.times * seconds, rtol=1e-7)
+    np.testing.assert_allclose(scaled.positions, one.positions * scales, rtol=1e-9)
+    changes = np.abs(np.diff(scaled.velocities, axis=0)) / np.diff(scaled.times)[:, None]
+    assert (changes <= 2.0 * scales / seconds**2 * (1.0 + 1e-6)).all()
+
+
+@pytest.mark.parametrize("gain", [1e9, 1e14, 1e30])
+def test_any_acceleration_begins_and_ends_at_rest(gain):
+    rows = [(0.0, 0.0), (1000.0, 0.0), (1000.0, 2.0)]
+    trajectory = plan_along("plane", rows).trajectory(max_velocity=1.0, max_acceleration=gain)
+    assert trajectory.duration == pytest.approx(1002.0, rel=1e-5)
+    moved = np.linalg.norm(np.diff(trajectory.positions, axis=0), axis=1)
+    assert (moved / np.diff(trajectory.times)).max() <= 1.0 + 1e-6
+    corner = trajectory.positions[:, 0].searchsorted(1000.0)
+    assert not trajectory.velocities[[0, corner, -1]].any()
+
+
+def test_rows_that_differ_by_rounding_add_no_motion():
+    rows = np.array([(3e5, 0.3), (4e5, 0.3), (4e5, 9e5)])
+    repeated = np.repeat(rows, 3, axis=0)
+    repeated[1::3] *= 1.0 + 2e-16
+    one, other = (
+        plan_along("plane", each).trajectory(max_velocity=1e4, max_acceleration=1e4)
+        for each in (rows, repeated)
+    )
+    assert other.duration == pytest.approx(one.duration, rel=1e-12)
+
+
 # ---- cars ----------------------------------------------------------------------------------------
 
 
@@ -257,6 +301,21 @@ def test_cars_follow_their_curves_at_their_limits(seed, count, drive, limits):
         top_gain = np.minimum(turn_gain / curvature, 0.8)
     assert (speed <= top * (1 + 1e-6)).all() and (gain <= top_gain + 1e-4).all()
     assert ((speed >= top * (1 - 1e-6)) | (gain >= top_gain - 1e-4)).all()
+
+
+@pytest.mark.parametrize(("speed", "gain"), [(10.0, 1.0), (10.0, 1e9), (1e7, 1.0)])
+def test_cars_rest_at_cusps_whatever_their_limits(speed, gain):
+    plan = plan_along("turning", [(0.0, 0.0, 0.0), (0.0, 0.5, 0.0)], "reeds-shepp")
+    trajectory = plan.trajectory(
+        max_velocity=speed,
+        max_acceleration=gain,
+        max_angular_velocity=1.0,
+        max_angular_acceleration=1.0,
+    )
+    speeds, _ = find_speeds(trajectory.sample(trajectory.times))
+    is_cusp = np.diff(np.sign(speeds[np.abs(speeds) > 1e-9])) != 0.0
+    assert is_cusp.any()
+    assert (speeds[1:] * speeds[:-1] >= 0.0).all()
 
 
 # ---- plans and arms ------------------------------------------------------------------------------
