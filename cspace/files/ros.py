@@ -176,7 +176,8 @@ def _read_header(path: StrPath) -> _MapHeader:
         if key not in document:
             present = ", ".join(document) or "nothing"
             raise _make_key_error(f"{key} is missing", f"there, besides {present:.200}", "add it")
-    other_keys = ", ".join(document.keys() - {*_REQUIRED_MAP_KEYS, "mode"})
+    read_keys = {*_REQUIRED_MAP_KEYS, "mode"}
+    other_keys = ", ".join(key for key in document if key not in read_keys)
     if other_keys:
         warn_user(f"{path}: {other_keys:.60} is not read in a ROS map; remove or correct it")
     mode = document.get("mode", MODES[0])
