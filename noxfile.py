@@ -85,3 +85,10 @@ def cpp(session: nox.Session) -> None:
 def mutants(session: nox.Session) -> None:
     """Put faults into copies of the packages, and see that tests find them, e.g. `nox -s mutants -- raster`."""
     session.run(PYTHON, "-m", "tests.mutants", *session.posargs)
+
+
+@nox.session(venv_backend="none")
+def coverage(session: nox.Session) -> None:
+    """Print the lines of Python that no test runs; compiled functions count as not run."""
+    packages = ("--cov=cspace", "--cov=planners", "--cov-report=term-missing:skip-covered")
+    session.run(PYTHON, "-m", "pytest", "-q", *packages, *session.posargs)

@@ -6,18 +6,20 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property, partial
-from typing import Any, NamedTuple, cast, overload
+from typing import TYPE_CHECKING, Any, NamedTuple, Unpack, cast, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.errors import ConfigurationError, InputError
-from cspace.methods import SpaceView
 from cspace.queries.batches import Configuration, evaluate, evaluate_edges, evaluate_rows
 from cspace.rotations import Rotations
 from cspace.rotations.base import METRES_PER_RADIAN, angle_axes, shorter, wrapped
 from cspace.support.arrays import FREE, Bools, Floats, States
 from cspace.support.check import check_finite, check_pairs
+
+if TYPE_CHECKING:
+    from cspace.view.viewer import Viewer, ViewOptions
 
 Endpoint = tuple[float, ...]
 """A start or goal in canonical form."""
@@ -322,7 +324,7 @@ class Space(ABC):
         return point
 
 
-class ConfigurationSpace(SpaceView, Space):
+class ConfigurationSpace(Space):
     """The configurations of a robot, with the queries of all maps and arms.
 
     :class:`cspace.CSpace` and :class:`cspace.TiledCSpace` read cells, :class:`cspace.ArmSpace`
@@ -530,6 +532,53 @@ class ConfigurationSpace(SpaceView, Space):
             return self.motion_is_free(endpoints[:size], endpoints[size:], exact=exact)
 
         return check
+
+    # ---- pages -----------------------------------------------------------------------------------
+
+    def view(self, *, block: bool = True, **options: Unpack[ViewOptions]) -> Viewer:
+        """Show the space on a page in the browser, and plan there.
+
+        Needs ``pip install "cspace[view]"``. The page shows the obstacles, the robot, and the
+        border of a map's C-obstacle or the closest pair of an arm. On it one sets start and goal,
+        or drags an arm's tool to a pose, plans and plays paths, and reads what is proven. It is
+        served on this machine alone, unless ``host`` says otherwise.
+
+        Parameters
+        ----------
+        block : bool
+            Print the address and wait for Ctrl-C. Otherwise :meth:`cspace.view.Viewer.close` ends
+            the page.
+        path : array-like, shape (n, size), or Plan, optional
+            A path to show. Trajectories, and plans of arms, are played at true speed.
+        start, goal : array-like, shape (size,), optional
+            Initial start and goal; by default the endpoints of the path, or FREE configurations far
+            apart. An arm with a start alone has no goal until one is set on the page.
+        frame : str, optional
+            Frame of an arm that users drag, such as ``"tool0"``; by default the frame that the most
+            joints move.
+        host : str
+            Address to serve on, by default "127.0.0.1". Whoever can reach it can plan on the page
+            and move it.
+        port : int, optional
+            Default: the first free port from 8080 on.
+
+        Returns
+        -------
+        cspace.view.Viewer
+            The page, with its ``url``, its ``plan``, ``refresh()`` for a map that was updated, and
+            ``close()``.
+
+        Raises
+        ------
+        InputError
+            If the path or a configuration has the wrong shape, no joint moves the frame, the port
+            is taken, or this machine lacks the address.
+        MissingPackageError
+            If viser is not installed.
+        """
+        from cspace.view.viewer import open_viewer
+
+        return open_viewer(self, block, options)
 
     # ---- one configuration, given as a tuple: the same look-ups, without arrays ------------------
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from contextlib import AbstractContextManager
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, Protocol, overload
+from typing import TYPE_CHECKING, Any, Protocol, Unpack, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,7 +17,6 @@ from cspace.interface import (
     Endpoint,
     format_configuration,
 )
-from cspace.methods import MapPlot
 from cspace.queries.batches import Configuration, evaluate, evaluate_edges
 from cspace.record.states import read_only
 from cspace.robot import Robot
@@ -27,6 +26,9 @@ from cspace.support.arrays import BLOCKED, FREE, MIXED, STATE_NAMES, Bools, Floa
 from cspace.support.check import check_not_negative, check_rows
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from cspace.plot.picture import PlotOptions
     from cspace.record.contents import Contents
 
 
@@ -40,7 +42,7 @@ class Components(Protocol):
         """
 
 
-class ConfigurationMap(ConfigurationSpace, MapPlot):
+class ConfigurationMap(ConfigurationSpace):
     """A certified map of a robot's configurations.
 
     :class:`cspace.CSpace` has its cells in memory, :class:`cspace.TiledCSpace` reads them from a
@@ -397,6 +399,19 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
             hint = f"build the map with more rotations; {hint}"
         problem = f"{format_configuration(point)} {problem}"
         return ConfigurationError(name, problem, rule, hint, nearest=nearest)
+
+    # ---- pictures --------------------------------------------------------------------------------
+
+    def plot(self, **options: Unpack[PlotOptions]) -> Axes:
+        """Draw the map, with the options of :func:`cspace.plot.plot`.
+
+        Of a tiled map, an overview is drawn. No window opens; notebooks show the axes as the
+        picture. If a path crosses the seam of continuous joints, the picture extends as far as the
+        path.
+        """
+        from cspace.plot import plot
+
+        return plot(self, **options)
 
     # ---- what differs ----------------------------------------------------------------------------
 

@@ -24,18 +24,19 @@ from cspace.limits import (
     PlannedGrid,
     check_memory,
 )
-from cspace.methods import WorkspacePlot
 from cspace.shapes import Balls, Mesh, Polygons, Shape, ShapeLike, Voxels, as_shape
 from cspace.support.arrays import Bools, Floats, StrPath, frozen
 from cspace.support.check import check_bounds, check_cells, check_point, check_positive, check_word
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from shapely.geometry.base import BaseGeometry
 
     from cspace.files.meshes import Up
     from cspace.files.ros import GridMessage
     from cspace.files.urdf import PackageDirs
     from cspace.obstacles import Source
+    from cspace.plot.picture import WorkspaceOptions
     from cspace.shapes.balls import BallSet
     from cspace.shapes.mesh import MeshLike, Solid
 
@@ -77,7 +78,7 @@ class OpenOptions(TypedDict, total=False):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Workspace(WorkspacePlot):
+class Workspace:
     """Obstacles as two sets of closed grid cells.
 
     `outer` cells touch obstacles, `inner` cells lie inside them. The two sets are equal if the
@@ -824,6 +825,30 @@ class Workspace(WorkspacePlot):
                 rule = "the file does not contain it"
                 raise InputError(name, problem, rule, f"pass e.g. {name}=0.05")
         return reader(path, **options)
+
+    def plot(self, **options: Unpack[WorkspaceOptions]) -> Axes:
+        """Draw the obstacles; open no window.
+
+        Parameters
+        ----------
+        **options
+            Options of :func:`cspace.plot.plot`: ``view``, ``center``, ``zoom``, ``cut``,
+            ``camera``, ``ax``, ``legend`` and ``title``. The title defaults to the source and the
+            length of a cell.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+            Notebooks show the axes as the picture; ``ax.figure`` is the figure.
+
+        Raises
+        ------
+        InputError
+            For the reasons of :func:`cspace.plot.plot`.
+        """
+        from cspace.plot import plot
+
+        return plot(self, **options)
 
 
 class LazyWorkspace(Workspace):

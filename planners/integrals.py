@@ -11,10 +11,10 @@ import numpy as np
 from cspace.queries.callbacks import MAX_SIZE, bind_kernel, configuration_before
 from cspace.queries.distance import DistanceMap, DistanceTable, clearance_at
 from cspace.queries.edges import position_along
+from cspace.queries.points import slice_of
 from cspace.record.cells import Map
 from cspace.rotations.lookup import arc_angle_and_error, rotation_along
 from cspace.space import CSpace
-from cspace.spectral.field import field_at
 from cspace.support.arrays import Floats, Numbers, Row
 from cspace.support.compiling import internal, kernel
 
@@ -66,6 +66,38 @@ def cost_at(
         value = field_at(map_, values.overlaps, position, rotation)
     penalty = max(0.0, density.offset + density.slope * value)
     return 1.0 + density.weight * penalty * penalty
+
+
+@internal
+def field_at(map_: Map, values: Floats, position: Row, rotation: Numbers) -> float:
+    """Interpolate a field at a configuration, for compiled callers.
+
+    ``values``, shape (cells,), are the overlaps of all cells of all slices in C order, and
+    ``position`` has three coordinates, metres. The weights are those of linear interpolation
+    between the eight cell centers around the position.
+    """
+    s = slice_of(map_, rotation)
+    total = 0.0
+    for corner in range(8):  # of the cube of eight cell centers around the position
+        weight = 1.0
+        cell = s
+        for axis in range(3):
+            # Each bit of the corner selects the lower or the upper center along an axis.
+            is_upper = (corner >> axis) & 1
+            count = map_.states.shape[axis + 1]
+            place = (position[axis] - map_.lower[axis]) / map_.spacing - 0.5
+            place = min(max(place, 0.0), count - 1.0)
+            k = min(int(place), max(count - 2, 0))
+            share = place - k
+            if is_upper:
+                k = min(k + 1, count - 1)
+                weight *= share
+            else:
+                weight *= 1.0 - share
+            cell = cell * count + k
+        if weight > 0.0:
+            total += weight * values[cell]
+    return max(total, 0.0)
 
 
 @kernel

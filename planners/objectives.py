@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import cached_property
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from ompl import base as ob
@@ -14,13 +14,15 @@ from cspace.errors import InputError
 from cspace.interface import Space
 from cspace.queries.distance import Distances
 from cspace.space import CSpace
-from cspace.spectral import OverlapField
 from cspace.support.arrays import FREE, Floats
 from cspace.support.check import check_not_negative, check_positive
 from cspace.support.words import Drive
 from planners.integrals import CostDensity, Field
 from planners.local_planner import HOLONOMIC, Endpoints, LocalPlanner, local_planner
 from planners.states import check_information, find_state_kind
+
+if TYPE_CHECKING:
+    from cspace.spectral import OverlapField
 
 LENGTH: Final = "length"
 CLEARANCE: Final = "clearance"
@@ -209,7 +211,7 @@ class OverlapObjective(WeightedLength):
     ) -> None:
         """Choose the saturation; the penalty is the overlap divided by it."""
         check_information(si, space)
-        if not isinstance(field, OverlapField) or field.space is not space:
+        if getattr(field, "space", None) is not space:
             raise InputError(
                 "field",
                 "is no overlap field of this map",

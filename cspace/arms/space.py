@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import cached_property
 from itertools import chain
-from typing import Any, Final, cast
+from typing import TYPE_CHECKING, Any, Final, Unpack, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -35,7 +35,6 @@ from cspace.interface import (
     GoalLike,
     SearchOptions,
 )
-from cspace.methods import ArmPlot
 from cspace.rotations.base import MAX_EXPECTED_ANGLE, TWO_PI, beside, warn_of_degrees, wrapped
 from cspace.shapes import ShapeLike, as_shape
 from cspace.support.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, States
@@ -51,6 +50,11 @@ from cspace.support.check import (
     check_text,
 )
 from cspace.workspace import Workspace
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from cspace.plot.arms import ArmPlotOptions
 
 MAX_DOUBLED_JOINTS: Final = 8
 """Largest number of continuous joints that :meth:`ArmSpace.find_path` tries both ways; others go
@@ -78,7 +82,7 @@ _HALF_TURN_ROUNDING: Final = 1e-9
 """Rounding error, radians, by which a joint may exceed half a turn."""
 
 
-class ArmSpace(ConfigurationSpace, ArmPlot):
+class ArmSpace(ConfigurationSpace):
     """Configurations of an arm among obstacles.
 
     :func:`build_arm_space` makes one. A configuration is FREE if no link touches an obstacle, or
@@ -482,6 +486,38 @@ class ArmSpace(ConfigurationSpace, ArmPlot):
         It is one assignment, so that readers in other threads see a whole scene.
         """
         self.snapshot = make_snapshot(arm or now.arm, obstacles, allowed, padding, now.margin, now)
+
+    def plot(self, **options: Unpack[ArmPlotOptions]) -> Axes:
+        """Draw the arm, its obstacles and, as pale arms, a path.
+
+        No window opens; notebooks show the axes as the picture.
+
+        Parameters
+        ----------
+        q : array-like, shape (size,), optional
+            Configuration of the arm; by default the end of the path, or zero.
+        path : array-like, shape (n, size), or Plan, optional
+        camera : array-like, shape (2,), optional
+            Elevation and azimuth, degrees.
+        ax : matplotlib.axes.Axes, optional
+            Axes in three dimensions; by default of a new figure.
+        legend : bool
+        title : str, optional
+            Default: the name of the arm.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+
+        Raises
+        ------
+        InputError, ConfigurationError
+            If a configuration has the wrong shape or is outside the limits, or ``ax`` has two
+            dimensions.
+        """
+        from cspace.plot.arms import draw_arm
+
+        return draw_arm(self, **options)
 
     # ---- queries ---------------------------------------------------------------------------------
 

@@ -11,13 +11,10 @@ from numpy.typing import ArrayLike
 
 from cspace.errors import InputError
 from cspace.limits import check_memory
-from cspace.queries.points import slice_of
-from cspace.record.cells import Map
 from cspace.spectral.descriptors import check_same_dim
 from cspace.spectral.overlap import FourierOverlap
-from cspace.support.arrays import Floats, Numbers, Row
+from cspace.support.arrays import Floats
 from cspace.support.check import check_finite, check_points
-from cspace.support.compiling import internal
 
 if TYPE_CHECKING:
     from cspace.space import CSpace
@@ -126,35 +123,3 @@ def _shape_on(space: CSpace) -> tuple[int, ...]:
     """Return the array shape of overlap fields on a map."""
     slices = int(space.slice_of.max()) + 1
     return (*space.rotations.leading_axes(slices), *space.grid.shape)
-
-
-@internal
-def field_at(map_: Map, values: Floats, position: Row, rotation: Numbers) -> float:
-    """Interpolate a field at a configuration, for compiled callers.
-
-    ``values``, shape (cells,), are the overlaps of all cells of all slices in C order, and
-    ``position`` has three coordinates, metres. The weights are those of linear interpolation
-    between the eight cell centers around the position.
-    """
-    s = slice_of(map_, rotation)
-    total = 0.0
-    for corner in range(8):  # of the cube of eight cell centers around the position
-        weight = 1.0
-        cell = s
-        for axis in range(3):
-            # Each bit of the corner selects the lower or the upper center along an axis.
-            is_upper = (corner >> axis) & 1
-            count = map_.states.shape[axis + 1]
-            place = (position[axis] - map_.lower[axis]) / map_.spacing - 0.5
-            place = min(max(place, 0.0), count - 1.0)
-            k = min(int(place), max(count - 2, 0))
-            share = place - k
-            if is_upper:
-                k = min(k + 1, count - 1)
-                weight *= share
-            else:
-                weight *= 1.0 - share
-            cell = cell * count + k
-        if weight > 0.0:
-            total += weight * values[cell]
-    return max(total, 0.0)

@@ -6,6 +6,8 @@ import sys
 from graphlib import TopologicalSorter
 from typing import NamedTuple
 
+import pytest
+
 from tests.helpers.repository import SOURCES
 
 ORDER = [
@@ -29,7 +31,6 @@ ORDER = [
     "cspace.record",
     "cspace.engines",
     "cspace.robot cspace.workspace cspace.obstacles",
-    "cspace.methods",
     "cspace.shapes",
     "cspace.raster",
     "cspace.rotations",
@@ -42,9 +43,14 @@ ORDER = [
 
 ROOM_LEVELS = {room: level for level, rooms in enumerate(ORDER) for room in rooms.split()}
 
-EXCEPTION = "cspace.methods"
-"""The only module whose functions import upper rooms: ``plot``, ``view``, ``explain`` and
-``export``."""
+UPWARD_METHODS = {
+    *("plot", "view", "explain", "removals"),
+    *("export", "to_xarray", "to_occupancy_grid", "to_costmap"),
+}
+"""The methods of classes whose bodies may import upper rooms: one import and one call."""
+
+WINGS = "cspace.arms cspace.cli cspace.export cspace.plot cspace.reasons cspace.spectral cspace.tiles cspace.view"
+"""Folders that a plan does not load."""
 
 
 class Import(NamedTuple):
@@ -64,11 +70,19 @@ def room(module):
     )
 
 
+def walk(node):
+    """Yield the nodes of a module, except imports for type checkers and upward methods."""
+    for child in ast.iter_child_nodes(node):
+        is_for_types = isinstance(child, ast.If) and ast.unparse(child.test) == "TYPE_CHECKING"
+        is_method = isinstance(node, ast.ClassDef) and isinstance(child, ast.FunctionDef)
+        if not is_for_types and not (is_method and child.name in UPWARD_METHODS):
+            yield child
+            yield from walk(child)
+
+
 def imports(module):
-    """Yield all imports of a module, also for type checkers, except those of the exception."""
-    if module == EXCEPTION:
-        return
-    for node in ast.walk(ast.parse(SOURCES[module].read_text(encoding="utf-8"))):
+    """Yield all imports of a module, except those of its upward methods."""
+    for node in walk(ast.parse(SOURCES[module].read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             yield from (
                 Import(module, node.lineno, alias.name)
@@ -108,13 +122,13 @@ def test_imports_between_packages_point_down():
     )
 
 
-def test_only_methods_of_the_exception_import_upper_packages():
-    """Its module level has imports for type checkers only, so that it is light."""
-    tree = ast.parse(SOURCES[EXCEPTION].read_text(encoding="utf-8"))
-    plain = [node for node in tree.body if isinstance(node, ast.Import | ast.ImportFrom)]
-    assert not [
-        node for node in plain if ast.unparse(node).startswith(("from cspace", "import cspace"))
-    ]
+def test_upward_methods_hold_one_import_and_one_statement():
+    for module in ("space", "maps", "workspace", "interface", "arms.space"):
+        path = SOURCES[f"cspace.{module}"]
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.FunctionDef) and node.name in UPWARD_METHODS:
+                _, *statements = map(type, node.body)  # the first one is the docstring
+                assert statements[0] == ast.ImportFrom and len(statements) == 2, node.name
 
 
 def run_python(code):
@@ -136,4 +150,16 @@ def test_names_of_subpackages_need_no_import_of_their_own():
         run_python(f"""
 import cspace
 assert all(hasattr(cspace.{package}, name) for name in cspace.{package}.__all__)
+""")
+
+
+@pytest.mark.parametrize("yaw", [False, True])
+def test_a_plan_loads_no_wing(yaw):
+    run_python(f"""
+import sys, numpy as np, cspace, planners
+workspace = cspace.Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
+space = cspace.build(workspace, "rect:0.4x0.2", rotations={8 if yaw else None})
+assert planners.plan(space, (1, 1{", 0" * yaw}), (3, 2{", 1" * yaw})).certified
+wings = {{name for name in sys.modules if name.startswith({tuple(WINGS.split())})}}
+assert not wings, wings
 """)
