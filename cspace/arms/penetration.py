@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,10 +11,12 @@ from numpy.typing import ArrayLike
 from cspace.arms.chain import REVOLUTE, compute_poses
 from cspace.arms.model import Arm
 from cspace.errors import InputError
-from cspace.spectral import BallPenetration, Bump
-from cspace.spectral.descriptors import BallsLike, as_balls, check_same_dim, common_bump
 from cspace.support.arrays import Floats
 from cspace.support.check import check_known
+
+if TYPE_CHECKING:
+    from cspace.spectral import Bump
+    from cspace.spectral.descriptors import BallsLike
 
 
 class ArmPenetration:
@@ -50,6 +53,9 @@ class ArmPenetration:
         tolerance: float = 0.01,
     ) -> None:
         """Put the balls of all links into the frames of their bodies; check all arguments."""
+        from cspace.spectral import BallPenetration
+        from cspace.spectral.descriptors import as_balls, check_same_dim, common_bump
+
         if not links:
             raise InputError("links", "is empty", "there must be one", "pass e.g. {'hand': balls}")
         kind = common_bump(bump, obstacles, *links.values())

@@ -12,7 +12,6 @@ import numpy as np
 import shapely
 
 import planners
-from cspace.arms import Arm, PosedShape, build_arm_space
 from cspace.builder import build
 from cspace.opening import open_map
 from cspace.robot import Robot
@@ -67,6 +66,8 @@ def plan_in_space(folder: Path) -> planners.Plan:
 
 def plan_for_arm(folder: Path) -> planners.Plan:
     """Plan for an arm beside a post."""
+    from cspace.arms import Arm, PosedShape, build_arm_space
+
     urdf = folder / "two.urdf"
     urdf.write_text(_TWO_LINKS, encoding="utf-8")
     pose = np.eye(4)

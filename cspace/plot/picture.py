@@ -14,7 +14,6 @@ from cspace.plot.route import HasPath, MapLike, WorkspaceView, make_scene
 from cspace.plot.sections import draw_plane, draw_sections
 from cspace.plot.surface import draw_surface
 from cspace.support.check import check_positive
-from cspace.tiles.space import TiledCSpace
 from cspace.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -163,8 +162,8 @@ def plot(
     drawn_map: Any = space
     if isinstance(space, Workspace):
         drawn_map = WorkspaceView(space)
-    elif isinstance(space, TiledCSpace):
-        drawn_map = space.overview()
+    elif not space.in_memory:
+        drawn_map = drawn_map.overview()
     options: dict[str, Any] = {"surface": surface, "cut": cut, "camera": camera}
     options |= {"ax": ax, "center": center, "zoom": zoom}
     kind = _choose_view(drawn_map, view, options)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from cspace.plot.artists import Classes, classify_cells, classify_ground
 from cspace.space import CSpace
 from cspace.support.arrays import block_starts, reduce_blocks
-from cspace.tiles.space import TiledCSpace
+
+if TYPE_CHECKING:
+    from cspace.tiles.space import TiledCSpace
 
 MAX_BLOCKS: Final = 2**21
 """Maximum number of blocks of a map, roughly."""
