@@ -74,6 +74,12 @@ ON_THE_SPOT: Final[tuple[Drive, ...]] = tuple(name for name in _CURVE_SPACES if 
 DRIVES: Final[tuple[Drive, ...]] = get_args(Drive)
 """All drives."""
 
+REVERSING: Final[dict[Drive, Drive]] = {
+    "differential": "differential-reverse",
+    "dubins": "reeds-shepp",
+}
+"""The drive that also reverses, for each that does not."""
+
 LENGTH_ROUNDING_SHARE: Final = 1e-12
 """Share by which rounding may change a length."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
 from collections.abc import Callable, Sequence
@@ -42,6 +43,7 @@ from planners.local_planner import (
     DRIVES,
     HOLONOMIC,
     ON_THE_SPOT,
+    REVERSING,
     Endpoints,
     LocalPlanner,
     has_drives,
@@ -75,6 +77,12 @@ MIXED cells: a search through many such cells may not end."""
 
 GAP_TIME_SHARE: Final = 0.1
 """Share of the time limit for the part of a previous plan that is blocked; then all is searched."""
+
+TRIAL_SHARE: Final = 0.1
+"""Share of the time limit of a failed plan for each search that tries what it may advise."""
+
+MAX_TRIAL_SECONDS: Final = 0.5
+"""Largest time limit of such a search."""
 
 LATE_SHARE: Final = 0.95
 """Share of the time limit after which a search counts as ended by it."""
@@ -193,9 +201,12 @@ def plan(
     ``previous`` now and then.
 
     *FREE cells.* Unless ``exact``, a path of any drive leads through FREE cells. So a plan ends
-    soon if no chain of FREE cells joins start and goal, and :attr:`Plan.hint` says what to try. If
-    a drive that is not holonomic finds no path, :attr:`Plan.status` names the yaws that are proven
-    free at start and goal, unless all are.
+    soon if no chain of FREE cells joins start and goal. If a drive that is not holonomic finds no
+    path, :attr:`Plan.status` names the yaws that are proven free at start and goal, unless all are.
+
+    *Hints.* Without a path, a map of up to a million cells is searched with ``exact``, with the
+    drive that reverses, and with the default planner, each for a tenth of the time limit, at most
+    0.5 s. :attr:`Plan.hint` names the first of these that finds a path, otherwise what else to try.
 
     *Tiled maps.* On a :class:`cspace.TiledCSpace` the path goes from tile to tile, through the
     middle of the FREE part of each common face. Only tiles on the way are opened, and the time
@@ -808,20 +819,27 @@ def _list_hints(task: Task, exists: bool | None, is_late: bool) -> list[str]:
     edges = task.edges
     space = task.edges.space
     planner = task.planner
+    if options := _try_options(task, exists):
+        return [f"{options}, which finds a path"]
     more = f"more time (time_limit={10 * task.time_limit:g})"
+    if task.iterations is not None and not is_late:
+        more = f"more iterations (iterations={10 * task.iterations})"
     if not space.has_cells:
         return [more, "another seed", "another planner"]
     finer = "a finer spacing"
     if space.rotations.names:
         finer += " or more rotations"
+    smaller = "a smaller robot"
+    if space.in_memory and len(space.rotations.names) < 2:
+        smaller += " (see plan.explain())"
     exact_hints = _list_exact_hints(task)
     if not edges.may_join(exists):
-        hints = [*exact_hints, finer]
+        hints = [*exact_hints, smaller, finer]
         if edges.cells.outside == "free":
             hints.append("a workspace with wider bounds")
         return hints
     if exists is None:
-        return [finer, more]
+        return [smaller, more]
     if edges.drive == HOLONOMIC:
         if planner == GRID:
             return [more, "planner='RRTConnect'"]
@@ -835,10 +853,47 @@ def _list_hints(task: Task, exists: bool | None, is_late: bool) -> list[str]:
     return [*hints, f"planner={planner_named(None, edges.drive)!r}"]
 
 
-def _list_exact_hints(task: Task) -> list[str]:
-    """List the hint to let the geometry decide, if it can and does not yet."""
+def _try_options(task: Task, exists: bool | None) -> str:
+    """Return options with which a short search finds a path; an empty text if none does."""
     edges = task.edges
-    if edges.exact:
+    space = edges.space
+    if not space.in_memory:
+        return ""
+    used = {"planner": task.planner, "exact": edges.exact, "drive": edges.drive}
+    proofs = [edges.exact]
+    if not edges.exact and edges.cells.tries_exact:
+        proofs.append(True)
+    drives = dict.fromkeys([edges.drive, REVERSING.get(edges.drive, edges.drive)])
+    for exact, drive in itertools.product(proofs, drives):
+        other = local_planner(space, exact, drive, edges.turning_radius)
+        trial = replace(
+            task,
+            edges=other,
+            planner=planner_named(None, drive, space.searches),
+            time_limit=min(TRIAL_SHARE * task.time_limit, MAX_TRIAL_SECONDS),
+            simplify=False,
+            is_named=False,
+            previous=task.previous[:0],
+            fallback=None,
+        )
+        is_same = (exact, drive) == (edges.exact, edges.drive) and not task.is_named
+        if is_same or not other.may_join(exists):
+            continue
+        with suppress(InputError):  # e.g. an objective that needs FREE cells
+            result = _search_tile_by_tile(_choose_searches(trial), is_certain)
+            found = {"planner": result.planner, "exact": exact, "drive": drive}
+            if not task.is_named:
+                del found["planner"]
+            changes = [f"{name}={value!r}" for name, value in found.items() if value != used[name]]
+            if result.proven and changes:
+                return " with ".join(changes)
+    return ""
+
+
+def _list_exact_hints(task: Task) -> list[str]:
+    """List the hint to let the geometry decide, if it can and was not tried."""
+    edges = task.edges
+    if edges.exact or edges.cells.tries_exact or task.objective != LENGTH:
         return []
     hint = "exact=True"
     is_lattice_on_spot = task.planner == LATTICE and edges.drive in ON_THE_SPOT
