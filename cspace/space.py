@@ -1170,7 +1170,7 @@ class CSpace(ConfigurationMap, MapReasons, MapExport):
                 "the map",
                 "is a window of a larger one",
                 "the cells around it matter too",
-                "update the larger map and open the window again",
+                "build the larger map again and open its window",
             )
 
     def _drop_derived(self, workspace: Workspace, layers: ObstacleLayers | None) -> None:

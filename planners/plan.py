@@ -204,9 +204,9 @@ def plan(
     soon if no chain of FREE cells joins start and goal. If a drive that is not holonomic finds no
     path, :attr:`Plan.status` names the yaws that are proven free at start and goal, unless all are.
 
-    *Hints.* Without a path, a map of up to a million cells is searched with ``exact``, with the
-    drive that reverses, and with the default planner, each for a tenth of the time limit, at most
-    0.5 s. :attr:`Plan.hint` names the first of these that finds a path, otherwise what else to try.
+    *Hints.* Without a path, a map of up to a million cells is searched with the drive that reverses
+    and with ``exact``, for a tenth of the time limit each, at most 0.5 s. :attr:`Plan.hint` says
+    which of these finds a path, otherwise what else to try.
 
     *Tiled maps.* On a :class:`cspace.TiledCSpace` the path goes from tile to tile, through the
     middle of the FREE part of each common face. Only tiles on the way are opened, and the time
@@ -835,58 +835,59 @@ def _list_hints(task: Task, exists: bool | None, is_late: bool) -> list[str]:
     exact_hints = _list_exact_hints(task)
     if not edges.may_join(exists):
         hints = [*exact_hints, smaller, finer]
-        if edges.cells.outside == "free":
-            hints.append("a workspace with wider bounds")
+        if edges.cells.outside == "free":  # a path may lead around all obstacles
+            hints.insert(0, "a workspace with wider bounds")
         return hints
     if exists is None:
         return [smaller, more]
     if edges.drive == HOLONOMIC:
-        if planner == GRID:
-            return [more, "planner='RRTConnect'"]
-        return ["planner='Grid', which finds one", more] if task.is_named else [more]
+        if planner == GRID or callable(task.objective):
+            return [more]
+        without = "" if task.iterations is None else " without iterations"
+        return [f"planner={GRID!r}{without}, which finds one", more]
     hints = [finer, *exact_hints]
     if edges.drive in CURVES:
         hints.append("a smaller turning_radius")
     # More time does not help Lattice if its search ended before.
     if is_late or planner != LATTICE or task.fallback is not None:
-        return [more, *hints, "another planner"]
-    return [*hints, f"planner={planner_named(None, edges.drive)!r}"]
+        hints = [more, *hints]
+    return [*hints, "the default planner"] if task.is_named else hints
 
 
 def _try_options(task: Task, exists: bool | None) -> str:
     """Return options with which a short search finds a path; an empty text if none does."""
     edges = task.edges
     space = edges.space
-    if not space.in_memory:
+    is_for_grid = edges.drive == HOLONOMIC and exists
+    if is_for_grid or not (space.in_memory and space.has_cells):
         return ""
-    used = {"planner": task.planner, "exact": edges.exact, "drive": edges.drive}
     proofs = [edges.exact]
     if not edges.exact and edges.cells.tries_exact:
         proofs.append(True)
     drives = dict.fromkeys([edges.drive, REVERSING.get(edges.drive, edges.drive)])
     for exact, drive in itertools.product(proofs, drives):
+        options = {"exact": exact, "drive": drive}
+        hints = [f"{name}={new!r}" for name, new in options.items() if new != getattr(edges, name)]
         other = local_planner(space, exact, drive, edges.turning_radius)
-        trial = replace(
-            task,
-            edges=other,
-            planner=planner_named(None, drive, space.searches),
-            time_limit=min(TRIAL_SHARE * task.time_limit, MAX_TRIAL_SECONDS),
-            simplify=False,
-            is_named=False,
-            previous=task.previous[:0],
-            fallback=None,
-        )
-        is_same = (exact, drive) == (edges.exact, edges.drive) and not task.is_named
-        if is_same or not other.may_join(exists):
+        if not (hints and other.may_join(exists)):
             continue
-        with suppress(InputError):  # e.g. an objective that needs FREE cells
-            result = _search_tile_by_tile(_choose_searches(trial), is_certain)
-            found = {"planner": result.planner, "exact": exact, "drive": drive}
-            if not task.is_named:
-                del found["planner"]
-            changes = [f"{name}={value!r}" for name, value in found.items() if value != used[name]]
-            if result.proven and changes:
-                return " with ".join(changes)
+        default = planner_named(None, drive, space.searches)
+        for name in (task.planner, default) if task.is_named else (default,):
+            trial = replace(
+                task,
+                edges=other,
+                planner=name,
+                is_named=task.is_named and name == task.planner,
+                fallback=None,
+                time_limit=min(TRIAL_SHARE * task.time_limit, MAX_TRIAL_SECONDS),
+                simplify=False,
+                previous=task.previous[:0],
+            )
+            with suppress(InputError):  # options may not go together
+                if _search_tile_by_tile(_choose_searches(trial), is_certain).proven:
+                    if trial.is_named != task.is_named:
+                        hints.append("the default planner")
+                    return " with ".join(hints)
     return ""
 
 
@@ -896,9 +897,8 @@ def _list_exact_hints(task: Task) -> list[str]:
     if edges.exact or edges.cells.tries_exact or task.objective != LENGTH:
         return []
     hint = "exact=True"
-    is_lattice_on_spot = task.planner == LATTICE and edges.drive in ON_THE_SPOT
-    if task.is_named and (task.planner == MAX_CLEARANCE or is_lattice_on_spot):
-        hint = f"planner='RRTConnect' with {hint}"
+    if task.is_named:
+        hint += " with the default planner"
     if not edges.space.in_memory:
         hint += " on space.window(lower, upper)"
     return [hint]
