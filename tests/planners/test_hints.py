@@ -1,18 +1,24 @@
 """Hints of planners: each is followed by code, and gives a path or an accepted call."""
 
 import ast
+import copy
 import math
 import re
+from functools import cache
 
 import numpy as np
 import pytest
 import shapely
+from ompl import base as ob
 
 import planners
-from cspace import ConfigurationError, CspaceError, InputError, Robot, Workspace, build
-from planners import ClearanceObjective
-from tests.helpers.planning import ENDPOINTS, build_open_map, build_room
+from cspace import ConfigurationError, InputError, Robot, Workspace, build
+from cspace.arms import Arm, build_arm_space
+from cspace.errors import CspaceError
+from cspace.plot import animate
+from tests.helpers.planning import ENDPOINTS, build_room
 from tests.helpers.refusals import refusals
+from tests.helpers.urdfs import planar
 
 
 def build_walls(boxes, robot, rotations=None, **options):
@@ -34,11 +40,6 @@ def follow(hint, options):
     return options
 
 
-def make_clearance(si):
-    """Make the objective that keeps away from obstacles."""
-    return ClearanceObjective(si, build_walls(*DISC))
-
-
 CORRIDOR = (2.0, 0.0, 3.0, 1.74), (2.0, 2.26, 3.0, 4.0)
 """Walls with a gap of 0.52 m between them, which cells of 0.1 m leave undecided."""
 
@@ -46,7 +47,6 @@ BAY = (3.0, 0.0, 3.2, 1.6), (4.0, 0.0, 4.2, 1.6), (3.0, 0.0, 4.2, 0.1)
 """Walls of a bay, in which a robot cannot turn around."""
 
 AHEAD = (1.0, 2.0, 0.0), (5.0, 2.0, 0.0)
-KEEP_AWAY = {"objective": make_clearance, "planner": "RRTstar", "time_limit": 60.0}
 OUT_OF_BAY = (1.0, 3.0, 0.0), (3.6, 0.8, math.pi / 2.0)
 """From the room into the bay, to face out."""
 
@@ -97,7 +97,6 @@ BAY_CART = BAY, Robot.rectangle(0.8, 0.3), 72
         (DISC, AHEAD, {"planner": "RRT", "iterations": 1}, "planner='Grid' without iterations, wh"),
         (DISC, AHEAD, {"planner": "RRT", "time_limit": 1e-6}, "planner='Grid', which finds one"),
         (DISC, AHEAD, {"iterations": 1}, "planner='Grid' without iterations, which finds one"),
-        (DISC, AHEAD, {**KEEP_AWAY, "iterations": 1}, "more iterations (it"),
     ],
 )
 def test_the_advice_of_a_failed_plan_gives_a_path(place, ends, options, hint):
@@ -136,9 +135,9 @@ def test_wider_bounds_give_a_path_around_a_wall_in_an_open_map():
 
 
 def test_a_finer_spacing_gives_a_path_of_cells_where_the_geometry_is_not_tried():
-    walls = [shapely.box(*box) for box in CORRIDOR]
+    walls = [shapely.box(2.0, 0.0, 3.0, 1.7), shapely.box(2.0, 2.3, 3.0, 4.0)]
     ends = [end[:2] for end in AHEAD]
-    for spacing, is_solved in ((0.1, False), (0.005, True)):
+    for spacing, is_solved in ((0.1, False), (0.02, True)):
         workspace = Workspace.from_polygons(walls, spacing, bounds=(0.0, 0.0, 6.0, 4.0))
         plan = planners.plan(build(workspace, SQUARE), *ends, objective="clearance")
         assert plan.solved == is_solved
@@ -146,7 +145,7 @@ def test_a_finer_spacing_gives_a_path_of_cells_where_the_geometry_is_not_tried()
 
 
 def test_a_smaller_turning_radius_gives_a_path():
-    space = build_walls((), Robot.rectangle(0.6, 0.3), 72)
+    space = build_walls([(0.0, 0.0, 0.1, 0.1)], Robot.rectangle(0.6, 0.3), 72)
     ends = (1.0, 2.0, 0.0), (5.0, 2.0, math.pi)
     options = {"drive": "dubins", "time_limit": 0.2, "seed": 1}
     plan = planners.plan(space, *ends, turning_radius=60.0, **options)
@@ -154,14 +153,15 @@ def test_a_smaller_turning_radius_gives_a_path():
     assert planners.plan(space, *ends, turning_radius=0.5, **options).certified
 
 
-def test_more_time_gives_a_path():
-    space = build_room("plane")
-    options = {"planner": "Grid", "time_limit": 1e-7}
-    plan = planners.plan(space, *ENDPOINTS["plane"], **options)
-    while not plan.solved and options["time_limit"] < 100.0:
-        assert plan.hint == f"more time (time_limit={10 * options['time_limit']:g})"
-        options = follow(plan.hint, options)
-        plan = planners.plan(space, *ENDPOINTS["plane"], **options)
+def test_more_iterations_give_a_path():
+    space = build_room("turning")
+    options = {"planner": "RRT", "drive": "differential", "iterations": 1, "seed": 1}
+    plan = planners.plan(space, *ENDPOINTS["turning"], **options)
+    assert plan.hint.startswith("more iterations (iterations=10)")
+    for _ in range(6):
+        if not plan.solved:
+            options = follow(plan.hint, options)
+            plan = planners.plan(space, *ENDPOINTS["turning"], **options)
     assert plan.certified
 
 
@@ -188,3 +188,220 @@ def test_an_end_in_collision_is_said_to_be_and_the_nearest_is_accepted(rotations
         assert "rotations" not in hint and "exact" not in hint
         nearest = ast.literal_eval(hint.removeprefix("the nearest is "))
         assert planners.plan(space, nearest, ends[1], exact=exact).certified
+
+
+# ---- refused arguments ---------------------------------------------------------------------------
+
+CAR = {"drive": "dubins", "turning_radius": 0.4}
+
+
+def make_objective(si):
+    """Make an objective of OMPL."""
+    return ob.PathLengthOptimizationObjective(si)
+
+
+@refusals(
+    "name, options, changes, hint",
+    ("plane", {"objective": make_objective}, {"planner": "RRTstar"}, "planner='RRTstar'"),
+    ("plane", {"planner": "lattice"}, {"planner": None}, "leave planner out"),
+    ("turning", {"planner": "Lattice"}, {"planner": "Grid"}, "use planner='Grid', or"),
+    ("turning", {"planner": "Lattice"}, {"drive": "differential"}, "pass drive='differential'"),
+    ("plane", {"objective": "overlap"}, {"objective": "length"}, "for overlaps, pass lambda"),
+    ("plane", {"planner": "RRTConect"}, {"planner": "RRTConnect"}, "did you mean RRTConnect?"),
+    ("plane", {"planner": "A"}, {"planner": "RRT"}, "choose one of "),
+    ("turning", CAR | {"planner": "BKPIECE1"}, {"planner": "RRT"}, "e.g. planner='RRT'"),
+    ("turning", CAR | {"planner": "LBKPIECE1"}, {"planner": "RRTstar"}, "or 'RRTstar'"),
+    # Options that the planner refuses.
+    ("plane", {"objective": "clearance", "planner": "RRT"}, {"planner": "RRTstar"}, "='RRTstar'"),
+    ("plane", {"objective": "clearance", "planner": "PRM"}, {"planner": "RRTstar"}, "='RRTstar'"),
+    ("plane", {"objective": "clearance", "planner": "MaxClearance"}, {"objective": "length"}, "out"),
+    ("plane", {"objective": make_objective, "planner": "Grid"}, {"planner": "RRTstar"}, "='RRTs"),
+    ("plane", {"objective": "clearance", "exact": True}, {"planner": "RRTstar"}, "='RRTstar'"),
+    ("plane", {"objective": "clearance", "exact": True}, {"exact": False}, "leave exact out, or"),
+    ("plane", {"planner": "MaxClearance", "exact": True}, {"planner": "RRTConnect"}, "='RRTConne"),
+    ("plane", {"planner": "Grid", "iterations": 9}, {"planner": "RRTConnect"}, "='RRTConnect'"),
+    ("plane", {"planner": "PRM", "iterations": 9}, {"iterations": None}, "leave iterations out"),
+    ("turning", CAR | {"planner": "Grid"}, {"planner": "RRT"}, "use planner='RRT'"),
+    ("turning", CAR | {"planner": "Lattice", "iterations": 9}, {"planner": "RRT"}, "='RRT'"),
+    (
+        "turning",
+        {"drive": "differential", "objective": "clearance"},
+        {"planner": "RRTstar"},
+        "leave drive out, or use planner='RRTstar'",
+    ),
+    (
+        "turning",
+        {"drive": "differential", "planner": "Lattice", "exact": True},
+        {"planner": "RRTConnect"},
+        "use planner='RRTConnect'",
+    ),
+    # Drives.
+    ("yawing", {"drive": "differential"}, {"drive": "holonomic"}, "leave drive out"),
+    ("turning", {"drive": "dubins"}, {"turning_radius": 0.5}, "e.g. 0.5"),
+    ("turning", {"turning_radius": 0.5}, {"drive": "dubins"}, "add drive='dubins'"),
+    ("turning", {"turning_radius": 0.5}, {"drive": "reeds-shepp"}, "or drive='reeds-shepp'"),
+    ("turning", {"turning_radius": 0.5}, {"turning_radius": None}, "or leave the radius out"),
+    (
+        "turning",
+        CAR | {"turning_radius": 1e-9},
+        {"drive": "differential", "turning_radius": None},
+        "pass drive='differential' without a radius",
+    ),
+    ("turning", CAR | {"turning_radius": 400.0}, {"turning_radius": 0.4}, "check its unit"),
+    ("plane", {"seed": -1}, {"seed": 100}, "pass e.g. 100"),
+    ("plane", {"previous": 3}, {"previous": None}, "leave previous out"),
+)
+def test_advised_options_are_accepted(name, options, changes, hint):
+    start, goal = ENDPOINTS[name]
+    with pytest.raises(InputError) as caught:
+        planners.plan(build_room(name), start, goal, **options)
+    assert hint in caught.value.hint
+    followed = {"seed": 1} | options | changes
+    planners.plan(build_room(name), start, goal, **followed)
+
+
+def test_advised_goals_of_an_arm_are_accepted(tmp_path):
+    pytest.importorskip("yourdfpy")
+    space = build_arm_space({}, Arm.from_urdf(planar(tmp_path)))
+    goals = [(0.5, 0.5), (0.4, 0.3)]
+    with pytest.raises(InputError, match="pass one configuration or choose another planner"):
+        planners.plan(space, (0.0, 0.0), goals, planner="PRM")
+    assert planners.plan(space, (0.0, 0.0), goals[0], planner="PRM", time_limit=0.2).solved
+    assert planners.plan(space, (0.0, 0.0), goals).solved
+    with pytest.raises(InputError, match="leave planner out"):
+        planners.plan(space, (0.0, 0.0), goals[0], planner="Grid")
+    with pytest.raises(InputError, match="use the length, or a function"):
+        planners.plan(space, (0.0, 0.0), goals[0], objective="clearance")
+    with pytest.raises(InputError, match="lacks shoulder, elbow; .*; pass max_acceleration=1.0"):
+        planners.plan(space, (0.0, 0.0), goals[0]).trajectory(max_acceleration=None)
+
+
+# ---- plans and trajectories ----------------------------------------------------------------------
+
+LIMITS = {"max_velocity": 1.0, "max_acceleration": 1.0}
+TURN_LIMITS = {"max_angular_velocity": 1.0, "max_angular_acceleration": 1.0}
+
+
+@cache
+def plan_in(name, **options):
+    """Plan in a room."""
+    return planners.plan(build_room(name), *ENDPOINTS[name], seed=1, time_limit=60.0, **options)
+
+
+@refusals(
+    "make, advised, hint",
+    (
+        lambda: plan_in("plane").trajectory(max_velocity=1.0, max_acceleration=None),
+        lambda: plan_in("plane").trajectory(**LIMITS),
+        "pass max_acceleration=1.0",
+    ),
+    (
+        lambda: plan_in("turning").trajectory(**LIMITS),
+        lambda: plan_in("turning").trajectory(**LIMITS, **TURN_LIMITS),
+        "pass it in radians and seconds, e.g. 1.0",
+    ),
+    (
+        lambda: plan_in("plane").trajectory(**LIMITS, max_angular_velocity=1.0),
+        lambda: plan_in("plane").trajectory(**LIMITS),
+        "leave it out",
+    ),
+    (
+        lambda: plan_in("plane").trajectory(**LIMITS, duration=0.1),
+        lambda: plan_in("plane").trajectory(**LIMITS, duration=100.0),
+        "raise it, or the limits",
+    ),
+    (
+        lambda: plan_in("plane").trajectory(**LIMITS, time_step=1e-9),
+        lambda: plan_in("plane").trajectory(**LIMITS, time_step=1e-2),
+        "raise it, or the limits",
+    ),
+    (
+        lambda: plan_in("plane").trajectory(**LIMITS).sample_uniform(1e9),
+        lambda: plan_in("plane").trajectory(**LIMITS).sample_uniform(1e2),
+        "lower it",
+    ),
+    (
+        lambda: plan_in("plane").trajectory(**LIMITS).v,
+        lambda: plan_in("plane").trajectory(**LIMITS).velocities,
+        "use velocities",
+    ),
+    (
+        lambda: plan_in("turning").trajectory(**LIMITS, **TURN_LIMITS).steering(1.0),
+        lambda: plan_in("turning").trajectory(**LIMITS, **TURN_LIMITS).velocities,
+        "use velocities",
+    ),
+    (
+        lambda: plan_in("turning").trajectory(**LIMITS, **TURN_LIMITS).to_joint_trajectory(),
+        lambda: plan_in("turning").trajectory(**LIMITS, **TURN_LIMITS).to_path(),
+        "use to_path()",
+    ),
+    (
+        lambda: plan_in("turning").trajectory(
+            **LIMITS, **TURN_LIMITS, max_lateral_acceleration=1.0
+        ),
+        lambda: plan_in("turning").trajectory(**LIMITS, **TURN_LIMITS),
+        "leave it out",
+    ),
+    (
+        lambda: planners.Trajectory.along(build_room("plane"), [(1, 1)], max_acceleration=1.0),
+        lambda: plan_in("plane").trajectory(**LIMITS),
+        "use plan.trajectory() on a map",
+    ),
+    (
+        lambda: copy.copy(plan_in("plane")).recheck(),
+        lambda: copy.copy(plan_in("plane")).recheck(build_room("plane")),
+        "pass the map: plan.recheck(space)",
+    ),
+    (
+        lambda: plan_in("plane").recheck(build_room("turning")),
+        lambda: plan_in("plane").recheck(build_room("plane")),
+        "pass a map of the same robot",
+    ),
+    (
+        lambda: copy.copy(plan_in("plane")).explain(),
+        lambda: build_room("plane").explain(plan_in("plane").start, plan_in("plane").goal),
+        "call space.explain(plan.start, plan.goal)",
+    ),
+    (
+        lambda: copy.copy(plan_in("plane")).plot(),
+        lambda: build_room("plane").plot(path=copy.copy(plan_in("plane"))),
+        "draw it with space.plot(path=plan)",
+    ),
+)
+def test_advised_calls_are_accepted(make, advised, hint):
+    with pytest.raises(CspaceError) as caught:
+        make()
+    assert hint in caught.value.hint
+    advised()
+
+
+def test_an_animation_of_a_copied_plan_is_drawn_as_advised(tmp_path):
+    plan = copy.copy(plan_in("plane"))
+    with pytest.raises(InputError, match=r"draw it with cspace.plot.animate\(space, plan, file\)"):
+        plan.animate(tmp_path / "a.gif")
+    animate(build_room("plane"), plan, tmp_path / "a.gif", seconds=0.1)
+
+
+def test_ompl_parts_that_are_refused_have_a_replacement():
+    setup = planners.simple_setup(build_room("plane"))
+    si = setup.getSpaceInformation()
+    with pytest.raises(InputError, match=r"pass e\.g\. setup\.getSpaceInformation\(\)"):
+        planners.StateValidityChecker(setup, build_room("plane"))
+    planners.StateValidityChecker(si, build_room("plane"))
+    with pytest.raises(InputError, match="leave one of the two out"):
+        planners.simple_setup(build_room("plane"), rng=np.random.default_rng(0), exact=True)
+    planners.simple_setup(build_room("plane"), exact=True)
+    with pytest.raises(InputError, match=r"use ompl\.base\.UniformValidStateSampler"):
+        planners.simple_setup(
+            build_room("plane"), valid_state_sampler=ob.ObstacleBasedValidStateSampler
+        )
+    planners.simple_setup(build_room("plane"), valid_state_sampler=ob.UniformValidStateSampler)
+
+
+def test_a_tiny_map_is_planned_on_without_a_named_planner():
+    tiny = Workspace.from_array(np.eye(9, dtype=bool), 1e-17)
+    space = build(tiny, Robot.disc(1e-18))
+    start, goal = space.grid.center_of([(1, 4), (1, 6)])
+    with pytest.raises(InputError, match="or leave planner out of planners.plan"):
+        planners.plan(space, start, goal, planner="RRT")
+    assert planners.plan(space, start, goal).certified
