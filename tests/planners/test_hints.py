@@ -214,7 +214,12 @@ def make_objective(si):
     # Options that the planner refuses.
     ("plane", {"objective": "clearance", "planner": "RRT"}, {"planner": "RRTstar"}, "='RRTstar'"),
     ("plane", {"objective": "clearance", "planner": "PRM"}, {"planner": "RRTstar"}, "='RRTstar'"),
-    ("plane", {"objective": "clearance", "planner": "MaxClearance"}, {"objective": "length"}, "out"),
+    (
+        "plane",
+        {"objective": "clearance", "planner": "MaxClearance"},
+        {"objective": "length"},
+        "out",
+    ),
     ("plane", {"objective": make_objective, "planner": "Grid"}, {"planner": "RRTstar"}, "='RRTs"),
     ("plane", {"objective": "clearance", "exact": True}, {"planner": "RRTstar"}, "='RRTstar'"),
     ("plane", {"objective": "clearance", "exact": True}, {"exact": False}, "leave exact out, or"),
