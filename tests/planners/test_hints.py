@@ -171,7 +171,7 @@ def test_more_iterations_give_a_path():
 def test_an_end_in_an_undecided_cell_is_accepted_with_exact_if_it_is_free():
     space = build_walls(CORRIDOR, SQUARE, 72)
     for ends in ((AHEAD[0], (2.5, 2.0, 0.0)), ((2.5, 2.0, 0.0), AHEAD[0])):
-        with pytest.raises(ConfigurationError, match="MIXED cell; .*; pass exact=True, which"):
+        with pytest.raises(ConfigurationError, match=r"MIXED cell; .*; pass exact=True, which"):
             planners.plan(space, *ends)
         assert planners.plan(space, *ends, exact=True).certified
 
@@ -277,7 +277,7 @@ def test_advised_goals_of_an_arm_are_accepted(tmp_path):
         planners.plan(space, (0.0, 0.0), goals[0], planner="Grid")
     with pytest.raises(InputError, match="use the length, or a function"):
         planners.plan(space, (0.0, 0.0), goals[0], objective="clearance")
-    with pytest.raises(InputError, match="lacks shoulder, elbow; .*; pass max_acceleration=1.0"):
+    with pytest.raises(InputError, match=r"lacks shoulder, elbow; .*; pass max_acceleration=1\.0"):
         planners.plan(space, (0.0, 0.0), goals[0]).trajectory(max_acceleration=None)
 
 
@@ -407,6 +407,6 @@ def test_a_tiny_map_is_planned_on_without_a_named_planner():
     tiny = Workspace.from_array(np.eye(9, dtype=bool), 1e-17)
     space = build(tiny, Robot.disc(1e-18))
     start, goal = space.grid.center_of([(1, 4), (1, 6)])
-    with pytest.raises(InputError, match="or leave planner out of planners.plan"):
+    with pytest.raises(InputError, match=r"or leave planner out of planners\.plan"):
         planners.plan(space, start, goal, planner="RRT")
     assert planners.plan(space, start, goal).certified
