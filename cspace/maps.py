@@ -349,6 +349,11 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
             return True
         return False if self.is_disconnected(q0, q1) else None
 
+    @property
+    def tries_exact(self) -> bool:
+        """Whether messages try the geometry before they advise it, for about a second."""
+        return self.in_memory and self.grid.size <= MAX_TRIED_CELLS
+
     def check_endpoint(self, q: ArrayLike, name: str, exact: bool = False) -> Endpoint:
         """Return a start or goal in canonical form.
 
@@ -402,11 +407,6 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
             hint = f"pass exact=True, which proves it free; {hint}"
         problem = f"{format_configuration(point)} {problem}"
         return ConfigurationError(name, problem, rule, hint, nearest=nearest)
-
-    @property
-    def tries_exact(self) -> bool:
-        """Whether messages try the geometry before they advise it, for about a second."""
-        return self.in_memory and self.grid.size <= MAX_TRIED_CELLS
 
     # ---- what differs ----------------------------------------------------------------------------
 
