@@ -394,19 +394,21 @@ class ConfigurationMap(ConfigurationSpace, MapPlot):
         else:
             problem = "is FREE but lies on the border of a cell that is not"
             rule = f"the {name} must lie inside a FREE cell, because motions touch both cells"
-        # What to do about it.
-        nearest: Endpoint | None = None
-        try:
-            nearest = tuple(self.nearest_free(point).tolist())
-            hint = f"the nearest is {format_configuration(nearest)}"
-        except ConfigurationError:
-            where = "at all" if self.in_memory else "near there"
-            hint = f"the map has no FREE configuration {where}"
-            hint += "; use a smaller robot, margin or spacing"
+        hint, nearest = self._suggest_endpoint(point)
         if is_exact:
             hint = f"pass exact=True, which proves it free; {hint}"
         problem = f"{format_configuration(point)} {problem}"
         return ConfigurationError(name, problem, rule, hint, nearest=nearest)
+
+    def _suggest_endpoint(self, point: Endpoint) -> tuple[str, Endpoint | None]:
+        """Return a hint for an unusable end, and the nearest FREE configuration."""
+        try:
+            nearest = tuple(self.nearest_free(point).tolist())
+        except ConfigurationError:
+            where = "at all" if self.in_memory else "near there"
+            hint = f"the map has no FREE configuration {where}"
+            return f"{hint}; use a smaller robot, margin or spacing", None
+        return f"the nearest is {format_configuration(nearest)}", nearest
 
     # ---- what differs ----------------------------------------------------------------------------
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import replace
 from functools import cache
@@ -817,78 +817,94 @@ def _describe_outcome(task: Task, result: SearchResult, exists: bool | None) -> 
 def _list_hints(task: Task, exists: bool | None, is_late: bool) -> list[str]:
     """List hints for a failed search, which the time limit ended if ``is_late``."""
     edges = task.edges
-    space = task.edges.space
-    planner = task.planner
-    if options := _try_options(task, exists):
-        return [f"{options}, which finds a path"]
     more = f"more time (time_limit={10 * task.time_limit:g})"
     if task.iterations is not None and not is_late:
         more = f"more iterations (iterations={10 * task.iterations})"
-    if not space.has_cells:
+    if not edges.space.has_cells:
         return [more, "another seed", "another planner"]
-    finer = "a finer spacing"
-    if space.rotations.names:
-        finer += " or more rotations"
-    smaller = "a smaller robot"
-    if space.in_memory and len(space.rotations.names) < 2:
-        smaller += " (see plan.explain())"
-    exact_hints = _list_exact_hints(task)
-    if not edges.may_join(exists):
-        hints = [*exact_hints, smaller, finer]
-        if edges.cells.outside == "free":  # a path may lead around all obstacles
-            hints.insert(0, "a workspace with wider bounds")
-        return hints
-    if exists is None:
-        return [smaller, more]
-    if edges.drive == HOLONOMIC:
-        if planner == GRID or callable(task.objective):
+    if edges.drive == HOLONOMIC and exists:
+        if task.planner == GRID or callable(task.objective):
             return [more]
         without = "" if task.iterations is None else " without iterations"
         return [f"planner={GRID!r}{without}, which finds one", more]
-    hints = [finer, *exact_hints]
-    if edges.drive in CURVES:
-        hints.append("a smaller turning_radius")
+    if options := _try_options(task, exists):
+        return [f"{options}, which finds a path"]
+    if not exists:
+        return _list_undecided_hints(task, more)
+    hints = _list_drive_hints(task)
     # More time does not help Lattice if its search ended before.
-    if is_late or planner != LATTICE or task.fallback is not None:
-        hints = [more, *hints]
-    return [*hints, "the default planner"] if task.is_named else hints
+    if is_late or task.planner != LATTICE or task.fallback is not None:
+        return [more, *hints]
+    return hints
+
+
+def _list_drive_hints(task: Task) -> list[str]:
+    """List hints, except more time, for a drive that is not holonomic."""
+    hints = [_name_finer(task.edges.space), *_list_exact_hints(task)]
+    if task.edges.drive in CURVES:
+        hints.append("a smaller turning_radius")
+    if task.is_named:
+        hints.append("the default planner")
+    return hints
+
+
+def _list_undecided_hints(task: Task, more: str) -> list[str]:
+    """List hints if the map does not decide whether a path exists; ``more`` extends the search."""
+    edges = task.edges
+    smaller = "a smaller robot"
+    if edges.space.in_memory and len(edges.space.rotations.names) < 2:
+        smaller += " (see plan.explain())"
+    if edges.exact:
+        return [smaller, more]
+    hints = [*_list_exact_hints(task), smaller, _name_finer(edges.space)]
+    if edges.cells.outside == "free":  # a path may lead around all obstacles
+        hints.insert(0, "a workspace with wider bounds")
+    return hints
+
+
+def _name_finer(space: Space) -> str:
+    """Name finer cells of a map."""
+    return "a finer spacing" + (" or more rotations" if space.rotations.names else "")
 
 
 def _try_options(task: Task, exists: bool | None) -> str:
     """Return options with which a short search finds a path; an empty text if none does."""
+    for trial, hint in _list_trials(task, exists):
+        with suppress(InputError):  # options may not go together
+            if _search_tile_by_tile(_choose_searches(trial), is_certain).proven:
+                return hint
+    return ""
+
+
+def _list_trials(task: Task, exists: bool | None) -> Iterator[tuple[Task, str]]:
+    """Yield short searches of a map with other options, and hints that name these."""
     edges = task.edges
     space = edges.space
-    is_for_grid = edges.drive == HOLONOMIC and exists
-    if is_for_grid or not (space.in_memory and space.has_cells):
-        return ""
     proofs = [edges.exact]
     if not edges.exact and edges.cells.tries_exact:
         proofs.append(True)
     drives = dict.fromkeys([edges.drive, REVERSING.get(edges.drive, edges.drive)])
-    for exact, drive in itertools.product(proofs, drives):
-        options = {"exact": exact, "drive": drive}
-        hints = [f"{name}={new!r}" for name, new in options.items() if new != getattr(edges, name)]
+    for exact, drive in itertools.product(proofs, drives if space.in_memory else ()):
         other = local_planner(space, exact, drive, edges.turning_radius)
-        if not (hints and other.may_join(exists)):
+        options = {"exact": exact, "drive": drive}
+        changes = [
+            f"{name}={new!r}" for name, new in options.items() if new != getattr(edges, name)
+        ]
+        if not (changes and other.may_join(exists)):
             continue
+        trial = replace(
+            task,
+            edges=other,
+            fallback=None,
+            time_limit=min(TRIAL_SHARE * task.time_limit, MAX_TRIAL_SECONDS),
+            simplify=False,
+            previous=task.previous[:0],
+        )
+        if task.is_named:
+            yield trial, " with ".join(changes)
+            changes.append("the default planner")
         default = planner_named(None, drive, space.searches)
-        for name in (task.planner, default) if task.is_named else (default,):
-            trial = replace(
-                task,
-                edges=other,
-                planner=name,
-                is_named=task.is_named and name == task.planner,
-                fallback=None,
-                time_limit=min(TRIAL_SHARE * task.time_limit, MAX_TRIAL_SECONDS),
-                simplify=False,
-                previous=task.previous[:0],
-            )
-            with suppress(InputError):  # options may not go together
-                if _search_tile_by_tile(_choose_searches(trial), is_certain).proven:
-                    if trial.is_named != task.is_named:
-                        hints.append("the default planner")
-                    return " with ".join(hints)
-    return ""
+        yield replace(trial, planner=default, is_named=False), " with ".join(changes)
 
 
 def _list_exact_hints(task: Task) -> list[str]:
