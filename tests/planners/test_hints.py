@@ -144,6 +144,17 @@ def test_a_finer_spacing_gives_a_path_of_cells_where_the_geometry_is_not_tried()
         assert ("a finer spacing" in plan.hint) != is_solved
 
 
+def test_a_window_of_a_tiled_map_is_planned_on_with_exact(tmp_path):
+    tiled = build_walls(CORRIDOR, SQUARE, store=tmp_path / "tiles.zarr", tile=16)
+    ends = [end[:2] for end in AHEAD]
+    plan = planners.plan(tiled, *ends, planner="RRTConnect")
+    assert plan.hint.startswith("exact=True with the default planner on space.window(lower, upper)")
+    window = tiled.window((0.5, 0.5), (5.5, 3.5))
+    assert planners.plan(window, *ends, exact=True).certified
+    with pytest.raises(ConfigurationError, match=r"MIXED cell; .*proven collision-free; the near"):
+        planners.plan(tiled, ends[0], (2.5, 2.0))
+
+
 def test_a_smaller_turning_radius_gives_a_path():
     space = build_walls([(0.0, 0.0, 0.1, 0.1)], Robot.rectangle(0.6, 0.3), 72)
     ends = (1.0, 2.0, 0.0), (5.0, 2.0, math.pi)
