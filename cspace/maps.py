@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from contextlib import AbstractContextManager
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, Protocol, Unpack, overload
+from typing import TYPE_CHECKING, Any, Final, Protocol, Unpack, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,6 +30,9 @@ if TYPE_CHECKING:
 
     from cspace.plot.picture import PlotOptions
     from cspace.record.contents import Contents
+
+MAX_TRIED_CELLS: Final = 2**20
+"""Number of workspace cells up to which messages try what they advise."""
 
 
 class Components(Protocol):
@@ -348,6 +351,11 @@ class ConfigurationMap(ConfigurationSpace):
             return True
         return False if self.is_disconnected(q0, q1) else None
 
+    @property
+    def tries_exact(self) -> bool:
+        """Whether messages try the geometry before they advise it, for about a second."""
+        return self.in_memory and self.grid.size <= MAX_TRIED_CELLS
+
     def check_endpoint(self, q: ArrayLike, name: str, exact: bool = False) -> Endpoint:
         """Return a start or goal in canonical form.
 
@@ -370,14 +378,16 @@ class ConfigurationMap(ConfigurationSpace):
 
         ``name`` says which one it is, and ``is_inside`` whether it lies in the grid.
         """
-        # Why it is refused.
+        # Why it is refused. Only the geometry can tell a collision from an undecided cell.
         state = self.classify(point)
+        is_tried = is_inside and state != BLOCKED and not exact and self.tries_exact
+        is_exact = is_tried and self.edge_checker(exact=True)(*point, *point)
         if not is_inside:
             lower = ", ".join(f"{x:.6g}" for x in self.grid.lower)
             upper = ", ".join(f"{x:.6g}" for x in self.grid.upper)
             problem = f"lies outside the map, which reaches from ({lower}) to ({upper})"
             rule = "a path stays within the map"
-        elif exact and state != BLOCKED:
+        elif state == MIXED and (exact or is_tried) and not is_exact:
             problem = "is in collision or too close to decide"
             rule = f"the {name} must be proven collision-free, by the map or by the geometry"
         elif state != FREE:
@@ -386,19 +396,21 @@ class ConfigurationMap(ConfigurationSpace):
         else:
             problem = "is FREE but lies on the border of a cell that is not"
             rule = f"the {name} must lie inside a FREE cell, because motions touch both cells"
-        # What to do about it.
-        nearest: Endpoint | None = None
+        hint, nearest = self._suggest_endpoint(point)
+        if is_exact:
+            hint = f"pass exact=True, which proves it free; {hint}"
+        problem = f"{format_configuration(point)} {problem}"
+        return ConfigurationError(name, problem, rule, hint, nearest=nearest)
+
+    def _suggest_endpoint(self, point: Endpoint) -> tuple[str, Endpoint | None]:
+        """Return a hint for an unusable end, and the nearest FREE configuration."""
         try:
             nearest = tuple(self.nearest_free(point).tolist())
-            hint = f"the nearest is {format_configuration(nearest)}"
         except ConfigurationError:
             where = "at all" if self.in_memory else "near there"
             hint = f"the map has no FREE configuration {where}"
-            hint += "; use a smaller robot, margin or spacing"
-        if state == MIXED and not exact and not self.rotations.preserve(self.robot.shape):
-            hint = f"build the map with more rotations; {hint}"
-        problem = f"{format_configuration(point)} {problem}"
-        return ConfigurationError(name, problem, rule, hint, nearest=nearest)
+            return f"{hint}; use a smaller robot, margin or spacing", None
+        return f"the nearest is {format_configuration(nearest)}", nearest
 
     # ---- pictures --------------------------------------------------------------------------------
 

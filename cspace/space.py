@@ -1174,7 +1174,7 @@ class CSpace(ConfigurationMap):
                 "the map",
                 "is a window of a larger one",
                 "the cells around it matter too",
-                "update the larger map and open the window again",
+                "build the larger map again and open its window",
             )
 
     def _drop_derived(self, workspace: Workspace, layers: ObstacleLayers | None) -> None:

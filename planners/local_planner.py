@@ -74,6 +74,12 @@ ON_THE_SPOT: Final[tuple[Drive, ...]] = tuple(name for name in _CURVE_SPACES if 
 DRIVES: Final[tuple[Drive, ...]] = get_args(Drive)
 """All drives."""
 
+REVERSING: Final[dict[Drive, Drive]] = {
+    "differential": "differential-reverse",
+    "dubins": "reeds-shepp",
+}
+"""The drive that also reverses, for each that does not."""
+
 LENGTH_ROUNDING_SHARE: Final = 1e-12
 """Share by which rounding may change a length."""
 
@@ -666,11 +672,14 @@ def _check_drive(space: Space, drive: Drive, turning_radius: float | None) -> fl
     lowest = MIN_RADIUS_CELLS * spacing
     highest = MAX_RADIUS_CELLS * spacing
     if not lowest <= radius <= highest:
+        hint = "check its unit (metres)"
+        if radius < lowest:
+            hint = "if the robot turns on the spot, pass drive='differential' without a radius"
         raise InputError(
             "turning_radius",
             f"is {radius!r}",
             f"it must be {lowest:g} to {highest:g} m, to keep rounding errors small",
-            "for a robot that turns on the spot, use drive='differential'",
+            hint,
         )
     return radius
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import replace
 from functools import cache
@@ -42,6 +43,7 @@ from planners.local_planner import (
     DRIVES,
     HOLONOMIC,
     ON_THE_SPOT,
+    REVERSING,
     Endpoints,
     LocalPlanner,
     has_drives,
@@ -75,6 +77,12 @@ MIXED cells: a search through many such cells may not end."""
 
 GAP_TIME_SHARE: Final = 0.1
 """Share of the time limit for the part of a previous plan that is blocked; then all is searched."""
+
+TRIAL_SHARE: Final = 0.1
+"""Share of the time limit of a failed plan for each search that tries what it may advise."""
+
+MAX_TRIAL_SECONDS: Final = 0.5
+"""Largest time limit of such a search."""
 
 LATE_SHARE: Final = 0.95
 """Share of the time limit after which a search counts as ended by it."""
@@ -193,9 +201,12 @@ def plan(
     ``previous`` now and then.
 
     *FREE cells.* Unless ``exact``, a path of any drive leads through FREE cells. So a plan ends
-    soon if no chain of FREE cells joins start and goal, and :attr:`Plan.hint` says what to try. If
-    a drive that is not holonomic finds no path, :attr:`Plan.status` names the yaws that are proven
-    free at start and goal, unless all are.
+    soon if no chain of FREE cells joins start and goal. If a drive that is not holonomic finds no
+    path, :attr:`Plan.status` names the yaws that are proven free at start and goal, unless all are.
+
+    *Hints.* Without a path, a map of up to a million cells is searched with the drive that reverses
+    and with ``exact``, for a tenth of the time limit each, at most 0.5 s. :attr:`Plan.hint` says
+    which of these finds a path, otherwise what else to try.
 
     *Tiled maps.* On a :class:`cspace.TiledCSpace` the path goes from tile to tile, through the
     middle of the FREE part of each common face. Only tiles on the way are opened, and the time
@@ -806,44 +817,104 @@ def _describe_outcome(task: Task, result: SearchResult, exists: bool | None) -> 
 def _list_hints(task: Task, exists: bool | None, is_late: bool) -> list[str]:
     """List hints for a failed search, which the time limit ended if ``is_late``."""
     edges = task.edges
-    space = task.edges.space
-    planner = task.planner
     more = f"more time (time_limit={10 * task.time_limit:g})"
-    if not space.has_cells:
+    if task.iterations is not None and not is_late:
+        more = f"more iterations (iterations={10 * task.iterations})"
+    if not edges.space.has_cells:
         return [more, "another seed", "another planner"]
-    finer = "a finer spacing"
-    if space.rotations.names:
-        finer += " or more rotations"
-    exact_hints = _list_exact_hints(task)
-    if not edges.may_join(exists):
-        hints = [*exact_hints, finer]
-        if edges.cells.outside == "free":
-            hints.append("a workspace with wider bounds")
-        return hints
-    if exists is None:
-        return [finer, more]
-    if edges.drive == HOLONOMIC:
-        if planner == GRID:
-            return [more, "planner='RRTConnect'"]
-        return ["planner='Grid', which finds one", more] if task.is_named else [more]
-    hints = [finer, *exact_hints]
-    if edges.drive in CURVES:
-        hints.append("a smaller turning_radius")
+    if edges.drive == HOLONOMIC and exists:
+        if task.planner == GRID or callable(task.objective):
+            return [more]
+        without = "" if task.iterations is None else " without iterations"
+        return [f"planner={GRID!r}{without}, which finds one", more]
+    if options := _try_options(task, exists):
+        return [f"{options}, which finds a path"]
+    if not exists:
+        return _list_undecided_hints(task, more)
+    hints = _list_drive_hints(task)
     # More time does not help Lattice if its search ended before.
-    if is_late or planner != LATTICE or task.fallback is not None:
-        return [more, *hints, "another planner"]
-    return [*hints, f"planner={planner_named(None, edges.drive)!r}"]
+    if is_late or task.planner != LATTICE or task.fallback is not None:
+        return [more, *hints]
+    return hints
+
+
+def _list_drive_hints(task: Task) -> list[str]:
+    """List hints, except more time, for a drive that is not holonomic."""
+    hints = [_name_finer(task.edges.space), *_list_exact_hints(task)]
+    if task.edges.drive in CURVES:
+        hints.append("a smaller turning_radius")
+    if task.is_named:
+        hints.append("the default planner")
+    return hints
+
+
+def _list_undecided_hints(task: Task, more: str) -> list[str]:
+    """List hints if the map does not decide whether a path exists; ``more`` extends the search."""
+    edges = task.edges
+    smaller = "a smaller robot"
+    if edges.space.in_memory and len(edges.space.rotations.names) < 2:
+        smaller += " (see plan.explain())"
+    if edges.exact:
+        return [smaller, more]
+    hints = [*_list_exact_hints(task), smaller, _name_finer(edges.space)]
+    if edges.cells.outside == "free":  # a path may lead around all obstacles
+        hints.insert(0, "a workspace with wider bounds")
+    return hints
+
+
+def _name_finer(space: Space) -> str:
+    """Name finer cells of a map."""
+    return "a finer spacing" + (" or more rotations" if space.rotations.names else "")
+
+
+def _try_options(task: Task, exists: bool | None) -> str:
+    """Return options with which a short search finds a path; an empty text if none does."""
+    for trial, hint in _list_trials(task, exists):
+        with suppress(InputError):  # options may not go together
+            if _search_tile_by_tile(_choose_searches(trial), is_certain).proven:
+                return hint
+    return ""
+
+
+def _list_trials(task: Task, exists: bool | None) -> Iterator[tuple[Task, str]]:
+    """Yield short searches of a map with other options, and hints that name these."""
+    edges = task.edges
+    space = edges.space
+    proofs = [edges.exact]
+    if not edges.exact and edges.cells.tries_exact:
+        proofs.append(True)
+    drives = dict.fromkeys([edges.drive, REVERSING.get(edges.drive, edges.drive)])
+    for exact, drive in itertools.product(proofs, drives if space.in_memory else ()):
+        other = local_planner(space, exact, drive, edges.turning_radius)
+        options = {"exact": exact, "drive": drive}
+        changes = [
+            f"{name}={new!r}" for name, new in options.items() if new != getattr(edges, name)
+        ]
+        if not (changes and other.may_join(exists)):
+            continue
+        trial = replace(
+            task,
+            edges=other,
+            fallback=None,
+            time_limit=min(TRIAL_SHARE * task.time_limit, MAX_TRIAL_SECONDS),
+            simplify=False,
+            previous=task.previous[:0],
+        )
+        if task.is_named:
+            yield trial, " with ".join(changes)
+            changes.append("the default planner")
+        default = planner_named(None, drive, space.searches)
+        yield replace(trial, planner=default, is_named=False), " with ".join(changes)
 
 
 def _list_exact_hints(task: Task) -> list[str]:
-    """List the hint to let the geometry decide, if it can and does not yet."""
+    """List the hint to let the geometry decide, if it can and was not tried."""
     edges = task.edges
-    if edges.exact:
+    if edges.exact or edges.cells.tries_exact or task.objective != LENGTH:
         return []
     hint = "exact=True"
-    is_lattice_on_spot = task.planner == LATTICE and edges.drive in ON_THE_SPOT
-    if task.is_named and (task.planner == MAX_CLEARANCE or is_lattice_on_spot):
-        hint = f"planner='RRTConnect' with {hint}"
+    if task.is_named:
+        hint += " with the default planner"
     if not edges.space.in_memory:
         hint += " on space.window(lower, upper)"
     return [hint]

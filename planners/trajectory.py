@@ -365,7 +365,7 @@ class Trajectory:
                 "trajectory",
                 f"is of a robot with drive {self._route.drive!r}",
                 "a car steers",
-                "use v and omega",
+                "use velocities",
             )
         metres = check_positive(wheelbase, "wheelbase")
         segments, lengths, _ = _locate(self._phases, self.times)
@@ -380,7 +380,7 @@ class Trajectory:
                 "trajectory",
                 "is of a robot without a drive",
                 "only a robot that drives has v and omega",
-                "use velocities, or plan with drive='differential'",
+                "use velocities",
             )
 
     def _project_ahead(self, rates: Floats) -> Floats:
@@ -680,7 +680,7 @@ def _check_limits(
                 name,
                 f"lacks {', '.join(missing)}",
                 rule,
-                f"pass {name}=1.0, or a mapping",
+                f"pass {name}=1.0",
             )
         value = [given[axis] for axis in axes]
     limits = check_finite(value, name)

@@ -179,7 +179,7 @@ def _parse_numbers(
     # An angle may have a unit. Too few or too many numbers are a ValueError as well.
     numbers = []
     try:
-        for field, axis, unit in zip(text.split(","), axes, units, strict=True):
+        for field, axis, unit in zip(_split_fields(text), axes, units, strict=True):
             if unit == "rad":
                 numbers.append(parse_angle(field, argument, axis))
             else:
@@ -193,11 +193,16 @@ def _parse_numbers(
     return tuple(numbers)
 
 
+def _split_fields(text: str) -> list[str]:
+    """Split a text at its commas; it may be in brackets, as messages print it."""
+    return text.strip("()[] ").split(",")
+
+
 def parse_offset(text: str) -> tuple[float, ...]:
     """Parse ``--offset``, a number for each axis; raise InputError otherwise."""
     dim = 3 if text.count(",") > 1 else 2
     rule = "it must be X,Y or, in space, X,Y,Z, metres"
-    return _parse_numbers(text.strip("() "), "offset", "xyz"[:dim], ("m",) * dim, rule)
+    return _parse_numbers(text, "offset", "xyz"[:dim], ("m",) * dim, rule)
 
 
 def parse_box(text: str, argument: str) -> tuple[float, ...]:
@@ -208,10 +213,10 @@ def parse_box(text: str, argument: str) -> tuple[float, ...]:
     from cspace.support.check import check_bounds
 
     try:
-        values = tuple(map(float, text.split(",")))
+        values = tuple(map(float, _split_fields(text)))
     except ValueError:
         rule = "it must be XMIN,YMIN,XMAX,YMAX, metres, or six numbers in space"
-        hint = f"write e.g. {argument}=-1,-1,0,4,3,2.5"
+        hint = f"write e.g. {argument}=-1,-1,4,3"
         raise InputError(argument, f"is {text!r}", rule, hint) from None
     dim = 2 if len(values) <= 4 else 3
     check_bounds(values, dim)

@@ -15,7 +15,9 @@ from cspace.cli.options import (
     Json,
     MapFile,
     Overwrite,
+    drop_none,
     parse_configuration,
+    refuse_options,
 )
 from cspace.cli.report import Clock, name_options, option_names, show, with_unit
 from cspace.support.words import Drive
@@ -88,6 +90,19 @@ def plan(
         float | None,
         typer.Option(metavar="METRES", help="Of the tightest curve, at the reference point."),
     ] = None,
+    trajectory: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="CSV",
+            readable=False,
+            help="The path with times and velocities, within the limits that follow.",
+        ),
+    ] = None,
+    max_velocity: Annotated[float | None, typer.Option(metavar="M/S")] = None,
+    max_acceleration: Annotated[float | None, typer.Option(metavar="M/S2")] = None,
+    max_angular_velocity: Annotated[float | None, typer.Option(metavar="RAD/S")] = None,
+    max_angular_acceleration: Annotated[float | None, typer.Option(metavar="RAD/S2")] = None,
+    max_lateral_acceleration: Annotated[float | None, typer.Option(metavar="M/S2")] = None,
     picture: Annotated[
         Path | None, typer.Option(metavar="PNG", readable=False, help="Draw map and path.")
     ] = None,
@@ -109,6 +124,16 @@ def plan(
     check_outputs(output or [], _PATH_SUFFIXES, overwrite)
     check_outputs([picture], PICTURE_SUFFIXES, overwrite)
     check_outputs([animate], (".gif",), overwrite)
+    check_outputs([trajectory], (".csv",), overwrite)
+    limits: dict[str, Any] = drop_none(
+        max_velocity=max_velocity,
+        max_acceleration=max_acceleration,
+        max_angular_velocity=max_angular_velocity,
+        max_angular_acceleration=max_angular_acceleration,
+        max_lateral_acceleration=max_lateral_acceleration,
+    )
+    if trajectory is None:
+        refuse_options(limits, (), "no --trajectory is")
     clock = Clock()
     with clock.step("read"):
         space: Any = open_map(file)
@@ -130,6 +155,10 @@ def plan(
             for path in output or []:
                 write = planned.to_csv if path.suffix.lower() == ".csv" else planned.to_json
                 write(path, overwrite=overwrite)
+            if trajectory:
+                motion = planned.trajectory(**{"max_acceleration": None, **limits})
+                motion.to_csv(trajectory, overwrite)
+                described["duration_s"] = motion.duration
     if picture:
         with clock.step("draw"):
             save_plot(space, picture, overwrite, path=planned)
@@ -138,7 +167,8 @@ def plan(
             planned.animate(animate, overwrite, progress=progress)
     show({**described, "seconds": clock.seconds}, as_json)
     if not planned.solved:
-        hint = name_options(planned.hint, option_names(context.command))
+        hint = planned.hint.replace("plan.explain()", "cspace explain")
+        hint = name_options(hint, option_names(context.command))
         advice = f"; try {hint}" if hint else ""
         typer.echo(f"cspace: from {start} to {goal}: {planned.status}{advice}", err=True)
         raise typer.Exit(1)

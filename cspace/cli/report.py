@@ -18,7 +18,7 @@ import typer
 
 from cspace.errors import CspaceError
 
-_UNIT: Final = re.compile(r"_(m[23]?|rad[23]?|rad2?_m2?|rad_or_m|m_or_rad|deg|bytes)$")
+_UNIT: Final = re.compile(r"_(m[23]?|rad[23]?|rad2?_m2?|rad_or_m|m_or_rad|deg|s|bytes)$")
 """The unit at the end of a name."""
 
 _UNIT_CHARACTERS: Final = str.maketrans("_23", " ²³")

@@ -1,0 +1,423 @@
+"""Hints of planners: each is followed by code, and gives a path or an accepted call."""
+
+import ast
+import copy
+import math
+import re
+from functools import cache
+
+import numpy as np
+import pytest
+import shapely
+from ompl import base as ob
+
+import planners
+from cspace import ConfigurationError, InputError, Robot, Workspace, build
+from cspace.arms import Arm, build_arm_space
+from cspace.errors import CspaceError
+from cspace.plot import animate
+from tests.helpers.planning import ENDPOINTS, build_room
+from tests.helpers.refusals import refusals
+from tests.helpers.urdfs import planar
+
+
+def build_walls(boxes, robot, rotations=None, **options):
+    """Build the map of a robot among walls in a room of 6 m by 4 m, with cells of 0.1 m."""
+    walls = [shapely.box(*box) for box in boxes]
+    workspace = Workspace.from_polygons(walls, 0.1, bounds=(0.0, 0.0, 6.0, 4.0))
+    return build(workspace, robot, rotations=rotations, **options)
+
+
+def follow(hint, options):
+    """Return the options of a plan after the first advice of its hint."""
+    advice = re.split(", which finds|, or ", hint)[0]
+    changes = dict(re.findall(r"(\w+)=('[^']*'|[\w.+-]+)", advice))
+    options = options | {name: ast.literal_eval(text) for name, text in changes.items()}
+    if "default planner" in advice:
+        del options["planner"]
+    if "without iterations" in advice:
+        del options["iterations"]
+    return options
+
+
+CORRIDOR = (2.0, 0.0, 3.0, 1.74), (2.0, 2.26, 3.0, 4.0)
+"""Walls with a gap of 0.52 m between them, which cells of 0.1 m leave undecided."""
+
+BAY = (3.0, 0.0, 3.2, 1.6), (4.0, 0.0, 4.2, 1.6), (3.0, 0.0, 4.2, 0.1)
+"""Walls of a bay, in which a robot cannot turn around."""
+
+AHEAD = (1.0, 2.0, 0.0), (5.0, 2.0, 0.0)
+OUT_OF_BAY = (1.0, 3.0, 0.0), (3.6, 0.8, math.pi / 2.0)
+"""From the room into the bay, to face out."""
+
+SQUARE = Robot.rectangle(0.5, 0.5)
+DISC = BAY, Robot.disc(0.2), None
+BAY_CART = BAY, Robot.rectangle(0.8, 0.3), 72
+
+
+@pytest.mark.parametrize(
+    ("place", "ends", "options", "hint"),
+    [
+        (BAY_CART, OUT_OF_BAY, {"drive": "differential"}, "drive='differential-reverse', which"),
+        (
+            BAY_CART,
+            OUT_OF_BAY,
+            {"drive": "dubins", "turning_radius": 0.5, "planner": "RRT"},
+            "drive='reeds-shepp' with the default planner, which finds a path",
+        ),
+        ((CORRIDOR, SQUARE, None), AHEAD, {}, "exact=True, which finds a path"),
+        ((CORRIDOR, SQUARE, 72), AHEAD, {}, "exact=True, which finds a path"),
+        ((CORRIDOR, SQUARE, None), AHEAD, {"planner": "BITstar"}, "exact=True, which"),
+        (
+            (CORRIDOR, SQUARE, None),
+            AHEAD,
+            {"planner": "MaxClearance"},
+            "exact=True with the default planner, which finds a path",
+        ),
+        (
+            (CORRIDOR, SQUARE, 72),
+            AHEAD,
+            {"drive": "differential", "planner": "Lattice"},
+            "exact=True with the default planner, which finds a path",
+        ),
+        # The robot passes sideways through FREE cells, but drives ahead only by the geometry.
+        (
+            (CORRIDOR, Robot.rectangle(0.3, 0.5), 72),
+            AHEAD,
+            {"drive": "dubins", "turning_radius": 0.5, "time_limit": 5.0},
+            "exact=True, which finds a path",
+        ),
+        # Neither is enough without the other.
+        (
+            ((*BAY, (2.0, 0.0, 2.2, 2.78), (2.0, 3.22, 2.2, 4.0)), BAY_CART[1], 72),
+            OUT_OF_BAY,
+            {"drive": "differential", "time_limit": 5.0},
+            "exact=True with drive='differential-reverse', which finds a path",
+        ),
+        (DISC, AHEAD, {"planner": "RRT", "iterations": 1}, "planner='Grid' without iterations, wh"),
+        (DISC, AHEAD, {"planner": "RRT", "time_limit": 1e-6}, "planner='Grid', which finds one"),
+        (DISC, AHEAD, {"iterations": 1}, "planner='Grid' without iterations, which finds one"),
+    ],
+)
+def test_the_advice_of_a_failed_plan_gives_a_path(place, ends, options, hint):
+    space = build_walls(*place)
+    start, goal = (end[: space.size] for end in ends)
+    options = {"seed": 1} | options
+    plan = planners.plan(space, start, goal, **options)
+    assert not plan.solved and plan.hint.startswith(hint), plan
+    assert f"try {plan.hint}" in str(plan)
+    assert planners.plan(space, start, goal, **follow(plan.hint, options)).certified
+
+
+# ---- hints that change the map -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("exact", [False, True])
+def test_the_smaller_robot_that_explain_names_passes_a_corridor_as_wide_as_the_robot(exact):
+    walls = (2.0, 0.0, 3.0, 1.75), (2.0, 2.25, 3.0, 4.0)
+    options = {"exact": exact, "time_limit": 0.2, "seed": 1}
+    ends = [end[:2] for end in AHEAD]
+    plan = planners.plan(build_walls(walls, SQUARE), *ends, **options)
+    assert not plan.solved and plan.hint.startswith("a smaller robot (see plan.explain())")
+    side = 0.5 + 2.0 * plan.explain().margin[0]
+    smaller = build_walls(walls, Robot.rectangle(side, side))
+    assert planners.plan(smaller, *ends, **options).certified
+
+
+def test_wider_bounds_give_a_path_around_a_wall_in_an_open_map():
+    ends = [end[:2] for end in AHEAD]
+    wall = [shapely.box(2.0, 0.0, 3.0, 4.0)]
+    for bounds, is_solved in (((0, 0, 6, 4), False), ((0, 0, 6, 6), True)):
+        workspace = Workspace.from_polygons(wall, 0.1, bounds=bounds)
+        plan = planners.plan(build(workspace, Robot.disc(0.2), outside="free"), *ends)
+        assert plan.solved == is_solved
+        assert plan.hint.startswith("a workspace with wider bounds") != is_solved
+
+
+def test_a_finer_spacing_gives_a_path_of_cells_where_the_geometry_is_not_tried():
+    walls = [shapely.box(2.0, 0.0, 3.0, 1.7), shapely.box(2.0, 2.3, 3.0, 4.0)]
+    ends = [end[:2] for end in AHEAD]
+    for spacing, is_solved in ((0.1, False), (0.02, True)):
+        workspace = Workspace.from_polygons(walls, spacing, bounds=(0.0, 0.0, 6.0, 4.0))
+        plan = planners.plan(build(workspace, SQUARE), *ends, objective="clearance")
+        assert plan.solved == is_solved
+        assert ("a finer spacing" in plan.hint) != is_solved
+
+
+def test_a_window_of_a_tiled_map_is_planned_on_with_exact(tmp_path):
+    tiled = build_walls(CORRIDOR, SQUARE, store=tmp_path / "tiles.zarr", tile=16)
+    ends = [end[:2] for end in AHEAD]
+    plan = planners.plan(tiled, *ends, planner="RRTConnect")
+    assert plan.hint.startswith("exact=True with the default planner on space.window(lower, upper)")
+    window = tiled.window((0.5, 0.5), (5.5, 3.5))
+    assert planners.plan(window, *ends, exact=True).certified
+    with pytest.raises(ConfigurationError, match=r"MIXED cell; .*proven collision-free; the near"):
+        planners.plan(tiled, ends[0], (2.5, 2.0))
+
+
+def test_a_smaller_turning_radius_gives_a_path():
+    space = build_walls([(0.0, 0.0, 0.1, 0.1)], Robot.rectangle(0.6, 0.3), 72)
+    ends = (1.0, 2.0, 0.0), (5.0, 2.0, math.pi)
+    options = {"drive": "dubins", "time_limit": 0.2, "seed": 1}
+    plan = planners.plan(space, *ends, turning_radius=60.0, **options)
+    assert not plan.solved and "a smaller turning_radius" in plan.hint
+    assert planners.plan(space, *ends, turning_radius=0.5, **options).certified
+
+
+def test_more_iterations_give_a_path():
+    space = build_room("turning")
+    options = {"planner": "RRT", "drive": "differential", "iterations": 1, "seed": 1}
+    plan = planners.plan(space, *ENDPOINTS["turning"], **options)
+    assert plan.hint.startswith("more iterations (iterations=10)")
+    for _ in range(6):
+        if not plan.solved:
+            options = follow(plan.hint, options)
+            plan = planners.plan(space, *ENDPOINTS["turning"], **options)
+    assert plan.certified
+
+
+# ---- start and goal ------------------------------------------------------------------------------
+
+
+def test_an_end_in_an_undecided_cell_is_accepted_with_exact_if_it_is_free():
+    space = build_walls(CORRIDOR, SQUARE, 72)
+    for ends in ((AHEAD[0], (2.5, 2.0, 0.0)), ((2.5, 2.0, 0.0), AHEAD[0])):
+        with pytest.raises(ConfigurationError, match=r"MIXED cell; .*; pass exact=True, which"):
+            planners.plan(space, *ends)
+        assert planners.plan(space, *ends, exact=True).certified
+
+
+@pytest.mark.parametrize("rotations", [None, 12, 360])
+def test_an_end_in_collision_is_said_to_be_and_the_nearest_is_accepted(rotations):
+    # The middle of the robot lies over an obstacle too thin to fill a cell.
+    space = build_walls([(2.5, 0.0, 2.52, 2.2)], SQUARE, rotations)
+    ends = np.array([(2.6, 2.0, 0.1), AHEAD[1]])[:, : space.size]
+    for exact in (False, True):
+        with pytest.raises(ConfigurationError, match="is in collision or too close") as caught:
+            planners.plan(space, *ends, exact=exact)
+        hint = caught.value.hint
+        assert "rotations" not in hint and "exact" not in hint
+        nearest = ast.literal_eval(hint.removeprefix("the nearest is "))
+        assert planners.plan(space, nearest, ends[1], exact=exact).certified
+
+
+# ---- refused arguments ---------------------------------------------------------------------------
+
+CAR = {"drive": "dubins", "turning_radius": 0.4}
+
+
+def make_objective(si):
+    """Make an objective of OMPL."""
+    return ob.PathLengthOptimizationObjective(si)
+
+
+@refusals(
+    "name, options, changes, hint",
+    ("plane", {"objective": make_objective}, {"planner": "RRTstar"}, "planner='RRTstar'"),
+    ("plane", {"planner": "lattice"}, {"planner": None}, "leave planner out"),
+    ("turning", {"planner": "Lattice"}, {"planner": "Grid"}, "use planner='Grid', or"),
+    ("turning", {"planner": "Lattice"}, {"drive": "differential"}, "pass drive='differential'"),
+    ("plane", {"objective": "overlap"}, {"objective": "length"}, "for overlaps, pass lambda"),
+    ("plane", {"planner": "RRTConect"}, {"planner": "RRTConnect"}, "did you mean RRTConnect?"),
+    ("plane", {"planner": "A"}, {"planner": "RRT"}, "choose one of "),
+    ("turning", CAR | {"planner": "BKPIECE1"}, {"planner": "RRT"}, "e.g. planner='RRT'"),
+    ("turning", CAR | {"planner": "LBKPIECE1"}, {"planner": "RRTstar"}, "or 'RRTstar'"),
+    # Options that the planner refuses.
+    ("plane", {"objective": "clearance", "planner": "RRT"}, {"planner": "RRTstar"}, "='RRTstar'"),
+    ("plane", {"objective": "clearance", "planner": "PRM"}, {"planner": "RRTstar"}, "='RRTstar'"),
+    (
+        "plane",
+        {"objective": "clearance", "planner": "MaxClearance"},
+        {"objective": "length"},
+        "out",
+    ),
+    ("plane", {"objective": make_objective, "planner": "Grid"}, {"planner": "RRTstar"}, "='RRTs"),
+    ("plane", {"objective": "clearance", "exact": True}, {"planner": "RRTstar"}, "='RRTstar'"),
+    ("plane", {"objective": "clearance", "exact": True}, {"exact": False}, "leave exact out, or"),
+    ("plane", {"planner": "MaxClearance", "exact": True}, {"planner": "RRTConnect"}, "='RRTConne"),
+    ("plane", {"planner": "Grid", "iterations": 9}, {"planner": "RRTConnect"}, "='RRTConnect'"),
+    ("plane", {"planner": "PRM", "iterations": 9}, {"iterations": None}, "leave iterations out"),
+    ("turning", CAR | {"planner": "Grid"}, {"planner": "RRT"}, "use planner='RRT'"),
+    ("turning", CAR | {"planner": "Lattice", "iterations": 9}, {"planner": "RRT"}, "='RRT'"),
+    (
+        "turning",
+        {"drive": "differential", "objective": "clearance"},
+        {"planner": "RRTstar"},
+        "leave drive out, or use planner='RRTstar'",
+    ),
+    (
+        "turning",
+        {"drive": "differential", "planner": "Lattice", "exact": True},
+        {"planner": "RRTConnect"},
+        "use planner='RRTConnect'",
+    ),
+    # Drives.
+    ("yawing", {"drive": "differential"}, {"drive": "holonomic"}, "leave drive out"),
+    ("turning", {"drive": "dubins"}, {"turning_radius": 0.5}, "e.g. 0.5"),
+    ("turning", {"turning_radius": 0.5}, {"drive": "dubins"}, "add drive='dubins'"),
+    ("turning", {"turning_radius": 0.5}, {"drive": "reeds-shepp"}, "or drive='reeds-shepp'"),
+    ("turning", {"turning_radius": 0.5}, {"turning_radius": None}, "or leave the radius out"),
+    (
+        "turning",
+        CAR | {"turning_radius": 1e-9},
+        {"drive": "differential", "turning_radius": None},
+        "pass drive='differential' without a radius",
+    ),
+    ("turning", CAR | {"turning_radius": 400.0}, {"turning_radius": 0.4}, "check its unit"),
+    ("plane", {"seed": -1}, {"seed": 100}, "pass e.g. 100"),
+    ("plane", {"previous": 3}, {"previous": None}, "leave previous out"),
+)
+def test_advised_options_are_accepted(name, options, changes, hint):
+    start, goal = ENDPOINTS[name]
+    with pytest.raises(InputError) as caught:
+        planners.plan(build_room(name), start, goal, **options)
+    assert hint in caught.value.hint
+    followed = {"seed": 1} | options | changes
+    planners.plan(build_room(name), start, goal, **followed)
+
+
+def test_advised_goals_of_an_arm_are_accepted(tmp_path):
+    pytest.importorskip("yourdfpy")
+    space = build_arm_space({}, Arm.from_urdf(planar(tmp_path)))
+    goals = [(0.5, 0.5), (0.4, 0.3)]
+    with pytest.raises(InputError, match="pass one configuration or choose another planner"):
+        planners.plan(space, (0.0, 0.0), goals, planner="PRM")
+    assert planners.plan(space, (0.0, 0.0), goals[0], planner="PRM", time_limit=0.2).solved
+    assert planners.plan(space, (0.0, 0.0), goals).solved
+    with pytest.raises(InputError, match="leave planner out"):
+        planners.plan(space, (0.0, 0.0), goals[0], planner="Grid")
+    with pytest.raises(InputError, match="use the length, or a function"):
+        planners.plan(space, (0.0, 0.0), goals[0], objective="clearance")
+    with pytest.raises(InputError, match=r"lacks shoulder, elbow; .*; pass max_acceleration=1\.0"):
+        planners.plan(space, (0.0, 0.0), goals[0]).trajectory(max_acceleration=None)
+
+
+# ---- plans and trajectories ----------------------------------------------------------------------
+
+LIMITS = {"max_velocity": 1.0, "max_acceleration": 1.0}
+TURN_LIMITS = {"max_angular_velocity": 1.0, "max_angular_acceleration": 1.0}
+
+
+@cache
+def plan_in(name, **options):
+    """Plan in a room."""
+    return planners.plan(build_room(name), *ENDPOINTS[name], seed=1, time_limit=60.0, **options)
+
+
+@refusals(
+    "make, advised, hint",
+    (
+        lambda: plan_in("plane").trajectory(max_velocity=1.0, max_acceleration=None),
+        lambda: plan_in("plane").trajectory(**LIMITS),
+        "pass max_acceleration=1.0",
+    ),
+    (
+        lambda: plan_in("turning").trajectory(**LIMITS),
+        lambda: plan_in("turning").trajectory(**LIMITS, **TURN_LIMITS),
+        "pass it in radians and seconds, e.g. 1.0",
+    ),
+    (
+        lambda: plan_in("plane").trajectory(**LIMITS, max_angular_velocity=1.0),
+        lambda: plan_in("plane").trajectory(**LIMITS),
+        "leave it out",
+    ),
+    (
+        lambda: plan_in("plane").trajectory(**LIMITS, duration=0.1),
+        lambda: plan_in("plane").trajectory(**LIMITS, duration=100.0),
+        "raise it, or the limits",
+    ),
+    (
+        lambda: plan_in("plane").trajectory(**LIMITS, time_step=1e-9),
+        lambda: plan_in("plane").trajectory(**LIMITS, time_step=1e-2),
+        "raise it, or the limits",
+    ),
+    (
+        lambda: plan_in("plane").trajectory(**LIMITS).sample_uniform(1e9),
+        lambda: plan_in("plane").trajectory(**LIMITS).sample_uniform(1e2),
+        "lower it",
+    ),
+    (
+        lambda: plan_in("plane").trajectory(**LIMITS).v,
+        lambda: plan_in("plane").trajectory(**LIMITS).velocities,
+        "use velocities",
+    ),
+    (
+        lambda: plan_in("turning").trajectory(**LIMITS, **TURN_LIMITS).steering(1.0),
+        lambda: plan_in("turning").trajectory(**LIMITS, **TURN_LIMITS).velocities,
+        "use velocities",
+    ),
+    (
+        lambda: plan_in("turning").trajectory(**LIMITS, **TURN_LIMITS).to_joint_trajectory(),
+        lambda: plan_in("turning").trajectory(**LIMITS, **TURN_LIMITS).to_path(),
+        "use to_path()",
+    ),
+    (
+        lambda: plan_in("turning").trajectory(
+            **LIMITS, **TURN_LIMITS, max_lateral_acceleration=1.0
+        ),
+        lambda: plan_in("turning").trajectory(**LIMITS, **TURN_LIMITS),
+        "leave it out",
+    ),
+    (
+        lambda: planners.Trajectory.along(build_room("plane"), [(1, 1)], max_acceleration=1.0),
+        lambda: plan_in("plane").trajectory(**LIMITS),
+        "use plan.trajectory() on a map",
+    ),
+    (
+        lambda: copy.copy(plan_in("plane")).recheck(),
+        lambda: copy.copy(plan_in("plane")).recheck(build_room("plane")),
+        "pass the map: plan.recheck(space)",
+    ),
+    (
+        lambda: plan_in("plane").recheck(build_room("turning")),
+        lambda: plan_in("plane").recheck(build_room("plane")),
+        "pass a map of the same robot",
+    ),
+    (
+        lambda: copy.copy(plan_in("plane")).explain(),
+        lambda: build_room("plane").explain(plan_in("plane").start, plan_in("plane").goal),
+        "call space.explain(plan.start, plan.goal)",
+    ),
+    (
+        lambda: copy.copy(plan_in("plane")).plot(),
+        lambda: build_room("plane").plot(path=copy.copy(plan_in("plane"))),
+        "draw it with space.plot(path=plan)",
+    ),
+)
+def test_advised_calls_are_accepted(make, advised, hint):
+    with pytest.raises(CspaceError) as caught:
+        make()
+    assert hint in caught.value.hint
+    advised()
+
+
+def test_an_animation_of_a_copied_plan_is_drawn_as_advised(tmp_path):
+    plan = copy.copy(plan_in("plane"))
+    with pytest.raises(InputError, match=r"draw it with cspace.plot.animate\(space, plan, file\)"):
+        plan.animate(tmp_path / "a.gif")
+    animate(build_room("plane"), plan, tmp_path / "a.gif", seconds=0.1)
+
+
+def test_ompl_parts_that_are_refused_have_a_replacement():
+    setup = planners.simple_setup(build_room("plane"))
+    si = setup.getSpaceInformation()
+    with pytest.raises(InputError, match=r"pass e\.g\. setup\.getSpaceInformation\(\)"):
+        planners.StateValidityChecker(setup, build_room("plane"))
+    planners.StateValidityChecker(si, build_room("plane"))
+    with pytest.raises(InputError, match="leave one of the two out"):
+        planners.simple_setup(build_room("plane"), rng=np.random.default_rng(0), exact=True)
+    planners.simple_setup(build_room("plane"), exact=True)
+    with pytest.raises(InputError, match=r"use ompl\.base\.UniformValidStateSampler"):
+        planners.simple_setup(
+            build_room("plane"), valid_state_sampler=ob.ObstacleBasedValidStateSampler
+        )
+    planners.simple_setup(build_room("plane"), valid_state_sampler=ob.UniformValidStateSampler)
+
+
+def test_a_tiny_map_is_planned_on_without_a_named_planner():
+    tiny = Workspace.from_array(np.eye(9, dtype=bool), 1e-17)
+    space = build(tiny, Robot.disc(1e-18))
+    start, goal = space.grid.center_of([(1, 4), (1, 6)])
+    with pytest.raises(InputError, match=r"or leave planner out of planners\.plan"):
+        planners.plan(space, start, goal, planner="RRT")
+    assert planners.plan(space, start, goal).certified

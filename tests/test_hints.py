@@ -1,0 +1,293 @@
+"""Hints of builds, maps, rotations, exports and tiles: each is followed by code."""
+
+import ast
+import math
+import re
+import warnings
+
+import numpy as np
+import pytest
+import shapely
+
+import cspace
+from cspace import Robot, Rotations, Workspace, build
+from cspace.errors import AngleWarning, CspaceError, UnitWarning
+from tests.helpers.refusals import refusals
+
+FLOOR = Workspace.from_array(np.eye(30, 20, dtype=bool), 0.1)
+ROOM = Workspace.from_array(np.zeros((12, 10, 8), dtype=bool), 0.1)
+CART = Robot.rectangle(0.2, 0.1)
+
+
+def build_tiles(folder, **options):
+    """Build the map of the floor in tiles."""
+    return build(FLOOR, CART, store=folder / "tiles.zarr", tile=8, **options)
+
+
+@refusals(
+    "call, advised, hint",
+    # Builds.
+    (
+        lambda _: build("floor.npy", CART),
+        lambda _: build(FLOOR, CART),
+        "read the file first: Workspace.open('floor.npy')",
+    ),
+    (
+        lambda _: build(CART, FLOOR),
+        lambda _: build(FLOOR, CART),
+        "call build(workspace, robot)",
+    ),
+    (
+        lambda _: build(FLOOR, FLOOR),
+        lambda _: build(FLOOR, Robot.parse("disc:0.3")),
+        "with Robot.parse('disc:0.3') second",
+    ),
+    (
+        lambda _: build(FLOOR, Robot.ball(0.1)),
+        lambda _: build(FLOOR, Robot.ball(0.1).footprint()),
+        "use robot.footprint()",
+    ),
+    (lambda _: build(ROOM, CART), lambda _: build(ROOM, Robot.ball(0.1)), "use a robot in space"),
+    (lambda _: build(FLOOR, CART, workers=0), lambda _: build(FLOOR, CART), "leave it out for all"),
+    (lambda _: build(FLOOR, CART, method="x"), lambda _: build(FLOOR, CART), "leave it out"),
+    (
+        lambda _: build(FLOOR, CART, method="direct", counts=True),
+        lambda _: [build(FLOOR, CART, method=name, counts=True) for name in ("fft", "auto")],
+        "use method='fft' or method='auto'",
+    ),
+    (
+        lambda _: build(FLOOR, CART, client=object()),
+        lambda folder: build(FLOOR, CART, store=folder / "map.zarr"),
+        "pass store='map.zarr'",
+    ),
+    (
+        lambda folder: build_tiles(folder, counts=True),
+        lambda folder: build(
+            build_tiles(folder).window((0, 0), (1, 1)).workspace, CART, counts=True
+        ),
+        "leave it out and build windows of the map with counts",
+    ),
+    (
+        lambda _: cspace.suggest(FLOOR, CART, gap=0.05),
+        lambda _: cspace.suggest(FLOOR, CART, gap=0.5),
+        "pass a wider gap",
+    ),
+    # Robots.
+    (
+        lambda _: Robot.from_balls([(0, 0), (1, 0)], [0.1, 0.0]),
+        lambda _: Robot.from_balls([(0, 0)], [0.1]),
+        "drop balls without volume",
+    ),
+    (
+        lambda _: Robot.parse("robot"),
+        lambda _: Robot.parse("disc:0.3"),
+        "Robot.open reads files",
+    ),
+    (
+        lambda _: Robot.open("disc:0.3"),
+        lambda _: Robot.parse("disc:0.3"),
+        "use Robot.parse('disc:0.3')",
+    ),
+    (
+        lambda _: build(Workspace.from_array(FLOOR.outer, 1e-9), Robot.disc(1.0)),
+        lambda _: build(Workspace.from_array(FLOOR.outer, 0.1), Robot.disc(1.0), outside="free"),
+        "use a larger spacing, or check the robot's units",
+    ),
+    # Rotations.
+    (
+        lambda _: build(FLOOR, CART, rotations=0),
+        lambda _: [
+            build(FLOOR, CART, rotations=72),
+            build(ROOM, Robot.box((0.2, 0.2, 0.1)), rotations=Rotations.quaternions(8)),
+        ],
+        "pass e.g. 72, the cells' borders in radians, or Rotations.quaternions(8)",
+    ),
+    (
+        lambda _: build(FLOOR, CART, rotations=[[0.0]]),
+        lambda _: build(FLOOR, CART, rotations=np.linspace(0, 2 * np.pi, 73)),
+        "pass e.g. 72, or numpy.linspace(0, 2 * numpy.pi, 73)",
+    ),
+    (
+        lambda _: build(FLOOR, CART, rotations=[0.0, 90.0, 360.0]),
+        lambda _: build(FLOOR, CART, rotations=np.radians([0.0, 90.0, 360.0])),
+        "numpy.radians turns degrees",
+    ),
+    (
+        lambda _: build(FLOOR, CART, rotations=Rotations.quaternions(2)),
+        lambda _: build(FLOOR, CART, rotations=72),
+        "pass e.g. rotations=72",
+    ),
+    (lambda _: Rotations.quaternions(0), lambda _: Rotations.quaternions(8), "pass e.g. 8"),
+    (
+        lambda _: turning().explain((2.5, 0.5, 1e30), (2.5, 0.5, 0.0)),
+        lambda _: turning().explain((2.5, 0.5, math.remainder(1e30, math.tau)), (2.5, 0.5, 0.0)),
+        "wrap it first",
+    ),
+    (
+        lambda _: Rotations.quaternions(2).check_rotation((0, 0, 0, 2), "rotation"),
+        lambda _: Rotations.quaternions(2).check_rotation(np.array((0, 0, 0, 2)) / 2, "rotation"),
+        "divide it by its norm",
+    ),
+    (
+        lambda folder: turning().export(folder / "map.tif"),
+        lambda folder: turning().export(folder / "map.tif", rotation=0.5),
+        "pass the one to take, by yaw",
+    ),
+    (
+        lambda folder: turning().export(folder / "map.tif", rotation=(0.1, 0.2)),
+        lambda folder: turning().export(folder / "map.tif", rotation=(0.1,)),
+        "pass one rotation",
+    ),
+    # Maps.
+    (
+        lambda _: crowded().sample_free(),
+        lambda _: build(FLOOR, CART).sample_free(),
+        "use a smaller robot",
+    ),
+    (
+        lambda _: crowded().nearest_free((1.0, 1.0)),
+        lambda _: build(FLOOR, CART).nearest_free((1.0, 1.0)),
+        "use a smaller robot",
+    ),
+    (
+        lambda _: build(FLOOR, CART).nearest_free([(1.0, 1.0), (1.0, 1.2)]),
+        lambda _: build(FLOOR, CART).nearest_free((1.0, 1.0)),
+        "pass one configuration at a time",
+    ),
+    (
+        lambda _: build(FLOOR, CART).add_obstacle("box", Robot.ball(0.3)),
+        lambda _: build(FLOOR, CART).add_obstacle("box", shapely.box(0, 0, 1, 1)),
+        "pass another shape",
+    ),
+    (
+        lambda _: build(FLOOR, CART).find_widest_path((0.55, 0.55), (2.5, 0.5)),
+        lambda _: build(FLOOR, CART).find_widest_path(
+            build(FLOOR, CART).nearest_free((0.55, 0.55)), (2.5, 0.5)
+        ),
+        "ask nearest_free for one",
+    ),
+    (
+        lambda _: build(FLOOR, CART).explain((9.0, 9.0), (2.5, 0.5)),
+        lambda _: build(FLOOR, CART).explain(
+            np.clip((9.0, 9.0), FLOOR.grid.lower, FLOOR.grid.upper) - 0.01, (2.5, 0.5)
+        ),
+        "ask grid.lower and grid.upper",
+    ),
+    (
+        lambda _: build(FLOOR, CART).update(np.ones((2, 2), dtype=bool), (0.5, 0.5)),
+        lambda _: build(FLOOR, CART).update(
+            np.ones((2, 2), dtype=bool), FLOOR.grid.cell_of((0.5, 0.5))
+        ),
+        "convert metres with space.grid.cell_of",
+    ),
+    (
+        lambda _: build(FLOOR, CART).update(np.ones((2, 2), dtype=bool), (29, 19)),
+        lambda _: build(FLOOR, CART).update(np.ones((1, 1), dtype=bool), (29, 19)),
+        "clip it to the grid",
+    ),
+    (
+        lambda _: floating().explain((0.5, 0.5, 0.4, 0, 0, 0, 1), (0.6, 0.5, 0.4, 0, 0, 0, 1)),
+        lambda _: build(ROOM, Robot.ball(0.1), rotations=72).explain(
+            (0.5, 0.5, 0.4, 0.0), (0.6, 0.5, 0.4, 0.0)
+        ),
+        "build a map with rotations=72",
+    ),
+    # Exports.
+    (
+        lambda folder: build(FLOOR, CART).export(folder / "map.stl"),
+        lambda folder: build(FLOOR, CART).export(folder / "map.vti"),
+        "write another format, e.g. .vti",
+    ),
+    (
+        lambda folder: build(ROOM, Robot.ball(0.1)).export(folder / "map.tif"),
+        lambda folder: build(ROOM, Robot.ball(0.1)).export(folder / "map.vti"),
+        "write another format, e.g. .vti",
+    ),
+    (
+        lambda folder: turning().export(folder / "map.npz", rotation=0.5),
+        lambda folder: turning().export(folder / "map.npz"),
+        "omit it",
+    ),
+    (
+        lambda folder: crowded(ROOM, Robot.ball(0.6)).export(folder / "map.ply"),
+        lambda folder: build(ROOM, Robot.ball(0.1)).export(folder / "map.ply"),
+        "build it with a smaller spacing, robot or margin",
+    ),
+    (
+        lambda folder: cspace.open(folder / "map.npz"),
+        lambda folder: [
+            build(FLOOR, CART).save(folder / "map.zarr"),
+            cspace.open(folder / "map.zarr"),
+        ],
+        "save the map with space.save('map.zarr')",
+    ),
+    # Tiles.
+    (
+        lambda folder: build(FLOOR, CART, store=folder / "map.zarr", tile=0),
+        lambda folder: build(FLOOR, CART, store=folder / "map.zarr", tile=4096),
+        "pass e.g. 4096",
+    ),
+    (
+        lambda folder: build_tiles(folder).is_free((1.0, 0.5), exact=True),
+        lambda folder: (
+            build_tiles(folder).window((0.5, 0.0), (1.5, 1.0)).is_free((1.0, 0.5), exact=True)
+        ),
+        "use a part of it: space.window(lower, upper)",
+    ),
+    (
+        lambda folder: build_tiles(folder) and build_tiles(folder, margin=0.1),
+        lambda folder: build(FLOOR, CART, store=folder / "other.zarr", tile=8, margin=0.1),
+        "choose another name, or remove it",
+    ),
+    (
+        lambda folder: build_tiles(folder).window((0.5, 0.5), (1.5, 1.0)).update([[True]], (0, 0)),
+        lambda folder: build(
+            Workspace.from_array(FLOOR.outer | True, 0.1),
+            CART,
+            store=folder / "other.zarr",
+            tile=8,
+        ).window((0.5, 0.5), (1.5, 1.0)),
+        "build the larger map again and open its window",
+    ),
+)
+def test_following_a_hint_avoids_the_error(call, advised, hint, tmp_path):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        with pytest.raises(CspaceError) as caught:
+            call(tmp_path)
+        assert hint in caught.value.hint, caught.value
+        advised(tmp_path)
+
+
+def turning():
+    """Build a map of a cart that turns."""
+    return build(FLOOR, CART, rotations=8)
+
+
+def floating():
+    """Build a map of a box that turns in space."""
+    return build(ROOM, Robot.box((0.2, 0.2, 0.1)), rotations=Rotations.quaternions(2))
+
+
+def crowded(workspace=FLOOR, robot=None):
+    """Build a map without a FREE cell."""
+    return build(workspace, robot or Robot.disc(1.2))
+
+
+def test_a_robot_moved_as_the_warning_says_has_its_middle_at_the_reference_point():
+    corners = np.array([(5.0, 5.0), (5.4, 5.0), (5.4, 5.2), (5.0, 5.2)])
+    with pytest.warns(UnitWarning, match="move its center there, by") as caught:
+        build(FLOOR, Robot.polygon(corners), outside="free")
+    move = ast.literal_eval(re.search(r"by (\(.*?\)) m", str(caught[0].message))[1])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        space = build(FLOOR, Robot.polygon(corners + move), outside="free")
+    assert space.is_free((2.5, 0.5))
+
+
+def test_radians_instead_of_degrees_avoid_the_warning():
+    with pytest.warns(AngleWarning, match=r"use numpy\.radians for degrees"):
+        turning().classify((2.5, 0.5, 90.0))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert turning().is_free((2.5, 0.5, float(np.radians(90.0))))
