@@ -415,8 +415,8 @@ MUTANTS = (
     ),
     Mutant(
         "planners/plan.py",
-        "ahead = ahead[blocked[-1] + 1 if",
-        "ahead = ahead[blocked[-1] if",
+        "tail = way[blocked[-1] + 1 :]",
+        "tail = way[blocked[-1] :]",
         "tests/planners/test_replanning.py",
     ),
     Mutant(
@@ -681,7 +681,7 @@ MUTANTS = (
         "tests/spectral/test_descriptors.py",
     ),
     Mutant(
-        "cspace/spectral/field.py",
+        "planners/integrals.py",
         "place = min(max(place, 0.0), count - 1.0)",
         "place = min(max(place, 0.0), count - 1.5)",
         "tests/spectral/test_field.py",
