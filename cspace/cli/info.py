@@ -13,6 +13,7 @@ from cspace.cli.options import (
     PackageDirs,
     SolidMesh,
     Srdf,
+    Visuals,
     drop_none,
     open_robot,
     read_arm,
@@ -33,8 +34,8 @@ FileKind = Literal["map", "workspace", "robot", "arm"]
 _OPTIONS_BY_KIND: Final[dict[FileKind, tuple[str, ...]]] = {
     "map": (),
     "workspace": ("spacing", "solid"),
-    "robot": ("spacing", "solid", "package_dirs"),
-    "arm": ("solid", "srdf", "package_dirs"),
+    "robot": ("spacing", "solid", "package_dirs", "visuals"),
+    "arm": ("solid", "srdf", "package_dirs", "visuals"),
 }
 """Options of each kind."""
 
@@ -57,6 +58,7 @@ def info(
     ] = None,
     solid: SolidMesh = None,
     package_dirs: PackageDirs = None,
+    visuals: Visuals = False,
     srdf: Srdf = None,
     as_json: Json = False,
 ) -> None:
@@ -69,16 +71,17 @@ def info(
 
     # Each kind has options of its own, and a function that describes it.
     kind = kind or _guess_kind(file)
-    options = drop_none(spacing=spacing, solid=solid, srdf=srdf, package_dirs=package_dirs or None)
+    for_robots = drop_none(solid=solid, package_dirs=package_dirs or None, visuals=visuals or None)
+    options = {**for_robots, **drop_none(spacing=spacing, srdf=srdf)}
     refuse_options(options, _OPTIONS_BY_KIND[kind], f"{file} is read as {kind}")
     if spacing is not None:
         check_positive(spacing, "spacing")
     if kind == "map":
         document = describe_map(open_map(file))
     elif kind == "arm":
-        document = describe_arm(read_arm(Path(file), srdf, solid, package_dirs))
+        document = describe_arm(read_arm(Path(file), srdf, solid, package_dirs, visuals))
     elif kind == "robot":
-        document = describe_robot(open_robot(file, solid, package_dirs), spacing)
+        document = describe_robot(open_robot(file, **for_robots), spacing)
     else:
         document = describe_workspace(Path(file), options)
     show({"kind": kind, **document}, as_json)

@@ -26,6 +26,8 @@ from cspace.cli.options import (
     SolidMesh,
     Srdf,
     Unknown,
+    Up,
+    Visuals,
     drop_none,
     open_robot,
     parse_box,
@@ -98,6 +100,13 @@ def make(
     robot_solid: Annotated[
         Solid | None, typer.Option(help="The same for a robot that is a mesh  [default: auto].")
     ] = None,
+    up: Annotated[
+        Up | None, typer.Option(help="Axis of a mesh of obstacles that points up and becomes z.")
+    ] = None,
+    robot_up: Annotated[
+        Up | None, typer.Option(help="The same for a robot that is a mesh.")
+    ] = None,
+    visuals: Visuals = False,
     package_dirs: PackageDirs = None,
     radius: Annotated[
         float | None,
@@ -158,13 +167,20 @@ def make(
         unknown=unknown,
         bounds=box,
         solid=solid,
+        up=up,
         radius=radius,
         drop_missing=drop_missing or None,
         offset=step,
     )
     clock = Clock()
     with clock.step("read"):
-        shape = open_robot(robot, robot_solid, package_dirs)
+        shape = open_robot(
+            robot,
+            solid=robot_solid,
+            up=robot_up,
+            package_dirs=package_dirs or None,
+            visuals=visuals or None,
+        )
         lazy = {} if tile is None else lazy_option(workspace, options)
         obstacles = Workspace.open(workspace, **options, **lazy)
     settings: dict[str, Any] = {"rotations": cells, "outside": outside, "margin": margin}
@@ -311,6 +327,7 @@ def view(
     srdf: Srdf = None,
     solid: SolidMesh = None,
     package_dirs: PackageDirs = None,
+    visuals: Visuals = False,
     frame: Annotated[
         str | None,
         typer.Option(
@@ -340,10 +357,16 @@ def view(
     # A URDF is an arm; other options than a map's are refused for a map.
     space: CSpace | TiledCSpace | ArmSpace
     if file.suffix.lower() == ".urdf":
-        space = build_arm_space({}, read_arm(file, srdf, solid, package_dirs))
+        space = build_arm_space({}, read_arm(file, srdf, solid, package_dirs, visuals))
         units = space.arm.units
     else:
-        options = drop_none(srdf=srdf, solid=solid, package_dirs=package_dirs or None, frame=frame)
+        options = drop_none(
+            srdf=srdf,
+            solid=solid,
+            package_dirs=package_dirs or None,
+            visuals=visuals or None,
+            frame=frame,
+        )
         refuse_options(options, (), f"{file} is not a URDF")
         space = open_map(file)
         units = space.units

@@ -21,6 +21,8 @@ Unknown = Literal["occupied", "free"]
 """State of unknown cells in a sensor map."""
 Solid = Literal["auto", "surface", "fill"]
 """Interior of a mesh."""
+Up = Literal["x", "y", "z"]
+"""Axis of a mesh that points up."""
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document, for machines.")]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace existing outputs.")]
@@ -74,16 +76,25 @@ Srdf = Annotated[
 ]
 
 
-def open_robot(text: str, solid: Solid | None, package_dirs: list[Path] | None) -> Robot:
+Visuals = Annotated[
+    bool,
+    typer.Option(
+        "--visuals", help="Also take what a URDF only draws, of links with <visual> alone."
+    ),
+]
+
+
+def open_robot(text: str, **given: Any) -> Robot:
     """Open a robot from a short text or a file; ``footprint:`` before a file projects it.
 
-    Raises CspaceError as :meth:`cspace.Robot.parse` and :meth:`cspace.Robot.open`; InputError if a
-    short text has options.
+    ``given`` are options of :meth:`cspace.Robot.open`; those that are None are left out. Raises
+    CspaceError as :meth:`cspace.Robot.parse` and :meth:`cspace.Robot.open`; InputError if a short
+    text has options.
     """
     from cspace.robot import Robot
     from cspace.shapes.primitives import is_short_text
 
-    options = drop_none(solid=solid, package_dirs=package_dirs or None)
+    options = drop_none(**given)
     # After "footprint:" come corners, a short text, or the name of a file.
     prefix, _, file = text.partition("footprint:")
     has_file = file and not file.lstrip().startswith("[") and not is_short_text(file)
@@ -92,13 +103,18 @@ def open_robot(text: str, solid: Solid | None, package_dirs: list[Path] | None) 
     if not is_short_text(text):
         return Robot.open(text, **options)
     for name, value in options.items():
-        rule = "it is for meshes, such as .stl, and .urdf" if name == "solid" else "it is for .urdf"
+        is_for_meshes = name in ("solid", "up")
+        rule = "it is for meshes, such as .stl" if is_for_meshes else "it is for .urdf"
         raise InputError(name, f"is {value!r} for {text}", rule, "leave it out")
     return Robot.parse(text)
 
 
 def read_arm(
-    file: Path, srdf: Path | None, solid: Solid | None, package_dirs: list[Path] | None
+    file: Path,
+    srdf: Path | None,
+    solid: Solid | None,
+    package_dirs: list[Path] | None,
+    visuals: bool,
 ) -> Arm:
     """Read the arm of a URDF and, if given, an SRDF.
 
@@ -108,7 +124,8 @@ def read_arm(
 
     # The arm refuses "fill" by name.
     options: dict[str, Any] = drop_none(solid=solid)
-    return Arm.from_urdf(file, srdf, package_dirs=package_dirs or (), **options)
+    folders = package_dirs or ()
+    return Arm.from_urdf(file, srdf, package_dirs=folders, visuals=visuals, **options)
 
 
 def refuse_options(options: Mapping[str, object], taken: Collection[str], about: str) -> None:

@@ -152,6 +152,21 @@ def test_options_of_workspaces_reach_their_readers(room):
     assert cspace.open("m.zarr").classify([0.5, 0.5, 0.5]) != cspace.BLOCKED
 
 
+def test_axes_of_meshes_and_drawn_links_have_options(room):
+    turned = "cube.obj --robot cube.obj --spacing 0.25 --bounds=-2,-2,-2,2,2,2"
+    document(f"map {turned} --up y --robot-up y -o m.zarr --overwrite")
+    lower, upper = cspace.open("m.zarr").robot.shape.outer.bounds
+    assert lower.tolist() == [0, -1, 0] and upper.tolist() == [1, 0, 1]
+    box = '<{0}><geometry><box size="{1} 0.2 0.2"/></geometry></{0}>'
+    Path("drawn.urdf").write_text(
+        f'<robot name="a"><link name="a">{box.format("collision", 0.2)}</link>'
+        f'<link name="b">{box.format("visual", 0.6)}</link><joint name="j" type="fixed">'
+        '<parent link="a"/><child link="b"/></joint></robot>'
+    )
+    document("info drawn.urdf --as robot", warning="no <collision>")
+    assert document("info drawn.urdf --as robot --visuals")["extents"][0] == 0.6
+
+
 def test_warnings_are_printed_in_one_line(room):
     common = "map rooms.3dmap --robot open.obj -o m.zarr --overwrite"
     document(common, warning="solid='surface'")
