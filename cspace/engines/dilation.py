@@ -292,6 +292,7 @@ class PaddedBits:
     def dilate_blocks(self, add: bool, tasks: Sequence[Task]) -> None:
         """Dilate blocks, and write their results, or add them to ``out``."""
         row_bits = self.padding.cells
+        scratch = np.empty((3, 0), dtype=np.uint64)
         for lengths, distances, block, out in tasks:
             hits = out[block.first_layer : block.stop_layer, block.first_row : block.stop_row]
             layers, rows, cells = hits.shape
@@ -302,8 +303,10 @@ class PaddedBits:
             first_row = block.first_layer * self.padding.rows + block.first_row
             first_word = first_row * row_bits // WORD_BITS
             source = self.words[first_word : first_word + size + reach]
-            wide, wider = np.empty((2, source.size), dtype=np.uint64)
-            result = np.empty(size, dtype=np.uint64)
+            if scratch.shape[1] < source.size:
+                scratch = np.empty((3, source.size), dtype=np.uint64)
+            wide, wider, longest_result = scratch
+            result = longest_result[:size]
             if dilate(source, lengths, distances, wide, wider, result):
                 row_bytes = row_bits // BYTE_BITS
                 result_bytes = result.view(np.uint8)[: layers * rows_of_layer * row_bytes]
@@ -325,7 +328,7 @@ def dilate(
 
     Sets bit k of the result if a run of bits that begins ``distance`` after bit k has a set bit.
     Returns False, without a result, if no bit of the source is set. ``wide`` and ``wider`` are
-    scratch of the source's size. The source reaches a word beyond the last run.
+    scratch, at least as long as the source. The source reaches a word beyond the last run.
     """
     all_bits = np.uint64(0)
     for k in range(source.size):
@@ -346,7 +349,7 @@ def dilate(
                 wider[k] = wide[k] | word_from(wide, k, step)
             wide, wider = wider, wide
             length += step
-        # Four runs of one length share a pass over the result; if there are fewer, the last repeats.
+        # Four runs of one length share a pass over the result; a last one stands for missing ones.
         last = run
         while last < min(run + 3, lengths.size - 1) and lengths[last + 1] == length:
             last += 1
