@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 
 from cspace.grid import SLACK
+from cspace.queries.batches import evaluate_rows
 from cspace.queries.points import (
     MAX_POSITION,
     box_to_test,
@@ -68,7 +69,7 @@ def join_blocks(map_: Map) -> Map:
     spacing = BLOCK_SIDE * map_.spacing
     x, y, z = map_.upper
     return map_._replace(
-        states=read_only(np.ascontiguousarray(states)),
+        states=read_only(states),
         spacing=spacing,
         # The last blocks may reach beyond the grid. The layer of the plane is a block thick.
         upper=(spacing if map_.dim == 2 else x, y, z),
@@ -86,9 +87,7 @@ def edges_are_free_by_blocks(
     bad = edges_are_free(blocks, starts, ends, out)
     if bad < 0:
         rest = np.flatnonzero(~out)
-        answers = np.empty(len(rest), dtype=np.bool_)
-        test_edges(starts[rest], ends[rest], answers)
-        out[rest] = answers
+        out[rest] = evaluate_rows(starts[rest], ends[rest], test_edges)
     return bad
 
 
