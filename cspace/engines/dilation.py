@@ -365,7 +365,7 @@ def dilate(
 
 
 @inlined
-def word_from(words: Words, k: np.uint64, distance: int) -> np.uint64:
+def word_from(words: Words, k: int, distance: int) -> np.uint64:
     """Return the 64 bits that begin ``distance`` bits after word k."""
     first = k + np.uint64(distance // WORD_BITS)
     shift = np.uint64(distance % WORD_BITS)
