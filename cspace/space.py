@@ -1478,6 +1478,13 @@ class CSpace(ConfigurationMap):
             self._seen, self.grid, self._exterior.table, self.rotations.make_lookups(self._slice_of)
         )
 
+    @derived
+    def _blocks(self) -> Map:
+        """Map of blocks of cells, for many edges."""
+        from cspace.queries.edges import join_blocks
+
+        return join_blocks(self.kernel_map)
+
     @lazy
     def _exact(self) -> ExactQueries:
         """Queries with exact geometry."""
@@ -1612,10 +1619,13 @@ class CSpace(ConfigurationMap):
 
     def _write_motions(self, exact: bool, starts: Floats, ends: Floats, out: Bools) -> int:
         """Write whether motions, shapes (n, size), are free; return the first unusable, or -1."""
-        from cspace.queries.edges import edges_are_free
+        from cspace.queries import edges
 
-        test_edges = self._exact.edges if exact else edges_are_free
+        test_edges = self._exact.edges if exact else edges.edges_are_free
         write = partial(test_edges, self.kernel_map)
+        min_edges = edges.MIN_EDGES_FOR_BLOCKS + self._seen.size // edges.CELLS_PER_EDGE
+        if len(starts) >= min_edges:
+            write = partial(edges.edges_are_free_by_blocks, self._blocks, write)
         return write_in_threads(write, starts, ends, out, min_items=MIN_EDGES_PER_THREAD)
 
     def _write_free_around(self, distance: float, angle: float, rows: Floats, out: Bools) -> int:

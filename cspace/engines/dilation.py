@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from cspace.raster import Raster, extract_runs
 from cspace.support.arrays import Bools, Ints, Words
-from cspace.support.compiling import kernel
+from cspace.support.compiling import inlined, kernel
 from cspace.support.threads import cores, in_threads
 
 Cells = NDArray[np.uint8]
@@ -292,6 +292,7 @@ class PaddedBits:
     def dilate_blocks(self, add: bool, tasks: Sequence[Task]) -> None:
         """Dilate blocks, and write their results, or add them to ``out``."""
         row_bits = self.padding.cells
+        scratch = np.empty((3, 0), dtype=np.uint64)
         for lengths, distances, block, out in tasks:
             hits = out[block.first_layer : block.stop_layer, block.first_row : block.stop_row]
             layers, rows, cells = hits.shape
@@ -302,14 +303,19 @@ class PaddedBits:
             first_row = block.first_layer * self.padding.rows + block.first_row
             first_word = first_row * row_bits // WORD_BITS
             source = self.words[first_word : first_word + size + reach]
-            wide, wider = np.empty((2, source.size), dtype=np.uint64)
-            result = np.empty(size, dtype=np.uint64)
+            if scratch.shape[1] < source.size:
+                scratch = np.empty((3, source.size), dtype=np.uint64)
+            wide, wider, longest_result = scratch
+            result = longest_result[:size]
             if dilate(source, lengths, distances, wide, wider, result):
                 row_bytes = row_bits // BYTE_BITS
                 result_bytes = result.view(np.uint8)[: layers * rows_of_layer * row_bytes]
                 packed = result_bytes.reshape(layers, rows_of_layer, row_bytes)[:, :rows]
                 new_hits = np.unpackbits(packed, axis=2, count=cells, bitorder="little")
-                hits[...] = hits + new_hits if add else new_hits
+                if add:
+                    hits += new_hits
+                else:
+                    hits[...] = new_hits
             elif not add:
                 hits[...] = 0
 
@@ -322,7 +328,7 @@ def dilate(
 
     Sets bit k of the result if a run of bits that begins ``distance`` after bit k has a set bit.
     Returns False, without a result, if no bit of the source is set. ``wide`` and ``wider`` are
-    scratch of the source's size. The source reaches a word beyond the last run.
+    scratch, at least as long as the source. The source reaches a word beyond the last run.
     """
     all_bits = np.uint64(0)
     for k in range(source.size):
@@ -334,23 +340,35 @@ def dilate(
         result[k] = 0
     # Bit k of ``wide`` tells if any of ``length`` bits from k on is set.
     length = 1
-    for run in range(lengths.size):
+    run = 0
+    while run < lengths.size:
         while length < lengths[run]:
             step = min(lengths[run] - length, length)
-            jump = np.uint64(step // WORD_BITS)
-            shift = np.uint64(step % WORD_BITS)
-            # The last word is out of date from here on, but all runs end before it. The other
-            # word is shifted twice, because a shift by 64 bits is undefined.
-            for k in range(np.uint64(source.size) - jump - _ONE):
-                low = wide[k + jump] >> shift
-                high = (wide[k + jump + _ONE] << _ONE) << (_LAST_BIT - shift)
-                wider[k] = wide[k] | low | high
+            # The last words are out of date from here on, but all runs end before them.
+            for k in range(np.uint64(source.size - step // WORD_BITS - 1)):
+                wider[k] = wide[k] | word_from(wide, k, step)
             wide, wider = wider, wide
             length += step
-        jump = np.uint64(distances[run] // WORD_BITS)
-        shift = np.uint64(distances[run] % WORD_BITS)
+        # Four runs of one length share a pass over the result; a last one stands for missing ones.
+        last = run
+        while last < min(run + 3, lengths.size - 1) and lengths[last + 1] == length:
+            last += 1
+        a = distances[run]
+        b = distances[min(run + 1, last)]
+        c = distances[min(run + 2, last)]
+        d = distances[last]
         for k in range(np.uint64(result.size)):
-            low = wide[k + jump] >> shift
-            high = (wide[k + jump + _ONE] << _ONE) << (_LAST_BIT - shift)
-            result[k] |= low | high
+            first_two = word_from(wide, k, a) | word_from(wide, k, b)
+            result[k] |= first_two | word_from(wide, k, c) | word_from(wide, k, d)
+        run = last + 1
     return True
+
+
+@inlined
+def word_from(words: Words, k: int, distance: int) -> np.uint64:
+    """Return the 64 bits that begin ``distance`` bits after word k."""
+    first = k + np.uint64(distance // WORD_BITS)
+    shift = np.uint64(distance % WORD_BITS)
+    # The second word is shifted twice, because a shift by 64 bits is undefined.
+    word: np.uint64 = (words[first] >> shift) | (words[first + _ONE] << _ONE) << (_LAST_BIT - shift)
+    return word

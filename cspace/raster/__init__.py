@@ -92,17 +92,16 @@ def extract_runs(rasters: Sequence[Raster]) -> tuple[Ints, Ints]:
     owner : ndarray of int64, shape (n,)
         Index of the raster that each run belongs to.
     """
-    runs_of_rasters = []
+    borders_of_rasters = []
     for raster in rasters:
-        # Between gaps at both ends, the cells step up where a run starts and down where it stops.
-        gap = np.int8(0)
-        steps = np.diff(raster.cells.view(np.int8), prepend=gap, append=gap)
-        first = np.argwhere(steps == 1)
-        stop = np.argwhere(steps == -1)
-        length = stop[:, -1] - first[:, -1]
-        runs_of_rasters.append(np.column_stack([first + raster.lower, length]))
-    owner = np.repeat(np.arange(len(rasters)), [len(runs) for runs in runs_of_rasters])
-    table = np.concatenate(runs_of_rasters)
+        # With gaps at both ends of each line, each run begins and ends where cells differ.
+        borders = np.argwhere(np.diff(raster.cells, prepend=False, append=False))
+        borders_of_rasters.append(borders + raster.lower)
+    owner = np.repeat(np.arange(len(rasters)), [len(found) // 2 for found in borders_of_rasters])
+    borders = np.concatenate(borders_of_rasters)
+    first = borders[0::2]
+    stop = borders[1::2]
+    table = np.column_stack([first, stop[:, -1] - first[:, -1]])
     is_plane = table.shape[1] == 3
     if is_plane:
         table = np.insert(table, 0, 0, axis=1)

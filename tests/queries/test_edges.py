@@ -4,20 +4,26 @@ import math
 
 import numpy as np
 import pytest
+import shapely
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from cspace import FREE, MIXED
+import cspace
+from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
 from cspace.rotations import Rotations
 from cspace.rotations.base import TWO_PI
 from tests.helpers import oracles
 from tests.helpers.handmade import (
     ALL_FREE,
+    MAP_KINDS,
     Outside,
     cells_around,
+    configurations,
     free_except,
+    make_map,
     map_of,
     outsides,
+    random_states,
     state_of,
     states,
 )
@@ -84,6 +90,55 @@ def test_long_edges_outside_the_grid_are_decided(dim):
     rest = (0.6,) * (dim - 1)
     assert space.motion_is_free((-100.0, *[0.5] * (dim - 1)), (100.0, *rest))  # no obstacle at all
     assert not space.motion_is_free((-1e9, *rest), (1e9, *rest))  # too far for the certificate
+
+
+# ---- many edges, which are tested in blocks first ------------------------------------------------
+
+
+def ask_alone(space, starts, ends):
+    """Query each edge by itself, of which no block is made."""
+    edges = zip(starts.tolist(), ends.tolist(), strict=True)
+    return [space.motion_is_free(tuple(start), tuple(end)) for start, end in edges]
+
+
+def draw_near_borders(rng, space, number):
+    """Draw configurations on, near and between the borders of cells, also outside the grid."""
+    dim, upper = space.grid.dim, np.array(space.grid.upper)
+    reach = rng.choice([0.0, 0.3])
+    q = rng.uniform(-7.0, 7.0, (number, space.size))
+    q[:, :dim] = rng.uniform(-reach, upper + reach, (number, dim))
+    nudges = np.array([0.0, 0.0, 1e-12, 2.0**-30, 2.0**-28, 2.0**-25, 2.0**-22])
+    on_borders = np.round(q[:, :dim] / H) * H
+    on_borders += rng.choice([-1.0, 1.0], on_borders.shape) * rng.choice(nudges, on_borders.shape)
+    q[:, :dim] = np.where(rng.random(on_borders.shape) < 0.5, on_borders, q[:, :dim])
+    return configurations(space, q)
+
+
+@pytest.mark.parametrize("kind", MAP_KINDS)
+def test_many_edges_get_the_answers_of_each_alone(kind):
+    rng = np.random.default_rng(0)
+    shares = []
+    for _ in range(20):
+        cells = random_states(rng, kind, max_side=24, mixture=(FREE,) * 100 + (MIXED, BLOCKED))
+        space = make_map(cells, kind, rng.choice(["free", "blocked"]))
+        starts, ends = (draw_near_borders(rng, space, 300) for _ in range(2))
+        short = rng.random(300) < 0.5
+        ends[short] = configurations(space, starts + 0.1 * (ends - starts))[short]
+        free = space.motion_is_free(starts, ends)
+        assert free.tolist() == ask_alone(space, starts, ends)
+        shares.append(free.mean())
+    assert 0.1 < np.mean(shares) < 0.9
+
+
+def test_many_edges_see_updates():
+    space = cspace.build(Workspace.from_array(np.zeros((64, 64), dtype=bool), 0.1), Robot.disc(0.2))
+    starts = np.tile([1.0, 3.2], (500, 1))
+    ends = np.column_stack([np.linspace(1.1, 5.0, 500), np.full(500, 3.0)])
+    assert space.motion_is_free(starts, ends).all()
+    space.add_obstacle("crate", shapely.box(3.0, 2.0, 3.2, 4.0))
+    free = space.motion_is_free(starts, ends)
+    assert free.tolist() == ask_alone(space, starts, ends)
+    assert 0.3 < free.mean() < 0.6
 
 
 # ---- positions and yaws --------------------------------------------------------------------------
