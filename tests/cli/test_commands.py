@@ -164,7 +164,7 @@ def test_axes_of_meshes_and_drawn_links_have_options(room):
         '<parent link="a"/><child link="b"/></joint></robot>'
     )
     document("info drawn.urdf --as robot", warning="no <collision>")
-    assert document("info drawn.urdf --as robot --visuals")["upper"][0] == 0.3
+    assert document("info drawn.urdf --as robot --visuals")["upper_m"][0] == 0.3
 
 
 def test_warnings_are_printed_in_one_line(room):
