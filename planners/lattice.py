@@ -145,6 +145,9 @@ SPOT_ROUNDS: Final = 2
 MAX_SHORTCUTS: Final = 24
 """Largest number of earlier waypoints tested for an edge to a waypoint."""
 
+PATIENCE: Final = 0.25
+NEAR_BLOCKS: Final = 3
+
 TIME_CHECK: Final = -3
 FULL: Final = -4
 """Results of :func:`expand_nodes` other than a node, :data:`NO_NODE` and :data:`UNKNOWN`."""
@@ -465,11 +468,17 @@ def _search(
     """
     start, goal = cast(tuple[Pose, Pose], endpoints)
     map_ = edges.bounded_map()
-    nodes = _make_nodes(INITIAL_CAPACITY)
-    target = Target(goal, guide.estimate)
     radius = edges.turning_radius
     heading = int(np.abs(wrapped(motions.headings - start[2])).argmin())
-    add_node(map_, motions, radius, target, nodes, start, heading, 0.0, NO_NODE, 0)
+
+    def begin(capacity: int) -> tuple[Target, Nodes]:
+        """Make a search in which the start waits to be expanded."""
+        target = Target(goal, guide.estimate)
+        nodes = _make_nodes(capacity)
+        add_node(map_, motions, radius, target, nodes, start, heading, 0.0, NO_NODE, 0)
+        return target, nodes
+
+    target, nodes = begin(INITIAL_CAPACITY)
     is_free = edges.edge_checker()
     reason = f"the lattice search ended at its limit of {max_nodes:,} nodes"
     while nodes.counts[0] < max_nodes:
@@ -479,7 +488,12 @@ def _search(
             direction, i, j = nodes.place.tolist()
             guide.reach(direction, (0, i, j), until)
         elif node == FULL:
-            nodes = _enlarge(nodes)
+            vain = _find_vain_blocks(map_, motions, target, nodes)
+            if vain.any():
+                guide.avoid(vain)
+                target, nodes = begin(2 * len(nodes.keys))
+            else:
+                nodes = _enlarge(nodes)
         elif node == NO_NODE:
             reason = "the lattice search reached no more nodes"
             break
@@ -524,6 +538,29 @@ def _enlarge(nodes: Nodes) -> Nodes:
     )
     fill_table(larger)
     return larger
+
+
+def _find_vain_blocks(map_: Map, motions: Motions, target: Target, nodes: Nodes) -> Bools:
+    """Find blocks that the search should have entered long ago, shape (1, x, y).
+
+    These are all that it has not entered near the node that the guide takes for the nearest to the
+    goal, unless that node is among the later ones.
+    """
+    count = nodes.counts[0]
+    estimate = target.estimate
+    side = estimate.side * map_.spacing
+    columns, rows = ((nodes.poses[:count, :2] - map_.lower[1:3]) / side).astype(np.int64).T
+    directions = motions.nearest[nodes.motions[:count, 1]]
+    states = directions, 0, columns, rows
+    left = np.where(estimate.reached[states] > 0, estimate.positions[states], math.inf)
+    best = int(left.argmin())
+    vain = np.zeros(estimate.positions.shape[1:], dtype=np.bool_)
+    if best < PATIENCE * count:
+        i = columns[best]
+        j = rows[best]
+        vain[0, max(i - NEAR_BLOCKS, 0) : i + NEAR_BLOCKS + 1, max(j - NEAR_BLOCKS, 0) : j + NEAR_BLOCKS + 1] = True
+        vain[0, columns, rows] = False
+    return vain
 
 
 def _trace_path(nodes: Nodes, node: int, endpoints: Endpoints, merges: bool) -> Floats:
