@@ -145,8 +145,9 @@ SPOT_ROUNDS: Final = 2
 MAX_SHORTCUTS: Final = 24
 """Largest number of earlier waypoints tested for an edge to a waypoint."""
 
-HEADINGS_PER_DIRECTION: Final = 4
-"""Headings of robots that turn on the spot, for each direction from a cell to others near it."""
+SPOT_HEADINGS: Final = (1, 4)
+"""Headings of the lattices for robots that turn on the spot, for each direction from a cell to
+others near it, coarse to fine."""
 
 MIN_STALLED_NODES: Final = 2**14
 """Number of nodes at which a search may count as stalled; twice as many after each stall."""
@@ -298,11 +299,12 @@ def _measure_room(edges: LocalPlanner, q: Endpoint) -> int:
     return sum(int((edges.cells.states_at(yaw)[window] <= worst).sum()) for yaw in yaws)
 
 
-def _list_headings(endpoints: Endpoints) -> tuple[Floats, Floats]:
+def _list_headings(endpoints: Endpoints, count: int) -> tuple[Floats, Floats]:
     """List the headings of a lattice by ascending yaw, and the length of a drive along each.
 
-    These are the directions from a cell to others near it, the yaws of start and goal, and headings
-    between these, at which the robot comes close to a wall. Lengths are in cells.
+    These are the directions from a cell to others near it, and the yaws of start and goal. From
+    each to the next there are ``count`` steps; at headings between, the robot comes close to a
+    wall. Lengths are in cells.
     """
     steps = list_moves(2).steps[:, 1:]
     yaws = wrapped(np.arctan2(steps[:, 1], steps[:, 0]))
@@ -312,9 +314,9 @@ def _list_headings(endpoints: Endpoints) -> tuple[Floats, Floats]:
     order = np.argsort(all_yaws)
     first = all_yaws[order]
     gaps = np.diff(first, append=first[0] + TWO_PI)
-    shares = np.arange(HEADINGS_PER_DIRECTION) / HEADINGS_PER_DIRECTION
+    shares = np.arange(count) / count
     # A drive as long as a cell's diagonal leaves the cell.
-    lengths = np.full((len(order), HEADINGS_PER_DIRECTION), math.sqrt(2.0))
+    lengths = np.full((len(order), count), math.sqrt(2.0))
     lengths[order < len(yaws), 0] = np.hypot(*steps[order[order < len(yaws)]].T)
     return wrapped(first[:, None] + np.outer(gaps, shares)).ravel(), lengths.ravel()
 
@@ -405,20 +407,21 @@ def _list_levels(
 ) -> list[tuple[Motions, int]]:
     """List the motions of each lattice, coarse to fine, and its largest number of nodes."""
     if edges.turning_radius is None:
-        return [(_list_spot_motions(edges, endpoints), MAX_NODES)]
+        lattices = [_list_spot_motions(edges, endpoints, count) for count in SPOT_HEADINGS]
+        return [(motions, MAX_NODES) for motions in lattices]
     start = endpoints[0]
     counts = REVERSING_HEADINGS if _can_reverse(edges) else CAR_HEADINGS
     lattices = [_list_car_motions(edges, start, count, is_backwards) for count in counts]
     return list(zip(lattices, CAR_MAX_NODES, strict=False))
 
 
-def _list_spot_motions(edges: LocalPlanner, endpoints: Endpoints) -> Motions:
+def _list_spot_motions(edges: LocalPlanner, endpoints: Endpoints, count: int) -> Motions:
     """List the motions of a robot that turns on the spot.
 
     These are turns to the next headings, and drives ahead and perhaps in reverse.
     """
     spacing = edges.cells.grid.spacing
-    yaws, ahead = _list_headings(endpoints)
+    yaws, ahead = _list_headings(endpoints, count)
     turns = [1, -1, 0]
     directions = [0.0, 0.0, 1.0]
     if _can_reverse(edges):
