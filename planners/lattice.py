@@ -145,17 +145,23 @@ SPOT_ROUNDS: Final = 2
 MAX_SHORTCUTS: Final = 24
 """Largest number of earlier waypoints tested for an edge to a waypoint."""
 
+SPOT_HEADINGS: Final = (1, 4)
+"""Headings of the lattices for robots that turn on the spot, for each direction from a cell to
+others near it, coarse to fine."""
+
+MIN_STALLED_NODES: Final = 2**14
+"""Number of nodes at which a search may count as stalled; twice as many after each stall."""
+
+PATIENCE: Final = 0.25
+"""A search has stalled if its nodes after this share came no nearer to the goal."""
+
+NEAR_BLOCKS: Final = 3
+"""Distance, in blocks, from the node nearest to the goal, within which a stalled search avoids
+blocks that it has not entered."""
+
 TIME_CHECK: Final = -3
 FULL: Final = -4
 """Results of :func:`expand_nodes` other than a node, :data:`NO_NODE` and :data:`UNKNOWN`."""
-
-
-class Drives(NamedTuple):
-    """The h headings of a lattice, by ascending yaw, and the drive along each."""
-
-    yaws: Floats  # (h,)
-    steps: Ints  # (h, 2), cells along x and y
-    is_own: Bools  # (h,), whether only start or goal has the yaw, and the drive is about as long
 
 
 class Motions(NamedTuple):
@@ -180,6 +186,14 @@ class Target(NamedTuple):
 
     goal: Pose
     estimate: Estimate
+
+
+class Limits(NamedTuple):
+    """Limits of a search."""
+
+    min_stalled: int  # nodes before which it does not count as stalled
+    max_nodes: int
+    until: float  # reading of the clock
 
 
 class Nodes(NamedTuple):
@@ -216,26 +230,48 @@ def find_lattice_path(
     is_backwards = _starts_at_goal(edges, endpoints)
     if is_backwards:
         endpoints = endpoints[::-1]
-    path = np.empty((0, 3))
     until = clock() + seconds
     try:
-        guide = _make_guide(edges, endpoints, is_backwards)
-        for motions, max_nodes in _list_levels(edges, endpoints, is_backwards):
-            path, reason = _search(edges, motions, guide, endpoints, max_nodes, until, may_exist)
-            if is_backwards:
-                path = path[::-1]
-            if len(path) and not edges.are_free(path):
-                path = np.empty((0, 3))
-                reason = "rounding keeps the path of the lattice from being proven"
-            if len(path):
-                break
+        path, reason = _search_levels(edges, endpoints, is_backwards, until, may_exist)
     except TimeoutError:
-        return path, ""
+        return np.empty((0, 3)), ""
+    if is_backwards:
+        path = path[::-1]
     if not len(path):
         return path, reason
     if simplify:
         path = shorten_path(edges, path, until + MAX_SHORTENING_SECONDS)
     return path, ""
+
+
+def _search_levels(
+    edges: LocalPlanner,
+    endpoints: Endpoints,
+    is_backwards: bool,
+    until: float,
+    may_exist: Callable[[], bool],
+) -> tuple[Floats, str]:
+    """Search on lattices, coarse to fine, and again around blocks where even a fine one stalled.
+
+    Returns and raises as :func:`_search` does, without blocks.
+    """
+    guide = _make_guide(edges, endpoints, is_backwards)
+    levels = _list_levels(edges, endpoints, is_backwards)
+    min_stalled = MIN_STALLED_NODES
+    while True:
+        for motions, max_nodes in levels:
+            limits = Limits(min_stalled, max_nodes, until)
+            path, reason, vain = _search(edges, motions, guide, endpoints, limits, may_exist)
+            if len(path) and edges.are_free(path[::-1] if is_backwards else path):
+                return path, ""
+            if len(path):
+                reason = "rounding keeps the path of the lattice from being proven"
+            if vain is not None and len(motions.headings) >= CAR_HEADINGS[-1]:
+                break
+        if vain is None:
+            return np.empty((0, 3)), reason
+        guide.avoid(vain)
+        min_stalled *= 2
 
 
 def _starts_at_goal(edges: LocalPlanner, endpoints: Endpoints) -> bool:
@@ -263,22 +299,26 @@ def _measure_room(edges: LocalPlanner, q: Endpoint) -> int:
     return sum(int((edges.cells.states_at(yaw)[window] <= worst).sum()) for yaw in yaws)
 
 
-def _list_drives(endpoints: Endpoints) -> Drives:
-    """List the headings of a lattice, and the drive along each.
+def _list_headings(endpoints: Endpoints, count: int) -> tuple[Floats, Floats]:
+    """List the headings of a lattice by ascending yaw, and the length of a drive along each.
 
-    These are the directions from a cell to others near it, and the yaws of start and goal, at which
-    a drive is about as long as the one at the nearest direction.
+    These are the directions from a cell to others near it, and the yaws of start and goal. From
+    each to the next there are ``count`` steps; at headings between, the robot comes close to a
+    wall. Lengths are in cells.
     """
     steps = list_moves(2).steps[:, 1:]
     yaws = wrapped(np.arctan2(steps[:, 1], steps[:, 0]))
     own_yaws = np.unique([q[2] for q in endpoints])
-    turns = np.abs(wrapped(yaws - own_yaws[:, None]))
-    is_new = turns.min(axis=1) > 1e-9
-    nearest = turns.argmin(axis=1)
+    is_new = np.abs(wrapped(yaws - own_yaws[:, None])).min(axis=1) > 1e-9
     all_yaws = np.concatenate([yaws, own_yaws[is_new]])
-    all_steps = np.concatenate([steps, steps[nearest[is_new]]])
     order = np.argsort(all_yaws)
-    return Drives(all_yaws[order], all_steps[order], order >= len(yaws))
+    first = all_yaws[order]
+    gaps = np.diff(first, append=first[0] + TWO_PI)
+    shares = np.arange(count) / count
+    # A drive as long as a cell's diagonal leaves the cell.
+    lengths = np.full((len(order), count), math.sqrt(2.0))
+    lengths[order < len(yaws), 0] = np.hypot(*steps[order[order < len(yaws)]].T)
+    return wrapped(first[:, None] + np.outer(gaps, shares)).ravel(), lengths.ravel()
 
 
 def _list_moves_by_yaw() -> tuple[Floats, Ints, Floats]:
@@ -367,29 +407,27 @@ def _list_levels(
 ) -> list[tuple[Motions, int]]:
     """List the motions of each lattice, coarse to fine, and its largest number of nodes."""
     if edges.turning_radius is None:
-        return [(_list_spot_motions(edges, endpoints), MAX_NODES)]
+        lattices = [_list_spot_motions(edges, endpoints, count) for count in SPOT_HEADINGS]
+        return [(motions, MAX_NODES) for motions in lattices]
     start = endpoints[0]
     counts = REVERSING_HEADINGS if _can_reverse(edges) else CAR_HEADINGS
     lattices = [_list_car_motions(edges, start, count, is_backwards) for count in counts]
     return list(zip(lattices, CAR_MAX_NODES, strict=False))
 
 
-def _list_spot_motions(edges: LocalPlanner, endpoints: Endpoints) -> Motions:
+def _list_spot_motions(edges: LocalPlanner, endpoints: Endpoints, count: int) -> Motions:
     """List the motions of a robot that turns on the spot.
 
-    These are turns to the next headings, and drives ahead and perhaps in reverse. The headings are
-    those of drives from one cell to another, and the yaws of start and goal.
+    These are turns to the next headings, and drives ahead and perhaps in reverse.
     """
     spacing = edges.cells.grid.spacing
-    yaws, steps, is_own = _list_drives(endpoints)
-    # At the yaw of start or goal, a drive as long as a cell's diagonal leaves the cell.
-    ahead = spacing * np.where(is_own, math.sqrt(2.0), np.hypot(steps[:, 0], steps[:, 1]))
+    yaws, ahead = _list_headings(endpoints, count)
     turns = [1, -1, 0]
     directions = [0.0, 0.0, 1.0]
     if _can_reverse(edges):
         turns.append(0)
         directions.append(-1.0)
-    lengths = np.outer(ahead, directions)
+    lengths = spacing * np.outer(ahead, directions)
     next_heading = (np.arange(len(yaws))[:, None] + turns) % len(yaws)
     radians = np.abs(wrapped(yaws[next_heading] - yaws[:, None]))
     return Motions(
@@ -455,13 +493,13 @@ def _search(
     motions: Motions,
     guide: Guide,
     endpoints: Endpoints,
-    max_nodes: int,
-    until: float,
+    limits: Limits,
     may_exist: Callable[[], bool],
-) -> tuple[Floats, str]:
+) -> tuple[Floats, str, Bools | None]:
     """Search from the start for a path to the goal, shape (n, 3).
 
-    If n is 0, the note says what ended the search. Raises TimeoutError after ``until``.
+    If n is 0, the note says what ended the search; if it stalled, blocks to avoid follow. Raises
+    TimeoutError if time runs out.
     """
     start, goal = cast(tuple[Pose, Pose], endpoints)
     map_ = edges.bounded_map()
@@ -471,14 +509,18 @@ def _search(
     heading = int(np.abs(wrapped(motions.headings - start[2])).argmin())
     add_node(map_, motions, radius, target, nodes, start, heading, 0.0, NO_NODE, 0)
     is_free = edges.edge_checker()
-    reason = f"the lattice search ended at its limit of {max_nodes:,} nodes"
-    while nodes.counts[0] < max_nodes:
+    until = limits.until
+    reason = f"the lattice search ended at its limit of {limits.max_nodes:,} nodes"
+    while nodes.counts[0] < limits.max_nodes:
         node = expand_nodes(map_, motions, radius, target, nodes)
         check_deadline(until)
         if node == UNKNOWN:
             direction, i, j = nodes.place.tolist()
             guide.reach(direction, (0, i, j), until)
         elif node == FULL:
+            vain = _find_vain_blocks(map_, motions, target, nodes)
+            if len(nodes.keys) >= limits.min_stalled and vain.any():
+                return np.empty((0, 3)), "the lattice search stalled", vain
             nodes = _enlarge(nodes)
         elif node == NO_NODE:
             reason = "the lattice search reached no more nodes"
@@ -489,8 +531,8 @@ def _search(
                 break
             until += clock() - began
         elif is_free(*nodes.poses[node].tolist(), *goal):
-            return _trace_path(nodes, node, endpoints, radius is None), ""
-    return np.empty((0, 3)), reason
+            return _trace_path(nodes, node, endpoints, radius is None), "", None
+    return np.empty((0, 3)), reason, None
 
 
 def _make_nodes(capacity: int) -> Nodes:
@@ -524,6 +566,30 @@ def _enlarge(nodes: Nodes) -> Nodes:
     )
     fill_table(larger)
     return larger
+
+
+def _find_vain_blocks(map_: Map, motions: Motions, target: Target, nodes: Nodes) -> Bools:
+    """Find blocks that a stalled search has not entered, shape (1, x, y).
+
+    These are near the node that the guide takes for the nearest to the goal. There are none if that
+    node is among the later ones, because the search advances then.
+    """
+    count = nodes.counts[0]
+    estimate = target.estimate
+    _, *shape = vain_shape = estimate.positions.shape[1:]
+    offsets = nodes.poses[:count, :2] - map_.lower[1:3]
+    blocks = (offsets / (estimate.side * map_.spacing)).astype(np.int64)
+    columns, rows = np.minimum(blocks, np.array(shape) - 1).T
+    states = motions.nearest[nodes.motions[:count, 1]], 0, columns, rows
+    left = np.where(estimate.reached[states] > 0, estimate.positions[states], math.inf)
+    best = int(left.argmin())
+    vain = np.zeros(vain_shape, dtype=np.bool_)
+    if best < PATIENCE * count:
+        low = np.maximum(blocks[best] - NEAR_BLOCKS, 0)
+        high = blocks[best] + NEAR_BLOCKS + 1
+        vain[0, low[0] : high[0], low[1] : high[1]] = True
+        vain[0, columns, rows] = False
+    return vain
 
 
 def _trace_path(nodes: Nodes, node: int, endpoints: Endpoints, merges: bool) -> Floats:

@@ -42,7 +42,7 @@ from cspace.queries.frontier import (
 )
 from cspace.queries.moves import list_moves
 from cspace.queries.points import Cell
-from cspace.support.arrays import FREE, Floats, Ints, States
+from cspace.support.arrays import FREE, Bools, Floats, Ints, States
 from cspace.support.compiling import internal, kernel
 
 POSITIONS_WEIGHT: Final = 1.1
@@ -53,6 +53,9 @@ blocks are examined, for chains that are hardly longer."""
 NARROW_PRICE: Final = 1.0
 """Share by which a block is dearer where the robot passes at few rotations. Searches lose the most
 time where a chain leads through a gap in which the robot cannot turn."""
+
+AVOIDED_PRICE: Final = 1e4
+"""Factor of the cost in a block that a search found no way into."""
 
 MAX_SAMPLES: Final = 4
 """Number of rotations that are looked at in the middle of a block."""
@@ -185,12 +188,7 @@ class Guide:
         self._goal = int(np.ravel_multi_index((goal_direction, *goal_block), shape))
         # The robot is at the goal, whatever its block looks like.
         self._blocks.prices[goal_direction, *goal_block] = 1.0
-        self._progress = begin_at(self._goal, count)
-        self.estimate = estimate_without_obstacles((nx, ny, nz), goal_cell, 1.0)._replace(
-            positions=self._progress.cost.reshape(shape),
-            reached=self._progress.previous.reshape(shape),
-            side=side,
-        )
+        self.estimate = estimate_without_obstacles((nx, ny, nz), goal_cell, 1.0)
         start_block = self._find_block(start_cell)
         self._to_start = estimate_without_obstacles(shape[1:], start_block, weight)
         self._guide: Guide | None = None
@@ -205,15 +203,35 @@ class Guide:
                 factors=factors,
                 worst_state=worst_state,
             )
-            positions = self._guide.estimate
             turns = directions.turn_costs / side
             self._to_start = self._to_start._replace(
                 weight=DIRECTIONS_WEIGHT,
-                positions=positions.positions,
-                reached=positions.reached,
-                bound=positions.bound,
                 rotations=measure_turns(directions.neighbors, turns, start_direction),
             )
+        self._begin()
+
+    def _begin(self) -> None:
+        """Begin the search from the goal."""
+        self._progress = begin_at(self._goal, math.prod(self._shape))
+        self.estimate = self.estimate._replace(
+            positions=self._progress.cost.reshape(self._shape),
+            reached=self._progress.previous.reshape(self._shape),
+            side=self._side,
+            bound=np.zeros(1),
+        )
+        if self._guide is not None:
+            positions = self._guide.estimate
+            self._to_start = self._to_start._replace(
+                positions=positions.positions, reached=positions.reached, bound=positions.bound
+            )
+
+    def avoid(self, blocks: Bools) -> None:
+        """Make passable blocks, shape (x, y, z), very dear, and measure all chains anew."""
+        prices = self._blocks.prices[:, blocks]
+        self._blocks.prices[:, blocks] = np.where(prices > 0.0, prices + AVOIDED_PRICE, 0.0)
+        if self._guide is not None:
+            self._guide.avoid(blocks)
+        self._begin()
 
     def is_reached(self, cell: Cell) -> bool:
         """Return True if a chain from the block of a cell is known, for one direction."""

@@ -193,3 +193,20 @@ def test_cars_park_in_tight_slots_on_coarse_maps(make_slot, share, radius):
             turned = shapely.affinity.rotate(CAR, yaw, (0, 0), use_radians=True)
             car = shapely.affinity.translate(turned, x, y)
             assert not shapely.intersects(car, obstacles).any()
+
+
+@pytest.mark.parametrize("drive", ["differential", "differential-reverse"])
+def test_lattice_passes_a_crate_close_to_a_wall_in_little_time(drive):
+    """Among headings far apart, none lets the robot come as close to the wall as it has to."""
+    occupied = np.zeros((60, 375), dtype=bool)
+    occupied[[0, -1]] = True
+    occupied[:, [0, -1]] = True
+    notched = shapely.Polygon([(-0.45, -0.3), (0.45, -0.3), (0.3, 0.0), (0.45, 0.3), (-0.45, 0.3)])
+    space = build(Workspace.from_array(occupied, 0.04), Robot.polygon(notched), rotations=72)
+    options = {"planner": "Lattice", "drive": drive}
+    ends = (1.2, 13.5, -1.57), (1.2, 2.0, -1.0)
+    assert planners.plan(space, *ends, **options).solved  # compiles all functions
+    space.add_obstacle("crate", shapely.box(0.86, 6.0, 1.58, 7.0))
+    plan = planners.plan(space, *ends, time_limit=0.3, **options)
+    assert plan.certified
+    assert plan.length < 12.0
