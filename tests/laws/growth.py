@@ -127,9 +127,9 @@ def list_squares(n: int) -> list[shapely.Polygon]:
 
 
 def make_sphere(n: int) -> trimesh.Trimesh:
-    """Make a bumpy ball of about n triangles."""
+    """Make a ball of about n triangles with small bumps, so that its hull has many corners."""
     ball = trimesh.creation.uv_sphere(count=[math.isqrt(n // 2)] * 2)
-    radii = 1.0 + 0.1 * np.sin(7.0 * ball.vertices).sum(axis=1)
+    radii = 1.0 + 0.002 * np.sin(7.0 * ball.vertices).sum(axis=1)
     return trimesh.Trimesh(radii[:, np.newaxis] * ball.vertices, ball.faces)
 
 
@@ -454,7 +454,7 @@ KINDS: dict[str, tuple[int, Callable[[int, Path], Job]]] = {
     "write a plan of n waypoints": (16, write_plan),
     "explain among n obstacles": (9, explain_obstacles),
     "export n cells": (16**2, export_map),
-    "read an image of n pixels": (128**2, read_image),
+    "read an image of n pixels": (300**2, read_image),
     "read n polygons": (16, read_polygons),
     "read n points": (256, read_points),
     "read an STL file of n boxes": (8, read_mesh(".stl")),
