@@ -227,7 +227,7 @@ def print_plan_in_space(n: int, folder: Path) -> Job:
     rng = np.random.default_rng(0)
     side = round((30 * n) ** (1 / 3))
     occupied = rng.random((side, side, side)) < 1 / 30
-    occupied[0] = occupied[-1] = False
+    occupied[:2] = occupied[-2:] = False
     space = cspace.build(Workspace.from_array(occupied, 0.1), Robot.box((0.01, 0.01, 0.01)))
     plan = planners.plan(space, (0.05, 0.05, 0.05), (0.05, 0.1 * side - 0.05, 0.05))
     return lambda: str(plan)
