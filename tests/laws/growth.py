@@ -229,7 +229,8 @@ def print_plan_in_space(n: int, folder: Path) -> Job:
     occupied = rng.random((side, side, side)) < 1 / 30
     occupied[:2] = occupied[-2:] = False
     space = cspace.build(Workspace.from_array(occupied, 0.1), Robot.box((0.01, 0.01, 0.01)))
-    plan = planners.plan(space, (0.05, 0.05, 0.05), (0.05, 0.1 * side - 0.05, 0.05))
+    corners = (0.15, 0.15, 0.15), (0.15, 0.1 * side - 0.15, 0.15)
+    plan = planners.plan(space, *map(space.nearest_free, corners))
     return lambda: str(plan)
 
 
@@ -257,16 +258,6 @@ def recheck_plan(n: int, folder: Path) -> Job:
 def print_long_plan(n: int, folder: Path) -> Job:
     plan = make_long_plan(n)
     return lambda: str(plan)
-
-
-def time_plan(n: int, folder: Path) -> Job:
-    plan = make_long_plan(n)
-    return lambda: plan.trajectory(max_velocity=1.0, max_acceleration=1.0)
-
-
-def write_plan(n: int, folder: Path) -> Job:
-    plan = make_long_plan(n)
-    return lambda: plan.to_csv(folder / "plan.csv", overwrite=True)
 
 
 def explain_obstacles(n: int, folder: Path) -> Job:
@@ -446,13 +437,11 @@ KINDS: dict[str, tuple[int, Callable[[int, Path], Job]]] = {
     "label the components of n cells": (24**2, label_components),
     "measure a clearance among n cells": (16**2, measure_clearance),
     "plan among n cells": (20**2, plan_through_floor),
-    "print a plan among n voxels": (50, print_plan_in_space),
+    "print a plan among n voxels": (12, print_plan_in_space),
     "measure the distance to n triangles": (100, measure_mesh_distance),
-    "check a plan of n waypoints": (16, recheck_plan),
-    "print a plan of n waypoints": (16, print_long_plan),
-    "time a plan of n waypoints": (16, time_plan),
-    "write a plan of n waypoints": (16, write_plan),
-    "explain among n obstacles": (9, explain_obstacles),
+    "check a plan of n waypoints": (8, recheck_plan),
+    "print a plan of n waypoints": (8, print_long_plan),
+    "explain among n obstacles": (4, explain_obstacles),
     "export n cells": (16**2, export_map),
     "read an image of n pixels": (300**2, read_image),
     "read n polygons": (16, read_polygons),
@@ -466,7 +455,7 @@ KINDS: dict[str, tuple[int, Callable[[int, Path], Job]]] = {
     "read a chain of n links": (64, read_fixed_chain),
     "read n allowed pairs": (64, read_allowed_pairs),
     "set up an arm of n triangles": (200, set_up_meshes),
-    "set up an arm among n boxes": (32, place_obstacles),
+    "set up an arm among n boxes": (8, place_obstacles),
 }
 """Smallest n, and the job of each n, by kind."""
 
