@@ -39,7 +39,6 @@ import numpy as np  # noqa: E402
 import shapely  # noqa: E402
 import trimesh  # noqa: E402
 from PIL import Image  # noqa: E402
-from scipy.spatial.transform import Rotation  # noqa: E402
 
 import cspace  # noqa: E402
 import planners  # noqa: E402
@@ -223,17 +222,6 @@ def plan_through_floor(n: int, folder: Path) -> Job:
     return lambda: planners.plan(space, *q, time_limit=1e6)
 
 
-def print_plan_in_space(n: int, folder: Path) -> Job:
-    rng = np.random.default_rng(0)
-    side = round((30 * n) ** (1 / 3))
-    occupied = rng.random((side, side, side)) < 1 / 30
-    occupied[:2] = occupied[-2:] = False
-    space = cspace.build(Workspace.from_array(occupied, 0.1), Robot.box((0.01, 0.01, 0.01)))
-    corners = (0.15, 0.15, 0.15), (0.15, 0.1 * side - 0.15, 0.15)
-    plan = planners.plan(space, *map(space.nearest_free, corners))
-    return lambda: str(plan)
-
-
 def measure_mesh_distance(n: int, folder: Path) -> Job:
     workspace = Workspace.from_mesh(make_sphere(n), spacing=0.2)
     space = cspace.build(workspace, Robot.ball(0.1))
@@ -411,20 +399,6 @@ def set_up_meshes(n: int, folder: Path) -> Job:
     return lambda: cspace.build_arm_space(post, cspace.Arm.from_urdf(urdf)).closest([0.0])
 
 
-def place_obstacles(n: int, folder: Path) -> Job:
-    """An arm among n boxes."""
-    path = folder / f"{n}.urdf"
-    write_chain(path, 2)
-    arm = cspace.Arm.from_urdf(path)
-    boxes = {}
-    for k in range(n):
-        pose = np.eye(4)
-        pose[:3, :3] = Rotation.from_rotvec((0.1, 0.2, 0.3)).as_matrix()
-        pose[:3, 3] = 1 + k % 8, k // 8 % 8, k // 64
-        boxes[f"box {k}"] = PosedShape(Robot.box((0.5, 0.4, 0.3)).shape, pose)
-    return lambda: cspace.build_arm_space(boxes, arm).closest([0.0])
-
-
 KINDS: dict[str, tuple[int, Callable[[int, Path], Job]]] = {
     "build a map of n cells": (32**2, build_disc),
     "build a map of n cells and yaws": (24**2, build_yaws),
@@ -437,7 +411,6 @@ KINDS: dict[str, tuple[int, Callable[[int, Path], Job]]] = {
     "label the components of n cells": (24**2, label_components),
     "measure a clearance among n cells": (16**2, measure_clearance),
     "plan among n cells": (20**2, plan_through_floor),
-    "print a plan among n voxels": (12, print_plan_in_space),
     "measure the distance to n triangles": (100, measure_mesh_distance),
     "check a plan of n waypoints": (8, recheck_plan),
     "print a plan of n waypoints": (8, print_long_plan),
@@ -455,7 +428,6 @@ KINDS: dict[str, tuple[int, Callable[[int, Path], Job]]] = {
     "read a chain of n links": (64, read_fixed_chain),
     "read n allowed pairs": (64, read_allowed_pairs),
     "set up an arm of n triangles": (200, set_up_meshes),
-    "set up an arm among n boxes": (8, place_obstacles),
 }
 """Smallest n, and the job of each n, by kind."""
 
