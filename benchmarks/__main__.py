@@ -14,6 +14,7 @@ from typing import Any
 from benchmarks.report import Report, write_whole
 
 BENCHMARKS = {
+    "against": "users' jobs on another commit and on this tree in turn: against REV, by default HEAD",
     "peers": "engines against all peers: promises, bare transforms, memory; cost over sizes; table and plot",
     "update": "a map after a box of its workspace changed, against a build of the whole",
     "classify": "10^7 look-ups against the same look-up as a numpy expression",
@@ -32,6 +33,9 @@ BENCHMARKS = {
     "tiles": "maps in tiles: builds against memory, one and two workers, 65,536^2 cells and 16,384^2 x 16 yaws",
 }
 
+AGAINST = "against"
+"""The benchmark whose name a commit may follow."""
+
 SHARED_MODULES = {"classify": "lookups", "edges": "lookups", "callbacks": "lookups"}
 """Modules of benchmarks that are functions; other benchmarks are ``run`` of their module."""
 
@@ -47,7 +51,7 @@ def main(arguments: list[str] | None = None) -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument(
-        "names", metavar="NAME", nargs="+", choices=[*BENCHMARKS, "all"], help="a benchmark, or all"
+        "names", metavar="NAME", nargs="+", help="a benchmark, or all; a commit after against"
     )
     parser.add_argument(
         "--quick", action="store_true", help="smaller sizes and fewer runs, as a test"
@@ -69,6 +73,10 @@ def main(arguments: list[str] | None = None) -> int:
         help="peers: run nothing, use the figures that --json wrote",
     )
     options = parser.parse_args(arguments)
+    names, revision = split_revision(options.names)
+    for name in names:
+        if name not in [*BENCHMARKS, "all"]:
+            parser.error(f"{name} is no benchmark; they are {', '.join(BENCHMARKS)}, and all")
     folder = options.output
     if options.file is not None:
         whole = json.loads(options.file.read_text(encoding="utf-8"))
@@ -79,11 +87,13 @@ def main(arguments: list[str] | None = None) -> int:
 
     arguments = [*options.names, *(["--quick"] if options.quick else [])]
     report = Report(options.quick, f"python -m benchmarks {shlex.join(arguments)}", folder)
-    names = list(BENCHMARKS) if "all" in options.names else options.names
+    if "all" in names:
+        names = list(BENCHMARKS)
     for name in names:
         report.start(name)
         module = import_module(f"benchmarks.suites.{SHARED_MODULES.get(name, name)}")
-        getattr(module, name if name in SHARED_MODULES else "run")(report, options.seed)
+        function = getattr(module, name if name in SHARED_MODULES else "run")
+        function(report, options.seed, *(revision if name == AGAINST else []))
     if options.json is not None:
         report.write(options.json)
     if "peers" in names and folder is not None and not report.failures:
@@ -94,6 +104,13 @@ def main(arguments: list[str] | None = None) -> int:
     missed = sum(row.get("met") is False for row in report.rows)
     print(f"{len(report.failures)} failed checks, {missed} missed targets")
     return 1 if report.failures else 0
+
+
+def split_revision(names: list[str]) -> tuple[list[str], list[str]]:
+    """Split off the commit that may follow ``against``."""
+    after = names.index(AGAINST) + 1 if AGAINST in names else len(names)
+    revision = [name for name in names[after : after + 1] if name not in [*BENCHMARKS, "all"]]
+    return names[:after] + names[after + len(revision) :], revision
 
 
 def write_page(whole: Mapping[str, Any], folder: Path) -> None:

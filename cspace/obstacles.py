@@ -359,11 +359,16 @@ class ObstacleLayers:
         outer = self.outer[window].copy()
         inner = self.inner[window].copy()
         unknown = np.zeros_like(outer) if self.unknown is None else self.unknown[window].copy()
-        for obstacle in self.named.values():
+        obstacles = list(self.named.values())
+        # All boxes are compared at once, as few of many obstacles are near.
+        firsts = np.array([obstacle.box[0] for obstacle in obstacles]).reshape(-1, len(first))
+        stops = np.array([obstacle.box[1] for obstacle in obstacles]).reshape(-1, len(first))
+        is_near = ((firsts < stop) & (first < stops) & (firsts < stops)).all(axis=1)
+        for number in np.flatnonzero(is_near):
+            obstacle = obstacles[number]
             box = tuple(map(slice, *obstacle.box))
             in_window, in_obstacle = intersect_boxes(window, box)
-            if all(side.start < side.stop for side in in_window):
-                outer[in_window] |= obstacle.outer[in_obstacle]
-                inner[in_window] |= obstacle.inner[in_obstacle]
-                unknown[in_window] &= ~obstacle.outer[in_obstacle]
+            outer[in_window] |= obstacle.outer[in_obstacle]
+            inner[in_window] |= obstacle.inner[in_obstacle]
+            unknown[in_window] &= ~obstacle.outer[in_obstacle]
         return outer, inner, unknown

@@ -1,0 +1,384 @@
+"""Users' jobs, one a process: ``python benchmarks/jobs.py NUMBER SIZE``, with the tree to measure first in PYTHONPATH.
+
+Each line of the input runs the job once; the line of the output says its CPU time and its result as JSON. This
+file imports nothing of this folder, so that it runs in the tree of another commit.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+import sys
+import tempfile
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+from PIL import Image
+from scipy.spatial.transform import Rotation
+
+import cspace
+import planners
+from cspace import CSpace, Robot, Workspace
+
+SPACING = 0.05
+"""Side of the cells of warehouses, metres."""
+
+WAREHOUSE, QUICK_WAREHOUSE = (1006, 1674), (240, 320)
+"""Cells of warehouses."""
+
+NOTCHED = [(-0.3, -0.25), (0.4, -0.25), (0.4, 0.0), (0.05, 0.0), (0.05, 0.35), (-0.3, 0.35)]
+"""Corners of a footprint without a symmetry, metres."""
+
+YAW_CELLS = 72
+PATIENCE = {"time_limit": 60.0}
+"""Time limit of plans, seconds, so that a busy machine cuts none short."""
+
+Run = Callable[[], str]
+"""One run of a job, which returns its result as a text."""
+
+
+def make_warehouse(quick: bool) -> Workspace:
+    """Make racks of 10 m x 2 m with aisles of 2.4 m between them, and pallets in the aisles."""
+    shape = QUICK_WAREHOUSE if quick else WAREHOUSE
+    rng = np.random.default_rng(0)
+    occupied = np.zeros(shape, dtype=np.bool_)
+    for x, y in itertools.product(range(60, shape[0] - 100, 248), range(60, shape[1] - 90, 88)):
+        occupied[x : x + 200, y : y + 40] = True
+    for x, y in rng.integers(0, np.array(shape) - 20, (occupied.size // 8000, 2)):
+        occupied[x : x + 16, y : y + 20] = True
+    return Workspace.from_array(occupied, SPACING)
+
+
+def make_rooms(size: int) -> Workspace:
+    """Make boxes in a cube of cells."""
+    rng = np.random.default_rng(0)
+    occupied = np.zeros((size,) * 3, dtype=np.bool_)
+    for first in rng.integers(0, size - 16, (size // 2, 3)):
+        occupied[tuple(slice(i, i + 16) for i in first)] = True
+    return Workspace.from_array(occupied, 0.1)
+
+
+def real_file(name: str) -> Path:
+    """Return a file of the folder of real inputs."""
+    return Path(os.environ["CSPACE_TEST_DATA"]) / name
+
+
+def draw_free(space: CSpace, count: int, yaw: bool = False) -> Any:
+    """Draw FREE configurations, in the same way on all commits."""
+    rng = np.random.default_rng(1)
+    lower, upper = np.array(space.grid.lower), np.array(space.grid.upper)
+    q = rng.uniform(lower, upper, (20 * count + 500, len(lower)))
+    if yaw:
+        q = np.column_stack([q, rng.uniform(-np.pi, np.pi, len(q))])
+    return q[space.is_free(q)][:count]
+
+
+def draw_pairs(space: CSpace, count: int, yaw: bool = False) -> list[Any]:
+    """Draw FREE starts and goals that are connected, at least a third of the map apart."""
+    q = draw_free(space, 20 * count, yaw).reshape(-1, 2, 3 if yaw else 2)
+    least = 0.3 * float(np.hypot(*(np.array(space.grid.upper) - space.grid.lower)))
+    far = (pair for pair in q if np.hypot(*(pair[1] - pair[0])[:2]) > least)
+    return list(itertools.islice((pair for pair in far if space.is_connected(*pair)), count))
+
+
+# Builds and components
+
+
+def build_in_space(robot: Robot, quick: bool) -> Iterator[Run]:
+    workspace = make_rooms(64 if quick else 256)
+    while True:
+        yield lambda: f"{cspace.build(workspace, robot).count()} cells"
+
+
+def build_with_yaw(quick: bool) -> Iterator[Run]:
+    size = 200 if quick else 1000
+    occupied = np.random.default_rng(0).random((size, size)) < 0.002
+    workspace = Workspace.from_array(occupied, SPACING)
+    robot = Robot.rectangle(0.9, 0.6, (0.15, 0.0))
+    while True:
+        yield lambda: f"{cspace.build(workspace, robot, rotations=YAW_CELLS).count()} cells"
+
+
+def build_warehouse(quick: bool) -> CSpace:
+    return cspace.build(make_warehouse(quick), Robot.polygon(NOTCHED), rotations=YAW_CELLS)
+
+
+def label_components(quick: bool) -> Iterator[Run]:
+    q = draw_free(build_warehouse(quick), 2, yaw=True)
+    while True:
+        space = build_warehouse(quick)
+        yield lambda space=space: f"connected: {space.is_connected(*q)}"
+
+
+def label_after_update(quick: bool) -> Iterator[Run]:
+    space = build_warehouse(quick)
+    q = draw_free(space, 2, yaw=True)
+    for step in itertools.count():
+        x, y = 3.0 + 0.1 * (step % 20), 6.0
+        space.add_obstacle("crate", shapely.box(x, y, x + 0.6, y + 0.6))
+        yield lambda: f"connected: {space.is_connected(*q)}"
+
+
+# Plans
+
+
+def plan_all(space: CSpace, pairs: list[Any], options: dict[str, Any]) -> str:
+    plans = [planners.plan(space, *pair, **PATIENCE, **options) for pair in pairs]
+    found = [plan for plan in plans if plan.certified]
+    length = sum(plan.length for plan in found)
+    return f"{len(found)} of {len(pairs)} paths, {length:.1f} m"
+
+
+def plan_in_plane(name: str, robot: Robot, quick: bool) -> Iterator[Run]:
+    workspace = Workspace.open(real_file(name)) if name else make_warehouse(quick)
+    space = cspace.build(workspace, robot)
+    pairs = draw_pairs(space, 2 if quick else 10)
+    while True:
+        yield lambda: plan_all(space, pairs, {})
+
+
+def plan_with_yaw(options: dict[str, Any], quick: bool) -> Iterator[Run]:
+    space = build_warehouse(quick)
+    pairs = draw_pairs(space, 1 if quick else 5, yaw=True)
+    while True:
+        yield lambda: plan_all(space, pairs, options)
+
+
+def plan_from_previous(quick: bool) -> Iterator[Run]:
+    space = build_warehouse(quick)
+    (pair,) = draw_pairs(space, 1, yaw=True)
+    plan = planners.plan(space, *pair, **PATIENCE)
+    path = np.asarray(plan.path)
+    for step in itertools.count():
+        # A crate beside the middle of the path, which it blocks there alone.
+        k = max(np.hypot(*np.diff(path[:, :2], axis=0).T).argmax(), 1)
+        x, y = 0.5 * (path[k - 1] + path[k])[:2] + 0.02 * (step % 5)
+        space.add_obstacle("crate", shapely.box(x, y, x + 0.3, y + 0.3))
+        yield lambda: plan_all(space, [pair], {"previous": plan})
+
+
+# Queries
+
+
+def query_one(name: str, quick: bool) -> Iterator[Run]:
+    workspace = make_warehouse(quick)
+    space = cspace.build(workspace, Robot.disc(0.3))
+    points = [tuple(q) for q in draw_free(space, 100).tolist()] * 20
+
+    def ask() -> str:
+        query = getattr(space, name)
+        return f"sum {sum(query(q) for q in points):.6g}"
+
+    while True:
+        yield ask
+
+
+def query_edges(yaw: bool, quick: bool) -> Iterator[Run]:
+    disc = Robot.disc(0.3)
+    space = build_warehouse(quick) if yaw else cspace.build(make_warehouse(quick), disc)
+    q = draw_free(space, 2000 if quick else 20000, yaw)
+    steps = np.random.default_rng(2).uniform(-1.0, 1.0, q.shape)
+    while True:
+        yield lambda: f"{np.count_nonzero(space.motion_is_free(q, q + steps))} free edges"
+
+
+def print_plan(quick: bool) -> Iterator[Run]:
+    pair = None
+    while True:
+        # What a print derives is kept with the workspace.
+        workspace = Workspace.open(real_file("voxels/geb079.bt"))
+        space = cspace.build(workspace, Robot.box((0.6, 0.6, 0.2)))
+        if pair is None:
+            q = draw_free(space, 200)
+            pair = next(p for p in itertools.combinations(q, 2) if space.is_connected(*p))
+        plan = planners.plan(space, *pair, **PATIENCE)
+        yield lambda plan=plan: f"{len(str(plan).splitlines())} lines"
+
+
+def save_and_open(quick: bool) -> Iterator[Run]:
+    space = build_warehouse(quick)
+    with tempfile.TemporaryDirectory() as folder:
+        for step in itertools.count():
+            path = Path(folder) / f"{step}.zarr"
+
+            def work(path: Path = path) -> str:
+                space.save(path)
+                return f"{cspace.open(path).count()} cells"
+
+            yield work
+
+
+# Arms
+
+
+def read_arm() -> tuple[Any, list[Any]]:
+    folder = real_file("arms/ur5")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # open meshes
+        arm = cspace.Arm.from_urdf(folder / "ur5.urdf", folder / "ur5.srdf")
+    listed = json.loads((folder / "problems.json").read_text(encoding="utf-8"))
+    order = [listed["joints"].index(name) for name in arm.joints]
+    problems = []
+    for rows in listed["problems"].values():
+        row = rows[0]
+        ends = np.array([row["start"], row["goals"][0]])[:, order].clip(arm.lower, arm.upper)
+        problems.append((make_solids(row), ends))
+    return arm, problems
+
+
+def make_solids(row: dict[str, Any]) -> dict[str, Any]:
+    """Make the obstacles of a problem."""
+    makers: dict[str, Callable[[Any], Robot]] = {
+        "box": lambda each: Robot.box(2.0 * np.array(each["half_extents"])),
+        "cylinder": lambda each: Robot.cylinder(each["radius"], each["length"]),
+        "sphere": lambda each: Robot.ball(each["radius"]),
+    }
+    solids = {}
+    for kind, make in makers.items():
+        for each in row[kind]:
+            pose = np.eye(4)
+            pose[:3, 3] = each["position"]
+            turn = each.get("orientation_quat_xyzw", (0, 0, 0, 1))
+            pose[:3, :3] = Rotation.from_quat(turn).as_matrix()
+            solids[each["name"]] = cspace.arms.PosedShape(make(each).shape, pose)
+    return solids
+
+
+def set_up_arm(quick: bool) -> Iterator[Run]:
+    def work() -> str:
+        arm, problems = read_arm()
+        return f"{cspace.build_arm_space(problems[0][0], arm).arm.dof} joints"
+
+    while True:
+        yield work
+
+
+def query_arm(quick: bool) -> Iterator[Run]:
+    arm, problems = read_arm()
+    space = cspace.build_arm_space(problems[0][0], arm)
+    rng = np.random.default_rng(0)
+    q = rng.uniform(arm.lower, arm.upper, (200 if quick else 5000, arm.dof))
+    ends = (q + rng.normal(0.0, 0.1, q.shape)).clip(arm.lower, arm.upper)
+    count = len(q) // 10
+
+    def work() -> str:
+        free = np.count_nonzero(space.is_free(q))
+        edges = np.count_nonzero(space.motion_is_free(q[:count], ends[:count]))
+        return f"{free} free, {edges} edges"
+
+    while True:
+        yield work
+
+
+def plan_arm(quick: bool) -> Iterator[Run]:
+    arm, problems = read_arm()
+    spaces = [
+        (cspace.build_arm_space(solids, arm), q) for solids, q in problems[: 1 if quick else 3]
+    ]
+
+    def work() -> str:
+        plans = [planners.plan(space, *q, seed=0, **PATIENCE) for space, q in spaces]
+        return f"{sum(bool(plan.certified) for plan in plans)} paths"
+
+    while True:
+        yield work
+
+
+# Files
+
+
+def read_chain(quick: bool) -> Iterator[Run]:
+    count = 500 if quick else 20000
+    links = [f'<link name="link{n}"/>' for n in range(count + 1)]
+    links.append(
+        f'<link name="link{count + 1}"><collision><geometry><sphere radius="0.1"/></geometry></collision></link>'
+    )
+    joints = [
+        f'<joint name="joint{n}" type="fixed"><parent link="link{n}"/><child link="link{n + 1}"/></joint>'
+        for n in range(count)
+    ]
+    joints.append(
+        f'<joint name="last" type="revolute"><parent link="link{count}"/><child link="link{count + 1}"/>'
+        '<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "chain.urdf"
+        path.write_text(f'<robot name="chain">{"".join(links + joints)}</robot>', encoding="utf-8")
+        while True:
+            yield lambda: f"{cspace.Arm.from_urdf(path).dof} joints"
+
+
+def read_image(quick: bool) -> Iterator[Run]:
+    size = 500 if quick else 12000
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "floor.png"
+        pixels = np.random.default_rng(0).random((size // 20, size // 20)) < 0.8
+        Image.fromarray(255 * np.kron(pixels, np.ones((20, 20), dtype=np.uint8))).save(path)
+        while True:
+            yield lambda: f"{Workspace.open(path, spacing=SPACING).grid.shape} cells"
+
+
+JOBS: dict[str, Callable[[bool], Iterator[Run]]] = {
+    "build, R^3, 256^3, ball": partial(build_in_space, Robot.ball(0.5)),
+    "build, R^3, 256^3, box": partial(build_in_space, Robot.box((1.0, 0.8, 0.6))),
+    "build, SE(2), 1000^2 x 72": build_with_yaw,
+    "components, warehouse x 72": label_components,
+    "components after an update": label_after_update,
+    "10 plans in the plane, warehouse": partial(plan_in_plane, "", Robot.disc(0.3)),
+    "10 plans in the plane, stata_basement": partial(
+        plan_in_plane, "maps/stata_basement.yaml", Robot.disc(0.3)
+    ),
+    "10 plans in the plane, maze512-32": partial(
+        plan_in_plane, "movingai/maze512-32-0.map", Robot.disc(2.0)
+    ),
+    "5 plans in SE(2), warehouse": partial(plan_with_yaw, {}),
+    "5 plans in SE(2), differential": partial(plan_with_yaw, {"drive": "differential"}),
+    "5 plans in SE(2), Reeds-Shepp": partial(
+        plan_with_yaw, {"drive": "reeds-shepp", "turning_radius": 0.5}
+    ),
+    "plan in SE(2) from a blocked previous one": plan_from_previous,
+    "is_free of one configuration, 2,000 times": partial(query_one, "is_free"),
+    "clearance of one configuration, 2,000 times": partial(query_one, "clearance"),
+    "20,000 edges in the plane": partial(query_edges, False),
+    "20,000 edges in SE(2)": partial(query_edges, True),
+    "print(plan) on an OctoMap": print_plan,
+    "save and open, warehouse x 72": save_and_open,
+    "UR5: read and set up": set_up_arm,
+    "UR5: 5,000 configurations and 500 edges": query_arm,
+    "UR5: 3 default plans": plan_arm,
+    "read a URDF of 20,000 links": read_chain,
+    "read a PNG of 12,000^2 pixels": read_image,
+}
+"""Jobs by name. Each yields calls to time, and prepares what is not timed between them."""
+
+
+def main() -> None:
+    """Run a job once for each line of the input."""
+    # Packages may print; the answers have a file of their own.
+    answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)
+    root = Path(os.environ["PYTHONPATH"])
+    runs = list(JOBS.values())[int(sys.argv[1])](sys.argv[2] == "quick")
+    for _ in sys.stdin:
+        try:
+            for package in (cspace, planners):
+                if not Path(str(package.__file__)).is_relative_to(root):
+                    raise ImportError(f"{package.__file__} is not in {root}")
+            call = next(runs)
+            cpu = time.process_time()
+            value = call()
+            answer = {"cpu_s": time.process_time() - cpu, "value": value}
+        except Exception as error:  # the API of another commit differs in any way
+            answer = {"error": f"{type(error).__name__}: {error}"}
+        print(json.dumps(answer), file=answers, flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,448 @@
+"""Work of one kind on growing inputs: ``python -m tests.laws.growth KIND`` prints its counts as JSON.
+
+Work is counted, not timed: lines of Python that run, kernels among them, as this process does not
+compile; numbers that are allocated, which NumPy's results are; and numbers that ``reduceat`` reads,
+which it may do again and again without an allocation.
+"""
+
+import gc
+import itertools
+import json
+import math
+import os
+import sys
+import tempfile
+import tracemalloc
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numba
+
+
+def interpret(**options: Any) -> Any:
+    """Take the place of ``numba.njit``, so that kernels run as Python."""
+
+    def decorate(function: Any) -> Any:
+        function.compile = lambda types: None
+        function.get_overload = lambda types: function
+        return function
+
+    return decorate
+
+
+numba.njit = interpret
+os.sched_getaffinity = lambda process: {0}  # one thread, which is traced
+
+import numpy as np  # noqa: E402
+import shapely  # noqa: E402
+import trimesh  # noqa: E402
+from PIL import Image  # noqa: E402
+
+import cspace  # noqa: E402
+import planners  # noqa: E402
+from cspace import Robot, Workspace  # noqa: E402
+from cspace.arms import PosedShape  # noqa: E402
+
+BYTES_PER_NUMBER = 8
+
+Job = Callable[[], Any]
+
+
+class Reductions:
+    """A ufunc that counts the numbers that ``reduceat`` reads."""
+
+    read = 0
+
+    def __init__(self, ufunc: np.ufunc) -> None:
+        self._ufunc = ufunc
+
+    def __call__(self, *arguments: Any, **options: Any) -> Any:
+        return self._ufunc(*arguments, **options)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._ufunc, name)
+
+    def reduceat(self, array: Any, indices: Any, axis: int = 0, **options: Any) -> Any:
+        """Reduce slices; one that does not ascend is a single row."""
+        length = np.shape(array)[axis]
+        stops = np.append(indices[1:], length)
+        rows = np.maximum(stops - indices, 1).sum()
+        Reductions.read += int(rows) * np.size(array) // max(length, 1)
+        return self._ufunc.reduceat(array, indices, axis=axis, **options)
+
+
+class Counter:
+    """Counts of the work of one call."""
+
+    def __init__(self) -> None:
+        self.lines = 0
+        self.bytes = 0
+        self._now = 0
+
+    def count(self, job: Job) -> int:
+        """Return the work of a call."""
+        gc.collect()
+        Reductions.read = 0
+        tracemalloc.start()
+        self._now, _ = tracemalloc.get_traced_memory()
+        sys.settrace(self._trace)
+        try:
+            job()
+        finally:
+            sys.settrace(None)
+            tracemalloc.stop()
+        return self.lines + self.bytes // BYTES_PER_NUMBER + Reductions.read
+
+    def _trace(self, *_: Any) -> Any:
+        """Count a line, and the memory that was allocated since the last one."""
+        self.lines += 1
+        now, peak = tracemalloc.get_traced_memory()
+        self.bytes += max(peak - self._now, 0)
+        self._now = now
+        tracemalloc.reset_peak()
+        return self._trace
+
+
+# Inputs
+
+
+def make_floor(n: int) -> Workspace:
+    """Make a square of n cells with walls that have doors."""
+    side = math.isqrt(n)
+    occupied = np.zeros((side, side), dtype=np.bool_)
+    occupied[:: max(side // 4, 8)] = True
+    occupied[:, 2 : side : side // 2] = False
+    occupied[:, 3 : side : side // 2] = False
+    occupied[:, 4 : side : side // 2] = False
+    return Workspace.from_array(occupied, 0.1)
+
+
+def list_squares(n: int) -> list[shapely.Polygon]:
+    """Return n squares of 0.3 m in rows, 1 m apart."""
+    places = itertools.islice(np.ndindex(math.isqrt(n) + 1, math.isqrt(n) + 1), n)
+    return [shapely.box(x, y, x + 0.3, y + 0.3) for x, y in places]
+
+
+def make_sphere(n: int) -> trimesh.Trimesh:
+    """Make a ball of about n triangles with small bumps, so that its hull has many corners."""
+    ball = trimesh.creation.uv_sphere(count=[math.isqrt(n // 2)] * 2)
+    radii = 1.0 + 0.002 * np.sin(7.0 * ball.vertices).sum(axis=1)
+    return trimesh.Trimesh(radii[:, np.newaxis] * ball.vertices, ball.faces)
+
+
+def list_boxes(n: int) -> trimesh.Trimesh:
+    """Make a mesh of n boxes apart from each other."""
+    side = math.ceil(n ** (1 / 3))
+    places = itertools.islice(np.ndindex(side, side, side), n)
+    boxes = [
+        trimesh.creation.box((0.5, 0.4, 0.3), trimesh.transformations.translation_matrix(place))
+        for place in places
+    ]
+    return trimesh.util.concatenate(boxes)
+
+
+# Kinds
+
+
+def build_disc(n: int, folder: Path) -> Job:
+    floor = make_floor(n)
+    return lambda: cspace.build(floor, Robot.disc(0.15))
+
+
+def build_yaws(n: int, folder: Path) -> Job:
+    floor = make_floor(n)
+    return lambda: cspace.build(floor, Robot.rectangle(0.3, 0.2, (0.05, 0.0)), rotations=6)
+
+
+def build_ball(n: int, folder: Path) -> Job:
+    side = round(n ** (1 / 3))
+    occupied = np.zeros((side, side, side), dtype=np.bool_)
+    occupied[::6, : side // 2] = True
+    return lambda: cspace.build(Workspace.from_array(occupied, 0.1), Robot.ball(0.15))
+
+
+def build_polygons(n: int, folder: Path) -> Job:
+    squares = list_squares(n)
+    return lambda: cspace.build(
+        Workspace.from_polygons(squares, spacing=0.25), Robot.disc(0.1), rotations=None
+    )
+
+
+def build_holes(n: int, folder: Path) -> Job:
+    holes = [square.exterior.coords for square in list_squares(n)]
+    side = math.isqrt(n) + 2.0
+    plate = shapely.Polygon(shapely.box(-1, -1, side, side).exterior.coords, holes)
+    return lambda: cspace.build(Workspace.from_polygons([plate], spacing=0.25), Robot.disc(0.05))
+
+
+def build_mesh(n: int, folder: Path) -> Job:
+    mesh = make_sphere(n)
+    spacing = 6.0 / math.sqrt(n)
+    return lambda: cspace.build(Workspace.from_mesh(mesh, spacing=spacing), Robot.ball(0.01))
+
+
+def build_balls(n: int, folder: Path) -> Job:
+    side = math.ceil(n ** (1 / 3))
+    centers = np.array(list(itertools.islice(np.ndindex(side, side, side), n)), dtype=float)
+    radii = np.full(n, 0.4)
+    workspace = Workspace.from_array(np.zeros((side + 4,) * 3, dtype=np.bool_), 1.0)
+    return lambda: cspace.build(workspace, Robot.from_balls(centers, radii))
+
+
+def add_obstacles(n: int, folder: Path) -> Job:
+    workspace = Workspace.from_array(np.zeros((80, 80), dtype=np.bool_), 0.25)
+    space = cspace.build(workspace, Robot.disc(0.05), outside="blocked")
+    squares = list_squares(n)
+
+    def job() -> None:
+        for number, square in enumerate(squares):
+            space.add_obstacle(f"crate {number}", square)
+
+    return job
+
+
+def label_components(n: int, folder: Path) -> Job:
+    space = cspace.build(make_floor(n), Robot.rectangle(0.1, 0.05), rotations=4)
+    q = space.sample_free(2, np.random.default_rng(0))
+    return lambda: space.is_connected(*q)
+
+
+def measure_clearance(n: int, folder: Path) -> Job:
+    space = cspace.build(make_floor(n), Robot.disc(0.06))
+    q = space.sample_free(2, np.random.default_rng(0))
+    return lambda: space.clearance(q)
+
+
+def plan_through_floor(n: int, folder: Path) -> Job:
+    space = cspace.build(make_floor(n), Robot.disc(0.06))
+    side = 0.1 * math.isqrt(n)
+    q = [space.nearest_free(corner) for corner in ((0.15, 0.15), (side - 0.15, side - 0.15))]
+    return lambda: planners.plan(space, *q, time_limit=1e6)
+
+
+def measure_mesh_distance(n: int, folder: Path) -> Job:
+    workspace = Workspace.from_mesh(make_sphere(n), spacing=0.2)
+    space = cspace.build(workspace, Robot.ball(0.1))
+    q = space.sample_free(rng=np.random.default_rng(0))
+    return lambda: space.obstacle_distance(q)
+
+
+def make_long_plan(n: int) -> planners.Plan:
+    """Make a plan of about n waypoints around teeth."""
+    occupied = np.zeros((4 * n, 24), dtype=np.bool_)
+    occupied[3::8, :18] = True
+    occupied[7::8, 6:] = True
+    space = cspace.build(Workspace.from_array(occupied, 0.1), Robot.disc(0.05))
+    goal = space.nearest_free((0.4 * n - 0.15, 1.25))
+    return planners.plan(space, (0.15, 0.15), goal, time_limit=1e6)
+
+
+def recheck_plan(n: int, folder: Path) -> Job:
+    return make_long_plan(n).recheck
+
+
+def print_long_plan(n: int, folder: Path) -> Job:
+    plan = make_long_plan(n)
+    return lambda: str(plan)
+
+
+def explain_obstacles(n: int, folder: Path) -> Job:
+    squares = list_squares(n)
+    side = math.isqrt(n) + 1.0
+    wall = shapely.box(-0.6, -0.35, side, -0.1)
+    workspace = Workspace.from_polygons(
+        [wall, *squares], spacing=0.1, bounds=(-0.6, -1.0, side, side)
+    )
+    space = cspace.build(workspace, Robot.disc(0.05), outside="blocked")
+    return lambda: space.explain((0.0, -0.7), (0.5, 0.5))
+
+
+def export_map(n: int, folder: Path) -> Job:
+    space = cspace.build(make_floor(n), Robot.disc(0.06))
+    return space.to_costmap
+
+
+# Readers
+
+
+def read_image(n: int, folder: Path) -> Job:
+    path = folder / f"{n}.png"
+    side = math.isqrt(n)
+    pixels = np.random.default_rng(0).random((side, side)) < 0.5
+    Image.fromarray(np.where(pixels, 255, 0).astype(np.uint8)).save(path)
+    return lambda: Workspace.open(path, spacing=0.1)
+
+
+def read_polygons(n: int, folder: Path) -> Job:
+    path = folder / f"{n}.geojson"
+    path.write_text(shapely.to_geojson(shapely.MultiPolygon(list_squares(n))))
+    return lambda: Workspace.open(path, spacing=0.25)
+
+
+def read_points(n: int, folder: Path) -> Job:
+    path = folder / f"{n}.xyz"
+    side = math.ceil(n ** (1 / 3))
+    np.savetxt(path, list(itertools.islice(np.ndindex(side, side, side), n)))
+    return lambda: Workspace.open(path, spacing=0.5, radius=0.1)
+
+
+def read_mesh(kind: str) -> Callable[[int, Path], Job]:
+    def prepare(n: int, folder: Path) -> Job:
+        path = folder / f"{n}{kind}"
+        list_boxes(n).export(path)
+        return lambda: Workspace.open(path, spacing=1.0)
+
+    return prepare
+
+
+def read_bodies(n: int, folder: Path) -> Job:
+    """Many objects in one scene."""
+    path = folder / f"{n}.glb"
+    scene = trimesh.Scene()
+    for number in range(n):
+        scene.add_geometry(
+            trimesh.creation.box((0.5, 0.4, 0.3)),
+            transform=trimesh.transformations.translation_matrix(
+                (number % 8, number // 8 % 8, number // 64)
+            ),
+        )
+    scene.export(path)
+    return lambda: Workspace.open(path, spacing=1.0)
+
+
+def read_octomap(n: int, folder: Path) -> Job:
+    path = folder / f"{n}.bt"
+    data = bytearray()
+
+    def write(level: int, count: int) -> None:
+        """Write a node above ``count`` occupied leaves; each child takes two bits."""
+        if level == 1:
+            bits = sum(0b10 << 2 * child for child in range(min(count, 8)))
+            data.extend(bits.to_bytes(2, "little"))
+            return
+        below = 8 ** (level - 1)
+        parts = [min(max(count - below * child, 0), below) for child in range(8)]
+        bits = sum(0b11 << 2 * child for child, part in enumerate(parts) if part)
+        data.extend(bits.to_bytes(2, "little"))
+        for part in parts:
+            if part:
+                write(level - 1, part)
+
+    write(16, n)
+    nodes = len(data) // 2 + n
+    header = f"# Octomap OcTree binary file\nid OcTree\nsize {nodes}\nres 0.1\ndata\n"
+    path.write_bytes(header.encode() + bytes(data))
+    return lambda: Workspace.open(path)
+
+
+def read_scene(n: int, folder: Path) -> Job:
+    path = folder / f"{n}.yaml"
+    boxes = [
+        f"  - {{id: box{k}, header: {{frame_id: world}}, operation: 0,"
+        f" primitives: [{{type: 1, dimensions: [0.5, 0.4, 0.3]}}],"
+        f" primitive_poses: [{{position: {{x: {k % 8}, y: {k // 8 % 8}, z: {k // 64}}},"
+        " orientation: {x: 0, y: 0, z: 0, w: 1}}]}"
+        for k in range(n)
+    ]
+    path.write_text("world:\n  collision_objects:\n" + "\n".join(boxes))
+    return lambda: Workspace.from_moveit_scene(path, spacing=1.0)
+
+
+# Arms
+
+BALL = "<collision><geometry><sphere radius='0.1'/></geometry></collision>"
+
+
+def write_chain(path: Path, n: int) -> None:
+    """Write a chain of n fixed links without shapes, and a turning ball at its end."""
+    links = [f"<link name='link{k}'/>" for k in range(n)] + [f"<link name='link{n}'>{BALL}</link>"]
+    limit = "<axis xyz='0 0 1'/><limit lower='-1' upper='1' effort='1' velocity='1'/>"
+    joints = [
+        f"<joint name='joint{k}' type='{'fixed' if k < n - 1 else 'revolute'}'>"
+        f"<parent link='link{k}'/><child link='link{k + 1}'/>{limit}</joint>"
+        for k in range(n)
+    ]
+    path.write_text(f"<robot name='chain'>{''.join(links + joints)}</robot>")
+
+
+def read_fixed_chain(n: int, folder: Path) -> Job:
+    path = folder / f"{n}.urdf"
+    write_chain(path, n)
+    return lambda: cspace.Arm.from_urdf(path)
+
+
+def read_allowed_pairs(n: int, folder: Path) -> Job:
+    """Pairs of links without shapes."""
+    urdf, srdf = folder / f"{n}.urdf", folder / f"{n}.srdf"
+    write_chain(urdf, math.isqrt(2 * n) + 2)
+    pairs = itertools.islice(itertools.combinations(range(math.isqrt(2 * n) + 2), 2), n)
+    rows = (f"<disable_collisions link1='link{a}' link2='link{b}' reason='x'/>" for a, b in pairs)
+    srdf.write_text(f"<robot name='chain'>{''.join(rows)}</robot>")
+    return lambda: cspace.Arm.from_urdf(urdf, srdf)
+
+
+def set_up_meshes(n: int, folder: Path) -> Job:
+    """An arm whose hand is a mesh of n triangles."""
+    mesh, urdf = folder / f"{n}.stl", folder / f"{n}.urdf"
+    make_sphere(n).export(mesh)
+    hand = f"<collision><geometry><mesh filename='{mesh}'/></geometry></collision>"
+    limit = "<axis xyz='0 0 1'/><limit lower='-1' upper='1' effort='1' velocity='1'/>"
+    urdf.write_text(
+        f"<robot name='arm'><link name='foot'/><link name='hand'>{hand}</link><joint name='turn' "
+        f"type='revolute'><parent link='foot'/><child link='hand'/>{limit}</joint></robot>"
+    )
+    pose = np.eye(4)
+    pose[:3, 3] = 3.0
+    post = {"post": PosedShape(Robot.box((0.1, 0.1, 0.1)).shape, pose)}
+    return lambda: cspace.build_arm_space(post, cspace.Arm.from_urdf(urdf)).closest([0.0])
+
+
+KINDS: dict[str, tuple[int, Callable[[int, Path], Job]]] = {
+    "build a map of n cells": (32**2, build_disc),
+    "build a map of n cells and yaws": (24**2, build_yaws),
+    "build a map of n cells in space": (12**3, build_ball),
+    "build a map of n polygons": (16, build_polygons),
+    "build a map of n holes": (16, build_holes),
+    "build a map of n triangles": (100, build_mesh),
+    "build a map for n balls": (30, build_balls),
+    "add n obstacles": (16, add_obstacles),
+    "label the components of n cells": (24**2, label_components),
+    "measure a clearance among n cells": (16**2, measure_clearance),
+    "plan among n cells": (20**2, plan_through_floor),
+    "measure the distance to n triangles": (100, measure_mesh_distance),
+    "check a plan of n waypoints": (8, recheck_plan),
+    "print a plan of n waypoints": (8, print_long_plan),
+    "explain among n obstacles": (4, explain_obstacles),
+    "export n cells": (16**2, export_map),
+    "read an image of n pixels": (300**2, read_image),
+    "read n polygons": (16, read_polygons),
+    "read n points": (256, read_points),
+    "read an STL file of n boxes": (8, read_mesh(".stl")),
+    "read an OBJ file of n boxes": (8, read_mesh(".obj")),
+    "read a PLY file of n boxes": (8, read_mesh(".ply")),
+    "read a scene of n bodies": (16, read_bodies),
+    "read an OctoMap of n voxels": (512, read_octomap),
+    "read a MoveIt scene of n objects": (16, read_scene),
+    "read a chain of n links": (64, read_fixed_chain),
+    "read n allowed pairs": (64, read_allowed_pairs),
+    "set up an arm of n triangles": (200, set_up_meshes),
+}
+"""Smallest n, and the job of each n, by kind."""
+
+
+def count_work(kind: str) -> list[int]:
+    """Return the work on inputs of n, 4 n and 16 n."""
+    for name in ("add", "maximum", "minimum", "logical_or", "bitwise_or"):
+        setattr(np, name, Reductions(getattr(np, name)))
+    warnings.simplefilter("ignore")  # small maps are coarse
+    n, prepare = KINDS[kind]
+    with tempfile.TemporaryDirectory() as name:
+        for size in (n, 4 * n):
+            prepare(size, Path(name))()  # imports
+        return [Counter().count(prepare(size, Path(name))) for size in (n, 4 * n, 16 * n)]
+
+
+if __name__ == "__main__":
+    print(json.dumps(count_work(sys.argv[1])))
