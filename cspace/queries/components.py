@@ -236,12 +236,17 @@ class JoinedCells:
         positions = cells[..., 1:]
         shape = self.shape[1:]
         is_inside = ((positions >= 0) & (positions < np.array(shape))).all(axis=-1)
-        coordinates = tuple(np.moveaxis(cells[is_inside], -1, 0))
-        places = np.ravel_multi_index(coordinates, (len(self.outside), *shape))
-        found = np.empty(len(places), dtype=np.int64)
-        find_components(self.table, places, found)
         components = np.array(self.outside[rotations])
-        components[is_inside] = found
+        components[is_inside] = -1
+        # Find the first run that stops after each cell of the grid.
+        table = self.table
+        coordinates = (table.slice_of[rotations], *np.moveaxis(positions, -1, 0))
+        places = np.ravel_multi_index(coordinates, self.shape, mode="clip")
+        runs = np.searchsorted(table.runs.stops, places, side="right")
+        starts = np.append(table.runs.starts, math.prod(self.shape))  # after the last run, no cell
+        is_member = is_inside & (starts[runs] <= places)
+        nodes = table.first_node[rotations[is_member]] + table.runs.labels[runs[is_member]]
+        components[is_member] = table.components[nodes]
         return components
 
     @cached_property
@@ -419,10 +424,3 @@ def component_at(table: NodeTable, place: int) -> int:
     if low == end or table.runs.starts[low] > cell:
         return -1
     return int(table.components[table.first_node[rotation] + table.runs.labels[low]])
-
-
-@kernel
-def find_components(table: NodeTable, places: Ints, components: Ints) -> None:
-    """Write the component of each cell; see :func:`component_at`."""
-    for i in range(len(places)):
-        components[i] = component_at(table, places[i])
