@@ -417,17 +417,17 @@ def read_moveit_request(source: object) -> MotionPlanRequest:
     """
     with reading(source, "motion plan request") as (name, content):
         fields = parse(_REQUEST, content, "")
-        goals = fields["goal_constraints"]
+        goals = fields.goal_constraints
         if not goals:
             raise ContentError("has no goal_constraints", "a request has at least one", "add them")
         frames = {frame for _, goal_frames in goals for frame in goal_frames}
         return MotionPlanRequest(
             source=name,
-            group=fields["group_name"],
-            start_state=JointValues(fields["start_state"]["joint_state"]),
+            group=fields.group_name,
+            start_state=JointValues(fields.start_state.joint_state),
             goals=tuple(goal for goal, _ in goals),
             frame=find_frame(frames),
-            time_limit=fields["allowed_planning_time"] or None,
+            time_limit=fields.allowed_planning_time or None,
         )
 
 
@@ -456,9 +456,9 @@ def _parse_ball(value: Any, place: str) -> tuple[Floats, float]:
 def _parse_goal(value: Any, place: str) -> tuple[JointGoal | PoseGoal, set[str]]:
     """Parse a goal, and return it with the frames of its poses."""
     fields = parse(_GOAL, value, place)
-    joints = fields["joint_constraints"]
-    positions = fields["position_constraints"]
-    orientations = fields["orientation_constraints"]
+    joints = fields.joint_constraints
+    positions = fields.position_constraints
+    orientations = fields.orientation_constraints
     poses = positions + orientations
     if bool(joints) == bool(poses):
         raise ContentError(
@@ -468,7 +468,7 @@ def _parse_goal(value: Any, place: str) -> tuple[JointGoal | PoseGoal, set[str]]
         )
     if joints:
         return _make_joint_goal(joints, place), set()
-    links = sorted({constraint["link_name"] for constraint in poses})
+    links = sorted({constraint.link_name for constraint in poses})
     if len(links) > 1 or max(len(positions), len(orientations)) > 1:
         raise ContentError(
             f"has {len(poses)} constraints of {', '.join(links)} at {place}",
@@ -480,9 +480,9 @@ def _parse_goal(value: Any, place: str) -> tuple[JointGoal | PoseGoal, set[str]]
     radius = math.inf
     angle = math.inf
     for constraint in positions:
-        pose[:3, 3], radius = constraint["constraint_region"]
+        pose[:3, 3], radius = constraint.constraint_region
     for constraint in orientations:
-        pose[:3, :3] = constraint["orientation"]
+        pose[:3, :3] = constraint.orientation
         angle = _find_angle(constraint, place)
     if math.isinf(radius) and math.isinf(angle):
         raise ContentError(
@@ -490,30 +490,30 @@ def _parse_goal(value: Any, place: str) -> tuple[JointGoal | PoseGoal, set[str]]
             "then any pose would do",
             "tighten them",
         )
-    frames = {constraint["header"]["frame_id"] or WORLD for constraint in poses}
+    frames = {constraint.header.frame_id or WORLD for constraint in poses}
     return PoseGoal(links[0], pose, (radius, angle)), frames
 
 
-def _make_joint_goal(constraints: Sequence[Mapping[str, Any]], place: str) -> JointGoal:
+def _make_joint_goal(constraints: Sequence[Any], place: str) -> JointGoal:
     """Make the goal of joint constraints; errors name its ``place`` in the file."""
-    check_distinct((constraint["joint_name"] for constraint in constraints), f" at {place}")
+    check_distinct((constraint.joint_name for constraint in constraints), f" at {place}")
     goal = JointGoal({}, {}, {})
     for constraint in constraints:
-        name = constraint["joint_name"]
-        value = constraint["position"]
+        name = constraint.joint_name
+        value = constraint.position
         goal.values[name] = value
-        goal.lower[name] = value - constraint["tolerance_below"]
-        goal.upper[name] = value + constraint["tolerance_above"]
+        goal.lower[name] = value - constraint.tolerance_below
+        goal.upper[name] = value + constraint.tolerance_above
     return goal
 
 
-def _find_angle(constraint: Mapping[str, Any], place: str) -> float:
+def _find_angle(constraint: Any, place: str) -> float:
     """Return the largest angle, radians, that an orientation constraint allows around any axis.
 
     It is infinite if the constraint allows any rotation. Errors name the ``place`` of the goal.
     """
     # MoveIt takes the tolerances as absolute.
-    tolerance = min(abs(constraint[f"absolute_{axis}_axis_tolerance"]) for axis in "xyz")
+    tolerance = min(abs(getattr(constraint, f"absolute_{axis}_axis_tolerance")) for axis in "xyz")
     if tolerance == 0.0:
         raise ContentError(
             f"has a tolerance of zero at {place}",

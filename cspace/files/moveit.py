@@ -11,6 +11,7 @@ import itertools
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from types import SimpleNamespace
 from typing import Any, Final, TypeAlias
 
 import numpy as np
@@ -146,7 +147,8 @@ def parse(schema: Schema, value: Any, place: str) -> Any:
     """Parse a value of YAML.
 
     ``schema`` is the parser of one value, a list of the schema of all items, or a table of the
-    schema of each field.
+    schema of each field. A list may stand for a table of which it is the only field. Tables become
+    objects with their fields as attributes.
     """
     if callable(schema):
         return schema(value, place)
@@ -156,6 +158,8 @@ def parse(schema: Schema, value: Any, place: str) -> Any:
         (item_schema,) = schema
         items = enumerate(value or ())
         return [parse(item_schema, item, f"{place}[{number}]") for number, item in items]
+    if isinstance(value, list) and len(schema) == 1:
+        value = dict.fromkeys(schema, value)
     if not isinstance(value, dict | None):
         raise wrong_value(value, place or "the top", "it must be a table of names and values")
     # A field that is missing is parsed as None, for which its parser has a default or an error.
@@ -167,21 +171,11 @@ def parse(schema: Schema, value: Any, place: str) -> Any:
                 f"the fields are {', '.join(schema)}",
                 "correct or remove it",
             )
-    return {
+    fields = {
         name: parse(field, table.get(name), f"{place}.{name}".lstrip("."))
         for name, field in schema.items()
     }
-
-
-def allow_wrapped(field: str, schema: Schema) -> Parser:
-    """Make a parser of a value that may be the only field of a table."""
-
-    def parse_either(value: Any, place: str) -> Any:
-        if isinstance(value, dict):
-            return parse({field: schema}, value, place)[field]
-        return parse(schema, value, place)
-
-    return parse_either
+    return SimpleNamespace(**fields)
 
 
 def parse_name(value: Any, place: str) -> str:
@@ -213,8 +207,7 @@ def check_distinct(
 
 def parse_frame(value: Any, place: str) -> str:
     """Parse the name of a frame without the slash of old versions of ROS; it may be empty."""
-    is_given = value or value == 0
-    return parse_name(value, place).lstrip("/") if is_given else ""
+    return "" if value in (None, "") else parse_name(value, place).lstrip("/")
 
 
 def parse_number(value: Any, place: str) -> float:
@@ -275,8 +268,8 @@ def parse_pose(
     """Parse a pose as a matrix, shape (4, 4); a missing pose is the identity."""
     fields = parse({position: _parse_position, rotation: parse_rotation}, value, place)
     pose = np.eye(4)
-    pose[:3, 3] = fields[position]
-    pose[:3, :3] = fields[rotation]
+    pose[:3, 3] = getattr(fields, position)
+    pose[:3, :3] = getattr(fields, rotation)
     return pose
 
 
@@ -292,7 +285,7 @@ def parse_identity(value: Any, place: str) -> None:
 
 
 _PRIMITIVE: Final[Schema] = {
-    "type": lambda value, place: value,
+    "type": parse_name,
     "dimensions": [parse_number],
     "polygon": refuse("only prisms have one, and they are not read; write another primitive"),
 }
@@ -301,31 +294,28 @@ _PRIMITIVE: Final[Schema] = {
 def parse_primitive(value: Any, place: str) -> tuple[str, list[float]]:
     """Parse a ``shape_msgs/SolidPrimitive`` as its kind and its dimensions in metres."""
     fields = parse(_PRIMITIVE, value, place)
-    kind = str(fields["type"]).lower()
     # Messages have the number of a kind, and files may have its name.
     names_by_number = {str(number): name for number, name in enumerate(PRIMITIVES, 1)}
-    kind = names_by_number.get(kind, kind)
+    kind = names_by_number.get(fields.type, fields.type.lower())
     if kind not in PRIMITIVES:
         choices = ", ".join(f"{name} ({number})" for number, name in names_by_number.items())
-        raise wrong_value(fields["type"], f"{place}.type", f"it must be one of {choices}")
+        raise wrong_value(fields.type, f"{place}.type", f"it must be one of {choices}")
     names = PRIMITIVES[kind]
-    sizes = fields["dimensions"]
     # Messages often pad dimensions to three numbers with zeros.
-    used = sizes[: len(names)]
-    padding = sizes[len(names) :]
-    if len(used) < len(names) or any(padding) or min(used) <= 0.0:
+    sizes = fields.dimensions[: len(names)]
+    padding = fields.dimensions[len(names) :]
+    if len(sizes) < len(names) or any(padding) or min(sizes) <= 0.0:
         rule = f"a {kind} has {', '.join(names)}, metres above zero"
-        raise wrong_value(sizes, f"{place}.dimensions", rule)
-    return kind, used
+        raise wrong_value(fields.dimensions, f"{place}.dimensions", rule)
+    return kind, sizes
 
 
-def pair_poses(fields: Mapping[str, Any], items: str, poses: str, place: str) -> Pairs:
+def pair_poses(fields: Any, items: str, poses: str, place: str) -> Pairs:
     """Return a list of shapes with their poses; a single shape needs none."""
-    solids = fields[items]
-    matrices = fields[poses]
-    if len(solids) == 1 and not matrices:
-        matrices = [np.eye(4)]
-    return pair_items({items: solids, poses: matrices}, place, "each needs a pose")
+    lists = {name: getattr(fields, name) for name in (items, poses)}
+    if len(lists[items]) == 1 and not lists[poses]:
+        lists[poses] = [np.eye(4)]
+    return pair_items(lists, place, "each needs a pose")
 
 
 def pair_items(lists: Mapping[str, list[Any]], place: str, rule: str) -> Pairs:
@@ -374,7 +364,7 @@ HEADER: Final[Schema] = {"frame_id": parse_frame}
 """Schema of the header of a pose."""
 
 _MESH: Final[Schema] = {
-    "triangles": [allow_wrapped("vertex_indices", [parse_number])],
+    "triangles": [{"vertex_indices": [parse_number]}],
     "vertices": [_parse_vector],
     "resource": allow_missing(parse_name, ""),
     "dimensions": allow_missing(_parse_vector, None),
@@ -415,7 +405,7 @@ _JOINT_STATE: Final[Schema] = {
 def _parse_joints(value: Any, place: str) -> dict[str, float]:
     """Parse the values of joints by their names."""
     fields = parse(_JOINT_STATE, value, place)
-    lists = {"joints": fields["name"], "positions": fields["position"]}
+    lists = {"joints": fields.name, "positions": fields.position}
     return dict(pair_items(lists, place, "each joint needs one"))
 
 
@@ -431,7 +421,7 @@ _FLAGS: Final[Schema] = [accept_only(False, True)]
 
 _MATRIX: Final[Schema] = {
     "entry_names": parse_names,
-    "entry_values": [allow_wrapped("enabled", _FLAGS)],
+    "entry_values": [{"enabled": _FLAGS}],
     "default_entry_names": parse_names,
     "default_entry_values": _FLAGS,
 }
@@ -440,10 +430,10 @@ _MATRIX: Final[Schema] = {
 def _parse_contacts(value: Any, place: str) -> Contacts | None:
     """Parse an allowed collision matrix; None if it is empty."""
     fields = parse(_MATRIX, value, place)
-    names = fields["entry_names"]
-    rows = fields["entry_values"]
-    default_names = fields["default_entry_names"]
-    defaults = fields["default_entry_values"]
+    names = fields.entry_names
+    rows = [row.enabled for row in fields.entry_values]
+    default_names = fields.default_entry_names
+    defaults = fields.default_entry_values
     is_square = [len(row) for row in rows] == [len(names)] * len(names)
     if not is_square or len(default_names) != len(defaults):
         raise ContentError(

@@ -300,11 +300,11 @@ def read_scene(source: object, package_dirs: PackageDirs = ()) -> SceneContent:
         if isinstance(content, dict) and "collision_objects" in content:
             content = {"world": content}
         fields = parse(SCENE, content, "")
-        state = fields["robot_state"]
+        state = fields.robot_state
         shapes = list[SceneShape]()
-        for item in fields["world"]["collision_objects"]:
+        for item in fields.world.collision_objects:
             shapes += _read_object(item, name, folders)
-        for item in state["attached_collision_objects"]:
+        for item in state.attached_collision_objects:
             shapes += _read_attached(item, name, folders)
         # An object of several shapes has a name beside theirs.
         ids = {each.object_id for each in shapes if each.object_id != each.name}
@@ -312,30 +312,28 @@ def read_scene(source: object, package_dirs: PackageDirs = ()) -> SceneContent:
         check_distinct([*names, *ids], "", "ids and names of shapes must differ", "rename one")
         _check_any(shapes, name)
         frame = find_frame({each.frame for each in shapes if each.frame != each.link})
-        contacts = fields["allowed_collision_matrix"]
-        return SceneContent(name, frame, shapes, state["joint_state"], contacts)
+        contacts = fields.allowed_collision_matrix
+        return SceneContent(name, frame, shapes, state.joint_state, contacts)
 
 
-def _read_attached(
-    item: Mapping[str, Any], source: str, folders: Sequence[Path]
-) -> list[SceneShape]:
+def _read_attached(item: Any, source: str, folders: Sequence[Path]) -> list[SceneShape]:
     """Return the shapes of an attached object; parameters as for :func:`_read_object`."""
-    link = item["link_name"]
-    carried = item["object"]
-    if not carried["header"]["frame_id"]:
-        problem = f"has no header.frame_id at object {carried['id']!r}"
+    link = item.link_name
+    carried = item.object
+    if not carried.header.frame_id:
+        problem = f"has no header.frame_id at object {carried.id!r}"
         rule = "MoveIt and robowflex would take the frame of the world"
         raise ContentError(problem, rule, f"add it, e.g. {link}")
     shapes = _read_object(carried, source, folders)
-    return [shape._replace(link=link, touch_links=tuple(item["touch_links"])) for shape in shapes]
+    return [shape._replace(link=link, touch_links=tuple(item.touch_links)) for shape in shapes]
 
 
-def _read_object(item: Mapping[str, Any], source: str, folders: Sequence[Path]) -> list[SceneShape]:
+def _read_object(item: Any, source: str, folders: Sequence[Path]) -> list[SceneShape]:
     """Return the shapes of a collision object.
 
     Meshes lie beside the file `source` or in the folders.
     """
-    name = item["id"]
+    name = item.id
     place = f"object {name!r}"
     shapes: list[tuple[Shape, Floats]] = [
         (_PRIMITIVE_MAKERS[kind](*sizes), pose)
@@ -350,18 +348,18 @@ def _read_object(item: Mapping[str, Any], source: str, folders: Sequence[Path]) 
     names = [name]
     if len(shapes) > 1:
         names = [f"{name}/{number}" for number in range(len(shapes))]
-    frame = item["header"]["frame_id"] or WORLD
+    frame = item.header.frame_id or WORLD
     return [
-        SceneShape(shape_name, shape, item["pose"] @ pose, name, frame)
+        SceneShape(shape_name, shape, item.pose @ pose, name, frame)
         for shape_name, (shape, pose) in zip(names, shapes, strict=True)
     ]
 
 
-def _read_mesh(mesh: Mapping[str, Any], place: str, source: str, folders: Sequence[Path]) -> Mesh:
+def _read_mesh(mesh: Any, place: str, source: str, folders: Sequence[Path]) -> Mesh:
     """Read the file that a mesh names, or else its listed triangles."""
-    resource = mesh["resource"]
-    dimensions = mesh["dimensions"]
-    is_inline = bool(mesh["vertices"] or mesh["triangles"])
+    resource = mesh.resource
+    dimensions = mesh.dimensions
+    is_inline = bool(mesh.vertices or mesh.triangles)
     if is_inline and (resource or dimensions is not None):
         problem = f"has vertices and a resource or dimensions at {place}"
         raise ContentError(problem, "a mesh has one of them", "remove one")
@@ -373,16 +371,16 @@ def _read_mesh(mesh: Mapping[str, Any], place: str, source: str, folders: Sequen
     return Mesh(*surface, source=f"{source}: {place}")
 
 
-def _read_inline_mesh(mesh: Mapping[str, Any], place: str) -> Surface:
+def _read_inline_mesh(mesh: Any, place: str) -> Surface:
     """Return the surface of a mesh that lists its vertices and triangles."""
-    count = len(mesh["vertices"])
-    vertex_numbers = set(range(count))
-    for triangle in mesh["triangles"]:
-        if len(triangle) != 3 or not vertex_numbers.issuperset(triangle):
+    count = len(mesh.vertices)
+    triangles = [triangle.vertex_indices for triangle in mesh.triangles]
+    for triangle in triangles:
+        if len(triangle) != 3 or not set(triangle).issubset(range(count)):
             rule = f"it must be three numbers of its {count} vertices, from 0"
             raise wrong_value(triangle, f"a triangle of {place}", rule)
-    vertices = np.array(mesh["vertices"]).reshape(-1, 3)
-    return vertices, np.array(mesh["triangles"], dtype=np.int64).reshape(-1, 3)
+    vertices = np.array(mesh.vertices).reshape(-1, 3)
+    return vertices, np.array(triangles, dtype=np.int64).reshape(-1, 3)
 
 
 def _make_curved(bounds: BoundsPair) -> Shape:
