@@ -433,7 +433,7 @@ def read_moveit_request(source: object) -> MotionPlanRequest:
 
 def _parse_tolerance(value: Any, place: str) -> float:
     """Parse a number that is not negative; a missing one is zero."""
-    tolerance = _parse_optional(value, place)
+    tolerance: float = _parse_optional(value, place)
     if tolerance < 0.0:
         raise wrong_value(value, place, "it may not be negative")
     return tolerance

@@ -129,9 +129,8 @@ def accept_only(*accepted: Any, hint: str = "correct it") -> Parser:
         if value is None:
             return accepted[0]
         # True == 1 in Python, but not in a message.
-        is_flag = isinstance(value, bool)
-        comparable = [choice for choice in accepted if isinstance(choice, bool) == is_flag]
-        if value not in comparable:
+        kinds = [isinstance(choice, bool) for choice in accepted if choice == value]
+        if isinstance(value, bool) not in kinds:
             raise wrong_value(value, place, rule, hint)
         return value
 
@@ -500,7 +499,7 @@ def _convert_message(value: Any) -> Any:
         # The fields of messages in ROS 2, in rosbags, and in ROS 1.
         list_fields = getattr(value, "get_fields_and_field_types", tuple)
         slots = getattr(value, "__slots__", ())
-        names = list_fields() or getattr(value, "__dataclass_fields__", slots)
+        names: Iterable[str] = list_fields() or getattr(value, "__dataclass_fields__", slots)
         if not names:
             return value
         value = {name: getattr(value, name) for name in names}

@@ -40,7 +40,6 @@ from cspace.shapes.mesh import Mesh, Solid
 from cspace.shapes.shape import (
     BoundedShape,
     BoundsPair,
-    ExactShape,
     Shape,
     capsule_bounds,
     cone_bounds,
@@ -305,7 +304,9 @@ def read_scene(source: object, package_dirs: PackageDirs = ()) -> SceneContent:
         for item in fields.world.collision_objects:
             shapes += _read_object(item, name, folders)
         for item in state.attached_collision_objects:
-            shapes += _read_attached(item, name, folders)
+            carried = _read_object(item.object, name, folders, item.link_name)
+            touch_links = tuple(item.touch_links)
+            shapes += [shape._replace(touch_links=touch_links) for shape in carried]
         # An object of several shapes has a name beside theirs.
         ids = {each.object_id for each in shapes if each.object_id != each.name}
         names = [each.name for each in shapes]
@@ -316,25 +317,19 @@ def read_scene(source: object, package_dirs: PackageDirs = ()) -> SceneContent:
         return SceneContent(name, frame, shapes, state.joint_state, contacts)
 
 
-def _read_attached(item: Any, source: str, folders: Sequence[Path]) -> list[SceneShape]:
-    """Return the shapes of an attached object; parameters as for :func:`_read_object`."""
-    link = item.link_name
-    carried = item.object
-    if not carried.header.frame_id:
-        problem = f"has no header.frame_id at object {carried.id!r}"
-        rule = "MoveIt and robowflex would take the frame of the world"
-        raise ContentError(problem, rule, f"add it, e.g. {link}")
-    shapes = _read_object(carried, source, folders)
-    return [shape._replace(link=link, touch_links=tuple(item.touch_links)) for shape in shapes]
-
-
-def _read_object(item: Any, source: str, folders: Sequence[Path]) -> list[SceneShape]:
-    """Return the shapes of a collision object.
+def _read_object(
+    item: Any, source: str, folders: Sequence[Path], link: str = ""
+) -> list[SceneShape]:
+    """Return the shapes of a collision object, which a link may carry.
 
     Meshes lie beside the file `source` or in the folders.
     """
     name = item.id
     place = f"object {name!r}"
+    if link and not item.header.frame_id:
+        problem = f"has no header.frame_id at {place}"
+        rule = "MoveIt and robowflex would take the frame of the world"
+        raise ContentError(problem, rule, f"add it, e.g. {link}")
     shapes: list[tuple[Shape, Floats]] = [
         (_PRIMITIVE_MAKERS[kind](*sizes), pose)
         for (kind, sizes), pose in pair_poses(item, "primitives", "primitive_poses", place)
@@ -350,7 +345,7 @@ def _read_object(item: Any, source: str, folders: Sequence[Path]) -> list[SceneS
         names = [f"{name}/{number}" for number in range(len(shapes))]
     frame = item.header.frame_id or WORLD
     return [
-        SceneShape(shape_name, shape, item.pose @ pose, name, frame)
+        SceneShape(shape_name, shape, item.pose @ pose, name, frame, link)
         for shape_name, (shape, pose) in zip(names, shapes, strict=True)
     ]
 
@@ -374,9 +369,10 @@ def _read_mesh(mesh: Any, place: str, source: str, folders: Sequence[Path]) -> M
 def _read_inline_mesh(mesh: Any, place: str) -> Surface:
     """Return the surface of a mesh that lists its vertices and triangles."""
     count = len(mesh.vertices)
+    vertex_numbers = set(range(count))
     triangles = [triangle.vertex_indices for triangle in mesh.triangles]
     for triangle in triangles:
-        if len(triangle) != 3 or not set(triangle).issubset(range(count)):
+        if len(triangle) != 3 or not vertex_numbers.issuperset(triangle):
             rule = f"it must be three numbers of its {count} vertices, from 0"
             raise wrong_value(triangle, f"a triangle of {place}", rule)
     vertices = np.array(mesh.vertices).reshape(-1, 3)
@@ -400,14 +396,6 @@ _PRIMITIVE_MAKERS: Final[Mapping[str, Callable[..., Shape]]] = {
 
 def _transform(shape: Shape, pose: Floats) -> Shape:
     """Apply a rigid motion, shape (4, 4), to a shape."""
-    outer = _transform_exact(shape.outer, pose)
-    if not isinstance(shape, BoundedShape):
-        return outer
-    return BoundedShape(outer, _transform_exact(shape.inner, pose))
-
-
-def _transform_exact(shape: ExactShape, pose: Floats) -> ExactShape:
-    """Move a shape by a pose, shape (4, 4)."""
     rotation = pose[:3, :3]
     translation = pose[:3, 3]
     # Balls stay balls, and boxes that do not turn stay boxes; all else becomes a mesh.
@@ -415,7 +403,9 @@ def _transform_exact(shape: ExactShape, pose: Floats) -> ExactShape:
         return Balls.of(shape.centers @ rotation.T + translation, shape.radii)
     if isinstance(shape, Box) and np.array_equal(rotation, np.eye(3)):
         return Box.of(shape.extents, shape.center + translation)
-    surface = transform_surface(shape.surface, pose)
+    outer = transform_surface(shape.outer.surface, pose)
+    if isinstance(shape, BoundedShape):
+        return _make_curved((outer, transform_surface(shape.inner.surface, pose)))
     if isinstance(shape, Mesh):
-        return Mesh(*surface, shape.solid, shape.source)
-    return Mesh(*surface)
+        return Mesh(*outer, shape.solid, shape.source)
+    return Mesh(*outer)
