@@ -157,6 +157,11 @@ def parse(schema: Schema, value: Any, place: str) -> Any:
         (item_schema,) = schema
         items = enumerate(value or ())
         return [parse(item_schema, item, f"{place}[{number}]") for number, item in items]
+    return _parse_table(schema, value, place)
+
+
+def _parse_table(schema: dict[str, Schema], value: Any, place: str) -> SimpleNamespace:
+    """Parse a table of names and values."""
     if isinstance(value, list) and len(schema) == 1:
         value = dict.fromkeys(schema, value)
     if not isinstance(value, dict | None):
