@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, product
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,15 +17,25 @@ from cspace.arms.solids import PosedShape, check_rigid
 from cspace.errors import InputError
 from cspace.files.access import ContentError
 from cspace.files.moveit import (
-    REQUEST_KIND,
-    SCENE_KIND,
+    HEADER,
+    STATE,
     WORLD,
-    check_poses,
+    Contacts,
+    Schema,
+    accept_only,
+    allow_missing,
+    check_distinct,
     find_frame,
-    joint_values,
-    name_source,
-    naming,
-    read_request_message,
+    pair_poses,
+    parse,
+    parse_frame,
+    parse_name,
+    parse_number,
+    parse_pose,
+    parse_primitive,
+    parse_rotation,
+    reading,
+    refuse,
     wrong_value,
 )
 from cspace.files.urdf import PackageDirs
@@ -42,10 +52,6 @@ _BALL_RADII: Final[Mapping[str, Callable[..., float]]] = {
     "cylinder": lambda height, radius: min(0.5 * height, radius),
 }
 """Radius of the largest ball around the center of a primitive, from its dimensions, metres."""
-
-
-Contacts: TypeAlias = dict[tuple[str, ...], bool]
-"""Entries of an allowed collision matrix by two names, and defaults by one name."""
 
 
 class AttachedObject(NamedTuple):
@@ -240,43 +246,15 @@ def read_moveit_scene(source: object, *, package_dirs: PackageDirs = ()) -> Plan
             attached[each.name] = AttachedObject(shape, each.link, each.frame, each.touch_links)
         else:
             obstacles[each.name] = shape
-    with naming(source, SCENE_KIND):
-        values = joint_values(content.fields["robot_state"], "robot_state")
-        contacts = _read_contacts(content.fields["allowed_collision_matrix"])
     return PlanningScene(
         source=content.source,
         frame=content.frame,
         obstacles=obstacles,
         attached=attached,
-        robot_state=JointValues(values),
-        _contacts=contacts,
+        robot_state=JointValues(content.joints),
+        _contacts=content.contacts,
         _ids={each.name: each.object_id for each in content.shapes},
     )
-
-
-def _read_contacts(fields: Mapping[str, Any]) -> Contacts | None:
-    """Read the entries and defaults of an allowed collision matrix; None if it is empty."""
-    names = fields["entry_names"]
-    rows = fields["entry_values"]
-    default_names = fields["default_entry_names"]
-    defaults = fields["default_entry_values"]
-    is_square = len(rows) == len(names) and all(len(row) == len(names) for row in rows)
-    if not is_square or len(default_names) != len(defaults):
-        raise ContentError(
-            "has an allowed_collision_matrix of another size than its names",
-            "it is square, with a default for each name",
-            "correct it",
-        )
-    if not names and not default_names:
-        return None
-    contacts: Contacts = {}
-    for name, row in zip(names, rows, strict=True):
-        for other, may_touch in zip(names, row, strict=True):
-            contacts[name, other] = may_touch
-    # The default of a name is an entry of that name alone.
-    for name, may_touch in zip(default_names, defaults, strict=True):
-        contacts[(name,)] = may_touch
-    return contacts
 
 
 class JointGoal(NamedTuple):
@@ -437,100 +415,105 @@ def read_moveit_request(source: object) -> MotionPlanRequest:
     >>> request.group, request.start_state, request.goals[0].upper
     ('arm', {'elbow': 0.5}, {'elbow': 1.01})
     """
-    fields = read_request_message(source)
-    frames = set[str]()
-    with naming(source, REQUEST_KIND):
-        goals = [
-            _read_goal(item, f"goal_constraints[{number}]", frames)
-            for number, item in enumerate(fields["goal_constraints"])
-        ]
+    with reading(source, "motion plan request") as (name, content):
+        fields = parse(_REQUEST, content, "")
+        goals = fields.goal_constraints
         if not goals:
             raise ContentError("has no goal_constraints", "a request has at least one", "add them")
+        frames = {frame for _, goal_frames in goals for frame in goal_frames}
         return MotionPlanRequest(
-            source=name_source(source, REQUEST_KIND),
-            group=fields["group_name"],
-            start_state=JointValues(joint_values(fields["start_state"], "start_state")),
-            goals=tuple(goals),
+            source=name,
+            group=fields.group_name,
+            start_state=JointValues(fields.start_state.joint_state),
+            goals=tuple(goal for goal, _ in goals),
             frame=find_frame(frames),
-            time_limit=fields["allowed_planning_time"] or None,
+            time_limit=fields.allowed_planning_time or None,
         )
 
 
-def _read_goal(fields: Mapping[str, Any], place: str, frames: set[str]) -> JointGoal | PoseGoal:
-    """Read a goal constraint, and add the frames of its poses to ``frames``.
+def _parse_tolerance(value: Any, place: str) -> float:
+    """Parse a number that is not negative; a missing one is zero."""
+    tolerance: float = _parse_optional(value, place)
+    if tolerance < 0.0:
+        raise wrong_value(value, place, "it may not be negative")
+    return tolerance
 
-    Errors name its ``place`` in the file.
+
+def _parse_ball(value: Any, place: str) -> tuple[Floats, float]:
+    """Parse a region as the largest ball around its center: the center and the radius, metres.
+
+    The region is one box, sphere or cylinder.
     """
-    joints = fields["joint_constraints"]
-    poses = fields["position_constraints"] + fields["orientation_constraints"]
+    solids = pair_poses(parse(_REGION, value, place), "primitives", "primitive_poses", place)
+    kinds = [kind for (kind, _), _ in solids]
+    if len(kinds) != 1 or kinds[0] not in _BALL_RADII:
+        rule = f"it must be one of {', '.join(_BALL_RADII)}"
+        raise wrong_value(", ".join(kinds) or "nothing", place, rule)
+    (((kind, sizes), pose),) = solids
+    return pose[:3, 3], _BALL_RADII[kind](*sizes)
+
+
+def _parse_goal(value: Any, place: str) -> tuple[JointGoal | PoseGoal, set[str]]:
+    """Parse a goal, and return it with the frames of its poses."""
+    fields = parse(_GOAL, value, place)
+    joints = fields.joint_constraints
+    positions = fields.position_constraints
+    orientations = fields.orientation_constraints
+    poses = positions + orientations
     if bool(joints) == bool(poses):
         raise ContentError(
             f"has {len(joints)} joint and {len(poses)} pose constraints at {place}",
             "a goal has one of the two kinds",
             "add or remove some",
         )
-    return _read_joint_goal(joints, place) if joints else _read_pose_goal(fields, place, frames)
-
-
-def _read_joint_goal(constraints: Sequence[Mapping[str, Any]], place: str) -> JointGoal:
-    """Read the goal of joint constraints; errors name its ``place`` in the file."""
-    goal = JointGoal({}, {}, {})
-    for constraint in constraints:
-        name = constraint["joint_name"]
-        value = constraint["position"]
-        if name in goal.values:
-            raise ContentError(
-                f"has {name[:40]!r} twice at {place}", "names must differ", "remove one"
-            )
-        goal.values[name] = value
-        goal.lower[name] = value - constraint["tolerance_below"]
-        goal.upper[name] = value + constraint["tolerance_above"]
-    return goal
-
-
-def _read_pose_goal(fields: Mapping[str, Any], place: str, frames: set[str]) -> PoseGoal:
-    """Read the goal of a position constraint, an orientation constraint, or both.
-
-    The frames of its poses are added to ``frames``. Errors name its ``place`` in the file.
-    """
-    positions = fields["position_constraints"]
-    orientations = fields["orientation_constraints"]
-    constraints = positions + orientations
-    links = sorted({constraint["link_name"] for constraint in constraints})
+    if joints:
+        return _make_joint_goal(joints, place), set()
+    links = sorted({constraint.link_name for constraint in poses})
     if len(links) > 1 or max(len(positions), len(orientations)) > 1:
         raise ContentError(
-            f"has {len(constraints)} constraints of {', '.join(links)} at {place}",
+            f"has {len(poses)} constraints of {', '.join(links)} at {place}",
             "a goal has at most one of each, for one link",
             "remove some",
         )
-    frames |= {constraint["header"]["frame_id"] or WORLD for constraint in constraints}
     # What is not constrained may be anything. Each list has one constraint at most.
     pose = np.eye(4)
     radius = math.inf
     angle = math.inf
     for constraint in positions:
-        region = constraint["constraint_region"]
-        pose[:3, 3], radius = _read_region(region, f"region of {place}")
+        pose[:3, 3], radius = constraint.constraint_region
     for constraint in orientations:
-        pose[:3, :3] = constraint["orientation"]
-        angle = _read_angle(constraint, place)
+        pose[:3, :3] = constraint.orientation
+        angle = _find_angle(constraint, place)
     if math.isinf(radius) and math.isinf(angle):
         raise ContentError(
             f"has tolerances beyond half a turn at {place}",
             "then any pose would do",
             "tighten them",
         )
-    return PoseGoal(links[0], pose, (radius, angle))
+    frames = {constraint.header.frame_id or WORLD for constraint in poses}
+    return PoseGoal(links[0], pose, (radius, angle)), frames
 
 
-def _read_angle(constraint: Mapping[str, Any], place: str) -> float:
-    """Read the largest angle, radians, that an orientation constraint allows around any axis.
+def _make_joint_goal(constraints: Sequence[Any], place: str) -> JointGoal:
+    """Make the goal of joint constraints; errors name its ``place`` in the file."""
+    check_distinct((constraint.joint_name for constraint in constraints), f" at {place}")
+    goal = JointGoal({}, {}, {})
+    for constraint in constraints:
+        name = constraint.joint_name
+        value = constraint.position
+        goal.values[name] = value
+        goal.lower[name] = value - constraint.tolerance_below
+        goal.upper[name] = value + constraint.tolerance_above
+    return goal
 
-    It is infinite if the constraint allows any rotation.
+
+def _find_angle(constraint: Any, place: str) -> float:
+    """Return the largest angle, radians, that an orientation constraint allows around any axis.
+
+    It is infinite if the constraint allows any rotation. Errors name the ``place`` of the goal.
     """
     # MoveIt takes the tolerances as absolute.
-    tolerances = [abs(constraint[f"absolute_{axis}_axis_tolerance"]) for axis in "xyz"]
-    tolerance = min(tolerances)
+    tolerance = min(abs(getattr(constraint, f"absolute_{axis}_axis_tolerance")) for axis in "xyz")
     if tolerance == 0.0:
         raise ContentError(
             f"has a tolerance of zero at {place}",
@@ -540,17 +523,61 @@ def _read_angle(constraint: Mapping[str, Any], place: str) -> float:
     return math.inf if tolerance >= math.pi else min(tolerance, _MAX_EULER_TOLERANCE)
 
 
-def _read_region(region: Mapping[str, Any], place: str) -> tuple[Floats, float]:
-    """Read the largest ball around the center of a region: its center and radius, metres.
+# ---- tables of the fields of requests ------------------------------------------------------------
 
-    The region is one box, sphere or cylinder; errors name its ``place`` in the file.
-    """
-    shapes = region["primitives"]
-    poses = check_poses(region, "primitives", "primitive_poses", place)
-    kinds = [kind for kind, _ in shapes]
-    if len(kinds) != 1 or kinds[0] not in _BALL_RADII:
-        rule = f"it must be one of {', '.join(_BALL_RADII)}"
-        raise wrong_value(", ".join(kinds) or "nothing", place, rule)
-    ((kind, sizes),) = shapes
-    (pose,) = poses
-    return pose[:3, 3], _BALL_RADII[kind](*sizes)
+_parse_optional: Final = allow_missing(parse_number, 0.0)
+
+_refuse_meshes: Final = refuse("write a box, a sphere or a cylinder")
+
+_refuse_unobeyed: Final = refuse("remove it; plans would not obey it")
+
+_REGION: Final[Schema] = {
+    "primitives": [parse_primitive],
+    "primitive_poses": [parse_pose],
+    "meshes": _refuse_meshes,
+    "mesh_poses": _refuse_meshes,
+}
+
+_JOINT_CONSTRAINT: Final[Schema] = {
+    "joint_name": parse_name,
+    "position": parse_number,
+    "tolerance_above": _parse_tolerance,
+    "tolerance_below": _parse_tolerance,
+}
+
+_POSITION_CONSTRAINT: Final[Schema] = {
+    "header": HEADER,
+    "link_name": parse_name,
+    "target_point_offset": refuse("constrain the position of the link's origin"),
+    "constraint_region": _parse_ball,
+}
+
+_ORIENTATION_CONSTRAINT: Final[Schema] = {
+    "header": HEADER,
+    "orientation": parse_rotation,
+    "link_name": parse_name,
+    **{f"absolute_{axis}_axis_tolerance": _parse_optional for axis in "xyz"},
+}
+
+_GOAL: Final[Schema] = {
+    "joint_constraints": [_JOINT_CONSTRAINT],
+    "position_constraints": [_POSITION_CONSTRAINT],
+    "orientation_constraints": [_ORIENTATION_CONSTRAINT],
+    "visibility_constraints": _refuse_unobeyed,
+}
+
+_REQUEST: Final[Schema] = {
+    "group_name": parse_frame,
+    "start_state": {
+        **STATE,
+        "attached_collision_objects": refuse(
+            "write them as attached_collision_objects of the scene's robot_state"
+        ),
+        "is_diff": accept_only(False, True),
+    },
+    "goal_constraints": [_parse_goal],
+    "path_constraints": _refuse_unobeyed,
+    "trajectory_constraints": _refuse_unobeyed,
+    "reference_trajectories": _refuse_unobeyed,
+    "allowed_planning_time": _parse_optional,
+}

@@ -7,11 +7,11 @@ answer but are not read are refused too, unless they are empty.
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from types import SimpleNamespace
 from typing import Any, Final, TypeAlias
 
 import numpy as np
@@ -26,9 +26,6 @@ WORLD: Final = "world"
 """Frame of poses whose header names none, as in robowflex."""
 
 SCENE_KIND: Final = "planning scene"
-"""Kind of file, for messages."""
-
-REQUEST_KIND: Final = "motion plan request"
 """Kind of file, for messages."""
 
 MAX_POSITION_METRES: Final = 1e3
@@ -78,6 +75,12 @@ Parser: TypeAlias = Callable[[Any, str], Any]
 Schema: TypeAlias = "Parser | list[Schema] | dict[str, Schema]"
 """How :func:`parse` parses a value."""
 
+Pairs: TypeAlias = list[tuple[Any, Any]]
+"""Items with their partners, such as shapes with their poses."""
+
+Contacts: TypeAlias = dict[tuple[str, ...], bool]
+"""Entries of an allowed collision matrix by two names, and defaults by one name."""
+
 PRIMITIVES: Final[Mapping[str, tuple[str, ...]]] = {
     "box": ("x", "y", "z"),
     "sphere": ("radius",),
@@ -126,9 +129,8 @@ def accept_only(*accepted: Any, hint: str = "correct it") -> Parser:
         if value is None:
             return accepted[0]
         # True == 1 in Python, but not in a message.
-        is_flag = isinstance(value, bool)
-        comparable = [choice for choice in accepted if isinstance(choice, bool) == is_flag]
-        if value not in comparable:
+        kinds = [isinstance(choice, bool) for choice in accepted if choice == value]
+        if isinstance(value, bool) not in kinds:
             raise wrong_value(value, place, rule, hint)
         return value
 
@@ -144,7 +146,8 @@ def parse(schema: Schema, value: Any, place: str) -> Any:
     """Parse a value of YAML.
 
     ``schema`` is the parser of one value, a list of the schema of all items, or a table of the
-    schema of each field.
+    schema of each field. A list may stand for a table of which it is the only field. Tables become
+    objects with their fields as attributes.
     """
     if callable(schema):
         return schema(value, place)
@@ -154,6 +157,13 @@ def parse(schema: Schema, value: Any, place: str) -> Any:
         (item_schema,) = schema
         items = enumerate(value or ())
         return [parse(item_schema, item, f"{place}[{number}]") for number, item in items]
+    return _parse_table(schema, value, place)
+
+
+def _parse_table(schema: dict[str, Schema], value: Any, place: str) -> SimpleNamespace:
+    """Parse a table of names and values."""
+    if isinstance(value, list) and len(schema) == 1:
+        value = dict.fromkeys(schema, value)
     if not isinstance(value, dict | None):
         raise wrong_value(value, place or "the top", "it must be a table of names and values")
     # A field that is missing is parsed as None, for which its parser has a default or an error.
@@ -165,21 +175,11 @@ def parse(schema: Schema, value: Any, place: str) -> Any:
                 f"the fields are {', '.join(schema)}",
                 "correct or remove it",
             )
-    return {
+    fields = {
         name: parse(field, table.get(name), f"{place}.{name}".lstrip("."))
         for name, field in schema.items()
     }
-
-
-def allow_wrapped(field: str, schema: Schema) -> Parser:
-    """Make a parser of a value that may be the only field of a table."""
-
-    def parse_either(value: Any, place: str) -> Any:
-        if isinstance(value, dict):
-            return parse({field: schema}, value, place)[field]
-        return parse(schema, value, place)
-
-    return parse_either
+    return SimpleNamespace(**fields)
 
 
 def parse_name(value: Any, place: str) -> str:
@@ -193,18 +193,25 @@ def parse_name(value: Any, place: str) -> str:
 def parse_names(value: Any, place: str) -> list[str]:
     """Parse a list of different names."""
     names: list[str] = parse([parse_name], value, place)
+    check_distinct(names, f" in {place}")
+    return names
+
+
+def check_distinct(
+    names: Iterable[str],
+    place: str = "",
+    rule: str = "names must differ",
+    hint: str = "remove one",
+) -> None:
+    """Raise ContentError if two names are equal."""
     for name, following in itertools.pairwise(sorted(names)):
         if name == following:
-            raise ContentError(
-                f"has {name[:40]!r} twice in {place}", "names must differ", "remove one"
-            )
-    return names
+            raise ContentError(f"has {name[:40]!r} twice{place}", rule, hint)
 
 
 def parse_frame(value: Any, place: str) -> str:
     """Parse the name of a frame without the slash of old versions of ROS; it may be empty."""
-    is_given = value or value == 0
-    return parse_name(value, place).lstrip("/") if is_given else ""
+    return "" if value in (None, "") else parse_name(value, place).lstrip("/")
 
 
 def parse_number(value: Any, place: str) -> float:
@@ -212,14 +219,6 @@ def parse_number(value: Any, place: str) -> float:
     if type(value) not in (int, float) or not abs(value) < MAX_NUMBER:
         raise wrong_value(value, place, "it must be one finite number")
     return float(value)
-
-
-def parse_tolerance(value: Any, place: str) -> float:
-    """Parse a number that is not negative; a missing one is zero."""
-    tolerance = 0.0 if value is None else parse_number(value, place)
-    if tolerance < 0.0:
-        raise wrong_value(value, place, "it may not be negative")
-    return tolerance
 
 
 def make_vector_parser(count: int) -> Parser:
@@ -236,27 +235,51 @@ def make_vector_parser(count: int) -> Parser:
     return parse_vector
 
 
-_parse_position: Final = allow_missing(make_vector_parser(3), np.zeros(3))
-_parse_quaternion: Final = allow_missing(make_vector_parser(4), np.array([0.0, 0.0, 0.0, 1.0]))
-_POSE: Final[Schema] = {"position": _parse_position, "orientation": _parse_quaternion}
-_TRANSFORM: Final[Schema] = {"translation": _parse_position, "rotation": _parse_quaternion}
+_parse_vector: Final = make_vector_parser(3)
+_parse_quaternion: Final = make_vector_parser(4)
 
 
-def parse_pose(value: Any, place: str) -> Floats:
-    """Parse a pose as a matrix, shape (4, 4); a missing pose is the identity."""
-    fields = parse(_POSE, value, place)
-    return _make_motion(fields["position"], fields["orientation"], place)
+def _parse_position(value: Any, place: str) -> Floats:
+    """Parse a position, shape (3,); a missing one is the origin."""
+    position: Floats = np.zeros(3) if value is None else _parse_vector(value, place)
+    if np.abs(position).max() > MAX_POSITION_METRES:
+        raise ContentError(
+            f"has a position beyond {MAX_POSITION_METRES:g} m at {place}",
+            "its digits would be lost",
+            "use metres and a nearer frame",
+        )
+    return position
 
 
 def parse_rotation(value: Any, place: str) -> Floats:
-    """Parse a quaternion as a rotation matrix, shape (3, 3)."""
-    return _make_motion(np.zeros(3), _parse_quaternion(value, place), place)[:3, :3]
+    """Parse a quaternion, x to w, as a rotation matrix, shape (3, 3).
+
+    A missing one is the identity. Like MoveIt, normalise it.
+    """
+    from scipy.spatial.transform import Rotation
+
+    quaternion = None if value is None else _parse_quaternion(value, place)
+    if quaternion is None or not quaternion[:3].any():  # the identity, whatever the norm
+        return np.eye(3)
+    # Squares of tiny numbers would lose digits.
+    scaled = quaternion / np.abs(quaternion).max()
+    return np.asarray(Rotation.from_quat(scaled).as_matrix())
+
+
+def parse_pose(
+    value: Any, place: str, position: str = "position", rotation: str = "orientation"
+) -> Floats:
+    """Parse a pose as a matrix, shape (4, 4); a missing pose is the identity."""
+    fields = parse({position: _parse_position, rotation: parse_rotation}, value, place)
+    pose = np.eye(4)
+    pose[:3, 3] = getattr(fields, position)
+    pose[:3, :3] = getattr(fields, rotation)
+    return pose
 
 
 def parse_identity(value: Any, place: str) -> None:
     """Refuse a transform that is not the identity."""
-    fields = parse(_TRANSFORM, value, place)
-    motion = _make_motion(fields["translation"], fields["rotation"], place)
+    motion = parse_pose(value, place, "translation", "rotation")
     if np.abs(motion - np.eye(4)).max() > MOTION_ROUNDING:
         raise ContentError(
             f"has a motion as {place}",
@@ -265,31 +288,8 @@ def parse_identity(value: Any, place: str) -> None:
         )
 
 
-def _make_motion(position: Floats, quaternion: Floats, place: str) -> Floats:
-    """Return the matrix of a rigid motion, shape (4, 4).
-
-    Like MoveIt, normalise the quaternion, x to w.
-    """
-    from scipy.spatial.transform import Rotation
-
-    if np.abs(position).max() > MAX_POSITION_METRES:
-        raise ContentError(
-            f"has a position beyond {MAX_POSITION_METRES:g} m at {place}",
-            "its digits would be lost",
-            "use metres and a nearer frame",
-        )
-    motion = np.eye(4)
-    motion[:3, 3] = position
-    *imaginary, _ = quaternion
-    if any(imaginary):  # else it is the identity, whatever its norm
-        # Squares of tiny numbers would lose digits.
-        scaled = quaternion / np.abs(quaternion).max()
-        motion[:3, :3] = Rotation.from_quat(scaled).as_matrix()
-    return motion
-
-
 _PRIMITIVE: Final[Schema] = {
-    "type": lambda value, place: value,
+    "type": parse_name,
     "dimensions": [parse_number],
     "polygon": refuse("only prisms have one, and they are not read; write another primitive"),
 }
@@ -298,37 +298,37 @@ _PRIMITIVE: Final[Schema] = {
 def parse_primitive(value: Any, place: str) -> tuple[str, list[float]]:
     """Parse a ``shape_msgs/SolidPrimitive`` as its kind and its dimensions in metres."""
     fields = parse(_PRIMITIVE, value, place)
-    kind = str(fields["type"]).lower()
     # Messages have the number of a kind, and files may have its name.
     names_by_number = {str(number): name for number, name in enumerate(PRIMITIVES, 1)}
-    kind = names_by_number.get(kind, kind)
+    kind = names_by_number.get(fields.type, fields.type.lower())
     if kind not in PRIMITIVES:
         choices = ", ".join(f"{name} ({number})" for number, name in names_by_number.items())
-        raise wrong_value(fields["type"], f"{place}.type", f"it must be one of {choices}")
+        raise wrong_value(fields.type, f"{place}.type", f"it must be one of {choices}")
     names = PRIMITIVES[kind]
-    sizes = fields["dimensions"]
     # Messages often pad dimensions to three numbers with zeros.
-    used = sizes[: len(names)]
-    padding = sizes[len(names) :]
-    if len(used) < len(names) or any(padding) or min(used) <= 0.0:
+    sizes = fields.dimensions[: len(names)]
+    padding = fields.dimensions[len(names) :]
+    if len(sizes) < len(names) or any(padding) or min(sizes) <= 0.0:
         rule = f"a {kind} has {', '.join(names)}, metres above zero"
-        raise wrong_value(sizes, f"{place}.dimensions", rule)
-    return kind, used
+        raise wrong_value(fields.dimensions, f"{place}.dimensions", rule)
+    return kind, sizes
 
 
-def check_poses(fields: Mapping[str, Any], items: str, poses: str, place: str) -> list[Floats]:
-    """Return the poses of a list of shapes; a single shape needs none."""
-    matrices: list[Floats] = fields[poses]
-    count = len(fields[items])
-    if not matrices and count == 1:
-        return [np.eye(4)]
-    if len(matrices) != count:
-        raise ContentError(
-            f"has {count} {items} but {len(matrices)} {poses} at {place}",
-            "each needs a pose",
-            "add or remove some",
-        )
-    return matrices
+def pair_poses(fields: Any, items: str, poses: str, place: str) -> Pairs:
+    """Return a list of shapes with their poses; a single shape needs none."""
+    lists = {name: getattr(fields, name) for name in (items, poses)}
+    if len(lists[items]) == 1 and not lists[poses]:
+        lists[poses] = [np.eye(4)]
+    return pair_items(lists, place, "each needs a pose")
+
+
+def pair_items(lists: Mapping[str, list[Any]], place: str, rule: str) -> Pairs:
+    """Return the pairs of the items of two lists, which have names for messages."""
+    items, partners = lists.values()
+    if len(items) != len(partners):
+        counts = " but ".join(f"{len(entries)} {name}" for name, entries in lists.items())
+        raise ContentError(f"has {counts} at {place}", rule, "add or remove some")
+    return list(zip(items, partners, strict=True))
 
 
 # ---- messages ------------------------------------------------------------------------------------
@@ -364,13 +364,14 @@ _IGNORED_FIELDS: Final = (
 )
 """Fields of messages that change no answer; a schema that has one of them reads it."""
 
-_HEADER: Final[Schema] = {"frame_id": parse_frame}
+HEADER: Final[Schema] = {"frame_id": parse_frame}
+"""Schema of the header of a pose."""
 
 _MESH: Final[Schema] = {
-    "triangles": [allow_wrapped("vertex_indices", [parse_number])],
-    "vertices": [make_vector_parser(3)],
+    "triangles": [{"vertex_indices": [parse_number]}],
+    "vertices": [_parse_vector],
     "resource": allow_missing(parse_name, ""),
-    "dimensions": allow_missing(make_vector_parser(3), None),
+    "dimensions": allow_missing(_parse_vector, None),
 }
 
 _refuse_planes: Final = refuse("a plane has no end; write a box")
@@ -378,7 +379,7 @@ _refuse_subframes: Final = refuse("remove them, and write poses in the planning 
 
 _COLLISION_OBJECT: Final[Schema] = {
     "id": parse_name,
-    "header": _HEADER,
+    "header": HEADER,
     "pose": parse_pose,
     # ROS 2 prints the number as a byte.
     "operation": accept_only("add", "ADD", "", 0, "\0", hint="write the scene as it is"),
@@ -398,174 +399,116 @@ _ATTACHED_OBJECT: Final[Schema] = {
     "touch_links": [parse_name],
 }
 
-_STATE: Final[dict[str, Schema]] = {
-    "joint_state": {"header": _HEADER, "name": parse_names, "position": [parse_number]},
-    "multi_dof_joint_state": {"header": _HEADER, "transforms": [parse_identity]},
+_JOINT_STATE: Final[Schema] = {
+    "header": HEADER,
+    "name": parse_names,
+    "position": [parse_number],
+}
+
+
+def _parse_joints(value: Any, place: str) -> dict[str, float]:
+    """Parse the values of joints by their names."""
+    fields = parse(_JOINT_STATE, value, place)
+    lists = {"joints": fields.name, "positions": fields.position}
+    return dict(pair_items(lists, place, "each joint needs one"))
+
+
+STATE: Final[dict[str, Schema]] = {
+    "joint_state": _parse_joints,
+    "multi_dof_joint_state": {"header": HEADER, "transforms": [parse_identity]},
     "attached_collision_objects": [_ATTACHED_OBJECT],
     "is_diff": accept_only(False, hint="write the whole state"),
 }
+"""Schema of the state of a robot."""
 
 _FLAGS: Final[Schema] = [accept_only(False, True)]
 
 _MATRIX: Final[Schema] = {
     "entry_names": parse_names,
-    "entry_values": [allow_wrapped("enabled", _FLAGS)],
+    "entry_values": [{"enabled": _FLAGS}],
     "default_entry_names": parse_names,
     "default_entry_values": _FLAGS,
 }
 
+
+def _parse_contacts(value: Any, place: str) -> Contacts | None:
+    """Parse an allowed collision matrix; None if it is empty."""
+    fields = parse(_MATRIX, value, place)
+    names = fields.entry_names
+    rows = [row.enabled for row in fields.entry_values]
+    default_names = fields.default_entry_names
+    defaults = fields.default_entry_values
+    is_square = [len(row) for row in rows] == [len(names)] * len(names)
+    if not is_square or len(default_names) != len(defaults):
+        raise ContentError(
+            f"has an {place} of another size than its names",
+            "it is square, with a default for each name",
+            "correct it",
+        )
+    pairs = itertools.product(names, repeat=2)
+    contacts: Contacts = dict(zip(pairs, itertools.chain(*rows), strict=True))
+    # The default of a name is an entry of that name alone.
+    contacts |= zip(zip(default_names, strict=True), defaults, strict=True)
+    return contacts or None
+
+
 _OCTOMAP: Final[Schema] = {
-    "header": _HEADER,
+    "header": HEADER,
     "data": refuse("save it as .bt, and read it with Workspace.from_octomap"),
 }
 
 _USE_PADDING: Final = "remove it, and pass padding= to build_arm_space"
 
-_SCENE: Final[Schema] = {
+SCENE: Final[Schema] = {
     "is_diff": accept_only(False, hint="write the whole scene"),
     "world": {
         "collision_objects": [_COLLISION_OBJECT],
-        "octomap": {"header": _HEADER, "origin": parse_pose, "octomap": _OCTOMAP},
+        "octomap": {"header": HEADER, "origin": parse_pose, "octomap": _OCTOMAP},
     },
-    "robot_state": _STATE,
-    "allowed_collision_matrix": _MATRIX,
-    "fixed_frame_transforms": [{"header": _HEADER, "transform": parse_identity}],
+    "robot_state": STATE,
+    "allowed_collision_matrix": _parse_contacts,
+    "fixed_frame_transforms": [{"header": HEADER, "transform": parse_identity}],
     "link_padding": [{"link_name": parse_name, "padding": accept_only(0.0, hint=_USE_PADDING)}],
     "link_scale": [{"link_name": parse_name, "scale": accept_only(1.0, hint=_USE_PADDING)}],
 }
-
-_JOINT_CONSTRAINT: Final[Schema] = {
-    "joint_name": parse_name,
-    "position": parse_number,
-    "tolerance_above": parse_tolerance,
-    "tolerance_below": parse_tolerance,
-}
-
-_refuse_meshes: Final = refuse("write a box, a sphere or a cylinder")
-
-_POSITION_CONSTRAINT: Final[Schema] = {
-    "header": _HEADER,
-    "link_name": parse_name,
-    "target_point_offset": refuse("constrain the position of the link's origin"),
-    "constraint_region": {
-        "primitives": [parse_primitive],
-        "primitive_poses": [parse_pose],
-        "meshes": _refuse_meshes,
-        "mesh_poses": _refuse_meshes,
-    },
-}
-
-_parse_optional: Final = allow_missing(parse_number, 0.0)
-
-_ORIENTATION_CONSTRAINT: Final[Schema] = {
-    "header": _HEADER,
-    "orientation": parse_rotation,
-    "link_name": parse_name,
-    "absolute_x_axis_tolerance": _parse_optional,
-    "absolute_y_axis_tolerance": _parse_optional,
-    "absolute_z_axis_tolerance": _parse_optional,
-}
-
-_refuse_unobeyed: Final = refuse("remove it; plans would not obey it")
-
-_GOAL: Final[Schema] = {
-    "joint_constraints": [_JOINT_CONSTRAINT],
-    "position_constraints": [_POSITION_CONSTRAINT],
-    "orientation_constraints": [_ORIENTATION_CONSTRAINT],
-    "visibility_constraints": _refuse_unobeyed,
-}
-
-_REQUEST: Final[Schema] = {
-    "group_name": parse_frame,
-    "start_state": {
-        **_STATE,
-        "attached_collision_objects": refuse(
-            "write them as attached_collision_objects of the scene's robot_state"
-        ),
-        "is_diff": accept_only(False, True),
-    },
-    "goal_constraints": [_GOAL],
-    "path_constraints": _refuse_unobeyed,
-    "trajectory_constraints": _refuse_unobeyed,
-    "reference_trajectories": _refuse_unobeyed,
-    "allowed_planning_time": _parse_optional,
-}
-
-
-def read_scene_message(source: object) -> Any:
-    """Read the fields of a planning scene, or of its world alone."""
-    content = _load(source, SCENE_KIND)
-    if isinstance(content, dict) and "collision_objects" in content:
-        content = {"world": content}
-    with naming(source, SCENE_KIND):
-        return parse(_SCENE, content, "")
-
-
-def read_request_message(source: object) -> Any:
-    """Read the fields of a motion plan request."""
-    content = _load(source, REQUEST_KIND)
-    with naming(source, REQUEST_KIND):
-        return parse(_REQUEST, content, "")
-
-
-def name_source(source: object, kind: str) -> str:
-    """Return the path of a file, or the kind of a message."""
-    return os.fspath(source) if isinstance(source, str | os.PathLike) else kind
+"""Schema of a planning scene."""
 
 
 @contextmanager
-def naming(source: object, kind: str) -> Iterator[None]:
-    """Turn a ContentError into a FileError, or into an InputError for a message."""
+def reading(source: object, kind: str) -> Iterator[tuple[str, Any]]:
+    """Yield the name and the plain value of a YAML file, a mapping or a message.
+
+    The name of a message is its kind. A ContentError in the block becomes a FileError, or an
+    InputError for a message.
+    """
     if isinstance(source, str | os.PathLike):
+        content = read_yaml(source, kind)
         with decoding(source, kind):
-            yield
+            yield os.fspath(source), content
         return
     try:
-        yield
+        yield kind, _convert_message(source)
     except ContentError as error:
         raise InputError(kind, *error.parts) from error
 
 
-def _load(source: object, kind: str) -> Any:
-    """Return the plain value of a YAML file, a mapping or a message."""
-    if isinstance(source, str | os.PathLike):
-        return read_yaml(source, kind)
-    return _convert_message(source)
-
-
 def _convert_message(value: Any) -> Any:
     """Convert a message to tables, lists and plain values."""
-    if isinstance(value, Mapping):
-        return {name: _convert_message(field) for name, field in value.items()}
     if isinstance(value, bytes):  # ROS 2 has a byte as text of one character
         return value.decode("latin-1")
-    if isinstance(value, str):
-        return value
     if hasattr(value, "tolist"):  # an array of numpy or of Python
         return value.tolist()
     if isinstance(value, list | tuple):
         return [_convert_message(item) for item in value]
-    # The names of fields in ROS 2, in rosbags, and in ROS 1.
-    if hasattr(value, "get_fields_and_field_types"):
-        names = list(value.get_fields_and_field_types())
-    elif dataclasses.is_dataclass(value):
-        names = [field.name for field in dataclasses.fields(value)]
-    else:
-        names = list(getattr(value, "__slots__", ()))
-    return {name: _convert_message(getattr(value, name)) for name in names} if names else value
-
-
-def joint_values(state: Mapping[str, Any], place: str) -> dict[str, float]:
-    """Return the values of joints in a parsed state of a robot."""
-    names = state["joint_state"]["name"]
-    positions = state["joint_state"]["position"]
-    if len(names) != len(positions):
-        raise ContentError(
-            f"has {len(names)} joints but {len(positions)} positions at {place}",
-            "each joint needs one",
-            "add or remove some",
-        )
-    return dict(zip(names, positions, strict=True))
+    if not isinstance(value, Mapping):
+        # The fields of messages in ROS 2, in rosbags, and in ROS 1.
+        list_fields = getattr(value, "get_fields_and_field_types", tuple)
+        slots = getattr(value, "__slots__", ())
+        names: Iterable[str] = list_fields() or getattr(value, "__dataclass_fields__", slots)
+        if not names:
+            return value
+        value = {name: getattr(value, name) for name in names}
+    return {name: _convert_message(field) for name, field in value.items()}
 
 
 def find_frame(frames: set[str]) -> str:

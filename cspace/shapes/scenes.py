@@ -13,13 +13,14 @@ from cspace.errors import GeometryError, InputError, warn_user
 from cspace.files.access import ContentError
 from cspace.files.meshes import read_mesh, warn_of_unit
 from cspace.files.moveit import (
-    SCENE_KIND,
+    SCENE,
     WORLD,
-    check_poses,
+    Contacts,
+    check_distinct,
     find_frame,
-    name_source,
-    naming,
-    read_scene_message,
+    pair_poses,
+    parse,
+    reading,
     wrong_value,
 )
 from cspace.files.polygons import join_surfaces, transform_surface
@@ -39,7 +40,6 @@ from cspace.shapes.mesh import Mesh, Solid
 from cspace.shapes.shape import (
     BoundedShape,
     BoundsPair,
-    ExactShape,
     Shape,
     capsule_bounds,
     cone_bounds,
@@ -243,14 +243,17 @@ class SceneContent(NamedTuple):
         The planning frame.
     shapes : list of SceneShape
         Obstacles, and objects that the robot carries.
-    fields : dict
-        The fields of the message.
+    joints : dict of str to float
+        Values of the robot's joints.
+    contacts : dict or None
+        Entries and defaults of the allowed collision matrix, if there is one.
     """
 
     source: str
     frame: str
     shapes: list[SceneShape]
-    fields: dict[str, Any]
+    joints: dict[str, float]
+    contacts: Contacts | None
 
     def list_obstacles(self) -> list[Shape]:
         """Return the obstacles in the planning frame.
@@ -263,8 +266,7 @@ class SceneContent(NamedTuple):
             for scene_shape in self.shapes
             if not scene_shape.link
         ]
-        if not obstacles:
-            raise _make_empty_error(self.source)
+        _check_any(obstacles, self.source)
         carried = dict.fromkeys(each.object_id for each in self.shapes if each.link)
         if carried:
             problem = f"attached objects ({', '.join(carried)}) enlarge the robot and are not read"
@@ -272,9 +274,10 @@ class SceneContent(NamedTuple):
         return obstacles
 
 
-def _make_empty_error(source: str) -> GeometryError:
-    """Return the error for a scene without shapes."""
-    return GeometryError(source, "holds no shape", "a scene needs one", "pass another scene")
+def _check_any(shapes: Sequence[object], source: str) -> None:
+    """Raise GeometryError for a scene without shapes."""
+    if not shapes:
+        raise GeometryError(source, "holds no shape", "a scene needs one", "pass another scene")
 
 
 def read_scene(source: object, package_dirs: PackageDirs = ()) -> SceneContent:
@@ -292,102 +295,88 @@ def read_scene(source: object, package_dirs: PackageDirs = ()) -> SceneContent:
     GeometryError if a mesh has no triangle.
     """
     folders = package_folders(package_dirs)
-    fields = read_scene_message(source)
-    name = name_source(source, SCENE_KIND)
-    with naming(source, SCENE_KIND):
-        reader = _Reader(name, folders)
+    with reading(source, "planning scene") as (name, content):
+        if isinstance(content, dict) and "collision_objects" in content:
+            content = {"world": content}
+        fields = parse(SCENE, content, "")
+        state = fields.robot_state
         shapes = list[SceneShape]()
-        for item in fields["world"]["collision_objects"]:
-            shapes += reader.read_object(item)
-        for item in fields["robot_state"]["attached_collision_objects"]:
-            shapes += reader.read_attached(item)
-        frames = {each.frame for each in shapes if each.frame != each.link}
-        if not shapes:
-            raise _make_empty_error(name)
-        return SceneContent(name, find_frame(frames), shapes, fields)
+        for item in fields.world.collision_objects:
+            shapes += _read_object(item, name, folders)
+        for item in state.attached_collision_objects:
+            carried = _read_object(item.object, name, folders, item.link_name)
+            touch_links = tuple(item.touch_links)
+            shapes += [shape._replace(touch_links=touch_links) for shape in carried]
+        # An object of several shapes has a name beside theirs.
+        ids = {each.object_id for each in shapes if each.object_id != each.name}
+        names = [each.name for each in shapes]
+        check_distinct([*names, *ids], "", "ids and names of shapes must differ", "rename one")
+        _check_any(shapes, name)
+        frame = find_frame({each.frame for each in shapes if each.frame != each.link})
+        contacts = fields.allowed_collision_matrix
+        return SceneContent(name, frame, shapes, state.joint_state, contacts)
 
 
-class _Reader:
-    """Maker of the shapes of collision objects."""
+def _read_object(
+    item: Any, source: str, folders: Sequence[Path], link: str = ""
+) -> list[SceneShape]:
+    """Return the shapes of a collision object, which a link may carry.
 
-    def __init__(self, path: str, folders: Sequence[Path]) -> None:
-        """Remember where meshes lie, and that no name is used yet."""
-        self._path = path
-        self._folders = folders
-        self._names = set[str]()
-
-    def read_object(self, item: Mapping[str, Any]) -> list[SceneShape]:
-        """Return the shapes of a collision object."""
-        name = item["id"]
-        place = f"object {name!r}"
-        shapes = [*self._make_primitives(item, place), *self._make_meshes(item, place)]
-        if not shapes:
-            rule = "it must have primitives or meshes"
-            raise ContentError(f"has no shape at {place}", rule, "add them, or remove the object")
-        # Several shapes of an object are numbered.
-        names = [name]
-        if len(shapes) > 1:
-            names = [f"{name}/{number}" for number in range(len(shapes))]
-        for used_name in {name, *names}:
-            if used_name in self._names:
-                problem = f"has {used_name!r} twice"
-                raise ContentError(problem, "ids and names of shapes must differ", "rename one")
-            self._names.add(used_name)
-        frame = item["header"]["frame_id"] or WORLD
-        return [
-            SceneShape(shape_name, shape, item["pose"] @ pose, name, frame)
-            for shape_name, (shape, pose) in zip(names, shapes, strict=True)
-        ]
-
-    def read_attached(self, item: Mapping[str, Any]) -> list[SceneShape]:
-        """Return the shapes of an attached object."""
-        link = item["link_name"]
-        carried = item["object"]
-        if not carried["header"]["frame_id"]:
-            problem = f"has no header.frame_id at object {carried['id']!r}"
-            rule = "MoveIt and robowflex would take the frame of the world"
-            raise ContentError(problem, rule, f"add it, e.g. {link}")
-        touch_links = tuple(item["touch_links"])
-        shapes = self.read_object(carried)
-        return [shape._replace(link=link, touch_links=touch_links) for shape in shapes]
-
-    def _make_primitives(
-        self, item: Mapping[str, Any], place: str
-    ) -> Iterator[tuple[Shape, Floats]]:
-        """Yield the primitives of an object as shapes, with their poses."""
-        poses = check_poses(item, "primitives", "primitive_poses", place)
-        for (kind, sizes), pose in zip(item["primitives"], poses, strict=True):
-            yield _PRIMITIVE_MAKERS[kind](*sizes), pose
-
-    def _make_meshes(self, item: Mapping[str, Any], place: str) -> Iterator[tuple[Shape, Floats]]:
-        """Yield the meshes of an object as shapes, with their poses."""
-        poses = check_poses(item, "meshes", "mesh_poses", place)
-        for number, (mesh, pose) in enumerate(zip(item["meshes"], poses, strict=True)):
-            mesh_place = f"meshes[{number}] of {place}"
-            is_inline = bool(mesh["vertices"] or mesh["triangles"])
-            if is_inline and (mesh["resource"] or mesh["dimensions"] is not None):
-                problem = f"has vertices and a resource or dimensions at {mesh_place}"
-                raise ContentError(problem, "a mesh has one of them", "remove one")
-            # Read the file that the resource names, or else the listed triangles.
-            if mesh["resource"]:
-                resource = mesh["resource"]
-                files = locate_meshes({resource: mesh_place}, self._path, self._folders)
-                surface = _scale_mesh(files[resource], mesh["dimensions"], mesh_place)
-            else:
-                surface = _read_inline_mesh(mesh, mesh_place)
-            yield Mesh(*surface, source=f"{self._path}: {mesh_place}"), pose
+    Meshes lie beside the file `source` or in the folders.
+    """
+    name = item.id
+    place = f"object {name!r}"
+    if link and not item.header.frame_id:
+        problem = f"has no header.frame_id at {place}"
+        rule = "MoveIt and robowflex would take the frame of the world"
+        raise ContentError(problem, rule, f"add it, e.g. {link}")
+    shapes: list[tuple[Shape, Floats]] = [
+        (_PRIMITIVE_MAKERS[kind](*sizes), pose)
+        for (kind, sizes), pose in pair_poses(item, "primitives", "primitive_poses", place)
+    ]
+    for number, (mesh, pose) in enumerate(pair_poses(item, "meshes", "mesh_poses", place)):
+        shapes.append((_read_mesh(mesh, f"meshes[{number}] of {place}", source, folders), pose))
+    if not shapes:
+        rule = "it must have primitives or meshes"
+        raise ContentError(f"has no shape at {place}", rule, "add them, or remove the object")
+    # Several shapes of an object are numbered.
+    names = [name]
+    if len(shapes) > 1:
+        names = [f"{name}/{number}" for number in range(len(shapes))]
+    frame = item.header.frame_id or WORLD
+    return [
+        SceneShape(shape_name, shape, item.pose @ pose, name, frame, link)
+        for shape_name, (shape, pose) in zip(names, shapes, strict=True)
+    ]
 
 
-def _read_inline_mesh(mesh: Mapping[str, Any], place: str) -> Surface:
+def _read_mesh(mesh: Any, place: str, source: str, folders: Sequence[Path]) -> Mesh:
+    """Read the file that a mesh names, or else its listed triangles."""
+    resource = mesh.resource
+    dimensions = mesh.dimensions
+    is_inline = bool(mesh.vertices or mesh.triangles)
+    if is_inline and (resource or dimensions is not None):
+        problem = f"has vertices and a resource or dimensions at {place}"
+        raise ContentError(problem, "a mesh has one of them", "remove one")
+    if resource:
+        files = locate_meshes({resource: place}, source, folders)
+        surface = _scale_mesh(files[resource], dimensions, place)
+    else:
+        surface = _read_inline_mesh(mesh, place)
+    return Mesh(*surface, source=f"{source}: {place}")
+
+
+def _read_inline_mesh(mesh: Any, place: str) -> Surface:
     """Return the surface of a mesh that lists its vertices and triangles."""
-    count = len(mesh["vertices"])
+    count = len(mesh.vertices)
     vertex_numbers = set(range(count))
-    for triangle in mesh["triangles"]:
+    triangles = [triangle.vertex_indices for triangle in mesh.triangles]
+    for triangle in triangles:
         if len(triangle) != 3 or not vertex_numbers.issuperset(triangle):
             rule = f"it must be three numbers of its {count} vertices, from 0"
             raise wrong_value(triangle, f"a triangle of {place}", rule)
-    vertices = np.array(mesh["vertices"]).reshape(-1, 3)
-    return vertices, np.array(mesh["triangles"], dtype=np.int64).reshape(-1, 3)
+    vertices = np.array(mesh.vertices).reshape(-1, 3)
+    return vertices, np.array(triangles, dtype=np.int64).reshape(-1, 3)
 
 
 def _make_curved(bounds: BoundsPair) -> Shape:
@@ -407,14 +396,6 @@ _PRIMITIVE_MAKERS: Final[Mapping[str, Callable[..., Shape]]] = {
 
 def _transform(shape: Shape, pose: Floats) -> Shape:
     """Apply a rigid motion, shape (4, 4), to a shape."""
-    outer = _transform_exact(shape.outer, pose)
-    if not isinstance(shape, BoundedShape):
-        return outer
-    return BoundedShape(outer, _transform_exact(shape.inner, pose))
-
-
-def _transform_exact(shape: ExactShape, pose: Floats) -> ExactShape:
-    """Move a shape by a pose, shape (4, 4)."""
     rotation = pose[:3, :3]
     translation = pose[:3, 3]
     # Balls stay balls, and boxes that do not turn stay boxes; all else becomes a mesh.
@@ -422,7 +403,9 @@ def _transform_exact(shape: ExactShape, pose: Floats) -> ExactShape:
         return Balls.of(shape.centers @ rotation.T + translation, shape.radii)
     if isinstance(shape, Box) and np.array_equal(rotation, np.eye(3)):
         return Box.of(shape.extents, shape.center + translation)
-    surface = transform_surface(shape.surface, pose)
+    outer = transform_surface(shape.outer.surface, pose)
+    if isinstance(shape, BoundedShape):
+        return _make_curved((outer, transform_surface(shape.inner.surface, pose)))
     if isinstance(shape, Mesh):
-        return Mesh(*surface, shape.solid, shape.source)
-    return Mesh(*surface)
+        return Mesh(*outer, shape.solid, shape.source)
+    return Mesh(*outer)

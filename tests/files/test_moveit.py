@@ -134,6 +134,7 @@ POINT = [[0, 0, 0]]
     (make_box(pose=make_pose((1500, 0, 0))), "has a position beyond 1000 m at .*pose"),
     (make_box(primitive_poses=[make_pose()] * 2), "has 1 primitives but 2 primitive_poses"),
     (make_box(operation=True), "has True as .*operation"),
+    (make_box(header={"frame_id": []}), r"has \[\] as .*frame_id; it must be a name"),
     (make_mesh(vertices=POINT, triangles=[[0, 1, 2]]), "as a triangle of .* of its 1 vertices"),
 )
 def test_malformed_objects_are_refused_in_one_line(tmp_path, thing, expected):
@@ -147,6 +148,10 @@ def test_malformed_objects_are_refused_in_one_line(tmp_path, thing, expected):
     "text, expected",
     ("world: {octomap: {octomap: {data: [1]}}}", "has world.octomap.octomap.data; .*from_octomap"),
     ("world: {objects: []}", "'objects' at world; the fields are collision_objects, octomap"),
+    (
+        "allowed_collision_matrix: {entry_names: [a]}",
+        "of another size than its names; it is square",
+    ),
 )
 def test_other_files_are_refused(tmp_path, text, expected):
     path = tmp_path / "scene.yaml"
