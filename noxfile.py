@@ -82,6 +82,12 @@ def cpp(session: nox.Session) -> None:
 
 
 @nox.session(venv_backend="none")
+def growth(session: nox.Session) -> None:
+    """Count the work on inputs of n, 4 n and 16 n, with kernels run as Python."""
+    session.run(PYTHON, "-m", "pytest", "-q", "tests/growth", *session.posargs)
+
+
+@nox.session(venv_backend="none")
 def mutants(session: nox.Session) -> None:
     """Put faults into copies of the packages, and see that tests find them, e.g. `nox -s mutants -- raster`."""
     session.run(PYTHON, "-m", "tests.mutants", *session.posargs)

@@ -11,7 +11,7 @@ import pytest
 
 from tests.helpers.repository import ROOT
 
-PROGRAM = Path(__file__).with_name("growth.py")
+PROGRAM = Path(__file__).with_name("count.py")
 KINDS = [
     key.value
     for node in ast.parse(PROGRAM.read_text(encoding="utf-8")).body

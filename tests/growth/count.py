@@ -243,11 +243,6 @@ def recheck_plan(n: int, folder: Path) -> Job:
     return make_long_plan(n).recheck
 
 
-def print_long_plan(n: int, folder: Path) -> Job:
-    plan = make_long_plan(n)
-    return lambda: str(plan)
-
-
 def explain_obstacles(n: int, folder: Path) -> Job:
     squares = list_squares(n)
     side = math.isqrt(n) + 1.0
@@ -413,7 +408,6 @@ KINDS: dict[str, tuple[int, Callable[[int, Path], Job]]] = {
     "plan among n cells": (20**2, plan_through_floor),
     "measure the distance to n triangles": (100, measure_mesh_distance),
     "check a plan of n waypoints": (8, recheck_plan),
-    "print a plan of n waypoints": (8, print_long_plan),
     "explain among n obstacles": (4, explain_obstacles),
     "export n cells": (16**2, export_map),
     "read an image of n pixels": (300**2, read_image),
