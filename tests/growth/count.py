@@ -223,7 +223,7 @@ def plan_through_floor(n: int, folder: Path) -> Job:
 
 
 def measure_mesh_distance(n: int, folder: Path) -> Job:
-    workspace = Workspace.from_mesh(make_sphere(n), spacing=0.2)
+    workspace = Workspace.from_mesh(make_sphere(n), 0.2, (-2, -2, -2, 2, 2, 2))
     space = cspace.build(workspace, Robot.ball(0.1))
     q = space.sample_free(rng=np.random.default_rng(0))
     return lambda: space.obstacle_distance(q)
@@ -417,7 +417,7 @@ KINDS: dict[str, tuple[int, Callable[[int, Path], Job]]] = {
     "read an OBJ file of n boxes": (8, read_mesh(".obj")),
     "read a PLY file of n boxes": (8, read_mesh(".ply")),
     "read a scene of n bodies": (16, read_bodies),
-    "read an OctoMap of n voxels": (512, read_octomap),
+    "read an OctoMap of n voxels": (8192, read_octomap),
     "read a MoveIt scene of n objects": (16, read_scene),
     "read a chain of n links": (64, read_fixed_chain),
     "read n allowed pairs": (64, read_allowed_pairs),
