@@ -192,6 +192,11 @@ class SceneScratch(NamedTuple):
         the joints.
     not_nested : ndarray of bool, shape (p,)
         Pairs known not to contain each other.
+    nearest_nodes : ndarray of int64, shape (p, 2)
+        Nodes of each pair that last were not proven apart, -1 for none. They are tested first,
+        because the same nodes often decide again.
+    first_pair : ndarray of int64, shape (1,)
+        Pair that last was not apart, which is tested first.
     axes : ndarray of float64, shape (b, 8)
         Joints that move a pair in a box of configurations; see
         :func:`cspace.bodies.triangles.joint_displacement`.
@@ -203,6 +208,8 @@ class SceneScratch(NamedTuple):
     poses: Floats
     bounds: Floats
     not_nested: Bools
+    nearest_nodes: Ints
+    first_pair: Ints
     axes: Floats
     nodes: Ints
 
@@ -217,6 +224,8 @@ def make_scene_scratch(scene: Scene) -> SceneScratch:
         poses=np.empty((bodies, 3, 6)),
         bounds=np.empty((pairs, 3)),
         not_nested=np.empty(pairs, dtype=np.bool_),
+        nearest_nodes=np.full((pairs, 2), -1),
+        first_pair=np.zeros(1, dtype=np.int64),
         axes=np.empty((bodies, 8)),
         nodes=np.empty((MAX_PENDING_PAIRS, 2), dtype=np.int64),
     )
@@ -341,7 +350,9 @@ def test_part(
     there, else MIXED.
     """
     state = FREE
-    for n in range(len(scene.pairs)):
+    first = scratch.first_pair[0]
+    for k in range(len(scene.pairs)):
+        n = (first + k) % len(scene.pairs)
         if not is_open[n]:
             continue
         displacement = half * scratch.bounds[n, DISPLACEMENT]
@@ -353,6 +364,7 @@ def test_part(
         slack = bound_slack(scene, n, bounds, scratch.axes[:0], required, 0.0, scratch)
         is_open[n] = slack < 0.0
         if slack == -np.inf:
+            scratch.first_pair[0] = n
             return BLOCKED
         if slack < 0.0:
             state = MIXED
@@ -407,9 +419,14 @@ def bound_slack(
         displacement,
         required + scene.padding[n],
     )
-    return tree_slack(
-        solids.hulls, solids.roots[i], solids.roots[j], motion, axes, enough, scratch.nodes
-    )
+    nodes = scratch.nodes
+    nearest = scratch.nearest_nodes[n]
+    nodes[0, 0] = nearest[0]
+    nodes[0, 1] = nearest[1]
+    slack = tree_slack(solids.hulls, solids.roots[i], solids.roots[j], motion, axes, enough, nodes)
+    nearest[0] = nodes[0, 0]
+    nearest[1] = nodes[0, 1]
+    return slack
 
 
 @internal
@@ -669,6 +686,8 @@ def bound_distances(
         forward_kinematics(scene.chain, points[k], points[k], 0.0, scratch.poses)
         out[k] = np.inf
         for n in range(len(scene.pairs)):
+            # The bound may not depend on earlier queries.
+            scratch.nearest_nodes[n, 0] = -1
             # A pair that is too near counts, even if its distance exceeds that of a pair with less
             # padding.
             enough = out[k] if out[k] < 0.0 else max(out[k] - scene.padding[n], 0.0)
@@ -698,12 +717,15 @@ def are_blocked(scene: Scene, points: Floats, out: Bools, scratch: SceneScratch)
         required = find_required_distance(scene, points[k], points[k])
         forward_kinematics(scene.chain, points[k], points[k], 0.0, scratch.poses)
         out[k] = False
-        for n in range(len(scene.pairs)):
-            if out[k]:
-                break
+        first = scratch.first_pair[0]
+        for offset in range(len(scene.pairs)):
+            n = (first + offset) % len(scene.pairs)
             # Solids with separate hulls do not cross, and they have far fewer hulls than triangles.
             slack = bound_slack(scene, n, NO_MOTION, no_axes, required, 0.0, scratch)
             out[k] = slack < 0.0 and boundaries_cross(scene, n, no_axes, required, scratch)
+            if out[k]:
+                scratch.first_pair[0] = n
+                break
         # Containment comes last, because most collisions are crossings.
         for n in range(len(scene.pairs)):
             out[k] = out[k] or is_nested(scene, n, scratch, required)

@@ -11,13 +11,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace.arms.proofs import (
-    Scene,
-    SceneScratch,
-    are_free,
-    make_scene_scratch,
-    motion_is_free,
-)
+from cspace.arms.proofs import Scene, SceneScratch, make_scene_scratch, motion_is_free
 from cspace.support.arrays import Floats, Ints
 from cspace.support.compiling import clock, internal, kernel
 
@@ -159,6 +153,19 @@ def grow_trees(
     return -1, -1
 
 
+@kernel
+def path_is_free(scene: Scene, path: Floats, scratch: SceneScratch) -> bool:
+    """Return True if the motions of a path, shape (n, dof), between free ends are proven free."""
+    # Waypoints come first, because most colliding motions end in a collision.
+    for k in range(1, len(path) - 1):
+        if not motion_is_free(scene, path[k], path[k], scratch):
+            return False
+    is_free = True
+    for k in range(len(path) - 1):
+        is_free = is_free and motion_is_free(scene, path[k], path[k + 1], scratch)
+    return is_free
+
+
 class PathSearch:
     """A search for proven paths to one of several goals.
 
@@ -294,7 +301,7 @@ class PathSearch:
         """Return True if all motions from a configuration are within spans and proven free."""
         if (np.abs(np.diff(path, axis=0)) > self._spans).any():
             return False
-        return bool(are_free(self._scene, path[:-1], path[1:]).all())
+        return path_is_free(self._scene, path, self._scratch)
 
     def _sample(self, goals: Floats, length: float) -> Floats:
         """Sample configurations on possible paths of at most ``length``.

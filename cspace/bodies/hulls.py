@@ -1,9 +1,9 @@
 """Trees of convex hulls around triangles, and proofs that two trees stay apart.
 
 Each node has a box and a ball around all of its triangles. Some nodes also have the corners of a
-convex hull, grown by the radius of their triangles: whole parts and their large pieces, unless they
-have too many corners; a few neighbouring triangles; and single triangles. A convex part, such as a
-box or a cylinder, is one node.
+convex hull, grown by a radius: whole parts and their large pieces, with enough corners to show
+their shape; a few neighbouring triangles; and single triangles. A convex part, such as a box or a
+cylinder, is one node.
 
 *Bound.* For any vector n, the distance of two sets is at least the gap between their projections
 onto a line along n. The projection of a hull is the projection of its corners, grown by its radius.
@@ -72,8 +72,13 @@ _MAX_TRIANGLES_OF_RANKS: Final = MAX_TRIANGLES_PER_TILE * HULL_BRANCHING ** np.a
 """Largest number of triangles of a node of each rank; a tile has the rank 0."""
 
 
-MAX_HULL_CORNERS: Final = 192
-"""Largest number of corners of a hull; nodes with larger hulls are tested by their children."""
+MAX_EXACT_CORNERS: Final = 192
+"""Largest number of corners of the hull of a convex part, or of a flat set, that is kept exactly.
+"""
+
+
+MAX_HULL_CORNERS: Final = 48
+"""Largest number of corners of other hulls; they grow by what their extreme corners leave out."""
 
 
 HULL_ROUNDING: Final = 2.0**-48
@@ -89,12 +94,32 @@ TINY: Final = 1e-300
 """Smallest difference between two slacks; zero takes it below zero."""
 
 
+LOOSENESS_OF_MOTIONS: Final = 0.1
+"""Share of the looseness of hulls below which a motion is halved before their children are tested.
+
+Most of a long motion is proven by fewer pairs of nodes if it is halved; 0 and 1 cost twice as many.
+"""
+
+
 MAX_GJK_STEPS: Final = 40
 """Largest number of steps of the search for the nearest points of two hulls."""
 
 
 _CUBE_CORNERS: Final = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 """Corners of the cube [-1, 1]^3, shape (8, 3)."""
+
+
+def _spread_directions(count: int) -> Floats:
+    """Spread directions, shape (count, 3), evenly over a sphere, by a Fibonacci spiral."""
+    steps = np.arange(count) + 0.5
+    heights = 1.0 - 2.0 * steps / count
+    angles = math.pi * (1.0 + math.sqrt(5.0)) * steps
+    radii = np.sqrt(1.0 - heights**2)
+    return np.column_stack([radii * np.cos(angles), radii * np.sin(angles), heights])
+
+
+_DIRECTIONS: Final = _spread_directions(MAX_HULL_CORNERS)
+"""Directions along which the corners of a large hull are extreme, shape (MAX_HULL_CORNERS, 3)."""
 
 
 class Hulls(NamedTuple):
@@ -200,15 +225,13 @@ def build_hulls(tree: Trees, volume: float) -> Hulls:
         hull = points[np.unique(point_of_corner[first_corner:stop_corner])]
         depth = half_sides[node].min()
         if not is_rounded and (node == 0 or not is_tile):
-            fit = _fit_hull(hull)
+            fit = _fit_hull(hull, volume if node == 0 else 0.0)
             if fit is None:
                 continue
             hull = fit.corners
-            depth = fit.depth
+            depth = fit.depth + fit.growth
             boxes[node, HULL_RADIUS] = fit.growth
-            # Rounding of the volumes may not hide that a part is convex.
-            is_convex = node == 0 and volume > (1.0 - 1e-9) * fit.volume
-            if is_convex:
+            if fit.is_exact:
                 only_node = np.zeros((1, 5), dtype=np.int64)
                 only_node[0, STOP_CORNER] = len(hull)
                 only_node[0, IS_WHOLE] = 1
@@ -285,42 +308,47 @@ class HullFit(NamedTuple):
     """Convex hull of points.
 
     The hull of the ``corners``, shape (n, 3), grown by ``growth``, contains all points. ``depth``
-    is the largest depth of a point in it. Metres.
+    is the largest depth of a point in it. Metres. ``is_exact`` means that the points enclose it.
     """
 
     corners: Floats
-    volume: float
     depth: float
     growth: float
+    is_exact: bool
 
 
-def _fit_hull(points: Floats) -> HullFit | None:
-    """Fit a convex hull to points, shape (n, 3), or return None if it has too many corners.
+def _fit_hull(points: Floats, volume: float) -> HullFit | None:
+    """Fit a convex hull with few corners to points, shape (n, 3), that enclose ``volume``.
 
-    A flat set keeps all points, and has infinite volume.
+    A flat set keeps all points, or has no hull if they are too many.
     """
     from scipy.spatial import ConvexHull, QhullError
 
     try:
         hull = ConvexHull(points)
+        kept = hull.vertices
+        # Rounding of the volumes may not hide that a part is convex.
+        is_exact = volume > (1.0 - 1e-9) * hull.volume and len(kept) <= MAX_EXACT_CORNERS
+        if len(kept) > MAX_HULL_CORNERS and not is_exact:
+            extreme = (points[kept] @ _DIRECTIONS.T).argmax(axis=0)
+            kept = kept[np.unique(extreme)]
+            hull = ConvexHull(points[kept])
     except QhullError:
-        return HullFit(points, math.inf, 0.0, 0.0) if len(points) <= MAX_HULL_CORNERS else None
-    if len(hull.vertices) > MAX_HULL_CORNERS:
-        return None
+        return HullFit(points, 0.0, 0.0, False) if len(points) <= MAX_EXACT_CORNERS else None
     # The height of each point above the planes of the faces; it is negative inside.
     normals = hull.equations[:, :3]
     offsets = hull.equations[:, 3]
     blocks = _split_into_blocks(points, len(normals))
     heights = np.concatenate([(block @ normals.T + offsets).max(axis=1) for block in blocks])
-    # Qhull leaves out points on faces and edges; by rounding, they may lie beside the hull.
+    # Points left out may lie beside the hull; by rounding, so may those on its faces and edges.
     left_out = np.ones(len(points), dtype=np.bool_)
-    left_out[hull.vertices] = False
+    left_out[kept] = False
     size = np.ptp(points, axis=0).max()
     points_beside = points[left_out & (heights > -1e-9 * size)]
     growth = _bound_largest_gap(points_beside, hull.points[hull.simplices])
     if len(points_beside):
         growth += HULL_ROUNDING * float(np.abs(points).max())
-    return HullFit(points[hull.vertices], float(hull.volume), -float(heights.min()), growth)
+    return HullFit(points[kept], -float(heights.min()), growth, is_exact)
 
 
 def _bound_largest_gap(points: Floats, triangles: Floats) -> float:
@@ -412,17 +440,20 @@ def tree_slack(
     (:func:`cspace.bodies.triangles.joint_displacement`), and the motion has ``half_time`` 0; a
     motion has none. The result is negative if a pair of nodes is not proven to stay apart, and -inf
     if a pair is not apart at the central moment. That pair becomes row 0 of ``scratch``, shape
-    (MAX_PENDING_PAIRS, 2), which otherwise is -1. Row 1 then starts with 1 if pieces of connected
-    parts were proven apart separately.
+    (MAX_PENDING_PAIRS, 2). The pair given there is tested first; -1 means none. Row 1 then starts
+    with 1 if pieces of connected parts were proven apart separately.
     """
     best = enough
     partial = False  # whether pieces of connected parts were proven apart separately
     moves = False  # whether a pair is apart at the central moment, but not during the motion
     # Rows of the stack from 1 to top - 1 have pairs of nodes that are not proven apart yet.
-    scratch[0, 0] = scratch[0, 1] = -1
     scratch[1, 0] = one
     scratch[1, 1] = other
     top = 2
+    if scratch[0, 0] >= 0:
+        scratch[2, 0] = scratch[0, 0]
+        scratch[2, 1] = scratch[0, 1]
+        top = 3
     while top > 1:
         top -= 1
         a, b = scratch[top, 0], scratch[top, 1]
@@ -435,7 +466,7 @@ def tree_slack(
         if slack > best:
             partial = partial or hulls.nodes[a, IS_WHOLE] + hulls.nodes[b, IS_WHOLE] < 2
             continue
-        if not is_final(hulls, a, b, axes, apart, slack):
+        if not is_final(hulls, a, b, motion, axes, apart, slack):
             split_pair(hulls, a, b, center, scratch, top)
             top += 2
             continue
@@ -462,11 +493,19 @@ def stop_motion(motion: RelativeMotion) -> RelativeMotion:
 
 
 @internal
-def is_final(hulls: Hulls, a: int, b: int, axes: Floats, apart: bool, slack: float) -> bool:
-    """Return True if the children of nodes a and b would prove no more than their hulls.
+def is_final(
+    hulls: Hulls,
+    a: int,
+    b: int,
+    motion: RelativeMotion,
+    axes: Floats,
+    apart: bool,
+    slack: float,
+) -> bool:
+    """Return True if the children of nodes a and b would hardly prove more than their hulls.
 
-    The nodes are leaves, or the motion is too long for any of their children. ``apart`` and
-    ``slack`` are those of their hulls; ``axes``, shape (k, 8), are those of
+    The nodes are leaves, or the motion is too long for their children. ``apart`` and ``slack`` are
+    those of their hulls; ``axes``, shape (k, 8), are those of
     :func:`cspace.bodies.triangles.joint_displacement`.
     """
     if not (has_hull(hulls, a) and has_hull(hulls, b)):
@@ -475,6 +514,8 @@ def is_final(hulls: Hulls, a: int, b: int, axes: Floats, apart: bool, slack: flo
         return True
     # The children may be apart even if the hulls are not, unless the motion is too long.
     loose = hulls.boxes[a, LOOSENESS] + hulls.boxes[b, LOOSENESS]
+    if motion.half_time > 0.0:
+        loose *= LOOSENESS_OF_MOTIONS
     for k in range(len(axes)):
         loose += 2.0 * axes[k, CHORD] * hulls.boxes[a, BALL_RADIUS]
     return bool(apart and slack + loose < 0.0)
@@ -589,7 +630,7 @@ def hull_slack(
         if gap_along - required > gap:
             gap = gap_along - required
             limits = gap_along, required, speed, enough
-            best = max(best, slack_along(hulls, a, motion, n, low, limits))
+            best = max(best, slack_along(hulls, a, motion, n, a_point, low, limits))
             if best > enough:
                 break
         # The distance is at least any gap between projections, and at most the length of the vector
@@ -620,6 +661,7 @@ def slack_along(
     a: int,
     motion: RelativeMotion,
     n: Row,
+    a_point: Row,
     low: float,
     limits: tuple[float, float, float, float],
 ) -> float:
@@ -633,7 +675,13 @@ def slack_along(
     slack = gap - required - speed
     allowance = required + motion.curvature_bound
     # Along n the motion may be shorter than ``speed``.
-    if slack <= enough and gap - allowance > enough and motion.half_time > 0.0:
+    if slack <= enough and motion.half_time > 0.0:
+        # It is at least that of the farthest corner.
+        posed_point = apply_pose(motion.matrix, motion.position, a_point)
+        velocity = add_scaled(motion.velocity, cross(motion.spin, posed_point), 1.0)
+        largest_slack = gap - allowance - motion.half_time * abs(dot(n, velocity))
+        if largest_slack <= enough:
+            return max(slack, largest_slack)
         for time in (-motion.half_time, motion.half_time):
             # The projection along n of the body moved for that time is one along m now.
             m = add_scaled(n, cross(n, motion.spin), time)

@@ -393,16 +393,20 @@ def next_leaves(
         if boxes_are_apart(minus(a_center, row_at(b_box, CENTER)), swept_half, b_half):
             continue
         a_count, b_count = trees.spans[a, ITEM_COUNT], trees.spans[b, ITEM_COUNT]
+        unposed_half = row_at(a_box, HALF_SIDES)
+        a_size = math.sqrt(dot(unposed_half, unposed_half))
+        b_row = trees.triangles[trees.spans[b, FIRST_ITEM]]
+        # An oblique box is much smaller than the box around it.
+        reach = a_size + required + fraction * (math.sqrt(dot(step, step)) + drift)
+        if b_count == 1 and lies_beside_box(b_row, a_center, reach):
+            continue
         b_size = b_half[0] + b_half[1] + b_half[2]
         if len(axes) > 0:
             # Triangles stay crossed only if both are larger than twice the displacement. The
             # negative radius gives the least displacement of any part of the ball.
-            unposed_half = row_at(a_box, HALF_SIDES)
-            a_size = math.sqrt(dot(unposed_half, unposed_half))
             radius = a_size if a_count == 1 else -a_size
             moved = joint_displacement(axes, a_center, radius)
-            b_is_filled = trees.triangles[trees.spans[b, FIRST_ITEM], RADIUS] != 0.0
-            if b_size <= moved or (a_size <= moved and not b_is_filled):
+            if b_size <= moved or (a_size <= moved and b_row[RADIUS] == 0.0):
                 continue
         if a_count == 1 and b_count == 1:
             return top
@@ -569,6 +573,12 @@ def piece_depth(row: Floats, point: Row) -> float:
     if squared_distance > 0.0:
         return -math.sqrt(squared_distance)
     return depth
+
+
+@internal
+def lies_beside_box(row: Floats, point: Row, reach: float) -> bool:
+    """Return True if ``row``, shape (10,), is a box, and farther from a point than ``reach``."""
+    return row[RADIUS] < 0.0 and piece_depth(row, point) < -reach
 
 
 @internal
