@@ -676,7 +676,8 @@ def slack_along(
     allowance = required + motion.curvature_bound
     # Along n the motion may be shorter than ``speed``.
     if slack <= enough and motion.half_time > 0.0:
-        # It is at least that of the farthest corner.
+        # This corner bounds the slack from above, so the motion is not proven: callers take no more
+        # from a result of at most ``enough`` of a motion than that it must be halved.
         posed_point = apply_pose(motion.matrix, motion.position, a_point)
         velocity = add_scaled(motion.velocity, cross(motion.spin, posed_point), 1.0)
         largest_slack = gap - allowance - motion.half_time * abs(dot(n, velocity))
