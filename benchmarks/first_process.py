@@ -15,8 +15,8 @@ from pathlib import Path
 
 from numba.core import event
 
-from cspace.cli import app
-from cspace.cli.jobs import JOBS
+from cspace._cli import app
+from cspace._cli.jobs import JOBS
 
 DEMO = "demo"
 """The job that is a command."""

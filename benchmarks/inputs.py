@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 
 from cspace import Workspace
-from cspace.support.arrays import Bools, Ints
+from cspace._support.arrays import Bools, Ints
 
 
 def boxes(

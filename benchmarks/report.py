@@ -189,7 +189,7 @@ def write_whole(path: Path, content: bytes) -> None:
 
 def machine() -> dict[str, str]:
     """Return versions and the number of usable cores."""
-    from cspace.support.threads import cores
+    from cspace._support.threads import cores
 
     about = {"cores": str(cores()), "system": f"{platform.system()} {platform.machine()}"}
     about["python"] = platform.python_version()

@@ -1,5 +1,5 @@
 """``python -m cspace``: the command line."""
 
-from cspace.cli import main
+from cspace._cli import main
 
 main()

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import cspace
-import cspace.files
+import cspace._files
 import planners
-from cspace.export.maps import EXPORT_FORMATS
-from cspace.files.formats import ROBOT_FORMATS, WORKSPACE_FORMATS
-from cspace.shapes.primitives import SHORT_TEXTS
+from cspace._files.formats import ROBOT_FORMATS, WORKSPACE_FORMATS
+from cspace._shapes.primitives import SHORT_TEXTS
+from cspace.export._maps import EXPORT_FORMATS
 
 DOCS = Path(__file__).parent
 MARKED = re.compile(r"(<!-- list: (.+?) -->\n).*?(<!-- end of list -->)", re.DOTALL)
@@ -88,7 +88,7 @@ def list_formats(formats: Mapping[str, Any]) -> Iterable[str]:
 def list_fields() -> Iterable[str]:
     """Yield the rows of the table of fields, in the order of the readers' modules."""
     yield from ("| file | honoured | refused | warned of |", "|---|---|---|---|")
-    for module in pkgutil.iter_modules(cspace.files.__path__, "cspace.files."):
+    for module in pkgutil.iter_modules(cspace._files.__path__, "cspace._files."):
         for fields in getattr(import_module(module.name), "FIELDS", ()):
             done = ("; ".join(names) for names in fields[1:])
             yield f"| {' | '.join((fields.files, *done))} |"

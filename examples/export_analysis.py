@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 import cspace
-from cspace.cli.demo import demo_workspace
+from cspace._cli.demo import demo_workspace
 
 workspace = demo_workspace(spacing=0.05)
 radii = xr.DataArray(np.arange(0.1, 0.8, 0.1), dims="radius", name="radius")

@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 import cspace
-from cspace.cli.demo import demo_workspace
+from cspace._cli.demo import demo_workspace
 
 space = cspace.build(demo_workspace(spacing=0.05), cspace.Robot.disc(0.3))
 

@@ -18,13 +18,13 @@ except ImportError as error:
         "run: pip install ompl",
     ) from error
 
-from planners.callbacks import FreeStateSampler, MotionValidator, StateValidityChecker
-from planners.catalogue import planner_names
-from planners.objectives import ClearanceObjective, OverlapObjective, WeightedLength
-from planners.plan import Choices, choices, plan
-from planners.result import Plan, Times
-from planners.setup import simple_setup, state_space
-from planners.trajectory import Trajectory
+from planners._callbacks import FreeStateSampler, MotionValidator, StateValidityChecker
+from planners._catalogue import planner_names
+from planners._objectives import ClearanceObjective, OverlapObjective, WeightedLength
+from planners._plan import Choices, choices, plan
+from planners._result import Plan, Times
+from planners._setup import simple_setup, state_space
+from planners._trajectory import Trajectory
 
 __all__ = [
     "Choices",

@@ -12,7 +12,7 @@ from hypothesis.extra import numpy as hnp
 
 import cspace
 from cspace import BLOCKED, FREE, MIXED, Robot, Rotations, UnitWarning, Workspace
-from cspace.engines.slices import slice_rasters
+from cspace._engines.slices import slice_rasters
 from tests.helpers.oracles import overlaps_by_shifts
 from tests.helpers.strategies import exteriors, robots, stars
 

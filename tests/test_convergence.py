@@ -15,7 +15,7 @@ from shapely import affinity
 
 import cspace
 from cspace import BLOCKED, FREE, MIXED, Robot, Rotations, Workspace
-from cspace.rotations.quaternion import MAX_ANGLE_TIMES_PARTS
+from cspace._rotations.quaternion import MAX_ANGLE_TIMES_PARTS
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import seeds
 

@@ -10,8 +10,8 @@ import shapely
 import cspace
 import planners
 from cspace import Grid, Robot, Workspace
+from cspace._support.check import check_count
 from cspace.errors import MAX_PROBLEM_CHARACTERS, CspaceError, InputError
-from cspace.support.check import check_count
 from tests.helpers.refusals import refusals
 
 CELLS = np.zeros((40, 30), dtype=bool)

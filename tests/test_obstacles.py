@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 import cspace
 from cspace import Robot, Workspace
-from cspace.shapes import Shape, as_shape
+from cspace._shapes import Shape, as_shape
 from tests.helpers.updates import (
     OBSTACLE,
     SPACING,

@@ -4,7 +4,7 @@ import pytest
 import shapely
 
 from cspace import GeometryError, InputError, Mesh, Robot
-from cspace.shapes import as_shape
+from cspace._shapes import as_shape
 from tests.helpers.mesh_files import TETRAHEDRON
 
 UNIT_SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]

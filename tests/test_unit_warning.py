@@ -7,7 +7,7 @@ import pytest
 
 import cspace
 from cspace import Robot, UnitWarning, Workspace
-from cspace.shapes import Point
+from cspace._shapes import Point
 
 PLANE = Workspace.from_array(np.zeros((100, 80), dtype=bool), 0.1)
 SHELF = Workspace.from_array(np.zeros((20, 20, 4), dtype=bool), 0.1)

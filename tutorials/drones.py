@@ -11,7 +11,7 @@ from pathlib import Path
 
 import cspace
 import planners
-from cspace.cli.demo import write_inputs
+from cspace._cli.demo import write_inputs
 from cspace.plot import save_plot
 
 # %%

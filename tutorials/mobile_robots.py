@@ -14,7 +14,7 @@ from shapely import box
 
 import cspace
 import planners
-from cspace.cli.demo import demo_workspace
+from cspace._cli.demo import demo_workspace
 from cspace.plot import save_plot
 
 # %%

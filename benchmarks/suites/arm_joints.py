@@ -18,9 +18,9 @@ from benchmarks import inputs
 from benchmarks.report import Report
 from benchmarks.timing import Timing
 from cspace import Robot
+from cspace._support.arrays import Floats
 from cspace.arms import Arm, ArmSpace, PosedShape, build_arm_space
 from cspace.errors import ConfigurationError
-from cspace.support.arrays import Floats
 from tests.helpers.urdfs import joint, link, pose_at, write_urdf
 
 PROBLEMS = 50

@@ -13,8 +13,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from cspace import Arm, Robot, build_arm_space
+from cspace._support.arrays import Floats
 from cspace.arms import ArmSpace, PosedShape
-from cspace.support.arrays import Floats
 
 OMPL_RESOLUTION = 0.01
 """Largest step that OMPL checks by default, as a share of the extent of the space."""

@@ -14,9 +14,9 @@ import numpy as np
 from benchmarks import inputs
 from benchmarks.report import Report
 from benchmarks.timing import Timing
+from cspace._support.arrays import Floats
 from cspace.arms import Arm
 from cspace.errors import ConfigurationError
-from cspace.support.arrays import Floats
 from tests.helpers.urdfs import pose_of, random_chain
 
 MIN_REACHED_SHARE = 0.99

@@ -14,9 +14,9 @@ from benchmarks.report import Report
 from benchmarks.suites.arm_peers import Folder
 from benchmarks.timing import Timing
 from cspace import Robot
+from cspace._shapes import Balls
+from cspace._support.arrays import Floats
 from cspace.arms import Arm, ArmSpace, PosedShape, build_arm_space
-from cspace.shapes import Balls
-from cspace.support.arrays import Floats
 
 ARMS = ("panda", "ur5")
 """Arms of the data folder."""

@@ -28,9 +28,9 @@ from benchmarks.suites.arm_peers import (
 from benchmarks.suites.arm_poses import run_poses
 from benchmarks.suites.arm_scenes import run_scenes
 from benchmarks.timing import Timing
+from cspace._support.arrays import Floats
 from cspace.arms import Arm, ArmSpace
 from cspace.errors import ConfigurationError
-from cspace.support.arrays import Floats
 from planners import plan
 
 MIN_SOLVED_SHARE = {"panda": 0.95, "ur5": 0.9}

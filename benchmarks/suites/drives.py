@@ -17,8 +17,8 @@ from benchmarks import inputs
 from benchmarks.report import Report
 from benchmarks.timing import Timing
 from cspace import FREE, ConfigurationError, CSpace, Robot, Workspace
-from cspace.rotations.base import METRES_PER_RADIAN
-from cspace.support.arrays import Floats, Ints
+from cspace._rotations.base import METRES_PER_RADIAN
+from cspace._support.arrays import Floats, Ints
 
 TURNING_RADIUS = 0.5
 """Turning radius of the car, metres."""

@@ -13,7 +13,7 @@ from typing import Final
 
 from benchmarks.first_process import DEMO
 from benchmarks.report import Report
-from cspace.cli.demo import write_inputs
+from cspace._cli.demo import write_inputs
 
 MAX_DEMO_COMPILATIONS: Final = 83
 """Most functions that the demo compiles on an empty cache; a test counts them."""

@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 from benchmarks.report import Report
 from benchmarks.timing import interleave, once
 from cspace import Grid, Mesh, Workspace, suggest
+from cspace._support.arrays import Floats, Ints
 from cspace.spectral import (
     BallDescriptor,
     Bump,
@@ -31,7 +32,6 @@ from cspace.spectral import (
     minkowski_sum,
     superlevel,
 )
-from cspace.support.arrays import Floats, Ints
 from tests.helpers import solids
 from tests.soak.frequency import compute_overlap, draw_part
 

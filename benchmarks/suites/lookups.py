@@ -16,9 +16,9 @@ from benchmarks import inputs
 from benchmarks.report import Report
 from benchmarks.timing import Timing, interleave, one_core
 from cspace import BLOCKED, CSpace, Robot, Workspace
-from cspace.support.arrays import Floats
-from cspace.support.threads import cores
-from planners.states import find_state_kind
+from cspace._support.arrays import Floats
+from cspace._support.threads import cores
+from planners._states import find_state_kind
 
 EDGE_CELLS, CALLBACK_EDGE_CELLS = 50.0, 100.0
 """Lengths of edges in batches and in callbacks, cells."""

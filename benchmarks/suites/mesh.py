@@ -11,8 +11,8 @@ import numpy as np
 from benchmarks.report import Report
 from benchmarks.timing import interleave, memory_rise, once
 from cspace import Workspace
-from cspace.shapes.mesh import Mesh
-from cspace.support.arrays import Bools, Floats, Ints
+from cspace._shapes.mesh import Mesh
+from cspace._support.arrays import Bools, Floats, Ints
 
 TORUS_POINTS = (250, 200)
 """Points along the two circles of a torus, which has two triangles a point."""

@@ -15,11 +15,11 @@ from scipy import ndimage, signal
 import cspace
 from benchmarks.report import is_here
 from cspace import Robot, Workspace
-from cspace.engines import METHODS as METHODS
-from cspace.raster import Raster
-from cspace.support.arrays import Bools, Ints
-from cspace.support.compiling import allocating
-from cspace.support.threads import cores
+from cspace._engines import METHODS as METHODS
+from cspace._raster import Raster
+from cspace._support.arrays import Bools, Ints
+from cspace._support.compiling import allocating
+from cspace._support.threads import cores
 
 Call = Callable[[], Bools]
 

@@ -21,9 +21,9 @@ from benchmarks.suites import drives
 from benchmarks.suites.lookups import at_half_a_cell, states_of
 from benchmarks.timing import Timing
 from cspace import CSpace, Robot, Workspace
-from cspace.rotations.base import METRES_PER_RADIAN, wrapped
-from cspace.support.arrays import Floats
-from planners.states import find_state_kind
+from cspace._rotations.base import METRES_PER_RADIAN, wrapped
+from cspace._support.arrays import Floats
+from planners._states import find_state_kind
 
 Query = tuple[Floats, Floats]
 

@@ -27,11 +27,11 @@ from benchmarks.suites.outer_maps import (
 )
 from benchmarks.timing import Timing, interleave, memory_rise
 from cspace import Robot, Workspace
-from cspace.engines import ENGINES
-from cspace.raster import Raster
-from cspace.rotations import Rotations
-from cspace.support.arrays import Bools
-from cspace.support.threads import cores
+from cspace._engines import ENGINES
+from cspace._raster import Raster
+from cspace._rotations import Rotations
+from cspace._support.arrays import Bools
+from cspace._support.threads import cores
 
 Goals = Mapping[str, Mapping[str, float]]
 

@@ -29,8 +29,8 @@ from benchmarks.suites.planning_peers import (
 from benchmarks.suites.solid_scenes import Fcl, Scene, building, cube_tunnel
 from benchmarks.timing import Timing, once
 from cspace import CSpace
-from cspace.support.arrays import Floats
-from planners.states import find_state_kind
+from cspace._support.arrays import Floats
+from planners._states import find_state_kind
 
 Solver = Callable[[Query, int], tuple[float, Floats | None]]
 

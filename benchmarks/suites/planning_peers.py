@@ -16,7 +16,7 @@ import shapely
 from benchmarks import inputs
 from benchmarks.report import Report
 from cspace import CSpace, Robot, Workspace
-from cspace.support.arrays import Floats
+from cspace._support.arrays import Floats
 from tests.helpers.regions import Flat, cell_boxes, place_polygon
 
 Query = tuple[Floats, Floats]

@@ -19,8 +19,8 @@ from benchmarks.suites.paths import OUR_TIME_LIMIT, Problem, list_problems
 from benchmarks.suites.replanning_scenes import run_scenes
 from benchmarks.timing import Timing
 from cspace import CSpace
-from cspace.rotations.base import METRES_PER_RADIAN
-from cspace.support.arrays import Floats
+from cspace._rotations.base import METRES_PER_RADIAN
+from cspace._support.arrays import Floats
 from planners import Plan
 
 CRATE_SIDE, STEP = 0.6, 0.1

@@ -18,8 +18,8 @@ from benchmarks.report import Report
 from benchmarks.suites.paths import GENERATED_SPACING, RECTANGLE
 from benchmarks.timing import Timing
 from cspace import CSpace, Robot, Workspace
-from cspace.rotations.base import METRES_PER_RADIAN
-from cspace.support.arrays import Floats
+from cspace._rotations.base import METRES_PER_RADIAN
+from cspace._support.arrays import Floats
 from planners import Plan
 
 SIDE, QUICK_SIDE, DENSITY, SCENE_YAWS = 1000, 300, 0.15, 36

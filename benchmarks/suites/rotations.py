@@ -18,8 +18,8 @@ from benchmarks.suites.outer_maps import convolve_map
 from benchmarks.suites.solid_scenes import FCL_CONFIGURATIONS, Fcl, Scene
 from benchmarks.timing import Timing, interleave, one_core
 from cspace import BLOCKED, FREE, CSpace
-from cspace.engines.slices import slice_rasters
-from cspace.support.arrays import Floats
+from cspace._engines.slices import slice_rasters
+from cspace._support.arrays import Floats
 
 CONVOLVED_SLICES = 6
 """Number of slices convolve_map by SciPy."""

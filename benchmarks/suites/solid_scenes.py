@@ -25,7 +25,7 @@ from benchmarks import inputs
 from benchmarks.report import Report
 from benchmarks.suites.planning_peers import PlanningPeer, Query, far_apart
 from cspace import CSpace, Grid, Robot, Rotations, Workspace
-from cspace.support.arrays import Bools, Floats, Ints
+from cspace._support.arrays import Bools, Floats, Ints
 from tests.helpers.oracles import box_gaps
 from tests.helpers.regions import Body
 from tests.helpers.solids import rotation_of

@@ -18,8 +18,8 @@ from benchmarks.report import Report, is_here
 from benchmarks.suites.outer_maps import METHODS, engine_label, ours, peers, shape_text
 from benchmarks.timing import Timing, interleave
 from cspace import Robot, Workspace
-from cspace.engines import ENGINES, choose_engine
-from cspace.support.arrays import Bools, Floats, Ints, States
+from cspace._engines import ENGINES, choose_engine
+from cspace._support.arrays import Bools, Floats, Ints, States
 
 Checker = Callable[[Floats, float], Bools]
 

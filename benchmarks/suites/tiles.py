@@ -22,7 +22,7 @@ from benchmarks import inputs
 from benchmarks.report import Report
 from benchmarks.timing import Timing, interleave
 from cspace import Robot, Workspace
-from cspace.support.arrays import Bools
+from cspace._support.arrays import Bools
 
 TILE_CELLS = 4096
 CHUNK_CELLS = 1024

@@ -19,9 +19,9 @@ from benchmarks.suites.arm_peers import Folder
 from benchmarks.suites.paths import DEPOT, DISC_RADIUS, OFFICE, RECTANGLE, YAW_CELLS
 from benchmarks.timing import Timing
 from cspace import ConfigurationError, CSpace, Robot, Workspace
-from cspace.rotations.base import shorter
-from cspace.support.arrays import Floats
-from cspace.support.words import Drive
+from cspace._rotations.base import shorter
+from cspace._support.arrays import Floats
+from cspace._support.words import Drive
 from planners import Plan, Trajectory
 
 PLANS, QUICK_PLANS = 34, 4

@@ -16,7 +16,7 @@ from benchmarks import inputs
 from benchmarks.report import Report
 from benchmarks.timing import Timing, interleave
 from cspace import CSpace, Robot, Workspace
-from cspace.engines import ENGINES
+from cspace._engines import ENGINES
 
 MAP_SIDE, DISC_DIAMETER, BOX_SIDE = 4096, 65, 32
 """Sides of the map and of the box that changes, and diameter of the disc, cells."""

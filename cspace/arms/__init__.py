@@ -1,10 +1,10 @@
 """Arms: robots with joints, whose configurations and motions are proven free of collisions."""
 
-from cspace.arms.inverse import PoseGoal
-from cspace.arms.joint_map import JointMap, build_joint_map, undecided_pairs
-from cspace.arms.lines import LineMotion
-from cspace.arms.model import Arm, JointValues
-from cspace.arms.moveit import (
+from cspace.arms._inverse import PoseGoal
+from cspace.arms._joint_map import JointMap, build_joint_map, undecided_pairs
+from cspace.arms._lines import LineMotion
+from cspace.arms._model import Arm, JointValues
+from cspace.arms._moveit import (
     AttachedObject,
     JointGoal,
     MotionPlanRequest,
@@ -12,10 +12,10 @@ from cspace.arms.moveit import (
     read_moveit_request,
     read_moveit_scene,
 )
-from cspace.arms.penetration import ArmPenetration
-from cspace.arms.snapshots import Contact
-from cspace.arms.solids import PosedShape
-from cspace.arms.space import ArmSpace, build_arm_space
+from cspace.arms._penetration import ArmPenetration
+from cspace.arms._snapshots import Contact
+from cspace.arms._solids import PosedShape
+from cspace.arms._space import ArmSpace, build_arm_space
 
 __all__ = [
     "Arm",

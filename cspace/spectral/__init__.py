@@ -1,8 +1,8 @@
 """The frequency domain: descriptors, spectra, sets of balls, and their overlaps."""
 
-from cspace.spectral.bump import Bump
-from cspace.spectral.decompose import BallDecomposition, Bounds, decompose
-from cspace.spectral.descriptors import (
+from cspace.spectral._bump import Bump
+from cspace.spectral._decompose import BallDecomposition, Bounds, decompose
+from cspace.spectral._descriptors import (
     BallDescriptor,
     Descriptor,
     PolygonSum,
@@ -12,10 +12,10 @@ from cspace.spectral.descriptors import (
     superlevel,
     union,
 )
-from cspace.spectral.field import OverlapField
-from cspace.spectral.overlap import FourierOverlap, Separation, Verdict
-from cspace.spectral.placements import BallPenetration, Placements, best_placements
-from cspace.spectral.spectra import ball_spectrum
+from cspace.spectral._field import OverlapField
+from cspace.spectral._overlap import FourierOverlap, Separation, Verdict
+from cspace.spectral._placements import BallPenetration, Placements, best_placements
+from cspace.spectral._spectra import ball_spectrum
 
 __all__ = [
     "BallDecomposition",

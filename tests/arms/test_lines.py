@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from cspace import Arm, ConfigurationError, InputError, Robot, build_arm_space
 from cspace.arms import LineMotion, PosedShape
-from cspace.arms.inverse import make_pose_problem, make_pose_scratch
-from cspace.arms.lines import LineProblem, bound_deviation, make_lines
+from cspace.arms._inverse import make_pose_problem, make_pose_scratch
+from cspace.arms._lines import LineProblem, bound_deviation, make_lines
 from tests.helpers.refusals import refusals
 from tests.helpers.solids import ArmOracle, box
 from tests.helpers.strategies import seeds

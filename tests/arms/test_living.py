@@ -17,9 +17,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from cspace import BLOCKED, Robot, Workspace
+from cspace._shapes import Balls
 from cspace.arms import Arm, PosedShape, build_arm_space
 from cspace.errors import ConfigurationError, InputError
-from cspace.shapes import Balls
 from tests.helpers.refusals import refusals
 from tests.helpers.solids import sample_configurations
 from tests.helpers.urdfs import planar, pose_at, posed_box, random_arm

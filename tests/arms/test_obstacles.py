@@ -9,9 +9,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from cspace import BLOCKED, FREE, MIXED, Grid, Robot, Workspace
+from cspace._shapes import Mesh, Voxels
 from cspace.arms import Arm, PosedShape, build_arm_space
 from cspace.errors import ConfigurationError, InputError
-from cspace.shapes import Mesh, Voxels
 from tests.helpers.refusals import refusals
 from tests.helpers.solids import ArmOracle, ball, box, sample_configurations
 from tests.helpers.strategies import seeds
@@ -150,7 +150,7 @@ def test_scattered_cells_refuse_to_exceed_the_memory(arm, monkeypatch):
     """Slabs of as many cells need far fewer boxes."""
     rows = np.indices((24, 24, 24))
     away = pose_at(9.0, 9.0, 9.0)
-    monkeypatch.setattr("cspace.limits.free_bytes", lambda: 6_000_000)
+    monkeypatch.setattr("cspace._limits.free_bytes", lambda: 6_000_000)
     build_arm_space(Workspace.from_array(rows[0] % 2 == 0, 0.1), arm, base_pose=away)
     with pytest.raises(InputError, match=r"needs about .* its cells are 6912 boxes"):
         scattered = Workspace.from_array(rows.sum(axis=0) % 2 == 0, 0.1)

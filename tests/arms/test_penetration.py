@@ -6,7 +6,7 @@ import pytest
 from cspace import Arm, InputError
 from cspace.arms import ArmPenetration
 from cspace.spectral import Bump
-from cspace.spectral.bump import pair_integrals
+from cspace.spectral._bump import pair_integrals
 from tests.helpers.refusals import refusals
 from tests.helpers.urdfs import random_arm
 

@@ -6,7 +6,7 @@ import trimesh
 
 from cspace import Robot
 from cspace.arms import Arm, PosedShape, build_arm_space
-from cspace.arms.chain import motion_bounds
+from cspace.arms._chain import motion_bounds
 from tests.helpers.urdfs import joint, link, pose_at, posed_box, random_arm, write_urdf
 
 

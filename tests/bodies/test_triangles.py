@@ -10,15 +10,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from cspace.bodies.triangles import (
+from cspace._bodies.triangles import (
     MAX_PENDING_PAIRS,
     Motion,
     build_trees,
     crosses,
     free_fraction,
 )
-from cspace.shapes import RoundedSimplices
-from cspace.support.compiling import kernel
+from cspace._shapes import RoundedSimplices
+from cspace._support.compiling import kernel
 from tests.helpers.oracles import cross, dot, minus
 from tests.helpers.strategies import seeds
 

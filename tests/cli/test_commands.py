@@ -16,13 +16,13 @@ from scipy.ndimage import distance_transform_edt
 
 import cspace
 import planners
-from cspace.cli import jobs
-from cspace.cli.report import progress_line
+from cspace._cli import jobs
+from cspace._cli.report import progress_line
+from cspace._support.compiling import cache_folder
 from cspace.errors import InputError
 from cspace.plot import animate
-from cspace.plot.artists import PATH_COLOR
-from cspace.support.compiling import cache_folder
-from cspace.view.scene import rgb
+from cspace.plot._artists import PATH_COLOR
+from cspace.view._scene import rgb
 from tests.helpers import urdfs
 from tests.helpers.commands import document, run
 from tests.helpers.repository import ROOT
@@ -56,7 +56,7 @@ def read_lines(command, *arguments):
 def test_help_imports_no_heavy_module(tmp_path):
     code = """
 import sys
-from cspace.cli import app
+from cspace._cli import app
 app(['map', '--help'], prog_name='cspace', standalone_mode=False)
 print({'numpy', 'numba', 'scipy', 'shapely', 'matplotlib', 'zarr', 'ompl'} & set(sys.modules))
 """
@@ -70,7 +70,7 @@ def test_compile_fills_the_cache(monkeypatch):
     printed = document("compile")
     assert printed["folder"] == str(cache_folder()) and printed["compiled_functions"] > 0
     assert printed["seconds"].keys() == {"plan in the plane"}
-    monkeypatch.setattr("cspace.support.compiling.cache_folder", lambda: None)
+    monkeypatch.setattr("cspace._support.compiling.cache_folder", lambda: None)
     result = run("compile")
     assert result.exit_code == 2 and "NUMBA_CACHE_DIR" in result.stderr
 
@@ -190,7 +190,7 @@ def test_info_describes_maps(room):
 
 
 def test_info_describes_meshes_without_rasterizing_them(room, monkeypatch):
-    monkeypatch.setattr("cspace.shapes.mesh.Mesh.cells", None)
+    monkeypatch.setattr("cspace._shapes.mesh.Mesh.cells", None)
     printed = document("info cube.obj")
     assert (printed["kind"], printed["extents_m"]) == ("workspace", [1.0] * 3)
     assert (printed["triangles"], printed["bodies"]) == (12, {"closed": 1, "open": 0})
@@ -437,7 +437,7 @@ def test_ctrl_c_ends_planning(room):
     # A parent in the background may ignore SIGINT. The search would take a minute.
     code = """
 import os, signal, sys, threading, planners
-from cspace.cli import main
+from cspace._cli import main
 signal.signal(signal.SIGINT, signal.default_int_handler)
 search = planners.plan
 def plan(*arguments, **options):

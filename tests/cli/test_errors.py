@@ -124,12 +124,12 @@ def test_interruptions_and_system_errors_end_in_one_line(room, monkeypatch, erro
     def fail(_):
         raise error
 
-    monkeypatch.setattr("cspace.opening.open_map", fail)
+    monkeypatch.setattr("cspace._opening.open_map", fail)
     result = run("info plane.zarr")
     assert (result.exit_code, result.stdout) == (code, "")
     assert result.stderr.startswith(message) and result.stderr.count("\n") == 1
 
 
 def test_defects_stay_visible(room, monkeypatch):
-    monkeypatch.setattr("cspace.opening.open_map", lambda _: 1 / 0)
+    monkeypatch.setattr("cspace._opening.open_map", lambda _: 1 / 0)
     assert isinstance(run("info plane.zarr").exception, ZeroDivisionError)

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cspace.cli.options import parse_angle, parse_box, parse_configuration
-from cspace.cli.report import format_error, show
+from cspace._cli.options import parse_angle, parse_box, parse_configuration
+from cspace._cli.report import format_error, show
 from cspace.errors import CspaceError, FileError, InputError
 from tests.helpers.commands import COMMANDS, flatten, run
 from tests.helpers.refusals import refusals

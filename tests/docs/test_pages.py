@@ -19,9 +19,9 @@ import pytest
 import zarr
 from PIL import Image
 
-from cspace.cli.demo import write_inputs
+from cspace._cli.demo import write_inputs
 from cspace.plot import animate
-from cspace.plot.picture import save_figure
+from cspace.plot._picture import save_figure
 from planners import Plan, plan
 from tests.helpers.commands import run
 from tests.helpers.repository import ROOT, SOURCES
@@ -71,7 +71,7 @@ def test_the_code_of_a_page_runs(
     """
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("cspace.plot.animate", partial(animate, seconds=0.5))
-    monkeypatch.setattr("cspace.plot.picture.save_figure", save_small)
+    monkeypatch.setattr("cspace.plot._picture.save_figure", save_small)
     monkeypatch.setattr("planners.plan", plan_briefly)
     monkeypatch.setattr(
         "matplotlib.layout_engine.ConstrainedLayoutEngine.execute", lambda engine, figure: None

@@ -9,8 +9,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from cspace.engines import ENGINES, choose_engine
-from cspace.raster import Raster
+from cspace._engines import ENGINES, choose_engine
+from cspace._raster import Raster
 from tests.helpers.oracles import collide, overlaps_by_shifts
 from tests.helpers.strategies import seeds
 
@@ -69,7 +69,7 @@ def test_engines_agree_with_each_other(seed, dim):
     corner = tuple(slice(n) for n in rng.integers(1, np.add(occupied.shape, 1)))
     expected = collide(ENGINES["fft"], occupied, rasters, outside, workers=2)
     small = {"MIN_WORD_RUNS_FOR_THREADS": 1, "BLOCK_TASKS_PER_THREAD": 1}
-    with patch.multiple("cspace.engines.dilation", **small):
+    with patch.multiple("cspace._engines.dilation", **small):
         hits = collide(ENGINES["direct"], occupied, rasters, outside, workers=2)
     for engine in ENGINES.values():
         marks = collide(engine, occupied, rasters, outside, np.uint8, add=True, workers=1)

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from cspace.engines import fft
-from cspace.engines.fft import choose_tiling, clip_raster
-from cspace.raster import Raster
+from cspace._engines import fft
+from cspace._engines.fft import choose_tiling, clip_raster
+from cspace._raster import Raster
 from tests.helpers.oracles import collide, overlaps_by_shifts
 from tests.helpers.strategies import seeds
 

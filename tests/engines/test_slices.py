@@ -7,9 +7,9 @@ import pytest
 
 import cspace
 from cspace import Robot, Workspace
-from cspace.engines.slices import slice_rasters
-from cspace.rotations import RotationCell, Rotations
-from cspace.shapes import Shape
+from cspace._engines.slices import slice_rasters
+from cspace._rotations import RotationCell, Rotations
+from cspace._shapes import Shape
 from tests.helpers.oracles import raster_offsets
 
 BITMAP = np.array([[[1, 1], [1, 0]], [[1, 0], [0, 0]], [[1, 0], [0, 1]]], dtype=bool)

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 import cspace
 from cspace import Workspace
-from cspace.exact.boundaries import clip, obstacle_boundary
-from cspace.shapes import RoundedSimplices
+from cspace._exact.boundaries import clip, obstacle_boundary
+from cspace._shapes import RoundedSimplices
 from tests.helpers.strategies import seeds, stars
 
 

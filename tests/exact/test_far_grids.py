@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 import cspace
 from cspace import MIXED, Robot, Workspace
-from cspace.grid import MAX_COORDINATE
+from cspace._grid import MAX_COORDINATE
 from tests.helpers.strategies import seeds
 
 CELLS = 48

@@ -18,7 +18,7 @@ from vtkmodules.vtkIOXML import vtkXMLImageDataReader
 
 import cspace
 from cspace.errors import InputError, MissingPackageError
-from cspace.export.boundaries import WRITERS, free_boundary
+from cspace.export._boundaries import WRITERS, free_boundary
 from tests.helpers.maps import MAP_BUILDERS
 from tests.helpers.refusals import refusals
 
@@ -86,7 +86,7 @@ def test_a_mesh_file_reads_back(tmp_path, ball, suffix):
     assert mesh.is_watertight
     assert mesh.volume == pytest.approx(ball.count()[0] * ball.grid.spacing**3, rel=1e-5)
     vertices, faces = free_boundary(ball.cell_states, ball.grid)
-    own = cspace.shapes.Mesh.of(path, "surface")
+    own = cspace._shapes.Mesh.of(path, "surface")
     exact = vertices.astype(np.float32) if suffix == ".stl" else vertices
     np.testing.assert_array_equal(own.vertices[own.faces], exact[faces])
     if suffix == ".stl":

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from cspace._files.access import replacing
 from cspace.errors import FileError, InputError
-from cspace.files.access import replacing
 
 
 def write(path, text, *, overwrite=False):

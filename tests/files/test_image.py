@@ -14,8 +14,8 @@ from PIL import Image
 
 import cspace
 from cspace import Grid, Robot, Workspace
+from cspace._files.images import read_shades
 from cspace.errors import FileError, InputError, UnitWarning
-from cspace.files.images import read_shades
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import seeds
 

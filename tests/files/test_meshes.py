@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cspace import FileError, GeometryError, InputError
-from cspace.files.polygons import triangulate
+from cspace._files.polygons import triangulate
 from tests.helpers.mesh_files import (
     BOX_CORNERS,
     BOX_MESH,

@@ -5,7 +5,7 @@ import pytest
 
 import cspace
 from cspace import FileError, Grid, Robot, Workspace
-from cspace.files.images import read_movingai_map, read_movingai_voxels
+from cspace._files.images import read_movingai_map, read_movingai_voxels
 from tests.helpers.maps import proven_paths
 from tests.helpers.oracles import path_length
 from tests.helpers.refusals import refusals

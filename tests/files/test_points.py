@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cspace import Workspace
+from cspace._files.points import read_points
 from cspace.errors import FileError, GeometryError, InputError
-from cspace.files.points import read_points
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import seeds
 

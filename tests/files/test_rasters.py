@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 import cspace
 from cspace import Robot, Workspace
+from cspace._shapes import Voxels
 from cspace.errors import GeometryError, InputError, UnitWarning
-from cspace.shapes import Voxels
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import seeds
 

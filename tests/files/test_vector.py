@@ -12,8 +12,8 @@ from shapely.geometry import box, mapping
 
 import cspace
 from cspace import Grid, Robot, Workspace
+from cspace._files.vector import read_shapes
 from cspace.errors import FileError, GeometryError, InputError, UnitWarning
-from cspace.files.vector import read_shapes
 from tests.helpers.commands import run
 from tests.helpers.refusals import refusals
 

@@ -16,7 +16,7 @@ from zarr.codecs import BloscCodec
 
 import cspace
 from cspace import CspaceError, FileError, Workspace
-from cspace.files.zarr_folders import MAX_CHUNK_BYTES, ZarrArray
+from cspace._files.zarr_folders import MAX_CHUNK_BYTES, ZarrArray
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import seeds
 from tests.soak import files as soak

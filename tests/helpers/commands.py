@@ -7,7 +7,7 @@ from functools import cache
 from typer import testing
 from typer.main import get_command
 
-from cspace.cli import app
+from cspace._cli import app
 
 testing._get_command = cache(get_command)  # otherwise each run builds all commands again
 COMMANDS = testing._get_command(app).commands

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from scipy import sparse
 
 from cspace import BLOCKED, FREE, MIXED, CSpace, Robot, Workspace
-from cspace.record.contents import Contents
-from cspace.record.exterior import Exterior
-from cspace.rotations import Rotations
+from cspace._record.contents import Contents
+from cspace._record.exterior import Exterior
+from cspace._rotations import Rotations
 from tests.helpers.strategies import seeds
 
 MAP_KINDS = ("plane", "space", "turning", "turning in space", "turning in space any way")

@@ -6,8 +6,8 @@ import shapely
 import trimesh
 
 import cspace
+from cspace._shapes import Balls, Mesh
 from cspace.errors import FileError
-from cspace.shapes import Balls, Mesh
 from tests.helpers.handmade import fill_boxes
 from tests.helpers.placements import draw_configurations
 

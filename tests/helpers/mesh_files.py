@@ -9,7 +9,7 @@ import pytest
 import trimesh
 
 from cspace import FileError, GeometryError
-from cspace.files.meshes import read_mesh
+from cspace._files.meshes import read_mesh
 
 BOX_CORNERS = np.array(
     [(0, 0, 0), (4, 0, 0), (4, 4, 0), (0, 4, 0), (0, 0, 4), (4, 0, 4), (4, 4, 4), (0, 4, 4)], float

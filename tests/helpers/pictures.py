@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.colors import to_rgb
 
 from cspace import BLOCKED, FREE, MIXED, Workspace, build
-from cspace.plot.artists import CLASSES
+from cspace.plot._artists import CLASSES
 from tests.helpers.handmade import fill_boxes
 
 CLASS_NAMES = {FREE: "free", MIXED: "undecided (MIXED)", BLOCKED: "C-obstacle (BLOCKED)"}

@@ -7,7 +7,7 @@ import numpy as np
 
 import cspace
 from cspace import Robot, Rotations, Workspace
-from cspace.support.arrays import Bools, Floats, States
+from cspace._support.arrays import Bools, Floats, States
 from tests.helpers.placements import draw_configurations
 from tests.helpers.regions import rotations_of
 

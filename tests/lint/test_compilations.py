@@ -7,7 +7,7 @@ import cspace
 import planners
 from benchmarks.first_process import DEMO
 from benchmarks.suites.first_use import MAX_DEMO_COMPILATIONS, run_process
-from cspace.support.compiling import FILES_WITHOUT_KERNELS
+from cspace._support.compiling import FILES_WITHOUT_KERNELS
 from tests.helpers.repository import ROOT
 
 

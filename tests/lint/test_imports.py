@@ -12,32 +12,32 @@ from tests.helpers.repository import SOURCES
 
 ORDER = [
     "cspace",  # the public names
-    "cspace.__main__ cspace.cli",
+    "cspace.__main__ cspace._cli",
     "cspace.view",
     "planners",
     "cspace.reasons",
     "cspace.plot",
     "cspace.arms",
     "cspace.spectral",
-    "cspace.builder cspace.opening",
-    "cspace.tiles",
+    "cspace._builder cspace._opening",
+    "cspace._tiles",
     "cspace.export",
-    "cspace.space",
-    "cspace.maps",
-    "cspace.interface",
-    "cspace.exact",
-    "cspace.bodies",
-    "cspace.queries",
-    "cspace.record",
-    "cspace.engines",
-    "cspace.robot cspace.workspace cspace.obstacles",
-    "cspace.shapes",
-    "cspace.raster",
-    "cspace.rotations",
-    "cspace.files",
-    "cspace.limits",
-    "cspace.grid",
-    "cspace.support cspace.errors",
+    "cspace._space",
+    "cspace._maps",
+    "cspace._interface",
+    "cspace._exact",
+    "cspace._bodies",
+    "cspace._queries",
+    "cspace._record",
+    "cspace._engines",
+    "cspace._robot cspace._workspace cspace._obstacles",
+    "cspace._shapes",
+    "cspace._raster",
+    "cspace._rotations",
+    "cspace._files",
+    "cspace._limits",
+    "cspace._grid",
+    "cspace._support cspace.errors",
 ]
 """Rooms from top to bottom: folders or modules; rooms on one line may import each other."""
 
@@ -49,7 +49,7 @@ UPWARD_METHODS = {
 }
 """The methods of classes whose bodies may import upper rooms: one import and one call."""
 
-WINGS = "cspace.arms cspace.cli cspace.export cspace.plot cspace.reasons cspace.spectral cspace.tiles cspace.view"
+WINGS = "cspace.arms cspace._cli cspace.export cspace.plot cspace.reasons cspace.spectral cspace._tiles cspace.view"
 """Folders that a plan does not load."""
 
 

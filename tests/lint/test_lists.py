@@ -19,11 +19,11 @@ import cspace.spectral
 import cspace.view
 import planners
 from cspace import InputError, Robot, Workspace
-from cspace.files import points
-from cspace.files.formats import ROBOT_FORMATS, WORKSPACE_FORMATS
-from cspace.record.save import MAP_SUFFIXES
-from cspace.shapes import primitives
-from cspace.shapes.primitives import SHORT_TEXTS
+from cspace._files import points
+from cspace._files.formats import ROBOT_FORMATS, WORKSPACE_FORMATS
+from cspace._record.save import MAP_SUFFIXES
+from cspace._shapes import primitives
+from cspace._shapes.primitives import SHORT_TEXTS
 from tests.helpers.commands import run
 from tests.helpers.repository import ROOT
 from tests.laws.test_laws import BATCH_QUERIES

@@ -38,7 +38,7 @@ except ModuleNotFoundError as error:
     ("wing", "built_on_it", "call"),
     [
         ("arms", ["view"], "cspace.Arm.from_urdf"),
-        ("cli", [], "import cspace.cli"),
+        ("cli", [], "import cspace._cli"),
         ("export", [], "space.export('map.npz')"),
         ("plot", ["view"], "space.plot()"),
         ("reasons", [], "space.explain(*ends)"),

@@ -13,11 +13,11 @@ import pytest
 
 import cspace
 import planners
-from cspace.engines import ENGINES, METHODS
-from cspace.record.exterior import OUTSIDES
-from cspace.support.words import Drive, Method, Outside
-from planners.catalogue import BUILT_IN_SEARCHES, PlannerName
-from planners.local_planner import CURVES, DRIVES, HOLONOMIC, ON_THE_SPOT
+from cspace._engines import ENGINES, METHODS
+from cspace._record.exterior import OUTSIDES
+from cspace._support.words import Drive, Method, Outside
+from planners._catalogue import BUILT_IN_SEARCHES, PlannerName
+from planners._local_planner import CURVES, DRIVES, HOLONOMIC, ON_THE_SPOT
 from tests.helpers.repository import SOURCES
 
 TYPES = {"drive": "Drive", "planner": "PlannerName", "method": "Method", "outside": "Outside"}
@@ -52,7 +52,7 @@ def test_no_signature_takes_any_text_for_such_a_word() -> None:
     modules = [
         name
         for name in SOURCES
-        if name.startswith(("planners.", "cspace.builder", "cspace.cli.maps"))
+        if name.startswith(("planners.", "cspace._builder", "cspace._cli.maps"))
     ]
     assert len(modules) > 10
     assert [found for module in modules for found in list_text_arguments(module)] == []

@@ -10,7 +10,7 @@ from ompl import base as ob
 
 import planners
 from cspace import Robot, Workspace, build
-from planners.local_planner import CURVES, CarCurves, local_planner
+from planners._local_planner import CURVES, CarCurves, local_planner
 from tests.helpers.planning import (
     build_room,
     interpolate_poses,

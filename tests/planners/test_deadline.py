@@ -7,9 +7,9 @@ import pytest
 
 import planners
 from cspace import MIXED, Robot, Workspace, build
-from cspace.support.compiling import clock
-from planners.local_planner import CarCurves, TurnDriveTurn
-from planners.search import GRACE_SECONDS, Deadline, OutOfTime
+from cspace._support.compiling import clock
+from planners._local_planner import CarCurves, TurnDriveTurn
+from planners._search import GRACE_SECONDS, Deadline, OutOfTime
 from tests.helpers.planning import (
     ENDPOINTS,
     build_halves,
@@ -139,7 +139,7 @@ def test_compiling_takes_no_time_from_the_search(iterations, monkeypatch):
                 compile_for(seconds.pop())
             return super().checkMotion(first, second)
 
-    monkeypatch.setattr("planners.setup.MotionValidator", Compiled)
+    monkeypatch.setattr("planners._setup.MotionValidator", Compiled)
     options = {"planner": "RRTConnect", "iterations": iterations, "time_limit": 0.2, "seed": 1}
     query = build_room("plane"), *ENDPOINTS["plane"]
     plan, again = (planners.plan(*query, **options) for _ in range(2))

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 import planners
 from cspace import InputError
-from planners.local_planner import local_planner
-from planners.states import find_state_kind
+from planners._local_planner import local_planner
+from planners._states import find_state_kind
 from tests.helpers.planning import (
     ENDPOINTS,
     SPACES_WITH_CURVES,

@@ -11,8 +11,8 @@ import pytest
 
 import planners
 from cspace import InputError
+from cspace._files import ros as messages
 from cspace.arms import Arm, build_arm_space
-from cspace.files import ros as messages
 from tests.helpers.planning import ENDPOINTS, SPACES, build_room
 from tests.helpers.urdfs import planar
 

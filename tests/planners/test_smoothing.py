@@ -19,7 +19,7 @@ import cspace
 import planners
 from cspace import InputError
 from cspace.arms import Arm, build_arm_space
-from planners.segments import Segments, place_along, prove_segments
+from planners._segments import Segments, place_along, prove_segments
 from tests.helpers.regions import place_polygon
 from tests.helpers.urdfs import (
     joint,

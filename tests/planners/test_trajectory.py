@@ -20,8 +20,8 @@ from scipy.spatial.transform import Rotation
 
 import planners
 from cspace import InputError
+from cspace._files import ros as messages
 from cspace.arms import Arm, build_arm_space
-from cspace.files import ros as messages
 from tests.helpers.planning import ENDPOINTS, build_open_map, build_room, make_poses, turn_between
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import seeds

@@ -11,7 +11,7 @@ from ompl import geometric as og
 
 import planners
 from cspace import BLOCKED, FREE, MIXED
-from planners.local_planner import CURVES, DRIVES, local_planner
+from planners._local_planner import CURVES, DRIVES, local_planner
 from tests.helpers.handmade import (
     MAP_KINDS,
     components,

@@ -7,9 +7,9 @@ from matplotlib.figure import Figure
 
 import cspace
 from cspace.errors import InputError
-from cspace.plot.arms import GHOST_COLOR
-from cspace.plot.artists import PATH_COLOR, ROBOT_FILL_COLOR
-from cspace.plot.surface import SURFACES
+from cspace.plot._arms import GHOST_COLOR
+from cspace.plot._artists import PATH_COLOR, ROBOT_FILL_COLOR
+from cspace.plot._surface import SURFACES
 from tests.helpers.urdfs import planar, posed_box
 
 pytest.importorskip("yourdfpy")

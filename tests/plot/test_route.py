@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cspace import Robot
-from cspace.plot.route import Body
-from cspace.rotations import Rotations
+from cspace._rotations import Rotations
+from cspace.plot._route import Body
 from tests.helpers.regions import rotations_of
 from tests.helpers.strategies import seeds
 

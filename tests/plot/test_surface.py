@@ -11,7 +11,7 @@ from matplotlib.colors import to_rgb
 
 from cspace import FREE
 from cspace.plot import plot, surface
-from cspace.plot.surface import border_faces
+from cspace.plot._surface import border_faces
 from tests.helpers.pictures import labels
 
 SURFACE_PATH = [(0.6, 3.2, 1.2), (2.2, 1.2, 1.0), (3.8, 1.2, 1.0), (5.5, 1.5, 0.6)]

@@ -7,7 +7,7 @@ import pytest
 
 import cspace
 from cspace import ConfigurationError, InputError, Robot, Workspace
-from cspace.support.threads import MIN_ITEMS_PER_THREAD
+from cspace._support.threads import MIN_ITEMS_PER_THREAD
 from tests.helpers import handmade
 from tests.helpers.handmade import map_of
 from tests.helpers.placements import draw_configurations
@@ -56,7 +56,7 @@ def test_queries_accept_numbers_of_any_type_and_layout(dtype):
 
 
 def test_threads_answer_large_batches_and_name_the_first_unusable_row(monkeypatch):
-    monkeypatch.setattr("cspace.support.threads.cores", lambda: 3)
+    monkeypatch.setattr("cspace._support.threads.cores", lambda: 3)
     space = build_turning()
     q = draw_configurations(space, np.random.default_rng(1), 3 * MIN_ITEMS_PER_THREAD, far=True)
     parts = [space.classify(part) for part in np.array_split(q, 7)]
@@ -135,7 +135,7 @@ def test_queries_beyond_memory_are_refused_and_answered_later(monkeypatch, query
     space = map_of(np.zeros((30, 30)), outside="blocked")
     given_q = [(1.0, 1.0)] if query == "clearance" else [(1.0, 1.0), (3.0, 1.0)]
     with monkeypatch.context() as patch:
-        patch.setattr("cspace.limits.free_bytes", lambda: 1000)
+        patch.setattr("cspace._limits.free_bytes", lambda: 1000)
         with pytest.raises(InputError, match=r"needs about .* of memory.*at most 950 bytes"):
             getattr(space, query)(*given_q)
     assert np.size(getattr(space, query)(*given_q))

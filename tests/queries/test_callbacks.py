@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cspace import FREE, MIXED
-from cspace.rotations.base import MAX_ANGLE
+from cspace._rotations.base import MAX_ANGLE
 from tests.helpers import handmade
 from tests.helpers.handmade import outsides
 from tests.helpers.placements import draw_configurations

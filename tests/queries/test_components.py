@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cspace import BLOCKED, FREE, MIXED, ConfigurationError, Robot, Workspace
-from cspace.rotations import Rotations
+from cspace._rotations import Rotations
 from tests.helpers import handmade
 from tests.helpers.maps import proven_paths
 from tests.helpers.strategies import seeds

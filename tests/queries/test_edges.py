@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 import cspace
 from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
-from cspace.rotations import Rotations
-from cspace.rotations.base import TWO_PI
+from cspace._rotations import Rotations
+from cspace._rotations.base import TWO_PI
 from tests.helpers import oracles
 from tests.helpers.handmade import (
     ALL_FREE,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import cspace
-import cspace.queries.search
+import cspace._queries.search
 
 
 def make_trap(side, dim):
@@ -23,7 +23,7 @@ def make_trap(side, dim):
 def count_cells(side, dim, monkeypatch):
     """Count the cells that a search out of a trap examines, and those on its chain."""
     examined = []
-    search = cspace.queries.search.search
+    search = cspace._queries.search.search
 
     def run(*arguments, **options):
         progress = search(*arguments, **options)
@@ -33,7 +33,7 @@ def count_cells(side, dim, monkeypatch):
     occupied, start, goal = make_trap(side, dim)
     robot = cspace.Robot.disc(0.1) if dim == 2 else cspace.Robot.ball(0.1)
     space = cspace.build(cspace.Workspace.from_array(occupied, 1.0), robot)
-    monkeypatch.setattr(cspace.queries.search, "search", run)
+    monkeypatch.setattr(cspace._queries.search, "search", run)
     path = space.find_path(start, goal, straight=False)
     monkeypatch.undo()
     assert all(space.motion_is_free(path[:-1], path[1:]))

@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from cspace.queries.frontier import DEAD_END_COST
-from cspace.queries.guide import POSITIONS_WEIGHT, Directions, Guide, any_direction
-from cspace.support.arrays import BLOCKED, FREE, MIXED
+from cspace._queries.frontier import DEAD_END_COST
+from cspace._queries.guide import POSITIONS_WEIGHT, Directions, Guide, any_direction
+from cspace._support.arrays import BLOCKED, FREE, MIXED
 from tests.helpers.strategies import seeds
 
 

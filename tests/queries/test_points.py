@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cspace import FREE, MIXED
-from cspace.raster import Raster
-from cspace.rotations import Rotations
-from cspace.rotations.base import TWO_PI
+from cspace._raster import Raster
+from cspace._rotations import Rotations
+from cspace._rotations.base import TWO_PI
 from tests.helpers.handmade import (
     map_of,
     outsides,

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
-from cspace.rotations import Rotations
-from cspace.rotations.base import TWO_PI
+from cspace._rotations import Rotations
+from cspace._rotations.base import TWO_PI
 from tests.helpers import handmade
 from tests.helpers.strategies import rotation_cells, seeds
 

@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from cspace import Grid, InputError, Mesh
-from cspace.grid import SLACK
-from cspace.raster.boxes import RoundedBoxes, rounded_rasters
-from cspace.rotations import RotationCell
-from cspace.shapes import Balls, Box, Polygons, Voxels
+from cspace._grid import SLACK
+from cspace._raster.boxes import RoundedBoxes, rounded_rasters
+from cspace._rotations import RotationCell
+from cspace._shapes import Balls, Box, Polygons, Voxels
 from tests.helpers.mesh_files import make_box
 from tests.helpers.strategies import seeds
 
@@ -224,8 +224,8 @@ def test_slabs_of_threads_join_to_the_whole(monkeypatch):
         lambda: [raster.cells for raster in surface.rasters(0.5, 0.1, turn)],
     )
     whole = [call() for call in calls]
-    monkeypatch.setattr("cspace.raster.MIN_SLABS_PER_THREAD", 3)
-    monkeypatch.setattr("cspace.support.threads.cores", lambda: 16)
+    monkeypatch.setattr("cspace._raster.MIN_SLABS_PER_THREAD", 3)
+    monkeypatch.setattr("cspace._support.threads.cores", lambda: 16)
     for expected, call in zip(whole, calls, strict=True):
         for cells, part in zip(expected, call(), strict=True):
             assert cells.any() and (cells == part).all()

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from cspace.rotations import RotationCell
-from cspace.shapes import Balls
+from cspace._rotations import RotationCell
+from cspace._shapes import Balls
 from tests.helpers import oracles
 from tests.helpers.placements import ORACLE_BAND
 from tests.helpers.strategies import robots

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy.optimize import nnls
 
 from cspace import Grid, Mesh, MeshWarning
-from cspace.raster.triangles import mark_within, sweep_triangles
-from cspace.shapes import Box
+from cspace._raster.triangles import mark_within, sweep_triangles
+from cspace._shapes import Box
 from tests.helpers.mesh_files import join_meshes, make_box
 from tests.helpers.oracles import cross, dot, units
 from tests.helpers.strategies import seeds

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from cspace import Mesh, Robot
-from cspace.rotations import NO_ROTATION, RotationCell
-from cspace.shapes import Box, Voxels
+from cspace._rotations import NO_ROTATION, RotationCell
+from cspace._shapes import Box, Voxels
 from tests.helpers.mesh_files import make_box
 from tests.helpers.strategies import robots, seeds
 

@@ -154,7 +154,7 @@ def test_a_start_in_an_obstacle_is_named():
     assert explanation.verdict == "start BLOCKED"
     assert str(explanation).startswith("The start lies in a BLOCKED cell: the robot touches")
     assert space.explain((0.8, 2.0), (2.0, 0.5)).verdict == "goal BLOCKED"
-    assert cspace.reasons.explain.BORDER in space.explain((0.1, 2.0), (0.8, 2.0)).obstacles
+    assert cspace.reasons._explain.BORDER in space.explain((0.1, 2.0), (0.8, 2.0)).obstacles
 
 
 def test_free_yaws_contain_the_yaws_that_are_free():
@@ -391,7 +391,7 @@ def test_the_near_wall_of_a_mixed_start_is_named():
     assert math.dist(place, start) < 0.3 + 3 * 0.05
     beside_border = space.explain((0.31, 2.0), (3.2, 2.0))
     assert beside_border.verdict == "start MIXED"
-    assert beside_border.obstacles == (cspace.reasons.explain.BORDER,)
+    assert beside_border.obstacles == (cspace.reasons._explain.BORDER,)
 
 
 def test_updates_of_another_thread_change_no_explanation():

@@ -5,8 +5,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cspace import BLOCKED, FREE, MIXED
-from cspace.raster import Raster
-from cspace.record.exterior import Exterior
+from cspace._raster import Raster
+from cspace._record.exterior import Exterior
 from tests.helpers.strategies import seeds
 
 SLICES = 2

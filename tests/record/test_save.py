@@ -10,8 +10,8 @@ import zarr
 from zarr.codecs import ZstdCodec
 
 import cspace
+from cspace._files import zarr_folders
 from cspace.errors import FileError, InputError
-from cspace.files import zarr_folders
 from tests.helpers.maps import MAP_BUILDERS, MAP_SUFFIXES, files, refused, same
 from tests.helpers.placements import draw_configurations
 from tests.helpers.refusals import refusals
@@ -54,7 +54,7 @@ def test_maps_of_every_kind_open_equal(tmp_path, space, monkeypatch):
     space.save(path)
     assert list(tmp_path.iterdir()) == [path]
     with monkeypatch.context() as patch:
-        patch.setattr("cspace.space.slice_rasters", None)  # which look-ups of a saved map need not
+        patch.setattr("cspace._space.slice_rasters", None)  # which look-ups of a saved map need not
         opened = cspace.open(str(path))
         same(space, opened)
         np.testing.assert_array_equal(opened._exterior.table, space._exterior.table)

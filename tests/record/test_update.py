@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 import cspace
 import planners
 from cspace import FREE, InputError, Robot, Workspace
-from cspace.export import images
-from cspace.record import update
+from cspace._record import update
+from cspace.export import _images as images
 from tests.helpers.handmade import fill_boxes
 from tests.helpers.maps import proven_paths
 from tests.helpers.refusals import refusals

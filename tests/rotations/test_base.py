@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from cspace import InputError
-from cspace.rotations import Rotations
-from cspace.rotations.base import wrapped
+from cspace._rotations import Rotations
+from cspace._rotations.base import wrapped
 from tests.helpers.refusals import refusals
 
 NONE = Rotations.of(None)

@@ -9,9 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import cspace
-from cspace.rotations import Rotations
-from cspace.rotations.base import COVERING_ANGLE, Coordinate
-from cspace.rotations.yaw import YawRotations
+from cspace._rotations import Rotations
+from cspace._rotations.base import COVERING_ANGLE, Coordinate
+from cspace._rotations.yaw import YawRotations
 
 COUNT = 8
 

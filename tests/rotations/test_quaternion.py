@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 
 import cspace
 from cspace import InputError, Robot, Workspace
-from cspace.rotations import Rotations
-from cspace.rotations.lookup import QUOTIENT_SLACK
+from cspace._rotations import Rotations
+from cspace._rotations.lookup import QUOTIENT_SLACK
 from tests.helpers.handmade import half_turns
 from tests.helpers.placements import draw_quaternions
 from tests.helpers.refusals import refusals

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 import cspace
 from cspace import InputError, Robot, Workspace
-from cspace.rotations import Rotations
-from cspace.rotations.base import ANGLE_SLACK, MAX_ANGLE, TWO_PI, wrapped
+from cspace._rotations import Rotations
+from cspace._rotations.base import ANGLE_SLACK, MAX_ANGLE, TWO_PI, wrapped
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import rotation_cells, seeds
 

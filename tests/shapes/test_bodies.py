@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cspace import Grid, Mesh, MeshWarning
-from cspace.shapes.bodies import find_bodies
+from cspace._shapes.bodies import find_bodies
 from tests.helpers.mesh_files import join_meshes, make_box
 from tests.helpers.oracles import winding_numbers
 from tests.helpers.strategies import seeds

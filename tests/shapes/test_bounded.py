@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import cspace
 from cspace import InputError, Robot, Workspace
-from cspace.rotations import RotationCell
+from cspace._rotations import RotationCell
 from tests.helpers.handmade import half_turns
 from tests.helpers.refusals import refusals
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
 from cspace import FileError, GeometryError, InputError
-from cspace.shapes.mesh import Mesh, MeshWarning
+from cspace._shapes.mesh import Mesh, MeshWarning
 from tests.helpers.mesh_files import TETRAHEDRON, join_meshes
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import seeds

@@ -8,8 +8,8 @@ import shapely
 import trimesh
 
 from cspace import Grid, InputError, Mesh, Robot
-from cspace.rotations import RotationCell
-from cspace.shapes import Balls, Box, Polygons, Voxels, as_shape, shape_from_spec
+from cspace._rotations import RotationCell
+from cspace._shapes import Balls, Box, Polygons, Voxels, as_shape, shape_from_spec
 from tests.helpers.refusals import refusals
 
 TORUS_MESH = trimesh.creation.torus(0.5, 0.2, major_sections=12, minor_sections=8)

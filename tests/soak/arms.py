@@ -21,9 +21,9 @@ from benchmarks import inputs
 from benchmarks.report import Report
 from benchmarks.suites.arm_peers import ArmProblem, Folder, Meshes, coal_solids, our_solids
 from cspace import Arm, build_arm_space
+from cspace._support.arrays import Bools, Floats
 from cspace.arms import ArmSpace
 from cspace.errors import ConfigurationError
-from cspace.support.arrays import Bools, Floats
 from tests.helpers.solids import sample_configurations
 from tests.helpers.urdfs import collision, joint, link, write_urdf
 from tests.soak.scenes import Rng

@@ -169,7 +169,7 @@ def _check_chunks(report: Report, folder: Path, rng: np.random.Generator) -> Non
         program = build_program(
             folder / "small", "-O1", *SANITIZERS, "-I", str(header.parent.parent), own=False
         )
-        with patch("cspace.files.zarr_folders.WRITTEN_CHUNK_BYTES", size):
+        with patch("cspace._files.zarr_folders.WRITTEN_CHUNK_BYTES", size):
             space.save(folder / "chunks", clearance=size > 50, overwrite=True)
         found = count_differences(space, program, folder / "chunks", queries)
         _report_differences(report, f"chunks of {size} bytes", found)

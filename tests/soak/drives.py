@@ -15,8 +15,8 @@ import planners
 from benchmarks import inputs
 from benchmarks.report import Report
 from cspace import FREE, CSpace, Robot, Workspace
-from cspace.support.arrays import Floats
-from planners.catalogue import (
+from cspace._support.arrays import Floats
+from planners._catalogue import (
     BIDIRECTIONAL_PLANNERS,
     PLANNERS_WITHOUT_OBJECTIVE,
     THREADED_PLANNERS,

@@ -27,8 +27,8 @@ import shapely
 
 import cspace
 from cspace import CspaceError, Robot, Workspace
+from cspace._record.save import write_folder
 from cspace.arms import read_moveit_request, read_moveit_scene
-from cspace.record.save import write_folder
 from tests.helpers.mesh_files import make_collada
 
 if TYPE_CHECKING:

@@ -11,10 +11,10 @@ import shapely
 from scipy.spatial.transform import Rotation
 
 from benchmarks.report import Report
+from cspace._shapes.mesh import Mesh
+from cspace._support.arrays import Floats
 from cspace.errors import InputError
-from cspace.shapes.mesh import Mesh
 from cspace.spectral import Bump, FourierOverlap, Verdict, decompose
-from cspace.support.arrays import Floats
 from tests.helpers.regions import Body, Flat
 from tests.soak.scenes import Rng, Scale, draw_polygon, draw_solid
 from tests.soak.tally import Tally, draw_until

@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import dijkstra
 import cspace
 from benchmarks.report import Report
 from cspace import CSpace, Robot, Workspace
-from cspace.support.arrays import Floats
+from cspace._support.arrays import Floats
 from tests.soak.scenes import Rng
 
 SLACK = 1e-7

@@ -8,7 +8,7 @@ import numpy as np
 
 from benchmarks.report import Report
 from cspace import FREE
-from cspace.support.arrays import Floats
+from cspace._support.arrays import Floats
 from tests.helpers.placements import (
     draw_configurations,
     draw_near_mixed,

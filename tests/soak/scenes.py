@@ -12,8 +12,8 @@ import trimesh
 
 import cspace
 from cspace import CSpace, Robot, Rotations, Workspace
-from cspace.shapes.mesh import Mesh
-from cspace.support.arrays import Bools, Floats
+from cspace._shapes.mesh import Mesh
+from cspace._support.arrays import Bools, Floats
 from tests.helpers.regions import SIDES, Body, Flat, cell_boxes
 
 Rng = np.random.Generator

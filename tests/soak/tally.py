@@ -12,7 +12,7 @@ import numpy as np
 
 from benchmarks.report import Report
 from cspace import BLOCKED, FREE, MIXED
-from cspace.support.arrays import Bools, Floats, Ints, States
+from cspace._support.arrays import Bools, Floats, Ints, States
 from tests.soak.scenes import Case, Rng
 
 ROUNDING = 1e-9

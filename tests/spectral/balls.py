@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from cspace.spectral.bump import pair_integrals
+from cspace.spectral._bump import pair_integrals
 
 
 def draw_rotations(rng, number, dim):

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cspace.spectral import BallDescriptor, Bump
-from cspace.spectral.bands import Rings, Spectrum, Terms
-from cspace.spectral.pairs import norm_square
+from cspace.spectral._bands import Rings, Spectrum, Terms
+from cspace.spectral._pairs import norm_square
 from tests.helpers.strategies import seeds
 
 pytest.importorskip("finufft")
@@ -78,7 +78,7 @@ def test_norm_square_sums_all_pairs_within_its_error(seed, dim, alpha, number, r
     centers = rng.uniform(0.0, 0.6, (number, dim))
     centers[rng.random(number) < 0.2] = centers[0]
     radii = rng.choice(rng.uniform(0.1, 0.5, radius_count), number)
-    with patch("cspace.spectral.pairs.MAX_PAIRS_PER_BLOCK", int(rng.choice([20, 2**20]))):
+    with patch("cspace.spectral._pairs.MAX_PAIRS_PER_BLOCK", int(rng.choice([20, 2**20]))):
         value, error = norm_square(BallDescriptor(centers, radii, bump))
     distances = np.linalg.norm(centers[:, None] - centers, axis=2)
     expected = sum(

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from scipy.spatial.distance import cdist
 
 from cspace import InputError, Robot
+from cspace._shapes import Mesh, Voxels
 from cspace.errors import GeometryError
-from cspace.shapes import Mesh, Voxels
 from cspace.spectral import decompose
 from tests.helpers.oracles import distance_to_triangles, winds_around
 from tests.helpers.refusals import refusals

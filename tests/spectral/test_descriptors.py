@@ -12,7 +12,7 @@ from hypothesis.extra import numpy as hnp
 from scipy.signal import convolve
 
 from cspace import Grid, InputError, Mesh
-from cspace.shapes import Balls
+from cspace._shapes import Balls
 from cspace.spectral import (
     BallDescriptor,
     Bump,

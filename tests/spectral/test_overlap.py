@@ -112,7 +112,7 @@ def test_verdicts_are_right_about_the_ideal_overlap(max_pairs, seed, dim, alpha,
     expected, error = sum_pairs(a, b, bump, placements)
     threshold = float(np.median(expected))
     overlap = FourierOverlap(a, b, bump=bump, threshold=threshold, tolerance=tolerance)
-    with patch("cspace.spectral.overlap.MAX_SUMMED_PAIRS", max_pairs):
+    with patch("cspace.spectral._overlap.MAX_SUMMED_PAIRS", max_pairs):
         answers = overlap.separated(placements)
         alone = pickle.loads(pickle.dumps(overlap)).separated(placements[0].tolist())
     assert (expected[answers.verdict == Verdict.MISS] < threshold + error).all()

@@ -14,13 +14,13 @@ from typing import Any
 import pytest
 
 import cspace
-from cspace.support.compiling import clock, is_private, kernel
+from cspace._support.compiling import clock, is_private, kernel
 from tests.helpers.missing import output_without
 
 ROOT = Path(cspace.__file__).parents[1]
 
 PROBE = """
-from cspace.support.compiling import kernel
+from cspace._support.compiling import kernel
 
 @kernel
 def helper(value):
@@ -32,9 +32,9 @@ def answer(value):
 """
 
 RUN_PROBE = """
-import cspace, cspace.support.compiling, os
+import cspace, cspace._support.compiling, os
 cspace.__path__.append(os.getcwd())
-cspace.support.compiling.LONG_WAIT_SECONDS = 0.0
+cspace._support.compiling.LONG_WAIT_SECONDS = 0.0
 {before}
 from cspace.probe import answer
 print(answer(1.0), sum(answer.stats.cache_hits.values()))
@@ -92,7 +92,7 @@ def test_a_change_of_kernels_or_their_constants_changes_the_folder(tmp_path: Pat
     def folder() -> str:
         return run(
             tmp_path,
-            "import cspace.support.compiling as c; print(c.cache_folder())",
+            "import cspace._support.compiling as c; print(c.cache_folder())",
             PYTHONPATH=str(tmp_path),
         )[0]
 
@@ -103,8 +103,8 @@ def test_a_change_of_kernels_or_their_constants_changes_the_folder(tmp_path: Pat
     seen = [folder(), folder()]
     assert seen[0] == seen[1] and seen[0].startswith(str(tmp_path / "cache" / "cspace"))
     for file, is_compiled in (
-        ("cspace/grid.py", True),
-        ("cspace/support/vectors.py", True),
+        ("cspace/_grid.py", True),
+        ("cspace/_support/vectors.py", True),
         ("cspace/errors.py", False),
     ):
         with (tmp_path / file).open("a") as opened:
@@ -168,8 +168,8 @@ def test_code_is_not_kept_where_folders_have_no_owner() -> None:
     code = """
 import os
 del os.geteuid  # Windows has neither
-import cspace.support.compiling
-print(cspace.support.compiling.cache_folder(), cspace.build.__name__)
+import cspace._support.compiling
+print(cspace._support.compiling.cache_folder(), cspace.build.__name__)
 """
     assert output_without("fcntl", code) == "None build\n"
 
@@ -187,7 +187,7 @@ def test_the_clock_stops_while_a_function_is_compiled_or_refused(
     from numba import TypingError
 
     monkeypatch.setattr(
-        "cspace.support.compiling.cache_folder", lambda: None
+        "cspace._support.compiling.cache_folder", lambda: None
     )  # nothing is compiled yet
 
     def good(x: float) -> float:

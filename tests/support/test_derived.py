@@ -4,7 +4,7 @@ import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 
-from cspace.support.derived import derived, lazy
+from cspace._support.derived import derived, lazy
 
 
 class Owner:

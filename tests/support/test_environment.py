@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from cspace.support.compiling import cache_folder
+from cspace._support.compiling import cache_folder
 from tests.helpers.repository import ROOT
 
 PATH = f"import sys; sys.path.insert(0, {str(ROOT)!r})\n"  # -I ignores PYTHONPATH
@@ -110,8 +110,8 @@ def test_packages_are_imported_without_any_folder_for_compiled_code(tmp_path):
 import os, tempfile
 tempfile._candidate_tempdir_list = lambda: [sys.argv[1]]
 os.environ["HOME"] = sys.argv[1]
-import cspace.support.compiling, planners
-print(cspace.support.compiling.cache_folder())
+import cspace._support.compiling, planners
+print(cspace._support.compiling.cache_folder())
 """
     (tmp_path / "file").touch()
     done = run(code, argument=str(tmp_path / "file" / "no folder"))

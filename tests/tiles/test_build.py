@@ -389,6 +389,6 @@ def test_builds_refuse_counts_and_folders_that_hold_something_else(tmp_path):
 
 
 def test_builds_refuse_tiles_that_exceed_the_memory(tmp_path, monkeypatch):
-    monkeypatch.setattr("cspace.tiles.work.free_bytes", lambda: 10_000)
+    monkeypatch.setattr("cspace._tiles.work.free_bytes", lambda: 10_000)
     with pytest.raises(InputError, match="use a smaller tile"):
         cspace.build(SQUARE, CAR, store=tmp_path / "m")

@@ -69,7 +69,7 @@ def test_builds_resume_after_a_cluster_is_lost(tmp_path):
 
 @pytest.mark.parametrize("workers", [0, 1])
 def test_a_cluster_needs_workers_of_this_version(tmp_path, monkeypatch, workers):
-    monkeypatch.setattr("cspace.tiles.work.__version__", "0.0.9")
+    monkeypatch.setattr("cspace._tiles.work.__version__", "0.0.9")
     problem = f"workers with cspace {cspace.__version__}" if workers else "no workers"
     with (
         connect(workers) as client,

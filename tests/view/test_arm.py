@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 
 import cspace
 from cspace.errors import ConfigurationError, InputError
-from cspace.plot.arms import GHOST_COUNT
-from cspace.plot.artists import CLASSES, COLLIDES, ROBOT_FILL_COLOR
-from cspace.view.scene import rgb
+from cspace.plot._arms import GHOST_COUNT
+from cspace.plot._artists import CLASSES, COLLIDES, ROBOT_FILL_COLOR
+from cspace.view._scene import rgb
 from tests.helpers.pages import connected, drag, node
 from tests.helpers.refusals import refusals
 from tests.helpers.urdfs import (

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import cspace
-from cspace.plot.artists import OPEN, classify_cells
-from cspace.view import blocks
-from cspace.view.blocks import Cells
+from cspace.plot._artists import OPEN, classify_cells
+from cspace.view import _blocks as blocks
+from cspace.view._blocks import Cells
 
 
 @pytest.fixture(

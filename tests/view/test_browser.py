@@ -10,8 +10,8 @@ import pytest
 from PIL import Image
 
 import cspace
-from cspace.plot.artists import CLASSES, COLLIDES
-from cspace.view.scene import rgb
+from cspace.plot._artists import CLASSES, COLLIDES
+from cspace.view._scene import rgb
 from tests.helpers.waiting import until
 
 pytest.importorskip("viser")

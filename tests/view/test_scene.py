@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import cspace
-from cspace.plot.artists import CLASSES, OBSTACLE
-from cspace.rotations import Rotations
-from cspace.view.blocks import Cells
-from cspace.view.map_canvas import Poses
-from cspace.view.scene import KINDS, Stage, extract_border, make_robot_surface, rgb
+from cspace._rotations import Rotations
+from cspace.plot._artists import CLASSES, OBSTACLE
+from cspace.view._blocks import Cells
+from cspace.view._map_canvas import Poses
+from cspace.view._scene import KINDS, Stage, extract_border, make_robot_surface, rgb
 from tests.helpers.handmade import fill_boxes
 
 

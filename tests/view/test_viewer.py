@@ -12,7 +12,7 @@ import cspace
 import planners
 from cspace.errors import InputError
 from cspace.view import Viewer
-from cspace.view.viewer import is_same_site
+from cspace.view._viewer import is_same_site
 from tests.helpers.commands import run
 from tests.helpers.pages import node
 from tests.helpers.refusals import refusals
@@ -151,7 +151,7 @@ def test_paths_are_played_at_true_speed_or_in_eight_seconds(has_times, monkeypat
     path = trajectory if has_times else plan.path
     with space.view(path=path, block=False, port=0) as viewer:
         frames = []
-        monkeypatch.setattr("cspace.view.page.time", clock)
+        monkeypatch.setattr("cspace.view._page.time", clock)
         monkeypatch.setattr(viewer.canvas, "place", lambda q: frames.append((now[0], q)))
         viewer.page.play()
         until(lambda: frames and np.allclose(frames[-1][1], (2.0, 0.5)))

@@ -1,0 +1,786 @@
+"""Trees of convex hulls around triangles, and proofs that two trees stay apart.
+
+Each node has a box and a ball around all of its triangles. Some nodes also have the corners of a
+convex hull, grown by a radius: whole parts and their large pieces, with enough corners to show
+their shape; a few neighbouring triangles; and single triangles. A convex part, such as a box or a
+cylinder, is one node.
+
+*Bound.* For any vector n, the distance of two sets is at least the gap between their projections
+onto a line along n. The projection of a hull is the projection of its corners, grown by its radius.
+The bound holds for every n, such as the vector between the nearest points of two hulls, found by
+the corners of their difference (E. G. Gilbert, D. W. Johnson and S. S. Keerthi, "A fast procedure
+for computing the distance between complex objects in three-dimensional space", 1988).
+
+*Motions.* As seen from the other body, a point p of a body moves at the velocity ``v + w x p``,
+whose component along n is ``n.v + (n x w).p``. Let h be the time to either side, and let
+``curvature_bound`` be half the square of h times a bound of all accelerations. Then the position of
+p along n stays within h times that velocity of its central position, up to ``curvature_bound``.
+This is linear in p, so two more projections, along ``n + h (n x w)`` and ``n - h (n x w)``, bound
+the whole motion. A cheaper bound is tried first: the speed of the node's center, and of its ball
+about the center.
+
+*Rounding.* The projection of a corner takes a product of a matrix and a vector, and a scalar
+product. With u = 2^-53, it is off by less than 16 u times the coordinates and the length of n,
+which is 1 up to 4 u. The total is below 2^-48 of the coordinates; the allowance
+:data:`cspace._bodies.DISTANCE_ROUNDING` is 2^-40. :mod:`cspace.arms._chain` bounds the rounding of
+poses.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from cspace._bodies.triangles import (
+    CENTER,
+    CHORD,
+    HALF_SIDES,
+    RADIUS,
+    Trees,
+    build_boxes,
+    half_axes,
+    joint_displacement,
+    node_maxima,
+)
+from cspace._support.arrays import Bools, Floats, Ints, Matrix, Row
+from cspace._support.compiling import internal
+from cspace._support.vectors import (
+    add_scaled,
+    apply_pose,
+    box_extent,
+    cross,
+    dot,
+    minus,
+    rotate_back,
+    row_at,
+    scale_vector,
+    triangle_weights,
+)
+
+MAX_TRIANGLES_PER_TILE: Final = 16
+"""Largest number of neighbouring triangles tested as one hull."""
+
+
+HULL_BRANCHING: Final = 16
+"""Largest ratio of the triangles of a hull to those of the hulls below it."""
+
+
+_MAX_TRIANGLES_OF_RANKS: Final = MAX_TRIANGLES_PER_TILE * HULL_BRANCHING ** np.arange(12)
+"""Largest number of triangles of a node of each rank; a tile has the rank 0."""
+
+
+MAX_EXACT_CORNERS: Final = 192
+"""Largest number of corners of the hull of a convex part, or of a flat set, that is kept exactly.
+"""
+
+
+MAX_HULL_CORNERS: Final = 48
+"""Largest number of corners of other hulls; they grow by what their extreme corners leave out."""
+
+
+HULL_ROUNDING: Final = 2.0**-48
+"""Growth of a hull with points beside its corners, relative to the largest coordinate: the rounding
+of distances from triangles."""
+
+
+MAX_PAIRS_PER_BLOCK: Final = 2**18
+"""Largest number of pairs of a point and a plane or a triangle that are compared at once."""
+
+
+TINY: Final = 1e-300
+"""Smallest difference between two slacks; zero takes it below zero."""
+
+
+LOOSENESS_OF_MOTIONS: Final = 0.1
+"""Share of the looseness of hulls below which a motion is halved before their children are tested.
+
+Most of a long motion is proven by fewer pairs of nodes if it is halved; 0 and 1 cost twice as many.
+"""
+
+
+MAX_GJK_STEPS: Final = 40
+"""Largest number of steps of the search for the nearest points of two hulls."""
+
+
+_CUBE_CORNERS: Final = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+"""Corners of the cube [-1, 1]^3, shape (8, 3)."""
+
+
+def _spread_directions(count: int) -> Floats:
+    """Spread directions, shape (count, 3), evenly over a sphere, by a Fibonacci spiral."""
+    steps = np.arange(count) + 0.5
+    heights = 1.0 - 2.0 * steps / count
+    angles = math.pi * (1.0 + math.sqrt(5.0)) * steps
+    radii = np.sqrt(1.0 - heights**2)
+    return np.column_stack([radii * np.cos(angles), radii * np.sin(angles), heights])
+
+
+_DIRECTIONS: Final = _spread_directions(MAX_HULL_CORNERS)
+"""Directions along which the corners of a large hull are extreme, shape (MAX_HULL_CORNERS, 3)."""
+
+
+class Hulls(NamedTuple):
+    """Trees of convex hulls around the bodies of links and obstacles.
+
+    Attributes
+    ----------
+    boxes : ndarray of float64, shape (m, 9)
+        Of each node: center ([:3]) and half sides ([3:6]) of its axis-aligned box, radius of its
+        ball about that center ([6]), radius by which its hull is grown ([7]), and about how much
+        the hull exceeds its contents ([8]).
+    nodes : ndarray of int64, shape (m, 5)
+        The second child, or 0 for a leaf. Then the range [start, stop) of the corners of the hull:
+        0, 0 without a hull, and start = stop for a leaf that fills its box. Then 1 if the node
+        contains whole connected parts only. Last, the first child, or 0 for a leaf; in a part it is
+        the next node.
+    corners : ndarray of float64, shape (3, n)
+        Corners of all hulls.
+    """
+
+    boxes: Floats
+    nodes: Ints
+    corners: Floats
+
+
+SECOND_CHILD, FIRST_CORNER, STOP_CORNER, IS_WHOLE, FIRST_CHILD = range(5)
+"""Columns of :attr:`Hulls.nodes`."""
+
+
+BALL_RADIUS, HULL_RADIUS, LOOSENESS = range(6, 9)
+"""Columns of :attr:`Hulls.boxes` after the center and the half sides."""
+
+
+class RelativeMotion(NamedTuple):
+    """Pose and motion of a body, as seen from another body.
+
+    Attributes
+    ----------
+    matrix : tuple of tuple of float
+        Rows of the rotation matrix.
+    position : tuple of float
+    spin, velocity : tuple of float
+        A point p moves at ``velocity + spin x p`` at the central moment.
+    half_time : float
+        Time to either side that the proof covers.
+    curvature_bound : float
+        Largest deviation from that linear motion meanwhile.
+    max_displacement : float
+        Largest displacement of any point meanwhile.
+    required : float
+        Distance that proves the bodies apart.
+    """
+
+    matrix: Matrix
+    position: Row
+    spin: Row
+    velocity: Row
+    half_time: float
+    curvature_bound: float
+    max_displacement: float
+    required: float
+
+
+def build_hulls(tree: Trees, volume: float) -> Hulls:
+    """Build the tree of hulls of a part, with the nodes of its triangles' tree.
+
+    ``volume`` is the volume that the triangles enclose. A part that fills its hull is one node.
+    """
+    rows = tree.triangles
+    spans = tree.spans
+    if not len(rows):
+        return Hulls(np.empty((0, 9)), np.empty((0, 5), np.int64), np.empty((3, 0)))
+    # Every node has a box and a ball; every leaf has the corners of its row.
+    starts, counts = spans.T
+    half_sides = tree.boxes[:, 3:6]
+    ball_radii = np.linalg.norm(half_sides, axis=1)
+    row_radii = rows[:, RADIUS]
+    hull_radii = node_maxima(np.maximum(row_radii, 0.0), spans)
+    looseness = np.zeros(len(counts))
+    boxes = np.column_stack([tree.boxes[:, :6], ball_radii, hull_radii, looseness])
+    corners, first_corners = _list_row_corners(rows)
+    nodes = _link_nodes(spans, first_corners)
+    is_leaf = counts == 1
+    # Boxes and balls are solid, so each is a whole connected part.
+    is_box = row_radii < 0.0
+    nodes[:, IS_WHOLE] = bool((is_box | _are_balls(rows)).all())
+    nodes[0, IS_WHOLE] = 1
+    if nodes[:, IS_WHOLE].all():
+        return Hulls(boxes, nodes, np.ascontiguousarray(corners.T))
+    # Some inner nodes get hulls too, whose corners are appended.
+    points, point_of_corner = np.unique(corners, axis=0, return_inverse=True)
+    point_of_corner = point_of_corner.ravel()
+    is_rounded = bool(row_radii.any())
+    ranks = np.searchsorted(_MAX_TRIANGLES_OF_RANKS, counts)
+    corners_of_hulls = [corners]
+    stop = len(corners)
+    for node in np.flatnonzero(_choose_hulls(nodes, ranks) & ~is_leaf).tolist():
+        is_tile = ranks[node] == 0
+        if is_rounded and not is_tile:
+            continue
+        first_corner = first_corners[starts[node]]
+        stop_corner = first_corners[starts[node] + counts[node]]
+        hull = points[np.unique(point_of_corner[first_corner:stop_corner])]
+        depth = half_sides[node].min()
+        if not is_rounded and (node == 0 or not is_tile):
+            fit = _fit_hull(hull, volume if node == 0 else 0.0)
+            if fit is None:
+                continue
+            hull = fit.corners
+            depth = fit.depth + fit.growth
+            boxes[node, HULL_RADIUS] = fit.growth
+            if fit.is_exact:
+                only_node = np.zeros((1, 5), dtype=np.int64)
+                only_node[0, STOP_CORNER] = len(hull)
+                only_node[0, IS_WHOLE] = 1
+                return Hulls(boxes[:1], only_node, np.ascontiguousarray(hull.T))
+        boxes[node, LOOSENESS] = depth
+        nodes[node, FIRST_CORNER] = stop
+        nodes[node, STOP_CORNER] = stop + len(hull)
+        corners_of_hulls.append(hull)
+        stop += len(hull)
+    return Hulls(boxes, nodes, np.ascontiguousarray(np.concatenate(corners_of_hulls).T))
+
+
+def _link_nodes(spans: Ints, first_corners: Ints) -> Ints:
+    """Return rows of :attr:`Hulls.nodes` with children, and with the corners of leaves.
+
+    ``spans``, shape (m, 2), has the first row of each node in its tree and their number;
+    ``first_corners``, shape (n + 1,), has the first corner of each row.
+    """
+    starts, counts = spans.T
+    nodes = np.zeros((len(counts), 5), dtype=np.int64)
+    is_leaf = counts == 1
+    parents = np.flatnonzero(~is_leaf)
+    nodes[parents, SECOND_CHILD] = parents + 2 * (counts[parents] // 2)
+    nodes[parents, FIRST_CHILD] = parents + 1
+    nodes[is_leaf, FIRST_CORNER] = first_corners[starts[is_leaf]]
+    nodes[is_leaf, STOP_CORNER] = first_corners[starts[is_leaf] + 1]
+    return nodes
+
+
+def _choose_hulls(nodes: Ints, ranks: Ints) -> Bools:
+    """Choose the nodes to test as hulls; return a mask, shape (m,).
+
+    These are the root, and nodes whose parent has a larger rank. A rank counts the triangles of a
+    node, each rank more of them by a constant factor.
+    """
+    inner = np.flatnonzero(nodes[:, SECOND_CHILD])
+    parents = np.zeros(len(nodes), dtype=np.int64)
+    parents[nodes[inner, SECOND_CHILD]] = inner
+    parents[nodes[inner, FIRST_CHILD]] = inner
+    is_chosen: Bools = ranks < ranks[parents]
+    is_chosen[0] = True
+    return is_chosen
+
+
+def _are_balls(rows: Floats) -> Bools:
+    """Return whether each row of a tree, shape (n, 10), is a ball, with three equal corners."""
+    first_corners, other_corners = rows[:, :3], rows[:, 3:9]
+    return np.asarray((other_corners == np.tile(first_corners, 2)).all(axis=1))
+
+
+def _list_row_corners(rows: Floats) -> tuple[Floats, Ints]:
+    """List the corners of all rows of a tree, and where those of each row begin.
+
+    ``rows``, shape (n, 10), are those of :attr:`cspace._bodies.triangles.Trees.triangles`. Triangles
+    have three corners, balls one, boxes eight, and axis-aligned boxes none.
+    """
+    is_box = rows[:, RADIUS] < 0.0
+    is_ball = _are_balls(rows)
+    off_axis = rows[:, [4, 5, 6, 8]]  # zero if the first half axes are along x and y
+    is_aligned = ~off_axis.any(axis=1)
+    counts = np.select([is_box & is_aligned, is_box, is_ball], [0, 8, 1], 3)
+    places = np.arange(counts.max())
+    # Give every row as many corners as the largest has, then drop those in excess.
+    corners = rows[:, :9].reshape(-1, 3, 3)[:, np.minimum(places, 2)]
+    is_tilted = counts == 8
+    if is_tilted.any():
+        tilted = rows[is_tilted]
+        corners[is_tilted] = tilted[:, None, :3] + _CUBE_CORNERS @ half_axes(tilted)
+    is_used = places < counts[:, None]
+    return corners[is_used], np.append(0, np.cumsum(counts))
+
+
+class HullFit(NamedTuple):
+    """Convex hull of points.
+
+    The hull of the ``corners``, shape (n, 3), grown by ``growth``, contains all points. ``depth``
+    is the largest depth of a point in it. Metres. ``is_exact`` means that the points enclose it.
+    """
+
+    corners: Floats
+    depth: float
+    growth: float
+    is_exact: bool
+
+
+def _fit_hull(points: Floats, volume: float) -> HullFit | None:
+    """Fit a convex hull with few corners to points, shape (n, 3), that enclose ``volume``.
+
+    A flat set keeps all points, or has no hull if they are too many.
+    """
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        hull = ConvexHull(points)
+        kept = hull.vertices
+        # Rounding of the volumes may not hide that a part is convex.
+        is_exact = volume > (1.0 - 1e-9) * hull.volume and len(kept) <= MAX_EXACT_CORNERS
+        if len(kept) > MAX_HULL_CORNERS and not is_exact:
+            extreme = (points[kept] @ _DIRECTIONS.T).argmax(axis=0)
+            kept = kept[np.unique(extreme)]
+            hull = ConvexHull(points[kept])
+    except QhullError:
+        return HullFit(points, 0.0, 0.0, False) if len(points) <= MAX_EXACT_CORNERS else None
+    # The height of each point above the planes of the faces; it is negative inside.
+    normals = hull.equations[:, :3]
+    offsets = hull.equations[:, 3]
+    blocks = _split_into_blocks(points, len(normals))
+    heights = np.concatenate([(block @ normals.T + offsets).max(axis=1) for block in blocks])
+    # Points left out may lie beside the hull; by rounding, so may those on its faces and edges.
+    left_out = np.ones(len(points), dtype=np.bool_)
+    left_out[kept] = False
+    size = np.ptp(points, axis=0).max()
+    points_beside = points[left_out & (heights > -1e-9 * size)]
+    growth = _bound_largest_gap(points_beside, hull.points[hull.simplices])
+    if len(points_beside):
+        growth += HULL_ROUNDING * float(np.abs(points).max())
+    return HullFit(points[kept], -float(heights.min()), growth, is_exact)
+
+
+def _bound_largest_gap(points: Floats, triangles: Floats) -> float:
+    """Bound the points' distances from their nearest triangles from above.
+
+    ``points`` has shape (n, 3), ``triangles`` (m, 3, 3). Each point is compared with one point of
+    each triangle: the nearest one if that is not on the border, and otherwise one near it.
+    """
+    origins = triangles[:, 0]
+    inverses = np.linalg.pinv(triangles[:, 1:] - triangles[:, :1])
+    largest = 0.0
+    for block in _split_into_blocks(points, len(triangles)):
+        # Barycentric weights of the nearest point of each plane, shape (points, triangles, 3). The
+        # weights of a point beside its triangle are cut to zero or above.
+        offsets = block[:, np.newaxis] - origins
+        other_weights = np.einsum("pni,nij->pnj", offsets, inverses)
+        first_weight = 1.0 - other_weights.sum(axis=2, keepdims=True)
+        weights = np.maximum(np.concatenate([first_weight, other_weights], axis=2), 0.0)
+        weights /= weights.sum(axis=2, keepdims=True)
+        points_of_triangles = np.einsum("pnk,nki->pni", weights, triangles)
+        gaps = np.linalg.norm(points_of_triangles - block[:, np.newaxis], axis=2)
+        nearest_gaps = gaps.min(axis=1)
+        largest = max(largest, float(nearest_gaps.max(initial=0.0)))
+    return largest
+
+
+def _split_into_blocks(points: Floats, others: int) -> list[Floats]:
+    """Split points into blocks that have few pairs with others.
+
+    ``others`` is the number of planes or triangles with which each point is compared.
+    """
+    blocks = len(points) * others // MAX_PAIRS_PER_BLOCK + 1
+    return np.array_split(points, blocks)
+
+
+def join_roots(boxes: Floats, roots: Ints, start: int) -> tuple[Floats, Ints]:
+    """Build the nodes above several roots of trees of hulls.
+
+    ``boxes``, shape (n, 9), are those of the ``roots``, shape (n,). Returns rows of
+    :attr:`Hulls.boxes` and :attr:`Hulls.nodes` for the nodes from ``start`` on; the first is the
+    root of all.
+    """
+    centers = boxes[:, :3]
+    half_sides = boxes[:, 3:6]
+    tree_boxes, order, spans = build_boxes(centers - half_sides, centers + half_sides)
+    starts, counts = spans.T
+    inner = np.flatnonzero(counts > 1)
+    # A leaf is a root; the nodes above are new.
+    numbers = roots[order[starts]]
+    numbers[inner] = start + np.arange(len(inner))
+    # The first child follows its parent, the second one follows the nodes of the first.
+    nodes = np.zeros((len(inner), 5), dtype=np.int64)
+    nodes[:, SECOND_CHILD] = numbers[inner + 2 * (counts[inner] // 2)]
+    nodes[:, IS_WHOLE] = 1
+    nodes[:, FIRST_CHILD] = numbers[inner + 1]
+    new_boxes = np.zeros((len(inner), 9))
+    new_boxes[:, :6] = tree_boxes[inner]
+    new_boxes[:, BALL_RADIUS] = np.linalg.norm(tree_boxes[inner, 3:], axis=1)
+    return new_boxes, nodes
+
+
+def node_corners(hulls: Hulls, node: int) -> tuple[Floats, float]:
+    """Return the corners, shape (n, 3), of a node's hull, and the radius by which it is grown.
+
+    A node without a hull has the corners of its box; metres.
+    """
+    first, stop = hulls.nodes[node, FIRST_CORNER], hulls.nodes[node, STOP_CORNER]
+    if first < stop:
+        return hulls.corners[:, first:stop].T, float(hulls.boxes[node, HULL_RADIUS])
+    box = hulls.boxes[node]
+    center, half_sides = box[:3], box[3:6]
+    return center + _CUBE_CORNERS * half_sides, 0.0
+
+
+@internal
+def tree_slack(
+    hulls: Hulls,
+    one: int,
+    other: int,
+    motion: RelativeMotion,
+    axes: Floats,
+    enough: float,
+    scratch: Ints,
+) -> float:
+    """Return a lower bound of (distance - required distance) between trees.
+
+    The bound is capped at ``enough``. The motion is the first tree's, as seen from the second. For
+    a box of configurations, ``axes`` are the joints that move the first tree
+    (:func:`cspace._bodies.triangles.joint_displacement`), and the motion has ``half_time`` 0; a
+    motion has none. The result is negative if a pair of nodes is not proven to stay apart, and -inf
+    if a pair is not apart at the central moment. That pair becomes row 0 of ``scratch``, shape
+    (MAX_PENDING_PAIRS, 2). The pair given there is tested first; -1 means none. Row 1 then starts
+    with 1 if pieces of connected parts were proven apart separately.
+    """
+    best = enough
+    partial = False  # whether pieces of connected parts were proven apart separately
+    moves = False  # whether a pair is apart at the central moment, but not during the motion
+    # Rows of the stack from 1 to top - 1 have pairs of nodes that are not proven apart yet.
+    scratch[1, 0] = one
+    scratch[1, 1] = other
+    top = 2
+    if scratch[0, 0] >= 0:
+        scratch[2, 0] = scratch[0, 0]
+        scratch[2, 1] = scratch[0, 1]
+        top = 3
+    while top > 1:
+        top -= 1
+        a, b = scratch[top, 0], scratch[top, 1]
+        # Boxes suffice for most nodes.
+        slack, speed, center = box_slack(hulls.boxes[a], hulls.boxes[b], motion, axes, best)
+        apart = True
+        if slack <= best and has_hull(hulls, a) and has_hull(hulls, b):
+            offset = minus(row_at(hulls.boxes[b], CENTER), center)
+            slack, apart = hull_slack(hulls, a, b, motion, speed, best, offset)
+        if slack > best:
+            partial = partial or hulls.nodes[a, IS_WHOLE] + hulls.nodes[b, IS_WHOLE] < 2
+            continue
+        if not is_final(hulls, a, b, motion, axes, apart, slack):
+            split_pair(hulls, a, b, center, scratch, top)
+            top += 2
+            continue
+        scratch[0, 0] = a
+        scratch[0, 1] = b
+        if apart and motion.half_time > 0.0:
+            # The caller halves the motion next unless its central moment is blocked, so test only
+            # that now.
+            motion = stop_motion(motion)
+            moves = True
+            continue
+        best = min(slack, best - TINY) if apart else -math.inf
+        if best <= 0.0:
+            break
+    scratch[1, 0] = 1 if partial else 0
+    return min(best, -TINY) if moves else best
+
+
+@internal
+def stop_motion(motion: RelativeMotion) -> RelativeMotion:
+    """Return the central moment of a motion."""
+    matrix, position, spin, velocity = motion[:4]
+    return RelativeMotion(matrix, position, spin, velocity, 0.0, 0.0, 0.0, motion.required)
+
+
+@internal
+def is_final(
+    hulls: Hulls,
+    a: int,
+    b: int,
+    motion: RelativeMotion,
+    axes: Floats,
+    apart: bool,
+    slack: float,
+) -> bool:
+    """Return True if the children of nodes a and b would hardly prove more than their hulls.
+
+    The nodes are leaves, or the motion is too long for their children. ``apart`` and ``slack`` are
+    those of their hulls; ``axes``, shape (k, 8), are those of
+    :func:`cspace._bodies.triangles.joint_displacement`.
+    """
+    if not (has_hull(hulls, a) and has_hull(hulls, b)):
+        return False
+    if hulls.nodes[a, SECOND_CHILD] == 0 and hulls.nodes[b, SECOND_CHILD] == 0:
+        return True
+    # The children may be apart even if the hulls are not, unless the motion is too long.
+    loose = hulls.boxes[a, LOOSENESS] + hulls.boxes[b, LOOSENESS]
+    if motion.half_time > 0.0:
+        loose *= LOOSENESS_OF_MOTIONS
+    for k in range(len(axes)):
+        loose += 2.0 * axes[k, CHORD] * hulls.boxes[a, BALL_RADIUS]
+    return bool(apart and slack + loose < 0.0)
+
+
+@internal
+def box_slack(
+    box: Floats, fixed: Floats, motion: RelativeMotion, axes: Floats, enough: float
+) -> tuple[float, float, Row]:
+    """Bound (distance - required distance) of two nodes from below, by their boxes.
+
+    ``box`` and ``fixed``, shape (9,), are rows of :attr:`Hulls.boxes`; ``axes`` has shape (k, 8).
+    The ball of the first node decides if the boxes' slack is at most ``enough``. Also returns a
+    bound of the displacement of the first node, and its center as seen from the second.
+    """
+    half_time = motion.half_time
+    limit = motion.max_displacement
+    ball_radius = box[BALL_RADIUS]
+    center = apply_pose(motion.matrix, motion.position, row_at(box, CENTER))
+    half = box_extent(motion.matrix, row_at(box, HALF_SIDES))
+    velocity = add_scaled(motion.velocity, cross(motion.spin, center), 1.0)
+    # Points move around the center, too.
+    spin_speed = math.sqrt(dot(motion.spin, motion.spin)) * ball_radius
+    around = half_time * spin_speed + motion.curvature_bound
+    around += joint_displacement(axes, center, ball_radius)
+    slack = -math.inf
+    squared_distance = 0.0  # of the center from the fixed box
+    for axis in range(3):
+        outside = abs(center[axis] - fixed[CENTER + axis]) - fixed[HALF_SIDES + axis]
+        displacement = min(half_time * abs(velocity[axis]) + around, limit)
+        slack = max(slack, outside - half[axis] - displacement)
+        squared_distance += max(outside, 0.0) ** 2
+    slack -= motion.required
+    speed = min(half_time * math.sqrt(dot(velocity, velocity)) + around, limit)
+    if slack <= enough:
+        slack = math.sqrt(squared_distance) - ball_radius - motion.required - speed
+    return slack, speed, center
+
+
+@internal
+def has_hull(hulls: Hulls, node: int) -> bool:
+    """Return True if a node can be tested as a convex hull.
+
+    Each leaf can: one without corners fills its box.
+    """
+    return bool(hulls.nodes[node, SECOND_CHILD] == 0 or hulls.nodes[node, STOP_CORNER] > 0)
+
+
+@internal
+def split_pair(hulls: Hulls, a: int, b: int, center: Row, scratch: Ints, row: int) -> None:
+    """Replace a pair of nodes by two pairs with the children of one of them.
+
+    Writes them to two rows of the stack ``scratch``, shape (MAX_PENDING_PAIRS, 2), from ``row`` on.
+    A node without a hull is split first, then the larger node. ``center`` is that of node a, as
+    seen from node b.
+    """
+    a_has_hull = has_hull(hulls, a)
+    prefers_a = not a_has_hull
+    if a_has_hull == has_hull(hulls, b):
+        prefers_a = hulls.boxes[a, BALL_RADIUS] >= hulls.boxes[b, BALL_RADIUS]
+    a_is_leaf = hulls.nodes[a, SECOND_CHILD] == 0
+    b_is_leaf = hulls.nodes[b, SECOND_CHILD] == 0
+    if b_is_leaf or (prefers_a and not a_is_leaf):
+        scratch[row, 0] = hulls.nodes[a, SECOND_CHILD]
+        scratch[row, 1] = b
+        scratch[row + 1, 0] = hulls.nodes[a, FIRST_CHILD]
+        scratch[row + 1, 1] = b
+        return
+    # The nearer child comes last, so that it is tested first and its bound prunes the other.
+    nearer = hulls.nodes[b, FIRST_CHILD]
+    farther = hulls.nodes[b, SECOND_CHILD]
+    to_nearer = minus(center, row_at(hulls.boxes[nearer], CENTER))
+    to_farther = minus(center, row_at(hulls.boxes[farther], CENTER))
+    if dot(to_nearer, to_nearer) > dot(to_farther, to_farther):
+        nearer, farther = farther, nearer
+    scratch[row, 0] = a
+    scratch[row, 1] = farther
+    scratch[row + 1, 0] = a
+    scratch[row + 1, 1] = nearer
+
+
+@internal
+def hull_slack(
+    hulls: Hulls, a: int, b: int, motion: RelativeMotion, speed: float, enough: float, n: Row
+) -> tuple[float, bool]:
+    """Bound (distance - required distance) of two hulls from below; see :func:`tree_slack`.
+
+    Also returns whether they are apart at the central moment. ``speed`` bounds the displacement of
+    the first hull. ``n``, of any length or zero, is the first direction tried. Later ones lead
+    between the nearest points that the search has found.
+    """
+    required = motion.required + hulls.boxes[a, HULL_RADIUS] + hulls.boxes[b, HULL_RADIUS]
+    best = -math.inf
+    gap = -math.inf
+    length = math.inf
+    # The simplex of differences of corners that is nearest to the origin, with ``count`` corners.
+    p = q = r = (0.0, 0.0, 0.0)
+    count = 0
+    for _ in range(MAX_GJK_STEPS):
+        square = dot(n, n)
+        if not 1e-200 < square < math.inf:
+            # No direction is left; at first, any will do.
+            if count:
+                break
+            n = (1.0, 0.0, 0.0)
+            square = 1.0
+        n = scale_vector(n, 1.0 / math.sqrt(square))
+        a_point, high = support_point(hulls, a, rotate_back(motion.matrix, n))
+        b_point, low = support_point(hulls, b, scale_vector(n, -1.0))
+        # The gap between the projections onto n bounds the distance from below.
+        gap_along = -low - high - dot(n, motion.position)
+        if gap_along - required > gap:
+            gap = gap_along - required
+            limits = gap_along, required, speed, enough
+            best = max(best, slack_along(hulls, a, motion, n, a_point, low, limits))
+            if best > enough:
+                break
+        # The distance is at least any gap between projections, and at most the length of the vector
+        # found.
+        if length <= required:
+            break
+        # If no better direction could be enough, the caller halves the motion.
+        largest_slack = best + length - required - gap
+        if gap > 0.0 and speed > 0.0 and largest_slack <= enough:
+            best = largest_slack
+            break
+        # The nearest points are found up to rounding.
+        if count and length - gap_along <= 1e-10 * length:
+            break
+        # Go on from the corners that are farthest along n.
+        posed_point = apply_pose(motion.matrix, motion.position, a_point)
+        n, p, q, r, count = nearest_in_simplex(minus(b_point, posed_point), p, q, r, count)
+        before = length
+        length = math.sqrt(dot(n, n))
+        if count == 4 or not length < before:
+            break
+    return best, gap > 0.0
+
+
+@internal
+def slack_along(
+    hulls: Hulls,
+    a: int,
+    motion: RelativeMotion,
+    n: Row,
+    a_point: Row,
+    low: float,
+    limits: tuple[float, float, float, float],
+) -> float:
+    """Bound (distance - required distance) of two hulls from below by projections onto n.
+
+    The bound is that of any motion up to a speed, or that of the linear motion if larger. ``low``
+    is the coordinate of the second hull along -n. ``limits`` are the central gap, the required
+    distance, the speed, and the slack that is enough.
+    """
+    gap, required, speed, enough = limits
+    slack = gap - required - speed
+    allowance = required + motion.curvature_bound
+    # Along n the motion may be shorter than ``speed``.
+    if slack <= enough and motion.half_time > 0.0:
+        # This corner bounds the slack from above, so the motion is not proven: callers take no more
+        # from a result of at most ``enough`` of a motion than that it must be halved.
+        posed_point = apply_pose(motion.matrix, motion.position, a_point)
+        velocity = add_scaled(motion.velocity, cross(motion.spin, posed_point), 1.0)
+        largest_slack = gap - allowance - motion.half_time * abs(dot(n, velocity))
+        if largest_slack <= enough:
+            return max(slack, largest_slack)
+        for time in (-motion.half_time, motion.half_time):
+            # The projection along n of the body moved for that time is one along m now.
+            m = add_scaled(n, cross(n, motion.spin), time)
+            _, high = support_point(hulls, a, rotate_back(motion.matrix, m))
+            gap_then = -low - high - dot(m, motion.position) - time * dot(n, motion.velocity)
+            gap = min(gap, gap_then)
+        slack = max(slack, gap - allowance)
+    return slack
+
+
+@internal
+def support_point(hulls: Hulls, node: int, n: Row) -> tuple[Row, float]:
+    """Return the farthest corner of a node's hull along n, and its coordinate along n."""
+    first = hulls.nodes[node, FIRST_CORNER]
+    stop = hulls.nodes[node, STOP_CORNER]
+    x, y, z = n
+    if first == stop:
+        # A leaf that fills its axis-aligned box has no stored corners.
+        center = row_at(hulls.boxes[node], CENTER)
+        half = row_at(hulls.boxes[node], HALF_SIDES)
+        corner = (
+            center[0] + math.copysign(half[0], x),
+            center[1] + math.copysign(half[1], y),
+            center[2] + math.copysign(half[2], z),
+        )
+        return corner, dot(corner, n)
+    xs, ys, zs = hulls.corners[0], hulls.corners[1], hulls.corners[2]
+    highest = -math.inf
+    farthest = 0
+    for k in range(first, stop):
+        height = x * xs[k] + y * ys[k] + z * zs[k]
+        if height > highest:
+            highest = height
+            farthest = k
+    return (xs[farthest], ys[farthest], zs[farthest]), highest
+
+
+@internal
+def nearest_in_simplex(
+    new: Row, a: Row, b: Row, c: Row, count: int
+) -> tuple[Row, Row, Row, Row, int]:
+    """Add a corner to a simplex; find its point nearest the origin.
+
+    The simplex has ``count`` corners, from 0 to 3, among ``a``, ``b`` and ``c``; unused places
+    repeat a corner. Returns the nearest point, three corners of its face, padded likewise, and
+    their number. The number is 4 if the tetrahedron contains the origin; the point then has no
+    meaning. E. G. Gilbert, D. W. Johnson and S. S. Keerthi, 1988 (GJK).
+    """
+    if count == 0:
+        return nearest_in_triangle(new, new, new)
+    if count == 1:
+        return nearest_in_triangle(new, a, a)
+    if count == 2:
+        return nearest_in_triangle(new, a, c)  # b repeats a or c
+    # Find the barycentric weights of the origin by Cramer's rule; the new corner has the remaining
+    # weight.
+    origin = scale_vector(new, -1.0)
+    to_a = minus(a, new)
+    to_b = minus(b, new)
+    to_c = minus(c, new)
+    volume = dot(to_a, cross(to_b, to_c))
+    weight_a = dot(origin, cross(to_b, to_c)) / volume
+    weight_b = dot(to_a, cross(origin, to_c)) / volume
+    weight_c = dot(to_a, cross(to_b, origin)) / volume
+    is_inside = min(weight_a, weight_b, weight_c) >= 0.0 and weight_a + weight_b + weight_c <= 1.0
+    if volume != 0.0 and is_inside:
+        return origin, a, b, c, 4
+    # Skip the face (a, b, c): the new corner lies on the origin's side of it, so a nearer point is
+    # on another face.
+    best = nearest_in_triangle(new, a, b)
+    for first, second in ((b, c), (c, a)):
+        other = nearest_in_triangle(new, first, second)
+        if dot(other[0], other[0]) < dot(best[0], best[0]):
+            best = other
+    return best
+
+
+@internal
+def nearest_in_triangle(a: Row, b: Row, c: Row) -> tuple[Row, Row, Row, Row, int]:
+    """Find the point of a triangle nearest the origin; its corners may coincide.
+
+    Returns the point, the corners of its corner, edge or face, padded to three, and their number,
+    from 1 to 3.
+    """
+    # The point is a + s (b - a) + t (c - a). On a corner or edge, a weight is exactly 0, or 1.
+    s, t = triangle_weights(a, b, c)
+    if s == 0.0 and t == 0.0:
+        return a, a, a, a, 1
+    if s == 1.0:
+        return b, b, b, b, 1
+    if t == 1.0:
+        return c, c, c, c, 1
+    ab, ac = minus(b, a), minus(c, a)
+    if t == 0.0:
+        return add_scaled(a, ab, s), a, b, b, 2
+    if s == 0.0:
+        return add_scaled(a, ac, t), a, c, c, 2
+    if s + t == 1.0:
+        return add_scaled(b, minus(c, b), t), b, c, c, 2
+    n = cross(ab, ac)
+    return scale_vector(n, dot(n, a) / dot(n, n)), a, b, c, 3

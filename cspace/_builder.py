@@ -1,0 +1,599 @@
+"""``build``: from a workspace and a robot to the certified map of the robot's configurations.
+
+``suggest`` returns the spacing and the rotation cells with which a map decides passages of a width.
+
+A cell is proven FREE if the outer raster of the robot, moved there, overlaps no outer cell of the
+workspace, and BLOCKED if the inner raster overlaps an inner cell (see
+``docs/explanation/certificate.md``).
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Literal, TypedDict, Unpack, overload
+
+import numpy as np
+import scipy  # loads its submodules on first use
+from numpy.typing import ArrayLike
+
+from cspace._engines import ENGINES, METHODS, choose_engine
+from cspace._engines.slices import (
+    Progress,
+    RasterPair,
+    fill_states,
+    group_rasters,
+    raster_bytes,
+    slice_rasters,
+)
+from cspace._grid import MAX_COORDINATE, SLACK, Grid
+from cspace._limits import bytes_text, check_memory, map_bytes
+from cspace._record.contents import Contents
+from cspace._record.exterior import OUTSIDES
+from cspace._robot import GROWN, Robot, robot_of
+from cspace._rotations import Rotations
+from cspace._rotations.base import ANGLE_SLACK
+from cspace._rotations.quaternion import MAX_ANGLE_TIMES_PARTS, MAX_PARTS_PER_AXIS
+from cspace._rotations.yaw import MAX_YAW_CELLS
+from cspace._space import CSpace
+from cspace._support.arrays import Floats
+from cspace._support.check import check_count, check_not_negative, check_positive, check_word
+from cspace._support.reporting import warn_user
+from cspace._support.words import Method, Outside
+from cspace._workspace import Workspace, covering_shape, load_workspace
+from cspace.errors import InputError, UnitWarning
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+    from cspace._shapes import ShapeLike
+    from cspace._shapes.shape import Shape
+    from cspace._tiles.space import TiledCSpace
+
+MAX_OPEN_SIZE_RATIO: Final = 10.0
+"""Longest side of a robot over that of a workspace without walls, above which a unit is wrong."""
+
+MIN_ROBOT_CELLS: Final = 0.02
+"""Longest side of a robot, in cells, below which its unit is probably wrong."""
+
+MAX_ORIGIN_SIZES: Final = 10.0
+"""Distance of a robot from its reference point, in its longest sides, that suggests an error."""
+
+RATE: Final = 2.0 * (1.0 + 1e-4)
+"""Constant of the theorem in ``docs/explanation/convergence.md``, with room for rounding."""
+
+MAX_WIDTH_DIRECTIONS: Final = 4096
+"""Maximum number of directions in which a robot's width is measured."""
+
+MAX_EXAMINED_CELLS: Final = 10_000_000
+"""Maximum number of cells of a workspace that is examined if its map has no FREE cell."""
+
+_TURN_AXES: Final = {"fixed": 0, "yaw": 1, "all": 3}
+"""Dimensions of the rotations of a suggestion."""
+
+
+class BuildOptions(TypedDict, total=False):
+    """Options of :func:`build` for maps in memory and in stores."""
+
+    rotations: int | ArrayLike | Rotations | None
+    inner: bool
+    counts: bool
+    method: Method
+    outside: Outside
+    margin: float
+    workers: int | None
+    progress: Progress | None
+
+
+@overload
+def build(
+    workspace: Workspace,
+    robot: Robot | ShapeLike,
+    *,
+    store: None = None,
+    **options: Unpack[BuildOptions],
+) -> CSpace: ...
+@overload
+def build(
+    workspace: Workspace,
+    robot: Robot | ShapeLike,
+    *,
+    store: str | os.PathLike[str],
+    tile: int | Sequence[int] = 4096,
+    client: Client | None = None,
+    **options: Unpack[BuildOptions],
+) -> TiledCSpace: ...
+def build(
+    workspace: Workspace,
+    robot: Robot | ShapeLike,
+    *,
+    rotations: int | ArrayLike | Rotations | None = None,
+    inner: bool = True,
+    counts: bool = False,
+    method: Method = "auto",
+    outside: Outside = "blocked",
+    margin: float = 0.0,
+    workers: int | None = None,
+    progress: Progress | None = None,
+    store: str | os.PathLike[str] | None = None,
+    tile: int | Sequence[int] = 4096,
+    client: Client | None = None,
+) -> CSpace | TiledCSpace:
+    """Build the map of a robot's configurations.
+
+    The robot translates and may rotate.
+
+    Parameters
+    ----------
+    workspace : Workspace
+        The obstacles, in the plane or in space.
+    robot : Robot, or shape
+        The robot, of the same dimension. A shape (a ``trimesh.Trimesh``, a shapely polygon, a
+        short text of :meth:`Robot.parse`, or any other argument of :meth:`CSpace.add_obstacle`)
+        is a robot with its reference point at the origin of the shape.
+    rotations : int, array-like or Rotations, optional
+        Rotation cells; if left out, the robot does not rotate. For rotations in the plane, or about
+        z in space: the number of equal yaw cells, the first centred at 0, or the boundaries of the
+        cells in radians, ascending over 2 pi. For all rotations in space:
+        :meth:`cspace.Rotations.quaternions`. FREE and BLOCKED are then proven for every position
+        and every rotation in a cell. Slices that are equal by a symmetry of the robot are stored
+        once.
+    inner : bool
+        Also prove cells BLOCKED. Otherwise every cell that is not FREE is MIXED, at half the work.
+    counts : bool
+        Store the overlap counts of the outer rasters as :attr:`CSpace.overlap_counts`.
+    method : {"auto", "fft", "direct"}
+        The engine; the map is the same, cell for cell. "fft" correlates by transforms. "direct"
+        dilates 64 cells at a time. "auto" selects "direct", unless the robot has very many rows, or
+        counts are requested, which need transforms.
+    outside : {"blocked", "free"}
+        State of all space outside the workspace's bounds.
+    margin : float
+        Metres by which the robot is grown for FREE; BLOCKED is proven for the robot without the
+        margin.
+    workers : int, optional
+        Threads; by default one for each core that the process may use.
+    progress : callable, optional
+        Called with (steps done, all steps); a step is a tile if there is a store.
+    store : path-like, optional
+        Folder to build the map into, tile by tile, for maps that do not fit into memory; see
+        ``docs/howto/large_maps.md``. The same call resumes an interrupted build. Overlap counts are
+        not stored.
+    tile : int or sequence of int
+        Largest number of cells of a tile along each axis. The longest sides are halved until a tile
+        has at most 2^28 states.
+    client : dask.distributed.Client, optional
+        Cluster whose workers make the tiles; threads of this process if left out. All workers must
+        see the folder of the store.
+
+    Returns
+    -------
+    CSpace
+        With a store, a :class:`cspace.TiledCSpace`.
+
+    Raises
+    ------
+    InputError
+        If an argument is invalid, the robot is far too large for the workspace's spacing, or the
+        map does not fit into free memory; the message names settings that fit.
+    FileError
+        If the store is of another map or cannot be written, or the workspace changes while it is
+        read.
+
+    Warns
+    -----
+    UnitWarning
+        If the robot is larger than the workspace, smaller than a fiftieth of a cell, or farther
+        from its reference point than ten times its size, as in another unit than the metre. A
+        point raises no warning. Without walls (``outside="free"``), the robot may be ten times as
+        large as the workspace.
+    UserWarning
+        If no cell is FREE; the message says why, as far as it is known.
+
+    References
+    ----------
+    L. E. Kavraki, "Computation of configuration-space obstacles using the fast Fourier
+    transform", 1995.
+
+    Examples
+    --------
+    >>> import numpy as np, cspace
+    >>> occupied = np.zeros((40, 30), dtype=bool)
+    >>> occupied[20, :20] = True
+    >>> space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), cspace.Robot.disc(0.3))
+    >>> space.is_free([1.0, 1.5])
+    True
+    """
+    # Check all arguments before any work.
+    margin = check_not_negative(margin, "margin", GROWN)
+    cells = Rotations.of(rotations)
+    _check_types(workspace, robot)
+    robot = robot_of(robot)
+    _check(workspace, robot, cells, method, counts, outside, workers)
+    explained = _warn_of_units(workspace.grid, robot, cells, margin, outside)
+    if store is not None:  # build tile by tile, into a folder
+        from cspace._tiles.build import build_tiles
+        from cspace._tiles.space import TiledCSpace
+
+        if counts:
+            hint = "leave it out and build windows of the map with counts"
+            raise InputError("counts", "is True with a store", "a store has no counts", hint)
+        folder = build_tiles(
+            workspace,
+            robot,
+            store,
+            tile,
+            build=build_contents,
+            method=method,
+            inner=inner,
+            client=client,
+            workers=workers,
+            progress=progress,
+            rotations=cells,
+            outside=outside,
+            margin=margin,
+        )
+        tiled = TiledCSpace(folder)
+        if not (explained or tiled.count()[0]):
+            _warn_of_nothing_free(tiled, margin)
+        return tiled
+    if client is not None:
+        hint = "pass store='map.zarr'"
+        raise InputError("client", "is given without a store", "its workers make tiles", hint)
+    contents, rasters = build_contents(
+        load_workspace(workspace),
+        robot,
+        cells,
+        inner=inner,
+        counts=counts,
+        method=method,
+        outside=outside,
+        margin=margin,
+        workers=workers,
+        progress=progress,
+    )
+    space = CSpace(contents, rasters)
+    if not explained and contents.states.view(np.bool_).all():  # FREE is 0
+        _warn_of_nothing_free(space, margin)
+    return space
+
+
+def build_contents(
+    workspace: Workspace,
+    robot: Robot,
+    rotations: Rotations,
+    *,
+    inner: bool,
+    counts: bool = False,
+    method: Method,
+    outside: Outside,
+    margin: float,
+    workers: int | None,
+    progress: Progress | None = None,
+) -> tuple[Contents, list[RasterPair]]:
+    """Build a map of checked arguments, see :func:`build`, with the robot's rasters."""
+    grid = workspace.grid
+    slice_of = rotations.assign_slices(robot.shape)
+    n_slices = int(slice_of.max()) + 1
+    # Refuse what does not fit into memory, then rasterize the robot, then correlate.
+    states_bytes = map_bytes(grid.shape, n_slices, counts)
+    rasters_bytes = raster_bytes(robot, grid.spacing, margin, rotations, n_slices)
+    check_memory(states_bytes + rasters_bytes, "the map", grid, slices=n_slices)
+    rasters = slice_rasters(robot, grid.spacing, margin, rotations)
+    groups = group_rasters(rasters, inner)
+    outer_rasters = groups[0]
+    name = choose_engine(outer_rasters, counts=counts) if method == "auto" else method
+    states = np.empty((n_slices, *grid.shape), dtype=np.uint8)
+    overlaps = np.empty(states.shape, dtype=np.int32) if counts else None
+    cells = workspace.outer, workspace.inner
+    fill_states(ENGINES[name], outside, cells, groups, states, overlaps, workers, progress)
+    contents = Contents(
+        workspace,
+        robot,
+        rotations,
+        slice_of,
+        states,
+        outside,
+        margin,
+        overlap_counts=overlaps,
+        proves_blocked=inner,
+    )
+    return contents, rasters
+
+
+def _check_types(workspace: object, robot: object) -> None:
+    """Raise InputError unless a workspace and perhaps a robot are given."""
+    if not isinstance(workspace, Workspace):
+        hint = "call build(workspace, robot), e.g. with Workspace.from_array(...) first"
+        if isinstance(workspace, str | os.PathLike) and not isinstance(robot, Workspace):
+            hint = f"read the file first: Workspace.open({os.fspath(workspace)!r})"
+        problem = f"is a {type(workspace).__name__}"
+        raise InputError("workspace", problem, "it must be a Workspace", hint)
+    if isinstance(robot, Workspace):
+        hint = "call build(workspace, robot), e.g. with Robot.parse('disc:0.3') second"
+        raise InputError("robot", "is a Workspace", "it must be a Robot", hint)
+
+
+def _check(
+    workspace: Workspace,
+    robot: Robot,
+    rotations: Rotations,
+    method: Method,
+    counts: bool,
+    outside: Outside,
+    workers: int | None,
+) -> None:
+    """Raise InputError if an argument is invalid."""
+    # The robot fits the workspace, the rotations fit the robot, and each word is known.
+    if workspace.grid.dim != robot.dim:
+        problem = f"has {robot.dim} dimensions but the workspace has {workspace.grid.dim}"
+        hint = "use a robot in space, or a workspace in the plane"
+        if robot.dim == 3:
+            hint = "use robot.footprint()"
+        raise InputError("robot", problem, "they must agree", hint)
+    rotations.check_dimension(robot.dim)
+    if workers is not None:
+        check_count(workers, "workers", 1, hint="leave it out for all cores")
+    check_word(method, "method", METHODS, "leave it out")
+    if counts and method != "auto" and not ENGINES[method].COUNTS:
+        problem = f"is {method!r} and counts is True"
+        hint = "use method='fft' or method='auto'"
+        raise InputError("method", problem, "only transforms give counts", hint)
+    check_word(outside, "outside", OUTSIDES)
+
+
+def _warn_of_units(
+    grid: Grid,
+    robot: Robot,
+    rotations: Rotations,
+    margin: float,
+    outside: Outside,
+) -> bool:
+    """Warn if a robot's size or place suggests another unit or origin.
+
+    Returns True if the warning says why no cell is FREE.
+    """
+    lower, upper = robot.shape.outer.bounds
+    sides = upper - lower
+    workspace_sides = grid.spacing * np.array(grid.shape)
+    size = float(sides.max())
+    distance = float(np.linalg.norm(np.maximum(np.maximum(lower, -upper), 0.0)))
+    fits = _may_fit(sides + 2.0 * margin, workspace_sides, rotations)
+    if outside == "blocked" and not fits:
+        grown = f"with a margin of {margin:g} m, " if margin > 0.0 else ""
+        workspace_text = _sides_text(workspace_sides)
+        problem = (
+            f"{grown}the workspace is {workspace_text}, so it fits nowhere and no cell is FREE"
+        )
+        hint = "check the units of both (metres, not millimetres), and the workspace's bounds"
+    elif outside == "free" and size > MAX_OPEN_SIZE_RATIO * workspace_sides.max():
+        problem = f"the workspace is only {_sides_text(workspace_sides)}"
+        hint = "check the units of both (metres, not millimetres)"
+    elif 0.0 < size < MIN_ROBOT_CELLS * grid.spacing:
+        share = f"1/{1.0 / MIN_ROBOT_CELLS:g}"
+        problem = f"less than {share} of a cell of {grid.spacing:g} m, so it counts as a point"
+        hint = "check its unit (metres, not kilometres): scale it, or use a smaller spacing"
+    elif distance > MAX_ORIGIN_SIZES * size > 0.0:
+        center = (lower + upper) / 2.0
+        move = ", ".join(f"{0.0 - coordinate:g}" for coordinate in center)  # no "-0"
+        problem = f"it lies {distance:g} m from its origin, the reference point of configurations"
+        hint = f"move its center there, by ({move}) m, and check the units (metres)"
+    else:
+        return False
+    warn_user(f"the robot is {_sides_text(sides)} large; {problem}; {hint}", UnitWarning)
+    return outside == "blocked" and not fits
+
+
+def _warn_of_nothing_free(space: CSpace | TiledCSpace, margin: float) -> None:
+    """Warn that a map has no FREE cell, and say why as far as it is known."""
+    _, mixed, blocked = space.count()
+    reason = "the robot, with its margin, fits nowhere between the obstacles"
+    hint = "use a smaller robot or margin, and check the units (metres)"
+    if mixed:
+        reason = f"{mixed:,} of {mixed + blocked:,} cells are MIXED, undecided at this spacing"
+        hint = "use a smaller spacing, or a smaller robot or margin"
+    if isinstance(space, CSpace) and space.grid.size <= MAX_EXAMINED_CELLS:
+        reason, hint = _find_obstruction(space, margin) or (reason, hint)
+    warn_user(f"no cell of the map is FREE: {reason}; {hint}")
+
+
+def _find_obstruction(space: CSpace, margin: float) -> tuple[str, str] | None:
+    """Return why no cell of a map can be FREE, and a hint; None if it is not known."""
+    workspace = space.workspace
+    if workspace.outer.all():
+        if workspace.unknown is None:
+            hint = "check the bounds and, for an image, threshold and dark"
+            return "every cell of the workspace is occupied", hint
+        unknown = np.count_nonzero(workspace.unknown)
+        reason = f"{unknown:,} of {space.grid.size:,} cells are unknown, and the others occupied"
+        hint = "pass unknown='free' for a sensor map, or put a transparent image on white"
+        return reason, hint
+    distances = scipy.ndimage.distance_transform_edt(~workspace.outer)
+    widest = space.grid.spacing * float(distances.max())
+    needed = margin
+    if space.grid.dim == 2:
+        needed += space.robot.shape.inner.inscribed_radius
+    if needed <= widest:
+        return None
+    reason = (
+        f"the widest free disc has a radius of {widest:.3g} m, and the robot with its margin needs "
+        f"{needed:.3g} m"
+    )
+    return reason, "use a smaller robot or margin, and check the units (metres)"
+
+
+def _may_fit(sides: Floats, workspace_sides: Floats, rotations: Rotations) -> bool:
+    """Return False if a box fits nowhere in a workspace, however it turns.
+
+    A box longer than the diagonal of the axes that rotations mix does not fit. Without rotations,
+    each axis counts alone; yaw mixes x and y.
+    """
+    mixed_axes = 1
+    if rotations.names:
+        mixed_axes = 3 if "qw" in rotations.names else 2
+    longest = [sides[:mixed_axes].max(), *sides[mixed_axes:]]
+    diagonals = [np.linalg.norm(workspace_sides[:mixed_axes]), *workspace_sides[mixed_axes:]]
+    return bool((np.array(longest) <= (1.0 + SLACK) * np.array(diagonals)).all())
+
+
+def _sides_text(sides: Floats) -> str:
+    """Format the sides of a box, metres."""
+    return " x ".join(f"{side:.6g} m" for side in sides)
+
+
+# ---- suggestions ---------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Suggestion:
+    """Settings of a map that decides passages of a width; see :func:`suggest`.
+
+    Attributes
+    ----------
+    spacing : float
+        Side of a cell, metres.
+    rotations : Rotations or None
+        Rotation cells for :func:`build`; None if the robot need not turn.
+    memory : int
+        Bytes of the map's states. :func:`build` needs some hundred megabytes more.
+    """
+
+    spacing: float
+    rotations: Rotations | None
+    memory: int
+
+    def __str__(self) -> str:
+        """Return the settings in words."""
+        turns = "no rotations" if self.rotations is None else str(self.rotations)
+        return f"spacing {self.spacing:g} m, {turns}, {bytes_text(self.memory)} of states"
+
+
+def suggest(
+    workspace: Workspace,
+    robot: Robot | ShapeLike,
+    *,
+    gap: float,
+    rotations: Literal["fixed", "yaw", "all"] = "yaw",
+) -> Suggestion:
+    """Suggest the spacing and rotations that decide passages of a width.
+
+    A map with these settings connects the ends of every straight passage between parallel walls at
+    least `gap` apart, if the robot can turn to its narrowest direction before it. Let d be `gap`
+    less the width of the robot in that direction. A gap between walls thicker than
+    ``2 * sqrt(dim) * spacing`` is proven shut if it is narrower by d than the diameter of a ball in
+    the robot. An exception is a robot that may pass it with its reference point beyond the map.
+
+    Parameters
+    ----------
+    workspace : Workspace
+        Its extents count. Its spacing does not, so make it again with the one suggested.
+    robot : Robot, or shape
+        As for :func:`build`.
+    gap : float
+        Width of the narrowest passage to find, metres, above the width of the robot.
+    rotations : {"yaw", "all", "fixed"}
+        How the robot turns: by its yaw, through passages with vertical walls in space; by all
+        rotations of space; or not at all, so that its widest direction counts.
+
+    Returns
+    -------
+    Suggestion
+        With attributes `spacing`, `rotations` and `memory`.
+
+    Raises
+    ------
+    InputError
+        If an argument is invalid, the gap is no wider than the robot, or it is so narrow that the
+        map has too many cells or rotations.
+
+    References
+    ----------
+    ``docs/explanation/convergence.md`` has the theorem.
+
+    Examples
+    --------
+    >>> import cspace, shapely
+    >>> bounds = (0, 0, 10, 8)
+    >>> wall = shapely.box(4, 0, 5, 6)
+    >>> workspace = cspace.Workspace.from_polygons([wall], spacing=0.1, bounds=bounds)
+    >>> print(cspace.suggest(workspace, "rect:0.9x0.6", gap=0.8))
+    spacing 0.0238 m, 104 rotations, 7.38 MB of states
+    """
+    gap = check_positive(gap, "gap")
+    check_word(rotations, "rotations", tuple(_TURN_AXES))
+    _check_types(workspace, robot)
+    robot = robot_of(robot)
+    _check(workspace, robot, Rotations.of(None), "auto", False, "blocked", None)
+    turn_axes = _TURN_AXES[rotations]
+    if turn_axes == 3:
+        Rotations.quaternions(1).check_dimension(robot.dim)
+    if robot.shape.is_round or (turn_axes == 1 and robot.shape.is_round_about_z):
+        turn_axes = 0
+    width, reach = _measure_robot(robot.shape, rotations)
+    if gap <= width:
+        problem = f"is {gap:g} m and the robot is {width:.6g} m wide"
+        raise InputError("gap", problem, "it must be wider than the robot", "pass a wider gap")
+    # The largest sum of the diagonal of a cell and of the displacement in a rotation cell.
+    budget = (gap - width) / 2.0 / RATE
+    cells = None
+    if turn_axes:
+        # With this share, the map has the fewest states.
+        displacement = budget * turn_axes / (robot.dim + turn_axes)
+        cells = _choose_rotations(turn_axes, displacement / reach)
+        budget -= 2.0 * reach * math.sin(float(cells.covering_angles.max()) / 2.0)
+    spacing = budget / math.sqrt(robot.dim)
+    extents = workspace.grid.spacing * np.array(workspace.grid.shape)
+    if extents.max() >= MAX_COORDINATE * spacing:
+        problem = f"needs cells of {spacing:.3g} m"
+        rule = f"a map may have {MAX_COORDINATE:.0f} cells along an axis"
+        raise InputError("gap", problem, rule, "pass a wider gap, or a smaller workspace")
+    digits = 2 - math.floor(math.log10(spacing))
+    spacing = math.floor(spacing * 10.0**digits) / 10.0**digits
+    slices = 1 if cells is None else int(cells.assign_slices(robot.shape).max()) + 1
+    shape = covering_shape(np.stack([np.zeros_like(extents), extents]), spacing)
+    return Suggestion(spacing, cells, slices * math.prod(shape))
+
+
+def _measure_robot(shape: Shape, rotations: str) -> tuple[float, float]:
+    """Return the width of a robot in its passage, and its reach from its axis; metres.
+
+    The width is that in the narrowest direction if the robot turns, of the directions that are
+    tried, and otherwise that in its widest. The reach is the largest distance of its points from
+    the z axis, or from the reference point for all rotations.
+    """
+    from scipy.spatial import ConvexHull
+
+    lower, upper = shape.outer.bounds
+    if shape.is_round:
+        return float(upper[0] - lower[0]), float(upper[0])
+    if rotations == "fixed":
+        return float(np.linalg.norm(upper - lower)), 0.0
+    simplices, simplex_radii = shape.outer.boundary()
+    axes = 2 if rotations == "yaw" else 3
+    points = simplices[..., :axes].reshape(-1, axes)
+    radii = np.repeat(simplex_radii, simplices.shape[1])
+    reach = float((np.linalg.norm(points, axis=1) + radii).max())
+    # The width in any direction is an upper bound. The faces of a hull have the narrowest ones; a
+    # radius above zero keeps the hull of a flat robot from being flat.
+    steps = np.concatenate([np.eye(axes), -np.eye(axes)])
+    tips = points[:, None] + np.maximum(radii, 1e-6 * reach)[:, None, None] * steps
+    normals = ConvexHull(tips.reshape(-1, axes)).equations[:, :axes]
+    tried = normals[:: 1 + len(normals) // MAX_WIDTH_DIRECTIONS]
+    widths = [np.ptp([points @ n - radii, points @ n + radii]) for n in tried]
+    return float(min(widths)), reach
+
+
+def _choose_rotations(turn_axes: int, chord: float) -> Rotations:
+    """Return the fewest rotation cells in which a point at distance 1 moves by at most a chord."""
+    angle = 2.0 * math.asin(min(chord / 2.0, 1.0)) - 2.0 * ANGLE_SLACK
+    most = MAX_YAW_CELLS if turn_axes == 1 else MAX_PARTS_PER_AXIS
+    parts = math.pi if turn_axes == 1 else MAX_ANGLE_TIMES_PARTS
+    if parts > most * angle:
+        problem = f"needs rotation cells smaller than {math.degrees(parts / most):.2g} degrees"
+        raise InputError("gap", problem, "these are the smallest", "pass a wider gap")
+    if turn_axes == 3:
+        return Rotations.quaternions(math.ceil(parts / angle))
+    # Robots with symmetries share the slices of a multiple of 4.
+    return Rotations.of(4 * math.ceil(parts / angle / 4.0))

@@ -1,0 +1,119 @@
+"""The command line.
+
+Heavy modules are imported only when a command runs, so that ``--help`` is fast.
+"""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from collections.abc import Callable
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from cspace._cli.compile import compile_ahead
+from cspace._cli.config import config
+from cspace._cli.info import info
+from cspace._cli.maps import export, make, picture, view
+from cspace._cli.planning import demo, explain, plan
+from cspace._cli.report import format_error, join_lines, option_names
+from cspace.errors import AngleWarning, CspaceError
+
+_USAGE_ERRORS: tuple[Any, ...] = typer.BadParameter.__mro__[1:2]
+"""The base class of typer's usage errors; its name depends on the version of typer."""
+
+
+class _Commands(TyperGroup):
+    """Commands whose errors and warnings are printed as one line each."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run a command; print errors and exit with code 2 or 130."""
+
+        def print_warning(message: Warning | str, *_: Any, **__: Any) -> None:
+            typer.echo(f"cspace: warning: {join_lines(str(message))}", err=True)
+
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("default", UserWarning)
+                # Options state the unit of an angle; files do not.
+                warnings.filterwarnings("ignore", r".*numpy\.radians", AngleWarning)
+                warnings.showwarning = print_warning
+                return super().invoke(ctx)
+        except BrokenPipeError:
+            raise
+        except CspaceError as error:
+            command = self.commands.get(ctx.invoked_subcommand or "")
+            problem = format_error(error, option_names(command))
+        except _USAGE_ERRORS as error:  # e.g. an option without its value
+            path = error.ctx.command_path if error.ctx else "cspace"
+            message = join_lines(error.format_message()).removesuffix(".")
+            problem = f"{message}; see {path} --help"
+        except OSError as error:
+            problem = join_lines(str(error))
+        except MemoryError as error:
+            problem = f"out of memory: {error}; a map must fit in memory; use larger cells"
+        except KeyboardInterrupt:
+            typer.echo("cspace: interrupted", err=True)
+            raise typer.Exit(130) from None
+        typer.echo(f"cspace: {problem}", err=True)
+        raise typer.Exit(2)
+
+
+app = typer.Typer(
+    cls=_Commands,
+    help="Certified configuration-space maps: build them, look at them, plan on them, export them.",
+    epilog="Exit codes: 0 done, 1 no path found, 2 bad input, 130 interrupted.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def _print_version(wanted: bool) -> None:
+    """Print the version and stop, if ``--version`` is given."""
+    if wanted:
+        from cspace import __version__
+
+        typer.echo(f"cspace {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=_print_version, is_eager=True, help="Print the version and stop."
+        ),
+    ] = False,
+) -> None:
+    pass
+
+
+_COMMANDS: dict[str, Callable[..., None]] = {
+    "demo": demo,
+    "map": make,
+    "plan": plan,
+    "explain": explain,
+    "info": info,
+    "plot": picture,
+    "view": view,
+    "export": export,
+    "compile": compile_ahead,
+    "config": config,
+}
+for _name, _command in _COMMANDS.items():
+    app.command(_name)(_command)
+
+
+def main() -> None:
+    """Run the command line and exit with its code."""
+    try:
+        app(prog_name="cspace")
+    except KeyboardInterrupt:
+        # The handler of the commands does not cover the time before and after a command.
+        sys.exit(130)

@@ -1,0 +1,43 @@
+"""Command that compiles ahead, by small jobs."""
+
+from __future__ import annotations
+
+import logging
+import tempfile
+from pathlib import Path
+
+from cspace._cli.options import Json
+from cspace._cli.report import Clock, show
+from cspace.errors import InputError
+
+
+def compile_ahead(as_json: Json = False) -> None:
+    """Compile ahead what maps, plans and arms need.
+
+    Without it, each function is compiled at its first call. Run it while you make the image of a
+    container, as the user of the container.
+    """
+    from cspace._cli.demo import write_inputs
+    from cspace._cli.jobs import JOBS
+    from cspace._support import compiling
+
+    folder = compiling.cache_folder()
+    if folder is None:
+        hint = "set NUMBA_CACHE_DIR to a folder that only you can write to"
+        problem = "names no safe folder"
+        rule = "compiled code is kept in one"
+        raise InputError("NUMBA_CACHE_DIR", problem, rule, hint)
+    level = compiling.LOGGER.level
+    compiling.LOGGER.setLevel(logging.ERROR)  # a long wait is what this command is for
+    clock = Clock()
+    try:
+        with tempfile.TemporaryDirectory() as inputs:
+            write_inputs(Path(inputs))
+            for name, job in JOBS.items():
+                with clock.step(name):
+                    str(job(Path(inputs)))  # the text of a plan has its proven distances
+    finally:
+        compiling.LOGGER.setLevel(level)
+    functions = len(list(folder.rglob("*.nbc")))
+    document = {"folder": str(folder), "compiled_functions": functions, "seconds": clock.seconds}
+    show(document, as_json)

@@ -1,0 +1,131 @@
+"""Files of commands: checks of outputs, path files, saved maps and stores."""
+
+from __future__ import annotations
+
+import csv
+import shutil
+from collections.abc import Collection, Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from cspace.errors import FileError, InputError
+
+
+def check_outputs(paths: Iterable[Path | None], suffixes: Collection[str], overwrite: bool) -> None:
+    """Check that output files, and images written beside them, can be written.
+
+    Raises InputError if a suffix, in lower case, is not in ``suffixes``, or if two outputs are the
+    same file; FileError if a folder is missing or not writable, or if an output exists and
+    ``overwrite`` is not set.
+    """
+    from cspace._files.access import check_output
+
+    # Each by itself, with the image of a ROS map, and then against each other.
+    outputs = [path for path in paths if path is not None]
+    for path in outputs:
+        suffix = path.suffix.lower()
+        if suffix not in suffixes:
+            problem = f"ends in {path.suffix!r}"
+            rule = "the suffix says what to write"
+            hint = f"use one of {', '.join(filter(None, suffixes))}"
+            raise InputError(str(path), problem, rule, hint)
+        check_output(path, overwrite)
+        if suffix in (".yaml", ".yml"):
+            check_output(path.with_suffix(".pgm"), overwrite)
+    if len({path.resolve() for path in outputs}) < len(outputs):
+        names = ", ".join(map(str, outputs))
+        hint = "choose another name"
+        raise InputError(names, "name a file twice", "they must differ", hint)
+
+
+def check_folder(folder: Path) -> None:
+    """Check that a folder is writable, or can be created; raise FileError otherwise."""
+    from cspace._files.access import check_output
+
+    nearest_existing = folder
+    while not nearest_existing.exists():
+        nearest_existing = nearest_existing.parent
+    check_output(nearest_existing / folder.name, overwrite=True)
+
+
+def read_path(file: Path, axes: Sequence[str]) -> list[list[float]]:
+    """Read the configurations of a path written by ``cspace plan``.
+
+    The file is CSV with a row of names and a row for each configuration, or JSON with the
+    configurations under ``path``. Raises FileError if the file cannot be read, has no path, or has
+    other axes than ``axes``.
+    """
+    import numpy as np
+
+    # First what is no table of numbers, then a table that is no path on this map.
+    columns = ", ".join(axes)
+    rule = f"the map's axes are {columns}"
+    hint = "write a path on this map with cspace plan"
+    try:
+        names, rows = _read_table(file, axes)
+        points = np.array(rows, dtype=np.float64)
+    except (ValueError, TypeError, KeyError, AttributeError, csv.Error) as error:
+        rule = f"it must be CSV with the columns {columns}, or JSON with such rows under path"
+        raise FileError(str(file), "has no path", rule, hint) from error
+    if names != list(axes):
+        raise FileError(str(file), f"has {', '.join(names)}", rule, hint)
+    if not len(points):
+        raise FileError(str(file), "has no configuration", "a path has at least one", hint)
+    if points.shape[1:] != (len(axes),):
+        raise FileError(str(file), f"has an array {points.shape}", rule, hint)
+    return [list(row) for row in points.tolist()]
+
+
+def _read_table(file: Path, axes: Sequence[str]) -> tuple[list[str], Any]:
+    """Return the names of the columns, by default ``axes``, and the rows of a path."""
+    from cspace._files.access import read_text
+    from cspace._files.plain import read_json
+
+    if file.suffix.lower() == ".json":
+        document = read_json(file, "path")
+        return list(document.get("axes", axes)), document["path"]
+    reader = csv.DictReader(read_text(file, "path").splitlines(), restval="")
+    # The path of a car has an additional column: its direction of driving.
+    names = [name for name in reader.fieldnames or () if name != "direction"]
+    rows = [[record[name] for name in names] for record in reader]
+    return names, rows
+
+
+def prepare_store(output: Path, overwrite: bool) -> None:
+    """Check that a store can be created or resumed; remove an old one if ``overwrite`` is set.
+
+    Raises InputError if the suffix is not .zarr, and
+    FileError if something else exists or the path is not writable.
+    """
+    from cspace._record.save import read_format
+
+    exists = bool(read_format(output))
+    check_outputs([output], (".zarr",), overwrite=exists)
+    if exists and overwrite:
+        shutil.rmtree(output)
+
+
+def lazy_option(workspace: Path, options: dict[str, Any]) -> dict[str, Any]:
+    """Return ``{"lazy": True}`` if cells can stay in their file, or {}."""
+    from cspace._workspace import reader_of
+
+    try:
+        reader_of(workspace, [*options, "lazy"])
+    except InputError:
+        return {}
+    return {} if options.get("solid") == "fill" else {"lazy": True}
+
+
+def select_window(space: Any, box: Sequence[float] | None) -> Any:
+    """Return a map in memory, or a window of a tiled map.
+
+    Raises InputError if the map is tiled and ``box`` is None, or the other way round.
+    """
+    if space.in_memory != (box is None):
+        problem = "is missing" if box is None else "is given"
+        rule = "export writes parts of tiled maps, and whole maps in memory"
+        raise InputError("window", problem, rule)
+    if box is None:
+        return space
+    dim = len(box) // 2
+    return space.window(box[:dim], box[dim:])

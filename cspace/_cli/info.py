@@ -1,0 +1,258 @@
+"""Command that describes a saved map, workspace, robot or arm."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
+
+import typer
+
+from cspace._cli.options import (
+    Json,
+    PackageDirs,
+    SolidMesh,
+    Srdf,
+    Visuals,
+    drop_none,
+    open_robot,
+    read_arm,
+    refuse_options,
+)
+from cspace._cli.report import ByName, show, with_unit
+
+if TYPE_CHECKING:
+    from cspace._maps import ConfigurationMap
+    from cspace._robot import Robot
+    from cspace._shapes.mesh import Solid
+    from cspace._workspace import Workspace
+    from cspace.arms import Arm
+
+FileKind = Literal["map", "workspace", "robot", "arm"]
+"""Kind of object in a file."""
+
+_OPTIONS_BY_KIND: Final[dict[FileKind, tuple[str, ...]]] = {
+    "map": (),
+    "workspace": ("spacing", "solid"),
+    "robot": ("spacing", "solid", "package_dirs", "visuals"),
+    "arm": ("solid", "srdf", "package_dirs", "visuals"),
+}
+"""Options of each kind."""
+
+
+def info(
+    file: Annotated[
+        str,
+        typer.Argument(
+            metavar="FILE", help="A saved map, a workspace, a robot (file or spec), or an arm."
+        ),
+    ],
+    kind: Annotated[
+        FileKind | None,
+        typer.Option(
+            "--as", help="What FILE holds, where its name does not tell  [default: by its name]."
+        ),
+    ] = None,
+    spacing: Annotated[
+        float | None, typer.Option(metavar="METRES", help="Side of a cell, to count cells.")
+    ] = None,
+    solid: SolidMesh = None,
+    package_dirs: PackageDirs = None,
+    visuals: Visuals = False,
+    srdf: Srdf = None,
+    as_json: Json = False,
+) -> None:
+    """Show what a map, a workspace, a robot or an arm holds.
+
+    A URDF with joints that move is an arm; --as robot shows its fixed part.
+    """
+    from cspace._opening import open_map
+    from cspace._support.check import check_positive
+
+    # Each kind has options of its own, and a function that describes it.
+    kind = kind or _guess_kind(file)
+    for_robots = drop_none(solid=solid, package_dirs=package_dirs or None, visuals=visuals or None)
+    options = {**for_robots, **drop_none(spacing=spacing, srdf=srdf)}
+    refuse_options(options, _OPTIONS_BY_KIND[kind], f"{file} is read as {kind}")
+    if spacing is not None:
+        check_positive(spacing, "spacing")
+    if kind == "map":
+        document = describe_map(open_map(file))
+    elif kind == "arm":
+        document = describe_arm(read_arm(Path(file), srdf, solid, package_dirs, visuals))
+    elif kind == "robot":
+        document = describe_robot(open_robot(file, **for_robots), spacing)
+    else:
+        document = describe_workspace(Path(file), options)
+    show({"kind": kind, **document}, as_json)
+
+
+def _guess_kind(file: str) -> FileKind:
+    """Guess the kind of object from a file's name, or from a URDF's joints."""
+    path = Path(file)
+    suffix = path.suffix.lower()
+    if suffix in (".zarr", ".npz") or path.is_dir():
+        return "map"
+    if suffix == ".urdf":
+        return "arm" if _has_moving_joints(path) else "robot"
+    link_free, _, _ = file.partition("#")  # file.urdf#link is a link of a robot
+    is_link = Path(link_free).suffix.lower() == ".urdf"
+    is_robot_text = ":" in file and not path.exists()
+    if is_link or is_robot_text:
+        return "robot"
+    return "workspace"
+
+
+def _has_moving_joints(path: Path) -> bool:
+    """Return True if a URDF has a joint that moves."""
+    from cspace._files.urdf import load_urdf
+
+    return any(joint.type != "fixed" for joint in load_urdf(path).robot.joints)
+
+
+def describe_arm(arm: Arm) -> dict[str, Any]:
+    """Describe an arm: its joints, links and pairs of links."""
+    import numpy as np
+
+    # Limits of the joints, then triangles of the links, then what may touch.
+    joints = ByName()
+    limits = np.stack([arm.lower, arm.upper], axis=1).tolist()
+    for joint, unit, (low, high) in zip(arm.joints, arm.units, limits, strict=True):
+        if math.isinf(high):
+            joints[joint] = "continuous"
+        else:
+            joints[with_unit(joint, unit)] = [low, high]
+    triangles = ByName()
+    for link in arm.links:
+        surfaces = [posed.shape.outer.surface for posed in link.parts]
+        triangles[link.name] = sum(len(faces) for _, faces in surfaces)
+    allowed = sum(triangles.keys() >= set(pair) for pair in arm.allowed_collisions)
+    forbidden = math.comb(len(triangles), 2) - allowed
+    document = {
+        "arm": arm.name,
+        "dof": arm.dof,
+        "joints": joints,
+        "triangles_of_links": triangles,
+        "pairs_of_links": {"may_touch": allowed, "may_not_touch": forbidden},
+    }
+    if arm.groups:
+        document["groups"] = ByName({name: list(group) for name, group in arm.groups.items()})
+    if arm.named_configurations:
+        named = {name: q.tolist() for name, q in arm.named_configurations.items()}
+        document["named_configurations"] = ByName(named)
+    return document
+
+
+def describe_map(space: ConfigurationMap) -> dict[str, Any]:
+    """Describe a map: its robot, grid, rotations and cheap counts."""
+    grid = space.grid
+    joints = {} if set(grid.axes) <= set("xyz") else {"joints": list(grid.axes)}
+    return {
+        "robot": space.robot.name,
+        **joints,
+        with_unit("lower", grid.unit): list(grid.lower),
+        with_unit("upper", grid.unit): list(grid.upper),
+        with_unit("spacing", grid.unit): grid.spacing,
+        "shape": list(grid.shape),
+        "outside": space.outside,
+        "margin_m": space.margin,
+        **space.rotations.facts,
+        **space.facts,
+    }
+
+
+def describe_robot(robot: Robot, spacing: float | None = None) -> dict[str, Any]:
+    """Describe a robot; with a spacing, metres, also its size in cells.
+
+    If its outer and inner shapes differ, both are described.
+    """
+    import numpy as np
+
+    from cspace._workspace import covering_shape
+
+    # One object if the shape is exact; else bounds from outside and from inside.
+    outer = robot.shape.outer
+    inner = robot.shape.inner
+    box = np.array(outer.bounds)
+    described = {**describe_box(box), **outer.facts}
+    if inner is not outer:
+        inner_described = {**describe_box(np.array(inner.bounds)), **inner.facts}
+        described = {"outer": described, "inner": inner_described}
+    document: dict[str, Any] = {"robot": robot.name, **described}
+    if spacing is not None:
+        document["cells_across"] = covering_shape(box, spacing)
+    return document
+
+
+def describe_box(corners: Any) -> dict[str, Any]:
+    """Describe a box by its corners, shape (2, d), metres."""
+    lower, upper = corners
+    return {
+        "lower_m": lower.tolist(),
+        "upper_m": upper.tolist(),
+        "extents_m": (upper - lower).tolist(),
+    }
+
+
+def describe_workspace(path: Path, options: dict[str, Any]) -> dict[str, Any]:
+    """Describe a workspace file; ``options`` are those of its reader.
+
+    Shapes are not rasterized. Raises CspaceError like :meth:`cspace.Workspace.open`.
+    """
+    from cspace._workspace import Workspace, covering_shape, reader_of
+
+    kind = reader_of(path, options).__name__
+    if kind not in ("from_mesh", "from_points", "from_polygons"):
+        return {"workspace": str(path), **_describe_cells(Workspace.open(path, **options))}
+    spacing = options.pop("spacing", None)
+    corners, facts = _measure_shapes(kind, path, **options)
+    document = {"workspace": str(path), **describe_box(corners), **facts}
+    if spacing is not None:
+        shape = covering_shape(corners, spacing)
+        document |= {"spacing_m": spacing, "shape": shape, "cells": {"total": math.prod(shape)}}
+    return document
+
+
+def _measure_shapes(kind: str, path: Path, solid: Solid = "auto") -> tuple[Any, dict[str, Any]]:
+    """Return the bounding box of the shapes in a file, and facts about them.
+
+    ``kind`` is the constructor of a workspace that reads it.
+    """
+    import numpy as np
+    import shapely
+
+    from cspace._files.points import read_points
+    from cspace._files.vector import read_shapes
+    from cspace._shapes import Mesh
+
+    if kind == "from_mesh":
+        mesh = Mesh.of(path, solid)
+        return np.array(mesh.bounds), mesh.facts
+    if kind == "from_points":
+        points = read_points(path)
+        return np.array([points.min(axis=0), points.max(axis=0)]), {"points": len(points)}
+    shapes = read_shapes(path)
+    count = int(shapely.get_num_coordinates(shapes).sum())
+    return shapely.total_bounds(shapes).reshape(2, 2), {"shapes": len(shapes), "points": count}
+
+
+def _describe_cells(workspace: Workspace) -> dict[str, Any]:
+    """Describe a workspace of cells; unknown cells of sensor maps are counted separately."""
+    import numpy as np
+
+    grid = workspace.grid
+    occupied = workspace.outer
+    counts = {}
+    if workspace.unknown is not None:
+        counts["unknown"] = int(np.count_nonzero(workspace.unknown))
+        occupied = occupied & ~workspace.unknown
+    # The kinds of cells add up to the total.
+    counts["occupied"] = int(np.count_nonzero(occupied))
+    counts["free"] = grid.size - sum(counts.values())
+    counts["total"] = grid.size
+    return {
+        **describe_box(np.array([grid.lower, grid.upper])),
+        "spacing_m": grid.spacing,
+        "shape": list(grid.shape),
+        "cells": counts,
+    }

@@ -1,0 +1,119 @@
+"""Small jobs that use what most scripts use."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import shapely
+
+import planners
+from cspace._builder import build
+from cspace._opening import open_map
+from cspace._robot import Robot
+from cspace._space import CSpace
+from cspace._workspace import Workspace
+
+_BAR: Final = (
+    '<collision><origin xyz="0.5 0 0"/><geometry><box size="1 0.1 0.1"/></geometry></collision>'
+)
+_AXIS: Final = '<axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="1" velocity="1"/>'
+_TWO_LINKS: Final = (
+    '<robot name="two"><link name="base"/>'
+    f'<link name="upper">{_BAR}</link><link name="fore">{_BAR}</link>'
+    '<joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/>'
+    f"{_AXIS}</joint>"
+    '<joint name="elbow" type="revolute"><parent link="upper"/><child link="fore"/>'
+    f'<origin xyz="1 0 0"/>{_AXIS}'
+    "</joint></robot>"
+)
+"""URDF of an arm with two links in a plane."""
+
+
+_CAR: Final[dict[str, Any]] = {"drive": "reeds-shepp", "turning_radius": 0.5, "time_limit": 5}
+
+
+def map_flat(folder: Path, rotations: int | None = None) -> CSpace:
+    """Map the floor plan of the demo for a cart."""
+    workspace = Workspace.open(folder / "flat.geojson", spacing=0.05)
+    return build(workspace, Robot.rectangle(0.7, 0.5), rotations=rotations)
+
+
+def map_house(folder: Path) -> CSpace:
+    """Map the house of the demo for a drone."""
+    workspace = Workspace.open(folder / "house.stl", spacing=0.1)
+    return build(workspace, Robot.box((0.6, 0.6, 0.2)))
+
+
+def plan_in_plane(folder: Path) -> planners.Plan:
+    """Plan for a robot that keeps its yaw."""
+    return planners.plan(map_flat(folder), (1.4, 8.6), (14.6, 1.2))
+
+
+def plan_with_yaw(folder: Path, **options: Any) -> planners.Plan:
+    """Plan for a robot that turns."""
+    return planners.plan(map_flat(folder, 72), (2, 3, 0), (9, 1, 0), **options)
+
+
+def plan_in_space(folder: Path) -> planners.Plan:
+    """Plan for a drone."""
+    return planners.plan(map_house(folder), (1, 2, 0.5), (5, 3, 0.5))
+
+
+def plan_for_arm(folder: Path) -> planners.Plan:
+    """Plan for an arm beside a post."""
+    from cspace.arms import Arm, PosedShape, build_arm_space
+
+    urdf = folder / "two.urdf"
+    urdf.write_text(_TWO_LINKS, encoding="utf-8")
+    pose = np.eye(4)
+    pose[:3, 3] = 1.5, 1.0, 0.0
+    post = PosedShape(Robot.cylinder(0.1, 1.0).shape, pose)
+    space = build_arm_space({"post": post}, Arm.from_urdf(urdf))
+    return planners.plan(space, (-0.6, 0.3), (1.4, -0.2), time_limit=5.0, seed=1)
+
+
+def ask_maps(folder: Path) -> None:
+    """Query a map in the plane, one with a yaw and one in space, and change them."""
+    square = shapely.box(6, 4, 6.5, 4.5)
+    cube = Robot.box((0.5, 0.5, 0.5)).shape
+    file = folder / "map.zarr"
+    _ask_map(map_flat(folder), (3.0, 4.0), (5.0, 4.5), square, file)
+    _ask_map(map_flat(folder, 72), (3.0, 4.0, 0.0), (5.0, 4.5, 0.5), square, file)
+    _ask_map(map_house(folder), (1.0, 2.0, 0.5), (2.0, 2.0, 0.5), cube, file)
+
+
+def _ask_map(
+    space: CSpace, first: tuple[float, ...], last: tuple[float, ...], crate: Any, file: Path
+) -> None:
+    """Query a map at and between two configurations, save it, and add an obstacle."""
+    # One configuration and a batch are compiled apart.
+    for q in (first, [first, last]):
+        space.is_free(q)
+        space.clearance(q)
+        space.is_connected(q, last)
+        space.is_disconnected(q, last)
+        for exact in (False, True):
+            space.motion_is_free(q, last, exact=exact)
+    space.certify_path([first, last])
+    space.sample_free(10)
+    space.save(file, overwrite=True)
+    open_map(file).is_free(first)
+    space.add_obstacle("crate", crate)
+
+
+JOBS: Final[dict[str, Callable[[Path], object]]] = {
+    "plan in the plane": plan_in_plane,
+    "plan with a yaw": plan_with_yaw,
+    "plan with a differential drive": partial(plan_with_yaw, drive="differential"),
+    "plan for a car": partial(plan_with_yaw, **_CAR),
+    "plan for a car in a tight place": partial(plan_with_yaw, exact=True, **_CAR),
+    "plan in space": plan_in_space,
+    "queries and updates": ask_maps,
+    **({"plan for an arm": plan_for_arm} if find_spec("yourdfpy") else {}),
+}
+"""Jobs by what they do; each takes the folder of the inputs of the demo."""

@@ -1,0 +1,268 @@
+"""Options shared by commands, and parsers of their texts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
+
+import typer
+
+from cspace.errors import InputError
+
+if TYPE_CHECKING:
+    from cspace._maps import ConfigurationMap
+    from cspace._robot import Robot
+    from cspace._rotations import Rotations
+    from cspace.arms import Arm
+
+Unknown = Literal["occupied", "free"]
+"""State of unknown cells in a sensor map."""
+Solid = Literal["auto", "surface", "fill"]
+"""Interior of a mesh."""
+Up = Literal["x", "y", "z"]
+"""Axis of a mesh that points up."""
+
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON document, for machines.")]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace existing outputs.")]
+# readable=False keeps typer from checking files before a command runs, because the library's
+# messages are better.
+MapFile = Annotated[Path, typer.Argument(metavar="MAP", readable=False, help="A saved map: .zarr.")]
+
+PathFile = Annotated[
+    Path | None,
+    typer.Option("--path", metavar="FILE", readable=False, help="A path to show: .csv or .json."),
+]
+CONFIGURATION: Final = "X,Y[,Z][,ROTATION]"
+"""Placeholder of a configuration in the help."""
+
+Mark = Annotated[
+    str | None,
+    typer.Option(
+        metavar=CONFIGURATION,
+        help="A configuration to mark, metres, or the joints of a map of joints  [default: an "
+        "end of the path].",
+    ),
+]
+
+SolidMesh = Annotated[
+    Solid | None,
+    typer.Option(
+        "--solid",
+        help="What has an inside in a mesh of obstacles: closed parts, nothing, or what it "
+        "encloses at this spacing  [default: auto].",
+    ),
+]
+PackageDirs = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--package-dir",
+        metavar="DIR",
+        readable=False,
+        help="Folder that holds the ROS packages of a URDF's meshes; may be repeated.",
+    ),
+]
+
+
+Srdf = Annotated[
+    Path | None,
+    typer.Option(
+        "--srdf",
+        metavar="FILE",
+        readable=False,
+        help="For an arm: which links may touch, and its groups.",
+    ),
+]
+
+
+Visuals = Annotated[
+    bool,
+    typer.Option(
+        "--visuals", help="Also take what a URDF only draws, of links with <visual> alone."
+    ),
+]
+
+
+def open_robot(text: str, **given: Any) -> Robot:
+    """Open a robot from a short text or a file; ``footprint:`` before a file projects it.
+
+    ``given`` are options of :meth:`cspace.Robot.open`; those that are None are left out. Raises
+    CspaceError as :meth:`cspace.Robot.parse` and :meth:`cspace.Robot.open`; InputError if a short
+    text has options.
+    """
+    from cspace._robot import Robot
+    from cspace._shapes.primitives import is_short_text
+
+    options = drop_none(**given)
+    # After "footprint:" come corners, a short text, or the name of a file.
+    prefix, _, file = text.partition("footprint:")
+    has_file = file and not file.lstrip().startswith("[") and not is_short_text(file)
+    if prefix == "" and has_file:
+        return Robot.open(file, **options).footprint()
+    if not is_short_text(text):
+        return Robot.open(text, **options)
+    for name, value in options.items():
+        is_for_meshes = name in ("solid", "up")
+        rule = "it is for meshes, such as .stl" if is_for_meshes else "it is for .urdf"
+        raise InputError(name, f"is {value!r} for {text}", rule, "leave it out")
+    return Robot.parse(text)
+
+
+def read_arm(
+    file: Path,
+    srdf: Path | None,
+    solid: Solid | None,
+    package_dirs: list[Path] | None,
+    visuals: bool,
+) -> Arm:
+    """Read the arm of a URDF and, if given, an SRDF.
+
+    Raises CspaceError as :meth:`cspace.Arm.from_urdf`.
+    """
+    from cspace.arms import Arm
+
+    # The arm refuses "fill" by name.
+    options: dict[str, Any] = drop_none(solid=solid)
+    folders = package_dirs or ()
+    return Arm.from_urdf(file, srdf, package_dirs=folders, visuals=visuals, **options)
+
+
+def refuse_options(options: Mapping[str, object], taken: Collection[str], about: str) -> None:
+    """Raise InputError for the first option not in ``taken``; ``about`` describes the file."""
+    for name in options:
+        if name not in taken:
+            raise InputError(name, f"is given, but {about}", hint="omit it")
+
+
+def parse_rotation_cells(text: str | None) -> Rotations:
+    """Parse ``--rotations``, e.g. ``72`` or ``quaternions:8``; raise InputError otherwise."""
+    from cspace._rotations import Rotations
+
+    if text is None:
+        return Rotations.of(None)
+    kinds = {name: kind.of_value for name, kind in Rotations.KINDS.items() if kind.names}
+    makers = {"": Rotations.of, **kinds}
+    name, _, count = text.rpartition(":")
+    if name not in makers or not count.isdecimal() or int(count) == 0:
+        rule = "it must be a count above zero, or a kind and a count"
+        examples = " or ".join(f"{kind}:8" for kind in kinds)
+        hint = f"write e.g. 72, {examples}"
+        raise InputError("rotations", f"is {text!r}", rule, hint)
+    return makers[name](int(count))
+
+
+def parse_configuration(
+    text: str, argument: str, axes: Sequence[str], units: Sequence[str]
+) -> tuple[float, ...]:
+    """Parse the configuration in an argument such as ``start``.
+
+    ``units`` has "m", "rad" or "1" for each axis. Angles may be in degrees: ``90deg``. Raises
+    InputError if the text does not have one number for each axis, separated by commas.
+    """
+    measures = "radians or degrees"
+    if "m" in units:
+        angles = [axis for axis, unit in zip(axes, units, strict=True) if unit == "rad"]
+        measures = ", ".join(["metres", *(f"{axis} an angle" for axis in angles)])
+    rule = f"the map's configurations are {','.join(axes)}, in {measures}"
+    return _parse_numbers(text, argument, axes, units, rule)
+
+
+def read_marks(
+    start: str | None, goal: str | None, axes: Sequence[str], units: Sequence[str]
+) -> dict[str, tuple[float, ...]]:
+    """Parse ``--start`` and ``--goal``, if given, by :func:`parse_configuration`."""
+    texts = drop_none(start=start, goal=goal)
+    return {name: parse_configuration(text, name, axes, units) for name, text in texts.items()}
+
+
+def parse_rotation(text: str, argument: str, space: ConfigurationMap) -> tuple[float, ...]:
+    """Parse the rotation in an argument such as ``rotation``.
+
+    Raises InputError if the map has no rotations, or if the text is no rotation of it.
+    """
+    axes = space.axes[space.dim :]
+    units = space.units[space.dim :]
+    if not axes:
+        hint = "omit it, or build the map with --rotations 72"
+        raise InputError(argument, f"is {text!r}", "the map has no rotations", hint)
+    return _parse_numbers(text, argument, axes, units, f"it must be {','.join(axes)}")
+
+
+def _parse_numbers(
+    text: str, argument: str, axes: Sequence[str], units: Sequence[str], rule: str
+) -> tuple[float, ...]:
+    """Parse one number for each axis, separated by commas."""
+    # An angle may have a unit. Too few or too many numbers are a ValueError as well.
+    numbers = []
+    try:
+        for field, axis, unit in zip(_split_fields(text), axes, units, strict=True):
+            if unit == "rad":
+                numbers.append(parse_angle(field, argument, axis))
+            else:
+                numbers.append(float(field))
+    except InputError:
+        raise
+    except ValueError:
+        example = ",".join("90deg" if unit == "rad" else "0.5" for unit in units)
+        hint = f"write e.g. {argument}={example}"
+        raise InputError(argument, f"is {text!r}", rule, hint) from None
+    return tuple(numbers)
+
+
+def _split_fields(text: str) -> list[str]:
+    """Split a text at its commas; it may be in brackets, as messages print it."""
+    return text.strip("()[] ").split(",")
+
+
+def parse_offset(text: str) -> tuple[float, ...]:
+    """Parse ``--offset``, a number for each axis; raise InputError otherwise."""
+    dim = 3 if text.count(",") > 1 else 2
+    rule = "it must be X,Y or, in space, X,Y,Z, metres"
+    return _parse_numbers(text, "offset", "xyz"[:dim], ("m",) * dim, rule)
+
+
+def parse_box(text: str, argument: str) -> tuple[float, ...]:
+    """Parse the lower and upper corner of a box, metres, e.g. ``bounds``.
+
+    Raises InputError if the text is not four numbers, or six in space, or if the box is empty.
+    """
+    from cspace._support.check import check_bounds
+
+    try:
+        values = tuple(map(float, _split_fields(text)))
+    except ValueError:
+        rule = "it must be XMIN,YMIN,XMAX,YMAX, metres, or six numbers in space"
+        hint = f"write e.g. {argument}=-1,-1,4,3"
+        raise InputError(argument, f"is {text!r}", rule, hint) from None
+    dim = 2 if len(values) <= 4 else 3
+    check_bounds(values, dim)
+    return values
+
+
+def parse_angle(text: str, argument: str, name: str) -> float:
+    """Parse an angle such as ``90deg`` or, in radians, ``1.57``.
+
+    ``name`` is for messages. Raises InputError if the text is not an angle, or if it has no unit
+    and exceeds 2 pi, because degrees were then probably intended.
+    """
+    word = text.strip()
+    # The unit at the end, if there is one.
+    unit = next((unit for unit in ("deg", "rad") if word.endswith(unit)), "")
+    number = word.removesuffix(unit)
+    problem = f"has the {name} {text!r}"
+    try:
+        value = float(number)
+    except ValueError:
+        rule = "it must be a number of degrees or radians"
+        raise InputError(argument, problem, rule, "write e.g. 90deg or 1.57") from None
+    if not unit and math.isfinite(value) and abs(value) > 2.0 * math.pi:
+        rule = f"an angle without a unit is in radians, and {value:g} rad is more than a full turn"
+        hint = f"write {number}deg for degrees, or {number}rad for radians"
+        raise InputError(argument, problem, rule, hint)
+    return math.radians(value) if unit == "deg" else value
+
+
+def drop_none(**options: Any) -> dict[str, Any]:
+    """Return the options that are not None."""
+    return {name: value for name, value in options.items() if value is not None}

@@ -1,0 +1,283 @@
+"""Commands that plan on a saved map, and that demonstrate the library."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from cspace._cli.files import check_folder, check_outputs
+from cspace._cli.info import describe_map
+from cspace._cli.options import (
+    CONFIGURATION,
+    Json,
+    MapFile,
+    Overwrite,
+    drop_none,
+    parse_configuration,
+    refuse_options,
+)
+from cspace._cli.report import Clock, name_options, option_names, show, with_unit
+from cspace._support.words import Drive
+
+if TYPE_CHECKING:
+    from planners import Plan
+
+_PATH_SUFFIXES = (".csv", ".json")
+
+
+Start = Annotated[
+    str,
+    typer.Option(
+        metavar=CONFIGURATION,
+        help="Where the robot is, metres; e.g. --start=-1,2, with rotations -1,2,90deg, in "
+        "space -1,2,0.5; on a "
+        "map of joints 90deg,-0.5,0.2, each in radians, degrees or metres.",
+    ),
+]
+"""The option --start."""
+
+Goal = Annotated[
+    str,
+    typer.Option(
+        metavar=CONFIGURATION,
+        help="Where it goes; ROTATION is a yaw, e.g. 90deg, or QX,QY,QZ,QW.",
+    ),
+]
+"""The option --goal."""
+
+
+def plan(
+    context: typer.Context,
+    file: MapFile,
+    start: Start,
+    goal: Goal,
+    output: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="PATH",
+            readable=False,
+            help="The path: .csv or .json; may be given again.",
+        ),
+    ] = None,
+    planner: Annotated[
+        str | None,
+        typer.Option(
+            help="Grid, Lattice, MaxClearance, or a planner of OMPL; a wrong name lists them "
+            "all  [default: Grid, or Lattice for other drives than holonomic]."
+        ),
+    ] = None,
+    time_limit: Annotated[float, typer.Option(metavar="SECONDS", help="When to give up.")] = 1.0,
+    seed: Annotated[int | None, typer.Option(help="Makes the run repeatable.")] = None,
+    simplify: Annotated[
+        bool, typer.Option("--simplify/--no-simplify", help="Shorten the path.")
+    ] = True,
+    objective: Annotated[
+        str, typer.Option(help="What to optimise: length or clearance.")
+    ] = "length",
+    exact: Annotated[
+        bool, typer.Option("--exact", help="Ask the geometry itself where the grid cannot decide.")
+    ] = False,
+    drive: Annotated[
+        Drive,
+        typer.Option("--drive", help="How a robot with a yaw moves."),
+    ] = "holonomic",
+    turning_radius: Annotated[
+        float | None,
+        typer.Option(metavar="METRES", help="Of the tightest curve, at the reference point."),
+    ] = None,
+    trajectory: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="CSV",
+            readable=False,
+            help="The path with times and velocities, within the limits that follow.",
+        ),
+    ] = None,
+    max_velocity: Annotated[float | None, typer.Option(metavar="M/S")] = None,
+    max_acceleration: Annotated[float | None, typer.Option(metavar="M/S2")] = None,
+    max_angular_velocity: Annotated[float | None, typer.Option(metavar="RAD/S")] = None,
+    max_angular_acceleration: Annotated[float | None, typer.Option(metavar="RAD/S2")] = None,
+    max_lateral_acceleration: Annotated[float | None, typer.Option(metavar="M/S2")] = None,
+    picture: Annotated[
+        Path | None, typer.Option(metavar="PNG", readable=False, help="Draw map and path.")
+    ] = None,
+    animate: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="GIF", readable=False, help="Draw the robot on its way, as a moving picture."
+        ),
+    ] = None,
+    overwrite: Overwrite = False,
+    as_json: Json = False,
+) -> None:
+    """Plan a path on a saved map. The exit code is 1 if none is found."""
+    import planners
+    from cspace._opening import open_map
+    from cspace.plot import PICTURE_SUFFIXES, save_plot
+
+    # Check all outputs before the search, so that no result is lost.
+    check_outputs(output or [], _PATH_SUFFIXES, overwrite)
+    check_outputs([picture], PICTURE_SUFFIXES, overwrite)
+    check_outputs([animate], (".gif",), overwrite)
+    check_outputs([trajectory], (".csv",), overwrite)
+    limits: dict[str, Any] = drop_none(
+        max_velocity=max_velocity,
+        max_acceleration=max_acceleration,
+        max_angular_velocity=max_angular_velocity,
+        max_angular_acceleration=max_angular_acceleration,
+        max_lateral_acceleration=max_lateral_acceleration,
+    )
+    if trajectory is None:
+        refuse_options(limits, (), "no --trajectory is")
+    clock = Clock()
+    with clock.step("read"):
+        space: Any = open_map(file)
+    first = parse_configuration(start, "start", space.axes, space.units)
+    last = parse_configuration(goal, "goal", space.axes, space.units)
+    options: dict[str, Any] = {"planner": planner, "objective": objective, "seed": seed}
+    options |= {"exact": exact, "drive": drive, "turning_radius": turning_radius}
+    options |= {"time_limit": time_limit, "simplify": simplify}
+    with clock.step("plan"):
+        planned = planners.plan(space, first, last, **options)
+    # The proven distance to obstacles may take as long as the search.
+    with clock.step("measure"):
+        described = _describe(planned)
+        if planned.solved:
+            name, distance = planned.shown_distance
+            described[with_unit(name, planned.distance_unit)] = distance
+    if planned.solved:
+        with clock.step("write"):
+            for path in output or []:
+                write = planned.to_csv if path.suffix.lower() == ".csv" else planned.to_json
+                write(path, overwrite=overwrite)
+            if trajectory:
+                motion = planned.trajectory(**{"max_acceleration": None, **limits})
+                motion.to_csv(trajectory, overwrite)
+                described["duration_s"] = motion.duration
+    if picture:
+        with clock.step("draw"):
+            save_plot(space, picture, overwrite, path=planned)
+    if animate and planned.solved:
+        with clock.step("animate") as progress:
+            planned.animate(animate, overwrite, progress=progress)
+    show({**described, "seconds": clock.seconds}, as_json)
+    if not planned.solved:
+        hint = planned.hint.replace("plan.explain()", "cspace explain")
+        hint = name_options(hint, option_names(context.command))
+        advice = f"; try {hint}" if hint else ""
+        typer.echo(f"cspace: from {start} to {goal}: {planned.status}{advice}", err=True)
+        raise typer.Exit(1)
+
+
+def explain(
+    file: MapFile,
+    start: Start,
+    goal: Goal,
+    refine: Annotated[
+        bool, typer.Option("--refine", help="Build finer maps, for narrower margins.")
+    ] = False,
+    picture: Annotated[
+        Path | None, typer.Option(metavar="PNG", readable=False, help="Draw what is in the way.")
+    ] = None,
+    overwrite: Overwrite = False,
+    as_json: Json = False,
+) -> None:
+    """Explain why a path on a saved map exists, or does not."""
+    from cspace._opening import open_map
+    from cspace.plot._picture import PICTURE_SUFFIXES, save_figure
+
+    check_outputs([picture], PICTURE_SUFFIXES, overwrite)
+    clock = Clock()
+    with clock.step("read"):
+        space: Any = open_map(file)
+    first = parse_configuration(start, "start", space.axes, space.units)
+    last = parse_configuration(goal, "goal", space.axes, space.units)
+    with clock.step("explain"):
+        explanation = space.explain(first, last, refine=refine)
+    if picture:
+        with clock.step("draw"):
+            save_figure(lambda: explanation.plot().figure, picture, overwrite, dpi=150.0)
+    described = {
+        "verdict": explanation.verdict,
+        "reason": str(explanation),
+        "obstacles": list(explanation.obstacles),
+        "bottleneck": explanation.bottleneck.tolist(),
+        "margin_m": [x if math.isfinite(x) else None for x in explanation.margin],
+        "barrier_cells": len(explanation.barrier),
+    }
+    show({**described, "seconds": clock.seconds}, as_json)
+
+
+def demo(
+    output: Annotated[
+        Path,
+        typer.Option("--output", "-o", metavar="FOLDER", readable=False, help="Where to write."),
+    ] = Path("cspace-demo"),
+    overwrite: Overwrite = False,
+    as_json: Json = False,
+) -> None:
+    """Map a floor plan, prove what can be reached, and plan.
+
+    Map, path and picture are written, and files to go on with.
+    """
+    import cspace._cli.demo as flat
+    import planners
+    from cspace._builder import build
+    from cspace.plot import save_plot
+
+    # Each step is timed. Nothing is written before all is computed.
+    check_folder(output)
+    files = {
+        "map": output / "map.zarr",
+        "path": output / "path.csv",
+        "picture": output / "picture.png",
+        "floor_plan": output / "flat.geojson",
+        "house": output / "house.stl",
+    }
+    if output.exists():
+        check_outputs(files.values(), {file.suffix for file in files.values()}, overwrite)
+    clock = Clock()
+    with clock.step("draw_floor_plan"):
+        workspace = flat.demo_workspace()
+    with clock.step("build_map") as progress:
+        space = build(workspace, flat.demo_robot(), progress=progress)
+    with clock.step("prove"):
+        start = flat.START_POSITION
+        goal = flat.GOAL_POSITION
+        store = flat.STORE_POSITION
+        proofs = {
+            "start_is_connected_to_goal": space.is_connected(start, goal),
+            "start_is_disconnected_from_store_room": space.is_disconnected(start, store),
+        }
+    with clock.step("plan"):
+        planned = planners.plan(space, start, goal, seed=1)
+    output.mkdir(parents=True, exist_ok=True)
+    with clock.step("save_inputs"):
+        flat.write_inputs(output)
+    with clock.step("save_map"):
+        space.save(files["map"], overwrite=overwrite)
+    with clock.step("save_path"):
+        planned.to_csv(files["path"], overwrite=overwrite)
+    with clock.step("draw_picture"):
+        save_plot(space, files["picture"], overwrite, path=planned)
+    document = {"map": describe_map(space), "proofs": proofs, "plan": _describe(planned)}
+    document["files"] = {name: str(file) for name, file in files.items()}
+    show({**document, "seconds": clock.seconds}, as_json)
+
+
+def _describe(plan: Plan) -> dict[str, Any]:
+    """Describe a plan: its outcome, its proofs and its path."""
+    names = ["planner", "solved", "status", "is_connected", "is_disconnected"]
+    described = {name: getattr(plan, name) for name in names}
+    if plan.solved:
+        described["configurations"] = len(plan.path)
+        described[with_unit("length", plan.length_unit)] = plan.length
+        if plan.total_rotation:
+            described["total_rotation_rad"] = plan.total_rotation
+        described |= {"certified": plan.certified, "path": plan.path.tolist()}
+    return described

@@ -1,0 +1,170 @@
+"""Slices of a map: robot rasters correlated with the cells of the workspace.
+
+A raster has the cells that the robot covers at one rotation; a slice of the map belongs to it.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace._engines import Engine
+from cspace._limits import RASTER_CELL_BYTES, SLICE_BYTES
+from cspace._raster import Raster
+from cspace._robot import Robot
+from cspace._rotations import Rotations
+from cspace._support.arrays import Bools, States
+from cspace._support.threads import cores, in_threads
+
+SAMPLED_ROTATIONS = 32
+"""Approximate number of rotations at which the size of the robot's rasters is estimated."""
+
+MIN_CELLS_FOR_THREADS = 50_000
+"""Cells of the robot's bounding box, summed over all slices, below which one thread is faster."""
+
+RasterPair = tuple[Raster, Raster]
+"""Outer and inner raster of a robot at one rotation."""
+
+
+def slice_rasters(
+    robot: Robot,
+    spacing: float,
+    margin: float,
+    rotations: Rotations,
+) -> list[RasterPair]:
+    """Rasterize the robot for each slice.
+
+    Returns outer and inner raster; ``spacing`` and ``margin`` are in metres. Rasters are made from
+    the rotated geometry, unless a slice is the image of an earlier slice by quarter turns or
+    mirrors. Then the raster is an image too.
+    """
+    if rotations.preserve(robot.shape):
+        return [robot.rasters(spacing, margin)]
+    rotation_cells = rotations.make_shape_cells(robot.dim)
+    slice_of = rotations.assign_slices(robot.shape)
+    _, first_cells = np.unique(slice_of, return_index=True)
+    # Each slice comes from the smallest of its images; the transposed matrix maps it back.
+    images = rotations.find_images(robot.shape)
+    image_slices = np.array([slice_of[image_cells[first_cells]] for _, image_cells in images])
+    sources = image_slices.min(axis=0).tolist()
+    image_of_source = image_slices.argmin(axis=0).tolist()
+    originals = [number for number, source in enumerate(sources) if source == number]
+    sides = np.ptp(robot.shape.outer.bounds, axis=0) / spacing
+    cells = float(np.prod(sides + 1.0))
+    threads = cores() if len(originals) * cells > MIN_CELLS_FOR_THREADS else 1
+    original_rasters = in_threads(
+        lambda number: robot.rasters(spacing, margin, rotation_cells[first_cells[number]]),
+        originals,
+        threads,
+    )
+    rasters = dict(zip(originals, original_rasters, strict=True))
+    for number, source in enumerate(sources):
+        if number not in rasters:
+            outer, inner = rasters[source]
+            matrix, _ = images[image_of_source[number]]
+            rasters[number] = outer.rotate(matrix.T), inner.rotate(matrix.T)
+    return [rasters[number] for number in range(len(sources))]
+
+
+def raster_bytes(
+    robot: Robot,
+    spacing: float,
+    margin: float,
+    rotations: Rotations,
+    slices: int,
+) -> float:
+    """Estimate the memory for the rasters of all slices.
+
+    The estimate uses the robot's bounds at some rotations; ``slices`` is the number of slices.
+    """
+    if slices == 1:
+        return 0.0
+    stride = max(1, len(rotations) // SAMPLED_ROTATIONS)
+    matrices = rotations.make_matrices(rotations.centers[::stride], robot.dim)
+    low, high = robot.shape.outer.bounds
+    corners = np.array(list(itertools.product(*zip(low, high, strict=True))))
+    rotated_corners = corners @ matrices.swapaxes(1, 2)
+    sides = np.ptp(rotated_corners, axis=1) + 2.0 * margin
+    cells = float(np.prod(sides / spacing + 2.0, axis=1).mean())
+    raster_bytes_of_slice = 2.0 * cells * RASTER_CELL_BYTES[robot.dim]  # outer and inner
+    return slices * (SLICE_BYTES + raster_bytes_of_slice)
+
+
+Progress = Callable[[int, int], None]
+"""Function that is called with the finished steps and all steps."""
+
+RasterGroups = Sequence[Sequence[Raster]]
+"""Outer rasters of all slices and, if BLOCKED is to be proven, inner rasters of all slices."""
+
+STEPS_PER_CORRELATION: Final = 1000
+"""Number of progress steps of one correlation."""
+
+
+def group_rasters(pairs: Sequence[RasterPair], inner: bool) -> RasterGroups:
+    """Split pairs of rasters into outer and inner rasters.
+
+    Inner rasters are left out unless ``inner`` is True.
+    """
+    outer_rasters, inner_rasters = map(list, zip(*pairs, strict=True))
+    return [outer_rasters, inner_rasters] if inner else [outer_rasters]
+
+
+def fill_states(
+    engine: Engine,
+    outside: str,
+    cells: tuple[Bools, Bools],
+    groups: RasterGroups,
+    states: States,
+    overlaps: NDArray[np.int32] | None = None,
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> None:
+    """Correlate the cells of a workspace with the rasters of all slices.
+
+    Parameters
+    ----------
+    engine : Engine
+    outside : str
+        State of space outside the cells: "blocked" or "free".
+    cells : tuple of ndarray of bool
+        Cells that touch an obstacle, and cells inside one.
+    groups : sequence of sequence of Raster
+    states : ndarray of uint8, shape (slices, ...)
+        Receives the states. Slices smaller than the workspace get its first cells.
+    overlaps : ndarray of int32, the shape of states, optional
+        Receives the overlap counts.
+    workers : int, optional
+        Threads.
+    progress : callable, optional
+    """
+    # The outer rasters write 0 or 1 (FREE or MIXED); the inner rasters add 1 where they hit.
+    hits = states.view(np.bool_)
+    outer_output = hits if overlaps is None else overlaps
+    outputs = [outer_output, states]
+    for index, (occupied, rasters, out) in enumerate(zip(cells, groups, outputs, strict=False)):
+        advance = partial(_advance, progress, index, len(groups))
+        engine.collide(
+            occupied,
+            rasters,
+            list(out),
+            outside=outside == "blocked",
+            add=index == 1,
+            workers=workers,
+            progress=advance,
+        )
+        advance(1, 1)  # even if there was nothing to do
+        if overlaps is not None and index == 0:
+            np.not_equal(overlaps, 0, out=hits)
+
+
+def _advance(progress: Progress | None, index: int, count: int, done: int, total: int) -> None:
+    """Report the progress of one of several correlations."""
+    if progress is not None:
+        steps_before = STEPS_PER_CORRELATION * index
+        steps = STEPS_PER_CORRELATION * done // total
+        progress(steps_before + steps, STEPS_PER_CORRELATION * count)

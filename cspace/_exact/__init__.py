@@ -1,0 +1,17 @@
+"""Exact queries: geometry decides wherever the map cannot.
+
+FREE and BLOCKED cells answer at once. In MIXED cells and outside the grid, the distance between the
+boundaries of robot and obstacles decides. If the boundaries are apart, one point of each connected
+part shows whether the part lies inside the other solid. A distance proves a whole neighbourhood: if
+a motion moves the reference point by dx and rotates the robot by an angle, no point of the robot
+moves by more than ``|dx| + rho * angle``, where rho is the longest lever of the robot (conservative
+advancement: B. Mirtich, "Impulse-based dynamic simulation of rigid body systems", 1996). Along a
+line, points move by less. The plane is embedded in space.
+
+*Rounding.* All sets are closed: touching is a collision. A distance must exceed the margin by
+``ANGLE_SLACK`` (1e-9) times the span of the robot, if it rotates, plus ``DISTANCE_ROUNDING``
+(1e-12) times the largest coordinates of the map, the robot and the configurations. The first term
+covers yaws that wrapping has rounded. The second term covers placing a point (relative 2^-53 a
+step) and measuring a distance, with a factor of fifty to spare. Distances are proven by projections
+onto lines (``cspace/_bodies/triangles.py``).
+"""

@@ -1,0 +1,248 @@
+"""Boundaries of the robot and of the obstacles, as triangles, segments and points."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Final, NamedTuple, Protocol
+
+import numpy as np
+
+from cspace._bodies import DISTANCE_ROUNDING
+from cspace._grid import Grid
+from cspace._raster.bitmaps import rectangle_triangles
+from cspace._record.cells import Map
+from cspace._robot import Robot
+from cspace._rotations import Rotations
+from cspace._shapes import ExactShape, RoundedSimplices
+from cspace._support.arrays import Bools, Floats
+from cspace._workspace import Workspace
+
+CLIP_ROUNDING: Final = 2.0**-48
+"""Rounding of a clipped boundary, relative to its largest coordinate."""
+
+
+class Proofs(Protocol):
+    """Proofs for configurations and edges that cells leave undecided."""
+
+    @property
+    def edge(self) -> Callable[..., bool]:
+        """Function ``edge(*q0, *q1)`` that returns True for proven free edges.
+
+        An edge with equal endpoints is a point.
+        """
+
+    def are_free(self, q0: Floats, q1: Floats) -> Bools:
+        """Return whether each edge, shapes (n, size), is proven free."""
+
+    def slack(self, points: Floats, lengths: Floats, angles: Floats) -> float:
+        """Return a lower bound of (distance - required distance), at least zero.
+
+        The bound, in metres, holds along a free path. The path is given in pieces: their midpoints,
+        shape (n, size), their lengths and their rotation angles, shape (n,).
+        """
+
+
+class Problem(NamedTuple):
+    """A robot among obstacles, and its map.
+
+    Attributes
+    ----------
+    map : Map
+    rotations : Rotations
+    workspace : Workspace
+    robot : Robot
+    margin : float
+        Metres.
+    exterior_blocked : bool
+        True if everything outside the grid is an obstacle.
+    """
+
+    map: Map
+    rotations: Rotations
+    workspace: Workspace
+    robot: Robot
+    margin: float
+    exterior_blocked: bool
+
+    @property
+    def size(self) -> int:
+        """Length of a configuration."""
+        return self.workspace.grid.dim + len(self.rotations.names)
+
+    @property
+    def max_coordinate(self) -> float:
+        """Largest coordinate of a placed robot point in the grid, metres."""
+        grid = self.workspace.grid
+        return float(np.abs([*grid.lower, *grid.upper]).max()) + self.robot.span
+
+    @property
+    def required_distance(self) -> float:
+        """Distance that proves a configuration free, metres.
+
+        Callers add the rounding of the configuration.
+        """
+        rotation_error = self.rotations.slack * self.robot.span
+        rounding = DISTANCE_ROUNDING * (self.max_coordinate + self.margin)
+        return self.margin + rotation_error + rounding
+
+
+class ObstacleBoundary(NamedTuple):
+    """Boundaries of obstacles, and the rounding of clipping them, metres."""
+
+    pieces: list[RoundedSimplices]
+    error: float
+
+
+def obstacle_boundary(workspace: Workspace, *, exterior_blocked: bool) -> ObstacleBoundary:
+    """Return the boundaries of all obstacles, clipped to the grid.
+
+    Clipped solids get caps on the faces of the grid, unless the exterior is blocked anyway.
+
+    Raises InputError if an obstacle is a mesh whose inside depends on the spacing.
+    """
+    pieces_of_obstacles = []
+    error = 0.0
+    for obstacle in workspace.obstacles:
+        shape = obstacle.outer
+        boundary = shape.boundary()
+        pieces = clip(boundary, workspace.grid)
+        is_clipped = pieces is not boundary
+        if is_clipped and len(pieces.radii):
+            error = max(error, CLIP_ROUNDING * float(np.abs(boundary.simplices).max()))
+        # Balls stay whole, so only triangles and segments leave a hole.
+        has_inside = shape.encloses and boundary.simplices.shape[1] > 1
+        if is_clipped and has_inside and not exterior_blocked:
+            caps = _make_caps(shape, workspace)
+            pieces = _without_radii(np.concatenate([pieces.simplices, *caps]))
+        pieces_of_obstacles.append(pieces)
+    return ObstacleBoundary(pieces_of_obstacles, error)
+
+
+def clip(border: RoundedSimplices, grid: Grid) -> RoundedSimplices:
+    """Clip a boundary to the closed box of the grid.
+
+    Balls that reach the box stay whole. A boundary inside the box is returned itself.
+    """
+    simplices = border.simplices
+    lower = np.asarray(grid.lower)
+    upper = np.asarray(grid.upper)
+    low = simplices.min(axis=1)
+    high = simplices.max(axis=1)
+    if ((low >= lower) & (high <= upper)).all():
+        return border
+    if simplices.shape[1] == 1 or border.radii.any():
+        # Farther pieces do not reach the grid. Without the cap, the squares of large distances
+        # would overflow.
+        outside = np.clip(np.maximum(lower - high, low - upper), 0.0, 1e100)
+        distances = np.linalg.norm(outside, axis=1)
+        # The shares cover the rounding of the distances, so that no piece is missing.
+        is_near = distances <= border.radii * (1.0 + 1e-9) + 1e-9 * grid.spacing
+        return RoundedSimplices(simplices[is_near], border.radii[is_near])
+    for axis in range(grid.dim):
+        for wall, sign in ((lower[axis], 1.0), (upper[axis], -1.0)):
+            simplices = _clip_to_half_space(simplices, axis, wall, sign)
+    return _without_radii(simplices)
+
+
+def _clip_to_half_space(simplices: Floats, axis: int, wall: float, sign: float) -> Floats:
+    """Clip segments or triangles to the side ``sign * (coordinate - wall) >= 0`` of a wall.
+
+    ``simplices`` have shape (n, corners, d), with two or three corners. Those beyond are dropped.
+    """
+    corners = simplices.shape[1]
+    heights = sign * (simplices[:, :, axis] - wall)
+    is_above = heights >= 0.0
+    corners_above = is_above.sum(axis=1)
+    clipped = [simplices[corners_above == corners]]
+    for count in range(1, corners):
+        cut = np.flatnonzero(corners_above == count)
+        # Rotate the corners so that the only corner on its side of the wall comes first.
+        alone = np.argmax(is_above[cut] == (count == 1), axis=1)
+        order = (alone[:, None] + np.arange(corners)) % corners
+        first, *others = np.moveaxis(simplices[cut[:, None], order], 1, 0)
+        first_height, *other_heights = np.moveaxis(heights[cut[:, None], order], 1, 0)
+        # Where the edges from that corner cross the wall.
+        crossings = []
+        for other, other_height in zip(others, other_heights, strict=True):
+            fraction = first_height / (first_height - other_height)
+            crossing = first + fraction[:, None] * (other - first)
+            crossing[:, axis] = wall
+            crossings.append(crossing)
+        if count == 1:
+            clipped.append(np.stack([first, *crossings], axis=1))
+        else:
+            # What is left of the triangle (a, b, c) is a quadrilateral: two triangles.
+            ab, ac = crossings
+            b, c = others
+            clipped.append(np.stack([ab, b, c], axis=1))
+            clipped.append(np.stack([ab, c, ac], axis=1))
+    return np.concatenate(clipped)
+
+
+def _make_caps(shape: ExactShape, workspace: Workspace) -> Iterator[Floats]:
+    """Yield the caps of a shape on the sides of the grid that it crosses.
+
+    They are triangles of outer cells in space, shape (n, 3, 3), and segments in the plane, shape
+    (n, 2, 2).
+    """
+    grid = workspace.grid
+    low, high = shape.bounds
+    for axis in range(grid.dim):
+        sides = []
+        if low[axis] < grid.lower[axis]:
+            sides.append(_Side(axis, is_upper=False))
+        if high[axis] > grid.upper[axis]:
+            sides.append(_Side(axis, is_upper=True))
+        for side in sides:
+            if grid.dim == 3:
+                yield _cap_cells(workspace, side)
+            else:
+                yield from (_cap_region(region, grid, side) for region in shape.regions)
+
+
+class _Side(NamedTuple):
+    """Lower or upper side of the grid across an axis."""
+
+    axis: int
+    is_upper: bool
+
+
+def _cap_cells(workspace: Workspace, side: _Side) -> Floats:
+    """Return faces of outer cells on a side of the grid as triangles, shape (n, 3, 3)."""
+    layers = np.moveaxis(workspace.outer, side.axis, 0)
+    # One layer of faces before each layer of cells, and one after the last.
+    faces = np.zeros((layers.shape[0] + 1, *layers.shape[1:]), dtype=np.bool_)
+    outermost = -1 if side.is_upper else 0
+    faces[outermost] = layers[outermost]
+    grid = workspace.grid
+    return rectangle_triangles(faces, side.axis, grid.spacing, grid.lower)
+
+
+def _cap_region(region: Floats, grid: Grid, side: _Side) -> Floats:
+    """Return the segments of a grid's side that lie inside a region of the plane.
+
+    ``region``, shape (n, 4) or (n, 2, 2), has the ends of its edges. The result has shape (m, 2,
+    2).
+    """
+    axis = side.axis
+    along = 1 - axis
+    wall = grid.upper[axis] if side.is_upper else grid.lower[axis]
+    begin, end = np.moveaxis(region.reshape(-1, 2, 2), 1, 0)
+    # A closed curve crosses a line an even number of times if a corner on the line counts as below.
+    # So sorted crossings, taken in pairs, bound the intervals inside.
+    crosses = (begin[:, axis] <= wall) != (end[:, axis] <= wall)
+    begin = begin[crosses]
+    end = end[crosses]
+    fraction = (wall - begin[:, axis]) / (end[:, axis] - begin[:, axis])
+    crossings = np.sort(begin[:, along] + fraction * (end[:, along] - begin[:, along]))
+    intervals = np.clip(crossings.reshape(-1, 2), grid.lower[along], grid.upper[along])
+    starts, stops = intervals.T
+    intervals = intervals[starts < stops]
+    segments = np.full((len(intervals), 2, 2), wall)
+    segments[:, :, along] = intervals
+    return segments
+
+
+def _without_radii(simplices: Floats) -> RoundedSimplices:
+    """Return simplices, shape (n, corners, d), as a boundary whose radii are zero."""
+    return RoundedSimplices(simplices, np.zeros(len(simplices)))

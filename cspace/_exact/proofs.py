@@ -1,0 +1,748 @@
+"""Exact queries: map cells answer first, then the boundaries of robot and obstacles.
+
+The plane lies in space at z = 0; its segments are triangles with a repeated corner.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable, Sequence
+from typing import Final, NamedTuple, cast
+
+import numpy as np
+
+from cspace._bodies import ADVANCE_FACTOR, DISTANCE_ROUNDING, MAX_DISTANCES_PER_EDGE, MIN_ADVANCE
+from cspace._bodies.parts import as_triangles, connected_parts, part_anchors
+from cspace._bodies.triangles import (
+    LEVER,
+    MAX_PENDING_PAIRS,
+    Motion,
+    Trees,
+    build_trees,
+    free_fraction,
+)
+from cspace._exact.boundaries import ObstacleBoundary, Problem, Proofs, obstacle_boundary
+from cspace._grid import MAX_COORDINATE
+from cspace._queries.batches import as_contiguous
+from cspace._queries.edges import edge_is_free, edges_are_free, position_along
+from cspace._queries.points import classify, configuration_in, is_usable, state_at
+from cspace._record.cells import Map
+from cspace._rotations.lookup import (
+    arc_angle_and_error,
+    arc_count,
+    matrix_rows,
+    rotation_along,
+)
+from cspace._shapes import Box, ExactShape, RoundedSimplices
+from cspace._support.arrays import (
+    BLOCKED,
+    FREE,
+    MIXED,
+    Bools,
+    Floats,
+    Ints,
+    Matrix,
+    Numbers,
+    Row,
+    States,
+)
+from cspace._support.compiling import internal, kernel
+from cspace._support.threads import in_chunks
+from cspace._support.vectors import apply_pose, dot, minus, rotate_back, row_at
+
+PIECE_CELLS: Final = 2.0
+"""Length of the pieces of an edge, in cells; the tree search is slow for longer ones."""
+
+
+MAX_PENDING_PARTS: Final = 64
+"""Capacity of the stack of unproven parts of a piece; each level halves the parts, down to
+:data:`MIN_ADVANCE`."""
+
+
+ANCHORS_PER_BATCH: Final = 100_000
+"""Approximate number of anchors tested for containment at once."""
+
+
+MIN_PROOFS_PER_THREAD: Final = 500
+"""Edges below which a second thread costs more than it saves."""
+
+
+class ExactQueries:
+    """Queries of a map with exact geometry.
+
+    Cells answer if they decide, and proofs decide the rest.
+
+    Parameters
+    ----------
+    make_problem : callable
+        Returns the map and the geometry as they are now.
+    prove : callable, optional
+        Makes the proofs of a problem. By default they use the boundaries of robot and obstacles.
+    """
+
+    def __init__(
+        self, make_problem: Callable[[], Problem], prove: Callable[[Problem], Proofs] | None = None
+    ) -> None:
+        """Remember how to make the proofs; they are made at the first query."""
+        self._make_problem = make_problem
+        self._prove = prove or BoundaryProofs
+        self._proofs: Proofs | None = None
+        self._lock = threading.RLock()
+
+    def points(self, map_: Map, q: Floats, out: Bools) -> int:
+        """Write whether configurations, shape (n, size), are free to ``out``, shape (n,).
+
+        Returns the index of the first invalid one, or -1.
+        """
+        proofs = self._current_proofs()
+        states = np.empty(len(q), dtype=np.uint8)
+        bad = classify(map_, q, states)
+        if bad < 0:
+            np.equal(states, FREE, out=out)
+            # A configuration is an edge with equal endpoints.
+            undecided = np.flatnonzero(states == MIXED)
+            if len(undecided):
+                ends = q[undecided]
+                out[undecided] = proofs.are_free(ends, ends)
+        return bad
+
+    def edges(self, map_: Map, q0: Floats, q1: Floats, out: Bools) -> int:
+        """Write whether edges, shapes (n, size), are free to ``out``, shape (n,).
+
+        Edges rotate along the shorter arc. Returns the index of the first invalid edge, or -1.
+        """
+        proofs = self._current_proofs()
+        bad = edges_are_free(map_, q0, q1, out)
+        undecided = np.flatnonzero(~out)
+        if bad < 0 and len(undecided):
+            out[undecided] = proofs.are_free(q0[undecided], q1[undecided])
+        return bad
+
+    def distance(self, points: Floats, lengths: Floats, angles: Floats) -> float:
+        """Return a proven lower bound of the obstacle distance, metres.
+
+        The bound holds along a free path. The path is given in pieces: their midpoints, shape (n,
+        size), in metres and radians, and the length and rotation angle of each, shape (n,). From
+        its midpoint, a piece extends by half its length and half its angle. A blocked exterior
+        counts as an obstacle. The bound is infinite if there are no obstacles.
+        """
+        slack = self._current_proofs().slack(as_contiguous(points), lengths, angles)
+        return self._make_problem().margin + slack
+
+    def point_checker(self, quick: Callable[..., bool]) -> Callable[..., bool]:
+        """Make ``check(*q)``, which returns True only if a configuration is proven free.
+
+        ``quick(*q)`` must return True only if q is in a FREE cell. The geometry decides the rest,
+        as an edge without length.
+        """
+        self._current_proofs()  # made now, not at the first check
+        return lambda *q: quick(*q) or self._current_proofs().edge(*q, *q)
+
+    def edge_checker(self, quick: Callable[..., bool]) -> Callable[..., bool]:
+        """Make ``check(*q0, *q1)``, which returns True only if an edge is proven free.
+
+        ``quick(*q0, *q1)`` must return True only if the edge lies in FREE cells.
+        """
+        self._current_proofs()  # made now, not at the first check
+        return lambda *ends: quick(*ends) or self._current_proofs().edge(*ends)
+
+    def boundary_proofs(self) -> BoundaryProofs:
+        """Return the proofs for the current obstacles of a rigid robot, which no arm has."""
+        return cast(BoundaryProofs, self._current_proofs())
+
+    def drop(self) -> None:
+        """Drop the proofs, because obstacles change.
+
+        Existing checkers use new ones from their next call on.
+        """
+        with self._lock:
+            self._proofs = None
+
+    def _current_proofs(self) -> Proofs:
+        """Return the proofs for the current obstacles, made at the first call."""
+        proofs = self._proofs
+        if proofs is None:
+            with self._lock:
+                # Another thread may have made them while this one waited.
+                if self._proofs is None:
+                    self._proofs = self._prove(self._make_problem())
+                proofs = self._proofs
+        return proofs
+
+
+class Containment(NamedTuple):
+    """Robot and obstacles as solids, for containment tests.
+
+    If a connected part does not meet the other boundary, it lies entirely inside or entirely
+    outside the other solid, so that a single point of it decides. For a part of the robot, any of
+    its corners decides.
+
+    Attributes
+    ----------
+    corners : ndarray of float64, shape (n, 4)
+        Corners of the robot, sorted by part, each with the index of the first corner of the next
+        part.
+    exterior_blocked : bool
+        True if everything outside the grid is an obstacle; otherwise nothing outside is.
+    lower, spacing : tuple of float, float
+        Lower corner of the grid and side of its cells, metres.
+    outer, inner : ndarray of bool, shape (nx, ny, nz)
+        Cells that meet obstacles, and cells inside obstacles; nz is 1 in the plane.
+    anchors : ndarray of float64, shape (m, 3)
+        One point of each obstacle part that could fit into the robot.
+    low, high : tuple of float
+        Corners of the bounding box of the robot.
+    has_solids : bool
+        True if some obstacles have an inside that their cells do not decide.
+    """
+
+    corners: Floats
+    exterior_blocked: bool
+    lower: Row
+    spacing: float
+    outer: Bools
+    inner: Bools
+    anchors: Floats
+    low: Row
+    high: Row
+    has_solids: bool
+
+
+class BoundaryTrees(NamedTuple):
+    """Trees of robot, walls and obstacles, given by their roots.
+
+    All lengths are scaled: metres times ``scale``. ``others`` are the roots of the walls and of the
+    obstacles, -1 for none. Walls are the faces of the grid, used if the exterior is blocked.
+    ``max_lever`` is the longest lever of the robot, and ``required`` the distance that proves a
+    configuration free.
+    """
+
+    trees: Trees
+    robot: int
+    others: tuple[int, int]
+    max_lever: float
+    scale: float
+    required: float
+
+
+class ProofInputs(NamedTuple):
+    """The map, the boundaries and the solids that every proof uses."""
+
+    map: Map
+    boundaries: BoundaryTrees
+    containment: Containment
+
+
+class BoundaryProofs:
+    """Proofs for one robot among the obstacles of one workspace."""
+
+    def __init__(self, problem: Problem) -> None:
+        """Build the trees and the containment tests for a robot among obstacles."""
+        self._robot = problem.robot.shape.outer
+        self._size = problem.size
+        self._rotations = problem.rotations
+        grid = problem.workspace.grid
+        self._dim = grid.dim
+        self._bounds = (np.asarray(grid.lower), np.asarray(grid.upper))
+        walls = obstacle_boundary(problem.workspace, exterior_blocked=problem.exterior_blocked)
+        # Balls and points need no containment test, because the distance from their center decides.
+        self._shapes = []
+        for obstacle, pieces in zip(problem.workspace.shapes or (), walls.pieces, strict=False):
+            has_faces = pieces.simplices.shape[1] == grid.dim
+            if obstacle.outer.encloses and has_faces:
+                self._shapes.append(obstacle.outer)
+        boundary = as_triangles([self._robot.boundary()])
+        self.boundaries = _build_boundary_trees(problem, boundary, walls)
+        containment = self._make_containment(problem, boundary, walls.pieces)
+        self._inputs = ProofInputs(problem.map, self.boundaries, containment)
+        # Configurations whose anchors, of robot and obstacles, are tested at once.
+        anchors_per_configuration = len(self._anchors) + len(containment.anchors)
+        self._batch_size = 1 + ANCHORS_PER_BATCH // (1 + anchors_per_configuration)
+
+    def _make_containment(
+        self, problem: Problem, boundary: RoundedSimplices, pieces: Sequence[RoundedSimplices]
+    ) -> Containment:
+        """Collect the points that containment tests need.
+
+        ``boundary`` is that of the robot, as triangles in space; ``pieces`` are those of obstacles.
+        """
+        workspace = problem.workspace
+        grid = workspace.grid
+        robot = self._robot
+        missing_axis = (0, 3 - grid.dim)
+        # The robot's corners by part; the first of each part is an anchor of the robot.
+        corners, starts = connected_parts(boundary)
+        stops = np.append(starts[1:], len(corners))
+        self._anchors = corners[starts]
+        stop_of_corners = np.repeat(stops, stops - starts)
+        corner_distances = np.linalg.norm(corners, axis=1)
+        diameter = 2.0 * float(corner_distances.max())
+        anchors = [np.empty((0, 3))]
+        # A robot of balls needs no anchors either. Only parts no larger than the robot can lie
+        # inside it.
+        is_balls = (boundary.simplices == boundary.simplices[:, :1]).all()
+        if robot.encloses and not is_balls:
+            for part in pieces:
+                points, sizes = part_anchors(as_triangles([part]))
+                anchors.append(points[sizes <= diameter])
+        low, high = (np.pad(corner, missing_axis) for corner in robot.bounds)
+        # Without shapes, the obstacles are exactly the outer cells.
+        inner = workspace.inner if workspace.shapes else workspace.outer
+        shape_in_space = grid.shape if grid.dim == 3 else (*grid.shape, 1)
+        return Containment(
+            corners=np.column_stack([corners, stop_of_corners]),
+            exterior_blocked=problem.exterior_blocked,
+            lower=tuple(np.pad(grid.lower, missing_axis).tolist()),
+            spacing=grid.spacing,
+            outer=workspace.outer.reshape(shape_in_space),
+            inner=inner.reshape(shape_in_space),
+            anchors=np.concatenate(anchors),
+            low=tuple(low.tolist()),
+            high=tuple(high.tolist()),
+            has_solids=bool(self._shapes),
+        )
+
+    def edge(self, *ends: float) -> bool:
+        """Return True if an edge, given by the numbers of both ends, is proven free."""
+        q0, q1 = np.array(ends, dtype=np.float64).reshape(2, 1, self._size)
+        return bool(self.are_free(q0, q1)[0])
+
+    def are_free(self, q0: Floats, q1: Floats) -> Bools:
+        """Return whether each edge, shapes (n, size), is proven free."""
+        states = np.empty(len(q0), dtype=np.uint8)
+
+        def prove_chunk(start: int, stop: int) -> int:
+            """Write the states of some edges; -1 means that none is invalid."""
+            chunk = slice(start, stop)
+            prove_edges(self._inputs, q0[chunk], q1[chunk], make_scratch(), states[chunk])
+            return -1
+
+        in_chunks(prove_chunk, len(q0), MIN_PROOFS_PER_THREAD)
+        is_free: Bools = states == FREE
+        # Along a MIXED edge no boundaries meet, so containment at its first end decides.
+        undecided = np.flatnonzero(states == MIXED)
+        if len(undecided):
+            batches = np.array_split(q0[undecided], 1 + len(undecided) // self._batch_size)
+            is_free[undecided] = ~np.concatenate([self._are_nested(batch) for batch in batches])
+        return is_free
+
+    def is_outside(self, *q: float) -> bool:
+        """Return True if neither robot nor obstacles contain the other at a configuration.
+
+        No boundaries may meet there.
+        """
+        row = np.array([q])
+        positions, matrices = self._place_robot(row)
+        position = cast(Row, tuple(positions[0].tolist()))
+        matrix = cast(Matrix, tuple(map(tuple, matrices[0].tolist())))
+        state = corner_state(self._inputs.containment, position, matrix)
+        return state != BLOCKED and not self._are_nested(row)[0]
+
+    def slack(self, points: Floats, lengths: Floats, angles: Floats) -> float:
+        """Return a lower bound of (distance - required distance) along a free path, metres.
+
+        The path is given in pieces: their midpoints, shape (n, size), their lengths and their
+        rotation angles, shape (n,).
+        """
+        boundaries = self.boundaries
+        scale = boundaries.scale
+        positions, matrices = self._place_robot(points)
+        # The farthest way of any point of the robot from where it is at the midpoint.
+        spans = 0.5 * (scale * lengths + boundaries.max_lever * angles)
+        node_pairs = make_scratch().node_pairs
+        slack = path_slack(boundaries, scale * positions, matrices, spans, node_pairs)
+        return float(slack) / scale
+
+    def _place_robot(self, points: Floats) -> tuple[Floats, Floats]:
+        """Return reference points, shape (n, 3), and rotation matrices, shape (n, 3, 3).
+
+        ``points`` are configurations, shape (n, size). The plane lies at z = 0.
+        """
+        positions = np.zeros((len(points), 3))
+        matrices = np.zeros((len(points), 3, 3))
+        positions[:, : self._dim] = points[:, : self._dim]
+        matrices[:, 2, 2] = 1.0
+        matrices[:, : self._dim, : self._dim] = self._rotations.rotation_matrices(points)
+        return positions, matrices
+
+    def _are_nested(self, q: Floats) -> Bools:
+        """Return whether robot or obstacles contain a part of the other, shape (n,).
+
+        ``q``, shape (n, size), are configurations at which no boundaries meet, so that one point of
+        each part, its anchor, decides.
+        """
+        positions, matrices = self._place_robot(q)
+        # Points of the robot in the world, shape (n, robot anchors, 3).
+        robot_points = self._anchors @ matrices.swapaxes(1, 2) + positions[:, None]
+        # Points of obstacles in the robot's frame, shape (n, obstacle anchors, 3).
+        obstacle_points = (self._inputs.containment.anchors - positions[:, None]) @ matrices
+        dim = self._dim
+        is_nested = _contain_any(self._robot, self._robot.bounds, obstacle_points[..., :dim])
+        for shape in self._shapes:
+            # Obstacles end at the bounds of the grid.
+            is_nested |= _contain_any(shape, self._bounds, robot_points[..., :dim])
+        return is_nested
+
+
+def _build_boundary_trees(
+    problem: Problem, robot: RoundedSimplices, walls: ObstacleBoundary
+) -> BoundaryTrees:
+    """Build the trees of robot, obstacles and walls, scaled to coordinates of about one.
+
+    ``robot`` is its boundary; ``walls`` are the boundaries of the obstacles.
+    """
+    grid = problem.workspace.grid
+    obstacles = as_triangles(walls.pieces)
+    missing_axis = (0, 3 - grid.dim)
+    # Walls of a plane grid are so high that their sides, not their tops, are nearest.
+    sides = np.pad(np.subtract(grid.upper, grid.lower), missing_axis, mode="maximum")
+    center = np.pad(np.add(grid.lower, grid.upper) / 2.0, missing_axis)
+    faces = [Box.of(sides, center).boundary()] if problem.exterior_blocked else []
+    largest = np.abs(obstacles.simplices).max(initial=0.0) + obstacles.radii.max(initial=0.0)
+    max_coordinate = problem.max_coordinate + float(largest)
+    # A power of two scales without rounding.
+    _, exponent = math.frexp(max_coordinate)
+    scale = 2.0**-exponent
+    scaled = [
+        RoundedSimplices(scale * part.simplices, scale * part.radii)
+        for part in (robot, obstacles, as_triangles(faces))
+    ]
+    trees, roots = build_trees(scaled, problem.rotations.about_z)
+    robot_root, obstacle_root, wall_root = roots
+    required = problem.required_distance + walls.error + DISTANCE_ROUNDING * max_coordinate
+    return BoundaryTrees(
+        trees=trees,
+        robot=robot_root,
+        others=(wall_root, obstacle_root),
+        max_lever=float(trees.boxes[0, LEVER]),  # of the robot's root
+        scale=scale,
+        required=scale * required,
+    )
+
+
+def _contain_any(shape: ExactShape, bounds: tuple[Floats, Floats], points: Floats) -> Bools:
+    """Return whether a shape contains any of the points in its bounds.
+
+    The points have shape (n, m, d), the result (n,).
+    """
+    low, high = bounds
+    is_inside: Bools = np.asarray(((low <= points) & (points <= high)).all(axis=2))
+    # Most points are outside the bounds, which takes no time to find.
+    if is_inside.any():
+        is_inside[is_inside] = shape.contains(points[is_inside])
+    return np.asarray(is_inside.any(axis=1))
+
+
+class Scratch(NamedTuple):
+    """Scratch memory of an edge proof.
+
+    Attributes
+    ----------
+    parts : ndarray of float64, shape (MAX_PENDING_PARTS, 2)
+        Stack of unproven parts: where each begins and ends, from 0 to 1.
+    node_pairs : ndarray of int64, shape (MAX_PENDING_PAIRS, 2)
+        See :func:`cspace._bodies.triangles.free_fraction`.
+    measured : ndarray of int64, shape (1,)
+        Number of distances measured along the edge.
+    """
+
+    parts: Floats
+    node_pairs: Ints
+    measured: Ints
+
+
+def make_scratch() -> Scratch:
+    """Allocate scratch memory."""
+    return Scratch(
+        parts=np.empty((MAX_PENDING_PARTS, 2)),
+        node_pairs=np.full((MAX_PENDING_PAIRS, 2), -1),
+        measured=np.zeros(1, dtype=np.int64),
+    )
+
+
+class EdgeArc(NamedTuple):
+    """One of the arcs along which the robot may move between two configurations.
+
+    Attributes
+    ----------
+    p0, p1 : tuple of float
+        Positions at the ends.
+    r0, r1 : tuple of float
+        Rotations at the ends.
+    number : int
+        Number of the arc; 0 for the shorter one.
+    step : tuple of float
+        Translation of the reference point, scaled like the trees.
+    angle : float
+        Rotation, radians.
+    angle_error : float
+        Angle by which the rotation may jump. If it is not zero, a part may be at any rotation of
+        the whole arc, so that cells prove nothing.
+    required : float
+        Distance that proves a configuration free, scaled, with all rounding.
+    """
+
+    p0: Row
+    r0: Numbers
+    p1: Row
+    r1: Numbers
+    number: int
+    step: Row
+    angle: float
+    angle_error: float
+    required: float
+
+
+@kernel
+def prove_edges(
+    inputs: ProofInputs, first: Floats, second: Floats, scratch: Scratch, out: States
+) -> None:
+    """Write the states of edges, shapes (n, size), to ``out``, shape (n,); see `edge_state`."""
+    for k in range(first.shape[0]):
+        p0, r0 = configuration_in(inputs.map, first, k)
+        p1, r1 = configuration_in(inputs.map, second, k)
+        out[k] = edge_state(inputs, p0, r0, p1, r1, scratch)
+
+
+@internal
+def edge_state(
+    inputs: ProofInputs, p0: Row, r0: Numbers, p1: Row, r1: Numbers, scratch: Scratch
+) -> int:
+    """Prove an edge free: return FREE, or BLOCKED if it is not proven.
+
+    The edge leads from position p0 and rotation r0 to p1 and r1. MIXED means that no boundaries
+    meet along the edge: it is free if neither robot nor obstacles contain the other at the first
+    endpoint. An edge with equal endpoints is a point. If two arcs are equally long up to rounding,
+    both must be proven.
+    """
+    map_ = inputs.map
+    boundaries = inputs.boundaries
+    if not (is_usable(p0, r0) and is_usable(p1, r1)):
+        return BLOCKED
+    # Rounding grows with the coordinates; a plane map has no first axis.
+    coordinates = 0.0
+    for axis in range(3 - map_.dim, 3):
+        length = abs(p0[axis]) + abs(p1[axis])
+        # The negated comparison refuses NaN too.
+        if not length <= 2.0 * MAX_COORDINATE * map_.spacing:
+            return BLOCKED
+        coordinates += length
+    scale = boundaries.scale
+    step = minus(reference_point(map_, p1, scale), reference_point(map_, p0, scale))
+    rounding = 2.0 * DISTANCE_ROUNDING * scale * coordinates
+    scratch.measured[0] = 0
+    for number in range(arc_count(r0, r1)):
+        angle, error = arc_angle_and_error(r0, r1, number)
+        required = boundaries.required + rounding + error * boundaries.max_lever
+        arc = EdgeArc(p0, r0, p1, r1, number, step, angle, error, required)
+        if not prove_arc(inputs, arc, scratch):
+            return BLOCKED
+    # The cells alone prove the edge.
+    if scratch.measured[0] == 0:
+        return FREE
+    # While no boundaries meet, containment cannot change, so one test is enough.
+    place = reference_point(map_, p0, 1.0)
+    matrix = matrix_rows(r0)
+    state = corner_state(inputs.containment, place, matrix)
+    if state == FREE and has_near_anchor(inputs.containment, place, matrix):
+        return MIXED
+    return state
+
+
+@internal
+def prove_arc(inputs: ProofInputs, arc: EdgeArc, scratch: Scratch) -> bool:
+    """Return True if an arc is proven free.
+
+    The arc is cut into equal pieces. Most colliding edges of a planner collide at their end, so it
+    is proven first.
+    """
+    boundaries = inputs.boundaries
+    length = math.sqrt(dot(arc.step, arc.step)) + arc.angle * boundaries.max_lever
+    max_length = PIECE_CELLS * boundaries.scale * inputs.map.spacing
+    count = math.ceil(length / max_length)
+    for piece in range(-1, count):
+        first = piece / count if piece >= 0 else 1.0
+        last = (piece + 1) / count if piece >= 0 else 1.0
+        if not prove_part(inputs, arc, first, last, scratch):
+            return False
+    return True
+
+
+@internal
+def prove_part(
+    inputs: ProofInputs, arc: EdgeArc, first: float, last: float, scratch: Scratch
+) -> bool:
+    """Return True if the part of an arc from ``first`` to ``last``, in [0, 1], is proven free.
+
+    The map proves the part, or the distance at its midpoint proves an interval around the midpoint
+    and leaves the remainders on both sides.
+    """
+    boundaries = inputs.boundaries
+    # A stack of unproven parts, each with its beginning and its end.
+    parts = scratch.parts
+    parts[0, 0] = first
+    parts[0, 1] = last
+    pending = 1
+    while pending > 0:
+        pending -= 1
+        first = parts[pending, 0]
+        last = parts[pending, 1]
+        if first < last and cells_are_free(inputs.map, arc, first, last):
+            continue
+        half = 0.5 * (last - first)
+        center = 0.5 * (first + last)
+        position = position_along(arc.p0, arc.p1, center)
+        rotation = rotation_along(arc.r0, arc.r1, arc.number, center)
+        state = state_at(inputs.map, position, rotation)
+        if state == FREE and first == last:
+            continue
+        if state == BLOCKED or scratch.measured[0] == MAX_DISTANCES_PER_EDGE:
+            return False
+        # The distance at the midpoint proves the arc as far as the robot can move that distance.
+        place = reference_point(inputs.map, position, boundaries.scale)
+        motion = Motion(matrix_rows(rotation), place, arc.step, arc.angle, arc.required, 0.0)
+        enough = half / ADVANCE_FACTOR
+        fraction = free_fraction(
+            boundaries.trees,
+            boundaries.robot,
+            boundaries.others,
+            motion,
+            enough,
+            scratch.node_pairs,
+        )
+        proven = ADVANCE_FACTOR * fraction
+        scratch.measured[0] += 1
+        if proven < min(half, MIN_ADVANCE):
+            return False
+        if proven < half:
+            # Remainders on both sides; the first one comes next.
+            parts[pending, 0] = center + proven
+            parts[pending, 1] = last
+            parts[pending + 1, 0] = first
+            parts[pending + 1, 1] = center - proven
+            pending += 2
+    return True
+
+
+@internal
+def cells_are_free(map_: Map, arc: EdgeArc, first: float, last: float) -> bool:
+    """Return True if FREE cells prove the part of an arc from ``first`` to ``last``, in [0, 1]."""
+    if arc.angle_error > 0.0:
+        return False
+    start = position_along(arc.p0, arc.p1, first)
+    end = position_along(arc.p0, arc.p1, last)
+    start_rotation = rotation_along(arc.r0, arc.r1, arc.number, first)
+    end_rotation = rotation_along(arc.r0, arc.r1, arc.number, last)
+    return bool(edge_is_free(map_, start, start_rotation, end, end_rotation))
+
+
+@kernel
+def path_slack(
+    boundaries: BoundaryTrees, positions: Floats, matrices: Floats, spans: Floats, scratch: Ints
+) -> float:
+    """Return a lower bound of (distance - required distance) along a path.
+
+    The bound is at least zero. The robot is placed at the midpoint of each piece of the path, given
+    by ``positions``, shape (n, 3), and rotation ``matrices``, shape (n, 3, 3). No point of the
+    robot moves farther than the span of the piece, shape (n,), from there. All lengths are scaled
+    like the trees. No part of robot or obstacles may lie inside the other.
+    """
+    best = math.inf
+    no_step = (0.0, 0.0, 0.0)
+    for k in range(len(positions)):
+        position = row_at(positions[k], 0)
+        rows = matrices[k]
+        matrix = row_at(rows[0], 0), row_at(rows[1], 0), row_at(rows[2], 0)
+        # With a drift of 1 and no other motion, the free fraction is the distance itself, capped at
+        # best + span.
+        enough = best + spans[k]
+        distance = fraction_apart(boundaries, position, matrix, no_step, 0.0, 1.0, enough, scratch)
+        best = min(best, distance - spans[k])
+        if best <= 0.0:
+            return 0.0
+    return best
+
+
+@internal
+def fraction_apart(
+    boundaries: BoundaryTrees,
+    position: Row,
+    matrix: Matrix,
+    step: Row,
+    angle: float,
+    drift: float,
+    enough: float,
+    scratch: Ints,
+) -> float:
+    """Return the fraction of a motion, at most ``enough``, on which boundaries stay apart.
+
+    From its position, the robot moves by up to ``step`` forwards or backwards, by up to ``drift``
+    in any direction, and rotates by up to ``angle``. All lengths are scaled like the trees.
+    """
+    x, y, z = position
+    rounding = 2.0 * DISTANCE_ROUNDING * (abs(x) + abs(y) + abs(z))
+    required = boundaries.required + rounding
+    motion = Motion(matrix, position, step, angle, required, drift)
+    return free_fraction(
+        boundaries.trees, boundaries.robot, boundaries.others, motion, enough, scratch
+    )
+
+
+@internal
+def reference_point(map_: Map, position: Row, scale: float) -> Row:
+    """Return the reference point of the robot in space, times ``scale``."""
+    x, y, z = position
+    # Positions of the plane have their two coordinates last; the plane lies at z = 0.
+    if map_.dim == 2:
+        return scale * y, scale * z, 0.0
+    return scale * x, scale * y, scale * z
+
+
+@kernel
+def corner_state(containment: Containment, position: Row, matrix: Matrix) -> int:
+    """Test by cells whether a part of the robot lies inside an obstacle.
+
+    Returns BLOCKED if one does, MIXED if that is undecided, otherwise FREE. No boundaries may meet,
+    so that any corner of a part decides for the whole part.
+    """
+    spacing = containment.spacing
+    state = FREE
+    k = 0
+    nx, ny, nz = containment.outer.shape
+    while k < len(containment.corners):
+        # A row has a corner, and the index of the first corner of the next part.
+        corner = containment.corners[k]
+        posed_corner = apply_pose(matrix, position, row_at(corner, 0))
+        x, y, z = minus(posed_corner, containment.lower)
+        i, j, m = math.floor(x / spacing), math.floor(y / spacing), math.floor(z / spacing)
+        next_part = int(corner[3])
+        if not (0 <= i < nx and 0 <= j < ny and 0 <= m < nz):
+            if containment.exterior_blocked:
+                return BLOCKED
+            k = next_part
+        elif containment.inner[i, j, m]:
+            return BLOCKED
+        elif not containment.outer[i, j, m]:
+            k = next_part
+        else:
+            # This cell decides nothing, so try the next corner of the part.
+            k += 1
+            all_corners_undecided = k == next_part
+            if all_corners_undecided and containment.has_solids:
+                state = MIXED
+    return state
+
+
+@internal
+def has_near_anchor(containment: Containment, position: Row, matrix: Matrix) -> bool:
+    """Return True if an obstacle anchor lies in the robot's bounding box."""
+    low = containment.low
+    high = containment.high
+    for k in range(len(containment.anchors)):
+        # The anchor in the frame of the robot.
+        offset = minus(row_at(containment.anchors[k], 0), position)
+        x, y, z = rotate_back(matrix, offset)
+        if low[0] <= x <= high[0] and low[1] <= y <= high[1] and low[2] <= z <= high[2]:
+            return True
+    return False

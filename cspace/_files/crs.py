@@ -1,0 +1,42 @@
+"""Check of coordinate reference systems: maps are in metres."""
+
+from __future__ import annotations
+
+import re
+from typing import Any, Final
+
+from cspace._support.reporting import warn_user
+from cspace.errors import GeometryError, UnitWarning
+
+PROJECT: Final = "project it to metres, e.g. ogr2ogr -t_srs EPSG:32632 (your UTM zone) new old"
+
+_LAST_NUMBER: Final = re.compile(r"(\d+)\W*$")
+"""Code of a system: EPSG:4326, urn:ogc:def:crs:EPSG::4326, .../EPSG/0/4326, ...:CRS84, or WKT."""
+
+_NOT_METRES: Final = frozenset({84, 83, 27, 3857, 900913, *range(4000, 5000)})
+"""Codes of longitude and latitude, and of the web Mercator projection, which stretches lengths."""
+
+_UTM_HUNDREDS: Final = frozenset({326, 327, 258, 269, 283})
+"""Hundreds of the codes of the transverse Mercator zones of WGS 84, ETRS89, NAD83 and GDA94."""
+
+
+def check_crs(crs: Any, name: str) -> None:
+    """Refuse a coordinate reference system that is not in metres; warn of an unknown one.
+
+    `crs` is its name, code or WKT, or an object that has one of them as its text.
+
+    Raises GeometryError if it is longitude and latitude, or web Mercator.
+    """
+    text = str(crs)
+    found = _LAST_NUMBER.search(text)
+    code = int(found[1]) if found else 0
+    is_geographic = getattr(crs, "is_geographic", False) or text.lstrip().startswith("GEOG")
+    if is_geographic or code in _NOT_METRES:
+        problem = f"has the coordinate reference system {text:.60}"
+        raise GeometryError(name, problem, "its units are not metres on the ground", PROJECT)
+    if code // 100 not in _UTM_HUNDREDS:
+        warn_user(
+            f"{name}: its coordinates in {text:.60} are read as metres; {PROJECT}, or leave the "
+            "reference system out",
+            UnitWarning,
+        )

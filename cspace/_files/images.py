@@ -1,0 +1,402 @@
+"""Cells of images and of MovingAI benchmark maps.
+
+Pillow decodes the images. Sturtevant, "Benchmarks for Grid-Based Pathfinding", 2012; Brewer and
+Sturtevant, "Benchmarks for Pathfinding in 3D Voxel Space", 2018.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import threading
+import warnings
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace._files.access import ContentError, decoding, is_count, read_bytes, read_text
+from cspace._files.fields import Fields
+from cspace._limits import check_cells
+from cspace._support.arrays import Bools, Floats, StrPath, frozen
+from cspace._support.check import check_finite, check_word
+from cspace._support.reporting import warn_user
+from cspace.errors import InputError, UnitWarning
+
+if TYPE_CHECKING:
+    from PIL.Image import Image
+    from PIL.ImageFile import ImageFile
+
+IMAGE_FORMATS: Final = ("PNG", "PPM", "BMP", "JPEG", "TIFF")
+"""Formats that Pillow may detect from the content; its other plug-ins may start programs."""
+
+COLOUR_MODES: Final = ("P", "RGB", "RGBX", "RGBA", "RGBa", "LA", "La", "PA", "CMYK", "YCbCr", "HSV")
+
+_BYTES_PER_PIXEL: Final = 12
+"""Bytes of memory per pixel while a colour image is read."""
+
+_BOUNDED_FORMATS: Final = ("PNG", "PPM", "BMP")
+_MAX_PIXELS_PER_BYTE: Final = 8 * 1040
+"""Maximum number of pixels per byte of these formats: 8 pixels of one bit, times deflate's best
+ratio."""
+
+_WHITE_8_BIT: Final = 2**8 - 1
+"""Largest level of a channel of 8 bits."""
+
+_PIXELS_PER_PART: Final = 2**22
+"""Approximate number of pixels that are converted at once."""
+
+_UNSIGNED_FORMATS: Final = frozenset({1, 4})
+"""Sample formats of TIFF that are unsigned whole numbers, or not said."""
+
+_USUAL_GAMMA: Final = 1.0 / 2.2
+"""Gamma of PNG images that viewers show as they are."""
+
+FIELDS: Final = (
+    Fields(
+        "`.png`, `.pgm`, `.ppm`, `.pbm`, `.pnm`, `.jpg`, `.jpeg`, `.bmp`, `.tif`, `.tiff`",
+        honoured=(
+            "bit depth, PGM's maximum, palette, CMYK, transparency",
+            "EXIF and TIFF orientation",
+            "TIFF: WhiteIsZero, fill order",
+        ),
+        refused=(
+            "bytes after the pixels of a PBM, PGM or PPM",
+            "signed and real samples",
+            "GDAL's nodata",
+        ),
+        warned=("further pages or frames", "gamma other than 1/2.2", "placement of a GeoTIFF"),
+    ),
+    Fields("`.map`, `.3dmap`", honoured=("header",)),
+)
+
+_PILLOW_LIMIT_LOCK: Final = threading.Lock()
+"""Held while Pillow's own pixel limit, which is global to the process, is replaced by ours."""
+
+
+class Shades(NamedTuple):
+    """An image indexed like coordinates, ``[x, y]`` with y up.
+
+    Attributes
+    ----------
+    levels : ndarray of unsigned integers, shape (nx, ny)
+    white_level : int
+        Level of white; black is 0.
+    opaque : ndarray of bool, shape (nx, ny), or True
+        True for pixels of full alpha.
+    """
+
+    levels: NDArray[np.unsignedinteger[Any]]
+    white_level: int
+    opaque: Bools | bool
+
+    @property
+    def shades(self) -> Floats:
+        """Shade of each level, from 0 (black) to 1 (white)."""
+        return np.arange(self.white_level + 1) / float(self.white_level)
+
+    def select(self, levels: Bools) -> Bools:
+        """Return a mask of the pixels whose level is set in `levels`."""
+        selected = np.empty(self.levels.shape, dtype=np.bool_)
+        # Part by part, because an index of all pixels would take eight bytes each.
+        columns_at_once = max(1, _PIXELS_PER_PART // selected[0].size)
+        for first in range(0, len(selected), columns_at_once):
+            part = slice(first, first + columns_at_once)
+            selected[part] = levels[self.levels[part]]
+        return selected
+
+
+def read_image(
+    path: StrPath, threshold: float = 0.5, dark: str = "occupied"
+) -> tuple[Bools, Bools | None]:
+    """Read the occupied and the unknown cells of an image, shape (nx, ny) each.
+
+    Each pixel is one cell. The content decides whether it is a PNG, PGM, PPM, PBM, BMP, JPEG or
+    TIFF. The first row is the top of the map. The shade of a pixel is the mean of its colour
+    channels, from 0 (black) to 1 (white). Pixels below `threshold` are dark, and `dark` says
+    whether dark means "occupied" or "free". A pixel that is not fully opaque is unknown, and
+    occupied.
+
+    Raises InputError if `threshold` is not above 0 and at most 1, or `dark` is another word. Raises
+    FileError if the file is missing or too large, cannot be decoded, or has pixels of an unknown
+    mode.
+    """
+    level = check_finite(threshold, "threshold")
+    if level.shape != () or not 0.0 < level <= 1.0:
+        rule = "it must be one number above 0 and at most 1"
+        raise InputError("threshold", f"is {threshold!r}", rule, "pass e.g. 0.5")
+    check_word(dark, "dark", ("occupied", "free"))
+    image = read_shades(path, "image")
+    occupied_levels = image.shades < level
+    if dark == "free":
+        occupied_levels = ~occupied_levels
+    occupied = image.select(occupied_levels)
+    unknown = None
+    if isinstance(image.opaque, np.ndarray):
+        unknown = frozen(np.logical_not(image.opaque, out=image.opaque))
+        occupied |= unknown
+    return frozen(occupied), unknown
+
+
+def read_shades(path: StrPath, kind: str, *, may_turn: bool = True) -> Shades:
+    """Read the shades of an image.
+
+    Grey images of 16 bits keep all their levels. An EXIF orientation is applied, or refused unless
+    `may_turn`. `kind` names the image in messages.
+
+    Raises FileError if the file is missing or too large, cannot be decoded, or has pixels of an
+    unknown mode.
+    """
+    data = read_bytes(path, kind)
+    rule = f"it must be a whole file of {', '.join(IMAGE_FORMATS)}"
+    with decoding(path, kind, rule, "save it again"), warnings.catch_warnings():
+        from PIL import ImageOps
+
+        image = _open_image(data)
+        warnings.simplefilter("ignore")  # they concern metadata, which are not used
+        check_cells(path, image.size, memory=_BYTES_PER_PIXEL)
+        pixels = math.prod(image.size)
+        if image.format in _BOUNDED_FORMATS and pixels > _MAX_PIXELS_PER_BYTE * len(data):
+            raise ContentError(f"declares {pixels} pixels, more than its bytes can hold")
+        if image.format == "PPM":
+            _check_length(image, len(data))
+        pages = getattr(image, "n_frames", 1)
+        tags: dict[int, Any] = dict(getattr(image, "tag_v2", {}))
+        orientation = image.getexif().get(_ORIENTATION, 1)
+        if orientation != 1 and not may_turn:
+            rule = "map servers ignore it, and viewers do not"
+            raise ContentError(f"has EXIF orientation {orientation}", rule, "save it upright")
+        if _NODATA in tags:
+            rule = "such pixels are neither dark nor bright"
+            raise ContentError("has a value for no data", rule, "fill it, with gdal_fillnodata")
+        image.load()
+        ImageOps.exif_transpose(image, in_place=True)
+        shades = _convert_image(image, tags)
+    gamma = image.info.get("gamma", _USUAL_GAMMA)
+    if pages > 1:
+        warn_user(f"{path}: it has {pages} pages or frames, and only the first is read")
+    if not math.isclose(gamma, _USUAL_GAMMA, rel_tol=0.1):
+        warn_user(
+            f"{path}: its gamma of {gamma:g} is not applied, so viewers show other shades; save it "
+            "with a gamma of 1/2.2"
+        )
+    if tags.keys() & {_PIXEL_SCALE, _MATRIX}:
+        warn_user(
+            f"{path}: the placement of a GeoTIFF is not read; for that, open it with rioxarray and "
+            "pass the array to Workspace.from_array",
+            UnitWarning,
+        )
+    return shades
+
+
+def _open_image(data: bytes) -> ImageFile:
+    """Open an image with Pillow, without Pillow's own limit of its size."""
+    from PIL import Image
+
+    with _PILLOW_LIMIT_LOCK:
+        limit = Image.MAX_IMAGE_PIXELS
+        Image.MAX_IMAGE_PIXELS = None
+        try:
+            # Reading from memory bounds a chunk that claims gigabytes by the end of the file.
+            return Image.open(io.BytesIO(data), formats=IMAGE_FORMATS)
+        finally:
+            Image.MAX_IMAGE_PIXELS = limit
+
+
+def _check_length(image: ImageFile, size: int) -> None:
+    """Raise ContentError unless a binary PBM, PGM or PPM ends with its last pixel.
+
+    Converted line ends move all pixels, and show only by the length of the file.
+    """
+    tile: Any = image.tile[0]
+    decoder, _, start, arguments = tile
+    if decoder == "ppm_plain":
+        return
+    width, height = image.size
+    row_bytes = width * len(image.getbands())
+    if image.mode == "1":
+        row_bytes = math.ceil(width / 8)
+    elif image.mode == "I" or (decoder == "ppm" and arguments[1] > _WHITE_8_BIT):
+        row_bytes *= 2
+    excess = size - start - height * row_bytes
+    if excess > 0:
+        problem = f"has {excess} bytes more than its pixels"
+        rule = "then its line ends were converted, or it holds several images"
+        hint = "fetch it again, as a binary file (in git: *.pgm binary in .gitattributes)"
+        raise ContentError(problem, rule, hint)
+
+
+_PHOTOMETRIC: Final = 262
+_BITS_PER_SAMPLE: Final = 258
+_ORIENTATION: Final = 274
+_SAMPLE_FORMAT: Final = 339
+_PIXEL_SCALE: Final = 33550
+_MATRIX: Final = 34264
+_NODATA: Final = 42113
+"""Numbers of tags of TIFF, GeoTIFF and GDAL; EXIF has that of the orientation, too."""
+
+
+def _convert_image(image: Image, tags: dict[int, Any]) -> Shades:
+    """Convert an image of Pillow to shades.
+
+    Raises an error if the meaning of its pixels is unknown.
+    """
+    # Shades of grey have one axis of pixels; colours, and an alpha channel, have a third axis.
+    mode, white_level = _choose_channels(image, tags)
+    width, height = image.size
+    is_deep = mode.startswith("I")
+    levels = np.empty(image.size, np.uint8 if white_level == _WHITE_8_BIT else np.uint16)
+    opaque = np.empty(image.size, dtype=np.bool_) if mode == "RGBA" else True
+    rows_at_once = max(1, _PIXELS_PER_PART // width)
+    for top in range(0, height, rows_at_once):
+        bottom = min(top + rows_at_once, height)
+        rows = image.crop((0, top, width, bottom))
+        pixels = np.asarray(rows if rows.mode == mode else rows.convert(mode))
+        if is_deep and (pixels.min() < 0 or pixels.max() > white_level):
+            raise _make_mode_error(image)
+        colours = np.atleast_3d(pixels)[..., :3]
+        total = colours[..., 0].astype(levels.dtype)
+        for channel in range(1, colours.shape[2]):
+            total += colours[..., channel]
+        # Rows count from the top, but y counts from the bottom.
+        part = np.s_[:, height - bottom : height - top]
+        levels[part] = total[::-1].T
+        if isinstance(opaque, np.ndarray):
+            opaque[part] = (pixels[..., 3] == _WHITE_8_BIT)[::-1].T
+    if is_deep and tags.get(_PHOTOMETRIC) == 0:  # white is 0; Pillow inverts the others
+        np.subtract(white_level, levels, out=levels)
+    return Shades(levels, white_level, opaque)
+
+
+def _choose_channels(image: Image, tags: dict[int, Any]) -> tuple[str, int]:
+    """Return Pillow's mode in which to read an image, and its level of white."""
+    has_alpha = image.has_transparency_data
+    if not set(tags.get(_SAMPLE_FORMAT, ())) <= _UNSIGNED_FORMATS:
+        raise _make_mode_error(image)
+    if image.mode in ("1", "L") and not has_alpha:
+        return "L", _WHITE_8_BIT
+    # Mode "I" is 16-bit grey in these two formats, but has an unknown range in the others.
+    is_16_bit = image.mode == "I" and image.format in ("PNG", "PPM")
+    if (is_16_bit or image.mode.startswith("I;16")) and not has_alpha:
+        bits = tags.get(_BITS_PER_SAMPLE, (16,))[0]
+        return image.mode, 2**bits - 1
+    if image.mode in ("1", "L", *COLOUR_MODES):
+        mode = "RGBA" if has_alpha else "RGB"
+        return mode, 3 * _WHITE_8_BIT  # the sum of the three colours
+    raise _make_mode_error(image)
+
+
+def _make_mode_error(image: Image) -> ContentError:
+    """Return the error for an image whose pixels have no known meaning."""
+    rule = "pixels must be grey of up to 16 bits without transparency, or 8-bit colour"
+    hint = "convert it, e.g. to an 8-bit grey PNG"
+    return ContentError(f"has image mode {image.mode!r}", rule, hint)
+
+
+PASSABLE_CHARACTERS: Final = ".GS"
+BLOCKED_CHARACTERS: Final = "@OTW"
+_DROP_CELLS: Final = str.maketrans("", "", PASSABLE_CHARACTERS + BLOCKED_CHARACTERS)
+
+
+_MAP_HEADER_LINES: Final = 4
+"""Number of lines of a ``.map`` file before its rows."""
+
+
+def read_movingai_map(path: StrPath) -> Bools:
+    """Read the blocked cells of a ``.map`` file, shape (width, height).
+
+    ``.``, ``G`` and ``S`` are passable; ``@``, ``O``, ``T`` and ``W`` are blocked. The first row is
+    the top.
+
+    Raises FileError if the file is missing, the header is malformed, a row has the wrong length or
+    another character, or the number of rows is wrong.
+    """
+    with decoding(path, "MovingAI map"):
+        lines = _read_lines(path, "MovingAI map")
+        width, height = _parse_map_header(lines)
+        rows = lines[_MAP_HEADER_LINES:]
+        widths = set(map(len, rows))
+        if len(rows) != height or widths != {width}:
+            problem = f"has {len(rows)} rows of {sorted(widths)[:5]} characters"
+            raise ContentError(f"{problem} but its header says {height} rows of {width}")
+        text = "".join(rows)
+        wrong = text.translate(_DROP_CELLS)
+        if wrong:
+            row, column = divmod(text.index(wrong[0]), width)
+            line = _MAP_HEADER_LINES + row + 1
+            problem = f"line {line}, column {column + 1} is {wrong[0]!r}"
+            rule = f"cells are '{PASSABLE_CHARACTERS}' (passable) or '{BLOCKED_CHARACTERS}'"
+            raise ContentError(problem, rule, "replace it")
+        characters = np.frombuffer(text.encode(), dtype=np.uint8).reshape(height, width)
+        blocked = np.isin(characters, list(map(ord, BLOCKED_CHARACTERS)))
+        # Rows count from the top, but y counts from the bottom.
+        return np.ascontiguousarray(blocked[::-1].T)
+
+
+def _parse_map_header(lines: list[str]) -> tuple[int, int]:
+    """Return the width and the height of a map, from its first four lines."""
+    # The two sizes may come in either order.
+    sizes: dict[str, str] = {}
+    for line in lines[1:3]:
+        key, _, size = line.partition(" ")
+        sizes[key] = size
+    is_header = lines[:1] == ["type octile"] and lines[3:4] == ["map"]
+    if is_header and sizes.keys() == {"height", "width"} and all(map(is_count, sizes.values())):
+        width = int(sizes["width"])
+        height = int(sizes["height"])
+        if width and height:
+            return width, height
+    rule = "it must be 'type octile', 'height H', 'width W' and 'map', a line each, H and W above 0"
+    raise ContentError(f"begins with {lines[:4]!r:.100}", rule, "fetch it again")
+
+
+def read_movingai_voxels(path: StrPath) -> Bools:
+    """Read the blocked voxels of a ``.3dmap`` file, shape (nx, ny, nz).
+
+    The first line is ``voxel`` and the numbers of voxels along x, y and z. Each other line is ``x y
+    z`` of a blocked voxel, counted from 0. A file truncated between two lines cannot be detected.
+
+    Raises FileError, naming the line, if the file is missing, declares too many voxels, or a line
+    is malformed or names a voxel outside the map.
+    """
+    lines = _read_lines(path, "MovingAI voxel map", memory=100.0)
+    with decoding(path, "MovingAI voxel map"):
+        # The header, then a voxel in each line.
+        keyword, *sizes = lines[0].split() or [""]
+        shape = _parse_counts(sizes)
+        if keyword != "voxel" or min(shape, default=0) < 1:
+            raise _make_line_error(1, lines, "'voxel' and three whole numbers above zero")
+        check_cells(path, shape)
+        blocked = np.zeros(shape, dtype=np.bool_)
+        for number, line in enumerate(lines[1:], start=2):
+            words = line.split()
+            if not words:
+                continue
+            voxel = _parse_counts(words)
+            if not voxel:
+                rule = "'x y z' of a blocked voxel, whole numbers from 0 on"
+                raise _make_line_error(number, lines, rule)
+            if any(index >= count for index, count in zip(voxel, shape, strict=True)):
+                rule = f"a voxel inside {' x '.join(sizes)}, counted from 0"
+                raise _make_line_error(number, lines, rule)
+            blocked[voxel] = True
+    return blocked
+
+
+def _parse_counts(words: list[str]) -> tuple[int, ...]:
+    """Parse three whole numbers; return an empty tuple for other words."""
+    if len(words) != 3 or not all(map(is_count, words)):
+        return ()
+    return tuple(map(int, words))
+
+
+def _read_lines(path: StrPath, kind: str, memory: float = 4.0) -> list[str]:
+    """Read the lines of a text file without trailing blank lines."""
+    text = read_text(path, kind, memory).rstrip()
+    return [line.rstrip() for line in text.split("\n")]
+
+
+def _make_line_error(number: int, lines: list[str], rule: str) -> ContentError:
+    """Return the error for a line that breaks `rule`."""
+    problem = f"line {number} is {lines[number - 1][:60]!r}"
+    return ContentError(problem, f"it must hold {rule}", "correct it or fetch it again")

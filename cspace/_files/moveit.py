@@ -1,0 +1,525 @@
+"""MoveIt's messages, also as mappings or in YAML: tables of their fields, and parsers.
+
+The YAML is what ROS prints, or what robowflex and MotionBenchMaker write. Fields that a message
+does not have are refused, because a misspelled one would be lost. Fields that would change the
+answer but are not read are refused too, unless they are empty.
+"""
+
+from __future__ import annotations
+
+import itertools
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from types import SimpleNamespace
+from typing import Any, Final, TypeAlias
+
+import numpy as np
+
+from cspace._files.access import ContentError, decoding
+from cspace._files.fields import Fields
+from cspace._files.plain import read_yaml
+from cspace._support.arrays import Floats
+from cspace.errors import InputError
+
+WORLD: Final = "world"
+"""Frame of poses whose header names none, as in robowflex."""
+
+SCENE_KIND: Final = "planning scene"
+"""Kind of file, for messages."""
+
+MAX_POSITION_METRES: Final = 1e3
+"""Largest coordinate of a position, metres.
+
+There, rounding is 1e-13 m, less than :data:`cspace._bodies.DISTANCE_ROUNDING` at a metre: a pose in
+a far frame may lead back to the arm.
+"""
+
+MAX_NUMBER: Final = 1e100
+"""Largest number of a message."""
+
+MOTION_ROUNDING: Final = 1e-6
+"""Largest difference of the entries of two equal motions, metres and radians."""
+
+FIELDS: Final = (
+    Fields(
+        "MoveIt planning scenes",
+        honoured=(
+            "`frame_id`",
+            "poses",
+            "`primitives`, `meshes`",
+            "`attached_collision_objects`",
+            "`allowed_collision_matrix`",
+            "`joint_state`",
+        ),
+        refused=(
+            "several frames",
+            "transforms other than the identity",
+            "`planes`, `subframe_names`, `octomap`",
+            "`link_padding`, `link_scale`",
+            "`is_diff`",
+            "unknown fields",
+        ),
+        warned=("attached objects without an arm",),
+    ),
+    Fields(
+        "MoveIt requests",
+        honoured=("`start_state`", "joint, position and orientation constraints", "tolerances"),
+        refused=("constraints of paths and visibility", "`target_point_offset`", "unknown fields"),
+    ),
+)
+
+Parser: TypeAlias = Callable[[Any, str], Any]
+"""Function of a value of YAML and its place in the file; raises ContentError if it is wrong."""
+
+Schema: TypeAlias = "Parser | list[Schema] | dict[str, Schema]"
+"""How :func:`parse` parses a value."""
+
+Pairs: TypeAlias = list[tuple[Any, Any]]
+"""Items with their partners, such as shapes with their poses."""
+
+Contacts: TypeAlias = dict[tuple[str, ...], bool]
+"""Entries of an allowed collision matrix by two names, and defaults by one name."""
+
+PRIMITIVES: Final[Mapping[str, tuple[str, ...]]] = {
+    "box": ("x", "y", "z"),
+    "sphere": ("radius",),
+    "cylinder": ("height", "radius"),
+    "cone": ("height", "radius"),
+}
+"""Dimensions of each primitive, in the order of the numbers of their types, which begin at 1."""
+
+_NEUTRAL_FIELDS: Final = ("name", "header", "is_diff", "w")
+"""Fields that messages without content may have; w is that of the quaternion of no rotation."""
+
+
+# ---- parsers -------------------------------------------------------------------------------------
+
+
+def wrong_value(value: Any, place: str, rule: str, hint: str = "correct it") -> ContentError:
+    """Return the error for a value that breaks a rule."""
+    return ContentError(f"has {repr(value)[:60]} as {place}", rule, hint)
+
+
+def refuse(hint: str) -> Parser:
+    """Make a parser of a field that must be empty."""
+
+    def check(value: Any, place: str) -> None:
+        if _holds_entries(value):
+            raise ContentError(f"has {place}", "it is not read", hint)
+
+    return check
+
+
+def _holds_entries(value: Any) -> bool:
+    """Return True if a message holds more than neutral fields and zeros."""
+    if isinstance(value, Mapping):
+        fields = (field for name, field in value.items() if name not in _NEUTRAL_FIELDS)
+        return any(map(_holds_entries, fields))
+    if isinstance(value, list):
+        return any(entry != 0 for entry in value)
+    return bool(value)
+
+
+def accept_only(*accepted: Any, hint: str = "correct it") -> Parser:
+    """Make a parser that accepts some values; a missing value is the first of them."""
+    rule = f"it must be {' or '.join(map(repr, accepted))}"
+
+    def check(value: Any, place: str) -> Any:
+        if value is None:
+            return accepted[0]
+        # True == 1 in Python, but not in a message.
+        kinds = [isinstance(choice, bool) for choice in accepted if choice == value]
+        if isinstance(value, bool) not in kinds:
+            raise wrong_value(value, place, rule, hint)
+        return value
+
+    return check
+
+
+def allow_missing(parser: Parser, default: Any) -> Parser:
+    """Make a parser that returns a default for a missing value."""
+    return lambda value, place: default if value is None else parser(value, place)
+
+
+def parse(schema: Schema, value: Any, place: str) -> Any:
+    """Parse a value of YAML.
+
+    ``schema`` is the parser of one value, a list of the schema of all items, or a table of the
+    schema of each field. A list may stand for a table of which it is the only field. Tables become
+    objects with their fields as attributes.
+    """
+    if callable(schema):
+        return schema(value, place)
+    if isinstance(schema, list):
+        if not isinstance(value, list | None):
+            raise wrong_value(value, place, "it must be a list")
+        (item_schema,) = schema
+        items = enumerate(value or ())
+        return [parse(item_schema, item, f"{place}[{number}]") for number, item in items]
+    return _parse_table(schema, value, place)
+
+
+def _parse_table(schema: dict[str, Schema], value: Any, place: str) -> SimpleNamespace:
+    """Parse a table of names and values."""
+    if isinstance(value, list) and len(schema) == 1:
+        value = dict.fromkeys(schema, value)
+    if not isinstance(value, dict | None):
+        raise wrong_value(value, place or "the top", "it must be a table of names and values")
+    # A field that is missing is parsed as None, for which its parser has a default or an error.
+    table = value or {}
+    for name in table:
+        if name not in schema and name not in _IGNORED_FIELDS:
+            raise ContentError(
+                f"has the unknown field {str(name)[:40]!r} at {place or 'the top'}",
+                f"the fields are {', '.join(schema)}",
+                "correct or remove it",
+            )
+    fields = {
+        name: parse(field, table.get(name), f"{place}.{name}".lstrip("."))
+        for name, field in schema.items()
+    }
+    return SimpleNamespace(**fields)
+
+
+def parse_name(value: Any, place: str) -> str:
+    """Parse a name, which is not empty; robowflex omits the quotes of numbers."""
+    name = str(value) if type(value) is int else value
+    if not isinstance(name, str) or not name:
+        raise wrong_value(value, place, "it must be a name")
+    return name
+
+
+def parse_names(value: Any, place: str) -> list[str]:
+    """Parse a list of different names."""
+    names: list[str] = parse([parse_name], value, place)
+    check_distinct(names, f" in {place}")
+    return names
+
+
+def check_distinct(
+    names: Iterable[str],
+    place: str = "",
+    rule: str = "names must differ",
+    hint: str = "remove one",
+) -> None:
+    """Raise ContentError if two names are equal."""
+    for name, following in itertools.pairwise(sorted(names)):
+        if name == following:
+            raise ContentError(f"has {name[:40]!r} twice{place}", rule, hint)
+
+
+def parse_frame(value: Any, place: str) -> str:
+    """Parse the name of a frame without the slash of old versions of ROS; it may be empty."""
+    return "" if value in (None, "") else parse_name(value, place).lstrip("/")
+
+
+def parse_number(value: Any, place: str) -> float:
+    """Parse a finite number."""
+    if type(value) not in (int, float) or not abs(value) < MAX_NUMBER:
+        raise wrong_value(value, place, "it must be one finite number")
+    return float(value)
+
+
+def make_vector_parser(count: int) -> Parser:
+    """Make a parser of a list of numbers, or of a table with x, y, z and w."""
+
+    def parse_vector(value: Any, place: str) -> Floats:
+        entries = value
+        if isinstance(value, dict) and len(value) == count:
+            entries = [value.get(name) for name in "xyzw"[:count]]
+        if not isinstance(entries, list) or len(entries) != count:
+            raise wrong_value(value, place, f"it must be {count} finite numbers")
+        return np.array([parse_number(entry, place) for entry in entries])
+
+    return parse_vector
+
+
+_parse_vector: Final = make_vector_parser(3)
+_parse_quaternion: Final = make_vector_parser(4)
+
+
+def _parse_position(value: Any, place: str) -> Floats:
+    """Parse a position, shape (3,); a missing one is the origin."""
+    position: Floats = np.zeros(3) if value is None else _parse_vector(value, place)
+    if np.abs(position).max() > MAX_POSITION_METRES:
+        raise ContentError(
+            f"has a position beyond {MAX_POSITION_METRES:g} m at {place}",
+            "its digits would be lost",
+            "use metres and a nearer frame",
+        )
+    return position
+
+
+def parse_rotation(value: Any, place: str) -> Floats:
+    """Parse a quaternion, x to w, as a rotation matrix, shape (3, 3).
+
+    A missing one is the identity. Like MoveIt, normalise it.
+    """
+    from scipy.spatial.transform import Rotation
+
+    quaternion = None if value is None else _parse_quaternion(value, place)
+    if quaternion is None or not quaternion[:3].any():  # the identity, whatever the norm
+        return np.eye(3)
+    # Squares of tiny numbers would lose digits.
+    scaled = quaternion / np.abs(quaternion).max()
+    return np.asarray(Rotation.from_quat(scaled).as_matrix())
+
+
+def parse_pose(
+    value: Any, place: str, position: str = "position", rotation: str = "orientation"
+) -> Floats:
+    """Parse a pose as a matrix, shape (4, 4); a missing pose is the identity."""
+    fields = parse({position: _parse_position, rotation: parse_rotation}, value, place)
+    pose = np.eye(4)
+    pose[:3, 3] = getattr(fields, position)
+    pose[:3, :3] = getattr(fields, rotation)
+    return pose
+
+
+def parse_identity(value: Any, place: str) -> None:
+    """Refuse a transform that is not the identity."""
+    motion = parse_pose(value, place, "translation", "rotation")
+    if np.abs(motion - np.eye(4)).max() > MOTION_ROUNDING:
+        raise ContentError(
+            f"has a motion as {place}",
+            "frames are not transformed",
+            "remove it; write poses in the planning frame, and pass base_pose= for the arm",
+        )
+
+
+_PRIMITIVE: Final[Schema] = {
+    "type": parse_name,
+    "dimensions": [parse_number],
+    "polygon": refuse("only prisms have one, and they are not read; write another primitive"),
+}
+
+
+def parse_primitive(value: Any, place: str) -> tuple[str, list[float]]:
+    """Parse a ``shape_msgs/SolidPrimitive`` as its kind and its dimensions in metres."""
+    fields = parse(_PRIMITIVE, value, place)
+    # Messages have the number of a kind, and files may have its name.
+    names_by_number = {str(number): name for number, name in enumerate(PRIMITIVES, 1)}
+    kind = names_by_number.get(fields.type, fields.type.lower())
+    if kind not in PRIMITIVES:
+        choices = ", ".join(f"{name} ({number})" for number, name in names_by_number.items())
+        raise wrong_value(fields.type, f"{place}.type", f"it must be one of {choices}")
+    names = PRIMITIVES[kind]
+    # Messages often pad dimensions to three numbers with zeros.
+    sizes = fields.dimensions[: len(names)]
+    padding = fields.dimensions[len(names) :]
+    if len(sizes) < len(names) or any(padding) or min(sizes) <= 0.0:
+        rule = f"a {kind} has {', '.join(names)}, metres above zero"
+        raise wrong_value(fields.dimensions, f"{place}.dimensions", rule)
+    return kind, sizes
+
+
+def pair_poses(fields: Any, items: str, poses: str, place: str) -> Pairs:
+    """Return a list of shapes with their poses; a single shape needs none."""
+    lists = {name: getattr(fields, name) for name in (items, poses)}
+    if len(lists[items]) == 1 and not lists[poses]:
+        lists[poses] = [np.eye(4)]
+    return pair_items(lists, place, "each needs a pose")
+
+
+def pair_items(lists: Mapping[str, list[Any]], place: str, rule: str) -> Pairs:
+    """Return the pairs of the items of two lists, which have names for messages."""
+    items, partners = lists.values()
+    if len(items) != len(partners):
+        counts = " but ".join(f"{len(entries)} {name}" for name, entries in lists.items())
+        raise ContentError(f"has {counts} at {place}", rule, "add or remove some")
+    return list(zip(items, partners, strict=True))
+
+
+# ---- messages ------------------------------------------------------------------------------------
+
+_IGNORED_FIELDS: Final = (
+    "seq",
+    "stamp",
+    "type",
+    "name",
+    "weight",
+    "detach_posture",
+    "velocity",
+    "effort",
+    "joint_names",
+    "twist",
+    "wrench",
+    "binary",
+    "id",
+    "resolution",
+    "child_frame_id",
+    "robot_model_name",
+    "object_colors",
+    "parameterization",
+    "workspace_parameters",
+    "pipeline_id",
+    "planner_id",
+    "num_planning_attempts",
+    "max_velocity_scaling_factor",
+    "max_acceleration_scaling_factor",
+    "cartesian_speed_end_effector_link",
+    "cartesian_speed_limited_link",
+    "max_cartesian_speed",
+)
+"""Fields of messages that change no answer; a schema that has one of them reads it."""
+
+HEADER: Final[Schema] = {"frame_id": parse_frame}
+"""Schema of the header of a pose."""
+
+_MESH: Final[Schema] = {
+    "triangles": [{"vertex_indices": [parse_number]}],
+    "vertices": [_parse_vector],
+    "resource": allow_missing(parse_name, ""),
+    "dimensions": allow_missing(_parse_vector, None),
+}
+
+_refuse_planes: Final = refuse("a plane has no end; write a box")
+_refuse_subframes: Final = refuse("remove them, and write poses in the planning frame")
+
+_COLLISION_OBJECT: Final[Schema] = {
+    "id": parse_name,
+    "header": HEADER,
+    "pose": parse_pose,
+    # ROS 2 prints the number as a byte.
+    "operation": accept_only("add", "ADD", "", 0, "\0", hint="write the scene as it is"),
+    "primitives": [parse_primitive],
+    "primitive_poses": [parse_pose],
+    "meshes": [_MESH],
+    "mesh_poses": [parse_pose],
+    "planes": _refuse_planes,
+    "plane_poses": _refuse_planes,
+    "subframe_names": _refuse_subframes,
+    "subframe_poses": _refuse_subframes,
+}
+
+_ATTACHED_OBJECT: Final[Schema] = {
+    "link_name": parse_name,
+    "object": _COLLISION_OBJECT,
+    "touch_links": [parse_name],
+}
+
+_JOINT_STATE: Final[Schema] = {
+    "header": HEADER,
+    "name": parse_names,
+    "position": [parse_number],
+}
+
+
+def _parse_joints(value: Any, place: str) -> dict[str, float]:
+    """Parse the values of joints by their names."""
+    fields = parse(_JOINT_STATE, value, place)
+    lists = {"joints": fields.name, "positions": fields.position}
+    return dict(pair_items(lists, place, "each joint needs one"))
+
+
+STATE: Final[dict[str, Schema]] = {
+    "joint_state": _parse_joints,
+    "multi_dof_joint_state": {"header": HEADER, "transforms": [parse_identity]},
+    "attached_collision_objects": [_ATTACHED_OBJECT],
+    "is_diff": accept_only(False, hint="write the whole state"),
+}
+"""Schema of the state of a robot."""
+
+_FLAGS: Final[Schema] = [accept_only(False, True)]
+
+_MATRIX: Final[Schema] = {
+    "entry_names": parse_names,
+    "entry_values": [{"enabled": _FLAGS}],
+    "default_entry_names": parse_names,
+    "default_entry_values": _FLAGS,
+}
+
+
+def _parse_contacts(value: Any, place: str) -> Contacts | None:
+    """Parse an allowed collision matrix; None if it is empty."""
+    fields = parse(_MATRIX, value, place)
+    names = fields.entry_names
+    rows = [row.enabled for row in fields.entry_values]
+    default_names = fields.default_entry_names
+    defaults = fields.default_entry_values
+    is_square = [len(row) for row in rows] == [len(names)] * len(names)
+    if not is_square or len(default_names) != len(defaults):
+        raise ContentError(
+            f"has an {place} of another size than its names",
+            "it is square, with a default for each name",
+            "correct it",
+        )
+    pairs = itertools.product(names, repeat=2)
+    contacts: Contacts = dict(zip(pairs, itertools.chain(*rows), strict=True))
+    # The default of a name is an entry of that name alone.
+    contacts |= zip(zip(default_names, strict=True), defaults, strict=True)
+    return contacts or None
+
+
+_OCTOMAP: Final[Schema] = {
+    "header": HEADER,
+    "data": refuse("save it as .bt, and read it with Workspace.from_octomap"),
+}
+
+_USE_PADDING: Final = "remove it, and pass padding= to build_arm_space"
+
+SCENE: Final[Schema] = {
+    "is_diff": accept_only(False, hint="write the whole scene"),
+    "world": {
+        "collision_objects": [_COLLISION_OBJECT],
+        "octomap": {"header": HEADER, "origin": parse_pose, "octomap": _OCTOMAP},
+    },
+    "robot_state": STATE,
+    "allowed_collision_matrix": _parse_contacts,
+    "fixed_frame_transforms": [{"header": HEADER, "transform": parse_identity}],
+    "link_padding": [{"link_name": parse_name, "padding": accept_only(0.0, hint=_USE_PADDING)}],
+    "link_scale": [{"link_name": parse_name, "scale": accept_only(1.0, hint=_USE_PADDING)}],
+}
+"""Schema of a planning scene."""
+
+
+@contextmanager
+def reading(source: object, kind: str) -> Iterator[tuple[str, Any]]:
+    """Yield the name and the plain value of a YAML file, a mapping or a message.
+
+    The name of a message is its kind. A ContentError in the block becomes a FileError, or an
+    InputError for a message.
+    """
+    if isinstance(source, str | os.PathLike):
+        content = read_yaml(source, kind)
+        with decoding(source, kind):
+            yield os.fspath(source), content
+        return
+    try:
+        yield kind, _convert_message(source)
+    except ContentError as error:
+        raise InputError(kind, *error.parts) from error
+
+
+def _convert_message(value: Any) -> Any:
+    """Convert a message to tables, lists and plain values."""
+    if isinstance(value, bytes):  # ROS 2 has a byte as text of one character
+        return value.decode("latin-1")
+    if hasattr(value, "tolist"):  # an array of numpy or of Python
+        return value.tolist()
+    if isinstance(value, list | tuple):
+        return [_convert_message(item) for item in value]
+    if not isinstance(value, Mapping):
+        # The fields of messages in ROS 2, in rosbags, and in ROS 1.
+        list_fields = getattr(value, "get_fields_and_field_types", tuple)
+        slots = getattr(value, "__slots__", ())
+        names: Iterable[str] = list_fields() or getattr(value, "__dataclass_fields__", slots)
+        if not names:
+            return value
+        value = {name: getattr(value, name) for name in names}
+    return {name: _convert_message(field) for name, field in value.items()}
+
+
+def find_frame(frames: set[str]) -> str:
+    """Return the common frame of all poses.
+
+    Raises ContentError if there are several.
+    """
+    if len(frames) > 1:
+        raise ContentError(
+            f"has poses in the frames {', '.join(map(repr, sorted(frames)))}",
+            "they must be in one frame",
+            "write them in the planning frame; an attached object may be in its link's frame",
+        )
+    return next(iter(frames), WORLD)

@@ -1,0 +1,229 @@
+"""Plain values from untrusted YAML, JSON and XML files.
+
+YAML may hold only text, numbers, booleans, null, lists, and tables with distinct keys of text.
+Anchors, aliases and tags of YAML and entities of XML are refused, and nesting is bounded.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import dataclass
+from typing import Any, Final
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from cspace._files.access import ContentError, decoding, read_text
+from cspace._limits import SizeLimit, check_file_memory
+from cspace._support.arrays import StrPath
+
+_MAX_LEVELS: Final = 64
+"""Maximum depth of nested lists, tables and brackets."""
+
+_MAX_XML_LEVELS: Final = 256
+"""Maximum depth of nested XML elements."""
+
+_CHARACTERS_PER_BLOCK: Final = 2**22
+"""Number of characters whose brackets are counted at once."""
+
+_PLAIN_WORD: Final = re.compile(
+    r"(?P<null>(?:~|null|Null|NULL)?)"
+    r"|(?P<true>true|True|TRUE|yes|Yes|YES|on|On|ON)"
+    r"|(?P<false>false|False|FALSE|no|No|NO|off|Off|OFF)"
+    r"|(?P<integer>[-+]?(?:0|[1-9][0-9]{0,17}))"
+    r"|(?P<number>[-+]?(?:(?:0|[1-9][0-9]*)(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)"
+    r"|(?P<special>[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN))"
+)
+"""Unquoted YAML words that are not text. As in JSON, a float needs no point."""
+
+_MEMORY_PER_YAML_BYTE: Final = 60.0
+"""Bytes of memory to load one byte of YAML. Measured: 57 for many tables of one short key."""
+
+_MEMORY_PER_JSON_BYTE: Final = 20.0
+"""Bytes of memory to load one byte of JSON."""
+
+
+def read_yaml(path: StrPath, kind: str) -> Any:
+    """Read the plain value of a YAML file.
+
+    `kind` names the expected file in messages.
+
+    Raises FileError if the file is missing, is too large, is not YAML, or holds more than one
+    document or anything but plain values.
+    """
+    text = read_text(path, kind, _MEMORY_PER_YAML_BYTE, "max_description_bytes")
+    with decoding(path, "YAML file", f"a {kind} must be YAML", "correct that line"):
+        return _load_yaml(text)
+
+
+@dataclass(slots=True)
+class _Level:
+    """An open list or table of a YAML document.
+
+    `key` is the key of the table's next value, None if a key comes next.
+    """
+
+    values: list[Any] | dict[str, Any]
+    key: str | None = None
+
+    def add(self, value: Any, event: Any) -> None:
+        """Append a value to the list, or take it as the table's next key or value.
+
+        Raises ContentError if a key is not text or is repeated.
+        """
+        if isinstance(self.values, list):
+            self.values.append(value)
+        elif self.key is not None:
+            self.values[self.key] = value
+            self.key = None
+        elif isinstance(value, str) and value not in self.values:
+            self.key = value
+        else:
+            name = str(value)[:40]
+            raise _make_yaml_error(event, f"the key {name!r}, which is not text or is repeated,")
+
+
+def _load_yaml(text: str) -> Any:
+    """Load a YAML document of plain values.
+
+    PyYAML splits the text into events. They are joined here, because its own loader recurses, and
+    takes ten times as long for many short lists.
+
+    Raises ContentError if it holds anything else.
+    """
+    import yaml
+
+    # PyYAML is eight times faster if it was built with libyaml.
+    loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+    documents: list[Any] = []
+    levels = [_Level(documents)]  # the open lists and tables, the innermost last
+    for event in yaml.parse(text, Loader=loader):
+        if getattr(event, "anchor", None) or getattr(event, "tag", None):
+            raise _make_yaml_error(event, "an anchor, alias or tag")
+        if isinstance(event, yaml.ScalarEvent):
+            is_unquoted = event.implicit[0]
+            value = _parse_word(event.value) if is_unquoted else event.value
+            levels[-1].add(value, event)
+        elif isinstance(event, yaml.CollectionStartEvent):
+            if len(levels) > _MAX_LEVELS:
+                raise _make_yaml_error(event, f"more than {_MAX_LEVELS} levels of lists and tables")
+            levels.append(_Level([] if isinstance(event, yaml.SequenceStartEvent) else {}))
+        elif isinstance(event, yaml.CollectionEndEvent):
+            values = levels.pop().values
+            levels[-1].add(values, event)
+    if len(documents) > 1:
+        problem = f"holds {len(documents)} documents"
+        raise ContentError(problem, "it must hold one", "remove the others")
+    return documents[0] if documents else None
+
+
+def _parse_word(word: str) -> Any:
+    """Convert an unquoted YAML word to None, a bool, a number or text."""
+    # The pattern has a group for each kind of word; the last group that matched is the kind.
+    match = _PLAIN_WORD.fullmatch(word)
+    kind = match.lastgroup if match else None
+    if kind == "null":
+        return None
+    if kind in ("true", "false"):
+        return kind == "true"
+    if kind == "integer":
+        return int(word)
+    if kind == "number":
+        return float(word)
+    if kind == "special":
+        return float(word.replace(".", ""))
+    return word
+
+
+def read_json(
+    path: StrPath,
+    kind: str,
+    each_list: float = 0.0,
+    limit: SizeLimit = "max_text_bytes",
+) -> Any:
+    """Read the value of a JSON file.
+
+    `kind` names the expected file in messages. The caller needs `each_list` bytes for each list of
+    the file, besides the value itself. `limit` is the limit of :mod:`cspace._limits` for its size.
+
+    Raises FileError if the file is missing, is too large, is not JSON, is nested too deeply, or
+    does not fit into memory.
+    """
+    text = read_text(path, kind, _MEMORY_PER_JSON_BYTE, limit)
+    with decoding(path, "JSON file", f"a {kind} must be JSON", "correct that place"):
+        check_nesting(text, "[{", "]}")
+        lists = text.count("[")
+        needed = each_list * lists + _MEMORY_PER_JSON_BYTE * len(text)
+        check_file_memory(path, f"holds {lists:,} lists", needed)
+        # int() takes quadratic time; the float of a very long integer is infinite. Eighteen digits
+        # fit into 64 bits.
+        return json.loads(text, parse_int=lambda word: float(word) if len(word) > 18 else int(word))
+
+
+def parse_xml(data: bytes) -> Element:
+    """Parse XML without entities.
+
+    Entities let a small file unfold into a huge one.
+
+    Raises ContentError if it is not XML, declares an entity, or is nested too deeply.
+    """
+    from defusedxml import DefusedXmlException
+    from defusedxml.ElementTree import ParseError, fromstring
+
+    try:
+        root: Element = fromstring(data)
+    except DefusedXmlException as error:
+        raise ContentError("declares an XML entity, which is refused") from error
+    except ParseError as error:
+        raise ContentError(f"is not XML ({error})") from error
+    # Level by level, because a recursion could exceed Python's limit.
+    elements = [root]
+    level = 0
+    while elements:
+        level += 1
+        if level > _MAX_XML_LEVELS:
+            raise ContentError(f"has more than {_MAX_XML_LEVELS} nested elements")
+        elements = [child for element in elements for child in element]
+    return root
+
+
+def check_nesting(text: str, opening: str, closing: str) -> None:
+    """Limit the nesting of brackets before a parser recurses into them.
+
+    Raises ContentError if there are more than 64 levels.
+    """
+    level_change = np.zeros(256, dtype=np.int32)  # by character
+    level_change[list(map(ord, opening))] = 1
+    level_change[list(map(ord, closing))] = -1
+    # The level at each character is the sum of the changes before it.
+    level = 0
+    for start in range(0, len(text), _CHARACTERS_PER_BLOCK):
+        block = text[start : start + _CHARACTERS_PER_BLOCK].encode("latin-1", "replace")
+        characters = np.frombuffer(block, dtype=np.uint8)
+        levels = level + np.cumsum(level_change[characters])
+        level = int(levels[-1])
+        if levels.max() > _MAX_LEVELS:
+            problem = f"has more than {_MAX_LEVELS} nested brackets"
+            raise ContentError(problem, "it is malformed", "write it flatter")
+
+
+def _make_yaml_error(event: Any, what: str) -> ContentError:
+    """Return the error for a part of YAML that is not a plain value."""
+    problem = f"has {what} in line {event.start_mark.line + 1}"
+    rule = "only text, numbers, lists and tables are read"
+    return ContentError(problem, rule, "correct that line")
+
+
+_XACRO_NAMESPACES: Final = ("{http://www.ros.org/wiki/xacro}", "{http://ros.org/wiki/xacro}")
+"""Namespaces of xacro's elements. A file that xacro expanded may still declare one."""
+
+
+def check_expanded(root: Element) -> None:
+    """Raise ContentError if a file holds unexpanded xacro macros or expressions."""
+    tags = [str(element.tag) for element in root.iter()]
+    values = [value for element in root.iter() for value in element.attrib.values()]
+    has_expressions = any("${" in value or "$(" in value for value in values)
+    if has_expressions or any(tag.startswith(_XACRO_NAMESPACES) for tag in tags):
+        hint = "run xacro robot.urdf.xacro > robot.urdf"
+        raise ContentError("holds xacro macros", "expand them first", hint)

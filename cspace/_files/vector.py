@@ -1,0 +1,309 @@
+"""Plane geometries from shapely objects, GeoJSON and WKT."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from cspace._files.access import decoding, read_text
+from cspace._files.crs import PROJECT, check_crs
+from cspace._files.fields import Fields
+from cspace._files.plain import check_nesting, read_json
+from cspace._limits import check_file_memory
+from cspace._support.arrays import StrPath
+from cspace._support.reporting import warn_user
+from cspace.errors import FileError, GeometryError, InputError, UnitWarning
+
+if TYPE_CHECKING:
+    from shapely.geometry.base import BaseGeometry
+
+POLYGON_SUFFIXES: Final = (".geojson", ".json", ".wkt")
+
+_POLYGONS_KIND: Final = "file of polygons"
+
+_MIN_COLLECTION_TYPE: Final = 4
+"""Type number of a multipoint in GEOS; all larger ones are collections too."""
+
+_BYTES_PER_POINT: Final = 1000.0
+"""Maximum memory, in bytes, of one point of a file, as an object and again in its collection."""
+
+_WKT: Final = re.compile(
+    r"\s*(?:SRID\s*=\s*(?P<srid>\d+)\s*;\s*)?"
+    r"(?:POINT|LINESTRING|LINEARRING|POLYGON|MULTI\w+|GEOMETRYCOLLECTION|CIRCULARSTRING"
+    r"|COMPOUNDCURVE|CURVEPOLYGON|TIN|TRIANGLE|POLYHEDRALSURFACE)"
+    r"\s*(?:(?:ZM|Z|M)\s*)?(?:\(|EMPTY)",
+    re.IGNORECASE,
+)
+
+_MAX_DEGREES: Final = np.array([180.0, 90.0])
+
+_MIN_SIZES_FROM_ORIGIN: Final = 50.0
+"""Distance from the origin, over the size of the obstacles, above which degrees are suspected."""
+
+FIELDS: Final = (
+    Fields(
+        "`.geojson`, `.json`, `__geo_interface__`",
+        honoured=("type", "`crs` of a UTM zone, or null"),
+        refused=("`crs` in degrees, or web Mercator", "altitudes"),
+        warned=("other `crs`", "no `crs` and coordinates like degrees"),
+    ),
+    Fields(
+        "`.wkt`, shapely",
+        honoured=("type", "SRID of a UTM zone"),
+        refused=("SRID in degrees, or web Mercator", "Z", "curves", "surfaces"),
+        warned=("other SRID",),
+    ),
+)
+
+
+def read_shapes(source: Any) -> list[BaseGeometry]:
+    """Return the simple geometries of all obstacles in `source`.
+
+    Each is valid and not empty. `source` is a shapely geometry; GeoJSON as a mapping (geometry,
+    Feature or FeatureCollection); a WKT string; a file that ends in ``.geojson``, ``.json``
+    (GeoJSON) or ``.wkt`` (one geometry, or one per line; truncation between two lines cannot be
+    detected); an object with ``__geo_interface__``; or an iterable of these. Coordinates are
+    metres. Polygons are filled; lines, rings and points are obstacles without an interior.
+
+    Raises GeometryError if there is no geometry, or one is malformed, empty, self-crossing, curved,
+    has coordinates that are not finite or three-dimensional, or a coordinate reference system in
+    degrees.
+    """
+    import shapely
+
+    # Each simple geometry has a name for messages, such as "polygons[2], part 0".
+    names: list[str] = []
+    shapes: list[BaseGeometry] = []
+    for name, shape in _iterate_geometries(source, "polygons"):
+        if shapely.get_srid(shape):
+            check_crs(f"EPSG:{shapely.get_srid(shape)}", name)
+        parts = split_parts(shape, name)
+        shapes += parts
+        if len(parts) == 1:
+            names.append(name)
+        else:
+            names += [f"{name}, part {index}" for index in range(len(parts))]
+    if not shapes:
+        hint = "pass at least one, or use Workspace.from_array for a map without obstacles"
+        raise GeometryError(
+            "polygons", "holds no geometry", "obstacles must cover some ground", hint
+        )
+    check_shapes(shapes, names)
+    return shapes
+
+
+def is_wkt(text: str) -> bool:
+    """Return True if a text begins like a geometry in WKT."""
+    return bool(_WKT.match(text))
+
+
+def _iterate_geometries(source: Any, name: str) -> Iterator[tuple[str, BaseGeometry]]:
+    """Yield a name, for messages, and the shape of every geometry in `source`."""
+    import shapely
+
+    if isinstance(source, shapely.Geometry):
+        yield name, source
+    elif isinstance(source, Mapping):
+        yield from _read_geojson(source, name)
+    elif hasattr(source, "__geo_interface__"):
+        if getattr(source, "crs", None) is not None:
+            check_crs(source.crs, name)
+        yield from _read_geojson(source.__geo_interface__, name)
+    elif isinstance(source, str | os.PathLike):
+        yield from _read_text_geometries(source, name)
+    elif isinstance(source, Iterable):  # of any of these
+        for index, item in enumerate(source):
+            yield from _iterate_geometries(item, f"{name}[{index}]")
+    else:
+        rule = "it must be a shapely geometry, GeoJSON, WKT or a file of them"
+        hint = "pass e.g. shapely.box(0, 0, 1, 1)"
+        raise InputError(name, f"is {source!r:.60}", rule, hint)
+
+
+def _read_text_geometries(source: StrPath, name: str) -> Iterator[tuple[str, BaseGeometry]]:
+    """Yield the geometries of a WKT string or a file, each with its name."""
+    # WKT has no suffix of a file, because it ends with a parenthesis or EMPTY.
+    suffix = Path(source).suffix.lower()
+    file = os.fspath(source)
+    if suffix == ".wkt":
+        yield from _read_wkt_file(file)
+    elif suffix in POLYGON_SUFFIXES:
+        document = read_json(source, _POLYGONS_KIND, each_list=_BYTES_PER_POINT)
+        if not isinstance(document, dict):
+            problem = f"holds a JSON {type(document).__name__}"
+            raise FileError(file, problem, "GeoJSON is an object", "write e.g. {'type': ...}")
+        yield from _read_geojson(document, file)
+    elif isinstance(source, str) and is_wkt(source):
+        yield name, _parse_wkt(source, name)
+    else:
+        rule = f"a string must be WKT or a file that ends in {', '.join(POLYGON_SUFFIXES)}"
+        raise InputError(name, f"is {file[:60]!r}", rule, "pass e.g. 'POINT (1 2)'")
+
+
+def _read_wkt_file(file: str) -> Iterator[tuple[str, BaseGeometry]]:
+    """Yield the geometries of a WKT file: one, or one for each line."""
+    text = read_text(file, _POLYGONS_KIND, 10.0, "max_text_bytes")
+    points = 1 + text.count(",")
+    check_file_memory(file, f"holds {points:,} points", _BYTES_PER_POINT * points)
+    if not is_wkt(text):
+        problem = f"begins with {text[:40]!r}"
+        raise FileError(file, problem, "it must hold WKT", "write e.g. 'POINT (1 2)'")
+    lines = [line for line in text.split("\n") if line.strip()]
+    if not all(map(is_wkt, lines)):  # a geometry of several lines
+        lines = [text]
+    for number, line in enumerate(lines, start=1):
+        place = f"{file}, geometry {number}" if len(lines) > 1 else file
+        yield place, _parse_wkt(line, place)
+
+
+def _parse_wkt(text: str, name: str) -> BaseGeometry:
+    """Parse a geometry in WKT.
+
+    Raises GeometryError if it is malformed.
+    """
+    import shapely
+
+    hint = f"correct {text[:60]!r}"
+    if "\0" in text:  # the parser would stop there silently
+        problem = "is not WKT: it holds a NUL character"
+        raise GeometryError(name, problem, "it must be text", hint)
+    try:
+        with decoding(name, "WKT geometry"):
+            check_nesting(text, "(", ")")
+        found = _WKT.match(text)
+        srid = found["srid"] if found else None
+        if srid:
+            text = text.partition(";")[2]
+        with np.errstate(invalid="ignore"):  # a later check refuses NaN by name
+            return shapely.set_srid(shapely.from_wkt(text), int(srid or 0))
+    except NotImplementedError as error:
+        raise _make_curve_error(name) from error
+    except (shapely.errors.ShapelyError, ValueError) as error:
+        problem = f"is not WKT: {' '.join(str(error).split())}"
+        raise GeometryError(name, problem, "it must be whole", hint) from error
+
+
+def _make_curve_error(name: str) -> GeometryError:
+    """Return the error for a geometry that shapely does not support."""
+    problem = "is or holds a curve, such as CIRCULARSTRING or CURVEPOLYGON"
+    rule = "only straight lines are read"
+    return GeometryError(name, problem, rule, "replace it, with ST_CurveToLine in PostGIS")
+
+
+def _read_geojson(document: Mapping[str, Any], name: str) -> Iterator[tuple[str, BaseGeometry]]:
+    """Yield the geometries of GeoJSON; warn if they look like degrees and it does not say."""
+    import shapely
+
+    named_shapes = list(_parse_geojson(document, name))
+    yield from named_shapes
+    if "crs" in document or not named_shapes:
+        return
+    corners = shapely.total_bounds([shape for _, shape in named_shapes]).reshape(2, 2)
+    size = np.ptp(corners, axis=0).max()
+    distance = np.linalg.norm(corners.mean(axis=0))
+    fits = (np.abs(corners) <= _MAX_DEGREES).all()
+    if fits and 0.0 < _MIN_SIZES_FROM_ORIGIN * size < distance:
+        warn_user(
+            f"{name}: its coordinates look like degrees, as RFC 7946 asks for, and are read as "
+            f'metres; {PROJECT}, or add "crs": null if they are metres',
+            UnitWarning,
+        )
+
+
+def _parse_geojson(document: Any, name: str) -> Iterator[tuple[str, BaseGeometry]]:
+    """Yield the geometries of a GeoJSON geometry, Feature or FeatureCollection."""
+    from shapely.geometry import shape
+
+    if not isinstance(document, Mapping):
+        problem = f"has geometry {document!r:.60}"
+        hint = "remove or correct the feature"
+        raise GeometryError(name, problem, "an obstacle needs one", hint)
+    # Collections and features hold geometries, in which the recursion ends.
+    kind = document.get("type")
+    crs = document.get("crs")
+    if crs is not None:
+        properties = crs.get("properties") if isinstance(crs, Mapping) else None
+        check_crs(properties.get("name", crs) if isinstance(properties, Mapping) else crs, name)
+    if kind == "FeatureCollection":
+        features = document.get("features")
+        if not isinstance(features, list | tuple):
+            problem = f"has features {features!r:.60}"
+            raise GeometryError(name, problem, "they must be a list", "correct it")
+        for index, feature in enumerate(features):
+            yield from _parse_geojson(feature, f"{name}, feature {index}")
+        return
+    if kind == "Feature":
+        yield from _parse_geojson(document.get("geometry"), name)
+        return
+    try:
+        with np.errstate(invalid="ignore"):
+            geometry = shape(document)
+    except Exception as error:  # shapely may raise anything for coordinates that are not numbers
+        problem = f"of type {kind!r:.40} is not GeoJSON: {' '.join(str(error).split()):.200}"
+        rule = "it must hold 'type' and 'coordinates' as RFC 7946 says"
+        raise GeometryError(name, problem, rule, "correct it") from error
+    yield name, geometry
+
+
+def split_parts(shape: BaseGeometry, name: str) -> list[BaseGeometry]:
+    """Return the simple geometries of a nested collection, in order.
+
+    Raises GeometryError if one of them is a curve.
+    """
+    import shapely
+
+    if shapely.get_type_id(shape) < _MIN_COLLECTION_TYPE or shape.is_empty:
+        return [shape]
+    parts: list[BaseGeometry] = []
+    try:
+        members = shapely.get_parts(shape)
+    except NotImplementedError as error:
+        raise _make_curve_error(name) from error
+    for member in members:
+        parts += split_parts(member, name)
+    return parts
+
+
+def check_shapes(shapes: Sequence[BaseGeometry], names: Sequence[str]) -> None:
+    """Raise GeometryError for the first unusable shape.
+
+    Shapes must be finite, plane, valid and filled with points.
+
+    ``names`` name the shapes in messages.
+    """
+    import shapely
+
+    array = np.array(shapes, dtype=object)
+    points, owners = shapely.get_coordinates(array, return_index=True)
+    # The owner of a point is the index of its shape.
+    broken = np.flatnonzero(~np.isfinite(points).all(axis=1))
+    if len(broken):
+        first = broken[0]
+        x, y = points[first]
+        index = int(owners[first])
+        problem = f"has a vertex at ({x}, {y})"
+        rule = "NaN and infinities are refused"
+        hint = "drop or replace it"
+        raise GeometryError(names[index], problem, rule, hint)
+    is_invalid = ~shapely.is_valid(array)
+    reason = shapely.is_valid_reason(array[is_invalid.argmax()])
+    flat = "drop them with shapely.force_2d if height does not matter"
+    # For each reason, the mask of the shapes to refuse, and the parts of the message.
+    for refused, problem, rule, hint in (
+        (shapely.is_empty(array), "is empty", "an obstacle must cover some ground", "remove it"),
+        (shapely.has_z(array), "has z coordinates", "obstacles in the plane have two", flat),
+        (
+            is_invalid,
+            f"is not valid: {reason}",
+            "a boundary may not cross itself",
+            "redraw it, or try shapely.make_valid",
+        ),
+    ):
+        if refused.any():
+            index = int(refused.argmax())
+            raise GeometryError(names[index], problem, rule, hint)

@@ -1,0 +1,224 @@
+"""Grid of cells, the only place where metres and cell indices meet."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cspace._support.arrays import Bools, Floats, Ints
+from cspace._support.check import check_finite, check_points, check_positive, check_real
+from cspace.errors import InputError
+
+SLACK: Final = 2.0**-26
+"""Rounding allowance in cells.
+
+Outer rasters grow by it, inner rasters shrink by it, and the rounding of every look-up stays below
+it, so that no answer depends on floating-point rounding.
+"""
+
+MAX_COORDINATE: Final = 2.0**22
+"""Largest coordinate, in cells from the origin, for which :data:`SLACK` covers the rounding."""
+
+
+FARTHEST_CELL: Final = 2**62
+"""Largest cell of a look-up; a box up to it has no end, and points beyond it count to it."""
+
+
+def check_reach(far: float, name: str, origin: str, hint: str) -> None:
+    """Refuse shapes so far from an origin that rounding matters.
+
+    Raises InputError if ``far``, in cells, is above :data:`MAX_COORDINATE`, where rounding could
+    exceed :data:`SLACK`.
+    """
+    if not far <= MAX_COORDINATE:
+        rule = f"beyond {MAX_COORDINATE:.0f} cells rounding invalidates proofs"
+        raise InputError(name, f"reaches {far:.3g} cells from {origin}", rule, hint)
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """A box of closed cubic cells.
+
+    Cell ``i`` is ``lower + spacing * (i + [0, 1]^d)``. Arrays over the grid are indexed in the
+    order of the coordinates, ``[x, y]`` or ``[x, y, z]``.
+
+    Parameters
+    ----------
+    lower : sequence of float, length d
+        Lower corner of cell 0, in metres; d is 2 or 3.
+    spacing : float
+        Side of a cell, in metres.
+    shape : sequence of int, length d
+        Number of cells along each axis.
+    axes : sequence of str, length d, optional
+        Names of the coordinates; by default x, y and, in space, z.
+    units : sequence of str, length d, optional
+        Units of the coordinates, "m" by default; the joints of an arm may have "rad".
+
+    Raises
+    ------
+    InputError
+        If a value is not finite, the spacing or a count is not above zero, or the lengths differ;
+        or if the grid lies so far from the origin (over 2^22 cells) that floating-point rounding
+        could exceed the certificate's slack.
+
+    Examples
+    --------
+    >>> import cspace
+    >>> grid = cspace.Grid((0.0, 0.0), 0.5, (10, 8))
+    >>> grid.cell_of((1.2, 3.9)).tolist()
+    [2, 7]
+    >>> grid.center_of((2, 7)).tolist()
+    [1.25, 3.75]
+    """
+
+    lower: tuple[float, ...]
+    spacing: float
+    shape: tuple[int, ...]
+    axes: tuple[str, ...]
+    units: tuple[str, ...]
+
+    def __init__(
+        self,
+        lower: ArrayLike,
+        spacing: float,
+        shape: Sequence[int],
+        axes: Sequence[str] | None = None,
+        units: Sequence[str] | None = None,
+    ) -> None:
+        """Check the numbers and names, and convert them to tuples."""
+        corner = check_finite(lower, "lower")
+        if corner.ndim != 1 or len(corner) not in (2, 3):
+            rule = "it must have length 2 or 3"
+            raise InputError("lower", f"is {lower!r}", rule, "pass e.g. (0.0, 0.0)")
+        dim = len(corner)
+        side = check_positive(spacing, "spacing")
+        counts = np.asarray(shape)
+        if counts.shape != corner.shape or counts.dtype.kind not in "iu" or (counts <= 0).any():
+            problem = f"is {tuple(np.atleast_1d(counts).tolist())}"
+            rule = f"it must have {dim} whole numbers above zero, as many as lower"
+            hint = "pass the number of cells along each axis"
+            raise InputError("shape", problem, rule, hint)
+        corners = np.stack([corner, corner + side * counts])
+        hint = "use a larger spacing, or move the frame's origin, e.g. by offset= of the reader"
+        check_reach(float(np.abs(corners).max() / side), "grid", "the origin", hint)
+        names = tuple("xyz"[:dim] if axes is None else axes)
+        unit_names = ("m",) * dim if units is None else tuple(units)
+        rule = f"there must be {dim}, and axes must differ"
+        if len(set(names)) != dim or len(names) != dim:
+            raise InputError("axes", f"are {', '.join(names)}", rule, "leave them out")
+        if len(unit_names) != dim:
+            problem = f"are {', '.join(unit_names)}"
+            raise InputError("units", problem, rule, "leave them out")
+        # The class is frozen, so plain assignment is refused.
+        object.__setattr__(self, "lower", tuple(corner.tolist()))
+        object.__setattr__(self, "spacing", side)
+        object.__setattr__(self, "shape", tuple(counts.tolist()))
+        object.__setattr__(self, "axes", names)
+        object.__setattr__(self, "units", unit_names)
+
+    @property
+    def dim(self) -> int:
+        """Number of axes, 2 or 3."""
+        return len(self.shape)
+
+    @property
+    def unit(self) -> str:
+        """Unit of the side of a cell."""
+        return " or ".join(dict.fromkeys(self.units))
+
+    @property
+    def measure_unit(self) -> str:
+        """Unit of a cell's area or volume, such as "m2", "rad3" or "rad m"."""
+        powers = list[str]()
+        for unit in sorted(set(self.units), reverse=True):
+            power = self.units.count(unit)
+            powers.append(f"{unit}{power}" if power > 1 else unit)
+        return " ".join(powers)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Axis labels of a picture: names and units."""
+        return tuple(f"{axis} ({unit})" for axis, unit in zip(self.axes, self.units, strict=True))
+
+    @property
+    def size(self) -> int:
+        """Number of cells."""
+        return math.prod(self.shape)
+
+    @property
+    def upper(self) -> tuple[float, ...]:
+        """Upper corner, in metres."""
+        return tuple(low + self.spacing * n for low, n in zip(self.lower, self.shape, strict=True))
+
+    def coordinates(self, points: ArrayLike, name: str = "points") -> Floats:
+        """Return points as an array of float64, shape (..., d), metres.
+
+        Raises
+        ------
+        InputError
+            If the last axis is not d long, or a value is not finite.
+        """
+        return check_points(points, name, self.dim)
+
+    def contains(self, points: ArrayLike) -> Bools:
+        """Return True for points in the closed box of the grid.
+
+        Parameters
+        ----------
+        points : array-like, shape (..., d)
+
+        Returns
+        -------
+        ndarray of bool, shape (...)
+        """
+        array = self.coordinates(points)
+        inside = (array >= self.lower) & (array <= self.upper)
+        return np.asarray(inside.all(axis=-1))
+
+    def cell_of(self, points: ArrayLike) -> Ints:
+        """Return the cells that contain points.
+
+        For points outside the grid, the cells continue without end. A point on a boundary belongs
+        to the cell above it, except on the grid's own upper boundary, which belongs to the last
+        cell: cell ``i`` owns ``lower + spacing * (i + [0, 1))``, the last one its upper boundary
+        too.
+
+        Parameters
+        ----------
+        points : array-like, shape (..., d)
+
+        Returns
+        -------
+        ndarray of int64, shape (..., d)
+        """
+        array = self.coordinates(points)
+        cells = np.floor((array - self.lower) / self.spacing)
+        # Points on the upper boundary belong to the last cell.
+        cells -= (cells == self.shape) & (array <= self.upper)
+        # Clip to a number of cells well within int64.
+        return np.clip(cells, -FARTHEST_CELL, FARTHEST_CELL).astype(np.int64)
+
+    def center_of(self, cells: ArrayLike) -> Floats:
+        """Return the centers of cells.
+
+        Parameters
+        ----------
+        cells : array-like of int, shape (..., d)
+
+        Returns
+        -------
+        ndarray of float64, shape (..., d)
+            Metres.
+        """
+        return np.asarray(self.lower + self.spacing * (check_real(cells, "cells") + 0.5))
+
+    def centers(self, axis: int) -> Floats:
+        """Return the cell centers along one axis, in metres, shape (shape[axis],)."""
+        cells = np.arange(self.shape[axis])
+        return np.asarray(self.lower[axis] + self.spacing * (cells + 0.5))

@@ -1,0 +1,608 @@
+"""Spaces of configurations: the interface that planners see, and the queries of maps and arms."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any, NamedTuple, Unpack, cast, overload
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cspace._queries.batches import Configuration, evaluate, evaluate_edges, evaluate_rows
+from cspace._rotations import Rotations
+from cspace._rotations.base import METRES_PER_RADIAN, angle_axes, shorter, wrapped
+from cspace._support.arrays import FREE, Bools, Floats, States
+from cspace._support.check import check_finite, check_pairs
+from cspace.errors import ConfigurationError, InputError
+
+if TYPE_CHECKING:
+    from cspace.view._viewer import Viewer, ViewOptions
+
+Endpoint = tuple[float, ...]
+"""A start or goal in canonical form."""
+
+Checker = Callable[..., bool]
+"""Test of a configuration or a motion, given by its numbers."""
+
+
+class Goal:
+    """A goal that a space turns into configurations, such as a pose of an arm's tool."""
+
+    __slots__ = ()
+
+
+GoalLike = ArrayLike | Goal | Sequence[Goal | ArrayLike]
+"""A goal of a plan, or several for an arm."""
+
+
+class SearchOptions(NamedTuple):
+    """Options of a space's own search."""
+
+    simplify: bool  # whether to shorten the path
+    exact: bool  # whether geometry decides what cells do not
+    iterations: int | None  # largest number of further searches for a shorter path
+    seed: int | None
+    seconds: float  # time limit
+
+
+def has_pose_names(axes: Sequence[str]) -> bool:
+    """Return True if all axes are coordinates of a rigid body's pose."""
+    return set(axes) <= {"x", "y", "z", *Rotations.all_names()}
+
+
+def format_configuration(q: Sequence[float]) -> str:
+    """Format a configuration so that it can be typed back."""
+    return f"({', '.join(map(repr, q))})"
+
+
+def rotations_of(axes: Sequence[str]) -> Rotations:
+    """Return rotations of the kind that the last axes of a pose name."""
+    if "qw" in axes:
+        return Rotations.quaternions(1)
+    return Rotations.of(1 if "yaw" in axes else None)
+
+
+class Space(ABC):
+    """A space of configurations that ``planners`` searches.
+
+    Maps and the spaces of arms are such spaces. For a space of your own, write a subclass with
+    :attr:`axes`, :attr:`bounds`, :meth:`is_free` and :meth:`motion_is_free`; everything else has a
+    default.
+
+    A motion is straight: all coordinates change evenly. The axes ``x, y``, then perhaps ``z``, then
+    perhaps ``yaw`` or ``qx, qy, qz, qw``, are the pose of a rigid body, which rotates evenly the
+    shorter way. All other coordinates are plain numbers, such as joints.
+
+    Attributes
+    ----------
+    has_cells : bool
+        Whether cells of a map prove motions: then a path without ``exact`` leads through FREE
+        cells. Other spaces decide every configuration.
+    in_memory : bool
+        Whether the cells are in memory; False for a :class:`cspace.TiledCSpace` alone.
+    is_labelled : bool
+        Whether :meth:`path_exists` answers at once; False for a map that has to label its cells.
+    searches : tuple of str
+        Names of the space's own searches, which :meth:`search` runs; the first is the default of
+        :func:`planners.plan`.
+    """
+
+    has_cells: bool = False
+    in_memory: bool = True
+    is_labelled: bool = True
+    searches: tuple[str, ...] = ()
+
+    # ---- what every space says -------------------------------------------------------------------
+
+    @property
+    @abstractmethod
+    def axes(self) -> tuple[str, ...]:
+        """Names of the coordinates of a configuration."""
+
+    @property
+    @abstractmethod
+    def bounds(self) -> tuple[ArrayLike, ArrayLike]:
+        """Lowest and highest values of the coordinates before the rotation, shapes (dim,).
+
+        Those of continuous joints are ignored.
+        """
+
+    @abstractmethod
+    def is_free(self, q: ArrayLike) -> bool | Bools:
+        """Return True if a configuration is collision-free.
+
+        Planners pass one configuration, a tuple of floats.
+        """
+
+    @abstractmethod
+    def motion_is_free(self, q0: ArrayLike, q1: ArrayLike) -> bool | Bools:
+        """Return True if the whole motion between two configurations is collision-free.
+
+        Planners pass tuples of floats. A path is as certain as this answer.
+        """
+
+    # ---- what follows from the axes --------------------------------------------------------------
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of the coordinates of a configuration.
+
+        They are "m", "rad", or "1" for a quaternion; by default "m" except for rotations.
+        """
+        return tuple(Rotations.all_units().get(axis, "m") for axis in self.axes)
+
+    @cached_property
+    def size(self) -> int:
+        """Length of a configuration, ``len(axes)``.
+
+        It is 7 in SE(3), because a quaternion has four coordinates.
+        """
+        return len(self.axes)
+
+    @property
+    def has_poses(self) -> bool:
+        """Whether a configuration is the pose of a rigid body."""
+        return has_pose_names(self.axes) and not any(self.periodic_axes)
+
+    @cached_property
+    def rotations(self) -> Rotations:
+        """Rotations at the end of a configuration."""
+        return rotations_of(self.axes if self.has_poses else ())
+
+    @property
+    def dim(self) -> int:
+        """Number of coordinates before the rotation."""
+        return self.size - len(self.rotations.names)
+
+    @property
+    def periodic_axes(self) -> tuple[bool, ...]:
+        """Whether each coordinate is a continuous joint's angle.
+
+        Such angles have a period of 2 pi.
+        """
+        return (False,) * self.size
+
+    def check_bounds(self) -> tuple[Floats, Floats]:
+        """Return :attr:`bounds` as arrays; raise InputError if they do not fit the axes."""
+        lower, upper = (check_finite(bound, "bounds") for bound in self.bounds)
+        if not lower.shape == upper.shape == (self.dim,) or (lower > upper).any():
+            raise InputError(
+                "bounds",
+                f"are {self.bounds!r}",
+                f"they must be two rows of {self.dim} numbers, the lower ones first",
+                f"give one for each of {', '.join(self.axes[: self.dim])}",
+            )
+        return lower, upper
+
+    def steps_between(self, q0: Floats, q1: Floats) -> Floats:
+        """Return the steps between configurations, the shorter way.
+
+        A step consists of :attr:`dim` numbers and of a rotation vector, radians.
+        """
+        steps = self.rotations.steps_between(q0, q1)
+        return shorter(steps, self.periodic_axes) if any(self.periodic_axes) else steps
+
+    def distance(self, q0: Floats, q1: Floats) -> Floats:
+        """Return the lengths of motions; a radian of rotation counts as half a metre."""
+        steps = self.steps_between(q0, q1)
+        dim = self.dim
+        lengths = np.linalg.norm(steps[..., :dim], axis=-1)
+        angles = np.linalg.norm(steps[..., dim:], axis=-1)
+        return np.asarray(lengths + METRES_PER_RADIAN * angles)
+
+    def interpolate(self, q0: Floats, q1: Floats, t: ArrayLike) -> Floats:
+        """Return the configurations at shares ``t`` of motions, shape (..., 1)."""
+        # Steps have an entry for each degree of freedom, so starts get their shape but one axis.
+        steps = np.asarray(t) * self.steps_between(q0, q1)
+        starts = np.broadcast_to(q0, (*steps.shape[:-1], self.size))
+        return self.rotations.add_steps(starts, steps)
+
+    # ---- what some spaces know better ------------------------------------------------------------
+
+    @property
+    def resolution(self) -> float:
+        """Distance between the states that OMPL checks when it steps along a motion itself."""
+        lower, upper = self.check_bounds()
+        return 0.01 * float(np.linalg.norm(upper - lower))
+
+    @property
+    def max_velocity(self) -> Mapping[str, float]:
+        """Largest velocities by axis, where they are known."""
+        return {}
+
+    def clearance(self, q: ArrayLike) -> float | Floats:
+        """Return a lower bound of the distance from collision; NaN if unknown, the default."""
+        return math.nan
+
+    def point_checker(self, *, exact: bool = False) -> Checker:
+        """Return ``check(*q)``, a fast :meth:`is_free`."""
+        return lambda *q: bool(self.is_free(q))
+
+    def edge_checker(self, *, exact: bool = False) -> Checker:
+        """Return ``check(*q0, *q1)``, a fast :meth:`motion_is_free`."""
+        size = self.size
+
+        def check(*endpoints: float) -> bool:
+            """Test the motion between the configurations that the numbers give."""
+            return bool(self.motion_is_free(endpoints[:size], endpoints[size:]))
+
+        return check
+
+    def clearance_checker(self) -> Callable[..., float]:
+        """Return ``clearance(*q)``, a fast :meth:`clearance`; 0 beyond the limits of joints."""
+
+        def clearance(*q: float) -> float:
+            """Return the clearance of the configuration that the numbers give."""
+            try:
+                return float(self.clearance(q))
+            except ConfigurationError:
+                return 0.0
+
+        return clearance
+
+    def path_obstacle_distance(self, path: ArrayLike) -> float:
+        """Return a lower bound of a path's distance from obstacles; NaN if unknown, the default.
+
+        The motions between its rows are straight.
+        """
+        return math.nan
+
+    def min_path_length(self, q0: ArrayLike, q1: ArrayLike) -> float:
+        """Return a lower bound of the lengths of free paths; rotations count nothing.
+
+        By default, it is the straight distance.
+        """
+        start = np.asarray(q0, dtype=np.float64)
+        end = np.asarray(q1, dtype=np.float64)
+        steps = self.steps_between(start, end)
+        return float(np.linalg.norm(steps[: self.dim]))
+
+    def path_exists(self, q0: ArrayLike, q1: ArrayLike) -> bool | None:
+        """Return whether a free path is proven, or disproven; None if undecided."""
+        return None
+
+    def search(self, name: str, endpoints: Sequence[Endpoint], options: SearchOptions) -> Floats:
+        """Run one of :attr:`searches`, from the first configuration to any other.
+
+        Returns waypoints, shape (n, size); n is 0 if no path was found.
+        """
+        return np.empty((0, self.size))
+
+    def check_endpoint(self, q: ArrayLike, name: str, exact: bool = False) -> Endpoint:
+        """Return a start or goal in canonical form.
+
+        Raises InputError if it is no configuration, and ConfigurationError if no motion from it can
+        be proven free.
+        """
+        canonical = self.rotations.make_canonical(self._check_one(q, name), name)
+        canonical = wrapped(canonical, self.periodic_axes)
+        point = tuple(canonical.tolist())
+        # Continuous joints have no bounds.
+        position = canonical[: self.dim]
+        lower, upper = self.check_bounds()
+        is_bounded = ~np.array(self.periodic_axes)[: self.dim]
+        if (is_bounded & ((position < lower) | (position > upper))).any():
+            problem = "lies outside the bounds"
+            rule = "a path stays within them"
+        elif not self.is_free(point):
+            problem = "is not free"
+            rule = "a path starts and ends in free configurations"
+        else:
+            return point
+        problem = f"{format_configuration(point)} {problem}"
+        raise ConfigurationError(name, problem, rule, "choose another")
+
+    def find_goals(
+        self, goal: GoalLike, start: Endpoint, seed: int | None, exact: bool = False
+    ) -> list[Endpoint]:
+        """Return the checked goals that a path may end at, nearest first.
+
+        Raises errors as :meth:`check_endpoint`.
+        """
+        if isinstance(goal, Goal):
+            raise InputError(
+                "goal",
+                f"is a {type(goal).__name__}",
+                "the space of an arm is needed for that",
+                "pass a configuration",
+            )
+        return [self.check_endpoint(cast("ArrayLike", goal), "goal", exact)]
+
+    def _check_one(self, q: ArrayLike, name: str) -> Floats:
+        """Check one configuration's length and finiteness; return it as an array."""
+        point = check_finite(q, name)
+        if point.shape != (self.size,):
+            raise InputError(
+                name,
+                f"has shape {point.shape}",
+                f"it must be one configuration of {self.size} numbers",
+                f"pass ({', '.join(self.axes)}), in metres and radians",
+            )
+        return point
+
+
+class ConfigurationSpace(Space):
+    """The configurations of a robot, with the queries of all maps and arms.
+
+    :class:`cspace.CSpace` and :class:`cspace.TiledCSpace` read cells, :class:`cspace.ArmSpace`
+    tests the geometry. Each has its own kernels for batches of configurations.
+    """
+
+    @property
+    def dof(self) -> int:
+        """Degrees of freedom: 3 in SE(2), 6 in SE(3), the number of joints for an arm."""
+        return self.size
+
+    @cached_property
+    def _angles(self) -> dict[int, str]:
+        """Index and name of each coordinate that is wrapped."""
+        return angle_axes(self.axes, self.periodic_axes)
+
+    @abstractmethod
+    def _check_configurations(self, q: ArrayLike, name: str = "q") -> Floats:
+        """Check configurations and return them as an array of floats.
+
+        Parameters
+        ----------
+        q : array-like, shape (size,) or (..., size)
+            Metres, and radians.
+        name : str
+            Name of the argument, for errors.
+
+        Returns
+        -------
+        ndarray of float64, the shape of q
+
+        Raises
+        ------
+        InputError, ConfigurationError
+            As :meth:`classify`.
+        """
+
+    @overload
+    def classify(self, q: Configuration) -> int: ...  # type: ignore[overload-overlap]
+    @overload
+    def classify(self, q: ArrayLike) -> States: ...
+    def classify(self, q: ArrayLike) -> int | States:
+        """Return the state of configurations: FREE, MIXED or BLOCKED.
+
+        Parameters
+        ----------
+        q : array-like, shape (size,) or (..., size)
+            Metres, and radians.
+
+        Returns
+        -------
+        int or ndarray of uint8, shape (...)
+            FREE (0), MIXED (1) or BLOCKED (2).
+
+        Raises
+        ------
+        InputError
+            If the last axis is not :attr:`size` long, or a value is NaN or infinite.
+        ConfigurationError
+            If a configuration is outside the limits of an arm's joints.
+
+        Warns
+        -----
+        AngleWarning
+            If an angle of a single configuration exceeds 2 pi, as if it were in degrees.
+        """
+        if isinstance(q, tuple):
+            state = self._state_of_one(q)
+            if state is not None:
+                return state
+        states: int | States = evaluate(q, self.size, self._write_states, np.uint8, self._angles)
+        return states
+
+    @overload
+    def is_free(self, q: Configuration, *, exact: bool = False) -> bool: ...  # type: ignore[overload-overlap]
+    @overload
+    def is_free(self, q: ArrayLike, *, exact: bool = False) -> Bools: ...
+    def is_free(self, q: ArrayLike, *, exact: bool = False) -> bool | Bools:
+        """Return True if configurations are proven collision-free.
+
+        Arguments and errors as :meth:`classify`.
+
+        With ``exact``, geometry decides in MIXED cells of a map; see :mod:`cspace._exact`. For an
+        arm it always does.
+        """
+        if isinstance(q, tuple) and not exact:
+            state = self._state_of_one(q)
+            if state is not None:
+                return state == FREE
+        write = partial(self._write_free, exact)
+        free: bool | Bools = evaluate(q, self.size, write, np.bool_, self._angles)
+        return free
+
+    @overload
+    def motion_is_free(  # type: ignore[overload-overlap]
+        self, q0: Configuration, q1: Configuration, *, exact: bool = False
+    ) -> bool: ...
+    @overload
+    def motion_is_free(self, q0: ArrayLike, q1: ArrayLike, *, exact: bool = False) -> Bools: ...
+    def motion_is_free(self, q0: ArrayLike, q1: ArrayLike, *, exact: bool = False) -> bool | Bools:
+        """Return True if straight motions are proven collision-free all along.
+
+        On a map, a motion is proven if every closed cell that it touches, even in a corner, is
+        FREE. A motion on the boundary of two cells touches both, so a motion that starts on the
+        boundary of a cell that is not FREE is not proven. All joints of an arm move in proportion.
+
+        Parameters
+        ----------
+        q0, q1 : array-like, shape (size,) or (..., size)
+            Endpoints of the motions, metres and radians; broadcast against each other.
+        exact : bool
+            Decide MIXED cells by the geometry; see :mod:`cspace._exact`. For an arm, geometry always
+            decides.
+
+        Returns
+        -------
+        bool or ndarray of bool, shape (...)
+
+        Raises
+        ------
+        InputError, ConfigurationError
+            As :meth:`classify`.
+        """
+        if isinstance(q0, tuple) and isinstance(q1, tuple) and not exact:
+            state = self._state_of_motion(q0, q1)
+            if state is not None:
+                return state == FREE
+        write = partial(self._write_motions, exact)
+        free: bool | Bools = evaluate_edges(q0, q1, self.size, write, self._angles)
+        return free
+
+    def certify_path(
+        self, path: ArrayLike, edges: ArrayLike | None = None, *, exact: bool = False
+    ) -> Bools:
+        """Return whether each edge is proven collision-free.
+
+        The edges belong to a path, to several paths, or to a roadmap. Edges are straight and rotate
+        along the shorter arc, as OMPL interpolates, and answers are as for :meth:`motion_is_free`;
+        for arms see :meth:`cspace.ArmSpace.certify_path`. Many edges are tested in threads.
+
+        Parameters
+        ----------
+        path : array-like, shape (n, size) or (..., n, size)
+            Configurations, metres and radians: a path, several paths of equal length, or the
+            vertices of a roadmap.
+        edges : array-like of int, shape (m, 2), optional
+            Indices of the two vertices of each edge; ``path`` must then have shape (n, size). If
+            left out, edges join consecutive configurations.
+        exact : bool
+            As for :meth:`motion_is_free`.
+
+        Returns
+        -------
+        ndarray of bool, shape (n - 1,), (..., n - 1) or (m,)
+            Empty for a path of one configuration, which has no edges.
+
+        Raises
+        ------
+        InputError
+            If a configuration is invalid, even if no edge uses it; if a path is empty; or if an
+            edge is not a pair of indices of vertices.
+        ConfigurationError
+            As :meth:`classify`.
+
+        Examples
+        --------
+        >>> import numpy as np, cspace
+        >>> workspace = cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1)
+        >>> space = cspace.build(workspace, cspace.Robot.disc(0.2))
+        >>> corners = [(0.5, 1.5), (0.5, 2.5), (1.5, 2.5), (1.5, 0.5)]
+        >>> space.certify_path(corners).tolist()
+        [True, True, False]
+        >>> space.certify_path(corners, [(0, 2), (2, 3)]).tolist()
+        [True, False]
+        """
+        points = self._check_configurations(path, "path")
+        write = partial(self._write_motions, exact)
+        if edges is not None:
+            first, second = check_pairs(edges, points).T
+            return evaluate_rows(points[first], points[second], write)
+        if points.ndim < 2 or points.shape[-2] == 0:
+            raise InputError(
+                "path",
+                f"has shape {points.shape}",
+                "a path has at least one configuration",
+                f"pass an array of shape (n, {self.size})",
+            )
+        starts = points[..., :-1, :]
+        ends = points[..., 1:, :]
+        rows = evaluate_rows(starts.reshape(-1, self.size), ends.reshape(-1, self.size), write)
+        return rows.reshape(starts.shape[:-1])
+
+    # ---- for planners ----------------------------------------------------------------------------
+
+    def point_checker(self, *, exact: bool = False) -> Checker:
+        """Return ``check(*q)``, a fast :meth:`is_free`."""
+        return lambda *q: self.is_free(q, exact=exact)
+
+    def edge_checker(self, *, exact: bool = False) -> Checker:
+        """Return ``check(*q0, *q1)``, a fast :meth:`motion_is_free`."""
+        size = self.size
+
+        def check(*endpoints: float) -> bool:
+            """Test the motion between the configurations that the numbers give."""
+            return self.motion_is_free(endpoints[:size], endpoints[size:], exact=exact)
+
+        return check
+
+    # ---- pages -----------------------------------------------------------------------------------
+
+    def view(self, *, block: bool = True, **options: Unpack[ViewOptions]) -> Viewer:
+        """Show the space on a page in the browser, and plan there.
+
+        Needs ``pip install "cspace[view]"``. The page shows the obstacles, the robot, and the
+        border of a map's C-obstacle or the closest pair of an arm. On it one sets start and goal,
+        or drags an arm's tool to a pose, plans and plays paths, and reads what is proven. It is
+        served on this machine alone, unless ``host`` says otherwise.
+
+        Parameters
+        ----------
+        block : bool
+            Print the address and wait for Ctrl-C. Otherwise :meth:`cspace.view.Viewer.close` ends
+            the page.
+        path : array-like, shape (n, size), or Plan, optional
+            A path to show. Trajectories, and plans of arms, are played at true speed.
+        start, goal : array-like, shape (size,), optional
+            Initial start and goal; by default the endpoints of the path, or FREE configurations far
+            apart. An arm with a start alone has no goal until one is set on the page.
+        frame : str, optional
+            Frame of an arm that users drag, such as ``"tool0"``; by default the frame that the most
+            joints move.
+        host : str
+            Address to serve on, by default "127.0.0.1". Whoever can reach it can plan on the page
+            and move it.
+        port : int, optional
+            Default: the first free port from 8080 on.
+
+        Returns
+        -------
+        cspace.view.Viewer
+            The page, with its ``url``, its ``plan``, ``refresh()`` for a map that was updated, and
+            ``close()``.
+
+        Raises
+        ------
+        InputError
+            If the path or a configuration has the wrong shape, no joint moves the frame, the port
+            is taken, or this machine lacks the address.
+        MissingPackageError
+            If viser is not installed.
+        """
+        from cspace.view._viewer import open_viewer
+
+        return open_viewer(self, block, options)
+
+    # ---- one configuration, given as a tuple: the same look-ups, without arrays ------------------
+
+    def _state_of_one(self, q: tuple[Any, ...]) -> int | None:
+        """Return the state of one configuration, or None if the look-up of arrays decides."""
+        return None
+
+    def _state_of_motion(self, q0: tuple[Any, ...], q1: tuple[Any, ...]) -> int | None:
+        """Return FREE if a motion is proven free, else MIXED; None if arrays decide."""
+        return None
+
+    # ---- what differs ----------------------------------------------------------------------------
+
+    @abstractmethod
+    def _write_states(self, rows: Floats, out: States) -> int:
+        """Write the states of rows, shape (n, size), to ``out``, shape (n,).
+
+        Returns the index of the first unusable row, or -1.
+        """
+
+    @abstractmethod
+    def _write_free(self, exact: bool, rows: Floats, out: Bools) -> int:
+        """Write whether rows, shape (n, size), are free; return the first unusable one, or -1."""
+
+    @abstractmethod
+    def _write_motions(self, exact: bool, starts: Floats, ends: Floats, out: Bools) -> int:
+        """Write whether motions, shapes (n, size), are free; return the first unusable, or -1."""

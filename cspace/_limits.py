@@ -1,0 +1,269 @@
+"""Limits of files and of memory, checked before any work.
+
+A file of a few bytes can declare a map of terabytes. So every reader states its needs from the size
+of the file or its header, and every build from its grid. Excessive needs are refused with the
+figures.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from pathlib import Path
+from typing import Final, Literal, NamedTuple
+
+from cspace._grid import Grid
+from cspace._support.arrays import StrPath
+from cspace.errors import FileError, InputError
+
+WORKSPACE_CELL_BYTES: Final = 2
+"""Memory for each cell of a workspace: its outer and its inner bitmap."""
+
+SHAPE_CELL_BYTES: Final = 5
+"""Memory for each cell while polygons or balls are rasterised. Measured; its map takes less."""
+
+MESH_CELL_BYTES: Final = 8
+"""Memory for each cell while a mesh is rasterised: both bitmaps, and labels of the components."""
+
+TRANSFORM_BYTES: Final = 2**27
+"""Memory for the transforms of a build with a robot at most a hundred cells across, whatever the
+size of the map."""
+
+SLICE_BYTES: Final = 2_500
+"""Memory for each slice of a rotating robot beside the cells of its rasters. Measured: 1,900 to
+2,500."""
+
+RASTER_CELL_BYTES: Final = {2: 4, 3: 10}
+"""Memory for each cell of a slice's rasters and their runs, by dimension. Measured: 2 to 4, and 8
+to 11."""
+
+MAX_MEMORY_FRACTION: Final = 0.95
+"""Maximum fraction of the free memory that work may use."""
+
+_MIN_CHECKED_BYTES: Final = 2**18
+"""Size of files below which the free memory is not queried, because that takes longer than reading.
+"""
+
+
+class Limits(NamedTuple):
+    """Maximum size of one file.
+
+    Attributes
+    ----------
+    max_bytes : int
+        Bytes of a file, or of its unpacked content.
+    max_cells : int
+        Cells, voxels or pixels of its grid.
+    max_text_bytes : int
+        Bytes of JSON, GeoJSON, WKT, COLLADA and the JSON of glTF, which are parsed as a whole.
+    max_description_bytes : int
+        Bytes of YAML, URDF and SRDF, which take longest: up to two seconds for this size.
+    """
+
+    max_bytes: int = 2**32
+    max_cells: int = 2**29
+    max_text_bytes: int = 2**26
+    max_description_bytes: int = 2**22
+
+
+SizeLimit = Literal["max_bytes", "max_text_bytes", "max_description_bytes"]
+"""Names of the limits that are sizes of files."""
+
+
+_LIMITS: Final = ContextVar("limits", default=Limits())  # noqa: B039 - it cannot be changed
+
+
+def map_bytes(shape: Sequence[int], slices: int = 1, overlap: bool = False) -> int:
+    """Estimate the peak memory of :func:`cspace.build`, in bytes.
+
+    The workspace is not included. It may be more if the robot is very large. ``slices`` is the
+    number of stored slices; 1 for a robot that only translates. ``overlap`` says whether overlap
+    counts are stored.
+    """
+    cells = math.prod(map(int, shape)) * slices
+    bytes_per_cell = 1 + 4 * overlap  # a state, and a count of 32 bits
+    return cells * bytes_per_cell + TRANSFORM_BYTES
+
+
+def free_bytes() -> int:
+    """Return the memory that this process can still use, in bytes.
+
+    That is the free memory of the machine, or the rest of a container's limit.
+    """
+    import psutil
+
+    return int(min(psutil.virtual_memory().available, _container_bytes()))
+
+
+@contextmanager
+def raised_limits(**limits: int) -> Iterator[None]:
+    """Change the limits of files within a ``with`` block.
+
+    Parameters
+    ----------
+    **limits : int
+        New values of the limits, by name: ``max_bytes``, ``max_cells``,
+        ``max_text_bytes`` and ``max_description_bytes``.
+
+    Raises
+    ------
+    InputError
+        If there is no such limit.
+
+    Examples
+    --------
+    >>> with raised_limits(max_cells=2**33):
+    ...     pass  # e.g. workspace = cspace.Workspace.open("city.png", spacing=0.05)
+    """
+    for name, value in limits.items():
+        if name not in Limits._fields:
+            rule = f"the limits are {', '.join(Limits._fields)}"
+            raise InputError(name, f"is {value}", rule, "correct the name")
+    token = _LIMITS.set(_LIMITS.get()._replace(**limits))
+    try:
+        yield
+    finally:
+        _LIMITS.reset(token)
+
+
+def check_bytes(
+    path: StrPath,
+    size: int,
+    what: str = "holds",
+    memory: float = 1.0,
+    limit: SizeLimit = "max_bytes",
+) -> None:
+    """Refuse a file of too many bytes.
+
+    ``what`` is a verb for the message, such as "holds" or "unpacks to". Raises FileError if the
+    size exceeds ``max_bytes`` or ``limit``, or ``memory`` times the size does not fit into memory.
+    """
+    problem = f"{what} {bytes_text(size)}"
+    limits = _LIMITS.get()
+    # A caller may have raised one limit above the other; the lower one applies.
+    lower_limit = min("max_bytes", limit, key=lambda name: getattr(limits, name))
+    limit_text = bytes_text(getattr(limits, lower_limit))
+    _check_limit(path, problem, size, lower_limit, limit_text)
+    check_file_memory(path, problem, memory * size)
+
+
+def check_cells(path: StrPath, shape: Sequence[int], memory: float = 1.0) -> None:
+    """Refuse a file that declares too large a grid.
+
+    Raises FileError if there are more than ``max_cells``, or ``memory`` bytes for each do not fit
+    into memory.
+    """
+    count = math.prod(map(int, shape))
+    # Sides that a float cannot hold exactly are shortened.
+    sides = [f"{n}" if n < 2**53 else f"{n:.4g}" for n in shape]
+    declared = f"declares {' x '.join(sides)} cells"
+    limit = f"{_LIMITS.get().max_cells:.4g}"
+    _check_limit(path, f"{declared}, {count:.4g} in all", count, "max_cells", limit)
+    check_file_memory(path, declared, memory * count)
+
+
+def check_file_memory(path: StrPath, declared: str, needed: float) -> None:
+    """Refuse a file that needs more memory than is free.
+
+    ``declared`` describes the content of the file, and ``needed`` is in bytes. Raises FileError.
+    """
+    if needed < _MIN_CHECKED_BYTES:
+        return
+    free = free_bytes()
+    if needed > MAX_MEMORY_FRACTION * free:
+        problem, rule = _memory_parts(declared, needed, free)
+        hint = "take a machine with more memory, or a smaller or coarser file"
+        raise FileError(os.fspath(path), problem, rule, hint)
+
+
+class PlannedGrid(NamedTuple):
+    """Number and side of the cells of a grid that is not made before it is known to fit."""
+
+    shape: Sequence[int]
+    spacing: float
+    unit: str = "m"
+
+
+def check_memory(
+    needed: float, what: str, grid: Grid | PlannedGrid, *, hint: str = "", slices: int = 1
+) -> None:
+    """Refuse work that does not fit into memory.
+
+    Parameters
+    ----------
+    needed : float
+        Bytes in all.
+    what : str
+        Argument of the message: "the map".
+    grid : Grid or PlannedGrid
+    hint : str
+        Hint if the spacing cannot be chosen; by default, it names a spacing that would fit.
+    slices : int
+        Number of slices, for the message.
+    """
+    free = free_bytes()
+    if needed <= MAX_MEMORY_FRACTION * free:
+        return
+    if not hint:
+        # Other work and rounding take a part, so the advice uses 80 % of the memory.
+        excess = max(needed / (0.8 * MAX_MEMORY_FRACTION * free), 1.0)
+        coarser = grid.spacing * excess ** (1.0 / len(grid.shape))
+        fewer = "fewer rotations, " if slices > 1 else ""
+        hint = (
+            f"use a spacing of at least {coarser:.2g} {grid.unit}, {fewer}smaller bounds, or check "
+            "the units (metres)"
+        )
+    cells = " x ".join(f"{count:.6g}" for count in grid.shape)
+    slice_text = f" x {slices:,} slices" if slices > 1 else ""
+    description = f"has {cells} cells of {grid.spacing:g} {grid.unit}{slice_text}"
+    problem, rule = _memory_parts(description, needed, free)
+    raise InputError(what, problem, rule, hint)
+
+
+def _memory_parts(description: str, needed: float, free: float) -> tuple[str, str]:
+    """Return the problem and the rule of the error for work beyond the memory limit."""
+    problem = f"{description} and needs about {bytes_text(needed)} of memory"
+    usable = bytes_text(MAX_MEMORY_FRACTION * free)
+    return problem, f"at most {usable} may be used, {MAX_MEMORY_FRACTION:.0%} of the free memory"
+
+
+def bytes_text(size: float) -> str:
+    """Format a number of bytes for people."""
+    units = ["TB", "GB", "MB", "kB", "bytes"]
+    while size >= 999.5 and len(units) > 1:  # three digits would round it to 1000
+        size /= 1000
+        units.pop()
+    return f"{size:.3g} {units[-1]}"
+
+
+def _container_bytes() -> float:
+    """Return the memory left by a container's limit, which psutil ignores.
+
+    Cached files count as free.
+    """
+    # Version 2 of control groups: "0::/group" names a folder of limits and counters.
+    root = Path("/sys/fs/cgroup")
+    try:
+        membership = Path("/proc/self/cgroup").read_text(encoding="ascii")
+        _, _, group = membership.strip().rpartition(":")
+        folder = root / group.lstrip("/")
+        if not (folder / "memory.max").exists():
+            folder = root
+        limit = int((folder / "memory.max").read_text(encoding="ascii"))
+        used = int((folder / "memory.current").read_text(encoding="ascii"))
+        statistics = (folder / "memory.stat").read_text(encoding="ascii").splitlines()
+    except (OSError, ValueError):  # no limit: memory.max is missing or reads "max"
+        return math.inf
+    values = dict(line.split() for line in statistics)
+    return max(0, limit - used + int(values.get("inactive_file", 0)))
+
+
+def _check_limit(path: StrPath, problem: str, size: int, limit: str, limit_text: str) -> None:
+    """Raise FileError if a size exceeds a limit of files."""
+    if size > getattr(_LIMITS.get(), limit):
+        hint = f"raise it with cspace.raised_limits({limit}={size}), if the file may be so large"
+        rule = f"at most {limit_text} are read"
+        raise FileError(os.fspath(path), problem, rule, hint)

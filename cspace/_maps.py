@@ -1,0 +1,482 @@
+"""Queries of all certified maps, in memory or in tiles."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from contextlib import AbstractContextManager
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any, Final, Protocol, Unpack, overload
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cspace._grid import Grid
+from cspace._interface import (
+    ConfigurationSpace,
+    Endpoint,
+    format_configuration,
+)
+from cspace._queries.batches import Configuration, evaluate, evaluate_edges
+from cspace._record.states import read_only
+from cspace._robot import Robot
+from cspace._rotations import Rotations
+from cspace._rotations.base import warn_of_degrees
+from cspace._support.arrays import BLOCKED, FREE, MIXED, STATE_NAMES, Bools, Floats, Ints
+from cspace._support.check import check_not_negative, check_rows
+from cspace.errors import ConfigurationError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from cspace._record.contents import Contents
+    from cspace.plot._picture import PlotOptions
+
+MAX_TRIED_CELLS: Final = 2**20
+"""Number of workspace cells up to which messages try what they advise."""
+
+
+class Components(Protocol):
+    """Connected components of cells that share sides."""
+
+    def of(self, cells: Ints, mixed: bool = False) -> Ints:
+        """Return the component of each cell.
+
+        Components consist of FREE cells, or of FREE and MIXED cells; -1 outside these.
+        """
+
+
+class ConfigurationMap(ConfigurationSpace):
+    """A certified map of a robot's configurations.
+
+    :class:`cspace.CSpace` has its cells in memory, :class:`cspace.TiledCSpace` reads them from a
+    store.
+    """
+
+    has_cells = True
+    searches: tuple[str, ...] = ("Grid",)
+
+    # ---- what the map is -------------------------------------------------------------------------
+
+    @property
+    @abstractmethod
+    def _kept(self) -> Contents:
+        """Contents of the map in memory, or what all tiles of a map share."""
+
+    @property
+    def grid(self) -> Grid:
+        """Grid of the positions of the reference point, which is the workspace's grid."""
+        return self._kept.grid
+
+    @property
+    def robot(self) -> Robot:
+        """The robot."""
+        return self._kept.robot
+
+    @property
+    def rotations(self) -> Rotations:
+        """Rotation cells; a single one if the robot does not rotate."""
+        return self._kept.rotations
+
+    @property
+    def slice_of(self) -> Ints:
+        """Slice of each rotation cell, shape (rotation cells,); read-only.
+
+        Rotation cells share a slice if a symmetry of the robot maps one to the other.
+        """
+        return read_only(self._kept.slice_of)
+
+    @property
+    def slice_rotations(self) -> Floats:
+        """One rotation of each slice.
+
+        It has the form that it has in a configuration: shape (slices, k), where k is 0, 1 or 4.
+
+        Examples
+        --------
+        >>> import numpy as np, cspace
+        >>> workspace = cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1)
+        >>> space = cspace.build(workspace, cspace.Robot.rectangle(0.4, 0.2), rotations=8)
+        >>> space.slice_of.tolist()
+        [0, 1, 2, 3, 0, 1, 2, 3]
+        >>> len(space.slice_rotations)
+        4
+        """
+        _, first_cells = np.unique(self.slice_of, return_index=True)
+        return self.rotations.centers[first_cells]
+
+    @property
+    def outside(self) -> str:
+        """State of space outside the workspace.
+
+        It is "blocked", "free", or "unknown" around a part of a larger map.
+        """
+        return self._kept.outside
+
+    @property
+    def margin(self) -> float:
+        """Metres by which the robot was grown to prove FREE."""
+        return self._kept.margin
+
+    @cached_property
+    def axes(self) -> tuple[str, ...]:
+        """Names of the coordinates: x, y, in space z, then yaw or qx, qy, qz, qw."""
+        return (*self.grid.axes, *self.rotations.names)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of the coordinates of a configuration.
+
+        They are "m", "rad", or "1" for a quaternion.
+        """
+        return (*self.grid.units, *self.rotations.units)
+
+    @property
+    def bounds(self) -> tuple[Floats, Floats]:
+        """Lower and upper corner of the grid."""
+        return np.array(self.grid.lower), np.array(self.grid.upper)
+
+    @property
+    def resolution(self) -> float:
+        """Half a cell."""
+        return 0.5 * self.grid.spacing
+
+    @property
+    def dof(self) -> int:
+        """Degrees of freedom: 2 or 3 for positions, plus 1 for a yaw or 3 for a rotation."""
+        return self.size - ("qw" in self.rotations.names)  # a quaternion has norm 1
+
+    @abstractmethod
+    def count(self) -> tuple[int, int, int]:
+        """Count the FREE, MIXED and BLOCKED cells over all rotation cells."""
+
+    def __repr__(self) -> str:
+        """Return the cells, the robot and a summary of the states."""
+        cells = " x ".join(map(str, self.grid.shape))
+        turns = f" x {self.rotations}" if self.rotations.names else ""
+        size = f"{cells} cells of {self.grid.spacing:g} {self.grid.unit}{turns}"
+        return f"{type(self).__name__}({size}, {self.robot.name}: {self._summary})"
+
+    # ---- look-ups --------------------------------------------------------------------------------
+
+    def _check_configurations(self, q: ArrayLike, name: str = "q") -> Floats:
+        """Return configurations as an array, shape (..., size).
+
+        Raises InputError if one is not usable.
+        """
+        points = check_rows(q, name, self.size).astype(np.float64, copy=False)
+        evaluate(points, self.size, self._write_states, np.uint8, self._angles, name)
+        return points
+
+    @overload
+    def is_connected(self, q0: Configuration, q1: Configuration) -> bool: ...  # type: ignore[overload-overlap]
+    @overload
+    def is_connected(self, q0: ArrayLike, q1: ArrayLike) -> Bools: ...
+    def is_connected(self, q0: ArrayLike, q1: ArrayLike) -> bool | Bools:
+        """Return True if a collision-free path is proven to exist between configurations.
+
+        The proof is a chain of FREE cells, and that no other cell touches the two configurations;
+        :meth:`cspace.CSpace.find_path` returns a path. False proves nothing: see
+        :meth:`is_disconnected`.
+        Components of cells are computed at the first call and cached; a tiled map caches them in
+        its folder.
+
+        Parameters
+        ----------
+        q0, q1 : array-like, shape (size,) or (..., size)
+            Metres, and radians; broadcast against each other.
+
+        Returns
+        -------
+        bool or ndarray of bool, shape (...)
+        """
+        joined: bool | Bools = self._relate(q0, q1, apart=False)
+        return joined
+
+    @overload
+    def is_disconnected(self, q0: Configuration, q1: Configuration) -> bool: ...  # type: ignore[overload-overlap]
+    @overload
+    def is_disconnected(self, q0: ArrayLike, q1: ArrayLike) -> Bools: ...
+    def is_disconnected(self, q0: ArrayLike, q1: ArrayLike) -> bool | Bools:
+        """Return True if configurations are proven disconnected.
+
+        No collision-free path between them exists then. The proof is that no chain of FREE and
+        MIXED cells joins them. If this and :meth:`is_connected` are both False, the map is too
+        coarse to decide; plan with ``exact=True``, or build with a finer spacing.
+
+        Parameters
+        ----------
+        q0, q1 : array-like, shape (size,) or (..., size)
+            Metres, and radians; broadcast against each other.
+
+        Returns
+        -------
+        bool or ndarray of bool, shape (...)
+        """
+        apart: bool | Bools = self._relate(q0, q1, apart=True)
+        return apart
+
+    def _relate(self, q0: ArrayLike, q1: ArrayLike, apart: bool) -> Any:
+        """Return whether configurations are proven connected, or with ``apart`` disconnected."""
+        if isinstance(q0, tuple) and isinstance(q1, tuple):
+            known = self._connection_of_one(q0, q1, apart)
+            if known is not None:
+                return known
+        write = partial(self._write_connections, apart)
+        with self._at_one_moment():
+            return evaluate_edges(q0, q1, self.size, write, self._angles)
+
+    def _connection_of_one(
+        self, q0: tuple[Any, ...], q1: tuple[Any, ...], apart: bool
+    ) -> bool | None:
+        """Return whether two configurations are proven connected, or with ``apart`` disconnected.
+
+        None if only the look-up of arrays can answer or refuse.
+        """
+        return None
+
+    def _write_connections(self, apart: bool, starts: Floats, ends: Floats, out: Bools) -> int:
+        """Write which pairs are proven connected, or with ``apart`` disconnected.
+
+        ``starts`` and ``ends`` have shape (n, size). Returns the first unusable pair, or -1.
+        """
+        # The higher state of both ends: only FREE ends have a component of FREE cells.
+        highest = np.zeros(len(out), dtype=np.uint8)
+        for rows in (starts, ends):
+            states = np.empty(len(out), dtype=np.uint8)
+            bad = self._write_states(rows, states)
+            if bad >= 0:
+                return bad
+            np.maximum(highest, states, out=highest)
+        start_cells = self._cells_of(starts)
+        end_cells = self._cells_of(ends)
+
+        def find_joined(candidates: Bools, mixed: bool) -> Bools:
+            """Return which candidate pairs share a component; without any, compute no component."""
+            if not candidates.any():
+                return candidates
+            first = self._components.of(start_cells, mixed)
+            second = self._components.of(end_cells, mixed)
+            return np.asarray(candidates & (first == second) & (first != -1))
+
+        # Pairs that FREE cells join are connected; those that not even MIXED cells join are apart.
+        joined = find_joined(np.asarray(highest == FREE), mixed=False)
+        if apart:
+            joined |= find_joined(np.asarray((highest <= MIXED) & ~joined), mixed=True)
+        # A path is proven only between configurations that no cell but FREE ones touches.
+        for rows in (starts, ends) if not apart else ():
+            touches_free = np.empty(int(joined.sum()), dtype=np.bool_)
+            self._write_motions(False, rows[joined], rows[joined], touches_free)
+            joined[joined] = touches_free
+        np.not_equal(joined, apart, out=out)
+        return -1
+
+    @overload
+    def is_free_around(self, q: Configuration, distance: float, angle: float = 0.0) -> bool: ...  # type: ignore[overload-overlap]
+    @overload
+    def is_free_around(self, q: ArrayLike, distance: float, angle: float = 0.0) -> Bools: ...
+    def is_free_around(self, q: ArrayLike, distance: float, angle: float = 0.0) -> bool | Bools:
+        """Return True if all near configurations are proven free.
+
+        They are within ``distance`` and ``angle`` of q. The configurations are those in a box: at
+        most ``distance`` away along each axis, and rotated by at most ``angle``. They are proven if
+        every closed cell that meets the box is FREE. Use it to prove curves piece by piece.
+
+        Parameters
+        ----------
+        q : array-like, shape (size,) or (..., size)
+            Metres, and radians.
+        distance : float
+            Metres, zero or above.
+        angle : float
+            Radians, zero or above; ignored if the robot does not rotate.
+
+        Returns
+        -------
+        bool or ndarray of bool, shape (...)
+        """
+        metres = check_not_negative(distance, "distance")
+        radians = check_not_negative(angle, "angle", "pass it in radians")
+        write = partial(self._write_free_around, metres, radians)
+        free: bool | Bools = evaluate(q, self.size, write, np.bool_, self._angles)
+        return free
+
+    @overload
+    def clearance(self, q: Configuration) -> float: ...  # type: ignore[overload-overlap]
+    @overload
+    def clearance(self, q: ArrayLike) -> Floats: ...
+    def clearance(self, q: ArrayLike) -> float | Floats:
+        """Return a lower bound of the distance to configurations that are not FREE.
+
+        The distance is in the translation, to the nearest one. The bound is proven. At the center
+        of a cell, it is the distance but for rounding. Elsewhere in the grid, it is less than 1.42
+        cells below in the plane and 1.74 in space; a few hundredths of a cell on average, a tenth
+        where all is near obstacles. Outside the grid, it is at least the distance to the box around
+        the grid and all cells that are not FREE. It is zero if the configuration is not FREE, and
+        infinite if every configuration at its rotation is FREE.
+
+        The first query at a rotation computes the distances of all cells there, 4 bytes each, and
+        so does the first one after an update: some 20 ms for a million cells.
+
+        Clearances in a tiled map are at most the width of the halo of a tile, less two cells,
+        because all farther away is unknown there.
+
+        Parameters
+        ----------
+        q : array-like, shape (size,) or (..., size)
+            Metres, and radians.
+
+        Returns
+        -------
+        float or ndarray of float64, shape (...)
+            Metres.
+        """
+        if isinstance(q, tuple):
+            known = self._clearance_of_one(q)
+            if known is not None:
+                return known
+        metres: float | Floats = evaluate(
+            q, self.size, self._write_clearances, np.float64, self._angles
+        )
+        return metres
+
+    def _clearance_of_one(self, q: tuple[Any, ...]) -> float | None:
+        """Return the clearance of one configuration, or None if the look-up of arrays decides."""
+        return None
+
+    # ---- for planners ----------------------------------------------------------------------------
+
+    def path_exists(self, q0: ArrayLike, q1: ArrayLike) -> bool | None:
+        """Return :meth:`is_connected`, or False if :meth:`is_disconnected`; None if undecided."""
+        if self.is_connected(q0, q1):
+            return True
+        return False if self.is_disconnected(q0, q1) else None
+
+    @property
+    def tries_exact(self) -> bool:
+        """Whether messages try the geometry before they advise it, for about a second."""
+        return self.in_memory and self.grid.size <= MAX_TRIED_CELLS
+
+    def check_endpoint(self, q: ArrayLike, name: str, exact: bool = False) -> Endpoint:
+        """Return a start or goal in canonical form.
+
+        Raises ConfigurationError unless the configuration lies in the grid and a motion that stays
+        there is proven free; the error names the nearest FREE configuration.
+        """
+        values = self._check_one(q, name)
+        point: Endpoint = tuple(self.rotations.make_canonical(values, name).tolist())
+        warn_of_degrees(values, self._angles, name)
+        is_inside = bool(self.grid.contains(np.array(point[: self.dim])))
+        check = self.edge_checker(exact=exact)
+        if is_inside and check(*point, *point):
+            return point
+        raise self._make_endpoint_error(point, name, is_inside, exact)
+
+    def _make_endpoint_error(
+        self, point: Endpoint, name: str, is_inside: bool, exact: bool
+    ) -> ConfigurationError:
+        """Make the error for a start or goal that is refused.
+
+        ``name`` says which one it is, and ``is_inside`` whether it lies in the grid.
+        """
+        # Why it is refused. Only the geometry can tell a collision from an undecided cell.
+        state = self.classify(point)
+        is_tried = is_inside and state != BLOCKED and not exact and self.tries_exact
+        is_exact = is_tried and self.edge_checker(exact=True)(*point, *point)
+        if not is_inside:
+            lower = ", ".join(f"{x:.6g}" for x in self.grid.lower)
+            upper = ", ".join(f"{x:.6g}" for x in self.grid.upper)
+            problem = f"lies outside the map, which reaches from ({lower}) to ({upper})"
+            rule = "a path stays within the map"
+        elif state == MIXED and (exact or is_tried) and not is_exact:
+            problem = "is in collision or too close to decide"
+            rule = f"the {name} must be proven collision-free, by the map or by the geometry"
+        elif state != FREE:
+            problem = f"lies in a {STATE_NAMES[state].upper()} cell"
+            rule = f"the {name} must be FREE, that is proven collision-free"
+        else:
+            problem = "is FREE but lies on the border of a cell that is not"
+            rule = f"the {name} must lie inside a FREE cell, because motions touch both cells"
+        hint, nearest = self._suggest_endpoint(point)
+        if is_exact:
+            hint = f"pass exact=True, which proves it free; {hint}"
+        problem = f"{format_configuration(point)} {problem}"
+        return ConfigurationError(name, problem, rule, hint, nearest=nearest)
+
+    def _suggest_endpoint(self, point: Endpoint) -> tuple[str, Endpoint | None]:
+        """Return a hint for an unusable end, and the nearest FREE configuration."""
+        try:
+            nearest = tuple(self.nearest_free(point).tolist())
+        except ConfigurationError:
+            where = "at all" if self.in_memory else "near there"
+            hint = f"the map has no FREE configuration {where}"
+            return f"{hint}; use a smaller robot, margin or spacing", None
+        return f"the nearest is {format_configuration(nearest)}", nearest
+
+    # ---- pictures --------------------------------------------------------------------------------
+
+    def plot(self, **options: Unpack[PlotOptions]) -> Axes:
+        """Draw the map, with the options of :func:`cspace.plot.plot`.
+
+        Of a tiled map, an overview is drawn. No window opens; notebooks show the axes as the
+        picture. If a path crosses the seam of continuous joints, the picture extends as far as the
+        path.
+        """
+        from cspace.plot import plot
+
+        return plot(self, **options)
+
+    # ---- what differs ----------------------------------------------------------------------------
+
+    @abstractmethod
+    def nearest_free(self, q: ArrayLike) -> Floats:
+        """Return the center of the nearest FREE cell; raise ConfigurationError if none is."""
+
+    @property
+    @abstractmethod
+    def _summary(self) -> str:
+        """End of the repr."""
+
+    @property
+    @abstractmethod
+    def facts(self) -> dict[str, object]:
+        """Plain values by name that describe the map, except its grid."""
+
+    @abstractmethod
+    def _at_one_moment(self) -> AbstractContextManager[Any]:
+        """Return a lock that is held while an update changes the map."""
+
+    @abstractmethod
+    def find_unusable(self, rows: Floats) -> int:
+        """Return the index of the first unusable configuration of rows (n, size), or -1."""
+
+    @abstractmethod
+    def _write_free_around(self, distance: float, angle: float, rows: Floats, out: Bools) -> int:
+        """Write whether all configurations within a distance and an angle of rows are free.
+
+        Returns the first unusable row, or -1.
+        """
+
+    @abstractmethod
+    def _write_clearances(self, rows: Floats, out: Floats) -> int:
+        """Write clearances of rows, shape (n, size); return the first unusable row, or -1."""
+
+    def _write_free(self, exact: bool, rows: Floats, out: Bools) -> int:
+        """Write whether rows, shape (n, size), are FREE; return the first unusable row, or -1."""
+        states = out.view(np.uint8)  # states and answers are bytes, so they share memory
+        bad = self._write_states(rows, states)
+        np.equal(states, FREE, out=out)
+        return bad
+
+    @property
+    @abstractmethod
+    def _components(self) -> Components:
+        """Connected components of cells that share sides."""
+
+    def _cells_of(self, points: Floats) -> Ints:
+        """Return the cells of configurations.
+
+        They are ``(rotation, x, y)`` or ``(rotation, x, y, z)``, and may lie outside the grid.
+        """
+        cells = self.grid.cell_of(points[..., : self.grid.dim])
+        rotations = self.rotations.find_cells(points)[..., np.newaxis]
+        return np.concatenate([rotations, cells], axis=-1)

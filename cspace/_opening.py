@@ -1,0 +1,70 @@
+"""Opening of saved maps: as a map in memory, or as a tiled map."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cspace._files.access import inspect_path, suggest_file
+from cspace._record.save import TILES_FORMAT, making_map, read_format, read_map_and_attributes
+from cspace._space import CSpace
+from cspace._support.arrays import StrPath
+from cspace.errors import FileError
+
+if TYPE_CHECKING:
+    from cspace._tiles.space import TiledCSpace
+
+
+def open_map(path: StrPath) -> CSpace | TiledCSpace:
+    """Open a saved map, or a map in tiles.
+
+    Parameters
+    ----------
+    path : path-like
+        A Zarr folder that :meth:`cspace.CSpace.save` or :func:`cspace.build` with a ``store``
+        wrote.
+
+    Returns
+    -------
+    CSpace or TiledCSpace
+        Equal to the map that was saved or built. A map in tiles stays in its folder.
+
+    Raises
+    ------
+    FileError
+        If the map is missing, unreadable, truncated or changed, of another version of the format,
+        or replaced by another process while it is read; then open it again.
+
+    Examples
+    --------
+    >>> import numpy as np, cspace
+    >>> field = cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1)
+    >>> space = cspace.build(field, cspace.Robot.disc(0.2))
+    >>> space.save("map.zarr")
+    >>> cspace.open("map.zarr").count() == space.count()
+    True
+    """
+    _check_folder(path)
+    if read_format(path) == TILES_FORMAT:
+        from cspace._tiles.space import TiledCSpace
+
+        return TiledCSpace.open(path)
+    contents, _ = read_map_and_attributes(path)
+    with making_map(path):
+        return CSpace(contents)
+
+
+open = open_map  # noqa: A001 - its public name, cspace.open
+
+
+def _check_folder(path: StrPath) -> None:
+    """Raise FileError if there is no folder at a path."""
+    file, what = inspect_path(path, "saved map")
+    if what == "a folder":
+        return
+    problem = "is not a saved map" if what else "does not exist"
+    rule = "a saved map is a Zarr folder"
+    hint = suggest_file(file, "build the map first, with cspace.build or cspace map")
+    if file.suffix.lower() == ".npz":
+        rule = f"{rule}; .npz is an export, for numpy.load"
+        hint = "save the map with space.save('map.zarr')"
+    raise FileError(str(file), problem, rule, hint)

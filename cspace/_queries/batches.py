@@ -1,0 +1,164 @@
+"""Queries of one configuration or many, by one route over rows of an array."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, Final, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cspace._rotations import Rotations
+from cspace._rotations.base import warn_of_degrees
+from cspace._support.arrays import Bools, Floats
+from cspace._support.check import check_rows
+from cspace._support.threads import MIN_ITEMS_PER_THREAD, in_chunks
+from cspace.errors import InputError
+
+Write = Callable[..., int]
+"""``write(*rows, out)`` fills ``out``, shape (n,), from rows of shape (n, size).
+
+It returns the index of the first unusable row, or -1.
+"""
+
+Entry = TypeVar("Entry", bound=np.generic)
+
+Configuration = tuple[float, ...] | list[float]
+"""Type of one configuration, shape (size,); a query of it returns a Python value.
+
+A query of an array, also of one of shape (size,), returns what numpy has for it.
+"""
+
+NO_ANGLES: Final[Mapping[int, str]] = {}
+
+MIN_EDGES_PER_THREAD: Final = 2_000
+"""Edges below which a second thread costs more than it saves."""
+
+
+def evaluate(
+    q: ArrayLike,
+    size: int,
+    write: Write,
+    dtype: type[Entry],
+    angles: Mapping[int, str] = NO_ANGLES,
+    name: str = "q",
+) -> Any:
+    """Evaluate a query on one configuration or many.
+
+    Parameters
+    ----------
+    q : array-like, shape (d,) or (..., d)
+        One configuration, or a batch.
+    size : int
+        Length d of a configuration.
+    write : callable
+        Writes the answers of rows.
+    dtype : numpy scalar type
+        Type of an answer.
+    angles : mapping of int to str
+        Coordinates, by index and name, that are probably in degrees if beyond a whole turn; only a
+        single configuration is checked.
+    name : str
+        Name of the configurations in error messages.
+
+    Returns
+    -------
+    number or ndarray, shape (...)
+
+    Raises
+    ------
+    InputError
+        If the last axis is not d long, or a value is not finite.
+    """
+    points = check_rows(q, name, size)
+    rows = as_contiguous(points.reshape(-1, size))
+    out = np.empty(len(rows), dtype=dtype)
+    bad = write(rows, out)  # index of the first unusable row, or -1
+    if bad >= 0:
+        raise _make_unusable_error(rows[bad], name, bad)
+    if angles and points.ndim == 1:
+        warn_of_degrees(points, angles, name)
+    return _shape_answers(out, points.shape[:-1], isinstance(q, np.ndarray))
+
+
+def evaluate_edges(
+    q0: ArrayLike,
+    q1: ArrayLike,
+    size: int,
+    write: Write,
+    angles: Mapping[int, str] = NO_ANGLES,
+) -> Any:
+    """Evaluate a query on straight edges from ``q0`` to ``q1``, one or many, which broadcast.
+
+    Both have shape (d,) or (..., d). ``write`` writes True or False for each edge; other
+    parameters, results and errors are those of :func:`evaluate`.
+    """
+    starts = check_rows(q0, "q0", size)
+    ends = check_rows(q1, "q1", size)
+    try:
+        shape = np.broadcast_shapes(starts.shape, ends.shape)
+    except ValueError as error:
+        raise InputError(
+            "q0",
+            f"has shape {starts.shape} and q1 {ends.shape}",
+            "they must broadcast",
+            "pass batches of equal shape",
+        ) from error
+    first_rows = np.broadcast_to(starts, shape).reshape(-1, size)
+    second_rows = np.broadcast_to(ends, shape).reshape(-1, size)
+    out = evaluate_rows(first_rows, second_rows, write)
+    # Large angles of single configurations are probably in degrees.
+    for rows, name in ((starts, "q0"), (ends, "q1")):
+        if angles and rows.ndim == 1:
+            warn_of_degrees(rows, angles, name)
+    has_array = isinstance(q0, np.ndarray) or isinstance(q1, np.ndarray)
+    return _shape_answers(out, shape[:-1], has_array)
+
+
+def evaluate_rows(starts: Floats, ends: Floats, write: Write) -> Bools:
+    """Evaluate a query on edges between rows, shape (n, size).
+
+    Raises InputError, with the index of the edge, if a row is not usable.
+    """
+    out = np.empty(len(starts), dtype=np.bool_)
+    bad = write(as_contiguous(starts), as_contiguous(ends), out)
+    if bad >= 0:
+        raise _make_unusable_error(np.concatenate([starts[bad], ends[bad]]), "edge", bad)
+    return out
+
+
+def write_in_threads(
+    kernel: Write, *arrays: NDArray[Any], min_items: int = MIN_ITEMS_PER_THREAD
+) -> int:
+    """Call ``kernel(*arrays)`` on slices of the arrays in threads.
+
+    Returns the index of the first unusable row, or -1. Each thread gets at least ``min_items``.
+    """
+
+    def write_chunk(start: int, stop: int) -> int:
+        """Run the kernel on some rows; return the first unusable one, counted from ``start``."""
+        chunks = [array[start:stop] for array in arrays]
+        return int(kernel(*chunks))
+
+    return in_chunks(write_chunk, len(arrays[0]), min_items)
+
+
+def as_contiguous(rows: NDArray[Any]) -> Floats:
+    """Return rows as a contiguous, writeable float64 array, the only type kernels accept."""
+    floats = np.ascontiguousarray(rows, dtype=np.float64)
+    return floats if floats.flags.writeable else floats.copy()
+
+
+def _shape_answers(answers: NDArray[Any], shape: tuple[int, ...], is_array: bool) -> Any:
+    """Reshape answers; return a Python value for one configuration that is not an array."""
+    if shape or is_array:
+        return answers.reshape(shape)[()]  # a numpy scalar if the shape is ()
+    return answers.item()
+
+
+def _make_unusable_error(values: NDArray[Any], name: str, index: int) -> InputError:
+    """Make the error for an unusable row of a batch, with its values and index."""
+    numbers = tuple(values.astype(np.float64).tolist())
+    problem = f"number {index} is {numbers}"
+    hint = "correct or remove such configurations first"
+    return InputError(name, problem, Rotations.all_limits(), hint)

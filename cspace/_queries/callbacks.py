@@ -1,0 +1,121 @@
+"""Look-ups of one configuration, given by its numbers, without arrays or errors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, Final
+
+import numba
+
+from cspace._queries.edges import edge_is_free
+from cspace._queries.points import NOT_USABLE, cell_of, is_usable, position_in_plane, state_at
+from cspace._record.cells import Map
+from cspace._rotations.lookup import is_rotation, rotation_cell
+from cspace._support.arrays import FREE, MIXED, Floats, Numbers, Row
+from cspace._support.compiling import inlined, kernel
+
+MAX_SIZE: Final = 7
+"""Largest length of a configuration, in SE(3)."""
+
+
+def state_lookup(map_: Map, size: int) -> Callable[..., int]:
+    """Return ``look_up(*q)``: the state of a configuration, or NOT_USABLE."""
+    return bind_numbers(state_of, (map_,), size)
+
+
+def place_lookup(map_: Map, size: int) -> Callable[..., int]:
+    """Return ``look_up(*q)``: the index of a cell over all rotation cells, or -1 outside."""
+    return bind_numbers(place_of, (map_,), size)
+
+
+def motion_lookup(map_: Map, size: int) -> Callable[..., int]:
+    """Return ``look_up(*q0, *q1)``: FREE, MIXED if the motion is not proven, or NOT_USABLE."""
+    return bind_numbers(motion_of, (map_, size), 2 * size, 2 * MAX_SIZE)
+
+
+def edge_checker(map_: Map, size: int) -> Callable[..., bool]:
+    """Return ``check(*q0, *q1)``, True if an edge is FREE."""
+    look_up = motion_lookup(map_, size)
+    return lambda *endpoints: look_up(*endpoints) == FREE
+
+
+def bind_kernel(kernel: Any, fixed: tuple[Any, ...], *examples: Any) -> Callable[..., Any]:
+    """Bind a kernel to its first arguments.
+
+    Calls skip numba's dispatch, so that all other arguments must have the types of ``examples``.
+    """
+    argument_types = tuple(map(numba.typeof, (*fixed, *examples)))
+    kernel.compile(argument_types)
+    # Unlike the kernel itself, its machine code for these types compares no types at each call.
+    compiled = kernel.get_overload(argument_types)
+    return partial(compiled, *fixed)
+
+
+def bind_numbers(
+    kernel: Any, fixed: tuple[Any, ...], given: int, total: int = MAX_SIZE
+) -> Callable[..., Any]:
+    """Bind a kernel of ``fixed`` and a tuple of ``total`` numbers; calls give the last ``given``.
+
+    So a kernel is compiled once for configurations of all sizes.
+    """
+    look_up = bind_kernel(kernel, fixed, (0.0,) * total)
+    padding = (0.0,) * (total - given)
+    return lambda *numbers: look_up((*padding, *numbers))
+
+
+@inlined
+def configuration_before(map_: Map, numbers: Numbers, end: int) -> tuple[Row, Numbers]:
+    """Return position and rotation of the configuration whose numbers end before ``end``."""
+    borders = map_.rotations.borders
+    rotation = rotation_before(borders, numbers, end)
+    first = end - map_.dim
+    if borders.shape[0] > 0:  # otherwise the rotation is no part of the configuration
+        first -= len(rotation)
+    x = numbers[first]
+    y = numbers[first + 1]
+    if map_.dim == 2:
+        return position_in_plane(map_, x, y), rotation
+    return (x, y, numbers[first + 2]), rotation
+
+
+@inlined
+def rotation_before(borders: Floats, numbers: Numbers, end: int) -> Numbers:
+    """Return the rotation of the configuration whose numbers end before ``end``."""
+    if borders.ndim == 2:  # a quaternion
+        return numbers[end - 4], numbers[end - 3], numbers[end - 2], numbers[end - 1]
+    yaw = numbers[end - 1] if borders.shape[0] > 0 else 0.0
+    return (yaw,)
+
+
+@kernel
+def state_of(map_: Map, numbers: Numbers) -> int:
+    """Return the state of a configuration, or NOT_USABLE."""
+    position, rotation = configuration_before(map_, numbers, MAX_SIZE)
+    if not is_rotation(rotation):
+        return NOT_USABLE
+    return state_at(map_, position, rotation)
+
+
+@kernel
+def place_of(map_: Map, numbers: Numbers) -> int:
+    """Return the index of a configuration's cell over all rotation cells, or -1 outside."""
+    position, rotation = configuration_before(map_, numbers, MAX_SIZE)
+    i, j, k = cell_of(map_, position)
+    _, nx, ny, nz = map_.states.shape
+    is_inside = 0 <= i < nx and 0 <= j < ny and 0 <= k < nz
+    if not (is_inside and is_usable(position, rotation)):
+        return -1
+    number = rotation_cell(map_.rotations.borders, rotation)
+    return int(((number * nx + i) * ny + j) * nz + k)
+
+
+@kernel
+def motion_of(map_: Map, size: int, numbers: Numbers) -> int:
+    """Return FREE if a motion is FREE, else MIXED; NOT_USABLE if an end is not usable."""
+    end = 2 * MAX_SIZE
+    p0, r0 = configuration_before(map_, numbers, end - size)
+    p1, r1 = configuration_before(map_, numbers, end)
+    if not (is_usable(p0, r0) and is_usable(p1, r1)):
+        return NOT_USABLE
+    return FREE if edge_is_free(map_, p0, r0, p1, r1) else MIXED

@@ -1,0 +1,426 @@
+"""Connected components of FREE cells, and of cells that are not BLOCKED.
+
+A *run* is a maximal row of such cells along the last axis. Union-find joins the runs of a slice
+that share sides; runs so joined have one label. A *node* is a label at a rotation cell. Nodes of
+neighbouring rotation cells are joined where their runs overlap.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from cspace._queries.callbacks import bind_kernel
+from cspace._support.arrays import FREE, MIXED, Bools, Ints, States
+from cspace._support.compiling import inlined, kernel
+from cspace._support.threads import cores, in_threads
+
+
+class Components:
+    """Connected components of FREE cells, and of cells that are not BLOCKED.
+
+    Either kind is computed at its first use. Cells that share a side are joined. Between FREE cells
+    of one component a path exists. Between components of cells that are not BLOCKED no path exists:
+    if a path crosses an edge or a corner, all cells around it are not BLOCKED, and they are joined
+    by their sides.
+
+    Parameters
+    ----------
+    states : ndarray of uint8, shape (slices, nx, ny) or (slices, nx, ny, nz)
+    slice_of : ndarray of int64, shape (rotations,)
+        Slice of each rotation cell.
+    neighbors : ndarray of int64, shape (rotations, n)
+        Adjacent rotation cells, padded with -1.
+    exterior_open : ndarray of bool, shape (slices,)
+        True where a configuration outside the grid is not BLOCKED.
+    """
+
+    def __init__(
+        self, states: States, slice_of: Ints, neighbors: Ints, exterior_open: Bools
+    ) -> None:
+        """Keep the states, which are labelled when they are first needed."""
+        self._states = states
+        self._slice_of = slice_of
+        self._exterior_open = exterior_open
+        # List each pair of neighbours once, the lower rotation cell first.
+        rotation, column = np.nonzero(neighbors >= 0)
+        pairs = np.stack([rotation, neighbors[rotation, column]], axis=1)
+        self._rotation_pairs = np.unique(np.sort(pairs, axis=1), axis=0)
+
+    @cached_property
+    def _free(self) -> JoinedCells:
+        """Components of FREE cells; no exterior counts as FREE."""
+        never_open = np.zeros_like(self._exterior_open)
+        return self._join(FREE, never_open)
+
+    @cached_property
+    def _passable(self) -> JoinedCells:
+        """Components of FREE and MIXED cells."""
+        return self._join(MIXED, self._exterior_open)
+
+    def _join(self, highest: int, exterior_open: Bools) -> JoinedCells:
+        """Join the cells whose state is at most ``highest``."""
+        runs = label_runs(list_runs(self._states, highest), self._states.shape)
+        shape = self._states.shape
+        return JoinedCells.of(runs, shape, self._slice_of, self._rotation_pairs, exterior_open)
+
+    def of(self, cells: Ints, mixed: bool = False) -> Ints:
+        """Return the component of each cell, or -1.
+
+        Components join FREE cells, or FREE and MIXED cells if ``mixed``. Cells are ``(rotation, x,
+        y)`` or ``(rotation, x, y, z)``, shape (..., 1 + d). A cell outside the grid counts as MIXED
+        if any configuration there is not BLOCKED.
+        """
+        joined = self._passable if mixed else self._free
+        return joined.component_of(cells)
+
+    def count(self, mixed: bool = False) -> int:
+        """Return a number above all components of :meth:`of`."""
+        joined = self._passable if mixed else self._free
+        return joined.count
+
+    def are_joined(self, place: int, other: int, mixed: bool = False) -> bool:
+        """Return True if two cells of the grid are in one component, as of :meth:`of`.
+
+        A cell is given by its index over all rotation cells.
+        """
+        joined = self._passable if mixed else self._free
+        component = joined.component_at(place)
+        return component != -1 and component == joined.component_at(other)
+
+    def box(self, cell: Ints) -> Ints:
+        """Return the first and last cell of a FREE component's box.
+
+        ``cell``, shape (1 + d,), is one cell of the component; the result has shape (2, d).
+        """
+        boxes: Ints = self._free.boxes[int(self.of(cell))]
+        return boxes
+
+
+class Runs(NamedTuple):
+    """Runs of cells along the last axis, in the order of their cells.
+
+    Attributes
+    ----------
+    starts, stops : ndarray of int64, shape (n,)
+        First cell of each run, and the cell after its last one, as indices over all slices.
+    labels : ndarray of int64, shape (n,)
+        Number of each run, label or node.
+    """
+
+    starts: Ints
+    stops: Ints
+    labels: Ints
+
+    def select(self, chosen: Bools | slice, shift: int = 0, first_label: int = 0) -> Runs:
+        """Return some runs, moved by ``shift`` cells, with labels raised by ``first_label``."""
+        return Runs(
+            self.starts[chosen] + shift,
+            self.stops[chosen] + shift,
+            self.labels[chosen] + first_label,
+        )
+
+
+class NodeTable(NamedTuple):
+    """Nodes of runs at all rotation cells, for kernels.
+
+    Attributes
+    ----------
+    runs : Runs
+        Labelled runs of all slices, in the order of their cells.
+    first_of_line : ndarray of int64, shape (lines + 1,)
+        First run of each line of cells along the last axis.
+    slice_of : ndarray of int64, shape (rotations,)
+    first_node : ndarray of int64, shape (rotations,)
+        Node of label 0 at each rotation cell, as if the rotation cell had all labels.
+    components : ndarray of int64, shape (nodes,)
+        Component of each node.
+    cells_of_slice, cells_of_line : int
+    """
+
+    runs: Runs
+    first_of_line: Ints
+    slice_of: Ints
+    first_node: Ints
+    components: Ints
+    cells_of_slice: int
+    cells_of_line: int
+
+
+@dataclass(frozen=True)
+class JoinedCells:
+    """Cells of one kind with their components.
+
+    Attributes
+    ----------
+    shape : tuple of int
+        Slices, and cells along each axis.
+    table : NodeTable
+    outside : ndarray of int64, shape (rotations,)
+        Component of all space outside the grid at each rotation cell, or -1.
+    label_of_node : ndarray of int64, shape (nodes,)
+    """
+
+    shape: tuple[int, ...]
+    table: NodeTable
+    outside: Ints
+    label_of_node: Ints
+
+    @classmethod
+    def of(
+        cls,
+        runs: Runs,
+        shape: tuple[int, ...],
+        slice_of: Ints,
+        rotation_pairs: Ints,
+        exterior_open: Bools,
+    ) -> JoinedCells:
+        """Join labelled runs across rotation cells.
+
+        ``rotation_pairs``, shape (n, 2), are the adjacent rotation cells; ``exterior_open``, shape
+        (slices,), is True where the outside of the grid is of this kind.
+        """
+        # List the first run and the first label of each slice, and the end of both.
+        size = math.prod(shape[1:])
+        first_run = np.searchsorted(runs.starts, size * np.arange(shape[0] + 1))
+        first_label = np.append(runs.labels, runs.labels.max(initial=-1) + 1)[first_run]
+        # A rotation cell has a node for each label of its slice; after all these nodes comes one
+        # for the outside of each rotation cell.
+        label_counts = np.diff(first_label)[slice_of]
+        number_of_nodes = int(label_counts.sum())
+        first_node = np.cumsum(label_counts) - label_counts - first_label[slice_of]
+        outside = number_of_nodes + np.arange(len(slice_of))
+        parents = np.arange(number_of_nodes + len(slice_of))
+
+        def runs_at(rotation: int) -> Runs:
+            """Return the runs at a rotation cell, as places in a slice, with their nodes."""
+            number = int(slice_of[rotation])
+            span = slice(first_run[number], first_run[number + 1])
+            return runs.select(span, -number * size, int(first_node[rotation]))
+
+        is_open = exterior_open[slice_of]
+        for first, second in rotation_pairs.tolist():
+            join_overlaps(runs_at(first), runs_at(second), parents)
+            if is_open[first] and is_open[second]:
+                join_nodes(outside[[first]], outside[[second]], parents)
+        for rotation in np.flatnonzero(is_open).tolist():
+            own_runs = runs_at(rotation)
+            nodes = own_runs.labels[touch_border(own_runs, shape[1:])]
+            join_nodes(nodes, np.full_like(nodes, outside[rotation]), parents)
+        components, components_outside = np.split(number_components(parents), [number_of_nodes])
+        components_outside[~is_open] = -1
+        lines = np.arange(math.prod(shape[:-1]) + 1)
+        first_of_line = np.searchsorted(runs.starts, shape[-1] * lines)
+        table = NodeTable(runs, first_of_line, slice_of, first_node, components, size, shape[-1])
+        label_of_node = np.arange(number_of_nodes) - np.repeat(first_node, label_counts)
+        return cls(shape, table, components_outside, label_of_node)
+
+    @cached_property
+    def count(self) -> int:
+        """Number above all components."""
+        return int(max(self.table.components.max(initial=-1), self.outside.max(initial=-1))) + 1
+
+    @cached_property
+    def component_at(self) -> Callable[[int], int]:
+        """Look-up of the component of a cell by its index over all rotation cells; -1 without."""
+        return bind_kernel(component_at, (self.table,), 0)
+
+    def component_of(self, cells: Ints) -> Ints:
+        """Return the component of each cell ``(rotation, x, ...)``; -1 without one."""
+        rotations = cells[..., 0]
+        positions = cells[..., 1:]
+        shape = self.shape[1:]
+        is_inside = ((positions >= 0) & (positions < np.array(shape))).all(axis=-1)
+        components = np.array(self.outside[rotations])
+        components[is_inside] = -1
+        # Find the first run that stops after each cell of the grid.
+        table = self.table
+        coordinates = (table.slice_of[rotations], *np.moveaxis(positions, -1, 0))
+        places = np.ravel_multi_index(coordinates, self.shape, mode="clip")
+        runs = np.searchsorted(table.runs.stops, places, side="right")
+        starts = np.append(table.runs.starts, math.prod(self.shape))  # after the last run, no cell
+        is_member = is_inside & (starts[runs] <= places)
+        nodes = table.first_node[rotations[is_member]] + table.runs.labels[runs[is_member]]
+        components[is_member] = table.components[nodes]
+        return components
+
+    @cached_property
+    def boxes(self) -> Ints:
+        """First and last cell of each component, shape (components, 2, d)."""
+        # Find the box of each label.
+        runs = self.table.runs
+        dim = len(self.shape) - 1
+        number_of_labels = int(runs.labels.max(initial=-1)) + 1
+        label_low = np.full((number_of_labels, dim), max(self.shape))
+        label_high = np.full((number_of_labels, dim), -1)
+        low, high = find_corners(runs, self.shape[1:])
+        np.minimum.at(label_low, runs.labels, low)
+        np.maximum.at(label_high, runs.labels, high)
+        # The box of a component contains the boxes of its labels at all rotation cells.
+        lowest = np.full((self.count, dim), max(self.shape))
+        highest = np.full((self.count, dim), -1)
+        np.minimum.at(lowest, self.table.components, label_low[self.label_of_node])
+        np.maximum.at(highest, self.table.components, label_high[self.label_of_node])
+        return np.stack([lowest, highest], axis=1)
+
+
+def list_runs(states: States, highest: int) -> Runs:
+    """List the runs of cells whose state is at most ``highest``, numbered from 0 on.
+
+    ``states`` has shape (slices, ...).
+    """
+    number_of_slices, *shape = states.shape
+    rows = states.reshape(number_of_slices, -1, shape[-1])
+
+    def list_slice(number: int) -> Ints:
+        """Return the starts and stops of a slice's runs, shape (2, n)."""
+        # Every other cell may be a run of its own.
+        capacity = rows.shape[1] * (-(-shape[-1] // 2))
+        borders = np.empty((2, capacity), dtype=np.int64)
+        count = find_runs(rows[number], highest, borders)
+        slice_borders: Ints = borders[:, :count] + number * rows[number].size
+        return slice_borders
+
+    parts = in_threads(list_slice, range(number_of_slices), cores())
+    starts, stops = np.concatenate([np.empty((2, 0), dtype=np.int64), *parts], axis=1)
+    return Runs(starts, stops, np.arange(len(starts)))
+
+
+def label_runs(runs: Runs, shape: tuple[int, ...]) -> Runs:
+    """Label numbered runs of slices so that connected runs of a slice share a label.
+
+    ``shape`` has the number of slices, and that of cells along each axis.
+    """
+    parents = np.arange(len(runs.starts))
+    for axis in range(1, len(shape) - 1):
+        # Cells of neighbouring lines along the axis are ``stride`` cells apart.
+        stride = math.prod(shape[axis + 1 :])
+        period = stride * shape[axis]
+        has_next = runs.starts % period < period - stride
+        join_overlaps(runs.select(has_next, stride), runs, parents)
+    return runs._replace(labels=number_components(parents))
+
+
+def number_components(parents: Ints) -> Ints:
+    """Return the component of each node, numbered in the order of their first nodes.
+
+    ``parents`` is a forest: the parent of each node, itself at a root, which is the first node of
+    its tree.
+    """
+    roots = parents
+    while True:
+        higher = roots[roots]
+        if np.array_equal(higher, roots):
+            break
+        roots = higher
+    is_root = roots == np.arange(len(roots))
+    numbers: Ints = np.cumsum(is_root) - 1
+    return numbers[roots]
+
+
+def find_corners(runs: Runs, shape: tuple[int, ...]) -> tuple[Ints, Ints]:
+    """Return the first and the last cell of runs in their slices, shapes (n, d)."""
+    size = math.prod(shape)
+    low = np.stack(np.unravel_index(runs.starts % size, shape), axis=1)
+    high = low.copy()
+    high[:, -1] += runs.stops - runs.starts - 1
+    return low, high
+
+
+def touch_border(runs: Runs, shape: tuple[int, ...]) -> Bools:
+    """Return which runs have a cell at the border of the grid."""
+    low, high = find_corners(runs, shape)
+    is_last = high == np.array(shape) - 1
+    return np.asarray(((low == 0) | is_last).any(axis=1))
+
+
+@kernel
+def find_runs(rows: States, highest: int, borders: Ints) -> int:
+    """Write the starts and stops of runs to ``borders``, shape (2, n); return their number.
+
+    ``rows``, shape (lines, cells), are the states of a slice.
+    """
+    lines, length = rows.shape
+    count = 0
+    for line in range(lines):
+        is_member = False
+        for k in range(length):
+            if (rows[line, k] <= highest) != is_member:
+                is_member = not is_member
+                if is_member:
+                    borders[0, count] = line * length + k
+                else:
+                    borders[1, count] = line * length + k
+                    count += 1
+        if is_member:
+            borders[1, count] = (line + 1) * length
+            count += 1
+    return count
+
+
+@kernel
+def join_overlaps(first: Runs, second: Runs, parents: Ints) -> None:
+    """Join the nodes of runs that have a common cell; the runs of each record are in order."""
+    next_of_second = 0
+    for i in range(len(first.starts)):
+        # Skip runs that end before this one, and thus before all later ones.
+        start = first.starts[i]
+        while next_of_second < len(second.starts) and second.stops[next_of_second] <= start:
+            next_of_second += 1
+        k = next_of_second
+        while k < len(second.starts) and second.starts[k] < first.stops[i]:
+            join(first.labels[i], second.labels[k], parents)
+            k += 1
+
+
+@kernel
+def join_nodes(first: Ints, second: Ints, parents: Ints) -> None:
+    """Join pairs of nodes."""
+    for i in range(len(first)):
+        join(first[i], second[i], parents)
+
+
+@inlined
+def join(first: int, second: int, parents: Ints) -> None:
+    """Join the trees of two nodes; the lower root becomes the root of both."""
+    a = find_root(first, parents)
+    b = find_root(second, parents)
+    if a < b:
+        parents[b] = a
+    else:
+        parents[a] = b
+
+
+@inlined
+def find_root(node: int, parents: Ints) -> int:
+    """Return the root of a node's tree, and shorten the way to it."""
+    while parents[node] != node:
+        parents[node] = parents[parents[node]]
+        node = parents[node]
+    return node
+
+
+@kernel
+def component_at(table: NodeTable, place: int) -> int:
+    """Return the component of a cell, given by its index over all rotation cells, or -1."""
+    rotation, position = divmod(place, table.cells_of_slice)
+    cell = table.slice_of[rotation] * table.cells_of_slice + position
+    line = cell // table.cells_of_line
+    # Find the first run of the line that stops after the cell.
+    low = table.first_of_line[line]
+    end = table.first_of_line[line + 1]
+    high = end
+    while low < high:
+        middle = (low + high) // 2
+        if table.runs.stops[middle] <= cell:
+            low = middle + 1
+        else:
+            high = middle
+    if low == end or table.runs.starts[low] > cell:
+        return -1
+    return int(table.components[table.first_node[rotation] + table.runs.labels[low]])

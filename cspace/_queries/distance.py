@@ -1,0 +1,412 @@
+"""Distances to cells that are not FREE, and clearance.
+
+The *distance* of a cell is that from its center c to the nearest point of a closed cell that is
+not FREE, in its slice, in the grid or outside. The table of a slice is computed when it is first
+needed, axis by axis: the lowest sum of squares along one axis is a lower envelope of parabolas (A.
+Meijster, J. Roerdink and W. Hesselink, "A general algorithm for computing distance transforms in
+linear time", 2000; P. Felzenszwalb and D. Huttenlocher, "Distance transforms of sampled functions",
+2012). The nearest point of another cell lies on its borders, so parabolas stand on the
+borders between cells.
+
+*Clearance* D(p) is the distance from position p to the same cells. The largest of three lower
+bounds is taken; c are the centers of the 2^d cells around p:
+
+* D(c) - |p - c| for each c, because D changes by at most the length of a move.
+* D^2(p) - |p|^2 is concave, because it is the least of affine functions: |x|^2 - 2 p x for all
+  points x of the cells. So if p is the mean of the c with weights w, D^2(p) is at least the mean
+  of D^2(c) - |p - c|^2. The weights are those of linear interpolation along each axis, for which
+  the mean of |p - c|^2 is the sum of w (1 - w) over the axes. Beyond the outermost centers, the
+  bound is that of the nearest position among centers, less the distance to it.
+* the distance from p to the box that contains all cells that are not FREE, for p outside the grid.
+
+In the grid, one c is at most sqrt(d) / 2 cells away, and D(p) <= D(c) + |p - c|. So by the first
+bound alone, the result is less than sqrt(d) cells below D(p).
+
+Rounding: the table rounds a square at most three times and its root once, by 2^-24 of each, so a
+distance by at most 2.5 * 2^-24 of it. A look-up rounds by 2^-50. Distances are multiplied by
+1 - 2^-22 before they are used, which covers both. The rounding of a position is below SLACK along
+each axis in and around the grid, so 4 SLACK are subtracted; far away, it is below 2^-50 of the
+distance.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from contextlib import AbstractContextManager
+from functools import partial
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from cspace._grid import SLACK
+from cspace._queries.callbacks import MAX_SIZE, bind_kernel, configuration_before
+from cspace._queries.points import MAX_CELL, configuration_in, is_usable, slice_of, state_at
+from cspace._record.cells import Map
+from cspace._support.arrays import FREE, Bools, Floats, Ints, Numbers, Row, States
+from cspace._support.compiling import internal, kernel
+from cspace._support.threads import cores, in_chunks, in_threads
+
+Distances = NDArray[np.float32]
+"""Distances of cells, or their squares, in cells."""
+
+BYTES_PER_CELL: Final = 4
+"""Memory of the table for each cell of each slice, bytes."""
+
+ROUNDING_FACTOR: Final = 1.0 - 2.0**-22
+"""Factor of a distance that must not be above the true one despite rounding."""
+
+MIN_LINES_PER_THREAD: Final = 64
+"""Lines of cells below which a further thread costs more time than it saves."""
+
+
+class DistanceTable(NamedTuple):
+    """Distances of a map's cells, for kernels.
+
+    Attributes
+    ----------
+    cells : ndarray of float32, shape (slices * cells,)
+        Distance of each cell of all slices in a row, in cells; zero if the cell is not FREE.
+    boxes : ndarray of float64, shape (slices, 2, d)
+        Corners of the box that contains all cells that are not FREE, in the grid and outside, in
+        cells. Without such cells, the lower corner is infinite and the upper one minus infinite.
+    is_ready : ndarray of bool, shape (slices,)
+        True for slices whose distances are computed.
+    """
+
+    cells: Distances
+    boxes: Floats
+    is_ready: Bools
+
+
+class DistanceMap:
+    """Distances of a map, computed slice by slice when needed.
+
+    The states and the exterior table are shared, not copied. The lock is held while they change,
+    and while distances are computed.
+
+    Attributes
+    ----------
+    table : DistanceTable or None
+        The table, once it has distances after the last change.
+    known : DistanceTable or None
+        The table, once it has the distances of all slices.
+    """
+
+    def __init__(self, states: States, exterior: Ints, lock: AbstractContextManager[Any]) -> None:
+        """Share the states of all slices and the exterior table; no distance is computed yet."""
+        self._states = states
+        self._exterior = exterior
+        self._lock = lock
+        self.table: DistanceTable | None = None
+        self.known: DistanceTable | None = None
+
+    def drop(self) -> None:
+        """Drop all distances, because states changed.
+
+        Tables returned earlier stay as they are.
+        """
+        self.table = self.known = None
+
+    def whole(self) -> DistanceTable:
+        """Return the table with the distances of all slices."""
+        return self.known or self.of_slices(range(len(self._states)))
+
+    def array(self) -> Distances:
+        """Return the distances of all slices, shape (slices, x, y) or (slices, x, y, z)."""
+        return self.whole().cells.reshape(self._states.shape)
+
+    def array_of(self, number: int) -> Distances:
+        """Return the distances of one slice, shape (x, y) or (x, y, z)."""
+        distances: Distances = self.of_slices([number]).cells.reshape(self._states.shape)[number]
+        return distances
+
+    def of_slices(self, slices: Iterable[int]) -> DistanceTable:
+        """Return a table with the distances of at least the given slices."""
+        # Distances that are missing are computed in threads, one slice in each.
+        with self._lock:
+            if self.table is None:
+                n_slices, *shape = self._states.shape
+                cells = np.empty(self._states.size, dtype=np.float32)
+                boxes = np.empty((n_slices, 2, len(shape)))
+                self.table = DistanceTable(cells, boxes, np.zeros(n_slices, dtype=np.bool_))
+            table = self.table
+            missing = [number for number in slices if not table.is_ready[number]]
+            in_threads(partial(self._fill, table), missing, cores())
+            table.is_ready[missing] = True
+            if table.is_ready.all():
+                self.known = table
+            return table
+
+    def _fill(self, table: DistanceTable, number: int) -> None:
+        """Write the distances and the box of a slice to the table."""
+        states = self._states[number]
+        exterior = self._exterior[number]
+        table.boxes[number] = find_box(states, exterior)
+        distances = table.cells.reshape(self._states.shape)
+        compute_distances(states, exterior, distances[number])
+
+
+# ---- the table -----------------------------------------------------------------------------------
+
+
+def find_box(states: States, exterior: Ints) -> Floats:
+    """Return the corners of the box that contains all cells that are not FREE, shape (2, d).
+
+    ``exterior`` is a row of :attr:`cspace._record.exterior.Exterior.table`.
+    """
+    dim = states.ndim
+    # A row has the first and the last cell of a MIXED box, then the state of all other cells.
+    first = exterior[:dim]
+    last = exterior[dim:-1]
+    state_beyond = exterior[-1]
+    if state_beyond != FREE:
+        return np.stack([np.full(dim, -math.inf), np.full(dim, math.inf)])
+    low = np.full(dim, math.inf)
+    high = np.full(dim, -math.inf)
+    if (first <= last).all():
+        low = first.astype(np.float64)
+        high = last + 1.0
+    for sides in ndimage.find_objects((states != FREE).view(np.uint8)):  # at most one box
+        low = np.minimum(low, [side.start for side in sides])
+        high = np.maximum(high, [side.stop for side in sides])
+    return np.stack([low, high])
+
+
+def compute_distances(states: States, exterior: Ints, out: Distances) -> None:
+    """Write the distances, in cells, of the cells of a slice.
+
+    ``states`` and ``out`` have the shape of the grid; ``exterior`` is a row of the exterior table.
+    """
+    # Squared distances grow from zero in cells that are not FREE, along one axis after the other.
+    out[...] = np.where(states == FREE, np.float32(math.inf), np.float32(0.0))
+    for axis, count in enumerate(out.shape):
+        n_before = math.prod(out.shape[:axis])
+        _spread_along(out.reshape(n_before, count, -1))
+    for low, high in boxes_outside(exterior, out.shape):
+        np.minimum(out, measure_squares(low, high, out.shape), out=out)
+    np.sqrt(out, out=out)
+
+
+def boxes_outside(exterior: Ints, shape: tuple[int, ...]) -> list[tuple[Floats, Floats]]:
+    """List the boxes of cells outside the grid that are not FREE, as corners in cells.
+
+    There is at most one box beyond each side of the grid.
+    """
+    dim = len(shape)
+    # The exterior row has the first and the last cell of a box, then the state of all other cells.
+    low = exterior[:dim].astype(np.float64)
+    high = exterior[dim:-1].astype(np.float64) + 1.0
+    state_beyond = exterior[-1]
+    if state_beyond != FREE:
+        low = np.full(dim, -math.inf)
+        high = np.full(dim, math.inf)
+    # Cut the box at both sides of the grid along each axis.
+    boxes = list[tuple[Floats, Floats]]()
+    for axis, count in enumerate(shape):
+        high_below = high.copy()
+        low_above = low.copy()
+        high_below[axis] = min(high[axis], 0.0)
+        low_above[axis] = max(low[axis], count)
+        boxes += [(low, high_below), (low_above, high)]
+    return [(first, stop) for first, stop in boxes if (first < stop).all()]
+
+
+def measure_squares(low: Floats, high: Floats, shape: tuple[int, ...]) -> Distances:
+    """Return the squared distances from the centers of cells to a box.
+
+    ``low`` and ``high`` are the corners of the box, in cells; ``shape`` is that of the grid.
+    """
+    # Each axis adds its squared gap, and a dimension of the result.
+    squares = np.zeros(1, dtype=np.float32)
+    for axis, count in enumerate(shape):
+        centers = np.arange(count) + 0.5
+        gaps = np.maximum(np.maximum(low[axis] - centers, centers - high[axis]), 0.0)
+        squares = squares[..., np.newaxis] + (gaps * gaps).astype(np.float32)
+    return squares.reshape(shape)
+
+
+def _spread_along(squares: Distances) -> None:
+    """Lower squared distances to those by way of other cells along the middle axis, in place.
+
+    ``squares`` has shape (cells before, cells along the axis, cells after).
+    """
+    n_before, count, n_after = squares.shape
+    n_borders = count + 1
+
+    def spread_lines(start: int, stop: int) -> int:
+        """Treat lines of cells [start, stop) with their own scratch; -1 means that none failed."""
+        borders = np.empty(n_borders, dtype=np.int64)
+        heights = np.empty(n_borders)
+        firsts = np.empty(n_borders, dtype=np.int64)
+        spread_squares(squares, borders, heights, firsts, start, stop)
+        return -1
+
+    in_chunks(spread_lines, n_before * n_after, MIN_LINES_PER_THREAD)
+
+
+@kernel
+def spread_squares(
+    squares: Distances,
+    borders: Ints,
+    heights: Floats,
+    firsts: Ints,
+    start: int,
+    stop: int,
+) -> None:
+    """Lower squared distances of lines [start, stop) along the middle axis of ``squares``.
+
+    Border j lies between cells j - 1 and j, so half a cell below the center of cell j. A parabola
+    stands on it, as high as the lower square of the two cells. The scratch arrays are a stack of
+    the parabolas of the lower envelope: border, height, and the first cell whose center is nearer
+    to this parabola than to the one below it in the stack.
+    """
+    _, count, depth = squares.shape
+    for line in range(start, stop):
+        i = line // depth
+        k = line % depth
+        top = -1
+        square_before = math.inf
+        for border in range(count + 1):
+            square_after = float(squares[i, border, k]) if border < count else math.inf
+            height = min(square_before, square_after)
+            square_before = square_after
+            if height == math.inf:
+                continue
+            # Remove the parabolas that lie above this one wherever they are the lowest.
+            first = 0
+            while top >= 0:
+                width = border - borders[top]
+                crossing = 0.5 * ((height - heights[top]) / width + width)
+                first = borders[top] + math.floor(crossing + 0.5)
+                if first > firsts[top]:
+                    break
+                top -= 1
+                first = 0
+            if first < count:
+                top += 1
+                borders[top] = border
+                heights[top] = height
+                firsts[top] = first
+        if top < 0:
+            continue
+        # Read the envelope backwards, one parabola after the other.
+        for j in range(count - 1, -1, -1):
+            while firsts[top] > j:
+                top -= 1
+            gap = j + 0.5 - borders[top]  # of the cell's center
+            square = heights[top] + gap * gap
+            if square < squares[i, j, k]:
+                squares[i, j, k] = square
+
+
+# ---- look-ups ------------------------------------------------------------------------------------
+
+
+@internal
+def clearance_at(map_: Map, table: DistanceTable, position: Row, rotation: Numbers) -> float:
+    """Return a lower bound of the clearance of a configuration, in metres.
+
+    The table has the distances of its slice.
+    """
+    if state_at(map_, position, rotation) != FREE:
+        return 0.0
+    s = slice_of(map_, rotation)
+    first_axis = 3 - map_.dim
+    # Squared distances to the box of cells that are not FREE, and to the nearest position among
+    # centers; and the mean of squared distances to the centers, by which interpolation overstates.
+    box_square = 0.0
+    beyond_square = 0.0
+    spread = 0.0
+    for axis in range(first_axis, 3):
+        place, nearest = center_coordinates(map_, position, axis)
+        cell_place = place + 0.5
+        low = table.boxes[s, 0, axis - first_axis]
+        high = table.boxes[s, 1, axis - first_axis]
+        box_gap = max(0.0, low - cell_place, cell_place - high)
+        box_square += box_gap * box_gap
+        beyond = place - nearest
+        beyond_square += beyond * beyond
+        share = nearest - math.floor(nearest)
+        spread += share * (1.0 - share)
+    best = math.sqrt(box_square) * ROUNDING_FACTOR
+    # The distance at each of the 2^d centers around, and their mean with linear weights.
+    mean_square = 0.0
+    for corner in range(2**map_.dim):
+        cell = s
+        weight = 1.0
+        gap_square = 0.0
+        for axis in range(first_axis, 3):
+            place, nearest = center_coordinates(map_, position, axis)
+            count = map_.states.shape[axis + 1]
+            k = math.floor(nearest)
+            share = nearest - k
+            # Each bit of the corner selects the lower or the upper center along an axis.
+            is_upper = (corner >> (axis - first_axis)) & 1
+            if is_upper:
+                k = min(k + 1, count - 1)
+            else:
+                share = 1.0 - share
+            weight *= share
+            gap = place - k
+            gap_square += gap * gap
+            cell = cell * count + k
+        distance = table.cells[cell] * ROUNDING_FACTOR
+        best = max(best, distance - math.sqrt(gap_square))
+        mean_square += weight * distance * distance
+    # False for NaN, which a weight of zero makes of an infinite distance.
+    if mean_square > spread:
+        best = max(best, math.sqrt(mean_square - spread) - math.sqrt(beyond_square))
+    return max(0.0, best - 4.0 * SLACK) * map_.spacing
+
+
+@internal
+def center_coordinates(map_: Map, position: Row, axis: int) -> tuple[float, float]:
+    """Return a coordinate in cells from the first center, and the nearest one among centers.
+
+    Coordinates farther than MAX_CELL are as far from everything.
+    """
+    cell_place = (position[axis] - map_.lower[axis]) / map_.spacing
+    place = min(max(cell_place, -MAX_CELL), MAX_CELL) - 0.5
+    last = float(map_.states.shape[axis + 1] - 1)
+    return place, min(max(place, 0.0), last)
+
+
+@kernel
+def clearances(map_: Map, table: DistanceTable, points: Floats, out: Floats) -> int:
+    """Compute clearances of configurations, shape (n, size), in metres.
+
+    Return the index of the first unusable configuration, or -1.
+    """
+    for n in range(points.shape[0]):
+        position, rotation = configuration_in(map_, points, n)
+        if not is_usable(position, rotation):
+            return n
+        out[n] = clearance_at(map_, table, position, rotation)
+    return -1
+
+
+@kernel
+def clearance_of(map_: Map, table: DistanceTable, numbers: Numbers) -> float:
+    """Return the clearance of one configuration, in metres.
+
+    It is NaN if the configuration is not usable, or the table lacks its slice. The numbers are
+    those of :func:`cspace._queries.callbacks.bind_numbers`.
+    """
+    position, rotation = configuration_before(map_, numbers, MAX_SIZE)
+    if not is_usable(position, rotation) or not table.is_ready[slice_of(map_, rotation)]:
+        return math.nan
+    return clearance_at(map_, table, position, rotation)
+
+
+def clearance_lookup(map_: Map, table: DistanceTable, size: int) -> Callable[..., float]:
+    """Return ``look_up(table, *q)``: the clearance of a configuration, or NaN.
+
+    ``table`` is any table of the map.
+    """
+    # The kernel is compiled once for configurations of all sizes, so it takes MAX_SIZE numbers.
+    padding = (0.0,) * (MAX_SIZE - size)
+    measure = bind_kernel(clearance_of, (map_,), table, (0.0,) * MAX_SIZE)
+    return lambda table, *q: measure(table, (*padding, *q))

@@ -1,0 +1,268 @@
+"""Compiled tests whether an edge is FREE.
+
+An edge is cut at the borders of rotation cells. Each piece lies in one slice of the map and is
+walked slab by slab. Positions and rotations are as in :mod:`cspace._queries.points`. Many edges are
+tested on a map of blocks of cells first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+
+from cspace._grid import SLACK
+from cspace._queries.batches import evaluate_rows
+from cspace._queries.points import (
+    MAX_POSITION,
+    box_to_test,
+    closed_cells,
+    configuration_in,
+    in_cells,
+    is_usable,
+    run_is_free,
+    state_at,
+)
+from cspace._record.cells import Map
+from cspace._record.states import read_only
+from cspace._rotations.lookup import (
+    arc_count,
+    find_arc,
+    first_widened_cell,
+    next_part,
+    signed_angle,
+    widened_bounds,
+    wrap_to_cells,
+)
+from cspace._support.arrays import FREE, MIXED, Bools, Floats, Numbers, Row
+from cspace._support.compiling import inlined, internal, kernel
+
+MIN_EXTENT_CELLS: Final = 2.0**-500
+"""Extent of a segment along an axis, in cells, below which it counts as zero, because dividing by
+it would overflow."""
+
+BLOCK_SIDE: Final = 8
+"""Cells along each side of a block; a power of 2, so that positions in blocks are exact."""
+
+CELLS_PER_EDGE: Final = 1_000
+"""Number of cells that are joined to blocks in about the time that they save for one edge."""
+
+MIN_EDGES_FOR_BLOCKS: Final = 100
+"""Edges below which the second call costs more than blocks save."""
+
+
+def join_blocks(map_: Map) -> Map:
+    """Return a map whose cells are blocks of cells; a block is FREE if all of its cells are.
+
+    An edge that touches a cell touches its block, also by SLACK, which is as many blocks as cells.
+    So edges that are FREE in the result are FREE in ``map_``. Nothing outside the grid is FREE.
+    """
+    states = map_.states
+    for axis in range(4 - map_.dim, 4):
+        cells = np.moveaxis(states, axis, 0)
+        blocks = cells[::BLOCK_SIDE].copy(order="K")
+        for k in range(1, BLOCK_SIDE):
+            layer = cells[k::BLOCK_SIDE]
+            np.maximum(blocks[: len(layer)], layer, out=blocks[: len(layer)])
+        states = np.moveaxis(blocks, 0, axis)
+    spacing = BLOCK_SIDE * map_.spacing
+    x, y, z = map_.upper
+    return map_._replace(
+        states=read_only(states),
+        spacing=spacing,
+        # The last blocks may reach beyond the grid. The layer of the plane is a block thick.
+        upper=(spacing if map_.dim == 2 else x, y, z),
+        exterior=np.full_like(map_.exterior, MIXED),
+    )
+
+
+def edges_are_free_by_blocks(
+    blocks: Map, test_edges: Callable[..., int], starts: Floats, ends: Floats, out: Bools
+) -> int:
+    """Write which edges are FREE in ``blocks``, and the answers of ``test_edges`` for all others.
+
+    Returns the index of the first unusable edge, or -1.
+    """
+    bad = edges_are_free(blocks, starts, ends, out)
+    if bad < 0:
+        rest = np.flatnonzero(~out)
+        out[rest] = evaluate_rows(starts[rest], ends[rest], test_edges)
+    return bad
+
+
+@kernel
+def edges_are_free(map_: Map, starts: Floats, ends: Floats, out: Bools) -> int:
+    """Write which edges are FREE; return the index of the first unusable edge, or -1.
+
+    Edges lead from `starts` to `ends`, shape (n, size); ``out`` has shape (n,).
+    """
+    for k in range(starts.shape[0]):
+        p0, r0 = configuration_in(map_, starts, k)
+        p1, r1 = configuration_in(map_, ends, k)
+        if not (is_usable(p0, r0) and is_usable(p1, r1)):
+            return k
+        out[k] = edge_is_free(map_, p0, r0, p1, r1)
+    return -1
+
+
+@inlined
+def edge_is_free(map_: Map, p0: Row, r0: Numbers, p1: Row, r1: Numbers) -> bool:
+    """Return True if an edge is FREE.
+
+    All closed cells within SLACK of it must be FREE. Along an edge the position moves straight and
+    the rotation takes the shortest arc; if two arcs are equally short up to rounding, both must be
+    FREE.
+    """
+    if len(r0) == 4:
+        return quaternion_edge_is_free(map_, p0, r0, p1, r1)
+    # Most edges of a planner that collide do so at their end.
+    if state_at(map_, p1, r1) != FREE:
+        return False
+    borders = map_.rotations.borders
+    if borders.shape[0] == 0:
+        return segment_is_free(map_, int(map_.rotations.slice_of[0]), p0, p1)
+    # Cut the edge at the borders of rotation cells, from the lowest yaw on.
+    start = wrap_to_cells(borders, r0[0])
+    for arc in range(arc_count(r0, r1)):
+        angle = signed_angle(r0[0], r1[0], arc)
+        cell = first_widened_cell(borders, min(start, start + angle))
+        index, low, high = widened_bounds(borders, cell)
+        # This goes on for NaN as well, which the test of the segment refuses.
+        while not low > max(start, start + angle):
+            enter, leave = shares_of_turn(start, angle, low, high)
+            s = int(map_.rotations.slice_of[index])
+            first = position_along(p0, p1, enter)
+            last = position_along(p0, p1, leave)
+            if not segment_is_free(map_, s, first, last):
+                return False
+            cell += 1
+            index, low, high = widened_bounds(borders, cell)
+    return True
+
+
+@inlined
+def shares_of_turn(start: float, angle: float, low: float, high: float) -> tuple[float, float]:
+    """Return the range of shares of a turn, in [0, 1], that is between two yaws.
+
+    The turn leads from the yaw ``start`` by ``angle``.
+    """
+    if angle == 0.0:
+        return 0.0, 1.0
+    at_low = min(max((low - start) / angle, 0.0), 1.0)
+    at_high = min(max((high - start) / angle, 0.0), 1.0)
+    return min(at_low, at_high), max(at_low, at_high)
+
+
+@internal
+def quaternion_edge_is_free(map_: Map, p0: Row, r0: Numbers, p1: Row, r1: Numbers) -> bool:
+    """Return True if an edge of a robot with quaternions is FREE.
+
+    It leads from position p0 and quaternion r0 to p1 and r1. All closed cells within SLACK of it
+    must be FREE, along both arcs if they are equally short up to rounding.
+    """
+    borders = map_.rotations.borders[0]
+    for number in range(arc_count(r0, r1)):
+        arc = find_arc(r0, r1, number)
+        if not arc.tangent < 2.0:  # NaN
+            return False
+        # Each part of the arc lies in one rotation cell.
+        chord_share = 0.0
+        enter = 0.0
+        has_next = True
+        while has_next:
+            cell, chord_share, time, has_next = next_part(borders, arc, chord_share)
+            leave = max(time, enter) if has_next else 1.0
+            first = p0
+            last = p1
+            # OMPL's rotation may jump along a tiny arc, so each part must be FREE everywhere.
+            if not arc.is_tiny:
+                first = position_along(p0, p1, enter)
+                last = position_along(p0, p1, leave)
+            s = int(map_.rotations.slice_of[cell])
+            if not segment_is_free(map_, s, first, last):
+                return False
+            enter = leave
+    return True
+
+
+@inlined
+def position_along(p0: Row, p1: Row, t: float) -> Row:
+    """Return the position at t, from 0 to 1, between two positions."""
+    return between(p0[0], p1[0], t), between(p0[1], p1[1], t), between(p0[2], p1[2], t)
+
+
+@inlined
+def between(first: float, second: float, t: float) -> float:
+    """Interpolate between two numbers at t in [0, 1]; rounding does not lead beyond them."""
+    if t == 0.0:
+        return first
+    if t == 1.0:
+        return second
+    value = first + t * (second - first)
+    return min(max(value, min(first, second)), max(first, second))
+
+
+@internal
+def segment_is_free(map_: Map, s: int, first: Row, last: Row) -> bool:
+    """Return True if a segment from `first` to `last` touches only FREE cells of a slice."""
+    p = in_cells(map_, first)
+    q = in_cells(map_, last)
+    total = 0.0
+    for axis in range(3):
+        total += abs(p[axis]) + abs(q[axis])
+    inside = total <= MAX_POSITION  # False for NaN
+    if not inside:
+        return False
+    for axis in range(3):
+        inside &= min(first[axis], last[axis]) >= map_.lower[axis]
+        inside &= max(first[axis], last[axis]) <= map_.upper[axis]
+    # The closed cells of the grid contain all of a segment inside. Any other segment is proven only
+    # if all cells outside both grid and exterior box are FREE.
+    if not inside and map_.exterior[s, 2 * map_.dim] != FREE:
+        return False
+    low, high = box_to_test(map_, s, inside)
+    # Cut the segment into slabs along x, and each slab along y. Each piece touches one run of cells
+    # along z.
+    west, east = cells_between(p[0], q[0], 0.0, 1.0)
+    for i in range(max(low[0], west), min(high[0], east) + 1):
+        start, stop = slab_times(p[0], q[0], i)
+        if start > stop:
+            continue
+        left, right = cells_between(p[1], q[1], start, stop)
+        for j in range(max(low[1], left), min(high[1], right) + 1):
+            enter, leave = slab_times(p[1], q[1], j)
+            enter = max(enter, start)
+            leave = min(leave, stop)
+            if enter > leave:
+                continue
+            bottom, top = cells_between(p[2], q[2], enter, leave)
+            if not run_is_free(map_, s, i, j, max(low[2], bottom), min(high[2], top)):
+                return False
+    return True
+
+
+@inlined
+def slab_times(p: float, q: float, cell: int) -> tuple[float, float]:
+    """Return the range of t in [0, 1] in which p + t (q - p) is in a slab of cells.
+
+    Coordinates are in cells. The slab is widened by SLACK, which covers rounding, because that
+    grows with the length of the segment. If the segment misses the slab, start > stop.
+    """
+    if abs(q - p) < MIN_EXTENT_CELLS:
+        return 0.0, 1.0
+    rate = 1.0 / (q - p)
+    enter = (cell - SLACK - p) * rate
+    leave = (cell + 1 + SLACK - p) * rate
+    return max(min(enter, leave), 0.0), min(max(enter, leave), 1.0)
+
+
+@inlined
+def cells_between(p: float, q: float, start: float, stop: float) -> tuple[int, int]:
+    """Return the first and last cell that p + t (q - p) touches for t from start to stop.
+
+    Coordinates are in cells.
+    """
+    begin = p + start * (q - p)
+    end = p + stop * (q - p)
+    return closed_cells(min(begin, end) - SLACK, max(begin, end) + SLACK)

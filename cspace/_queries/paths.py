@@ -1,0 +1,238 @@
+"""Paths along chains of cells, shortened by skipping waypoints and cutting corners."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from typing import Final
+
+import numpy as np
+
+from cspace._grid import Grid
+from cspace._rotations import Rotations
+from cspace._rotations.base import METRES_PER_RADIAN, wrapped
+from cspace._support.arrays import Floats, Ints
+from cspace._support.compiling import clock
+
+Check = Callable[..., bool]
+Cost = Callable[..., float]
+
+MAX_CUTTING_ROUNDS: Final = 10
+"""Number of times the corners of a path are cut."""
+
+MIN_GAIN_SHARE: Final = 1e-3
+"""Share of the length that a round of cutting corners must gain for another to follow."""
+
+SHARES_PER_EDGE: Final = 64
+"""Number of parts of an edge that a cut corner may reach."""
+
+STRIDES: Final = (1, 2, 4, 8, 16, 32, 64)
+"""Numbers of edges that an edge may replace at a time, if edges have costs."""
+
+MAX_SHORTENING_SECONDS: Final = 0.1
+"""Seconds after the time limit in which a path found in time may still be shortened."""
+
+
+def waypoints(grid: Grid, rotations: Rotations, endpoints: Floats, cells: Ints) -> Floats:
+    """Return the path through the centers of cells, shape (n + 2, size).
+
+    ``endpoints`` has shape (2, size), ``cells``, each ``(rotation, x, ...)``, shape (n, 1 + d).
+    """
+    start, goal = endpoints
+    rotation_cells = cells[:, 0]
+    centers = [grid.center_of(cells[:, 1:]), rotations.centers[rotation_cells]]
+    return np.vstack([start, np.column_stack(centers), goal])
+
+
+def in_time(check: Check, until: float) -> Check:
+    """Wrap a check to fail after a time limit, so that shortening leaves the path as it is."""
+    end = until + MAX_SHORTENING_SECONDS
+    if end == math.inf:
+        return check
+    return lambda *endpoints: clock() < end and check(*endpoints)
+
+
+def pulled_straight(
+    path: Floats, rotations: Rotations, check: Check, cost: Cost | None = None
+) -> Floats:
+    """Shorten a path by skipping waypoints and cutting corners.
+
+    Every edge of ``path``, shape (n, size), passes ``check``, which takes the coordinates of two
+    configurations. So does every edge of the result. With a ``cost`` of edges, which takes the same
+    coordinates, each change lowers the cost of the path instead of its length.
+    """
+    if cost is None:
+        path = _skip_points_both_ways(path, check)
+    else:
+        path = _find_cheapest_subpath(path, check, cost)
+    total = _measure(path, rotations, cost)
+    for _ in range(MAX_CUTTING_ROUNDS):
+        path = _cut_corners(path, rotations, check, cost)
+        before = total
+        total = _measure(path, rotations, cost)
+        if total > (1.0 - MIN_GAIN_SHARE) * before:
+            break
+    return np.ascontiguousarray(path)
+
+
+def edge_costs(path: Floats, cost: Cost) -> Floats:
+    """Return the cost of each edge of a path, shape (n - 1,)."""
+    return np.array([cost(*first, *last) for first, last in itertools.pairwise(path.tolist())])
+
+
+def _measure(path: Floats, rotations: Rotations, cost: Cost | None) -> float:
+    """Return the cost of a path; without a cost, its length."""
+    if cost is None:
+        return path_length(path, rotations)
+    return float(edge_costs(path, cost).sum())
+
+
+def path_length(path: Floats, rotations: Rotations) -> float:
+    """Return the length of a path in metres; a radian counts as :data:`METRES_PER_RADIAN`."""
+    steps = rotations.steps_between(path[:-1], path[1:])
+    dim = path.shape[1] - len(rotations.names)
+    lengths = np.linalg.norm(steps[:, :dim], axis=1)
+    angles = np.linalg.norm(steps[:, dim:], axis=1)
+    return float((lengths + METRES_PER_RADIAN * angles).sum())
+
+
+def _cut_corners(path: Floats, rotations: Rotations, check: Check, cost: Cost | None) -> Floats:
+    """Replace corners by free edges.
+
+    Each edge joins points at equal fractions of the two edges at a corner; the longest free one is
+    chosen. With a cost, it may not cost more than the way around the corner.
+    """
+    points = [path[0]]
+    for corner, after in itertools.pairwise(path[1:]):
+        points += _cut_corner(points[-1], corner, after, rotations, check, cost)
+    dim = path.shape[1] - len(rotations.names)
+    is_yaw = [False] * dim + [name == "yaw" for name in rotations.names]
+    return wrapped(np.array([*points, path[-1]]), is_yaw)
+
+
+def _cut_corner(
+    before: Floats,
+    corner: Floats,
+    after: Floats,
+    rotations: Rotations,
+    check: Check,
+    cost: Cost | None,
+) -> list[Floats]:
+    """Return the points that replace a corner: none, two, or the corner itself.
+
+    The corner is between ``before`` and ``after``, shapes (size,). The edge that cuts it is the
+    longest that passes, found by bisection.
+    """
+    first = before.tolist()
+    last = after.tolist()
+    if check(*first, *last) and _saves(cost, first, corner.tolist(), last):
+        return []
+    # Points at shares of both edges, counted from the corner.
+    shares = np.linspace(0.0, 1.0, SHARES_PER_EDGE + 1)[:, np.newaxis]
+    corners = np.repeat(corner[np.newaxis], len(shares), axis=0)
+    backward = rotations.add_steps(corners, shares * rotations.steps_between(corner, before))
+    forward = rotations.add_steps(corners, shares * rotations.steps_between(corner, after))
+    low = 0
+    high = SHARES_PER_EDGE
+    while high - low > 1:
+        center = (low + high) // 2
+        start = backward[center].tolist()
+        end = forward[center].tolist()
+        # Rounding may make a part of a free edge fail.
+        is_free = check(*start, *end) and check(*first, *start) and check(*end, *last)
+        if is_free and _saves(cost, start, corner.tolist(), end):
+            low = center
+        else:
+            high = center
+    return [backward[low], forward[low]] if low else [corner]
+
+
+def _find_cheapest_subpath(points: Floats, check: Check, cost: Cost) -> Floats:
+    """Skip waypoints so that the cost of the path is least, by dynamic programming.
+
+    An edge replaces as many edges as one of :data:`STRIDES`.
+    """
+    rows = points.tolist()
+    # The least cost to each waypoint, and the waypoint before it on the way.
+    least = np.full(len(points), math.inf)
+    previous = np.zeros(len(points), dtype=np.int64)
+    least[0] = 0.0
+    for here, row in enumerate(rows):
+        for stride in STRIDES:
+            before = here - stride
+            if before < 0:
+                break
+            total = least[before] + cost(*rows[before], *row)
+            # Edges of the given path need no check.
+            if total < least[here] and (stride == 1 or check(*rows[before], *row)):
+                least[here] = total
+                previous[here] = before
+    here = len(rows) - 1
+    indices = [here]
+    while here > 0:
+        here = int(previous[here])
+        indices.append(here)
+    indices.reverse()
+    return points[indices]
+
+
+def _saves(
+    cost: Cost | None, before: Sequence[float], corner: Sequence[float], beyond: Sequence[float]
+) -> bool:
+    """Return True if the edge past a corner costs at most as much as the edges to and from it.
+
+    Without a cost, lengths count, and the straight edge is never longer.
+    """
+    if cost is None:
+        return True
+    around = cost(*before, *corner) + cost(*corner, *beyond)
+    return cost(*before, *beyond) <= around
+
+
+def _skip_points_both_ways(path: Floats, check: Check) -> Floats:
+    """Skip waypoints from the start on, then from the end on."""
+    size = path.shape[1]
+
+    def check_reversed(*endpoints: float) -> bool:
+        """Check an edge, given by the numbers of both ends, in the direction of the path."""
+        return check(*endpoints[size:], *endpoints[:size])
+
+    from_start = _skip_points(path, check)
+    from_end = _skip_points(np.flipud(from_start), check_reversed)
+    return np.flipud(from_end)
+
+
+def _skip_points(points: Floats, check: Check) -> Floats:
+    """Skip waypoints, as many as possible at each edge."""
+    indices = [0]
+    while indices[-1] < len(points) - 1:
+        indices.append(_find_farthest(points, indices[-1], check))
+    return points[indices]
+
+
+def _find_farthest(points: Floats, here: int, check: Check) -> int:
+    """Find a waypoint far ahead of waypoint ``here`` to which an edge passes.
+
+    Strides double while edges pass. Between the last two, the farthest is found by bisection.
+    """
+    # Rows are converted one at a time, because all may exceed the map's memory.
+    start = points[here].tolist()
+    last = len(points) - 1
+    farthest = here + 1
+    stride = 2
+    while farthest < last:
+        blocked = min(here + stride, last)
+        if not check(*start, *points[blocked].tolist()):
+            break
+        farthest = blocked
+        stride *= 2
+    else:
+        return last
+    while blocked - farthest > 1:
+        center = (farthest + blocked) // 2
+        if check(*start, *points[center].tolist()):
+            farthest = center
+        else:
+            blocked = center
+    return farthest

@@ -1,0 +1,311 @@
+"""Look-ups of configurations for kernels: cells, states, and free neighborhoods.
+
+Kernels take a configuration as a position (three numbers, in the middle of the layer in the plane)
+and a rotation (a tuple, see :mod:`cspace._rotations.lookup`), or configurations as rows of an array,
+shape (n, size).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from cspace._grid import MAX_COORDINATE, SLACK
+from cspace._record.cells import Map
+from cspace._rotations.lookup import (
+    OTHER_COMPONENTS,
+    QUOTIENT_SLACK,
+    cell_index,
+    first_widened_cell,
+    is_rotation,
+    normalise,
+    parts_around,
+    rotation_cell,
+    rotation_in,
+    widened_bounds,
+    wrap_to_cells,
+)
+from cspace._support.arrays import FREE, MIXED, Bools, Floats, Numbers, Row, States
+from cspace._support.compiling import inlined, internal, kernel
+
+Cell = tuple[int, int, int]
+"""A cell along three axes."""
+
+NOT_USABLE: Final = 255
+"""Answer for numbers that are not finite, or no rotation."""
+
+MAX_CELL: Final = 2.0**62
+"""Largest coordinate, in cells; larger ones are clamped so that they fit 64-bit integers."""
+
+MAX_POSITION: Final = 8.0 * MAX_COORDINATE
+"""Maximum sum of coordinates, in cells, of the ends of an edge or box that is not refused."""
+
+
+# ---- configurations ------------------------------------------------------------------------------
+
+
+@inlined
+def position_in_plane(map_: Map, x: float, y: float) -> Row:
+    """Return a position in the plane, which is in the middle of the layer."""
+    return 0.5 * map_.spacing, x, y
+
+
+@inlined
+def configuration_in(map_: Map, points: Floats, k: int) -> tuple[Row, Numbers]:
+    """Return position and rotation of row k of an array of configurations."""
+    rotation = rotation_in(map_.rotations.borders, points[k])
+    if map_.dim == 2:
+        return position_in_plane(map_, points[k, 0], points[k, 1]), rotation
+    return (points[k, 0], points[k, 1], points[k, 2]), rotation
+
+
+@inlined
+def is_usable(position: Row, rotation: Numbers) -> bool:
+    """Return True if a configuration is finite and its rotation exact enough."""
+    x, y, z = position
+    return math.isfinite(x) and math.isfinite(y) and math.isfinite(z) and is_rotation(rotation)
+
+
+@inlined
+def in_cells(map_: Map, position: Row) -> Row:
+    """Return a position in cells from the lower corner of the grid."""
+    x, y, z = position
+    x0, y0, z0 = map_.lower
+    h = map_.spacing
+    return (x - x0) / h, (y - y0) / h, (z - z0) / h
+
+
+# ---- states --------------------------------------------------------------------------------------
+
+
+@inlined
+def cell_along(place: float, coordinate: float, upper: float, count: int) -> int:
+    """Return the cell of a coordinate along an axis; it may be outside the grid.
+
+    ``place`` is the coordinate in cells. The upper border belongs to the last of ``count`` cells.
+    """
+    cell = math.floor(min(max(place, -MAX_CELL), MAX_CELL))
+    return count - 1 if cell == count and coordinate <= upper else cell
+
+
+@inlined
+def cell_of(map_: Map, position: Row) -> Cell:
+    """Return the cell of a position, which may be outside the grid."""
+    u, v, w = in_cells(map_, position)
+    x, y, z = map_.upper
+    _, nx, ny, nz = map_.states.shape
+    return (
+        cell_along(u, position[0], x, nx),
+        cell_along(v, position[1], y, ny),
+        cell_along(w, position[2], z, nz),
+    )
+
+
+@inlined
+def slice_of(map_: Map, rotation: Numbers) -> int:
+    """Return the slice that contains a rotation."""
+    return int(map_.rotations.slice_of[rotation_cell(map_.rotations.borders, rotation)])
+
+
+@inlined
+def state_at(map_: Map, position: Row, rotation: Numbers) -> int:
+    """Return the state of a configuration; NOT_USABLE if its position is not finite."""
+    s = slice_of(map_, rotation)
+    u, v, w = in_cells(map_, position)
+    _, nx, ny, nz = map_.states.shape
+    # Most positions are in the grid, so all tests are done at once. Indices without a sign need no
+    # test for negative ones.
+    if (u >= 0.0) & (v >= 0.0) & (w >= 0.0) & (u < nx) & (v < ny) & (w < nz):
+        return int(map_.states[s, np.uint32(u), np.uint32(v), np.uint32(w)])
+    return state_outside(map_, s, position)
+
+
+@internal
+def state_outside(map_: Map, s: int, position: Row) -> int:
+    """Return the state of a position outside the grid, or on its upper border."""
+    i, j, k = cell_of(map_, position)
+    _, nx, ny, nz = map_.states.shape
+    if 0 <= i < nx and 0 <= j < ny and 0 <= k < nz:
+        return int(map_.states[s, i, j, k])
+    x, y, z = position
+    if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(z)):
+        return NOT_USABLE
+    first, last = exterior_box(map_, s)
+    if first[0] <= i <= last[0] and first[1] <= j <= last[1] and first[2] <= k <= last[2]:
+        return MIXED
+    return int(map_.exterior[s, 2 * map_.dim])
+
+
+@internal
+def exterior_box(map_: Map, s: int) -> tuple[Cell, Cell]:
+    """Return the first and the last cell of the box of MIXED cells outside the grid."""
+    # First cell, last cell, and the state of all other cells outside.
+    row = map_.exterior[s]
+    if map_.dim == 2:
+        return (0, row[0], row[1]), (0, row[2], row[3])
+    return (row[0], row[1], row[2]), (row[3], row[4], row[5])
+
+
+@kernel
+def classify(map_: Map, points: Floats, out: States) -> int:
+    """Write the states of points, shape (n, size); return the first unusable row, or -1."""
+    for k in range(points.shape[0]):
+        position, rotation = configuration_in(map_, points, k)
+        if not is_rotation(rotation):
+            return k
+        out[k] = state_at(map_, position, rotation)
+        if out[k] == NOT_USABLE:
+            return k
+    return -1
+
+
+# ---- boxes of cells ------------------------------------------------------------------------------
+
+
+@inlined
+def run_is_free(map_: Map, s: int, i: int, j: int, first: int, last: int) -> bool:
+    """Return True if cells ``first`` to ``last`` along the last axis are FREE.
+
+    Outside the grid, cells in the exterior box are MIXED; all others must be known to be FREE.
+    """
+    _, nx, ny, nz = map_.states.shape
+    in_grid = 0 <= i < nx and 0 <= j < ny
+    if in_grid:
+        start = max(first, 0)
+        stop = min(last, nz - 1)
+        # Most runs have one or two cells, which no loop tests: processors guess wrong when it ends.
+        for k in range(start + 1, stop):
+            if map_.states[s, i, j, k] != FREE:
+                return False
+        if start <= stop and (map_.states[s, i, j, start] | map_.states[s, i, j, stop]) != FREE:
+            return False
+        if first >= 0 and last < nz:
+            return True
+    # Cells outside the grid are FREE unless the run meets the exterior box there.
+    low, high = exterior_box(map_, s)
+    if not (low[0] <= i <= high[0] and low[1] <= j <= high[1]):
+        return True
+    begin = max(first, low[2])
+    end = min(last, high[2])
+    return begin > end or (in_grid and begin >= 0 and end < nz)
+
+
+@internal
+def box_to_test(map_: Map, s: int, inside: bool) -> tuple[Cell, Cell]:
+    """Return the first and the last cell of the grid, if `inside`, or around grid and exterior box.
+
+    All cells beyond the second box have one state.
+    """
+    _, nx, ny, nz = map_.states.shape
+    if inside:
+        return (0, 0, 0), (nx - 1, ny - 1, nz - 1)
+    first, last = exterior_box(map_, s)
+    low = min(first[0], 0), min(first[1], 0), min(first[2], 0)
+    high = max(last[0], nx - 1), max(last[1], ny - 1), max(last[2], nz - 1)
+    return low, high
+
+
+@inlined
+def closed_cells(low: float, high: float) -> tuple[int, int]:
+    """Return the first and the last closed cell between two coordinates, in cells."""
+    return math.ceil(low) - 1, math.floor(high)
+
+
+@internal
+def box_is_free(map_: Map, s: int, position: Row, distance: float) -> bool:
+    """Return True if all cells of a slice within ``distance`` along each axis are FREE.
+
+    The cells are closed, and SLACK is added to the distance. In the plane, the box stays in the
+    layer.
+    """
+    u, v, w = in_cells(map_, position)
+    reach = distance / map_.spacing + SLACK
+    if not abs(u) + abs(v) + abs(w) + reach <= MAX_POSITION:  # True for NaN
+        return False
+    # First and last cell of the box along each axis.
+    across = reach if map_.dim == 3 else 0.0
+    i0, i1 = closed_cells(u - across, u + across)
+    j0, j1 = closed_cells(v - reach, v + reach)
+    k0, k1 = closed_cells(w - reach, w + reach)
+    _, nx, ny, nz = map_.states.shape
+    inside = min(i0, j0, k0) >= 0 and i1 < nx and j1 < ny and k1 < nz
+    state_beyond = map_.exterior[s, 2 * map_.dim]
+    if not inside and state_beyond != FREE:
+        return False
+    # Cells beyond the grid and the exterior box need no test.
+    low, high = box_to_test(map_, s, inside)
+    for i in range(max(i0, low[0]), min(i1, high[0]) + 1):
+        for j in range(max(j0, low[1]), min(j1, high[1]) + 1):
+            if not run_is_free(map_, s, i, j, max(k0, low[2]), min(k1, high[2])):
+                return False
+    return True
+
+
+@kernel
+def boxes_are_free(map_: Map, distance: float, angle: float, points: Floats, out: Bools) -> int:
+    """Write whether all configurations near each point are proven free; see `around_is_free`.
+
+    ``points`` has shape (n, size), ``out`` (n,). Returns the first unusable row, or -1.
+    """
+    for k in range(points.shape[0]):
+        position, rotation = configuration_in(map_, points, k)
+        if not is_usable(position, rotation):
+            return k
+        out[k] = around_is_free(map_, position, rotation, distance, angle)
+    return -1
+
+
+@internal
+def around_is_free(
+    map_: Map, position: Row, rotation: Numbers, distance: float, angle: float
+) -> bool:
+    """Return True if all configurations near a position and rotation are proven free.
+
+    They are at most ``distance`` away along each axis, metres, and rotated by at most ``angle``.
+    """
+    if len(rotation) == 4:
+        return quaternions_around_are_free(map_, position, rotation, distance, angle)
+    borders = map_.rotations.borders
+    if borders.shape[0] == 0:
+        return box_is_free(map_, int(map_.rotations.slice_of[0]), position, distance)
+    # Test the yaw cells in reach, at most all of them once.
+    start = wrap_to_cells(borders, rotation[0])
+    reach = min(angle, math.pi)
+    first = first_widened_cell(borders, start - reach)
+    n_cells = borders.shape[0] - 1
+    for cell in range(first, first + n_cells):
+        index, low, _ = widened_bounds(borders, cell)
+        if low > start + reach:
+            return True
+        if not box_is_free(map_, int(map_.rotations.slice_of[index]), position, distance):
+            return False
+    return True
+
+
+@internal
+def quaternions_around_are_free(
+    map_: Map, position: Row, rotation: Numbers, distance: float, angle: float
+) -> bool:
+    """Return True if all configurations near a position and quaternion are proven free.
+
+    They are at most ``distance`` away along each axis, metres, and rotated by at most ``angle``.
+    """
+    borders = map_.rotations.borders[0]
+    q = normalise(rotation, 1.0)
+    # A rotation's angle is twice that of its quaternion.
+    reach = math.sin(0.5 * min(angle, math.pi)) + QUOTIENT_SLACK
+    # Rotation cells are cells of four cubes, the charts, by the largest component.
+    for chart in range(4):
+        a, b, c = OTHER_COMPONENTS[chart]
+        i0, i1 = parts_around(borders, q[chart], q[a], reach)
+        j0, j1 = parts_around(borders, q[chart], q[b], reach)
+        k0, k1 = parts_around(borders, q[chart], q[c], reach)
+        for i in range(i0, i1 + 1):
+            for j in range(j0, j1 + 1):
+                for k in range(k0, k1 + 1):
+                    s = int(map_.rotations.slice_of[cell_index(borders, chart, i, j, k)])
+                    if not box_is_free(map_, s, position, distance):
+                        return False
+    return True

@@ -1,0 +1,314 @@
+"""Search for short chains of cells: A* over the cells of a map.
+
+A chain is a sequence of cells, each next to the one before. Within a slice, a chain moves from the
+center of a cell to that of a near cell, and all closed cells that the move touches are passable. At
+one position, a chain rotates between neighbouring rotation cells.
+
+The estimate of the remaining cost is the length of a chain over positions that are passable at any
+rotation (:mod:`cspace._queries.guide`), and the cost of rotating to the goal's rotation cell (P.
+Hart, N. Nilsson and B. Raphael, "A formal basis for the heuristic determination of minimum cost
+paths", 1968).
+
+Kernels see three axes: a map of the plane has one layer of cells along the first.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from cspace._queries.frontier import (
+    DONE,
+    GOES_ON,
+    NEEDS_ESTIMATE,
+    NO_NODE,
+    POPS_PER_CLOCK_CHECK,
+    UNKNOWN,
+    Costs,
+    Estimate,
+    Progress,
+    begin_at,
+    expand_until_done,
+    pop_best,
+    reach_cell,
+)
+from cspace._queries.guide import (
+    NARROW_PRICE,
+    NO_FACTORS,
+    POSITIONS_WEIGHT,
+    Guide,
+    any_direction,
+    factor_at,
+    measure_turns,
+)
+from cspace._queries.moves import Moves, list_moves
+from cspace._queries.points import Cell
+from cspace._record.states import read_only
+from cspace._rotations import Rotations
+from cspace._rotations.base import METRES_PER_RADIAN
+from cspace._support.arrays import FREE, Bools, Floats, Ints, States
+from cspace._support.compiling import internal, kernel
+
+WEIGHT: Final = 1.2
+"""Weight of the estimate; above 1, the search expands far fewer cells, for chains that are hardly
+longer."""
+
+BLOCK_SIDE: Final = 4
+"""Cells along each side of the blocks of the guide."""
+
+WEIGHT_OF_ONE_ROTATION: Final = 1.02
+"""Weight of the guide's own estimate for robots that only translate: it chooses the way around each
+obstacle, and the guide is exact enough for shorter ways."""
+
+
+class Graph(NamedTuple):
+    """Nodes of a map and the moves between them, for kernels.
+
+    A node is a cell, or in :mod:`cspace._queries.lower_bound` a corner of cells.
+
+    Attributes
+    ----------
+    states : ndarray of uint8, shape (slices, nx, ny, nz), read-only
+    slice_of : ndarray of int64, shape (rotations,)
+        Slice of each rotation cell.
+    neighbors : ndarray of int64, shape (rotations, n)
+        Adjacent rotation cells, padded with -1.
+    turns : ndarray of float64, shape (rotations, n)
+        Cost of rotating to each neighbor, in cells.
+    moves : Moves
+    factors : ndarray of float32, shape (slices, nx, ny, nz), or empty
+        Factor of the cost of moves in each cell.
+    """
+
+    states: States
+    slice_of: Ints
+    neighbors: Ints
+    turns: Floats
+    moves: Moves
+    factors: Costs
+
+
+def find_chain(
+    states: States,
+    slice_of: Ints,
+    rotations: tuple[Ints, Floats],
+    start: Ints,
+    goal: Ints,
+    until: float,
+    factors: Costs = NO_FACTORS,
+    may_exist: Callable[[], bool] | None = None,
+) -> Ints:
+    """Find a short chain of passable cells from start to goal.
+
+    Parameters
+    ----------
+    states : ndarray of uint8, shape (slices, nx, ny) or (slices, nx, ny, nz)
+    slice_of : ndarray of int64, shape (rotations,)
+        Slice of each rotation cell.
+    rotations : tuple of ndarray, shape (rotations, n)
+        Adjacent rotation cells, padded with -1, and the cost of rotating to them, in cells.
+    start, goal : ndarray of int64, shape (1 + d,)
+        Cells ``(rotation, x, y)`` or ``(rotation, x, y, z)`` in the grid.
+    until : float
+        Reading of :data:`cspace._support.compiling.clock` at which the search ends.
+    factors : ndarray of float32, the shape of states, optional
+        Factor, 1 or above, of the cost of moves in each cell.
+    may_exist : callable, optional
+        Returns False if no chain exists. It is asked once, if the search takes long.
+
+    Returns
+    -------
+    ndarray of int64, shape (n, 1 + d)
+        Cells from start to goal; n is 0 if no chain exists.
+
+    Raises
+    ------
+    TimeoutError
+        If time runs out.
+    """
+    neighbors, turns = rotations
+    dim = states.ndim - 1
+    # Kernels see three axes.
+    missing_axes = (1,) * (3 - dim)
+    shape = (*missing_axes, *states.shape[1:])
+    graph = Graph(
+        states=read_only(states.reshape(-1, *shape)),
+        slice_of=slice_of,
+        neighbors=neighbors,
+        turns=turns,
+        moves=list_moves(dim),
+        factors=factors.reshape(-1, *shape) if factors.size else NO_FACTORS,
+    )
+    cells_shape = (len(slice_of), *states.shape[1:])
+    start_cell = int(np.ravel_multi_index(tuple(start), cells_shape))
+    goal_cell = int(np.ravel_multi_index(tuple(goal), cells_shape))
+    progress = _search_guided(graph, start_cell, goal_cell, until, may_exist)
+    if not progress.closed[goal_cell]:
+        return np.empty((0, 1 + dim), dtype=np.int64)
+    # Follow the chain back from the goal; the cells before are stored plus 1.
+    cell = goal_cell
+    cells = [cell]
+    while cell != start_cell:
+        cell = int(progress.previous[cell]) - 1
+        cells.append(cell)
+    cells.reverse()
+    return np.stack(np.unravel_index(cells, cells_shape), axis=1)
+
+
+def turn_costs(rotations: Rotations, dim: int, spacing: float) -> Floats:
+    """Return the cost of rotating to neighbouring rotation cells.
+
+    Costs are in cells, shape (rotations, n); `dim` is the dimension of the grid, and ``spacing`` is
+    in metres.
+    """
+    # Steps between the centers of rotation cells at one position.
+    origins = np.zeros((len(rotations), dim))
+    centers = np.column_stack([origins, rotations.centers])
+    steps = rotations.steps_between(centers[:, np.newaxis], centers[rotations.neighbors])
+    angles = np.linalg.norm(steps, axis=-1)
+    return np.asarray(METRES_PER_RADIAN / spacing * angles)
+
+
+def _locate(index: int, shape: Cell) -> Cell:
+    """Return the cell of an index over all cells."""
+    i, j, k = np.unravel_index(index, shape)
+    return int(i), int(j), int(k)
+
+
+def _search_guided(
+    graph: Graph, start: int, goal: int, until: float, may_exist: Callable[[], bool] | None
+) -> Progress:
+    """Search from start to goal, indices of cells over all rotation cells.
+
+    A long search ends if no chain ``may_exist``. Raises TimeoutError after ``until``.
+    """
+    shape = graph.states.shape[1:]
+    size = math.prod(shape)
+    goal_rotation, goal_position = divmod(goal, size)
+    goal_cell = _locate(goal_position, shape)
+    start_cell = _locate(start % size, shape)
+    turns = len(graph.slice_of) > 1
+    guide = Guide(
+        graph.states,
+        any_direction(graph.states),
+        (0, start_cell),
+        (0, goal_cell),
+        BLOCK_SIDE,
+        narrow_price=NARROW_PRICE if turns else 0.0,
+        weight=POSITIONS_WEIGHT if turns else WEIGHT_OF_ONE_ROTATION,
+        factors=graph.factors,
+    )
+    guide.reach(0, start_cell, until, may_exist)
+    if not guide.is_reached(start_cell):
+        return begin_at(start, len(graph.slice_of) * size)
+    rotations = measure_turns(graph.neighbors, graph.turns, goal_rotation)
+    estimate = guide.estimate._replace(weight=WEIGHT, rotations=rotations)
+
+    def reach_block(node: int) -> None:
+        guide.reach(0, _locate(node % size, shape), until)
+
+    return search(graph, estimate, start, goal, until, may_exist=may_exist, reach_block=reach_block)
+
+
+def search(
+    graph: Graph,
+    estimate: Estimate,
+    start: int,
+    goal: int,
+    until: float,
+    *,
+    may_exist: Callable[[], bool] | None = None,
+    excluded: Bools | None = None,
+    reach_block: Callable[[int], None] | None = None,
+) -> Progress:
+    """Expand nodes from ``start`` on until ``goal`` is reached or no node is left.
+
+    A long search asks once whether a chain ``may_exist``. ``excluded``, shape (nodes,), are nodes
+    that no chain may pass. Where the estimate is not known yet, ``reach_block`` is called with a
+    node. Raises TimeoutError after ``until``.
+    """
+    progress = begin_at(start, len(graph.slice_of) * math.prod(estimate.shape))
+    if excluded is not None:
+        progress = progress._replace(closed=excluded)
+    return expand_until_done(
+        lambda progress: expand_cells(graph, estimate, progress, goal),
+        progress,
+        len(graph.moves.steps) + graph.neighbors.shape[1],
+        until,
+        reach_block,
+        may_exist,
+    )
+
+
+@kernel
+def expand_cells(graph: Graph, estimate: Estimate, progress: Progress, goal: int) -> int:
+    """Expand queued nodes until the goal was expanded or no node is left.
+
+    Return :data:`GOES_ON` after many cells, or if the queue is nearly full.
+    """
+    nx, ny, nz = estimate.shape
+    steps = graph.moves.steps
+    n_moves = steps.shape[0]
+    n_neighbors = graph.neighbors.shape[1]
+    for _ in range(POPS_PER_CLOCK_CHECK):
+        if progress.length[0] + n_moves + n_neighbors >= progress.keys.shape[0]:
+            return GOES_ON
+        cell = pop_best(estimate, progress)
+        if cell == UNKNOWN:
+            return NEEDS_ESTIMATE
+        if cell == NO_NODE:
+            return DONE
+        progress.closed[cell] = True
+        if cell == goal:
+            return DONE
+        # Decode the cell's index over all rotation cells.
+        k = cell % nz
+        j = cell // nz % ny
+        i = cell // (nz * ny) % nx
+        rotation = cell // (nz * ny * nx)
+        here = graph.slice_of[rotation]
+        factor = factor_at(graph.factors, here, i, j, k)
+        # Move to near cells of the slice, if all cells on the way are passable.
+        passable = passable_near(graph, here, i, j, k)
+        for move in range(n_moves):
+            needed = graph.moves.needed[move]
+            if passable & needed == needed:
+                u = i + steps[move, 0]
+                v = j + steps[move, 1]
+                w = k + steps[move, 2]
+                mean = 0.5 * (factor + factor_at(graph.factors, here, u, v, w))
+                cost = mean * graph.moves.lengths[move]
+                reach_cell(estimate, progress, cell, rotation, u, v, w, cost)
+        # Rotate to neighbouring rotation cells at the same position.
+        for column in range(n_neighbors):
+            other = graph.neighbors[rotation, column]
+            if other < 0:
+                continue
+            there = graph.slice_of[other]
+            if graph.states[there, i, j, k] == FREE:
+                mean = 0.5 * (factor + factor_at(graph.factors, there, i, j, k))
+                cost = mean * graph.turns[rotation, column]
+                reach_cell(estimate, progress, cell, other, i, j, k, cost)
+    return GOES_ON
+
+
+@internal
+def passable_near(graph: Graph, number: int, i: int, j: int, k: int) -> int:
+    """Return a bit mask of the near cells of node (i, j, k) that a chain may pass.
+
+    ``number`` is that of the slice; bit b stands for row b of ``graph.moves.near_cells``.
+    """
+    _, nx, ny, nz = graph.states.shape
+    near_cells = graph.moves.near_cells
+    mask = 0
+    for bit in range(near_cells.shape[0]):
+        u = i + near_cells[bit, 0]
+        v = j + near_cells[bit, 1]
+        w = k + near_cells[bit, 2]
+        is_inside = 0 <= u < nx and 0 <= v < ny and 0 <= w < nz
+        if is_inside and graph.states[number, u, v, w] == FREE:
+            mask |= 1 << bit
+    return mask

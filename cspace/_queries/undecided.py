@@ -1,0 +1,153 @@
+"""Chains through MIXED cells whose centers exact geometry proves free."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from cspace._grid import Grid
+from cspace._queries.paths import path_length, waypoints
+from cspace._queries.search import find_chain
+from cspace._rotations import Rotations
+from cspace._support.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, States
+from cspace._support.compiling import clock
+
+MAX_CHAIN_EXCESS: Final = 1.15
+"""Length of a chain of cells over that of the path, from which a chain no longer promises a shorter
+path."""
+
+UNDECIDED_BYTES_PER_CELL: Final = 8
+"""Bytes of memory that a search takes for each cell of the map: states, marks, costs, and how a
+cell was reached."""
+
+
+@dataclass(frozen=True, slots=True)
+class Undecided:
+    """A search in which geometry decides MIXED cells.
+
+    It decides the cells on the way of the search. MIXED cells count as FREE until geometry tests
+    their centers. The search then repeats without the cells that failed, until all cells near a
+    chain are decided and geometry proves the edges along it.
+
+    Attributes
+    ----------
+    grid : Grid
+    rotations : Rotations
+    states : ndarray of uint8, shape (rotations, ...)
+        States of the cells.
+    turn_costs : ndarray of float64
+        Cost of rotating to neighbouring rotation cells, as of
+        :func:`cspace._queries.search.turn_costs`.
+    are_free : callable
+        Decides configurations of shape (n, size) by exact geometry.
+    edge_is_free : callable
+        Decides the edge between two configurations by exact geometry.
+    """
+
+    grid: Grid
+    rotations: Rotations
+    states: States
+    turn_costs: Floats
+    are_free: Callable[[Floats], Bools]
+    edge_is_free: Callable[..., bool]
+
+    def find(self, endpoints: Floats, cells: Ints, max_length: float, until: float) -> Floats:
+        """Find a path between two configurations.
+
+        ``cells``, shape (2, 1 + d), are their cells. Returns waypoints of shape (n, size), joined
+        by edges that geometry proves. The length n is 0 if no chain is found, if all chains left
+        promise no path of at most ``max_length``, or if time is over.
+        """
+        no_path = np.empty((0, endpoints.shape[1]))
+        is_mixed = self.states == MIXED
+        passable = np.where(is_mixed, FREE, self.states)
+        # Start and goal are free whether or not the centers of their cells are.
+        is_mixed[tuple(cells.T)] = False
+        undecided = is_mixed.copy()
+        slice_of = np.arange(len(self.rotations))
+        turns = (self.rotations.neighbors, self.turn_costs)
+        while clock() < until:
+            try:
+                chain = find_chain(passable, slice_of, turns, cells[0], cells[1], until)
+            except TimeoutError:
+                return no_path
+            if not len(chain):
+                return no_path
+            path = self._path_along(chain, endpoints)
+            if path_length(path, self.rotations) > MAX_CHAIN_EXCESS * max_length:
+                return no_path
+            near = _select_near(chain, undecided)
+            if len(near):
+                # Decide the cells near the chain first; the chain may then lead elsewhere.
+                undecided[tuple(near.T)] = False
+                failed = near[~self.are_free(self._find_centers(near))]
+            else:
+                # All cells are decided, so only edges may fail; avoid the MIXED cells beside them.
+                failing_edges = self._list_failing_edges(path)
+                if not failing_edges:
+                    return path
+                candidates = is_mixed & (passable == FREE)
+                failed = self._select_beside(np.array(failing_edges), candidates)
+                if not len(failed):
+                    return no_path
+            passable[tuple(failed.T)] = BLOCKED
+        return no_path
+
+    def _find_centers(self, cells: Ints) -> Floats:
+        """Return the configurations at the centers of cells, shape (n, size)."""
+        positions = self.grid.center_of(cells[:, 1:])
+        return np.column_stack([positions, self.rotations.centers[cells[:, 0]]])
+
+    def _list_failing_edges(self, path: Floats) -> list[tuple[Floats, Floats]]:
+        """List the edges of a path that geometry does not prove."""
+        edges = itertools.pairwise(path)
+        return [(start, end) for start, end in edges if not self.edge_is_free(*start, *end)]
+
+    def _path_along(self, chain: Ints, endpoints: Floats) -> Floats:
+        """Return the path through the centers of cells, without MIXED cells at its ends.
+
+        ``chain``, shape (n, 1 + d), are the cells; ``endpoints``, shape (2, size), need no center
+        of their own cell beside them.
+        """
+        path = waypoints(self.grid, self.rotations, endpoints, chain)
+        is_needed = np.ones(len(path), dtype=np.bool_)
+        end_cells = chain[[0, -1]]
+        is_needed[[1, -2]] = self.states[tuple(end_cells.T)] == FREE
+        return path[is_needed]
+
+    def _select_beside(self, edges: Floats, candidates: Bools) -> Ints:
+        """Return the candidate cells in the boxes around edges, shape (m, 1 + d).
+
+        ``edges`` has shape (n, 2, size); ``candidates``, shape (rotations, ...), is a mask.
+        """
+        rotations = self.rotations.find_cells(edges)
+        corners = np.sort(self.grid.cell_of(edges[..., : self.grid.dim]), axis=1)
+        selected = []
+        # Cells of the box between both ends, at the rotation of either end.
+        for end_rotations, (first, last) in zip(rotations, corners, strict=True):
+            box = tuple(map(slice, first, last + 1))
+            for rotation in end_rotations:
+                inside = np.argwhere(candidates[rotation][box]) + first
+                selected.append(np.column_stack([np.full(len(inside), rotation), inside]))
+        return np.unique(np.concatenate(selected), axis=0)
+
+
+def _select_near(chain: Ints, candidates: Bools) -> Ints:
+    """Return the candidate cells at most one cell away from a chain, at its rotations.
+
+    ``chain`` has shape (n, 1 + d), the result (m, 1 + d); ``candidates`` is a mask of all cells.
+    """
+    dim = chain.shape[1] - 1
+    offsets = np.array(list(itertools.product((-1, 0, 1), repeat=dim)))
+    # Every cell of the chain with every offset.
+    near = np.repeat(chain, len(offsets), axis=0)
+    near[:, 1:] += np.tile(offsets, (len(chain), 1))
+    in_grid = ((near >= 0) & (near < candidates.shape)).all(axis=1)
+    near = np.unique(near[in_grid], axis=0)
+    is_candidate = candidates[tuple(near.T)]
+    selected: Ints = near[is_candidate]
+    return selected

@@ -1,0 +1,297 @@
+"""Paths of maximum bottleneck clearance, then minimum length.
+
+The *width* of a cell is its distance (:mod:`cspace._queries.distance`). The *bottleneck* of two
+cells is the largest width at which cells of that width or above connect them, found in 64ths of a
+cell. Among these cells, the shortest chain is searched.
+
+If the start or the goal is the narrowest place, for example beside a wall, every path is that
+narrow. So the path first climbs steeply from both, and the bottleneck connects the two local
+maxima. The result is still among the widest paths.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace._grid import Grid
+from cspace._queries.callbacks import edge_checker
+from cspace._queries.distance import Distances
+from cspace._queries.frontier import check_deadline
+from cspace._queries.paths import in_time, pulled_straight, waypoints
+from cspace._queries.search import find_chain
+from cspace._record.cells import Map, make_map_record
+from cspace._record.states import read_only
+from cspace._rotations import Rotations
+from cspace._support.arrays import Bools, Bytes, Floats, Ints
+from cspace._support.compiling import kernel
+
+LEVELS_PER_CELL: Final = 64
+"""Levels of width per cell."""
+
+MAX_LEVEL: Final = 65535
+"""Highest level, which is 1024 cells; larger widths count as this."""
+
+SEARCH_BYTES_PER_CELL: Final = 20
+"""Memory of a search by clearance for each cell of each rotation, with the distances, bytes."""
+
+CELLS_PER_CLOCK_CHECK: Final = 2**14
+"""Cells expanded between two checks of the time limit: about a millisecond."""
+
+N_SIDE_STEPS: Final = 6
+"""Number of steps to cells that share a side; steps from this number on rotate."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WidthMap:
+    """Widths of the cells of a map, and moves between rotation cells.
+
+    Attributes
+    ----------
+    widths : ndarray of float32, shape (slices, nx, ny) or (slices, nx, ny, nz)
+        Width of each cell, in cells.
+    slice_of : ndarray of int64, shape (rotations,)
+        Slice of each rotation cell.
+    rotations : Rotations
+        Rotation cells.
+    turns : ndarray of float64, shape (rotations, n)
+        Cost of rotating to each neighbor, in cells.
+    """
+
+    widths: Distances
+    slice_of: Ints
+    rotations: Rotations
+    turns: Floats
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Number of rotation cells, and cells along each axis."""
+        return (len(self.slice_of), *self.widths.shape[1:])
+
+    def width(self, cell: Sequence[int] | Ints) -> float:
+        """Return the width of a cell ``(rotation, x, ...)``, in cells."""
+        return float(self.widths[self.slice_of[cell[0]], *cell[1:]])
+
+    def climb(self, cell: Ints) -> Ints:
+        """Follow the steepest ascent of width to a local maximum.
+
+        Return the cells ``(rotation, x, ...)``, from ``cell`` on, shape (n, 1 + d). Ties go to the
+        larger cell index.
+        """
+        path = [tuple(cell.tolist())]
+        while True:
+            # The cell itself, neighbouring rotations, and cells that share a side.
+            rotation, *position = path[-1]
+            rotations = self.rotations.neighbors[rotation].tolist()
+            candidates = [path[-1]] + [(other, *position) for other in rotations if other >= 0]
+            for axis, step in product(range(len(position)), (-1, 1)):
+                near = position.copy()
+                near[axis] += step
+                if 0 <= near[axis] < self.shape[axis + 1]:
+                    candidates.append((rotation, *near))
+            best = max(candidates, key=lambda candidate: (self.width(candidate), candidate))
+            if best == path[-1]:
+                return np.array(path)
+            path.append(best)
+
+    def bottleneck(self, start: Ints, goal: Ints, until: float) -> float:
+        """Return the largest minimum width of a chain, rounded down to a 64th of a cell.
+
+        ``start`` and ``goal`` are cells, shape (1 + d,). The result is 0 if no chain exists. Raises
+        TimeoutError after ``until``.
+        """
+        first = int(np.ravel_multi_index(tuple(start), self.shape))
+        last = int(np.ravel_multi_index(tuple(goal), self.shape))
+        levels = np.minimum(LEVELS_PER_CELL * self.widths, MAX_LEVEL).astype(np.uint16)
+        start_level = int(levels[self.slice_of[start[0]], *start[1:]])
+        queue = LevelQueue.of(math.prod(self.shape), first, start_level)
+        missing_axes = (1,) * (4 - self.widths.ndim)
+        layered = levels.reshape(len(levels), *missing_axes, *self.shape[1:])
+        is_done = False
+        while not is_done:
+            check_deadline(until)
+            is_done = flood(layered, self.slice_of, self.rotations.neighbors, last, queue)
+        return float(queue.level[0]) / LEVELS_PER_CELL
+
+    def shortest(self, start: Ints, goal: Ints, min_width: float, until: float) -> Ints:
+        """Return a short chain of cells with ``min_width`` or above, shape (n, 1 + d).
+
+        Raises TimeoutError after ``until``.
+        """
+        states = narrow_states(self.widths, min_width)
+        turns = self.rotations.neighbors, self.turns
+        return find_chain(states, self.slice_of, turns, start, goal, until)
+
+
+def narrow_states(widths: Distances, min_width: float) -> Bytes:
+    """Return states in which cells of ``min_width`` or above are FREE, all others MIXED."""
+    is_narrow = widths < np.float32(min_width)
+    return read_only(is_narrow.view(np.uint8))  # False is FREE, and True is MIXED
+
+
+# ---- the bottleneck ------------------------------------------------------------------------------
+
+
+class LevelQueue(NamedTuple):
+    """Queue of cells by level, widest first.
+
+    Attributes
+    ----------
+    level : ndarray of int64, shape (1,)
+        Lowest level of the cells taken from the queue so far.
+    first : ndarray of int64, shape (MAX_LEVEL + 1,)
+        First waiting cell of each level; -1 if there is none.
+    following : ndarray of int64, shape (cells,)
+        Next waiting cell of the same level, for waiting cells; -1 at the end.
+    reached : ndarray of bool, shape (cells,)
+        Whether a cell was queued. Like ``following``, it takes memory only where written.
+    """
+
+    level: Ints
+    first: Ints
+    following: Ints
+    reached: Bools
+
+    @classmethod
+    def of(cls, cells: int, start: int, level: int) -> LevelQueue:
+        """Create a queue with one cell."""
+        queue = cls(
+            level=np.array([level]),
+            first=np.full(MAX_LEVEL + 1, -1),
+            following=np.empty(cells, dtype=np.int64),
+            reached=np.zeros(cells, dtype=np.bool_),
+        )
+        queue.first[level] = start
+        queue.following[start] = -1
+        queue.reached[start] = True
+        return queue
+
+
+@kernel
+def flood(
+    levels: NDArray[np.uint16], slice_of: Ints, neighbors: Ints, goal: int, queue: LevelQueue
+) -> bool:
+    """Take cells from the queue, widest first; return True at the goal, or at the end.
+
+    The level of the queue is then the bottleneck's, or 0 if no chain leads to the goal. Return
+    False if a clock check is due; the next call goes on from there. ``levels``, shape (slices, nx,
+    ny, nz), are those of the widths.
+    """
+    _, nx, ny, nz = levels.shape
+    level = queue.level[0]
+    for _ in range(CELLS_PER_CLOCK_CHECK):
+        # Take a cell of the highest level that has one.
+        while level > 0 and queue.first[level] < 0:
+            level -= 1
+        queue.level[0] = level
+        cell = queue.first[level]
+        if level == 0 or cell == goal:
+            return True
+        queue.first[level] = queue.following[cell]
+        # Decode the cell's index over all rotation cells.
+        rotation = cell // (nx * ny * nz)
+        x = cell // (ny * nz) % nx
+        y = cell // nz % ny
+        z = cell % nz
+        for step in range(N_SIDE_STEPS + neighbors.shape[1]):
+            # Steps 0 to 5 go down and up along the three axes; later ones rotate.
+            other = rotation
+            i, j, k = x, y, z
+            axis = step // 2
+            sign = 2 * (step % 2) - 1
+            if step >= N_SIDE_STEPS:
+                other = neighbors[rotation, step - N_SIDE_STEPS]
+            elif axis == 0:
+                i += sign
+            elif axis == 1:
+                j += sign
+            else:
+                k += sign
+            if other < 0 or not (0 <= i < nx and 0 <= j < ny and 0 <= k < nz):
+                continue
+            near = ((other * nx + i) * ny + j) * nz + k
+            if queue.reached[near]:
+                continue
+            queue.reached[near] = True
+            # A cell cannot be wider than the chain that leads to it.
+            near_level = min(level, levels[slice_of[other], i, j, k])
+            queue.following[near] = queue.first[near_level]
+            queue.first[near_level] = near
+    return False
+
+
+# ---- paths ---------------------------------------------------------------------------------------
+
+
+def find_widest_path(
+    widths: WidthMap,
+    map_: Map,
+    grid: Grid,
+    endpoints: tuple[Floats, Ints],
+    straight: bool,
+    until: float,
+) -> Floats:
+    """Return waypoints of the widest path between two configurations.
+
+    ``endpoints`` are the configurations, shape (2, size), and their cells, shape (2, 1 + d). The
+    result has length 0 if no path exists. If not ``straight``, waypoints are the centers of the
+    cells passed. Raises TimeoutError after ``until``.
+    """
+    rotations = widths.rotations
+    configurations, (start, goal) = endpoints
+    q = rotations.make_canonical(configurations)
+    # Climb from both ends, and connect the two local maxima.
+    from_start = widths.climb(start)
+    from_goal = widths.climb(goal)
+    width = widths.bottleneck(from_start[-1], from_goal[-1], until)
+    if width == 0.0:
+        return np.empty((0, q.shape[1]))
+    # The climbs end where they reach the width of the bottleneck.
+    n_ascent = sum(widths.width(cell) < width for cell in from_start)
+    n_descent = sum(widths.width(cell) < width for cell in from_goal)
+    chain = widths.shortest(from_start[n_ascent], from_goal[n_descent], width, until)
+    descent = np.flipud(from_goal[:n_descent])
+    cells = np.concatenate([from_start[:n_ascent], chain, descent])
+    path = waypoints(grid, rotations, q, cells)
+    if not straight:
+        return path
+    # Each of the three parts is shortened within cells at least as wide as its own narrowest cell.
+    end = len(path) - 1
+    first = n_ascent + 1 if n_ascent else 0
+    last = n_ascent + len(chain) if n_descent else end
+    parts = (
+        (0, first, widths.width(start)),
+        (first, last, width),
+        (last, end, widths.width(goal)),
+    )
+    pieces = [path[:1]]
+    for begin, stop, min_width in parts:
+        if begin < stop:
+            positions = cells[max(begin - 1, 0) : stop, 1:]
+            wide_map = _cut_wide_map(widths.widths, map_, grid, positions, min_width)
+            is_free = in_time(edge_checker(wide_map, path.shape[1]), until)
+            piece = pulled_straight(path[begin : stop + 1], rotations, is_free)
+            pieces.append(piece[1:])
+    return np.concatenate(pieces)
+
+
+def _cut_wide_map(
+    widths: Distances, map_: Map, grid: Grid, positions: Ints, min_width: float
+) -> Map:
+    """Cut out a map around positions in which cells of ``min_width`` or above are FREE.
+
+    ``positions``, shape (n, d), are indices of cells along the axes.
+    """
+    # One more cell on each side, because edges may touch it.
+    first = np.maximum(positions.min(axis=0) - 1, 0)
+    stop = np.minimum(positions.max(axis=0) + 2, widths.shape[1:])
+    window = (slice(None), *map(slice, first, stop))
+    states = narrow_states(widths[window], min_width)
+    window_grid = Grid(grid.lower + grid.spacing * first, grid.spacing, states.shape[1:])
+    return make_map_record(states, window_grid, map_.exterior, map_.rotations)

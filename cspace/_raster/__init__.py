@@ -1,0 +1,150 @@
+"""Rasters (sets of lattice offsets) and the compiled rasterisers that the shapes share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace._support.arrays import Bools, Floats, Ints, frozen
+from cspace._support.threads import in_chunks
+from cspace.errors import InputError
+
+MAX_RASTER_CELLS = 2**28
+"""Maximum number of cells in the bounding box of a raster."""
+
+MIN_SLABS_PER_THREAD = 32
+"""Minimum number of first indices of an array for each thread."""
+
+
+@dataclass(frozen=True, slots=True)
+class Raster:
+    """A finite set of offsets in Z^d, stored as a trimmed bitmap.
+
+    Attributes
+    ----------
+    cells : ndarray of bool
+        ``cells[i]`` is True if the set has the offset ``lower + i``; shape (0, ...) for the empty
+        set.
+    lower : tuple of int
+        Offset of ``cells[0, ...]``.
+    """
+
+    cells: Bools
+    lower: tuple[int, ...]
+
+    @classmethod
+    def from_bitmap(cls, cells: Bools, lower: tuple[int, ...]) -> Raster:
+        """Trim a bitmap; its first entry is the offset ``lower``."""
+        window = []
+        for axis in range(cells.ndim):
+            # Indices along the axis at which a cell is set.
+            other_axes = tuple(k for k in range(cells.ndim) if k != axis)
+            occupied = np.flatnonzero(cells.any(axis=other_axes))
+            if not len(occupied):
+                return cls(np.zeros((0,) * cells.ndim, dtype=np.bool_), (0,) * cells.ndim)
+            window.append(slice(int(occupied[0]), int(occupied[-1]) + 1))
+        trimmed = np.ascontiguousarray(cells[tuple(window)])
+        trimmed_lower = tuple(low + cut.start for low, cut in zip(lower, window, strict=True))
+        return cls(frozen(trimmed), trimmed_lower)
+
+    def rotate(self, matrix: Floats) -> Raster:
+        """Rotate by a signed permutation matrix, which is exact."""
+        if not self.cells.size:
+            return self
+        source_axes = np.abs(matrix).argmax(axis=1)
+        signs = matrix.sum(axis=1).astype(int)
+        permuted = self.cells.transpose(source_axes)
+        cells = permuted[tuple(slice(None, None, sign) for sign in signs)]
+        # A reversed axis begins at minus its largest offset.
+        low = np.take(self.lower, source_axes)
+        high = np.take(self.upper, source_axes)
+        lower = np.where(signs > 0, low, -high)
+        return Raster(np.ascontiguousarray(cells), tuple(lower.tolist()))
+
+    def translate(self, offset: Sequence[int]) -> Raster:
+        """Add an offset to every offset of the set."""
+        steps = zip(self.lower, offset, strict=True)
+        return Raster(self.cells, tuple(low + int(step) for low, step in steps))
+
+    @property
+    def upper(self) -> tuple[int, ...]:
+        """Largest offset along each axis, inclusive."""
+        return tuple(low + n - 1 for low, n in zip(self.lower, self.cells.shape, strict=True))
+
+    @property
+    def count(self) -> int:
+        """Number of offsets in the set."""
+        return int(np.count_nonzero(self.cells))
+
+
+def extract_runs(rasters: Sequence[Raster]) -> tuple[Ints, Ints]:
+    """List the offsets of rasters as runs along the last axis.
+
+    Returns
+    -------
+    runs : ndarray of int64, shape (n, 4)
+        First offset of each run, with a leading 0 in the plane, and its length. Runs are in the
+        order of the rasters.
+    owner : ndarray of int64, shape (n,)
+        Index of the raster that each run belongs to.
+    """
+    borders_of_rasters = []
+    for raster in rasters:
+        # With gaps at both ends of each line, each run begins and ends where cells differ.
+        borders = np.argwhere(np.diff(raster.cells, prepend=False, append=False))
+        borders_of_rasters.append(borders + raster.lower)
+    owner = np.repeat(np.arange(len(rasters)), [len(found) // 2 for found in borders_of_rasters])
+    borders = np.concatenate(borders_of_rasters)
+    first = borders[0::2]
+    stop = borders[1::2]
+    table = np.column_stack([first, stop[:, -1] - first[:, -1]])
+    is_plane = table.shape[1] == 3
+    if is_plane:
+        table = np.insert(table, 0, 0, axis=1)
+    return table, owner
+
+
+def index_boxes(lows: Floats, highs: Floats, shape: Sequence[int]) -> tuple[Ints, Ints]:
+    """Return the first and last indices of an array in boxes.
+
+    The boxes are given by their corners, shape (n, d), and so are the indices.
+    """
+    first = np.maximum(np.ceil(lows), 0.0).astype(np.int64)
+    last = np.minimum(np.floor(highs), np.array(shape) - 1.0).astype(np.int64)
+    return first, last
+
+
+def in_slabs(kernel: Callable[..., None], out: NDArray[Any], *inputs: Any) -> None:
+    """Call ``kernel(out, *inputs, start, stop)`` over slabs of an array, in threads.
+
+    A slab is a range of first indices.
+    """
+
+    def run_kernel(start: int, stop: int) -> int:
+        kernel(out, *inputs, start, stop)
+        return -1
+
+    in_chunks(run_kernel, len(out), MIN_SLABS_PER_THREAD)
+
+
+def allocate_bitmap(low: Floats, high: Floats) -> tuple[Bools, tuple[int, ...]]:
+    """Allocate an empty bitmap around a box of lattice points.
+
+    It is padded by two cells. Returns the bitmap and the offset of its first entry. Raises
+    InputError if the box has more cells than a raster may.
+    """
+    lower = np.floor(low) - 2
+    shape = np.ceil(high) + 3 - lower  # up to two cells beyond the last one
+    if np.prod(shape) > MAX_RASTER_CELLS:
+        size = " x ".join(f"{n:.0f}" for n in shape)
+        raise InputError(
+            "robot",
+            f"is {size} cells large at this spacing",
+            f"it may have at most {MAX_RASTER_CELLS}",
+            "use a larger spacing, or check the robot's units (metres)",
+        )
+    return np.zeros(tuple(shape.astype(int)), dtype=np.bool_), tuple(int(n) for n in lower)

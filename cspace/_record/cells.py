@@ -1,0 +1,62 @@
+"""The record of a map that kernels take."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, cast
+
+from cspace._grid import Grid
+from cspace._record.states import read_only
+from cspace._rotations.base import RotationTable
+from cspace._support.arrays import Ints, Row, States
+
+
+class Map(NamedTuple):
+    """Cells of a map, of one type for all kinds of maps.
+
+    The plane is space with one layer of cells along the first axis; a position in it is in the
+    middle of that layer. The arrays are views of the map's own arrays, so updates are visible here.
+
+    Attributes
+    ----------
+    states : ndarray of uint8, shape (slices, nx, ny, nz)
+        FREE, MIXED or BLOCKED; read-only. In the plane nx is 1, and ny and nz count the cells along
+        x and y.
+    dim : int
+        2 in the plane, 3 in space.
+    lower, upper : tuple of float, length 3
+        Corners of the grid, metres.
+    spacing : float
+        Side of a cell, metres.
+    exterior : ndarray of int64, shape (slices, 2 dim + 1)
+        States outside the grid: :attr:`cspace._record.exterior.Exterior.table`.
+    rotations : RotationTable
+        Rotation cells and their slices.
+    """
+
+    states: States
+    dim: int
+    lower: Row
+    upper: Row
+    spacing: float
+    exterior: Ints
+    rotations: RotationTable
+
+
+def make_map_record(states: States, grid: Grid, exterior: Ints, rotations: RotationTable) -> Map:
+    """Make the record of a map from states, shape (slices, x, y) or (slices, x, y, z)."""
+    lower = tuple(grid.lower)
+    upper = tuple(grid.upper)
+    if grid.dim == 2:
+        # The plane is one layer of cells, from 0 to the spacing along the first axis.
+        states = states[:, None]
+        lower = (0.0, *lower)
+        upper = (grid.spacing, *upper)
+    return Map(
+        states=read_only(states),
+        dim=grid.dim,
+        lower=cast("Row", lower),
+        upper=cast("Row", upper),
+        spacing=grid.spacing,
+        exterior=exterior,
+        rotations=rotations,
+    )

@@ -1,0 +1,113 @@
+"""Contents of a map, for builds, files and pickles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace._grid import Grid
+from cspace._record.exterior import OUTSIDES, UNKNOWN, Exterior
+from cspace._rotations import Rotations
+from cspace._support.arrays import Ints, States
+from cspace._support.check import check_word
+from cspace.errors import InputError
+
+if TYPE_CHECKING:
+    from cspace._robot import Robot
+    from cspace._workspace import Workspace
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Contents:
+    """All data of a map that queries derive from.
+
+    Attributes
+    ----------
+    workspace : Workspace
+    robot : Robot
+    rotations : Rotations
+    slice_of : ndarray of int64, shape (rotations,)
+        The slice of each rotation cell.
+    states : ndarray of uint8, shape (slices, nx, ny) or (slices, nx, ny, nz)
+        FREE, MIXED or BLOCKED for each cell of positions of the reference point. Taken over, not
+        copied, unless it is read-only: updates write into it.
+    outside : {"blocked", "free", "unknown"}
+        State of the world outside the grid; "unknown" for a part of a larger map.
+    margin : float
+        Metres by which the robot was grown to prove FREE.
+    overlap_counts : ndarray of int32, the shape of states, or None
+        Overlap of each cell; taken over like ``states``.
+    exterior : Exterior or None
+        States outside the grid; if None, computed from the robot's rasters when needed.
+    proves_blocked : bool
+        True if updates prove BLOCKED, as the build did.
+
+    Raises InputError if an array has another shape or type than stated, or ``outside`` is another
+    word.
+    """
+
+    workspace: Workspace
+    robot: Robot
+    rotations: Rotations
+    slice_of: Ints
+    states: States
+    outside: str = "blocked"
+    margin: float = 0.0
+    overlap_counts: NDArray[np.int32] | None = None
+    exterior: Exterior | None = None
+    proves_blocked: bool = True
+
+    def __post_init__(self) -> None:
+        """Check the arrays."""
+        n_slices = int(self.slice_of.max()) + 1
+        shape = (n_slices, *self.grid.shape)
+        states = _check_array("states", self.states, shape, np.uint8)
+        object.__setattr__(self, "states", states)
+        if self.overlap_counts is not None:
+            counts = _check_array("overlap_counts", self.overlap_counts, shape, np.int32)
+            object.__setattr__(self, "overlap_counts", counts)
+        if self.outside != UNKNOWN:
+            check_word(self.outside, "outside", OUTSIDES)
+
+    @property
+    def grid(self) -> Grid:
+        """Grid of positions, which is the workspace's grid."""
+        return self.workspace.grid
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Names of the coordinates of a configuration."""
+        return (*self.grid.axes, *self.rotations.names)
+
+    def leading(self, n: int) -> tuple[int, ...]:
+        """Return the shape of n slices of cells; without rotations, that of the cells alone."""
+        return (*self.rotations.leading_axes(n), *self.grid.shape)
+
+    def copy(self) -> Contents:
+        """Return a copy that shares only constant arrays."""
+        from cspace._workspace import copy_workspace
+
+        counts = None if self.overlap_counts is None else self.overlap_counts.copy()
+        exterior = None if self.exterior is None else Exterior(self.exterior.table.copy())
+        return replace(
+            self,
+            workspace=copy_workspace(self.workspace),
+            states=self.states.copy(),
+            overlap_counts=counts,
+            exterior=exterior,
+        )
+
+
+def _check_array(
+    name: str, array: NDArray[Any], shape: tuple[int, ...], dtype: type[np.generic]
+) -> NDArray[Any]:
+    """Return an array contiguous and writeable; raise InputError for another shape or type."""
+    if array.shape != shape or array.dtype != dtype:
+        problem = f"has shape {array.shape} and type {array.dtype}"
+        rule = f"it must have the map's shape {shape} and type {np.dtype(dtype)}"
+        raise InputError(name, problem, rule, "use cspace.build")
+    contiguous = np.ascontiguousarray(array)
+    return contiguous if contiguous.flags.writeable else contiguous.copy()

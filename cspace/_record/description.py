@@ -1,0 +1,248 @@
+"""Names, types, axes and units of a map's arrays."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace import __version__
+from cspace._grid import Grid
+from cspace._record.contents import Contents
+from cspace._record.states import read_only
+from cspace._rotations import Rotations
+from cspace._shapes import Shape, shape_from_spec
+from cspace._support.arrays import STATE_NAMES
+
+FORMAT: Final = "cspace-map"
+VERSION: Final = 6
+"""Version of the format, frozen by docs/reference/format.md; a reader refuses all others."""
+
+AXES: Final = ("x", "y", "z")
+
+STACKED: Final = ("cell_states", "overlap_counts")
+"""Arrays with one entry for each slice."""
+
+
+class StoredArray(NamedTuple):
+    """Type, axes and attributes of a stored array.
+
+    Attributes
+    ----------
+    axes : tuple of str
+        Names of the axes; "cells" stands for the axes of the grid.
+    dtype : str
+    lost : number
+        Value of lost entries, which never makes a cell FREE.
+    attributes : mapping
+        Attributes, after the CF conventions.
+    sizes : mapping of str to int
+        Lengths of axes that all maps share.
+    """
+
+    axes: tuple[str, ...]
+    dtype: str
+    lost: Any
+    attributes: Mapping[str, Any]
+    sizes: Mapping[str, int] = {}
+
+
+def _describe(axes: str, dtype: str, lost: Any, long_name: str, **attributes: Any) -> StoredArray:
+    """Describe an array by the names of its axes, separated by spaces."""
+    return StoredArray(tuple(axes.split()), dtype, lost, {"long_name": long_name, **attributes})
+
+
+def _describe_floats(axes: str, long_name: str, units: str, **attributes: str) -> StoredArray:
+    """Describe an array of float64."""
+    return _describe(axes, "float64", math.nan, long_name, units=units, **attributes)
+
+
+ARRAYS: Final[dict[str, StoredArray]] = {
+    "cell_states": _describe(
+        "slice cells",
+        "uint8",
+        255,
+        "state of the configurations in a cell",
+        flag_values=list(range(len(STATE_NAMES))),
+        flag_meanings=" ".join(STATE_NAMES),
+    ),
+    "outer": _describe("cells", "bool", True, "workspace cells that meet an obstacle"),
+    "inner": _describe("cells", "bool", True, "workspace cells that lie in obstacles"),
+    "unknown": _describe("cells", "bool", True, "workspace cells that nothing is known of"),
+    "overlap_counts": _describe(
+        "slice cells",
+        "int32",
+        -1,
+        "number of coinciding pairs of obstacle cell and robot offset",
+        units="1",
+    ),
+    "slice_of": _describe(
+        "rotation",
+        "int64",
+        np.iinfo(np.int64).max,
+        "slice that serves a rotation cell",
+        comment="where cell_states has the axis slice, cell_states.isel(slice=slice_of) has the "
+        "axis rotation",
+    ),
+    "exterior": _describe(
+        "slice corner",
+        "int64",
+        np.iinfo(np.int64).max,
+        "first and last cell of the box of cells that are MIXED outside the grid, and the state "
+        "of those beyond it",
+    ),
+    "distances": _describe(
+        "slice cells",
+        "float32",
+        0.0,
+        "distance from the center of a cell to the nearest cell that is not FREE, in cells",
+        units="1",
+    ),
+    "distance_boxes": _describe_floats(
+        "slice bound axis",
+        "corners of the box of all cells that are not FREE, in cells",
+        "1",
+    ),
+    "shapes": _describe(
+        "byte", "int8", -1, "obstacles as a JSON list of what makes each shape again"
+    ),
+    **{
+        axis: _describe_floats(axis, f"{axis} of the middle of a cell", "m", axis=axis.upper())
+        for axis in AXES
+    },
+}
+"""Every array that a map may hold, except those that describe its rotation cells."""
+
+DERIVED: Final = ("distances", "distance_boxes")
+"""Arrays for readers without this package, which computes them again."""
+
+
+def describe_arrays() -> dict[str, StoredArray]:
+    """Return the descriptions of all arrays that a map may hold, by name.
+
+    They are :data:`ARRAYS` and the arrays of every kind of rotation cells.
+    """
+    descriptions = dict(ARRAYS)
+    for kind in Rotations.KINDS.values():
+        for name, coordinate in kind.COORDINATES.items():
+            # The first axis counts the rotation cells; the coordinate names and sizes the others.
+            axes = " ".join(["rotation", *coordinate.axes])
+            # The CF attribute ``bounds`` names the array with the boundaries of the cells.
+            bounds = {"bounds": coordinate.bounds} if coordinate.bounds else {}
+            description = _describe_floats(axes, coordinate.about, coordinate.units, **bounds)
+            descriptions[name] = description._replace(sizes=coordinate.axes)
+    return descriptions
+
+
+def axes_of(name: str, dim: int) -> tuple[str, ...]:
+    """Return the axes of an array on a grid."""
+    # "cells" stands for the axes of the grid.
+    axes: list[str] = []
+    for axis in describe_arrays()[name].axes:
+        axes += AXES[:dim] if axis == "cells" else [axis]
+    return tuple(axes)
+
+
+def grid_of(metadata: Mapping[str, Any]) -> Grid:
+    """Return the grid of a map, from its metadata."""
+    shape = tuple(metadata["shape"])
+    axes = metadata["axes"].split()[: len(shape)]
+    return Grid(metadata["lower"], metadata["spacing"], shape, axes, metadata["units"].split())
+
+
+def attributes_of(name: str, grid: Grid) -> dict[str, Any]:
+    """Return the attributes of an array on a grid, with the name and unit of an axis."""
+    attributes = dict(describe_arrays()[name].attributes)
+    if name in AXES:
+        number = AXES.index(name)
+        attributes["long_name"] = f"{grid.axes[number]} of the middle of a cell"
+        attributes["units"] = grid.units[number]
+    return attributes
+
+
+def metadata_of(contents: Contents) -> dict[str, Any]:
+    """Return the metadata of a map in memory.
+
+    ``lower`` and ``spacing`` are in the ``units`` of the cells; ``axes`` names the numbers of a
+    configuration; ``rotations`` is the number of rotation cells; ``robot`` is JSON text for
+    ``Robot.from_spec``. ``inner`` is 1 if BLOCKED is proven, else 0.
+    """
+    grid = contents.grid
+    return {
+        "format": FORMAT,
+        "format_version": VERSION,
+        "library_version": __version__,
+        "lower": list(grid.lower),
+        "spacing": grid.spacing,
+        "shape": list(grid.shape),
+        "axes": " ".join(contents.axes),
+        "units": " ".join(grid.units),
+        "outside": contents.outside,
+        "margin_m": float(contents.margin),
+        "rotations": len(contents.rotations),
+        "slices": len(contents.states),
+        "robot": contents.robot.definition,
+        "workspace_source": contents.workspace.source,
+        "inner": int(contents.proves_blocked),
+    }
+
+
+def arrays_of(contents: Contents) -> dict[str, Any]:
+    """Return the arrays of a map, by the names of :func:`describe_arrays`, without copies of cells.
+
+    Optional arrays are ``inner`` if it differs from ``outer``, ``unknown`` if there are such cells,
+    ``overlap_counts`` if the map has them, the arrays of rotation cells if the robot rotates, and
+    ``shapes`` if the obstacles have shapes.
+    """
+    # What every map has, then what it may have.
+    workspace = contents.workspace
+    grid = contents.grid
+    arrays: dict[str, Any] = {
+        "cell_states": read_only(contents.states),
+        "outer": workspace.outer,
+        "slice_of": contents.slice_of,
+    }
+    if workspace.inner is not workspace.outer:
+        arrays["inner"] = workspace.inner
+    if workspace.unknown is not None:
+        arrays["unknown"] = workspace.unknown
+    if contents.exterior is not None:
+        arrays["exterior"] = contents.exterior.table
+    if contents.overlap_counts is not None:
+        arrays["overlap_counts"] = read_only(contents.overlap_counts)
+    arrays |= {axis: grid.centers(i) for i, axis in enumerate(AXES[: grid.dim])}
+    return {**arrays, **contents.rotations.stored_arrays, **shapes_array(workspace.shapes)}
+
+
+def shapes_array(shapes: Sequence[Shape] | None) -> dict[str, NDArray[Any]]:
+    """Return the array ``shapes`` if the obstacles have shapes."""
+    if shapes is None:
+        return {}
+    specs = json.dumps([shape.spec for shape in shapes])
+    # netCDF 3 knows no unsigned bytes.
+    return {"shapes": np.frombuffer(specs.encode(), dtype=np.int8)}
+
+
+def shapes_from(array: NDArray[Any]) -> tuple[Shape, ...]:
+    """Return the obstacles that an array ``shapes`` describes; raise ValueError if invalid."""
+    try:
+        return tuple(shape_from_spec(spec) for spec in json.loads(array.tobytes()))
+    except Exception as error:  # shapely and the shapes raise any error for invalid data
+        raise ValueError(
+            f"'shapes' tells of no obstacles ({type(error).__name__}: {error})"
+        ) from error
+
+
+def turns_of(names: Iterable[str]) -> tuple[str, ...]:
+    """Return which names are of arrays of rotation cells; empty if the robot does not rotate."""
+    all_names = set(names)
+    for kind in Rotations.KINDS.values():
+        coordinates = tuple(kind.COORDINATES)
+        # The first name of a kind is in no other kind.
+        if coordinates and coordinates[0] in all_names:
+            return coordinates
+    return ()

@@ -1,0 +1,91 @@
+"""Proven states of configurations outside the grid."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, get_args
+
+import numpy as np
+
+from cspace._raster import Raster
+from cspace._support.arrays import BLOCKED, FREE, MIXED, Bools, Ints
+from cspace._support.words import Outside
+
+OUTSIDES: Final[tuple[Outside, ...]] = get_args(Outside)
+"""Assumptions about the workspace outside its grid."""
+
+UNKNOWN: Final = "unknown"
+"""Outside a part of a larger map nothing is known, so all cells there are MIXED."""
+
+
+@dataclass(frozen=True, slots=True)
+class Exterior:
+    """States of configuration cells outside the grid, for each slice.
+
+    All have one state, except that those in a box are MIXED: there the robot may reach an obstacle,
+    if the space outside the workspace is free, or may fit into the workspace, if that space is
+    blocked.
+
+    Attributes
+    ----------
+    table : ndarray of int64, shape (slices, 2 d + 1)
+        First cell of the box, its last cell, and the state of cells outside both grid and box. A
+        box is empty if first > last along an axis. Workspace updates change the table in place.
+    """
+
+    table: Ints
+
+    @classmethod
+    def of(cls, occupied: Bools, rasters: Sequence[tuple[Raster, Raster]], policy: str) -> Exterior:
+        """Compute the exterior from the outer cells of a workspace.
+
+        ``rasters`` are the outer and inner ones of each slice. ``policy`` is the space outside the
+        workspace: "blocked", "free" or "unknown".
+        """
+        box = np.zeros((2, occupied.ndim), dtype=np.int64)
+        if policy == "free":
+            cells = Raster.from_bitmap(occupied, (0,) * occupied.ndim)
+            box = np.array([cells.lower, cells.upper])
+        return cls.around(occupied.shape, box, rasters, policy)
+
+    @classmethod
+    def around(
+        cls, shape: Sequence[int], box: Ints, rasters: Sequence[tuple[Raster, Raster]], policy: str
+    ) -> Exterior:
+        """Compute the exterior from the shape of a grid and the box of its obstacles.
+
+        ``box`` has the first and last obstacle cell; only policy "free" reads it. The rest is as
+        for :meth:`of`.
+        """
+        nowhere = np.repeat([0, -1], len(shape))  # an empty box: its first cell is 0, its last -1
+        rows = list[list[int]]()
+        for outer, inner in rasters:
+            if policy == UNKNOWN:
+                row = [*nowhere, MIXED]
+            elif policy == "free":
+                # FREE is proven where no outer offset reaches an obstacle.
+                low, high = box
+                reached = [*(low - outer.upper), *(high - outer.lower)]
+                is_empty = (low > high).any()
+                row = [*(nowhere if is_empty else reached), FREE]
+            else:
+                # BLOCKED is proven if an inner offset falls outside the workspace.
+                last = np.asarray(shape) - 1
+                state = BLOCKED if inner.count else MIXED
+                row = [*np.negative(inner.lower), *(last - inner.upper), state]
+            rows.append(row)
+        return cls(np.array(rows, dtype=np.int64))
+
+    def is_all_blocked(self, shape: tuple[int, ...]) -> Bools:
+        """Return True for each slice whose cells outside the grid are all BLOCKED.
+
+        ``shape`` is that of the grid; the result has shape (slices,).
+        """
+        boxes = self.table[:, :-1]
+        beyond = self.table[:, -1]
+        first, last = np.split(boxes, 2, axis=1)
+        # A box that is empty or within the grid has no MIXED cell outside the grid.
+        is_empty = (first > last).any(axis=1)
+        is_in_grid = ((first >= 0) & (last < shape)).all(axis=1)
+        return np.asarray((beyond == BLOCKED) & (is_empty | is_in_grid))

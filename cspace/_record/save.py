@@ -1,0 +1,418 @@
+"""Saved maps: Zarr folders of version 3 that any reader of Zarr opens.
+
+The attributes of the folder describe the grid, the robot and the rest of the map; see
+:func:`cspace._record.description.metadata_of`. Four more serve the reader: ``arrays`` names the
+arrays, ``compressed`` is true if their chunks are compressed by zstd, ``shapes_bytes`` is the
+length of the array ``shapes``, and ``digest`` is a SHA-256 digest. It
+covers the attributes and every file of the arrays, in the order of ``arrays``.
+
+The attributes determine the shape, type and chunks of each array. So a reader knows every size
+before it unpacks anything, and refuses arrays that differ. Fill values are no state and no free
+cell, so that a chunk that is lost to other software never reads as free space.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import lru_cache
+from pathlib import Path, PurePath
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace import __version__
+from cspace._files.access import check_suffix, read_bytes, read_member, replacing
+from cspace._files.zarr_folders import ROOT_FILE, Layout
+from cspace._grid import Grid, check_reach
+from cspace._limits import check_bytes
+from cspace._record.contents import Contents
+from cspace._record.description import (
+    AXES,
+    DERIVED,
+    FORMAT,
+    VERSION,
+    arrays_of,
+    attributes_of,
+    axes_of,
+    describe_arrays,
+    grid_of,
+    metadata_of,
+    shapes_from,
+    turns_of,
+)
+from cspace._record.exterior import UNKNOWN, Exterior
+from cspace._robot import Robot
+from cspace._rotations import Rotations
+from cspace._support.arrays import BLOCKED, FREE, MIXED, Ints, StrPath
+from cspace._support.check import check_not_negative
+from cspace._workspace import Workspace
+from cspace.errors import FileError
+
+MAP_SUFFIXES: Final = (".zarr", "")
+"""Suffixes of saved maps."""
+
+TILES_FORMAT: Final = "cspace-tiles"
+"""Format of a map in tiles, a folder of saved maps."""
+
+NO_DIGEST: Final = "0" * 64
+"""Stands for the digest while the digest is computed."""
+
+_KIND: Final = "saved map"
+
+_DAMAGE_ADVICE: Final = (
+    "a saved map must be complete and unchanged",
+    "copy it again from an intact copy, or remove it and build again",
+)
+
+_FREE_ATTRIBUTES: Final = ("format", "library_version", "robot")
+"""Attributes that the rest of a map does not determine."""
+
+_UNITS: Final = {"m", "rad"}
+
+_EXTERIOR_STATES: Final = {"free": (FREE,), "blocked": (MIXED, BLOCKED), UNKNOWN: (MIXED,)}
+"""States that cells outside the grid may have, for each state of the space outside."""
+
+_MAX_EXTERIOR_CELL: Final = 2**40
+"""Largest coordinate of a cell of the exterior's box; real ones stay below twice 2^22."""
+
+_ROTATION_ROUNDING: Final = 1e-12
+"""Maximum difference of coordinates between machines; proofs have far more slack."""
+
+_LATER_ARRAY: Final = re.compile(r"[a-z][a-z0-9_]*")
+"""Names that later releases may give to arrays."""
+
+_OTHER_ENTRIES: Final = re.compile(
+    r"zarr\.json|\.cspace-.*|frame.*|\d+(\.\d+)+(-\w+)?|components\.npz|"
+    r"record|labels_[01]|geometry|vertices|faces|centers|radii"
+)
+"""Files and folders of maps besides arrays: of tiled maps, and of earlier versions."""
+
+
+# ---- errors --------------------------------------------------------------------------------------
+
+
+def map_error(path: StrPath, what: str) -> FileError:
+    """Return the error for a saved map that cannot be trusted."""
+    return FileError(str(Path(path)), f"is not a usable map: {what}", *_DAMAGE_ADVICE)
+
+
+@contextmanager
+def making_map(path: StrPath) -> Iterator[None]:
+    """Turn any exception in the block into one error for the map.
+
+    Files with a valid digest can still hold anything, and reach several libraries.
+    """
+    try:
+        yield
+    except (FileError, MemoryError, UserWarning):  # callers may turn our warnings into errors
+        raise
+    except Exception as error:
+        reason = f"{type(error).__name__}: {' '.join(str(error).split()):.200}"
+        raise map_error(path, f"its parts make no map ({reason})") from error
+
+
+# ---- folders and their digest --------------------------------------------------------------------
+
+
+def write_folder(
+    folder: Path, attributes: Mapping[str, Any], files: Iterable[tuple[str, bytes]] = ()
+) -> None:
+    """Write a Zarr group with a digest of its attributes and of named files, attributes last.
+
+    ``files`` are names, relative to the folder, and contents.
+    """
+    # The digest is part of the attributes, so it is computed with zeros in its own place.
+    document = {
+        "zarr_format": 3,
+        "node_type": "group",
+        "attributes": {"digest": NO_DIGEST, **attributes},
+    }
+    root = json.dumps(document, indent=2).encode()
+    digest = hashlib.sha256(root)
+    folder.mkdir(exist_ok=True)
+    for name, content in files:
+        _add_file(digest, name, content)
+        # The folder itself is not made again if another process has removed it.
+        for parent in list(PurePath(name).parents)[-2::-1]:
+            (folder / parent).mkdir(exist_ok=True)
+        (folder / name).write_bytes(content)
+    (folder / ROOT_FILE).write_bytes(_replace_digest(root, NO_DIGEST, digest.hexdigest()))
+
+
+def read_root(path: StrPath, form: str) -> tuple[dict[str, Any], Any]:
+    """Read the attributes of a map of a format, and begin its digest.
+
+    Returns the attributes, unchecked, and the digest so far, a ``hashlib`` object.
+
+    Raises FileError if the file is missing or malformed, or of another format or version.
+    """
+    content = read_bytes(Path(path, ROOT_FILE), _KIND, memory=8.0)
+    with making_map(path):
+        attributes = json.loads(content)["attributes"]
+        if attributes["format"] != form:
+            raise map_error(path, f"its attributes do not say format {form!r}")
+        version = attributes["format_version"]
+        if type(version) is not int or version != VERSION:
+            rule = f"cspace {__version__} reads only version {VERSION}"
+            hint = "build it again, or open it with the version of cspace that wrote it"
+            raise FileError(os.fspath(path), f"has format version {version!r:.40}", rule, hint)
+        digest = attributes["digest"]
+        if not re.fullmatch("[0-9a-f]{64}", digest):
+            raise map_error(path, "its digest is none")
+        return attributes, hashlib.sha256(_replace_digest(content, digest, NO_DIGEST))
+
+
+def _replace_digest(root: bytes, old: str, new: str) -> bytes:
+    """Replace the digest in the text of the attributes, where it comes first."""
+    return root.replace(old.encode(), new.encode(), 1)
+
+
+def _add_file(digest: Any, name: str, content: bytes) -> None:
+    """Add a file to a digest."""
+    digest.update(f"\n{name} {len(content)}\n".encode())
+    digest.update(content)
+
+
+def read_format(path: StrPath) -> str:
+    """Return the format that a folder says it has, or "" if it is no map of ours."""
+    try:
+        root = json.loads(read_bytes(Path(path, ROOT_FILE), _KIND, memory=8.0))
+        form = root["attributes"]["format"]
+    except (FileError, KeyError, TypeError, ValueError, RecursionError):
+        return ""
+    return form if form in (FORMAT, TILES_FORMAT) else ""
+
+
+def is_map_folder(folder: Path) -> bool:
+    """Return True if a folder holds nothing but a map, maybe damaged or of an earlier version."""
+    array_names = describe_arrays()
+    names = [entry.name for entry in folder.iterdir()]
+    return all(name in array_names or _OTHER_ENTRIES.fullmatch(name) for name in names)
+
+
+# ---- writing -------------------------------------------------------------------------------------
+
+
+def save(
+    contents: Contents,
+    path: StrPath,
+    overwrite: bool = False,
+    compress: bool = True,
+    derived: Mapping[str, NDArray[Any]] | None = None,
+) -> None:
+    """Save a map as a Zarr folder, complete or not at all; see :meth:`cspace.CSpace.save`.
+
+    ``derived`` are arrays in addition, of the names in ``DERIVED``.
+    """
+    rule = "a map is saved as a Zarr folder; space.export writes other formats"
+    check_suffix(path, MAP_SUFFIXES, rule, is_output=True)
+    with replacing(path, overwrite, folder=is_map_folder) as temporary:
+        write_map(contents, temporary, compress, derived)
+
+
+def write_map(
+    contents: Contents,
+    folder: Path,
+    compress: bool = True,
+    derived: Mapping[str, NDArray[Any]] | None = None,
+    **extra: Any,
+) -> None:
+    """Write a map into a new folder; ``extra`` are attributes in addition."""
+    arrays = {**arrays_of(contents), **(derived or {})}
+    # What describes the map, then what a reader needs to unpack its arrays.
+    attributes = {
+        **metadata_of(contents),
+        "arrays": " ".join(arrays),
+        "compressed": compress,
+        "shapes_bytes": len(arrays.get("shapes", ())),
+        # The CF conventions' name of the arrays that label others.
+        "coordinates": " ".join((*turns_of(arrays), "slice_of")),
+        **extra,
+    }
+    write_folder(folder, attributes, _iterate_files(arrays, contents.grid, compress))
+
+
+def _iterate_files(
+    arrays: Mapping[str, Any], grid: Grid, compress: bool
+) -> Iterator[tuple[str, bytes]]:
+    """Yield the name and content of each file of the arrays."""
+    for name, values in arrays.items():
+        _, dtype, lost, *_ = describe_arrays()[name]
+        layout = Layout.of(values.shape, dtype, compress)
+        axes = axes_of(name, grid.dim)
+        yield f"{name}/{ROOT_FILE}", layout.describe(lost, attributes_of(name, grid), axes)
+        for file, cells in layout.iterate_chunks():
+            yield f"{name}/{file}", layout.encode(values[cells], lost)
+
+
+# ---- reading -------------------------------------------------------------------------------------
+
+
+def read_map_and_attributes(path: StrPath, form: str = FORMAT) -> tuple[Contents, dict[str, Any]]:
+    """Read a map of a format and all its attributes.
+
+    Raises FileError if it is missing, truncated, changed, too large for memory, of another version,
+    or describes no map.
+    """
+    attributes, digest = read_root(path, form)
+    with making_map(path):
+        grid = grid_of(attributes)
+        layouts = _expect_layouts(attributes, grid)
+        check_bytes(path, sum(layout.nbytes for layout in layouts.values()), "unpacks to")
+        arrays = _read_arrays(path, attributes["arrays"].split(), layouts, digest)
+        if digest.hexdigest() != attributes["digest"]:
+            raise map_error(path, "its files differ from their digest")
+        contents = _make_contents(attributes, grid, arrays)
+        # The map that was made must describe itself by the same attributes.
+        for name, expected in metadata_of(contents).items():
+            value = attributes[name]
+            if name not in _FREE_ATTRIBUTES and value != expected:
+                raise ValueError(f"its attribute {name!r} is {value!r:.40}, not {expected!r:.40}")
+        return contents, attributes
+
+
+def _expect_layouts(attributes: Mapping[str, Any], grid: Grid) -> dict[str, Layout]:
+    """Return the layout that each array of a map must have, except arrays that are skipped.
+
+    Raises ValueError if an array is missing or has no valid name, or a size is not positive.
+    """
+    names = attributes["arrays"].split()
+    known = describe_arrays()
+    arrays = {name: known[name] for name in names if name in known and name not in DERIVED}
+    required = ("cell_states", "outer", "slice_of", *AXES[: grid.dim], *turns_of(names))
+    missing = [name for name in required if name not in names]
+    unknown = sorted(name for name in names if not _LATER_ARRAY.fullmatch(name))
+    if missing or unknown or len(set(names)) < len(names):
+        raise ValueError(f"it lacks {missing} and has {unknown or names}")
+    # Lengths of all axes by name; some arrays bring axes of their own.
+    sizes = {
+        "slice": attributes["slices"],
+        "rotation": attributes["rotations"],
+        "corner": 2 * grid.dim + 1,
+        "byte": attributes["shapes_bytes"],
+        **dict(zip(AXES, grid.shape, strict=False)),
+    }
+    layouts = {}
+    for name, expected in arrays.items():
+        all_sizes = {**sizes, **expected.sizes}
+        shape = [all_sizes[axis] for axis in axes_of(name, grid.dim)]
+        if min(shape) < 1:
+            raise ValueError(f"its array {name!r} would have the shape {shape}")
+        layouts[name] = Layout.of(shape, expected.dtype, attributes["compressed"])
+    return layouts
+
+
+def _read_arrays(
+    path: StrPath, names: Sequence[str], layouts: Mapping[str, Layout], digest: Any
+) -> dict[str, NDArray[Any]]:
+    """Read the arrays that have a layout, and add the files of all arrays to the digest."""
+
+    def read(name: str) -> bytes:
+        content = read_member(path, name, "part of a saved map")
+        if content is None:
+            raise map_error(path, f"its file {name!r} is missing")
+        _add_file(digest, name, content)
+        return content
+
+    arrays = {}
+    for name in names:
+        given = Layout.parse(json.loads(read(f"{name}/{ROOT_FILE}")))
+        layout = layouts.get(name)
+        if layout is None:
+            for file, _ in given.iterate_chunks():
+                read(f"{name}/{file}")
+            continue
+        if given != layout:
+            problem = f"is {given.dtype} {given.shape}, not {layout.dtype} {layout.shape}"
+            raise ValueError(f"its array {name!r} {problem}, or has other chunks")
+        values = np.empty(layout.shape, dtype=layout.dtype)
+        for file, cells in layout.iterate_chunks():
+            chunk = layout.decode(read(f"{name}/{file}"))
+            # Chunks at the border reach beyond the array.
+            inside = tuple(slice(0, side.stop - side.start) for side in cells)
+            values[cells] = chunk[inside]
+        arrays[name] = values
+    return arrays
+
+
+def _make_contents(
+    attributes: Mapping[str, Any], grid: Grid, arrays: Mapping[str, NDArray[Any]]
+) -> Contents:
+    """Make a map of its attributes and arrays; raise any error if they describe no map."""
+    # The digest is right, but the files may be forged, so each part is checked before its use.
+    if not _UNITS.issuperset(grid.units):
+        raise ValueError(f"its units are {grid.units}")
+    states = arrays["cell_states"]
+    if states.max() > BLOCKED:
+        raise ValueError(f"it holds the state {states.max()}, but states are 0 to 2")
+    robot = _read_robot(attributes["robot"])
+    rotations, slice_of = _check_rotations(attributes, grid, robot, arrays)
+    shapes = shapes_from(arrays["shapes"]) if "shapes" in arrays else None
+    if robot.dim != grid.dim or any(shape.dim != grid.dim for shape in shapes or ()):
+        raise ValueError("its robot, obstacles and grid differ in dimension")
+    outside = attributes["outside"]
+    outer = arrays["outer"]
+    inner = arrays.get("inner", outer)
+    source = str(attributes["workspace_source"])
+    margin = check_not_negative(attributes["margin_m"], "margin_m")
+    check_reach(margin / grid.spacing, "margin_m", "the robot", "build the map again")
+    exterior = None
+    if "exterior" in arrays:
+        exterior = check_exterior(arrays["exterior"], outside)
+    return Contents(
+        Workspace(grid, outer, inner, source, arrays.get("unknown"), shapes),
+        robot,
+        rotations,
+        slice_of,
+        states,
+        outside,
+        margin=margin,
+        overlap_counts=arrays.get("overlap_counts"),
+        exterior=exterior,
+        proves_blocked=attributes["inner"] == 1,
+    )
+
+
+@lru_cache(maxsize=4)
+def _read_robot(text: str) -> Robot:
+    """Make a robot of its JSON text, once for all tiles of a map."""
+    return Robot.from_spec(json.loads(text))
+
+
+def _check_rotations(
+    attributes: Mapping[str, Any], grid: Grid, robot: Robot, arrays: Mapping[str, NDArray[Any]]
+) -> tuple[Rotations, Ints]:
+    """Return the rotation cells of a map, and their slices for its robot.
+
+    Raises ValueError if a stored array differs from the one that they determine.
+    """
+    rotations = Rotations.from_stored_arrays({name: arrays[name] for name in turns_of(arrays)})
+    rotations.check_dimension(robot.dim)
+    slice_of = rotations.assign_slices(robot.shape)
+    if slice_of.max() + 1 != attributes["slices"]:
+        raise ValueError("its number of slices differs from that of its robot")
+    expected = {"slice_of": slice_of, **rotations.stored_arrays}
+    expected |= {axis: grid.centers(k) for k, axis in enumerate(AXES[: grid.dim])}
+    for name, values in expected.items():
+        rounding = _ROTATION_ROUNDING * max(1.0, float(np.abs(values).max()))
+        if not np.allclose(arrays[name], values, rtol=0.0, atol=rounding):
+            raise ValueError(f"its array {name!r} does not match its grid, rotations and robot")
+    return rotations, slice_of
+
+
+def check_exterior(table: Ints, outside: str) -> Exterior:
+    """Return the exterior of a table; raise ValueError if it contradicts the space outside."""
+    # A row is the first cell of a box, its last cell, and the state beyond.
+    boxes = table[:, :-1]
+    states = table[:, -1]
+    if not np.isin(states, _EXTERIOR_STATES[outside]).all():
+        raise ValueError(f"its exterior has other states than space that is {outside} outside")
+    if boxes.min() < -_MAX_EXTERIOR_CELL or boxes.max() > _MAX_EXTERIOR_CELL:
+        raise ValueError("its exterior reaches beyond all grids")
+    return Exterior(table)

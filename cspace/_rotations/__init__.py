@@ -1,0 +1,14 @@
+"""Rotation cells: the sets of rotations that a map distinguishes.
+
+Each kind of rotation cells has a file here and a line below. :mod:`cspace._rotations.lookup` is what
+kernels call.
+"""
+
+from cspace._rotations.base import NO_ROTATION as NO_ROTATION
+from cspace._rotations.base import OneRotation as OneRotation
+from cspace._rotations.base import RotationCell as RotationCell
+from cspace._rotations.base import Rotations as Rotations
+from cspace._rotations.quaternion import QuaternionRotations
+from cspace._rotations.yaw import YawRotations
+
+Rotations.KINDS.update(fixed=OneRotation, yaw=YawRotations, quaternions=QuaternionRotations)

@@ -1,0 +1,662 @@
+"""Interface of all kinds of rotation cells, and the cells of robots that only translate."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Final, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cspace._support.arrays import Floats, Ints
+from cspace._support.check import check_finite
+from cspace._support.reporting import warn_user
+from cspace.errors import AngleWarning, InputError
+
+METRES_PER_RADIAN: Final = 0.5
+"""Length that a rotation by one radian adds to a path, as in OMPL's SE(2) and SE(3)."""
+
+TWO_PI: Final = 2.0 * math.pi
+"""A whole turn, in radians."""
+
+MAX_ANGLE: Final = 2.0**20
+"""Largest angle of a configuration, in radians, that is wrapped."""
+
+MAX_JOINT_ANGLE: Final = 256.0
+"""Largest angle of a continuous joint, in radians, that is wrapped.
+
+The rounding of larger angles could exceed a cell's slack.
+"""
+
+ANGLE_SLACK: Final = 1e-9
+"""Rounding allowance in radians, by which rotation cells are widened on both sides."""
+
+
+MAX_EXPECTED_ANGLE: Final = TWO_PI * (1.0 + 1e-9)
+"""Largest angle, in radians, that is not suspected to be in degrees."""
+
+
+def angle_axes(axes: Sequence[str], periodic_axes: Sequence[bool] = ()) -> dict[int, str]:
+    """Return index and name of the wrapped coordinates.
+
+    These are yaws and continuous joints.
+    """
+    wrapped_axes = {k for k, is_periodic in enumerate(periodic_axes) if is_periodic}
+    return {k: name for k, name in enumerate(axes) if name == "yaw" or k in wrapped_axes}
+
+
+def warn_of_degrees(q: Sequence[float] | Floats, angles: Mapping[int, str], name: str) -> None:
+    """Warn if an angle of one configuration is beyond a whole turn.
+
+    ``angles`` comes from :func:`angle_axes`. The text leaves out the value, so that Python prints
+    it once for each line of the user's program.
+    """
+    for k, axis in angles.items():
+        if abs(q[k]) > MAX_EXPECTED_ANGLE:
+            problem = f"{axis} is beyond a whole turn"
+            rule = "angles are in radians, and whole turns are ignored"
+            hint = "use numpy.radians for degrees"
+            warn_user(f"{name}: {problem}; {rule}; {hint}", AngleWarning)
+
+
+def shorter(steps: Floats, periodic_axes: ArrayLike = True) -> Floats:
+    """Reduce angles of steps, shape (..., size), to [-pi, pi].
+
+    It equals :func:`math.remainder` to the last bit, so that half turns have the same sign
+    everywhere.
+    """
+    # Both the remainder and the difference are exact.
+    remainder = np.fmod(steps, 2.0 * TWO_PI)
+    shortest = remainder - TWO_PI * np.rint(remainder / TWO_PI)
+    return np.where(periodic_axes, shortest, steps)
+
+
+def wrapped(angles: Floats, periodic_axes: ArrayLike = True) -> Floats:
+    """Wrap angles to [-pi, pi); angles in that range are unchanged."""
+    shortest = shorter(angles, periodic_axes)
+    is_half_turn = np.logical_and(periodic_axes, shortest >= math.pi)
+    return np.where(is_half_turn, -math.pi, shortest)
+
+
+def beside(angle: Floats, other: Floats) -> Floats:
+    """Shift angles by whole turns to within pi of other angles."""
+    whole_turns = np.rint((other - angle) / TWO_PI)
+    return angle + TWO_PI * whole_turns
+
+
+MAX_PAIRS_PER_BATCH: Final = 2**20
+"""Maximum number of pairs of rotation and cell that are compared at a time."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RotationCell:
+    """A rotation cell as used by shapes.
+
+    Attributes
+    ----------
+    matrix : ndarray of float64, shape (d, d), or None
+        Representative rotation; None for the identity, which leaves coordinates unchanged to the
+        last bit.
+    covering_angle : float
+        Largest angle between a rotation of the cell and the representative, radians.
+    about_z : bool
+        True if all rotations of the cell are about the z axis, on which points then stay.
+    """
+
+    matrix: Floats | None = None
+    covering_angle: float = 0.0
+    about_z: bool = False
+
+    def apply(self, points: Floats) -> Floats:
+        """Rotate points, shape (..., d), by the representative rotation.
+
+        Equal points stay equal.
+        """
+        if self.matrix is None:
+            return points
+        # A matrix product may round equal points in different rows differently.
+        rotated = np.zeros(points.shape)
+        for k, column in enumerate(self.matrix.T):
+            rotated += points[..., k, None] * column
+        return rotated
+
+    def displacement(self, points: Floats) -> Floats:
+        """Return the maximum displacement of points, shape (..., d), within the cell."""
+        arms = points[..., :2] if self.about_z else points
+        levers = np.linalg.norm(arms, axis=-1)
+        # A point turns along a circle around its axis, by at most this chord of the unit circle.
+        chord = 2.0 * math.sin(min(self.covering_angle, math.pi) / 2.0)
+        return np.asarray(chord * levers)
+
+
+NO_ROTATION: Final[RotationCell] = RotationCell()
+"""The cell of a robot that only translates."""
+
+
+class Coordinate(NamedTuple):
+    """Description of an array by rotation cell.
+
+    Files have such arrays, with one entry for each rotation cell.
+
+    Attributes
+    ----------
+    about : str
+    units : str
+    axes : dict of str to int
+        Names and lengths of its axes after the first.
+    bounds : str
+        Name of the array with the boundaries of the cells, if any.
+    """
+
+    about: str
+    units: str
+    axes: Mapping[str, int] = {}
+    bounds: str = ""
+
+
+COVERING_ANGLE: Final[Coordinate] = Coordinate(
+    "largest angle between a rotation of a rotation cell and its representative", "rad"
+)
+
+
+class RotationTable(NamedTuple):
+    """Rotation cells for kernels; see :mod:`cspace._rotations.lookup`.
+
+    Attributes
+    ----------
+    borders : ndarray of float64
+        Boundaries of the yaw cells, shape (n + 1,), which is empty for a single cell; or boundaries
+        of the parts of an axis of quotients, shape (1, n + 1), for quaternions. Compiled code knows
+        the number of axes, so it has no quaternions unless the map has.
+    slice_of : ndarray of int64, shape (rotations,)
+        Slice of each rotation cell.
+    """
+
+    borders: Floats
+    slice_of: Ints
+
+
+class Symmetric(Protocol):
+    """Symmetries of a robot's shape, as rotation cells use them."""
+
+    @property
+    def symmetry(self) -> int:
+        """Order of the rotational symmetry about z; 0 if round."""
+
+    @property
+    def symmetries(self) -> list[Floats]:
+        """Signed permutation matrices that map the shape to itself, with the identity."""
+
+    @property
+    def is_round(self) -> bool:
+        """True if every rotation about the reference point maps the shape to itself."""
+
+
+class Rotations(ABC):
+    """Rotation cells of a map.
+
+    Each cell has a slice, and cells may share slices. There are three kinds: ``OneRotation`` of a
+    robot that only translates, ``YawRotations`` in SE(2) and R^3 x SO(2), and
+    ``QuaternionRotations`` in SE(3). :meth:`of` and :meth:`quaternions` make them. By default,
+    methods are for a robot that only translates.
+
+    A configuration consists of the d coordinates of a position, followed by the coordinates of a
+    rotation. A *step* between configurations consists of d metres and a rotation vector, in
+    radians, whose length is the angle. That vector has no entries, one in the plane and about z, or
+    three in space, about axes fixed to the robot.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Names of the coordinates of a rotation.
+    units : tuple of str
+        Their units: "rad", or "1" for quaternions.
+    """
+
+    KINDS: ClassVar[dict[str, type[Rotations]]] = {}
+    """Classes of rotation cells by name, see ``cspace._rotations``."""
+
+    COORDINATES: ClassVar[Mapping[str, Coordinate]] = {}
+    """Descriptions of ``stored_arrays`` by name; the first name is unique to the kind."""
+
+    names: ClassVar[tuple[str, ...]] = ()
+    units: ClassVar[tuple[str, ...]] = ()
+
+    limits: ClassVar[str] = ""
+    """Rule for the coordinates, for messages; empty if there is none."""
+
+    slack: ClassVar[float] = ANGLE_SLACK
+    """Maximum rotation error of a configuration due to rounding, in radians."""
+
+    about_z: ClassVar[bool] = False
+    """True if all rotations are about the z axis."""
+
+    @staticmethod
+    def of(value: int | Sequence[float] | Rotations | ArrayLike | None) -> Rotations:
+        """Make rotation cells from the argument of :func:`cspace.build`.
+
+        Parameters
+        ----------
+        value : int, sequence of float, Rotations or None
+            A number of equal cells of yaw, from 1 to 2^16, the first centered at 0; or the n + 1
+            boundaries of such cells in radians, ascending over a whole turn; or rotation cells,
+            which are returned. None for a robot that only translates.
+
+        Raises
+        ------
+        InputError
+            If the count is not a whole number from 1 to 2^16, or the boundaries do not ascend over
+            a whole turn.
+        """
+        if isinstance(value, Rotations):
+            return value
+        kind = "fixed" if value is None else "yaw"
+        return Rotations.KINDS[kind].of_value(value)
+
+    @staticmethod
+    def quaternions(n: int) -> Rotations:
+        """Make 4 n^3 cells of all rotations in space, for SE(3).
+
+        Their rotations are up to about 150 / n degrees from their centers. A unit quaternion (x, y,
+        z, w), or its negative, is divided by its component of the largest modulus (the first of
+        equals). The three quotients lie in [-1, 1], which is cut into n parts, at the tangents of
+        equal angles.
+
+        Parameters
+        ----------
+        n : int
+            From 1 to 64; e.g. 4, 8, 12 or 16 for 256, 2,048, 6,912 or 16,384 cells.
+
+        Raises
+        ------
+        InputError
+            If it is no such number.
+
+        Examples
+        --------
+        >>> import cspace
+        >>> len(cspace.Rotations.quaternions(8))
+        2048
+        """
+        return Rotations.KINDS["quaternions"].of_value(n)
+
+    @staticmethod
+    def from_stored_arrays(coordinates: Mapping[str, NDArray[Any]]) -> Rotations:
+        """Make rotation cells from their ``stored_arrays``, exactly.
+
+        Other arrays are ignored.
+        """
+        # The first kind, OneRotation, has no arrays, so that it matches if no other kind does.
+        matching = [
+            kind
+            for kind in Rotations.KINDS.values()
+            if coordinates.keys() >= kind.COORDINATES.keys()
+        ]
+        return matching[-1].of_stored_arrays(coordinates)
+
+    @staticmethod
+    def all_names() -> list[str]:
+        """Return the coordinate names of all kinds of rotations.
+
+        No other coordinate has such a name.
+        """
+        return list(Rotations.all_units())
+
+    @staticmethod
+    def all_units() -> dict[str, str]:
+        """Return the units of all coordinates of rotations, by name."""
+        units: dict[str, str] = {}
+        for kind in Rotations.KINDS.values():
+            units.update(zip(kind.names, kind.units, strict=True))
+        return units
+
+    @staticmethod
+    def all_limits() -> str:
+        """Return the rule for configurations of all kinds, for messages."""
+        limits = (kind.limits for kind in Rotations.KINDS.values() if kind.limits)
+        return f"numbers must be finite, {', '.join(limits)}"
+
+    @classmethod
+    @abstractmethod
+    def of_value(cls, value: ArrayLike | None) -> Rotations:
+        """Make cells of one kind from the user's value, after checking it."""
+
+    @classmethod
+    @abstractmethod
+    def of_stored_arrays(cls, coordinates: Mapping[str, NDArray[Any]]) -> Rotations:
+        """Make cells of one kind from their ``stored_arrays``."""
+
+    # ---- rotations as numbers
+
+    def make_canonical(self, q: Floats, name: str = "q") -> Floats:
+        """Wrap yaws of configurations to [-pi, pi), and normalise quaternions.
+
+        Configurations have the shape (..., d + size). Coordinates that are canonical stay unchanged
+        to the last bit.
+
+        Raises InputError if a yaw is too large to be wrapped exactly, or the norm of a quaternion
+        is not 1 within 1e-6.
+        """
+        position, rotation = self.split_configurations(q)
+        return np.concatenate([position, self.canonical_rotation(rotation, name)], axis=-1)
+
+    def steps_between(self, q0: Floats, q1: Floats) -> Floats:
+        """Return the steps between configurations, with the shorter rotation."""
+        position0, rotation0 = self.split_configurations(q0)
+        position1, rotation1 = self.split_configurations(q1)
+        translation = position1 - position0
+        rotation = self.rotation_between(rotation0, rotation1)
+        return np.concatenate([translation, rotation], axis=-1)
+
+    def add_steps(self, q: Floats, steps: Floats) -> Floats:
+        """Return configurations after steps or fractions of steps.
+
+        The rotation is even along a step.
+        """
+        position, rotation = self.split_configurations(q)
+        dim = position.shape[-1]
+        moved = position + steps[..., :dim]
+        turned = self.rotate(rotation, steps[..., dim:])
+        return np.concatenate([moved, turned], axis=-1)
+
+    def rotation_matrices(self, q: Floats) -> Floats:
+        """Return the rotation matrices of configurations, shape (..., d, d)."""
+        position, rotation = self.split_configurations(q)
+        return self.make_matrices(rotation, position.shape[-1])
+
+    def check_rotation(self, rotation: ArrayLike, name: str = "rotation") -> Floats:
+        """Check one rotation; return its canonical coordinates.
+
+        Raises InputError if it is not one rotation.
+        """
+        numbers = np.atleast_1d(check_finite(rotation, name))
+        if numbers.shape != (len(self.names),):
+            rule = "the robot does not turn"
+            if self.names:
+                rule = f"a rotation is given by {', '.join(self.names)}"
+            problem = f"has shape {numbers.shape}"
+            raise InputError(name, problem, rule, "pass one rotation")
+        canonical = self.canonical_rotation(numbers, name)
+        warn_of_degrees(numbers, angle_axes(self.names), name)
+        return canonical
+
+    def format_rotation(self, rotation: Floats) -> str:
+        """Format a rotation for people."""
+        return ""
+
+    def from_matrix(self, matrix: Floats) -> Floats:
+        """Return the rotation of a rotation matrix.
+
+        The matrix is in space; for a yaw, its part about z counts.
+        """
+        return np.empty(0)
+
+    def find_yaw(self, q: Floats) -> float | None:
+        """Return the yaw of a configuration, radians; None if there is none."""
+        return None
+
+    def sample_near(
+        self, rotation: Sequence[float], angle: float, numbers: Iterator[float]
+    ) -> Sequence[float]:
+        """Sample a rotation within an angle, from uniform numbers of [0, 1).
+
+        Uses plain floats, because samples are made one by one.
+        """
+        return rotation
+
+    def split_configurations(self, q: Floats) -> tuple[Floats, Floats]:
+        """Split configurations into position and rotation."""
+        dim = q.shape[-1] - len(self.names)
+        return q[..., :dim], q[..., dim:]
+
+    def canonical_rotation(self, rotation: Floats, name: str) -> Floats:
+        """Return canonical coordinates of rotations."""
+        return rotation
+
+    def rotation_between(self, first: Floats, second: Floats) -> Floats:
+        """Return the rotation vectors from rotations to others."""
+        return second - first
+
+    def rotate(self, rotation: Floats, by: Floats) -> Floats:
+        """Apply rotation vectors to rotations."""
+        return rotation
+
+    def make_matrices(self, rotation: Floats, dim: int) -> Floats:
+        """Return the matrices of rotations."""
+        return np.broadcast_to(np.eye(dim), (*rotation.shape[:-1], dim, dim))
+
+    # ---- cells of rotations
+
+    def __len__(self) -> int:
+        """Return the number of cells."""
+        return 1
+
+    def cell_of(self, rotation: ArrayLike) -> Ints:
+        """Return the cells that contain rotations.
+
+        Rotations are yaw angles (radians, any shape), or quaternions, shape (..., 4).
+        """
+        return np.zeros((), dtype=np.int64)
+
+    def find_one_cell(self, rotation: ArrayLike | None, name: str, rule: str) -> int:
+        """Return the cell that contains a rotation, or the only cell.
+
+        Raises
+        ------
+        InputError
+            If it is not one rotation, or it is missing and there are several cells; ``rule`` says
+            why one is needed.
+        """
+        if rotation is None and len(self) > 1:
+            rule = f"{rule}, and this map has {len(self)} rotation cells"
+            hint = f"pass the one to take, by {', '.join(self.names)}"
+            raise InputError(name, "is missing", rule, hint)
+        if rotation is None:
+            return 0
+        return int(self.find_cells(self.check_rotation(rotation, name)))
+
+    def find_cells(self, q: Floats) -> Ints:
+        """Return the cells of configurations, shape (..., d + size)."""
+        return np.zeros(q.shape[:-1], dtype=np.int64)
+
+    def leading_axes(self, n: int) -> tuple[int, ...]:
+        """Return the leading axes of n grids.
+
+        The axes of such an array are (), or (n,) if there can be several.
+        """
+        return (n,)
+
+    def preserve(self, shape: Symmetric) -> bool:
+        """Return True if rotations leave a shape unchanged.
+
+        All rotations of all cells must map the shape to itself.
+        """
+        return True
+
+    def check_dimension(self, dim: int) -> None:  # noqa: B027
+        """Refuse dimensions that do not have such rotations.
+
+        Raises
+        ------
+        InputError
+            If ``dim`` is one.
+        """
+
+    def assign_slices(self, shape: Symmetric) -> Ints:
+        """Return the slice of each cell for a robot, shape (count,).
+
+        Cells whose rotations differ by a symmetry of the robot share a slice. Slices are numbered
+        from 0, in the order of their first cells.
+        """
+        return np.zeros(1, dtype=np.int64)
+
+    def make_shape_cells(self, dim: int) -> list[RotationCell]:
+        """Return the cells in the form for shapes of dimension ``dim``."""
+        matrices = self.make_matrices(self.centers, dim)
+        angles = self.covering_angles.tolist()
+        return [
+            RotationCell(matrix, angle, self.about_z)
+            for matrix, angle in zip(matrices, angles, strict=True)
+        ]
+
+    @property
+    def centers(self) -> Floats:
+        """Representative rotation of each cell, shape (count, size)."""
+        return np.zeros((1, 0))
+
+    @property
+    def covering_angles(self) -> Floats:
+        """Covering angle of each cell, radians.
+
+        It is the largest angle between the center of a cell and a rotation in it; shape (count,).
+        The angle includes rounding. It is 0 if the robot does not turn.
+        """
+        return np.zeros(1)
+
+    @property
+    def stored_arrays(self) -> dict[str, Floats]:
+        """Arrays that describe the cells in files, by name.
+
+        The first axis counts the cells.
+        """
+        return {}
+
+    @property
+    def volumes(self) -> Floats:
+        """Volume of each cell, shape (count,), in any unit."""
+        return np.ones(1)
+
+    def draw_cells(self, shares: Ints, n: int, rng: np.random.Generator) -> Ints:
+        """Draw cells with probabilities proportional to volume times share, shape (n,).
+
+        ``shares``, shape (count,), has an entry above zero.
+        """
+        sizes = shares * self.volumes
+        return rng.choice(len(self), size=n, p=sizes / sizes.sum())
+
+    def sample(self, cells: Ints, margin: float, rng: np.random.Generator) -> Floats:
+        """Draw a rotation uniformly from each of some cells, shape (n, size).
+
+        ``margin`` is the fraction of a cell that is left out at each boundary.
+        """
+        return np.zeros((len(cells), 0))
+
+    def angles_to_centers(self, q: Floats) -> Floats:
+        """Return the angles between rotations and the representatives of all cells.
+
+        ``q`` are configurations, shape (..., d + size); the result has the shape (..., count),
+        radians.
+        """
+        return np.zeros((*q.shape[:-1], 1))
+
+    def find_cells_within(self, q: Floats, angles: Floats) -> tuple[Ints, Ints]:
+        """Return the rotation cells near configurations.
+
+        They have a rotation within an angle of the rotation of each configuration. ``q`` has the
+        shape (n, d + size), ``angles`` the shape (n,). Returns pairs of configuration index and
+        cell, shape (m,) each, in the order of the configurations; rounding is included.
+        """
+        indices = []
+        cells = []
+        batch_size = max(1, MAX_PAIRS_PER_BATCH // len(self))
+        for first in range(0, max(len(q), 1), batch_size):
+            batch = slice(first, first + batch_size)
+            reach = self.covering_angles + angles[batch, None]
+            index, cell = np.nonzero(self.angles_to_centers(q[batch]) <= reach)
+            indices.append(first + index)
+            cells.append(cell)
+        return np.concatenate(indices), np.concatenate(cells)
+
+    @property
+    def neighbors(self) -> Ints:
+        """Cells that share a boundary with each cell, shape (count, n).
+
+        Missing neighbours are -1.
+        """
+        return np.zeros((1, 0), dtype=np.int64)
+
+    def find_images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
+        """Return the rotations and mirrors that map cells to cells.
+
+        Let S and M be signed permutation matrices, and M map the robot A to itself. Then S R A
+        equals S R M A for every rotation R, so S maps the raster for R to that for S R M. Returns
+        each S, shape (d, d), with the image of each cell, shape (count,); the identity is among
+        them.
+        """
+        return [(np.eye(len(shape.symmetries[0])), np.arange(len(self)))]
+
+    def make_lookups(self, slice_of: Ints) -> RotationTable:
+        """Return the rotation cells for kernels."""
+        return RotationTable(np.empty(0), np.ascontiguousarray(slice_of))
+
+    @property
+    def facts(self) -> dict[str, object]:
+        """Facts about the cells, for people, by name."""
+        width = float(np.degrees(2.0 * self.covering_angles.max()))
+        return {"rotations": len(self), "rotation_cell_deg": round(width, 6)}
+
+    @property
+    def only_rotation(self) -> Floats | None:
+        """Rotation of a robot that only translates, shape (0,); None for others."""
+        return None
+
+    def describe(self, rotation: Floats | None) -> str:
+        """Describe the cell that contains a rotation, or else all cells."""
+        angles = np.degrees(2.0 * self.covering_angles)
+        if rotation is not None:
+            width = angles[self.cell_of(rotation)].item()
+            return f"{self.format_rotation(rotation)}, in a rotation cell of {width:.3g}°"
+        widths = f"{angles.min():.3g}°"
+        if np.ptp(angles) >= 1e-6:
+            widths = f"{widths} to {angles.max():.3g}°"
+        return f"over all rotations, {len(self)} rotation cells of {widths}"
+
+    def __str__(self) -> str:
+        """Return the number of cells in words."""
+        return f"{len(self)} rotations"
+
+    def __repr__(self) -> str:
+        """Return the class and the number of cells."""
+        return f"{type(self).__name__}({self})"
+
+
+@dataclass(frozen=True, repr=False)
+class OneRotation(Rotations):
+    """The one rotation cell of a robot that only translates."""
+
+    slack: ClassVar[float] = 0.0
+
+    @classmethod
+    def of_value(cls, value: ArrayLike | None = None) -> OneRotation:
+        """Return the only cell."""
+        return cls()
+
+    @classmethod
+    def of_stored_arrays(cls, coordinates: Mapping[str, NDArray[Any]]) -> OneRotation:
+        """Return the only cell."""
+        return cls()
+
+    @property
+    def facts(self) -> dict[str, object]:
+        """No facts."""
+        return {}
+
+    @property
+    def only_rotation(self) -> Floats:
+        """The rotation, shape (0,)."""
+        return np.empty(0)
+
+    def describe(self, rotation: Floats | None) -> str:
+        """Return an empty text."""
+        return ""
+
+    def make_shape_cells(self, dim: int) -> list[RotationCell]:
+        """Return the cell without a rotation."""
+        return [NO_ROTATION]
+
+    def leading_axes(self, n: int) -> tuple[int, ...]:
+        """Return no axes."""
+        return ()

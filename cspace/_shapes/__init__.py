@@ -1,0 +1,170 @@
+"""Shapes of robots and obstacles, with their rasters, boundaries and drawings."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, Protocol, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cspace._files.access import suggest_file
+from cspace._shapes.balls import Balls as Balls
+from cspace._shapes.balls import BallSet as BallSet
+from cspace._shapes.balls import Point as Point
+from cspace._shapes.balls import check_balls as check_balls
+from cspace._shapes.mesh import Mesh as Mesh
+from cspace._shapes.mesh import MeshLike as MeshLike
+from cspace._shapes.mesh import MeshWarning as MeshWarning
+from cspace._shapes.polygon import Polygons as Polygons
+from cspace._shapes.primitives import SHORT_TEXT_FORMS, is_short_text, parse_short_text
+from cspace._shapes.shape import BoundedShape as BoundedShape
+from cspace._shapes.shape import ExactShape as ExactShape
+from cspace._shapes.shape import RoundedSimplices as RoundedSimplices
+from cspace._shapes.shape import Shape as Shape
+from cspace._shapes.shape import shape_from_spec as shape_from_spec
+from cspace._shapes.voxels import Box as Box
+from cspace._shapes.voxels import Voxels as Voxels
+from cspace.errors import InputError
+
+if TYPE_CHECKING:
+    from shapely.geometry.base import BaseGeometry
+
+
+class HasShape(Protocol):
+    """A robot, or anything else with a name and a shape."""
+
+    @property
+    def name(self) -> str:
+        """Name for messages and drawings."""
+        ...
+
+    @property
+    def shape(self) -> Shape:
+        """The shape."""
+        ...
+
+
+ShapeLike: TypeAlias = (
+    "Shape | HasShape | BaseGeometry | Mapping[str, object] | Iterable[BaseGeometry] | MeshLike "
+    "| BallSet | ArrayLike"
+)
+"""Types that :func:`as_shape` converts."""
+
+
+def as_shape(source: ShapeLike, radius: ArrayLike | None = None, name: str = "shape") -> Shape:
+    """Convert anything that describes a shape to a Shape.
+
+    Every function that takes a shape calls this function.
+
+    Parameters
+    ----------
+    source : Shape, Robot, shapely geometry, GeoJSON mapping, mesh, path, or array-like
+        Or an iterable of shapes, robots, geometries or mappings.
+        Anything that :meth:`Polygons.of`, :func:`cspace._files.vector.read_shapes` or
+        :meth:`Mesh.of` takes, metres. A string is a short text such as ``"ellipse:0.5,0.3"``
+        (:data:`cspace._shapes.primitives.SHORT_TEXTS`), WKT, or the path of a file of polygons
+        or a mesh.
+    radius : array-like, shape () or (n,), optional
+        Metres. With a radius, or for a decomposition, the shape is balls around points, shape (n,
+        2) or (n, 3).
+    name : str
+        The caller's argument, for messages.
+
+    Raises InputError if `source` describes no shape, and FileError if it names a missing or
+    malformed file.
+    """
+    from cspace._files.vector import read_shapes
+
+    # From the most specific type to the least.
+    if isinstance(source, Shape) and radius is None:
+        return source
+    value: Any = source
+    if radius is not None or isinstance(source, BallSet):
+        return Balls.of(value, radius)
+    if isinstance(source, str | os.PathLike):
+        return _read_text(source, name)
+    shape = getattr(source, "shape", None)
+    # Robots have names. Other objects with a shape may have a pose too, such as PosedShape.
+    is_robot = isinstance(getattr(source, "name", None), str)
+    if is_robot and isinstance(shape, Shape):
+        return shape
+    is_array = isinstance(value, np.ndarray) and value.ndim > 0
+    if is_array or isinstance(value, list | tuple):
+        return _convert_sequence(value, name)
+    if isinstance(value, Mapping) or hasattr(value, "__geo_interface__"):
+        return Polygons(read_shapes(value))
+    if hasattr(value, "vertices") or hasattr(value, "geometry"):
+        return _make_mesh(value)
+    raise InputError(name, f"is a {type(value).__name__}", *_SHAPE_NEEDED)
+
+
+_SHAPE_NEEDED: Final = (
+    "a polygon or a mesh is needed",
+    "pass e.g. shapely.box(0, 0, 1, 1), trimesh.creation.box((1, 1, 1)), or points and their "
+    "radius",
+)
+"""Rule and hint of messages about a value that is no shape."""
+
+
+def _convert_sequence(values: Any, name: str) -> Shape:
+    """Make the shape of a list or array.
+
+    It holds geometries, corners of a polygon, or vertices and faces.
+    """
+    from cspace._files.vector import read_shapes
+
+    if getattr(values, "dtype", None) == np.bool_:
+        rule = "their size must be given"
+        hint = "pass cspace._shapes.Voxels.of(cells, spacing), in metres"
+        raise InputError(name, "is an array of cells", rule, hint)
+    first: Any = next(iter(values), {})
+    if isinstance(first, Mapping) or hasattr(first, "__geo_interface__"):
+        return Polygons(read_shapes(values))
+    # The shape of a row tells points from vertices and faces; () is a plain number.
+    row_shape = np.shape(first)
+    if row_shape == (2,) and len(values) > 2:
+        return Polygons.of(values)
+    is_one_point = row_shape == () and len(values) in (2, 3)
+    if is_one_point or row_shape in ((2,), (3,)):
+        hint = "pass their radius, e.g. radius=0.1 in metres, 0.0 for points alone"
+        if row_shape == (2,) or len(values) == 2:
+            hint += ", or at least 3 corners of a polygon"
+        raise InputError(name, "is points", "points need a radius", hint)
+    if row_shape == ():
+        raise InputError(name, f"is {len(values)} numbers", *_SHAPE_NEEDED)
+    return _make_mesh(values)
+
+
+def _make_mesh(source: MeshLike) -> Mesh:
+    """Make a mesh, and warn of open bodies.
+
+    The caller takes shapes, but has no option ``solid``.
+    """
+    mesh = Mesh.convert(source)
+    mesh.warn_if_open("cspace.Mesh.of(mesh, solid={!r})", fills=False)
+    return mesh
+
+
+def _read_text(source: str | os.PathLike[str], name: str) -> Shape:
+    """Make the shape that a text describes.
+
+    The text is a short text, WKT, or the path of a file of polygons or a mesh.
+    """
+    from cspace._files.meshes import MESH_SUFFIXES
+    from cspace._files.vector import POLYGON_SUFFIXES, is_wkt, read_shapes
+
+    suffix = Path(source).suffix.lower()
+    if isinstance(source, str) and is_short_text(source):
+        return parse_short_text(source, name).shape
+    if suffix in MESH_SUFFIXES:
+        return _make_mesh(source)
+    if suffix in POLYGON_SUFFIXES or (isinstance(source, str) and is_wkt(source)):
+        return Polygons(read_shapes(source))
+    suffixes = ", ".join((*POLYGON_SUFFIXES, *MESH_SUFFIXES))
+    rule = f"it must be a short text, WKT, or a file that ends in {suffixes}"
+    forms = f"pass {SHORT_TEXT_FORMS}, or what Robot.open makes of other files"
+    hint = suggest_file(Path(source), forms)
+    raise InputError(name, f"is {os.fspath(source)[:60]!r}", rule, hint)

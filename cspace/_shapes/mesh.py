@@ -1,0 +1,563 @@
+"""Triangle meshes in space, and the solids that they enclose."""
+
+from __future__ import annotations
+
+import base64
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, Literal, Protocol, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cspace._grid import Grid
+from cspace._raster import Raster
+from cspace._rotations import NO_ROTATION, RotationCell
+from cspace._shapes.bodies import Body, find_bodies
+from cspace._shapes.polygon import Polygons
+from cspace._shapes.shape import BoundedShape, ExactShape, RoundedSimplices, Shape, unique_rows
+from cspace._support.arrays import Bools, Floats, Ints, Surface, frozen
+from cspace._support.check import check_finite, check_points, check_unmasked, check_word
+from cspace._support.reporting import warn_user
+from cspace.errors import GeometryError, InputError
+
+if TYPE_CHECKING:
+    from shapely.geometry.base import BaseGeometry
+
+    from cspace._files.meshes import Up
+    from cspace._raster.surfaces import SolidSurface, WindingNumber
+
+
+MAX_ORIGIN_OFFSET: Final = 100.0
+"""Maximum distance of a robot's mesh from its reference point, relative to the size of the mesh."""
+
+
+class TriangleMesh(Protocol):
+    """A trimesh.Trimesh, or an object like it."""
+
+    @property
+    def vertices(self) -> ArrayLike:
+        """Vertices, shape (V, 3), metres."""
+        ...
+
+    @property
+    def faces(self) -> ArrayLike:
+        """Vertex indices of the triangles, shape (F, 3)."""
+        ...
+
+
+class MeshScene(Protocol):
+    """A trimesh.Scene, or an object like it."""
+
+    @property
+    def geometry(self) -> Mapping[str, object]:
+        """Geometries by name."""
+        ...
+
+
+Solid = Literal["auto", "surface", "fill"]
+MeshLike: TypeAlias = (
+    "Mesh | TriangleMesh | MeshScene | str | os.PathLike[str] | tuple[ArrayLike, ArrayLike]"
+)
+
+SOLIDS: Final = ("auto", "surface", "fill")
+"""Solid parts of a mesh: its closed bodies, only the surface, or all that its raster encloses."""
+
+_MAX_COORDINATE: Final = 1e100
+_MIN_MESH_EXTENT: Final = 1e-100
+"""The largest modulus of a coordinate lies between `_MIN_MESH_EXTENT` and `_MAX_COORDINATE`, or is
+zero."""
+
+_MIN_MESH_COORDINATE: Final = 1e-200
+"""Smaller coordinates of a mesh are set to zero, because quotients of them overflow."""
+
+_SHADOW_MARGIN: Final = 1e-6
+"""Distance, in metres, by which the bounds of a mesh's shadow are grown and shrunk."""
+
+
+_MAX_CRACK_WIDTH: Final = 2.0**-40
+"""Maximum width, relative to the span, of a hole in a mesh's shadow that counts as rounding."""
+
+
+class MeshWarning(UserWarning):
+    """Bodies of a mesh are open, or filling it added nothing."""
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh(ExactShape):
+    """Triangles in space, in metres.
+
+    The triangles are always part of the shape. The part that they enclose depends on ``solid``:
+
+    * ``"auto"``: every point where the winding number of all closed bodies together is non-zero.
+
+      A body is a set of triangles that are connected through shared edges. It is closed if its
+      triangles run along each edge equally often in both directions. Exact copies of triangles are
+      dropped first, or cancel if they are a wall between two parts; single reversed triangles are
+      turned back. Any other body (with holes, Moebius strips, more than two triangles at an edge
+      and no consistent winding) is a surface without an interior, and a :class:`MeshWarning` says
+      so.
+
+      Winding numbers add up. Bodies that overlap and face outward are solid together, also if one
+      is nested in another. A body that faces inward, nested in one that faces outward, is a cavity,
+      which may contain an island, and so on. A body that faces inward and has a corner outside all
+      bodies that face outward cannot be a cavity; it is reversed, and solid. Points where windings
+      cancel, as in some pockets of a body that passes through itself, are hollow.
+    * ``"surface"``: nothing.
+    * ``"fill"``: all cells that cannot be reached from outside through cells that the surface does
+      not touch. The result depends on the spacing: gaps narrower than about a cell are closed. If a
+      mesh with open bodies encloses no cell at all, it is a surface without an interior, and a
+      :class:`MeshWarning` says so when its cells are made.
+
+    Parameters
+    ----------
+    vertices : ndarray of float64, shape (V, 3)
+        Metres.
+    faces : ndarray of int64, shape (F, 3)
+        Vertex indices of each triangle.
+    solid : {"auto", "surface", "fill"}
+    source : str
+        Origin of the mesh, for messages.
+
+    Raises
+    ------
+    InputError
+        If a coordinate is not finite, or ``solid`` is another word.
+    GeometryError
+        If there is no triangle, or one names a missing vertex.
+    """
+
+    vertices: Floats
+    faces: Ints
+    solid: Solid = "auto"
+    source: str = "mesh"
+    _warned: bool = field(default=False, init=False, repr=False)
+    kind = "mesh"
+    dim = 3
+
+    def __post_init__(self) -> None:
+        """Check the arrays, and copy them."""
+        check_word(self.solid, "solid", SOLIDS)
+        check_unmasked(self.faces, f"faces of {self.source}")
+        vertices = _check_vertices(self.vertices, self.source)
+        faces = _check_faces(self.faces, len(vertices), self.source)
+        object.__setattr__(self, "vertices", frozen(vertices))
+        object.__setattr__(self, "faces", frozen(faces))
+
+    @classmethod
+    def of(cls, shape: MeshLike, solid: Solid = "auto", up: Up | None = None) -> Mesh:
+        """Make a mesh from anything that describes one.
+
+        Parameters
+        ----------
+        shape : Mesh, trimesh.Trimesh, trimesh.Scene, path-like, or pair of array-like
+            A file is read; a pair is vertices (V, 3), in metres, and faces (F, 3).
+        solid : {"auto", "surface", "fill"}
+            With ``"auto"``, a Mesh keeps its own.
+        up : {"x", "y", "z"}, optional
+            Axis that points up; it becomes z. By default axes stay as they are, as in ROS, and a
+            warning names a file that calls another axis up, as ``.glb`` and ``.gltf`` do.
+
+        Raises
+        ------
+        InputError
+            If ``shape`` is something else, a coordinate is not finite, or ``solid`` or ``up`` is
+            another word.
+        GeometryError
+            If there is no triangle.
+        FileError
+            If a file is missing or cannot be read as a mesh.
+
+        Warns
+        -----
+        MeshWarning
+            If ``solid`` is ``"auto"`` and a body is open; once per Mesh.
+        """
+        mesh = cls.convert(shape, solid, up)
+        mesh.warn_if_open()
+        return mesh
+
+    @classmethod
+    def convert(cls, shape: MeshLike, solid: Solid = "auto", up: Up | None = None) -> Mesh:
+        """Make a mesh like :meth:`of`, without a warning of open bodies."""
+        if isinstance(shape, Mesh):
+            solid = shape.solid if solid == "auto" else solid
+            if solid == shape.solid and up is None:
+                return shape
+        vertices, faces, source = _read_arrays(shape, up)
+        return cls(vertices, faces, solid, source)
+
+    def warn_if_open(self, option: str = "solid={!r}", fills: bool = True) -> None:
+        """Warn, once per mesh with ``solid="auto"``, of bodies without an interior.
+
+        `option` is the spelling of ``solid`` in the function that the user called; `fills` is True
+        if that function accepts ``"fill"``.
+        """
+        if self.solid == "auto" and not self._warned:
+            object.__setattr__(self, "_warned", True)
+            for message in self._open_body_messages(option, fills):
+                warn_user(message, MeshWarning)
+
+    @property
+    def triangles(self) -> Floats:
+        """Corners of the triangles, in metres, shape (F, 3, 3)."""
+        return np.asarray(self.vertices[self.faces])
+
+    @cached_property
+    def bounds(self) -> tuple[Floats, Floats]:
+        """Lower and upper corner of the bounding box, shape (3,) each."""
+        is_used = np.zeros(len(self.vertices), dtype=np.bool_)
+        is_used[self.faces] = True
+        used_vertices = self.vertices[is_used]
+        return used_vertices.min(axis=0), used_vertices.max(axis=0)
+
+    @cached_property
+    def bodies(self) -> tuple[Body, ...]:
+        """Parts that are connected through shared edges."""
+        return find_bodies(self.vertices, self.faces)
+
+    @property
+    def is_watertight(self) -> bool:
+        """True if there are bodies and all are closed."""
+        return bool(self.bodies) and all(body.closed for body in self.bodies)
+
+    @property
+    def span(self) -> float:
+        """Largest modulus of a coordinate, metres."""
+        return float(np.abs(self.bounds).max())
+
+    @property
+    def measure(self) -> float:
+        """Volume, cubic metres; NaN for an open mesh."""
+        return float(self.volume) if self.is_watertight else float("nan")
+
+    @property
+    def facts(self) -> dict[str, object]:
+        """Number of triangles, bodies and the like, for reports."""
+        closed = sum(body.closed for body in self.bodies)
+        facts: dict[str, object] = {
+            "triangles": len(self.faces),
+            "bodies": {"closed": closed, "open": len(self.bodies) - closed},
+            "watertight": self.is_watertight,
+        }
+        if self.is_watertight:
+            facts["volume_m3"] = float(self.volume)
+        return facts
+
+    @property
+    def encloses(self) -> bool:
+        """True if closed bodies are solid, at any spacing."""
+        return self.solid == "auto" and bool(self.windings.any())
+
+    @cached_property
+    def volume(self) -> float:
+        """Sum of the volumes of the closed bodies, cubic metres.
+
+        Cavities count negative; overlaps count once per body.
+        """
+        return sum(body.volume for body in self.bodies)
+
+    def rasters(
+        self, spacing: float, margin: float = 0.0, rotation: RotationCell = NO_ROTATION
+    ) -> tuple[Raster, Raster]:
+        """Compute the outer and inner raster; see :meth:`Shape.rasters`."""
+        from cspace._raster.surfaces import surface_rasters
+
+        return surface_rasters(self._solid, spacing, margin, rotation)
+
+    def cells(self, grid: Grid) -> tuple[Bools, Bools]:
+        """Compute the outer and inner cells; see :meth:`Shape.cells`."""
+        from cspace._raster.surfaces import surface_cells
+
+        return surface_cells(self._solid, grid)
+
+    def boundary(self) -> RoundedSimplices:
+        """Return the triangles.
+
+        Raises InputError if ``solid`` is "fill", because the filled part depends on the spacing.
+        """
+        self._refuse_fill("close the mesh and pass solid='auto', or ask without exact=True")
+        return RoundedSimplices(self.triangles, np.zeros(len(self.faces)))
+
+    def _refuse_fill(self, hint: str) -> None:
+        """Raise InputError if the inside depends on the spacing."""
+        if self.solid == "fill":
+            rule = "the filled part depends on the spacing, and exact answers must not"
+            raise InputError(self.source, "has solid='fill'", rule, hint)
+
+    @property
+    def surface(self) -> Surface:
+        """Vertices and triangles."""
+        return self.vertices, self.faces
+
+    def project_to_plane(self) -> Shape:
+        """Project the mesh onto the plane of x and y.
+
+        The result is the union of its triangles' shadows, grown and shrunk by a micrometre. The
+        micrometre covers the rounding of the union.
+        """
+        import shapely
+
+        # Triangles seen from above: corners (x, y), shape (F, 3, 2).
+        corners = self.boundary().simplices[..., :2]
+        sides = np.roll(corners, -1, axis=1) - corners
+        longest_side = np.linalg.norm(sides, axis=-1).max(axis=1)
+        first_x, first_y = sides[:, 0].T
+        second_x, second_y = sides[:, 1].T
+        twice_area = np.abs(first_x * second_y - first_y * second_x)
+        # Unions and buffers lose triangles seen edge-on, so their sides stand for them.
+        is_line = 4.0 * twice_area <= _SHADOW_MARGIN * longest_side
+        union = shapely.union_all(shapely.polygons(corners[~is_line]))
+        shadow = _fill_cracks(union, _MAX_CRACK_WIDTH * self.span)
+        inner = shadow.buffer(-_SHADOW_MARGIN, join_style="mitre")
+        if inner.is_empty:
+            rule = "it must have an area there"
+            raise GeometryError(self.source, "is flat, seen from above", rule, "check its axes")
+        lines = shapely.linestrings(corners[is_line][:, [0, 1, 2, 0]])
+        # Lines well inside the shadow add nothing.
+        near_shadow = shadow.buffer(_SHADOW_MARGIN / 2.0, join_style="mitre")
+        shapely.prepare(near_shadow)
+        lines_beside = lines[~shapely.covers(near_shadow, lines)]
+        grown_lines = shapely.buffer(lines_beside, _SHADOW_MARGIN)
+        grown_shadow = shadow.buffer(_SHADOW_MARGIN, join_style="mitre")
+        outer = shapely.union_all([grown_shadow, *grown_lines])
+        return BoundedShape(Polygons.of(outer), Polygons.of(inner))
+
+    def check_origin(self, warn: bool = False) -> None:
+        """Refuse a mesh far from its origin; see :meth:`Shape.check_origin`."""
+        lower, upper = self.bounds
+        size = float(np.linalg.norm(upper - lower))
+        gaps = np.maximum(np.maximum(lower, -upper), 0.0)  # from the origin, along each axis
+        distance = float(np.linalg.norm(gaps))
+        shift = ", ".join(f"{-x:g}" for x in (lower + upper) / 2)
+        hint = f"move its center there first, by ({shift}) m"
+        where = f"is {size:g} m across and lies {distance:g} m from its origin, which is"
+        if distance > MAX_ORIGIN_OFFSET * size:
+            rule = f"at most {MAX_ORIGIN_OFFSET:g} times its size is accepted"
+            raise GeometryError("mesh", f"{where} the robot's reference point", rule, hint)
+        if warn and distance > size:
+            problem = f"the robot's mesh {where} its reference point"
+            warn_user(f"{problem}; if this is not intended, {hint}")
+
+    def transform_features(self, matrix: Floats) -> Floats:
+        """Return the transformed triangles, each rotated to begin at its smallest corner."""
+        # Adding zero drops the sign of -0, so that equal corners are equal bit for bit.
+        corners = (self.vertices @ matrix.T + 0.0)[self.faces]
+        is_mirror = np.linalg.det(matrix) < 0.0
+        if is_mirror:
+            corners = corners[:, ::-1]  # keeps the normals outward
+        _, ranks = unique_rows(corners.reshape(-1, 3))
+        smallest = ranks.reshape(-1, 3).argmin(axis=1)
+        order = (smallest[:, None] + np.arange(3)) % 3  # from the smallest corner around
+        return np.take_along_axis(corners, order[..., None], axis=1).reshape(-1, 9)
+
+    def contains(self, points: ArrayLike) -> Bools:
+        """Return a mask of the points in the closed bodies.
+
+        The answer holds for points farther from the surface than rounding. With ``solid="surface"``
+        it is all False.
+
+        Parameters
+        ----------
+        points : array-like, shape (..., 3)
+            Metres.
+
+        Returns
+        -------
+        ndarray of bool, shape (...)
+
+        Raises
+        ------
+        InputError
+            If the last axis is not three long, a value is not finite, or ``solid`` is ``"fill"``.
+        """
+        self._refuse_fill("ask its cells, or pass solid='auto'")
+        array = check_points(points, "points", self.dim)
+        if self.solid == "surface":
+            return np.zeros(array.shape[:-1], dtype=np.bool_)
+        lower, upper = self.bounds
+        # Only points in the bounding box need their winding number.
+        inside = np.asarray(((lower <= array) & (array <= upper)).all(axis=-1))
+        if inside.any():
+            inside[inside] = self._winding.evaluate(array[inside] - lower) != 0
+        return inside
+
+    @property
+    def spec(self) -> dict[str, object]:
+        """Plain values that JSON can hold, without loss, for :meth:`from_spec`."""
+        return {
+            "kind": self.kind,
+            "vertices": _encode(self.vertices, "<f8"),
+            "faces": _encode(self.faces, "<i8"),
+            "solid": self.solid,
+            "source": self.source,
+        }
+
+    @classmethod
+    def from_spec(cls, spec: Mapping[str, Any]) -> Mesh:
+        """Make the mesh of a :attr:`spec`."""
+        vertices = _decode(spec["vertices"], "<f8")
+        faces = _decode(spec["faces"], "<i8")
+        mesh = cls(vertices, faces, spec["solid"], str(spec["source"]))
+        # The user was warned when the spec was made.
+        object.__setattr__(mesh, "_warned", True)
+        return mesh
+
+    @cached_property
+    def windings(self) -> Ints:
+        """Multiplicity of each triangle in the enclosing surface, shape (F,)."""
+        turns = np.zeros(len(self.faces), dtype=np.int64)
+        for body in self.bodies:
+            if body.closed:
+                turns[body.faces] = body.turns
+        return turns
+
+    @cached_property
+    def _winding(self) -> WindingNumber:
+        """Winding number of the closed bodies, relative to the lower corner of the bounds."""
+        from cspace._raster.surfaces import WindingNumber
+
+        counted = self.windings != 0
+        return WindingNumber(self.triangles[counted] - self.bounds[0], self.windings[counted])
+
+    @property
+    def _solid(self) -> SolidSurface:
+        """The triangles with their interior."""
+        from cspace._raster.surfaces import SolidSurface
+
+        triangles = self.triangles
+        windings = np.zeros(len(self.faces), dtype=np.int64)
+        if self.solid == "auto":
+            windings = self.windings
+        on_empty = self._warn_of_nothing if self.solid == "fill" else None
+        return SolidSurface(triangles, triangles, windings, on_empty, self.source)
+
+    def _warn_of_nothing(self, spacing: float) -> None:
+        """Warn once if filling an open mesh added nothing to its surface."""
+        if self._warned or self.is_watertight:
+            return
+        object.__setattr__(self, "_warned", True)
+        problem = f"{self.source} is open and encloses no cell of {spacing:g} m"
+        result = "so filling added none; it counts as a surface without an inside"
+        hint = "close its gaps, use cells larger than the gaps, or choose the surface only"
+        warn_user(f"{problem}, {result}; {hint}", MeshWarning)
+
+    def _open_body_messages(self, option: str, fills: bool) -> Iterator[str]:
+        """Yield a warning for each kind of body without an interior."""
+        # Texts for the hints: how to choose each way of treating an open body.
+        surface = option.format("surface")
+        fill = f"{option.format('fill')} to fill what the cells enclose"
+        or_fill = f", or {fill}" if fills else ""
+        or_pass_fill = f", or pass {fill}" if fills else ""
+        open_bodies = [body for body in self.bodies if not body.closed]
+        open_triangles = sum(len(body.faces) for body in open_bodies)
+        hollow = sum(body.closed and body.volume == 0.0 for body in self.bodies)
+        if not self.bodies:
+            yield (
+                f"no triangle of {self.source} has an area; it counts as a surface without an "
+                f"inside; pass {surface} to confirm this"
+            )
+        if open_bodies:
+            yield (
+                f"{len(open_bodies)} of {len(self.bodies)} bodies of {self.source} are open "
+                f"({open_triangles} of {len(self.faces)} triangles); they count as surfaces "
+                f"without an inside; close their gaps, or pass {surface} if no body has an "
+                f"inside{or_fill}"
+            )
+        if hollow:
+            yield (
+                f"the windings of {hollow} of {len(self.bodies)} bodies of {self.source} cancel, "
+                "for example because a surface is drawn once for each side; such a body is hollow; "
+                f"draw each surface once{or_pass_fill}"
+            )
+
+
+def _fill_cracks(shadow: BaseGeometry, width: float) -> BaseGeometry:
+    """Fill holes that are at most `width` wide, metres.
+
+    Filling a real hole changes no proof, because no cell of an obstacle fits into it.
+    """
+    import shapely
+
+    def is_wide(hole: Any) -> bool:
+        return not shapely.Polygon(hole).buffer(-width / 2.0).is_empty
+
+    filled = []
+    for polygon in shapely.get_parts(shadow):
+        holes = [hole for hole in polygon.interiors if is_wide(hole)]
+        filled.append(shapely.Polygon(polygon.exterior, holes))
+    return shapely.MultiPolygon(filled)
+
+
+def _read_arrays(shape: Any, up: Up | None) -> tuple[Any, Any, str]:
+    """Return vertices, faces and a name; the axis ``up`` of the shape becomes z."""
+    from cspace._files.meshes import flatten_trimesh, read_mesh, turn_upright, warn_of_unit
+
+    if isinstance(shape, (str, os.PathLike)):
+        surface = read_mesh(shape, up)
+        warn_of_unit(shape)
+        return *surface, Path(shape).name
+    source = "mesh"
+    if isinstance(shape, Mesh):
+        vertices, faces, source = shape.vertices, shape.faces, shape.source
+    elif isinstance(shape, (tuple, list)) and len(shape) == 2:
+        vertices, faces = shape
+    else:
+        vertices, faces = flatten_trimesh(shape, "mesh")
+    if up is not None:
+        vertices = turn_upright(_check_vertices(vertices, source), up)
+    return vertices, faces, source
+
+
+def _check_vertices(values: Any, source: str) -> Floats:
+    """Return vertices as an array, shape (V, 3), metres.
+
+    Raises GeometryError if the shape or the size is not usable. Tiny coordinates become zero.
+    """
+    vertices = check_finite(values, f"vertices of {source}")
+    if vertices.ndim != 2 or vertices.shape[1] != 3:
+        rule = "it must be (V, 3), in metres"
+        hint = "pass x, y, z of each vertex"
+        raise GeometryError(f"vertices of {source}", f"has shape {vertices.shape}", rule, hint)
+    largest = float(np.abs(vertices).max(initial=0.0))
+    if largest > 0.0 and not _MIN_MESH_EXTENT <= largest <= _MAX_COORDINATE:
+        problem = f"reach {largest:g}"
+        rule = f"they must reach {_MIN_MESH_EXTENT:g} and at most {_MAX_COORDINATE:g}"
+        raise GeometryError(f"vertices of {source}", problem, rule, "check the units")
+    is_tiny = np.abs(vertices) < _MIN_MESH_COORDINATE
+    return np.array(np.where(is_tiny, 0.0, vertices), dtype=np.float64, order="C")
+
+
+def _check_faces(values: Any, vertices: int, source: str) -> Ints:
+    """Return faces as an array, shape (F, 3), if they name vertices."""
+    # First what a list of triangles must be, then the vertices that it names.
+    faces = np.asarray(values)
+    if faces.size == 0:
+        hint = "for a cloud of points use Workspace.from_points"
+        raise GeometryError(source, "has no triangles", "a mesh needs one", hint)
+    hint = "pass three vertex indices per triangle"
+    if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
+        problem = f"has shape {faces.shape} and dtype {faces.dtype}"
+        rule = "it must be (F, 3), of whole numbers"
+        raise GeometryError(f"faces of {source}", problem, rule, hint)
+    for vertex in (faces.min(), faces.max()):
+        if not 0 <= vertex < vertices:
+            problem = f"name vertex {vertex}"
+            rule = f"there are {vertices}, counted from 0"
+            raise GeometryError(f"faces of {source}", problem, rule, hint)
+    return np.array(faces, dtype=np.int64, order="C")
+
+
+def _encode(array: NDArray[Any], dtype: str) -> str:
+    """Write an array as text, base64 of its bytes."""
+    data = np.ascontiguousarray(array, dtype=dtype).tobytes()
+    return base64.b64encode(data).decode()
+
+
+def _decode(text: str, dtype: str) -> NDArray[Any]:
+    """Read an array, shape (n, 3), from the text of :func:`_encode`."""
+    data = base64.b64decode(text, validate=True)
+    return np.frombuffer(data, dtype=dtype).reshape(-1, 3)

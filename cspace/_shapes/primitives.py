@@ -1,0 +1,279 @@
+"""Shapes from their sizes, and short texts for them, such as ``rect:0.9x0.6``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+from numpy.typing import ArrayLike
+
+from cspace._shapes.balls import Balls
+from cspace._shapes.mesh import Mesh
+from cspace._shapes.polygon import Polygons
+from cspace._shapes.shape import (
+    BoundedShape,
+    BoundsPair,
+    Shape,
+    capsule_bounds,
+    cylinder_bounds,
+    ellipse_bounds,
+)
+from cspace._shapes.voxels import Box
+from cspace._support.arrays import Floats
+from cspace._support.check import check_not_negative, check_point, check_positive
+from cspace._support.reporting import warn_user
+from cspace.errors import InputError
+
+if TYPE_CHECKING:
+    from shapely.geometry.base import BaseGeometry
+
+_MAX_NEGLECTED_SHARE: Final = 1e-9
+"""Largest part of a padding, or of a padded footprint's area, that counts as rounding."""
+
+
+class NamedShape(NamedTuple):
+    """A shape, and a short text that describes it."""
+
+    name: str
+    shape: Shape
+
+
+def disc(radius: float, center: ArrayLike = (0.0, 0.0)) -> NamedShape:
+    """Make a disc; metres."""
+    name = f"disc {check_positive(radius, 'radius'):g} m"
+    return NamedShape(name, Balls.of([check_point(center)], radius))
+
+
+def ball(radius: float, center: ArrayLike = (0.0, 0.0, 0.0)) -> NamedShape:
+    """Make a ball; metres."""
+    name = f"ball {check_positive(radius, 'radius'):g} m"
+    return NamedShape(name, Balls.of([check_point(center, dim=3)], radius))
+
+
+def rectangle(length: float, width: float, center: ArrayLike = (0.0, 0.0)) -> NamedShape:
+    """Make a rectangle, `length` along x and `width` along y; metres."""
+    import shapely
+
+    half_length = check_positive(length, "length") / 2
+    half_width = check_positive(width, "width") / 2
+    x, y = check_point(center).tolist()
+    box = shapely.box(x - half_length, y - half_width, x + half_length, y + half_width)
+    return NamedShape(f"rectangle {length:g} m x {width:g} m", Polygons.of(box))
+
+
+def ellipse(radius_x: float, radius_y: float, center: ArrayLike = (0.0, 0.0)) -> NamedShape:
+    """Make an ellipse between two polygons; metres.
+
+    Its semi-axes lie along x and y.
+    """
+    radii = check_positive(radius_x, "radius_x"), check_positive(radius_y, "radius_y")
+    center_point = check_point(center)
+    outer, inner = ellipse_bounds(radii, center_point)
+    is_disc = radius_x == radius_y and not center_point.any()
+    shape = BoundedShape(Polygons.of(outer), Polygons.of(inner), is_round_about_z=is_disc)
+    return NamedShape(f"ellipse {radius_x:g} m x {radius_y:g} m", shape)
+
+
+def box(extents: ArrayLike, center: ArrayLike = (0.0, 0.0, 0.0)) -> NamedShape:
+    """Make a box along the axes; metres."""
+    shape = Box.of(extents, center)
+    sides = " m x ".join(f"{side:g}" for side in shape.extents)
+    return NamedShape(f"box {sides} m", shape)
+
+
+def cylinder(radius: float, height: float, center: ArrayLike = (0.0, 0.0, 0.0)) -> NamedShape:
+    """Make an upright cylinder between two prisms; metres."""
+    bounds = cylinder_bounds(check_positive(radius, "radius"), check_positive(height, "height"))
+    name = f"cylinder {radius:g} m, {height:g} m high"
+    return NamedShape(name, _translate(bounds, center))
+
+
+def capsule(radius: float, length: float, center: ArrayLike = (0.0, 0.0, 0.0)) -> NamedShape:
+    """Make an upright capsule between two polyhedra; metres.
+
+    It holds the points within `radius` of a vertical segment of `length`.
+    """
+    bounds = capsule_bounds(check_positive(radius, "radius"), check_positive(length, "length"))
+    name = f"capsule {radius:g} m, {length:g} m long"
+    return NamedShape(name, _translate(bounds, center))
+
+
+def _translate(bounds: BoundsPair, center: ArrayLike) -> BoundedShape:
+    """Move the bounds of a solid of revolution to a center."""
+    shift = check_point(center, dim=3)
+    outer, inner = (Mesh.of((vertices + shift, faces)) for vertices, faces in bounds)
+    is_on_axis = not shift[:2].any()
+    return BoundedShape(outer, inner, is_round_about_z=is_on_axis)
+
+
+def footprint(corners: str | ArrayLike, padding: float = 0.0) -> NamedShape:
+    """Make a polygon from a footprint, grown by a padding along both axes; metres.
+
+    `corners` may be the text of Nav2, ``"[[0.3, 0.2], ...]"``.
+    """
+    from cspace._files.ros import parse_footprint
+
+    points = parse_footprint(corners)
+    polygon = Polygons.of(points)
+    if check_not_negative(padding, "padding"):
+        polygon = Polygons.of(_grow_by_square(points, padding))
+    return NamedShape(f"polygon with {polygon.corners} corners", polygon)
+
+
+def _grow_by_square(points: Floats, padding: float) -> BaseGeometry:
+    """Return the Minkowski sum of a polygon, corners (n, 2), and a square of sides 2 padding.
+
+    It contains what Nav2 makes of the polygon, and all within `padding` of it. A warning says by
+    how much Nav2's differs.
+    """
+    import numpy as np
+    import shapely
+
+    # The sum is the polygon and what a square covers that moves along its sides.
+    square = padding * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
+    ends = np.stack([points, np.roll(points, -1, axis=0)], axis=1)
+    corners = (ends[:, :, np.newaxis] + square).reshape(len(points), 8, 2)
+    polygon = shapely.Polygon(points)
+    swept = shapely.convex_hull(shapely.multipoints(corners))
+    # The union has corners within straight sides, up to rounding.
+    grown = shapely.union_all([polygon, *swept]).simplify(_MAX_NEGLECTED_SHARE * padding)
+    moved = shapely.make_valid(shapely.Polygon(points + padding * np.sign(points)))
+    missing = shapely.difference(grown, moved).area
+    if missing > _MAX_NEGLECTED_SHARE * grown.area:
+        lost = shapely.difference(polygon, moved).area
+        warn_user(
+            f"padding: {padding:g} m all around the footprint are {missing:.3g} m2 more than Nav2 "
+            f"pads, and {lost:.3g} m2 of these lie in the footprint; Nav2 moves each coordinate of "
+            "a corner away from zero, which need not cover the robot; for its polygon pass "
+            "corners + padding * numpy.sign(corners) without padding"
+        )
+    return grown
+
+
+# ---- short texts ---------------------------------------------------------------------------------
+
+
+class ShortText(NamedTuple):
+    """A kind of short text: its name, a colon, and its form.
+
+    Attributes
+    ----------
+    make : callable
+        Makes the shape from its sizes and, if it is not at the origin, its center. For a
+        footprint, from the text after the colon.
+    form : str
+        Names of the sizes with the separator between them; each is above zero, in metres.
+    dimension : int
+        2 in the plane, 3 in space.
+    summary : str
+        Description for tables of the documentation.
+    example : str
+        A complete short text.
+    """
+
+    make: Callable[..., NamedShape]
+    form: str
+    dimension: int
+    summary: str
+    example: str
+
+
+SHORT_TEXTS: Final[dict[str, ShortText]] = {
+    "disc": ShortText(disc, "RADIUS", 2, "a disc, by its radius", "disc:0.3"),
+    "rect": ShortText(
+        rectangle, "LENGTHxWIDTH", 2, "a rectangle, length along x, then width", "rect:0.9x0.6"
+    ),
+    "ellipse": ShortText(
+        ellipse, "RADIUS_X,RADIUS_Y", 2, "an ellipse, semi-axes along x and y", "ellipse:0.5,0.3"
+    ),
+    "footprint": ShortText(
+        footprint,
+        "[[X,Y],...]",
+        2,
+        "a polygon, as Nav2 writes it",
+        "footprint:[[0.3,0.2],[-0.3,0.2],[0,-0.2]]",
+    ),
+    "ball": ShortText(ball, "RADIUS", 3, "a ball, by its radius", "ball:0.3"),
+    "box": ShortText(
+        lambda x, y, z, *center: box((x, y, z), *center),
+        "XxYxZ",
+        3,
+        "a box along the axes",
+        "box:0.6x0.6x0.2",
+    ),
+    "cylinder": ShortText(cylinder, "RADIUSxHEIGHT", 3, "an upright cylinder", "cylinder:0.3x1.2"),
+    "capsule": ShortText(
+        capsule,
+        "RADIUSxLENGTH",
+        3,
+        "the points within RADIUS of an upright segment of LENGTH",
+        "capsule:0.3x1.2",
+    ),
+}
+"""Kinds of short texts by name, the word before the colon."""
+
+SHORT_TEXT_FORMS: Final = ", ".join(f"{name}:{kind.form}" for name, kind in SHORT_TEXTS.items())
+"""Forms of all short texts, for messages."""
+
+
+def is_short_text(text: str) -> bool:
+    """Return True if a text is a short text of a shape."""
+    name, colon, _ = text.partition(":")
+    return bool(colon) and name in SHORT_TEXTS
+
+
+def parse_short_text(text: str, argument: str = "shape") -> NamedShape:
+    """Make the shape of a short text such as ``rect:0.9x0.6`` or ``disc:0.3@0.1,0``.
+
+    Parameters
+    ----------
+    text : str
+        A text for which :func:`is_short_text` is True.
+    argument : str
+        The caller's argument, for messages.
+
+    Raises InputError or GeometryError if the text after the colon is malformed.
+    """
+    # A text is NAME:SIZES or NAME:SIZES@CENTER.
+    name, _, rest = text.partition(":")
+    if name == "footprint":
+        return _parse_footprint(text, rest, argument)
+    kind = SHORT_TEXTS[name]
+    separator = "," if "," in kind.form else "x"
+    sizes_text, at_sign, center_text = rest.partition("@")
+    sizes = _parse_numbers(sizes_text, separator)
+    center = _parse_numbers(center_text, ",")
+    count = len(kind.form.split(separator))
+    sizes_are_valid = len(sizes) == count and min(sizes) > 0.0
+    if not sizes_are_valid or bool(at_sign) != bool(center):
+        rule = (
+            f"{kind.form} must follow the colon, each above zero, in metres, and @X,Y or @X,Y,Z "
+            "for a center"
+        )
+        raise InputError(argument, f"is {text!r}", rule, f"write e.g. {kind.example}")
+    return kind.make(*sizes, center) if at_sign else kind.make(*sizes)
+
+
+def _parse_footprint(text: str, rest: str, argument: str) -> NamedShape:
+    """Make a polygon from its corners, or the projection of another short text."""
+    if rest.lstrip().startswith("["):
+        return footprint(rest)
+    if is_short_text(rest):
+        solid = parse_short_text(rest, argument)
+        return NamedShape(f"footprint of {solid.name}", solid.shape.project_to_plane())
+    rule = "corners or a short text must follow the colon"
+    hint = (
+        f"write e.g. {SHORT_TEXTS['footprint'].example}, or use Robot.open(path).footprint() "
+        "for a file"
+    )
+    raise InputError(argument, f"is {text!r}", rule, hint)
+
+
+def _parse_numbers(text: str, separator: str) -> list[float]:
+    """Parse finite numbers, or return an empty list."""
+    try:
+        numbers = [float(word) for word in text.split(separator)]
+    except ValueError:
+        return []
+    return numbers if all(map(math.isfinite, numbers)) else []

@@ -1,0 +1,412 @@
+"""Shapes of URDF links, and of objects in MoveIt planning scenes."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+import numpy as np
+
+from cspace._files.access import ContentError
+from cspace._files.meshes import read_mesh, warn_of_unit
+from cspace._files.moveit import (
+    SCENE,
+    WORLD,
+    Contacts,
+    check_distinct,
+    find_frame,
+    pair_poses,
+    parse,
+    reading,
+    wrong_value,
+)
+from cspace._files.polygons import join_surfaces, transform_surface
+from cspace._files.urdf import (
+    GEOMETRIES,
+    PackageDirs,
+    find_meshes,
+    fixed_links,
+    load_urdf,
+    locate_meshes,
+    package_folders,
+    warn_of_visuals,
+    zero_poses,
+)
+from cspace._shapes.balls import Balls
+from cspace._shapes.mesh import Mesh, Solid
+from cspace._shapes.shape import (
+    BoundedShape,
+    BoundsPair,
+    Shape,
+    capsule_bounds,
+    cone_bounds,
+    cylinder_bounds,
+)
+from cspace._shapes.voxels import Box
+from cspace._support.arrays import Floats, Surface
+from cspace._support.check import (
+    check_finite,
+    check_known,
+    check_names,
+    check_point,
+    check_positive,
+)
+from cspace._support.reporting import warn_user
+from cspace.errors import GeometryError, InputError
+
+if TYPE_CHECKING:
+    from yourdfpy import URDF
+
+
+def read_urdf(
+    path: str | os.PathLike[str],
+    link: str | Sequence[str] | None = None,
+    package_dirs: PackageDirs = (),
+    primitives: bool = True,
+    visuals: bool = False,
+) -> list[Surface]:
+    """Read the surface of a robot's collision geometry, metres.
+
+    It is in the frame of the first link. Links and `visuals` are as for
+    :meth:`cspace.Robot.from_urdf`. If a shape is curved, return an outer and an inner surface.
+    Without `primitives`, only meshes are accepted.
+
+    Raises FileError if the file or a mesh is missing or malformed. Raises InputError if a link is
+    missing, the links have no collision geometry, or a size is not above zero. Raises
+    MissingPackageError without yourdfpy.
+    """
+    folders = package_folders(package_dirs)
+    file = os.fspath(path)
+    urdf = load_urdf(path, visuals)
+    links = fixed_links(urdf) if link is None else check_names(link, "link")
+    for name in links:
+        check_known(name, "link", urdf.link_map)
+    warn_of_visuals(urdf, urdf.link_map if link is None else links, path)
+    # The bounds of all collision geometries, moved to the frame of the first link.
+    outer_surfaces = []
+    inner_surfaces = []
+    is_curved = False
+    meshes = find_meshes(urdf, links, path, folders)
+    poses = zero_poses(urdf)
+    for name in links:
+        # Solving by the first link's pose gives the pose relative to it.
+        pose: Floats = np.linalg.solve(poses[links[0]], poses[name]).astype(np.float64)
+        for place, collision in _iterate_collisions(urdf, name, file):
+            if not primitives and collision.geometry.mesh is None:
+                problem = (
+                    f"is 'surface', and {place} is a box, a cylinder or a sphere, which is solid"
+                )
+                rule = "only a mesh can be a surface without an inside"
+                hint = "omit it, or name links with only meshes"
+                raise InputError("solid", problem, rule, hint)
+            transform = pose @ _read_origin(collision, place)
+            outer, inner = _make_bounds(collision.geometry, meshes, place)
+            outer_surfaces.append(transform_surface(outer, transform))
+            inner_surfaces.append(transform_surface(inner, transform))
+            is_curved |= inner is not outer
+    _check_shapes(urdf, link, links, file)
+    sides = [outer_surfaces, inner_surfaces] if is_curved else [outer_surfaces]
+    return [join_surfaces(side) for side in sides]
+
+
+def _check_shapes(
+    urdf: URDF, chosen: str | Sequence[str] | None, links: Sequence[str], file: str
+) -> None:
+    """Refuse links without collision geometry.
+
+    Warns if links that move are left out, unless the user has chosen ``links``.
+    """
+    with_geometry = [name for name in urdf.link_map if urdf.link_map[name].collisions]
+    omitted = [name for name in with_geometry if name not in links]
+    if len(omitted) == len(with_geometry):
+        problem = f"is {', '.join(links) or 'empty'}"
+        rule = "no such link has collision geometry"
+        hint = "add <collision>, or pass visuals=True"
+        if with_geometry:
+            hint = f"name links that have: {', '.join(with_geometry)}"
+        raise InputError("link", problem, rule, hint)
+    if chosen is None and omitted:
+        problem = f"{file}: {', '.join(omitted)} move against {links[0]} and are omitted"
+        hint = "name all links, which are placed with their joints at zero"
+        warn_user(f"{problem}; to include them, {hint}")
+
+
+def _iterate_collisions(urdf: URDF, link: str, file: str) -> Iterator[tuple[str, Any]]:
+    """Yield the place, for messages, of each collision geometry of a link, and the geometry."""
+    for number, collision in enumerate(urdf.link_map[link].collisions):
+        yield f"{file}: link {link!r}, collision {number}", collision
+
+
+def _read_origin(collision: Any, place: str) -> Floats:
+    """Return the pose of a collision geometry in its link, shape (4, 4)."""
+    if collision.origin is None:
+        return np.eye(4)
+    return check_finite(collision.origin, f"{place}: origin")
+
+
+def link_shapes(
+    urdf: URDF, link: str, path: str | os.PathLike[str], meshes: Mapping[str, Path], solid: Solid
+) -> Iterator[tuple[Shape, Floats]]:
+    """Yield the shapes of a link and their poses.
+
+    Poses are in the frame of the link, shape (4, 4). `meshes` are the files from
+    :func:`find_meshes`; `solid` says which part of a mesh is solid.
+
+    Raises FileError if a mesh is malformed, and InputError if a size is not above zero.
+    """
+    for place, collision in _iterate_collisions(urdf, link, os.fspath(path)):
+        outer_surface, inner_surface = _make_bounds(collision.geometry, meshes, place)
+        solid_part = solid if collision.geometry.mesh is not None else "auto"
+        outer = Mesh(*outer_surface, solid_part, place)
+        outer.warn_if_open(fills=False)
+        shape: Shape = outer
+        if inner_surface is not outer_surface:
+            shape = BoundedShape(outer, Mesh.of(inner_surface))
+        yield shape, _read_origin(collision, place)
+
+
+def _make_bounds(geometry: Any, meshes: Mapping[str, Path], place: str) -> BoundsPair:
+    """Return an outer and an inner surface of a geometry.
+
+    They are the same object if it is not curved.
+    """
+    # A geometry has one kind, and None for the others.
+    kind = next(name for name in GEOMETRIES if getattr(geometry, name) is not None)
+    shape = getattr(geometry, kind)
+    place = f"{place}: {kind}"
+    if kind == "mesh":
+        surface = _scale_mesh(meshes[str(shape.filename)], shape.scale, place)
+        return surface, surface
+    if kind == "box":
+        sides = check_point(shape.size, f"{place}: size", 3).tolist()
+        for side in sides:
+            check_positive(side, f"{place}: size")
+        surface = Box.of(sides).surface
+        return surface, surface
+    sizes = [check_positive(getattr(shape, name), f"{place}: {name}") for name in GEOMETRIES[kind]]
+    if kind == "cylinder":
+        return cylinder_bounds(*sizes)
+    return capsule_bounds(sizes[0], 0.0)
+
+
+def _scale_mesh(file: Path, scale: Any, place: str) -> Surface:
+    """Read the surface of a mesh, scaled by one factor or three."""
+    scale = 1.0 if scale is None else scale
+    factors = check_finite(np.broadcast_to(scale, 3), f"{place}: scale")
+    if not factors.all():
+        problem = f"is {factors.tolist()}"
+        rule = "no factor may be zero"
+        raise InputError(f"{place}: scale", problem, rule, "correct it")
+    if (factors == 1.0).all():
+        warn_of_unit(file)
+    return transform_surface(read_mesh(file), np.diag([*factors, 1.0]))
+
+
+class SceneShape(NamedTuple):
+    """A shape of a planning scene.
+
+    Attributes
+    ----------
+    name : str
+        Id of its collision object, with ``/0``, ``/1`` and so on if that holds several shapes.
+    shape : Shape
+    pose : ndarray of float64, shape (4, 4)
+        Motion from the frame of the shape to the frame of its object.
+    object_id : str
+        Id of its collision object.
+    frame : str
+        Frame of the object: the planning frame, or the link that carries it.
+    link : str
+        Link that carries it; empty for an obstacle.
+    touch_links : tuple of str
+        Further links that may touch it.
+    """
+
+    name: str
+    shape: Shape
+    pose: Floats
+    object_id: str
+    frame: str
+    link: str = ""
+    touch_links: tuple[str, ...] = ()
+
+
+class SceneContent(NamedTuple):
+    """Content of a planning scene.
+
+    Attributes
+    ----------
+    source : str
+        The file, or "planning scene" for a message.
+    frame : str
+        The planning frame.
+    shapes : list of SceneShape
+        Obstacles, and objects that the robot carries.
+    joints : dict of str to float
+        Values of the robot's joints.
+    contacts : dict or None
+        Entries and defaults of the allowed collision matrix, if there is one.
+    """
+
+    source: str
+    frame: str
+    shapes: list[SceneShape]
+    joints: dict[str, float]
+    contacts: Contacts | None
+
+    def list_obstacles(self) -> list[Shape]:
+        """Return the obstacles in the planning frame.
+
+        A warning lists the attached objects, which are left out. Raises GeometryError if the scene
+        has no obstacle.
+        """
+        obstacles = [
+            _transform(scene_shape.shape, scene_shape.pose)
+            for scene_shape in self.shapes
+            if not scene_shape.link
+        ]
+        _check_any(obstacles, self.source)
+        carried = dict.fromkeys(each.object_id for each in self.shapes if each.link)
+        if carried:
+            problem = f"attached objects ({', '.join(carried)}) enlarge the robot and are not read"
+            warn_user(f"{self.source}: {problem}; use arm.attach")
+        return obstacles
+
+
+def _check_any(shapes: Sequence[object], source: str) -> None:
+    """Raise GeometryError for a scene without shapes."""
+    if not shapes:
+        raise GeometryError(source, "holds no shape", "a scene needs one", "pass another scene")
+
+
+def read_scene(source: object, package_dirs: PackageDirs = ()) -> SceneContent:
+    """Read the shapes of a planning scene.
+
+    Parameters
+    ----------
+    source : path-like, mapping, or message
+        A ``moveit_msgs/PlanningScene``, or its ``world``; a file has it in YAML.
+    package_dirs : path-like, or sequence of path-like
+        Folders that hold the folders of packages, for meshes.
+
+    Raises FileError, or InputError for a message, if it is missing or malformed, holds anything but
+    boxes, spheres, cylinders, cones and meshes in one frame, or only changes another scene. Raises
+    GeometryError if a mesh has no triangle.
+    """
+    folders = package_folders(package_dirs)
+    with reading(source, "planning scene") as (name, content):
+        if isinstance(content, dict) and "collision_objects" in content:
+            content = {"world": content}
+        fields = parse(SCENE, content, "")
+        state = fields.robot_state
+        shapes = list[SceneShape]()
+        for item in fields.world.collision_objects:
+            shapes += _read_object(item, name, folders)
+        for item in state.attached_collision_objects:
+            carried = _read_object(item.object, name, folders, item.link_name)
+            touch_links = tuple(item.touch_links)
+            shapes += [shape._replace(touch_links=touch_links) for shape in carried]
+        # An object of several shapes has a name beside theirs.
+        ids = {each.object_id for each in shapes if each.object_id != each.name}
+        names = [each.name for each in shapes]
+        check_distinct([*names, *ids], "", "ids and names of shapes must differ", "rename one")
+        _check_any(shapes, name)
+        frame = find_frame({each.frame for each in shapes if each.frame != each.link})
+        contacts = fields.allowed_collision_matrix
+        return SceneContent(name, frame, shapes, state.joint_state, contacts)
+
+
+def _read_object(
+    item: Any, source: str, folders: Sequence[Path], link: str = ""
+) -> list[SceneShape]:
+    """Return the shapes of a collision object, which a link may carry.
+
+    Meshes lie beside the file `source` or in the folders.
+    """
+    name = item.id
+    place = f"object {name!r}"
+    if link and not item.header.frame_id:
+        problem = f"has no header.frame_id at {place}"
+        rule = "MoveIt and robowflex would take the frame of the world"
+        raise ContentError(problem, rule, f"add it, e.g. {link}")
+    shapes: list[tuple[Shape, Floats]] = [
+        (_PRIMITIVE_MAKERS[kind](*sizes), pose)
+        for (kind, sizes), pose in pair_poses(item, "primitives", "primitive_poses", place)
+    ]
+    for number, (mesh, pose) in enumerate(pair_poses(item, "meshes", "mesh_poses", place)):
+        shapes.append((_read_mesh(mesh, f"meshes[{number}] of {place}", source, folders), pose))
+    if not shapes:
+        rule = "it must have primitives or meshes"
+        raise ContentError(f"has no shape at {place}", rule, "add them, or remove the object")
+    # Several shapes of an object are numbered.
+    names = [name]
+    if len(shapes) > 1:
+        names = [f"{name}/{number}" for number in range(len(shapes))]
+    frame = item.header.frame_id or WORLD
+    return [
+        SceneShape(shape_name, shape, item.pose @ pose, name, frame, link)
+        for shape_name, (shape, pose) in zip(names, shapes, strict=True)
+    ]
+
+
+def _read_mesh(mesh: Any, place: str, source: str, folders: Sequence[Path]) -> Mesh:
+    """Read the file that a mesh names, or else its listed triangles."""
+    resource = mesh.resource
+    dimensions = mesh.dimensions
+    is_inline = bool(mesh.vertices or mesh.triangles)
+    if is_inline and (resource or dimensions is not None):
+        problem = f"has vertices and a resource or dimensions at {place}"
+        raise ContentError(problem, "a mesh has one of them", "remove one")
+    if resource:
+        files = locate_meshes({resource: place}, source, folders)
+        surface = _scale_mesh(files[resource], dimensions, place)
+    else:
+        surface = _read_inline_mesh(mesh, place)
+    return Mesh(*surface, source=f"{source}: {place}")
+
+
+def _read_inline_mesh(mesh: Any, place: str) -> Surface:
+    """Return the surface of a mesh that lists its vertices and triangles."""
+    count = len(mesh.vertices)
+    vertex_numbers = set(range(count))
+    triangles = [triangle.vertex_indices for triangle in mesh.triangles]
+    for triangle in triangles:
+        if len(triangle) != 3 or not vertex_numbers.issuperset(triangle):
+            rule = f"it must be three numbers of its {count} vertices, from 0"
+            raise wrong_value(triangle, f"a triangle of {place}", rule)
+    vertices = np.array(mesh.vertices).reshape(-1, 3)
+    return vertices, np.array(triangles, dtype=np.int64).reshape(-1, 3)
+
+
+def _make_curved(bounds: BoundsPair) -> Shape:
+    """Make a curved shape from its outer and inner surface."""
+    outer, inner = bounds
+    return BoundedShape(Mesh.of(outer), Mesh.of(inner))
+
+
+_PRIMITIVE_MAKERS: Final[Mapping[str, Callable[..., Shape]]] = {
+    "box": lambda *sides: Box.of(sides),
+    "sphere": lambda radius: Balls.of([(0.0, 0.0, 0.0)], radius),
+    "cylinder": lambda height, radius: _make_curved(cylinder_bounds(radius, height)),
+    "cone": lambda height, radius: _make_curved(cone_bounds(radius, height)),
+}
+"""Function that makes each primitive from its dimensions, metres."""
+
+
+def _transform(shape: Shape, pose: Floats) -> Shape:
+    """Apply a rigid motion, shape (4, 4), to a shape."""
+    rotation = pose[:3, :3]
+    translation = pose[:3, 3]
+    # Balls stay balls, and boxes that do not turn stay boxes; all else becomes a mesh.
+    if isinstance(shape, Balls):
+        return Balls.of(shape.centers @ rotation.T + translation, shape.radii)
+    if isinstance(shape, Box) and np.array_equal(rotation, np.eye(3)):
+        return Box.of(shape.extents, shape.center + translation)
+    outer = transform_surface(shape.outer.surface, pose)
+    if isinstance(shape, BoundedShape):
+        return _make_curved((outer, transform_surface(shape.inner.surface, pose)))
+    if isinstance(shape, Mesh):
+        return Mesh(*outer, shape.solid, shape.source)
+    return Mesh(*outer)

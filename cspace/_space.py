@@ -1,0 +1,1717 @@
+"""The certified map of a robot's configurations, in memory."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import threading
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, suppress
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Any, Literal, overload
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cspace._engines.slices import slice_rasters
+from cspace._interface import Endpoint, SearchOptions
+from cspace._limits import check_memory
+from cspace._maps import ConfigurationMap
+from cspace._queries.batches import (
+    MIN_EDGES_PER_THREAD,
+    Configuration,
+    as_contiguous,
+    evaluate,
+    write_in_threads,
+)
+from cspace._queries.points import NOT_USABLE
+from cspace._raster import Raster
+from cspace._record.cells import Map, make_map_record
+from cspace._record.contents import Contents
+from cspace._record.exterior import UNKNOWN, Exterior
+from cspace._record.states import (
+    count_states,
+    read_only,
+)
+from cspace._rotations.base import MAX_EXPECTED_ANGLE, warn_of_degrees
+from cspace._shapes import Shape, ShapeLike, as_shape
+from cspace._support.arrays import BLOCKED, FREE, STATE_NAMES, Bools, Floats, Ints, States
+from cspace._support.check import (
+    check_count,
+    check_finite,
+    check_flag,
+    check_points,
+    check_positive,
+    check_rng,
+    check_rows,
+    check_text,
+)
+from cspace._support.compiling import clock
+from cspace._support.derived import derived, lazy
+from cspace._workspace import Workspace, copy_workspace
+from cspace.errors import ConfigurationError, InputError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import xarray
+
+    from cspace._exact.boundaries import Problem
+    from cspace._exact.proofs import BoundaryProofs, ExactQueries
+    from cspace._obstacles import ObstacleLayers
+    from cspace._queries.components import Components
+    from cspace._queries.distance import DistanceMap, Distances
+    from cspace._queries.frontier import Costs
+    from cspace._queries.overlaps import RobotRows
+    from cspace._queries.sampling import FreeCells
+    from cspace._record.update import Update, Updater
+    from cspace.reasons import Explanation, Removals
+
+
+class CSpace(ConfigurationMap):
+    """Certified map of a robot's configurations.
+
+    The configurations lie in R^2, R^3, SE(2), R^3 x SO(2) or SE(3). Configurations are ``(x, y)``
+    or ``(x, y, z)``, followed by a yaw if the robot rotates about z, or by a quaternion ``(qx, qy,
+    qz, qw)`` if it rotates about any axis. Use :func:`cspace.build` to make a map and
+    :func:`cspace.open` to read a saved one.
+
+    A query of one configuration, a tuple or list of numbers, returns a Python value; a query of an
+    array, shape (..., size), returns an array of shape (...). Queries are compiled and may run in
+    several threads at once. Labels, sums and distances are computed at the first call and cached;
+    copies and pickles of the map leave them out. Yaw is in radians, and wrapped. A quaternion and
+    its negative are the same rotation; the norm must be 1 within 1e-6.
+
+    With ``outside="blocked"``, a configuration outside the grid is BLOCKED if the robot is proven
+    to leave the workspace; with ``outside="free"``, it is FREE if the robot is proven to reach no
+    obstacle; otherwise it is MIXED. In a window of a larger map
+    (:meth:`cspace.TiledCSpace.window`), ``outside`` is "unknown", and all outside is MIXED.
+
+    Parameters
+    ----------
+    contents : Contents
+        Grid, robot, rotations, states and workspace.
+    rasters : sequence of (outer, inner) Raster, optional
+        The robot's rasters for each slice; computed when needed if left out.
+    layers : ObstacleLayers, optional
+        Named obstacles that the cells of the workspace come from.
+
+    Examples
+    --------
+    >>> import numpy as np, cspace
+    >>> occupied = np.zeros((80, 60), dtype=bool)
+    >>> occupied[40:42, :45] = True
+    >>> space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), cspace.Robot.disc(0.2))
+    >>> space.is_free([(1.0, 1.0), (4.1, 1.0)]).tolist()
+    [True, False]
+    >>> space.motion_is_free((1.0, 1.0), (7.0, 1.0))
+    False
+    >>> space.is_connected((1.0, 1.0), (7.0, 1.0)), space.is_disconnected((1.0, 1.0), (7.0, 1.0))
+    (True, False)
+    >>> round(space.clearance((2.0, 3.0)), 3)
+    1.648
+    """
+
+    searches = ("Grid", "MaxClearance")
+
+    def __init__(
+        self,
+        contents: Contents,
+        rasters: Sequence[tuple[Raster, Raster]] | None = None,
+        layers: ObstacleLayers | None = None,
+    ) -> None:
+        """Make a map of given states; everything else is computed when it is first needed."""
+        if contents.workspace.live:  # updates of another map write to it
+            contents = replace(contents, workspace=copy_workspace(contents.workspace))
+        self._contents = contents
+        self._layers = layers
+        # Updates write to the states of the contents; everything else reads this view.
+        self._seen: States = read_only(contents.states)
+        self._slice_of = contents.slice_of
+        self.lock: AbstractContextManager[Any] = threading.RLock()
+        if rasters is not None:
+            vars(self)["_rasters"] = list(rasters)
+
+    # ---- description -----------------------------------------------------------------------------
+
+    @property
+    def workspace(self) -> Workspace:
+        """The obstacles, with all updates so far."""
+        return self._contents.workspace
+
+    @property
+    def _kept(self) -> Contents:
+        """The contents of the map."""
+        return self._contents
+
+    @property
+    def overlap_counts(self) -> NDArray[np.int32] | None:
+        """Overlap count of each cell, by slice.
+
+        The array is read-only. None if the map was built without counts, or its cells changed.
+        """
+        counts = self._contents.overlap_counts
+        if counts is None:
+            return None
+        return read_only(counts).reshape(self._contents.leading(len(counts)))
+
+    @property
+    def cell_states(self) -> NDArray[np.uint8]:
+        """State of each cell.
+
+        Its shape is (nx, ny) or (nx, ny, nz), after an axis of rotation cells if the robot rotates.
+        The array is read-only. Each access makes a new one if rotation cells share slices.
+
+        Raises
+        ------
+        InputError
+            If a new array does not fit into memory.
+        """
+        states = self._seen
+        if len(states) < len(self._slice_of):
+            states = read_only(states[self._slice_of])
+        return states.reshape(self._contents.leading(len(states)))
+
+    def states_at(self, rotation: ArrayLike = ()) -> NDArray[np.uint8]:
+        """Return the state of each cell at a rotation.
+
+        The result has shape (nx, ny) or (nx, ny, nz). Give the rotation as in a configuration:
+        nothing, a yaw in radians, or a quaternion.
+        """
+        cell = self.rotations.find_cells(self.rotations.check_rotation(rotation))
+        states: States = self._seen[int(self._slice_of[cell])]
+        return states
+
+    def count(self) -> tuple[int, int, int]:
+        """Count the FREE, MIXED and BLOCKED cells over all rotation cells."""
+        rotations_per_slice = np.bincount(self._slice_of, minlength=len(self._seen))
+        free, mixed, blocked = (rotations_per_slice @ count_states(self._seen)).tolist()
+        return free, mixed, blocked
+
+    @property
+    def _summary(self) -> str:
+        """Counts of the states, for the repr."""
+        free, mixed, blocked = self.count()
+        return f"{free=}, {mixed=}, {blocked=}"
+
+    @property
+    def facts(self) -> dict[str, object]:
+        """Plain values by name that describe the map."""
+        grid = self.grid
+        rotations = self.rotations
+        states = self._seen
+        counts = self.overlap_counts
+        # The free area or volume; over all rotations, the mean by their share of all rotations.
+        free_cells = count_states(states)[self._slice_of, FREE]
+        mean_cells = float(free_cells @ rotations.volumes / rotations.volumes.sum())
+        quantity = "area" if grid.dim == 2 else "volume"
+        free_name = f"free_{quantity}_{grid.measure_unit.replace(' ', '_')}"
+        facts: dict[str, object] = {}
+        if rotations.names:
+            free_name = f"mean_{free_name}"
+            facts["slices"] = len(states)
+        return {
+            **facts,
+            "workspace": self.workspace.source,
+            "cells": dict(zip(STATE_NAMES, self.count(), strict=True)),
+            free_name: mean_cells * grid.spacing**grid.dim,
+            "overlap_counts": counts is not None,
+            "memory_bytes": states.nbytes + (0 if counts is None else counts.nbytes),
+        }
+
+    def __reduce__(self) -> tuple[type[CSpace], tuple[Any, ...]]:
+        """Copy or pickle the contents of the map, without caches and locks."""
+        with self.lock:  # an update waits
+            layers = None if self._layers is None else self._layers.copy()
+            return type(self), (self._contents.copy(), None, layers)
+
+    # ---- one configuration -----------------------------------------------------------------------
+
+    @overload
+    def overlap_count(self, q: Configuration) -> int: ...  # type: ignore[overload-overlap]
+    @overload
+    def overlap_count(self, q: ArrayLike) -> Ints: ...
+    def overlap_count(self, q: ArrayLike) -> int | Ints:
+        """Count the cells in which robot and obstacles overlap.
+
+        The cells are those of their outer rasters. In the grid, the count is zero if and only if
+        the configuration is FREE, and it grows with the depth of the collision; times
+        ``spacing**d`` it is an area or a volume. Cells outside the workspace count if
+        ``outside="blocked"``. The robot's rows are summed at each configuration; no stored counts
+        are needed.
+
+        Parameters
+        ----------
+        q : array-like, shape (size,) or (..., size)
+            Metres, and radians.
+
+        Returns
+        -------
+        int or ndarray of int64, shape (...)
+        """
+        return self._sum("outer", q)
+
+    @overload
+    def contains_robot(self, q: Configuration) -> bool: ...  # type: ignore[overload-overlap]
+    @overload
+    def contains_robot(self, q: ArrayLike) -> Bools: ...
+    def contains_robot(self, q: ArrayLike) -> bool | Bools:
+        """Return True if the robot is proven to lie inside the obstacles.
+
+        Use it for packing: if the obstacles are a cavity or a sheet of material, True means that
+        the robot fits there, margin included. False means that this is not proven at this
+        resolution.
+
+        Parameters
+        ----------
+        q : array-like, shape (size,) or (..., size)
+            Metres, and radians.
+
+        Returns
+        -------
+        bool or ndarray of bool, shape (...)
+        """
+        with self.lock:  # the sums are consistent only before and after an update
+            sums = np.asarray(self._sum("inner", q))
+        # The robot lies inside if all its cells overlap inner cells.
+        rotation_cells = self.rotations.find_cells(np.asarray(q, dtype=np.float64))
+        robot_cells = np.array([outer.count for outer, _ in self._rasters])
+        is_inside: Bools = sums == robot_cells[self._slice_of[rotation_cells]]
+        return is_inside if is_inside.ndim else bool(is_inside)
+
+    def obstacle_distance(
+        self, q: ArrayLike, lengths: ArrayLike = 0.0, turns: ArrayLike = 0.0
+    ) -> float | Floats:
+        """Return a lower bound of the distance from obstacles.
+
+        The distance is between the robot without margin and the current obstacles: their shapes if
+        the map has them, otherwise the outer cells, and the boundary of the grid unless the outside
+        is free.
+
+        Parameters
+        ----------
+        q : array-like, shape (size,) or (..., size)
+            Configurations, or the centers of pieces of a path; metres, and radians.
+        lengths, turns : array-like, shape () or (...)
+            Length and rotation of each piece, metres and radians. The bound holds for all
+            configurations within half of them from the center.
+
+        Returns
+        -------
+        float or ndarray of float64, shape (...)
+            Metres; infinite without obstacles, and zero if a configuration or a piece is not proven
+            free.
+
+        Raises
+        ------
+        InputError
+            If the interior of a mesh depends on the spacing, or an argument is invalid.
+        """
+        points = check_rows(q, "q", self.size)
+        rows = as_contiguous(points.reshape(-1, self.size))
+        row_lengths = _spread_spans(lengths, "lengths", points.shape[:-1])
+        row_turns = _spread_spans(turns, "turns", points.shape[:-1])
+        distances = np.zeros(len(rows))
+        for k in np.flatnonzero(self.is_free(points, exact=True)):
+            piece = slice(k, k + 1)
+            distance = self._exact.distance(rows[piece], row_lengths[piece], row_turns[piece])
+            # The center is proven free, margin included; a piece is not, if nothing is left for it.
+            extends = row_lengths[k] > 0.0 or row_turns[k] > 0.0
+            distances[k] = 0.0 if extends and distance <= self.margin else distance
+        return distances.reshape(points.shape[:-1]) if points.ndim > 1 else float(distances[0])
+
+    def path_obstacle_distance(self, path: ArrayLike) -> float:
+        """Return a lower bound of the obstacle distance along a path.
+
+        The motions between its rows are straight. They are split into pieces on which no point of
+        the robot moves by more than half a cell, so that each stays within a quarter of a cell of
+        its position at the center of the piece.
+
+        Parameters
+        ----------
+        path : array-like, shape (n, size)
+            Metres, and radians.
+
+        Returns
+        -------
+        float
+            As :meth:`obstacle_distance`; NaN if the interior of a mesh depends on the spacing.
+        """
+        rows = check_rows(path, "path", self.size)
+        starts, ends = (rows[:-1], rows[1:]) if len(rows) > 1 else (rows, rows)
+        change = self.steps_between(starts, ends)
+        metres = np.linalg.norm(change[:, : self.dim], axis=1)
+        radians = np.linalg.norm(change[:, self.dim :], axis=1)
+        # Translation and rotation of a piece move a point by a quarter of a cell each.
+        longest = 0.25 * self.grid.spacing
+        ways = np.maximum(metres, radians * max(self.robot.span, longest))
+        counts = np.maximum(np.ceil(ways / longest), 1.0).astype(np.int64)
+        edges = np.repeat(np.arange(len(starts)), counts)
+        numbers = np.arange(len(edges)) - np.repeat(np.cumsum(counts) - counts, counts)
+        shares = (numbers + 0.5) / counts[edges]
+        centers = self.interpolate(starts[edges], ends[edges], shares[:, np.newaxis])
+        pieces = (metres / counts)[edges], (radians / counts)[edges]
+        try:
+            if not np.all(self.motion_is_free(starts, ends, exact=True)):
+                return 0.0
+            return max(self.margin, self._exact.distance(centers, *pieces))
+        except InputError:
+            return math.nan
+
+    def _state_of_one(self, q: tuple[Any, ...]) -> int | None:
+        """Return the state of one configuration, or None if the look-up of arrays decides."""
+        try:
+            state = self._look_up_state(*q)
+        except (TypeError, ValueError):  # another number of entries, or none that are numbers
+            return None
+        if state == NOT_USABLE or self._is_suspect(q):
+            return None
+        return state
+
+    def _state_of_motion(self, q0: tuple[Any, ...], q1: tuple[Any, ...]) -> int | None:
+        """Return FREE if one motion is proven free, else MIXED; None if arrays decide."""
+        try:
+            state = self._look_up_motion(*q0, *q1)
+        except (TypeError, ValueError):
+            return None
+        if state == NOT_USABLE or len(q0) != len(q1):
+            return None
+        return None if self._is_suspect(q0) or self._is_suspect(q1) else state
+
+    def _connection_of_one(
+        self, q0: tuple[Any, ...], q1: tuple[Any, ...], apart: bool
+    ) -> bool | None:
+        """Return whether two configurations are proven connected, or with ``apart`` disconnected.
+
+        None if the look-up of arrays decides, as outside the grid.
+        """
+        with self.lock:  # an update changes the components
+            try:
+                places = self._look_up_place(*q0), self._look_up_place(*q1)
+            except (TypeError, ValueError):
+                return None
+            if -1 in places or self._is_suspect(q0) or self._is_suspect(q1):
+                return None
+            joined = self._components.are_joined(*places)
+            # No component of FREE and MIXED cells may join them if they shall be apart.
+            if apart:
+                return not (joined or self._components.are_joined(*places, mixed=True))
+            # A path is proven only between configurations that no cell but FREE ones touches.
+            return joined and all(self._look_up_motion(*q, *q) == FREE for q in (q0, q1))
+
+    def _clearance_of_one(self, q: tuple[Any, ...]) -> float | None:
+        """Return the clearance of one configuration, or None if the look-up of arrays decides."""
+        table = self.distances.table
+        if table is None:
+            return None
+        try:
+            metres = self._look_up_clearance(table, *q)
+        except (TypeError, ValueError):
+            return None
+        return None if math.isnan(metres) or self._is_suspect(q) else metres
+
+    def _is_suspect(self, q: tuple[Any, ...]) -> bool:
+        """Return True if an angle seems to be in degrees, so that a warning is due."""
+        if not self._angles:
+            return False
+        return any(abs(q[axis]) > MAX_EXPECTED_ANGLE for axis in self._angles)
+
+    # ---- for callbacks ---------------------------------------------------------------------------
+
+    def point_checker(self, *, exact: bool = False) -> Callable[..., bool]:
+        """Return a fast ``is_free`` of floats, for callbacks.
+
+        Parameters
+        ----------
+        exact : bool
+            As for :meth:`is_free`.
+
+        Returns
+        -------
+        callable
+            ``check(*q) -> bool``. Takes the coordinates as floats; returns False for NaN or
+            infinite input.
+        """
+        look_up = self._look_up_state
+
+        def check(*q: float) -> bool:
+            """Return True if the configuration lies in a FREE cell."""
+            return look_up(*q) == FREE
+
+        return self._exact.point_checker(check) if exact else check
+
+    def edge_checker(self, *, exact: bool = False) -> Callable[..., bool]:
+        """Return a fast ``motion_is_free`` of floats, for callbacks.
+
+        Parameters
+        ----------
+        exact : bool
+            As for :meth:`motion_is_free`.
+
+        Returns
+        -------
+        callable
+            ``check(*q0, *q1) -> bool``. Takes the coordinates of both configurations as floats;
+            returns False for NaN or infinite input.
+        """
+        look_up = self._look_up_motion
+
+        def check(*endpoints: float) -> bool:
+            """Return True if the motion lies in FREE cells."""
+            return look_up(*endpoints) == FREE
+
+        return self._exact.edge_checker(check) if exact else check
+
+    def clearance_checker(self) -> Callable[..., float]:
+        """Return a fast ``clearance`` of floats, for callbacks.
+
+        It computes the distances of all cells, and again at its first call after an update.
+
+        Returns
+        -------
+        callable
+            ``check(*q) -> float``. Takes the coordinates as finite floats, without a check.
+        """
+        distances = self.distances
+        distances.whole()
+        look_up = self._look_up_clearance
+
+        def check(*q: float) -> float:
+            """Return the clearance of the configuration in metres; 0 if it is not usable."""
+            metres = look_up(distances.whole(), *q)
+            return 0.0 if math.isnan(metres) else metres
+
+        return check
+
+    # ---- for planners ----------------------------------------------------------------------------
+
+    def find_cheap_path(
+        self,
+        endpoints: Sequence[Endpoint],
+        factor_at: Callable[[Distances], Costs],
+        cost: Callable[..., float],
+        *,
+        straight: bool,
+        time_limit: float,
+    ) -> Floats:
+        """Find a path of low cost, otherwise as :meth:`find_path`.
+
+        The cost is at most that of the path of :meth:`find_path`.
+
+        Parameters
+        ----------
+        factor_at : callable
+            Returns the cost of a metre at an array of clearances in metres; it does not increase.
+        cost : callable
+            Integrates it along an edge, given by the coordinates of two configurations.
+        """
+        search = partial(self._find_cheapest_path, factor_at=factor_at, cost=cost)
+        start, goal = endpoints
+        return self._run_in_time(search, start, goal, straight, time_limit)
+
+    # ---- paths through FREE cells ----------------------------------------------------------------
+
+    def reachable_bounds(self, q: ArrayLike) -> tuple[Floats, Floats]:
+        """Return the bounding box of the FREE cells that a configuration can reach.
+
+        No path through FREE cells of the grid leaves the box, so that a planner need not sample
+        outside of it.
+
+        Parameters
+        ----------
+        q : array-like, shape (size,)
+            Metres, and radians.
+
+        Returns
+        -------
+        lower, upper : ndarray of float64, shape (d,)
+            Corners in the plane or in space, metres.
+
+        Raises
+        ------
+        ConfigurationError
+            If the configuration is not FREE, or not in the grid.
+        """
+        with self.lock:  # an update changes the components
+            cell = self._cells_of(self._check_in_grid(q, "q", free=True))
+            first, last = self._components.box(cell)
+        lower = np.asarray(self.grid.lower)
+        return lower + self.grid.spacing * first, lower + self.grid.spacing * (last + 1)
+
+    def find_path(
+        self,
+        q0: ArrayLike,
+        q1: ArrayLike,
+        *,
+        straight: bool = True,
+        exact: bool = False,
+        time_limit: float | None = None,
+    ) -> Floats:
+        """Find a path through FREE cells, proven free all along.
+
+        A path is found whenever :meth:`is_connected` is True. It is deterministic, and a short one:
+        it follows a short chain of cells (Hart, Nilsson and Raphael 1968), and is then shortened. A
+        radian of rotation counts as half a metre.
+
+        Parameters
+        ----------
+        q0, q1 : array-like, shape (size,)
+            FREE configurations in the grid; with ``exact``, free ones.
+        straight : bool
+            If False, return the chain of cells without shortening it.
+        exact : bool
+            Whether the path may cross MIXED cells where the geometry itself proves it free. The
+            search decides the centers of MIXED cells near its chain and repeats, until geometry
+            proves all edges of a path, or no chain left promises a shorter path than the one
+            through FREE cells.
+        time_limit : float, optional
+            Seconds after which the search gives up; compiling does not count. No limit by default.
+
+        Returns
+        -------
+        ndarray of float64, shape (n, size)
+            Waypoints from q0 to q1, with each motion between two proven free and yaw in [-pi, pi).
+            Of length 0 if :meth:`is_connected` is False, as for a configuration on the boundary of
+            a cell that is not FREE, or if time runs out.
+
+        Raises
+        ------
+        ConfigurationError
+            If a configuration is not FREE, or not in the grid; with ``exact``, if the geometry does
+            not prove it free.
+        InputError
+            If a coordinate is not finite, the time limit is not above zero, or ``exact`` is set for
+            a map without geometry.
+        """
+        check_flag(exact, "exact")
+        search = self._find_exact_path if exact else self._find_free_path
+        return self._run_in_time(search, q0, q1, straight, time_limit)
+
+    def search(self, name: str, endpoints: Sequence[Endpoint], options: SearchOptions) -> Floats:
+        """Run :meth:`find_path` as "Grid", or :meth:`find_widest_path` as "MaxClearance"."""
+        start, goal = endpoints
+        straight = options.simplify
+        seconds = options.seconds
+        if name == "MaxClearance":
+            return self.find_widest_path(start, goal, straight=straight, time_limit=seconds)
+        return self.find_path(
+            start, goal, straight=straight, exact=options.exact, time_limit=seconds
+        )
+
+    def _run_in_time(
+        self,
+        search: Callable[[ArrayLike, ArrayLike, bool, float], Floats],
+        q0: ArrayLike,
+        q1: ArrayLike,
+        straight: bool,
+        time_limit: float | None,
+    ) -> Floats:
+        """Run a search of a path, shape (n, size), with a time limit; n is 0 if time runs out.
+
+        ``search`` takes start, goal, ``straight`` and seconds; it raises TimeoutError.
+        """
+        seconds = math.inf
+        if time_limit is not None:
+            seconds = check_positive(time_limit, "time_limit", "seconds")
+        try:
+            return search(q0, q1, straight, seconds)
+        except TimeoutError:
+            return self._no_path()
+
+    def _find_free_path(
+        self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float
+    ) -> Floats:
+        """Find a path through FREE cells, shape (n, size); raise TimeoutError if time runs out.
+
+        It is one straight edge if possible, and otherwise follows a chain of cells.
+        """
+        endpoints = self._check_ends(q0, q1, free=True)
+        start, goal = endpoints
+        dim = self.grid.dim
+        if not self.rotations.steps_between(start, goal)[dim:].any():
+            # The same rotation may be given in other numbers, e.g. other signs.
+            goal[dim:] = start[dim:]
+        if straight and self.edge_checker()(*start, *goal):
+            return endpoints
+        return self._path_along_chain(endpoints, straight, seconds)
+
+    def _find_exact_path(
+        self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float
+    ) -> Floats:
+        """Find a path that geometry proves, shape (n, size): the shortest of two searches.
+
+        One search keeps to FREE cells, the other one crosses MIXED cells. Raises TimeoutError if
+        time runs out before any path is found.
+        """
+        from cspace._queries.paths import in_time, path_length, pulled_straight
+
+        endpoints = self._check_ends(q0, q1, free=True, exact=True)
+        start, goal = endpoints
+        until = clock() + seconds
+        check = self.edge_checker(exact=True)
+        if straight and check(*start, *goal):
+            return endpoints
+        measure = partial(path_length, rotations=self.rotations)
+        paths = list[Floats]()
+        max_length = math.inf
+        if np.all(self.is_free(endpoints)):
+            free_path = self._find_free_path(start, goal, straight, seconds)
+            if len(free_path):
+                paths.append(free_path)
+                max_length = measure(free_path)
+        mixed_path = self._find_path_through_mixed(endpoints, check, max_length, until)
+        if len(mixed_path):
+            paths.append(mixed_path)
+        if straight:
+            in_time_check = in_time(check, until)
+            paths = [pulled_straight(path, self.rotations, in_time_check) for path in paths]
+        return min(paths, key=measure, default=self._no_path())
+
+    def _find_path_through_mixed(
+        self, endpoints: Floats, check: Callable[..., bool], max_length: float, until: float
+    ) -> Floats:
+        """Find a path through FREE and MIXED cells, whose edges pass ``check``.
+
+        ``endpoints`` has shape (2, size), the path (n, size). It is empty if no path promises to be
+        shorter than ``max_length``, or after the clock's time ``until``.
+        """
+        from cspace._queries.undecided import UNDECIDED_BYTES_PER_CELL, Undecided
+
+        needed = UNDECIDED_BYTES_PER_CELL * self.grid.size * len(self.rotations)
+        check_memory(needed, "the map, to search its MIXED cells,", self.grid)
+        # One array for each rotation cell, because geometry decides each on its own.
+        states = self.cell_states.reshape(-1, *self.grid.shape)
+        search = Undecided(
+            self.grid,
+            self.rotations,
+            states,
+            self._turn_costs,
+            lambda q: np.asarray(self.is_free(q, exact=True)),
+            check,
+        )
+        return search.find(endpoints, self._cells_of(endpoints), max_length, until)
+
+    def _path_along_chain(
+        self,
+        endpoints: Floats,
+        straight: bool,
+        seconds: float,
+        factors: Costs | None = None,
+        cost: Callable[..., float] | None = None,
+    ) -> Floats:
+        """Find a path along a short chain of cells, shape (n, size); n is 0 if there is none.
+
+        It is shortened if ``straight``. With ``factors`` of cells, shape (slices, ...), the length
+        of a move is multiplied by those of its cells, and ``cost`` is that of an edge.
+        """
+        from cspace._queries.guide import NO_FACTORS
+        from cspace._queries.paths import in_time, pulled_straight, waypoints
+        from cspace._queries.search import find_chain
+
+        # If components are known already, they save a search that cannot succeed.
+        if self.is_labelled and not self.is_connected(*endpoints):
+            return self._no_path()
+        rotations = self.rotations
+        turns = rotations.neighbors, self._turn_costs
+        until = clock() + seconds
+        first, last = self._cells_of(endpoints)
+        factors = NO_FACTORS if factors is None else factors
+        cells = find_chain(
+            self._seen,
+            self._slice_of,
+            turns,
+            first,
+            last,
+            until,
+            factors,
+            lambda: bool(self.is_connected(*endpoints)),
+        )
+        if not len(cells):
+            return self._no_path()
+        path = waypoints(self.grid, rotations, endpoints, cells)
+        start_rotation, goal_rotation = endpoints[:, self.grid.dim :]
+        rotation_cells = cells[:, 0]
+        stays_in_cell = (rotation_cells == rotation_cells[0]).all()
+        check = self.edge_checker()
+
+        def is_free(path: Floats) -> bool:
+            """Return True if all edges of a path are FREE."""
+            edges = itertools.pairwise(path.tolist())
+            return all(check(*start, *end) for start, end in edges)
+
+        if stays_in_cell and (start_rotation == goal_rotation).all():
+            # Do not turn to the center of the rotation cell and back, unless the rotation is on the
+            # border of a rotation cell that is not FREE.
+            still = path.copy()
+            still[:, self.grid.dim :] = start_rotation
+            path = still if is_free(still) else path
+        # Only the edges to the first and from the last center may fail, beside cells not FREE.
+        if not is_free(path):
+            return self._no_path()
+        if not straight:
+            return path
+        return pulled_straight(path, rotations, in_time(check, until), cost)
+
+    def _no_path(self) -> Floats:
+        """Return a path without waypoints, which stands for none."""
+        return np.empty((0, self.size))
+
+    def _find_cheapest_path(
+        self,
+        q0: ArrayLike,
+        q1: ArrayLike,
+        straight: bool,
+        seconds: float,
+        factor_at: Callable[[Distances], Costs],
+        cost: Callable[..., float],
+    ) -> Floats:
+        """Find a path of low cost, the cheapest of up to three; see :meth:`find_cheap_path`.
+
+        Raises TimeoutError if time runs out before any is found.
+        """
+        from cspace._queries.paths import edge_costs, in_time, pulled_straight
+
+        endpoints = self._check_ends(q0, q1, free=True)
+        start, goal = endpoints
+        clearances = self._search_distances() * np.float32(self.grid.spacing)
+        factors = factor_at(clearances)
+        until = clock() + seconds
+        # A short path, the same path changed to cost less, and the path of a search by cost.
+        short_path = self._find_free_path(start, goal, straight, seconds)
+        paths = [short_path]
+        if straight and len(short_path):
+            check = in_time(self.edge_checker(), until)
+            paths.append(pulled_straight(short_path, self.rotations, check, cost))
+        with suppress(TimeoutError):
+            remaining = until - clock()
+            cheap_path = self._path_along_chain(endpoints, straight, remaining, factors, cost)
+            paths.append(cheap_path)
+        paths = [path for path in paths if len(path)]
+
+        def measure(path: Floats) -> float:
+            """Return the cost of a path."""
+            return float(edge_costs(path, cost).sum())
+
+        return min(paths, key=measure, default=self._no_path())
+
+    def min_path_length(self, q0: ArrayLike, q1: ArrayLike) -> float:
+        """Bound the length of every collision-free path between two configurations from below.
+
+        A point that is BLOCKED at all rotations is on no path, within the grid or outside. The
+        bound is that of ``cspace/_queries/lower_bound.py``: in the plane, within 3 % and two cells
+        of the shortest path among the other points. In space, it is the largest of three such
+        bounds, of projections along each axis, extended by the difference along that axis.
+        Rotations count nothing.
+
+        Parameters
+        ----------
+        q0, q1 : array-like, shape (size,)
+            Configurations in the grid.
+
+        Returns
+        -------
+        float
+            Metres; infinity if BLOCKED cells separate the two.
+
+        Raises
+        ------
+        InputError
+            If a coordinate is not finite.
+        ConfigurationError
+            If a configuration is not in the grid.
+        """
+        from cspace._queries.lower_bound import min_length
+
+        grid = self.grid
+        # Positions in cells, and the cells that are not BLOCKED at every rotation.
+        positions = self._check_ends(q0, q1)[:, : grid.dim]
+        start, goal = (positions - grid.lower) / grid.spacing
+        passable = self._seen.min(axis=0) < BLOCKED
+        is_open = not self._exterior.is_all_blocked(grid.shape).all()
+        return grid.spacing * min_length(passable, is_open, start, goal)
+
+    def find_widest_path(
+        self,
+        q0: ArrayLike,
+        q1: ArrayLike,
+        *,
+        straight: bool = True,
+        time_limit: float | None = None,
+    ) -> Floats:
+        """Find a short path among those of the largest possible clearance.
+
+        Among all chains of FREE cells that join the two, rotating on the spot between rotation
+        cells, the smallest clearance of the chain is the largest possible. If start or goal has
+        less clearance, the path leaves it by steepest ascent of clearance, so that the endpoints do
+        not limit the rest. The chain between is a short one, counting a radian as half a metre,
+        and is then shortened without losing clearance. The path is deterministic.
+
+        Clearance is the distance of :meth:`clearance` at the centers of cells, rounded down to a
+        64th of a cell and limited to 1024 cells; between centers, it may be less by half a cell's
+        diagonal. Chains stay in the grid, also if the outside is free.
+
+        Parameters
+        ----------
+        q0, q1 : array-like, shape (size,)
+            FREE configurations in the grid.
+        straight : bool
+            If False, return the chain of cells without shortening it.
+        time_limit : float, optional
+            Seconds after which the search gives up; compiling and arrays that the map caches do not
+            count. No limit by default.
+
+        Returns
+        -------
+        ndarray of float64, shape (n, size)
+            Waypoints from q0 to q1, with each motion between two proven free and yaw in [-pi, pi).
+            Of length 0 if :meth:`is_connected` is False, as for a configuration on the boundary of
+            a cell that is not FREE, or if time runs out.
+
+        Raises
+        ------
+        ConfigurationError
+            If a configuration is not FREE, or not in the grid.
+        InputError
+            If a coordinate is not finite, the time limit is not above zero, or the search does not
+            fit into memory.
+        """
+        return self._run_in_time(self._search_widest_path, q0, q1, straight, time_limit)
+
+    def _search_widest_path(
+        self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float
+    ) -> Floats:
+        """Find a path of the largest clearance, shape (n, size), empty if edges are unproven.
+
+        Raises TimeoutError if time runs out.
+        """
+        from cspace._queries.widest import WidthMap, find_widest_path
+
+        endpoints = self._check_ends(q0, q1, free=True)
+        widths = WidthMap(
+            self._search_distances(), self._slice_of, self.rotations, self._turn_costs
+        )
+        until = clock() + seconds
+        ends = endpoints, self._cells_of(endpoints)
+        path = find_widest_path(widths, self.kernel_map, self.grid, ends, straight, until)
+        if len(path) and self.certify_path(path).all():
+            return path
+        return self._no_path()
+
+    def _search_distances(self) -> Distances:
+        """Return the distance of each cell, by slice; refuse a search beyond free memory."""
+        from cspace._queries.widest import SEARCH_BYTES_PER_CELL
+
+        needed = SEARCH_BYTES_PER_CELL * self.grid.size * len(self.rotations)
+        check_memory(needed, "the map, to search it by clearance,", self.grid)
+        return self.distances.array()
+
+    # ---- the set of FREE configurations ----------------------------------------------------------
+
+    @overload
+    def sample_free(self, n: None = None, rng: np.random.Generator | None = None) -> Floats: ...
+    @overload
+    def sample_free(self, n: int, rng: np.random.Generator | None = None) -> Floats: ...
+    def sample_free(self, n: int | None = None, rng: np.random.Generator | None = None) -> Floats:
+        """Draw configurations uniformly from the FREE cells.
+
+        Parameters
+        ----------
+        n : int, optional
+            Number of configurations; if left out, one without a batch axis.
+        rng : numpy.random.Generator, optional
+            Source of randomness; by default a new ``numpy.random.default_rng()`` at each call.
+
+        Returns
+        -------
+        ndarray of float64, shape (n, size), or (size,)
+            Metres, and radians; yaw in [-pi, pi), as OMPL's bounds require.
+
+        Raises
+        ------
+        ConfigurationError
+            If the map has no FREE cell.
+        InputError
+            If ``n`` is negative or ``rng`` is neither None nor a Generator.
+        """
+        from cspace._queries.sampling import sample
+
+        count = 1 if n is None else check_count(n, "n")
+        generator = check_rng(rng)
+        free = self._free_cells
+        if not free.counts.any():
+            raise self._make_nothing_free_error()
+        samples = sample(free, self._slice_of, self.rotations, self.grid, count, generator)
+        return samples[0] if n is None else samples
+
+    def nearest_free(self, q: ArrayLike) -> Floats:
+        """Return the center of the FREE cell nearest to a configuration.
+
+        Parameters
+        ----------
+        q : array-like, shape (size,)
+            Metres and radians, inside the grid or not. A radian counts as half a metre, as in
+            OMPL's SE(2).
+
+        Returns
+        -------
+        ndarray of float64, shape (size,)
+            Metres, and radians; yaw in [-pi, pi), as OMPL's bounds require.
+
+        Raises
+        ------
+        ConfigurationError
+            If the map has no FREE cell.
+        """
+        from cspace._queries.sampling import nearest
+
+        point = self._check_configurations(q, "q")
+        if point.ndim != 1:
+            raise InputError(
+                "q",
+                f"has shape {point.shape}",
+                f"it must be one configuration, shape ({self.size},)",
+                "pass one configuration at a time",
+            )
+        center = nearest(self._seen, self._slice_of, self.rotations, self.grid, point)
+        if center is None:
+            raise self._make_nothing_free_error()
+        return center
+
+    def _make_nothing_free_error(self) -> ConfigurationError:
+        """Make the error for a map without FREE cells."""
+        more = "" if self.rotations.preserve(self.robot.shape) else "more rotations, "
+        hint = f"use a smaller robot, a finer spacing, {more}or unknown='free' for a sensor map"
+        rule = "no configuration can be drawn"
+        return ConfigurationError("the map", "has no FREE cell", rule, hint)
+
+    # ---- updates ---------------------------------------------------------------------------------
+
+    def update(
+        self, cells: ArrayLike, lower: Sequence[int], *, inner: ArrayLike | None = None
+    ) -> Update:
+        """Replace a box of workspace cells.
+
+        The map becomes equal to a new build. The cost grows with the box around the cells that
+        differ and with the robot, not with the map. Existing checkers (:meth:`point_checker`,
+        :meth:`edge_checker`, :meth:`clearance_checker`, and those of the ``planners`` package)
+        follow the update.
+
+        The first update copies the cells of the workspace, so that the :class:`cspace.Workspace`
+        passed to the build, and other maps of it, do not change. :attr:`workspace` then has the
+        current cells; its ``shapes`` are None, and queries with ``exact=True`` use the outer cells
+        instead. Named obstacles (:meth:`add_obstacle`) stay on top. Overlap counts are dropped,
+        because they belong to the old obstacles. A map built without ``inner`` gets no BLOCKED
+        cells, also after it is saved and opened.
+
+        All data that the map derives from its cells, such as components, distances and the geometry
+        for ``exact=True``, are computed anew when next asked for.
+
+        Updates wait for each other, and for :meth:`is_connected`, :meth:`is_disconnected`,
+        :meth:`reachable_bounds`, :meth:`contains_robot`, :meth:`save`, :meth:`export`, copies and
+        pickles. Any other query of another thread during an update reads each cell either before or
+        after it; an :meth:`overlap_count` may be neither the old nor the new count.
+
+        Parameters
+        ----------
+        cells : array-like of bool, shape (mx, my) or (mx, my, mz)
+            New cells of the box: True if they meet an obstacle; 0 and 1 are accepted.
+        lower : sequence of int, shape (d,)
+            Index of the first cell of the box, which must lie in the grid.
+        inner : array-like of bool, the shape of cells, optional
+            True for cells that lie in obstacles; ``cells`` if left out.
+
+        Returns
+        -------
+        Update
+            The box that was computed again, and the number of states that changed.
+
+        Raises
+        ------
+        InputError
+            If an argument is invalid, or a cell is in ``inner`` but not in ``cells``; nothing
+            changes then.
+
+        Examples
+        --------
+        >>> import numpy as np, cspace
+        >>> workspace = cspace.Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
+        >>> space = cspace.build(workspace, cspace.Robot.disc(0.3))
+        >>> space.update(np.ones((4, 4), dtype=bool), (18, 13)).changed
+        124
+        >>> space.is_free([2.0, 1.5])
+        False
+        """
+        from cspace._record.update import Patch
+
+        self._check_whole()
+        patch = Patch.of(self.grid, cells, lower, inner)
+        with self.lock:
+            return self._updates.update(patch)
+
+    def add_obstacle(
+        self, name: str, shape: ShapeLike, *, radius: ArrayLike | None = None
+    ) -> Update:
+        """Add a named obstacle, or move it, and update the map.
+
+        The map becomes equal to a build with the base of the workspace and all named obstacles. An
+        obstacle replaces the one of the same name, and the cells that it covered reappear.
+        Obstacles may overlap. They are clipped to the grid; one that lies outside keeps its name
+        and changes nothing.
+
+        Queries with ``exact=True`` use the shape of the obstacle, not its cells. :meth:`update`
+        changes the base, below all named obstacles; exact queries then use the cells of the base.
+        All else is as for :meth:`update`. A move farther than the robot's size is two changes, the
+        new position first, so that other threads may see the obstacle at both positions, but never
+        at neither.
+
+        Copies and pickles keep the names. A saved map keeps the obstacles without names, so that
+        they can no longer be moved after it is opened.
+
+        Parameters
+        ----------
+        name : str
+        shape : shape, or array-like, shape (n, 2) or (n, 3)
+            Metres, in the map's frame. In the plane what :meth:`cspace.Workspace.from_polygons`
+            takes, such as a shapely geometry, or three or more corners of a polygon; in space a
+            mesh, as :meth:`cspace.Workspace.from_mesh` takes, such as a ``trimesh.Trimesh``; in
+            both points with their ``radius``, a decomposition into balls, a shape of
+            ``cspace._shapes``, a robot, or the short text of one, such as ``"ellipse:0.5,0.3@2,1"``.
+            The reference point of a robot is then the origin of the map.
+        radius : array-like, shape () or (n,), optional
+            Radius of the balls around points, metres, zero or above.
+
+        Returns
+        -------
+        Update
+
+        Raises
+        ------
+        InputError
+            If the name is empty or no string, or the obstacle is of another type or dimension, has
+            points without a radius, or is so far away that rounding could matter; nothing changes
+            then. A :class:`cspace.errors.GeometryError` if it is empty, not finite, or a polygon
+            that crosses itself.
+
+        Examples
+        --------
+        >>> import numpy as np, shapely, cspace
+        >>> workspace = cspace.Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
+        >>> space = cspace.build(workspace, cspace.Robot.disc(0.3))
+        >>> space.add_obstacle("cart", shapely.box(1.8, 1.3, 2.2, 1.7)).changed
+        176
+        >>> space.add_obstacle("people", [(1.0, 1.0), (3.0, 2.0)], radius=0.25).changed
+        262
+        >>> space.remove_obstacle("cart").changed
+        130
+        >>> list(space.obstacles)
+        ['people']
+        """
+        check_text(name, "name", "cart")
+        self._check_whole()
+        obstacle = as_shape(shape, radius, "shape")
+        if obstacle.dim != self.grid.dim:
+            place = "the plane" if self.grid.dim == 2 else "space"
+            raise InputError(
+                "shape",
+                f"is in {obstacle.place}",
+                f"it must be in {place}, as the map is",
+                "pass another shape",
+            )
+        with self.lock:
+            return self._updates.set_obstacle(name, obstacle)
+
+    def remove_obstacle(self, name: str) -> Update:
+        """Remove a named obstacle; the cells that it covered reappear.
+
+        Parameters
+        ----------
+        name : str
+
+        Returns
+        -------
+        Update
+
+        Raises
+        ------
+        InputError
+            If there is no obstacle of that name.
+        """
+        with self.lock:
+            named = self.obstacles
+            if name not in named:
+                rule = "there is no named obstacle"
+                if named:
+                    rule = f"it must be one of {', '.join(map(repr, named))}"
+                raise InputError(
+                    "name",
+                    f"is {name!r}",
+                    rule,
+                    "see space.obstacles for the names",
+                )
+            return self._updates.set_obstacle(name, None)
+
+    @property
+    def obstacles(self) -> dict[str, Shape]:
+        """The named obstacles at their current positions; a copy."""
+        with self.lock:
+            named = {} if self._layers is None else self._layers.named
+            return {name: obstacle.shape for name, obstacle in named.items()}
+
+    @lazy
+    def _updates(self) -> Updater:
+        """Updater of the states."""
+        from cspace._record.update import Updater
+
+        return Updater(
+            self._contents, self._layers, self._rasters, self._exterior, self._drop_derived
+        )
+
+    def _check_whole(self) -> None:
+        """Raise ConfigurationError if the map is a window of a larger one."""
+        if self.outside == UNKNOWN:
+            raise ConfigurationError(
+                "the map",
+                "is a window of a larger one",
+                "the cells around it matter too",
+                "build the larger map again and open its window",
+            )
+
+    def _drop_derived(self, workspace: Workspace, layers: ObstacleLayers | None) -> None:
+        """Drop all data that depend on the cells, and take over the workspace of an update."""
+        contents = self._contents
+        self._layers = layers
+        if contents.workspace is not workspace:
+            # Overlap counts belong to the obstacles before the update.
+            self._contents = replace(contents, workspace=workspace, overlap_counts=None)
+        derived.drop(self)
+        # Checkers of planners hold these two objects, so these drop what they hold.
+        for name in ("distances", "_exact"):
+            if name in vars(self):
+                vars(self)[name].drop()
+
+    # ---- reasons ---------------------------------------------------------------------------------
+
+    def explain(self, start: ArrayLike, goal: ArrayLike, *, refine: bool = False) -> Explanation:
+        """Explain why a path between two configurations exists, or does not.
+
+        For maps in the plane and in space, with or without a yaw. It takes some seconds for a map
+        of ten million cells.
+
+        Parameters
+        ----------
+        start, goal : array-like, shape (size,)
+            Configurations in the grid, FREE or not; metres, and radians.
+        refine : bool
+            Build finer maps while they are small, which narrow the margins. If the map leaves it
+            undecided, they or finer windows around the MIXED cells on the way may decide.
+
+        Returns
+        -------
+        cspace.reasons.Explanation
+            ``print`` it for at most three sentences; it has the verdict, the cells and obstacles in
+            the way, where the way is narrowest, and by how much the robot may grow or must shrink.
+
+        Raises
+        ------
+        InputError
+            If the map is tiled or of SE(3), or a number is not finite.
+        ConfigurationError
+            If start or goal lies outside the grid.
+
+        Examples
+        --------
+        >>> import numpy as np, cspace
+        >>> occupied = np.zeros((80, 60), dtype=bool)
+        >>> occupied[40:42, :26] = occupied[40:42, 30:] = True
+        >>> space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), cspace.Robot.disc(0.3))
+        >>> space.explain((1.0, 1.0), (7.0, 1.0)).verdict
+        'disconnected'
+        """
+        from cspace.reasons._explain import explain
+
+        return explain(self, start, goal, refine)
+
+    def removals(self, start: ArrayLike, goal: ArrayLike) -> Removals | None:
+        """Find the fewest named obstacles whose removal gives a path.
+
+        See :attr:`cspace.CSpace.obstacles`. The map itself does not change.
+
+        Parameters
+        ----------
+        start, goal : array-like, shape (size,)
+            Configurations in the grid; metres, and radians.
+
+        Returns
+        -------
+        cspace.reasons.Removals or None
+            A list of names; a map without them proves that a path exists. It is empty if one exists
+            already. No fewer obstacles give one, for up to 12 of them; for more, ``at_least`` is a
+            lower bound of their number. None if a path is not proven without all of them either.
+
+        Raises
+        ------
+        InputError
+            As :meth:`explain`, and if there are over 62 named obstacles.
+        ConfigurationError
+            If start or goal lies outside the grid.
+
+        References
+        ----------
+        K. Hauser, "The minimum constraint removal problem with three robotics applications", 2014.
+
+        Examples
+        --------
+        >>> import numpy as np, shapely, cspace
+        >>> workspace = cspace.Workspace.from_array(np.zeros((40, 20), dtype=bool), 0.1)
+        >>> space = cspace.build(workspace, cspace.Robot.disc(0.2))
+        >>> _ = space.add_obstacle("crate", shapely.box(2.0, 0.0, 2.2, 1.2))
+        >>> _ = space.add_obstacle("shelf", shapely.box(2.0, 1.2, 2.2, 2.0))
+        >>> space.removals((0.5, 0.5), (3.5, 0.5))
+        ['crate']
+        """
+        from cspace.reasons._removals import find_removals
+
+        return find_removals(self, start, goal)
+
+    # ---- for files and messages ------------------------------------------------------------------
+
+    def _write(self, write: Callable[[Contents], None], *, exterior: bool = False) -> None:
+        """Call ``write`` with the contents of the map while no update changes them.
+
+        With ``exterior``, the exterior's states are included.
+        """
+        with self.lock:
+            contents = self._contents
+            if exterior:
+                contents = replace(contents, exterior=self._exterior)
+            write(contents)
+
+    def _distance_arrays(self) -> dict[str, NDArray[Any]]:
+        """Return the distances of cells by the names of a saved map's arrays."""
+        boxes = self.distances.whole().boxes
+        return {"distances": self.distances.array(), "distance_boxes": boxes}
+
+    def _clearances_of_cells(self, number: int | None) -> Floats:
+        """Return the clearance at each cell's center, in metres, for a slice or the best of all."""
+        from cspace._queries.distance import ROUNDING_FACTOR
+
+        if number is None:
+            cells: Distances = self.distances.array().max(axis=0)
+        else:
+            cells = self.distances.array_of(number)
+        return cells.astype(np.float64) * (ROUNDING_FACTOR * self.grid.spacing)
+
+    # ---- files and messages ----------------------------------------------------------------------
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Return the map with named dimensions, coordinates and units.
+
+        See :func:`cspace.export._maps.to_xarray`. It needs the extra ``xarray``.
+        """
+        from cspace.export._maps import to_xarray
+
+        return to_xarray(self._contents)
+
+    def save(
+        self,
+        path: str | Path,
+        *,
+        overwrite: bool = False,
+        compress: bool = True,
+        clearance: bool = False,
+    ) -> None:
+        """Save as a Zarr folder, complete or not at all.
+
+        :func:`cspace.open`, ``xarray.open_zarr``, any other reader of Zarr version 3, and the C++
+        header of :func:`cspace.get_include` open it.
+
+        Parameters
+        ----------
+        path : path-like
+            The name ends in ``.zarr`` or has no suffix.
+        overwrite : bool
+            True to replace an existing map; other folders are never replaced.
+        compress : bool
+            True to compress the arrays by zstd; False to write raw bytes, which C++ maps into
+            memory.
+        clearance : bool
+            True to add the distances of cells, four bytes a state, for clearances in C++.
+
+        Raises
+        ------
+        InputError
+            If the name has another suffix.
+        FileError
+            If the output exists and may not be replaced, or cannot be written.
+        """
+        from cspace._record.save import save
+
+        def write(contents: Contents) -> None:
+            derived = self._distance_arrays() if clearance else None
+            save(contents, path, overwrite, compress, derived)
+
+        self._write(write, exterior=True)
+
+    def export(
+        self, path: str | Path, *, overwrite: bool = False, rotation: ArrayLike | None = None
+    ) -> None:
+        """Write the map for other programs, in the format of the suffix.
+
+        See :func:`cspace.export._maps.export`. Formats are ``.npz``, netCDF (``.nc``) and ParaView
+        (``.vti``). Plane maps also have ROS maps (``.yaml``) and GeoTIFF (``.tif``); maps in space
+        also have the border of the FREE cells (``.ply``, ``.obj``, ``.stl``). Formats of one slice
+        need its ``rotation`` if the robot rotates; ``.vti`` and ``.nc`` hold one slice or all.
+        """
+        from cspace.export._maps import export
+
+        self._write(partial(export, path=path, overwrite=overwrite, rotation=rotation))
+
+    def to_occupancy_grid(
+        self, msg: Any = None, *, rotation: ArrayLike | None = None, frame_id: str = "map"
+    ) -> Any:
+        """Return a plane map as a ROS occupancy grid.
+
+        FREE is 0, BLOCKED 100 and MIXED -1 (unknown). :meth:`cspace.Workspace.from_occupancy_grid`
+        reads it back: as the cells that are not FREE, or, with ``unknown="free"``, as the BLOCKED
+        cells.
+
+        Parameters
+        ----------
+        msg : object, optional
+            A message of ROS 1 or 2 to fill: any object with the fields of
+            ``nav_msgs/OccupancyGrid``. Default: a new :class:`cspace.ros.OccupancyGrid`.
+        rotation : array-like, shape (k,), optional
+            Rotation of the robot. Default: 0 means free, and 100 blocked, at every rotation.
+        frame_id : str
+            Frame in the header, whose stamp stays as it is.
+
+        Returns
+        -------
+        object
+            The message.
+
+        Raises
+        ------
+        InputError
+            If the map is in space, the message lacks a field, or the map does not have the
+            ``rotation``.
+        """
+        from cspace.export._messages import occupancy_grid_of
+
+        return occupancy_grid_of(self, msg, rotation, frame_id)
+
+    def to_costmap(
+        self,
+        msg: Any = None,
+        *,
+        inflation_radius: float = 0.55,
+        cost_scaling_factor: float = 10.0,
+        rotation: ArrayLike | None = None,
+        frame_id: str = "map",
+    ) -> Any:
+        """Return a plane map as a Nav2 costmap.
+
+        It is inflated by the robot itself. 254 is an obstacle, 255 unknown, 253 not proven free for
+        the robot. A FREE cell costs ``252 * exp(-cost_scaling_factor * clearance)``, rounded down,
+        and 0 if it is farther than ``inflation_radius`` from the obstacles. Its clearance, taken at
+        its center, stands for Nav2's distance less the inscribed radius.
+
+        Parameters
+        ----------
+        msg : object, optional
+            A message to fill: any object with the fields of ``nav2_msgs/Costmap``. Default: a new
+            :class:`cspace.ros.Costmap`.
+        inflation_radius : float
+            Metres from the obstacles, zero or above; compared with the clearance plus the radius of
+            the robot's inscribed circle, margin included. The defaults of this and of
+            ``cost_scaling_factor`` are Nav2's.
+        cost_scaling_factor : float
+            Per metre, zero or above.
+        rotation : array-like, shape (k,), optional
+            Rotation of the robot. Default: in each cell, the rotation of the largest clearance;
+            this takes some 20 nanoseconds for each cell and slice at the first call, and after an
+            update.
+        frame_id : str
+            Frame in the header, whose stamp stays as it is.
+
+        Returns
+        -------
+        object
+            The message.
+
+        Raises
+        ------
+        InputError
+            If the map is in space, the message lacks a field, or an argument is not usable.
+        """
+        from cspace.export._messages import costmap_of
+
+        return costmap_of(
+            self,
+            self._clearances_of_cells,
+            msg,
+            inflation_radius,
+            cost_scaling_factor,
+            rotation,
+            frame_id,
+        )
+
+    # ---- caches ----------------------------------------------------------------------------------
+
+    @lazy
+    def _rasters(self) -> list[tuple[Raster, Raster]]:
+        """Outer and inner raster of the robot in each slice."""
+        return slice_rasters(self.robot, self.grid.spacing, self.margin, self.rotations)
+
+    @lazy
+    def _exterior(self) -> Exterior:
+        """States of the cells outside the grid."""
+        return self._contents.exterior or Exterior.of(
+            self.workspace.outer, self._rasters, self.outside
+        )
+
+    @lazy
+    def kernel_map(self) -> Map:
+        """The map as input of compiled functions; it follows updates."""
+        return make_map_record(
+            self._seen, self.grid, self._exterior.table, self.rotations.make_lookups(self._slice_of)
+        )
+
+    @derived
+    def _blocks(self) -> Map:
+        """Map of blocks of cells, for many edges."""
+        from cspace._queries.edges import join_blocks
+
+        return join_blocks(self.kernel_map)
+
+    @lazy
+    def _exact(self) -> ExactQueries:
+        """Queries with exact geometry."""
+        from cspace._exact.proofs import ExactQueries
+
+        return ExactQueries(self._problem)
+
+    def boundary_proofs(self) -> BoundaryProofs:
+        """Return the proofs by the present boundaries of robot and obstacles."""
+        return self._exact.boundary_proofs()
+
+    def _problem(self) -> Problem:
+        """Return the input of exact queries."""
+        from cspace._exact.boundaries import Problem
+
+        exterior_blocked = self.outside != "free"
+        return Problem(
+            self.kernel_map,
+            self.rotations,
+            self.workspace,
+            self.robot,
+            self.margin,
+            exterior_blocked,
+        )
+
+    @property
+    def is_labelled(self) -> bool:  # type: ignore[override]
+        """Whether components of cells are known."""
+        return "_components" in vars(self)
+
+    @derived
+    def _components(self) -> Components:
+        """Connected components of the map."""
+        from cspace._queries.components import Components
+
+        exterior_open = ~self._exterior.is_all_blocked(self.grid.shape)
+        return Components(self._seen, self._slice_of, self.rotations.neighbors, exterior_open)
+
+    @lazy
+    def distances(self) -> DistanceMap:
+        """Distances of cells to those that are not FREE; they follow updates."""
+        from cspace._queries.distance import BYTES_PER_CELL, DistanceMap
+
+        needed = BYTES_PER_CELL * self._seen.size
+        check_memory(needed, "the map, with the clearance of its cells,", self.grid)
+        return DistanceMap(self._seen, self._exterior.table, self.lock)
+
+    @lazy
+    def _robot_rows(self) -> RobotRows:
+        """Rows of the outer rasters, for overlap counts."""
+        from cspace._queries.overlaps import RobotRows
+
+        return RobotRows.of([outer for outer, _ in self._rasters])
+
+    @derived
+    def _outer_sums(self) -> NDArray[np.int32]:
+        """Running counts of the outer cells, for overlap counts."""
+        from cspace._queries.overlaps import sum_columns
+
+        return sum_columns(self.workspace.outer)
+
+    @derived
+    def _inner_sums(self) -> NDArray[np.int32]:
+        """Running counts of the inner cells, for overlap counts."""
+        from cspace._queries.overlaps import sum_columns
+
+        return sum_columns(self.workspace.inner)
+
+    @derived
+    def _free_cells(self) -> FreeCells:
+        """FREE cells, for sampling."""
+        from cspace._queries.sampling import FreeCells
+
+        return FreeCells(self._seen)
+
+    @lazy
+    def _turn_costs(self) -> Floats:
+        """Cost of rotating to neighboring rotation cells, in cells."""
+        from cspace._queries.search import turn_costs
+
+        return turn_costs(self.rotations, self.grid.dim, self.grid.spacing)
+
+    @lazy
+    def _look_up_state(self) -> Callable[..., int]:
+        """Look-up of one configuration's state."""
+        from cspace._queries.callbacks import state_lookup
+
+        return state_lookup(self.kernel_map, self.size)
+
+    @lazy
+    def _look_up_place(self) -> Callable[..., int]:
+        """Look-up of the cell of one configuration."""
+        from cspace._queries.callbacks import place_lookup
+
+        return place_lookup(self.kernel_map, self.size)
+
+    @lazy
+    def _look_up_motion(self) -> Callable[..., int]:
+        """Look-up of one motion."""
+        from cspace._queries.callbacks import motion_lookup
+
+        return motion_lookup(self.kernel_map, self.size)
+
+    @lazy
+    def _look_up_clearance(self) -> Callable[..., float]:
+        """Look-up of one configuration's clearance in a table of distances."""
+        from cspace._queries.distance import clearance_lookup
+
+        return clearance_lookup(self.kernel_map, self.distances.of_slices([]), self.size)
+
+    # ---- queries of rows -------------------------------------------------------------------------
+
+    def _at_one_moment(self) -> AbstractContextManager[Any]:
+        """Return the lock that updates hold."""
+        return self.lock
+
+    def find_unusable(self, rows: Floats) -> int:
+        """Return the index of the first unusable configuration of rows (n, size), or -1."""
+        return self._write_states(rows, np.empty(len(rows), dtype=np.uint8))
+
+    def _write_states(self, rows: Floats, out: States) -> int:
+        """Write the states of configurations (n, size); return the first unusable row, or -1."""
+        from cspace._queries.points import classify
+
+        return write_in_threads(partial(classify, self.kernel_map), rows, out)
+
+    def _write_free(self, exact: bool, rows: Floats, out: Bools) -> int:
+        """Write whether configurations (n, size) are free; return the first unusable row, or -1."""
+        if exact:
+            return write_in_threads(partial(self._exact.points, self.kernel_map), rows, out)
+        return super()._write_free(exact, rows, out)
+
+    def _write_motions(self, exact: bool, starts: Floats, ends: Floats, out: Bools) -> int:
+        """Write whether motions, shapes (n, size), are free; return the first unusable, or -1."""
+        from cspace._queries import edges
+
+        test_edges = self._exact.edges if exact else edges.edges_are_free
+        write = partial(test_edges, self.kernel_map)
+        min_edges = edges.MIN_EDGES_FOR_BLOCKS + self._seen.size // edges.CELLS_PER_EDGE
+        if len(starts) >= min_edges:
+            write = partial(edges.edges_are_free_by_blocks, self._blocks, write)
+        return write_in_threads(write, starts, ends, out, min_items=MIN_EDGES_PER_THREAD)
+
+    def _write_free_around(self, distance: float, angle: float, rows: Floats, out: Bools) -> int:
+        """Write whether all configurations within a distance and an angle of rows are free.
+
+        Returns the first unusable row, or -1.
+        """
+        from cspace._queries.points import boxes_are_free
+
+        write = partial(boxes_are_free, self.kernel_map, distance, angle)
+        return write_in_threads(write, rows, out)
+
+    def _write_clearances(self, rows: Floats, out: Floats) -> int:
+        """Write clearances of rows, shape (n, size); return the first unusable row, or -1."""
+        from cspace._queries.distance import clearances
+
+        # Unless all distances are known, compute those of the slices that contain rows.
+        table = self.distances.known
+        if table is None:
+            bad = self.find_unusable(rows)
+            if bad >= 0:
+                return bad
+            slices = np.unique(self._slice_of[self.rotations.find_cells(rows)])
+            table = self.distances.of_slices(slices.tolist())
+        return write_in_threads(partial(clearances, self.kernel_map, table), rows, out)
+
+    def _sum(self, side: Literal["outer", "inner"], q: ArrayLike) -> int | Ints:
+        """Count the outer or inner cells that the robot overlaps at configurations (..., size)."""
+        from cspace._queries.overlaps import count_overlaps
+
+        # An unknown exterior counts as occupied in the outer sum and as free in the inner sum.
+        exterior_counts = self.outside == "blocked" or (side == "outer" and self.outside == UNKNOWN)
+        has_one_side = self.workspace.inner is self.workspace.outer
+        sums = self._outer_sums if side == "outer" or has_one_side else self._inner_sums
+        count = partial(
+            count_overlaps, self.kernel_map, sums, self._robot_rows, int(exterior_counts)
+        )
+        write = partial(write_in_threads, count)
+        counts: int | Ints = evaluate(q, self.size, write, np.int64, self._angles)
+        return counts
+
+    def _check_ends(self, q0: ArrayLike, q1: ArrayLike, **options: bool) -> Floats:
+        """Check start and goal, which must be in the grid; return them, shape (2, size)."""
+        start = self._check_in_grid(q0, "q0", **options)
+        return np.stack([start, self._check_in_grid(q1, "q1", **options)])
+
+    def _check_in_grid(
+        self, q: ArrayLike, name: str, *, free: bool = False, exact: bool = False
+    ) -> Floats:
+        """Check one configuration, which must be in the grid; return it with yaw in [-pi, pi).
+
+        With ``free`` it must be FREE, or with ``exact`` proven free by geometry. Raises
+        ConfigurationError otherwise.
+        """
+        values = check_points(q, name, self.size)
+        if values.ndim == 1:
+            warn_of_degrees(values, self._angles, name)
+        point = self.rotations.make_canonical(values, name)
+        is_valid = bool(point.ndim == 1 and self.grid.contains(point[: self.grid.dim]))
+        required = "configuration"
+        hint = "ask grid.lower and grid.upper"
+        if free:
+            is_valid = is_valid and bool(self.is_free(point, exact=exact))
+            required = "free configuration" if exact else "FREE configuration"
+            hint = "ask nearest_free for one"
+        if not is_valid:
+            raise ConfigurationError(
+                name,
+                f"is {q!r}",
+                f"it must be one {required} in the grid",
+                hint,
+            )
+        return point
+
+
+def _spread_spans(values: ArrayLike, name: str, shape: tuple[int, ...]) -> Floats:
+    """Return lengths or angles of pieces, one for each configuration of a batch of a shape.
+
+    One number is for all pieces. The result has shape (n,).
+    """
+    spans = check_finite(values, name)
+    if spans.shape not in ((), shape) or (spans < 0.0).any():
+        raise InputError(
+            name,
+            f"is {values!r}",
+            "it must be zero or above",
+            "pass one number, or one per configuration",
+        )
+    return np.full(shape, spans).ravel()

@@ -1,0 +1,237 @@
+"""Small compiled functions of geometry in space, with vectors as tuples of floats.
+
+Two kinds of geometric functions are separate, because proofs use them in different ways:
+
+* **Nearest points** (:func:`triangle_weights`, :func:`nearest_of_triangle`, :func:`gap_between`)
+  are as good as rounding allows, and poor for thin triangles and nearly parallel segments. A proof
+  uses only a direction from them, or a point of the triangle: the weights lie in [0, 1], so the
+  point is within 2^-50 of the coordinates of a point in it.
+* **Distances** (:func:`point_segment`, :func:`point_triangle`) are within a bound of the true
+  distance. Let L be the largest distance between any two of the points. With u = 2^-53, the foot on
+  a segment has an error below 12 u L, and the distance below 2^-48 L. A normal has an error below 5
+  u times the square of the longest side, which is below 2^-38 of its length for triangles that are
+  not thin, and so has the distance from the plane relative to L. Callers allow for that: rasters by
+  ``2^-20 + 2^-34 L`` (:mod:`cspace._raster.triangles`), decompositions by
+  :data:`cspace.spectral._regions.NORMAL_ROUNDING`, arms by ``required`` of
+  :func:`cspace.arms._scenes.make_inner_scene` for BLOCKED.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from cspace._support.arrays import Floats, Matrix, Row
+from cspace._support.compiling import internal
+
+THIN: Final = 2.0**-12
+"""Height of a triangle, relative to its longest side, below which its plane is not used."""
+
+
+@internal
+def row_at(array: Floats, start: int) -> Row:
+    """Return three consecutive entries of an array."""
+    return array[start], array[start + 1], array[start + 2]
+
+
+@internal
+def minus(a: Row, b: Row) -> Row:
+    """Return ``a - b``."""
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+@internal
+def scale_vector(a: Row, factor: float) -> Row:
+    """Return ``factor * a``."""
+    return factor * a[0], factor * a[1], factor * a[2]
+
+
+@internal
+def add_scaled(a: Row, u: Row, t: float) -> Row:
+    """Return ``a + t * u``."""
+    return a[0] + t * u[0], a[1] + t * u[1], a[2] + t * u[2]
+
+
+@internal
+def dot(a: Row, b: Row) -> float:
+    """Return the scalar product."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@internal
+def cross(a: Row, b: Row) -> Row:
+    """Return the vector product."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@internal
+def rotate(matrix: Matrix, p: Row) -> Row:
+    """Multiply a matrix, given by its rows, by a vector."""
+    x, y, z = matrix
+    return dot(x, p), dot(y, p), dot(z, p)
+
+
+@internal
+def rotate_back(matrix: Matrix, p: Row) -> Row:
+    """Multiply the transpose of a matrix, given by its rows, by a vector."""
+    x, y, z = matrix
+    return (
+        x[0] * p[0] + y[0] * p[1] + z[0] * p[2],
+        x[1] * p[0] + y[1] * p[1] + z[1] * p[2],
+        x[2] * p[0] + y[2] * p[1] + z[2] * p[2],
+    )
+
+
+@internal
+def apply_pose(matrix: Matrix, position: Row, p: Row) -> Row:
+    """Rotate a point by a matrix, given by its rows, then translate it."""
+    return add_scaled(rotate(matrix, p), position, 1.0)
+
+
+@internal
+def box_extent(matrix: Matrix, half: Row) -> Row:
+    """Return the half sides of the axis-aligned box around a rotated box."""
+    x, y, z = matrix
+    return (
+        abs(x[0]) * half[0] + abs(x[1]) * half[1] + abs(x[2]) * half[2],
+        abs(y[0]) * half[0] + abs(y[1]) * half[1] + abs(y[2]) * half[2],
+        abs(z[0]) * half[0] + abs(z[1]) * half[1] + abs(z[2]) * half[2],
+    )
+
+
+# ---- nearest points, as good as rounding allows --------------------------------------------------
+
+
+@internal
+def nearest_of_segment(p: Row, u: Row) -> tuple[float, float]:
+    """Return t in [0, 1] with ``p + t u`` nearest to the origin, and its squared distance."""
+    square = dot(u, u)
+    t = min(max(-dot(p, u) / square, 0.0), 1.0) if square > 0.0 else 0.0
+    point = add_scaled(p, u, t)
+    return t, dot(point, point)
+
+
+@internal
+def triangle_weights(a: Row, b: Row, c: Row) -> tuple[float, float]:
+    """Return the weights (s, t) of a triangle's point nearest to the origin.
+
+    The point is ``a + s (b - a) + t (c - a)``. Both weights lie in [0, 1]. On a side or corner, s,
+    t or ``1 - s - t`` is exactly zero. Corners may coincide. C. Ericson, "Real-Time Collision
+    Detection", 2005, section 5.1.5.
+    """
+    ab = minus(b, a)
+    ac = minus(c, a)
+    bc = minus(c, b)
+    # Signed areas over the sides opposite the corners, each times the same factor.
+    weight_a = dot(ab, b) * dot(ac, c) - dot(ab, c) * dot(ac, b)
+    weight_b = dot(ab, c) * dot(ac, a) - dot(ab, a) * dot(ac, c)
+    weight_c = dot(ab, a) * dot(ac, b) - dot(ab, b) * dot(ac, a)
+    if weight_a > 0.0 and weight_b > 0.0 and weight_c > 0.0:
+        total = weight_a + weight_b + weight_c
+        s = min(weight_b / total, 1.0)
+        return s, min(weight_c / total, 1.0 - s)
+    # Otherwise the nearest point lies on a side.
+    t_ab, square_ab = nearest_of_segment(a, ab)
+    t_ac, square_ac = nearest_of_segment(a, ac)
+    t_bc, square_bc = nearest_of_segment(b, bc)
+    if square_ab <= square_ac and square_ab <= square_bc:
+        return t_ab, 0.0
+    if square_ac <= square_bc:
+        return 0.0, t_ac
+    return 1.0 - t_bc, t_bc
+
+
+@internal
+def nearest_of_triangle(p: Row, u: Row, v: Row) -> Row:
+    """Return the point of the triangle (0, u, v) nearest to p."""
+    s, t = triangle_weights(scale_vector(p, -1.0), minus(u, p), minus(v, p))
+    return s * u[0] + t * v[0], s * u[1] + t * v[1], s * u[2] + t * v[2]
+
+
+@internal
+def gap_between(p: Row, u: Row, q: Row, v: Row) -> Row:
+    """Return the shortest vector to one segment from another.
+
+    The first is ``p + s u`` and the second ``q + t v``, s and t in [0, 1]. C. Ericson, "Real-Time
+    Collision Detection", 2005, section 5.1.9.
+    """
+    r = minus(p, q)
+    # The nearest points of the lines, then of the segments: s for the lines, t for that s clipped
+    # to its segment, and s again for that t. The area is zero if the segments are parallel.
+    uu = dot(u, u)
+    vv = dot(v, v)
+    uv = dot(u, v)
+    ur = dot(u, r)
+    vr = dot(v, r)
+    area = uu * vv - uv * uv
+    s = min(max((uv * vr - ur * vv) / area, 0.0), 1.0) if area > 0.0 else 0.0
+    t = min(max((uv * s + vr) / vv, 0.0), 1.0) if vv > 0.0 else 0.0
+    s = min(max((uv * t - ur) / uu, 0.0), 1.0) if uu > 0.0 else 0.0
+    return r[0] + s * u[0] - t * v[0], r[1] + s * u[1] - t * v[1], r[2] + s * u[2] - t * v[2]
+
+
+# ---- distances that bound the true one -----------------------------------------------------------
+
+
+@internal
+def point_segment(p: Row, a: Row, b: Row) -> float:
+    """Return the squared distance of a point p from the segment from a to b."""
+    ab = minus(b, a)
+    ap = minus(p, a)
+    square = dot(ab, ab)
+    t = min(max(dot(ap, ab) / square, 0.0), 1.0) if square > 0.0 else 0.0
+    # The gap is measured from the nearer end, for the smaller rounding.
+    gap = add_scaled(minus(p, b), ab, 1.0 - t) if t > 0.5 else add_scaled(ap, ab, -t)
+    return dot(gap, gap)
+
+
+@internal
+def point_triangle(p: Row, triangle: Floats) -> float:
+    """Return the distance between p and a triangle, shape (3, 3).
+
+    For a triangle thinner than :data:`THIN`, it is up to THIN times the longest side too small.
+    """
+    a = row_at(triangle[0], 0)
+    b = row_at(triangle[1], 0)
+    c = row_at(triangle[2], 0)
+    ab = minus(b, a)
+    bc = minus(c, b)
+    ca = minus(a, c)
+    square = min(point_segment(p, a, b), point_segment(p, b, c), point_segment(p, c, a))
+    distance = math.sqrt(square)
+    longest_square = max(dot(ab, ab), dot(bc, bc), dot(ca, ca))
+    normal = normal_of(triangle)
+    length = math.sqrt(dot(normal, normal))
+    if length <= THIN * longest_square:  # the length is the longest side times the height
+        # Every point of the triangle is within its height of its sides.
+        return max(0.0, distance - THIN * math.sqrt(longest_square))
+    n = normal[0] / length, normal[1] / length, normal[2] / length
+    ap = minus(p, a)
+    # Beside the triangle, seen along the normal, the nearest point is on a side.
+    is_beside = (
+        dot(n, cross(ab, ap)) < 0.0
+        or dot(n, cross(bc, minus(p, b))) < 0.0
+        or dot(n, cross(ca, minus(p, c))) < 0.0
+    )
+    return distance if is_beside else min(distance, abs(dot(n, ap)))
+
+
+@internal
+def box_distance(box: Floats, p: Row) -> float:
+    """Return the distance of a point from a box, shape (6,): its center, then its half sides."""
+    center = row_at(box, 0)
+    half_x, half_y, half_z = row_at(box, 3)
+    x, y, z = minus(p, center)
+    dx = max(abs(x) - half_x, 0.0)
+    dy = max(abs(y) - half_y, 0.0)
+    dz = max(abs(z) - half_z, 0.0)
+    return math.sqrt(dx * dx + dy * dy + dz * dz)
+
+
+@internal
+def normal_of(triangle: Floats) -> Row:
+    """Return a normal of a triangle, shape (3, 3), as long as twice its area."""
+    a = row_at(triangle[0], 0)
+    ab = minus(row_at(triangle[1], 0), a)
+    ac = minus(row_at(triangle[2], 0), a)
+    return cross(ab, ac)

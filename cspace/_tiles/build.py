@@ -1,0 +1,158 @@
+"""Building of tiled maps, tile by tile."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from cspace._engines.slices import raster_bytes
+from cspace._files.access import discard_folder
+from cspace._limits import WORKSPACE_CELL_BYTES, map_bytes
+from cspace._obstacles import Source, changed_source
+from cspace._record.contents import Contents
+from cspace._record.exterior import UNKNOWN
+from cspace._record.save import TILES_FORMAT, read_format
+from cspace._robot import Robot
+from cspace._support.arrays import StrPath
+from cspace._tiles.folder import TileFolder, as_box, grow, make_frame, make_stamp, write_once
+from cspace._tiles.work import run_tasks
+from cspace._workspace import Workspace
+from cspace.errors import FileError, InputError
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+MAX_TILE_STATES: Final = 2**28
+"""Maximum number of states in the interior of a tile, which are in memory at once."""
+
+
+def build_tiles(
+    workspace: Workspace,
+    robot: Robot,
+    store: StrPath,
+    tile: int | Sequence[int],
+    *,
+    build: Callable[..., tuple[Contents, Any]],
+    method: str,
+    inner: bool,
+    client: Client | None,
+    workers: int | None,
+    progress: Callable[[int, int], None] | None,
+    **options: Any,
+) -> TileFolder:
+    """Build a map into a folder, tile by tile, or complete one.
+
+    The caller, :func:`cspace.build`, has checked the other arguments; ``options`` are
+    ``rotations``, ``outside`` and ``margin``. Raises InputError if ``tile`` is invalid or a task
+    exceeds the memory; FileError if ``store`` holds something else, cannot be written, or the
+    workspace changes.
+    """
+    # Open the folder, which may have some tiles already, build the others, and complete it.
+    grid = workspace.grid
+    stamp = workspace.cells.stamp
+    frame = make_frame(workspace, robot, proves_blocked=inner, **options)
+    slices = len(frame.states)
+    sides = resolve_tile(tile, grid.shape, slices)
+    layout = {
+        "shape": list(grid.shape),
+        "side": list(sides),
+        "stamp": make_stamp(frame, grid.shape, sides, stamp),
+        "source_stamp": stamp,
+    }
+    folder = _open_or_create(Path(store), frame, layout)
+    tiles: Sequence[int] = range(len(folder))
+    if folder.frame.exterior is not None:  # the map is complete, unless somebody removed tiles
+        tiles = [tile for tile in tiles if not folder.tile_path(tile).exists()]
+        if not tiles:
+            return folder
+    build = partial(build, inner=inner, method=method, workers=1 if client else workers)
+    task = partial(build_tile, folder, workspace.cells, build)
+    run_tasks(task, tiles, bytes_to_build(folder), client, workers, progress)
+    return folder.complete()
+
+
+def _open_or_create(path: Path, frame: Contents, layout: dict[str, Any]) -> TileFolder:
+    """Open the folder of a build to resume, or write a new one."""
+    if read_format(path) != TILES_FORMAT:
+        write_once(path, frame, TILES_FORMAT, tiles=layout)
+    folder = TileFolder.open(path)
+    if folder.layout["stamp"] != layout["stamp"]:
+        problem = "holds another map, or one of other obstacles"
+        rule = "a build resumes only with the same robot, rotations, options and obstacles"
+        raise FileError(str(path), problem, rule, "choose another name, or remove it")
+    return folder
+
+
+def bytes_to_build(folder: TileFolder) -> float:
+    """Estimate the memory to build one tile, in bytes.
+
+    That is for the window around it, which is built, and its copies.
+    """
+    border = 2 * (folder.halo + folder.reach)
+    window = [min(side + border, n) for side, n in zip(folder.tile, folder.grid.shape, strict=True)]
+    frame = folder.frame
+    slices = folder.slices
+    rasters = raster_bytes(frame.robot, frame.grid.spacing, frame.margin, frame.rotations, slices)
+    copies = (2 * WORKSPACE_CELL_BYTES + slices) * math.prod(window)
+    return float(map_bytes(window, slices) + copies + rasters)
+
+
+def build_tile(
+    folder: TileFolder, source: Source, build: Callable[..., tuple[Contents, Any]], tile: int
+) -> None:
+    """Build and write a tile, as a task.
+
+    The states of a cell depend on the obstacles that the robot reaches from it. So the tile is a
+    part of the map of a window, with as much around the tile as the robot reaches. Raises FileError
+    if the workspace has changed since the build began.
+    """
+    # An earlier build, another process, or a worker that was lost may have written the tile. If
+    # it is damaged, as after a power failure, it is built again.
+    with suppress(FileError):
+        folder.read_tile(tile)
+        return
+    discard_folder(folder.tile_path(tile))
+    frame = folder.frame
+    name = frame.workspace.source
+    cells = folder.locate_tile(tile)
+    window = folder.clip(grow(cells, folder.reach))
+    outer, inner = source.read(as_box(window))
+    if source.stamp != folder.layout["source_stamp"]:
+        raise changed_source(name, "its size, time or digest differs")
+    # Build the window, and cut the tile out of it.
+    around = Workspace(folder.sub_grid(window), outer, inner)
+    built, _ = build(
+        around, frame.robot, frame.rotations, outside=frame.outside, margin=frame.margin
+    )
+    in_window = as_box(cells - window[0])
+    workspace = Workspace(folder.sub_grid(cells), outer[in_window], inner[in_window], source=name)
+    states = built.states[:, *in_window]
+    contents = replace(frame, workspace=workspace, states=states, outside=UNKNOWN, exterior=None)
+    folder.write_tile(tile, contents)
+
+
+def resolve_tile(
+    tile: int | Sequence[int], shape: Sequence[int], slices: int = 1
+) -> tuple[int, ...]:
+    """Return the cells of a tile along each axis.
+
+    The grid and ``MAX_TILE_STATES`` limit them. Raises InputError unless ``tile`` is a positive
+    integer, or one for each axis.
+    """
+    cells = np.asarray(tile)
+    has_shape = cells.shape in ((), (len(shape),))
+    if cells.dtype.kind not in "iu" or not has_shape or (cells < 1).any():
+        rule = "it must be a positive integer, or one for each axis"
+        raise InputError("tile", f"is {tile!r}", rule, "pass e.g. 4096")
+    sides = np.minimum(cells, shape)
+    while slices * math.prod(sides.tolist()) > MAX_TILE_STATES and sides.max() > 1:
+        longest = np.argmax(sides)
+        sides[longest] = -(-sides[longest] // 2)  # half, rounded up
+    return tuple(sides.tolist())

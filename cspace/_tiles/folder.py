@@ -1,0 +1,355 @@
+"""Folders of tiled maps: a saved map for each tile, and what all tiles share.
+
+A tiled map is a saved map of its first cell, the *frame*, which has the robot, the rotation cells
+and the obstacles as shapes. Its attributes also describe the tiles and the state of the build. Each
+tile is a saved map in a folder of its own, with the tile's cells, its *interior*, and a *halo* of
+the cells around them, clipped to the grid. It is named by its index, such as ``0.3``, and written
+under another name first, so a tile with its name is complete.
+
+A *stamp* is a digest of everything that the map depends on, so that only a build of the same map
+resumes, and only with its own tiles. Each tile has the stamp of its map and its own index. The
+folder ``frame`` of a complete map has the frame again, with the states outside the grid and the
+counts of the states.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from cspace._engines.slices import slice_rasters
+from cspace._files.access import discard_leftovers, replacing
+from cspace._grid import Grid
+from cspace._raster import Raster
+from cspace._record.contents import Contents
+from cspace._record.description import FORMAT, arrays_of, metadata_of
+from cspace._record.exterior import UNKNOWN, Exterior
+from cspace._record.save import (
+    TILES_FORMAT,
+    making_map,
+    map_error,
+    read_format,
+    read_map_and_attributes,
+    read_root,
+    write_map,
+)
+from cspace._record.states import count_states
+from cspace._robot import Robot
+from cspace._rotations import Rotations
+from cspace._support.arrays import MIXED, Box, Ints, StrPath
+from cspace._workspace import Workspace
+from cspace.errors import FileError
+
+MIN_HALO_CELLS: Final = 4
+"""Minimum width of the halo of a tile, in cells; proofs of motions and clearances need it."""
+
+MAX_HALO_CELLS: Final = 64
+"""Maximum width of the halo of a tile, in cells."""
+
+MAX_TILES: Final = 2**22
+"""Maximum number of tiles of a map."""
+
+TILE_SIDES_PER_HALO: Final = 16
+"""Shortest side of a tile, in widths of its halo; halos then add little to a map."""
+
+FRAME: Final = "frame"
+"""Folder of the frame of a complete map."""
+
+# Boxes of cells are arrays of two corners, shape (2, d): the first cell, and the cell after the
+# last.
+
+ONE_MORE: Final = np.array([[0], [1]])
+"""Makes corners of a first and a last cell."""
+
+
+@dataclass(frozen=True)
+class TileFolder:
+    """The folder of a tiled map at one moment.
+
+    Attributes
+    ----------
+    path : Path
+    layout : mapping
+        ``shape`` of the grid and ``side`` of a tile, in cells; ``stamp``, and ``source_stamp`` of
+        the workspace; of a complete map also ``counts`` of its FREE, MIXED and BLOCKED cells.
+    frame : Contents
+        Map of the first cell; if all tiles are complete, with the states outside the grid.
+    """
+
+    path: Path
+    layout: Mapping[str, Any]
+    frame: Contents
+
+    @cached_property
+    def grid(self) -> Grid:
+        """Grid of the whole map."""
+        return self.sub_grid(np.array([[0] * len(self.tile), self.layout["shape"]]))
+
+    def sub_grid(self, corners: Ints) -> Grid:
+        """Return the grid of a box of cells, inside the whole grid or not."""
+        cell = self.frame.grid
+        first, stop = corners
+        lower = np.array(cell.lower) + cell.spacing * first
+        return Grid(lower, cell.spacing, stop - first, cell.axes, cell.units)
+
+    @property
+    def tile(self) -> tuple[int, ...]:
+        """Number of cells of a tile's interior along each axis."""
+        return tuple(self.layout["side"])
+
+    @property
+    def halo(self) -> int:
+        """Width of the halo of a tile, in cells."""
+        width = min(self.tile) // TILE_SIDES_PER_HALO
+        return min(MAX_HALO_CELLS, max(MIN_HALO_CELLS, width))
+
+    @property
+    def cells_of_tile(self) -> int:
+        """Largest number of cells of a tile with its halo."""
+        return math.prod(side + 2 * self.halo for side in self.tile)
+
+    @property
+    def slices(self) -> int:
+        """Number of slices."""
+        return len(self.frame.states)
+
+    @cached_property
+    def reach(self) -> int:
+        """Number of cells along an axis from which the robot may touch a cell, rounded up."""
+        frame = self.frame
+        farthest_corner = np.abs(frame.robot.shape.outer.bounds).max(axis=0)
+        radius = float(np.linalg.norm(farthest_corner))
+        # The outer raster is that of a robot whose points turn by at most this angle.
+        angle = float(frame.rotations.covering_angles.max())
+        metres = radius * (1.0 + angle) + frame.margin
+        # Two cells more: one for the parts of both rasters, one for rounding.
+        return math.ceil(metres / frame.grid.spacing) + 2
+
+    # ---- tiles -----------------------------------------------------------------------------------
+
+    @cached_property
+    def counts(self) -> tuple[int, ...]:
+        """Number of tiles along each axis."""
+        counts = -(-np.array(self.layout["shape"]) // self.tile)
+        return tuple(counts.tolist())
+
+    def __len__(self) -> int:
+        """Return the number of tiles."""
+        return math.prod(self.counts)
+
+    @property
+    def numbers(self) -> Ints:
+        """Number of each tile, in an array of the shape ``counts``."""
+        return np.arange(len(self)).reshape(self.counts)
+
+    def locate_interior(self, tile: int) -> Ints:
+        """Return the corners of a tile without its halo."""
+        index = np.unravel_index(tile, self.counts)
+        first = np.multiply(index, self.tile)
+        return self.clip(np.stack([first, first + self.tile]))
+
+    def locate_tile(self, tile: int) -> Ints:
+        """Return the corners of a tile with its halo."""
+        return self.clip(grow(self.locate_interior(tile), self.halo))
+
+    def locate_interior_in_tile(self, tile: int) -> Box:
+        """Return the interior of a tile, in the indices of the tile's arrays."""
+        return as_box(self.locate_interior(tile) - self.locate_tile(tile)[0])
+
+    def clip(self, corners: Ints) -> Ints:
+        """Return the part of a box in the grid."""
+        return np.clip(corners, 0, self.layout["shape"])
+
+    def list_tiles(self, corners: Ints) -> list[int]:
+        """Return the tiles whose interiors meet a box."""
+        first, stop = self.clip(corners)
+        tiles = np.stack([first // self.tile, -(-stop // self.tile)])
+        return [int(tile) for tile in self.numbers[as_box(tiles)].flat]
+
+    def group_by_tile(self, cells: Ints, rows: Ints) -> Iterator[tuple[int, Ints]]:
+        """Group rows of cells, shape (n, d), by the tiles that the cells lie in.
+
+        Yields each tile with its rows. A cell outside the grid counts to the nearest tile.
+        """
+        indices = tuple((cells[rows] // self.tile).T)
+        tiles = np.ravel_multi_index(indices, self.counts, mode="clip")
+        for tile in np.unique(tiles).tolist():
+            yield tile, rows[tiles == tile]
+
+    def tile_path(self, tile: int) -> Path:
+        """Return the folder of a tile, which exists if the tile is complete."""
+        index = np.unravel_index(tile, self.counts)
+        return self.path / ".".join(map(str, index))
+
+    @property
+    def progress(self) -> float:
+        """Fraction of complete tiles, below 1 until the map is complete."""
+        if self.frame.exterior is not None:
+            return 1.0
+        done = sum(self.tile_path(tile).exists() for tile in range(len(self)))
+        return min(done / len(self), 1.0 - 2.0**-20)  # not 1, though all tiles may be there
+
+    def read_tile(self, tile: int) -> Contents:
+        """Read a tile, as a map whose outside is unknown.
+
+        Raises FileError if it is missing, damaged or a tile of another map or place.
+        """
+        path = self.tile_path(tile)
+        contents, attributes = read_map_and_attributes(path)
+        self._check_stamp(tile, attributes)
+        # Stamps may be forged, and arrays of other sizes would raise any error later.
+        grid = self.sub_grid(self.locate_tile(tile))
+        place = {"shape": list(grid.shape), "lower": list(grid.lower), "outside": UNKNOWN}
+        if _describe(contents) != {**_describe(self.frame), **place}:
+            raise map_error(path, "its grid, robot or rotations are not those of its map")
+        return contents
+
+    def _make_stamp(self, tile: int) -> str:
+        """Return the stamp of a tile, which depends on the map and on the tile's place."""
+        return f"{self.layout['stamp']} {self.tile_path(tile).name}"
+
+    def _check_stamp(self, tile: int, attributes: Mapping[str, Any]) -> None:
+        """Raise FileError unless the attributes of a tile have its stamp."""
+        if attributes.get("stamp") != self._make_stamp(tile):
+            raise map_error(self.tile_path(tile), "it is a tile of another map or place")
+
+    def write_tile(self, tile: int, contents: Contents) -> None:
+        """Write a tile; its name appears when it is complete.
+
+        Its attributes also have the number of FREE, MIXED and BLOCKED cells of its interior, and
+        the box of obstacles in it.
+        """
+        states = contents.states[:, *self.locate_interior_in_tile(tile)]
+        rotations_of_slice = np.bincount(self.frame.slice_of)
+        counts = rotations_of_slice @ count_states(states)
+        first_cell = tuple(self.locate_tile(tile)[0].tolist())
+        occupied = Raster.from_bitmap(contents.workspace.outer, first_cell)
+        box = [occupied.lower, occupied.upper] if occupied.count else None
+        summary = {"stamp": self._make_stamp(tile), "counts": counts.tolist(), "obstacles": box}
+        write_once(self.tile_path(tile), contents, **summary)
+
+    # ---- the folder ------------------------------------------------------------------------------
+
+    @classmethod
+    def open(cls, path: StrPath) -> TileFolder:
+        """Open the folder of a tiled map, complete or not; tiles are read later.
+
+        Raises FileError if it is missing or was changed, of another version, or describes no map.
+        """
+        root = Path(path).absolute()  # workers have other working folders
+        frame_path = root / FRAME if (root / FRAME).exists() else root
+        frame, attributes = read_map_and_attributes(frame_path, TILES_FORMAT)
+        with making_map(root):
+            folder = cls(root, attributes["tiles"], frame)
+            folder._check_layout()
+            return folder
+
+    def _check_layout(self) -> None:
+        """Raise any error unless the layout is that of a map."""
+        layout = self.layout
+        sizes = np.array([layout["shape"], layout["side"]])
+        dim = len(self.frame.grid.shape)
+        if sizes.dtype.kind != "i" or sizes.shape != (2, dim) or sizes.min() < 1:
+            raise ValueError(f"its grid and tiles have the sides {sizes.tolist()!s:.80}")
+        # The grid refuses cells too far from the origin.
+        if self.grid.size < 1 or math.prod(self.counts) > MAX_TILES:
+            raise ValueError(f"it has more than {MAX_TILES} tiles")
+        if not isinstance(layout["stamp"] + layout["source_stamp"], str):
+            raise ValueError("its stamps are no texts")
+        if self.frame.exterior is not None:
+            _check_counts(layout["counts"], self.grid.size * len(self.frame.slice_of))
+
+    def complete(self) -> TileFolder:
+        """Write the counts and the states outside the grid; return the complete folder.
+
+        Raises FileError if a tile is of another map.
+        """
+        frame = self.frame
+        shape = self.layout["shape"]
+        counts = np.zeros(3, dtype=np.int64)
+        # First and last cells of boxes of obstacles, in turn; those of no obstacle come first.
+        corners = [[max(shape)] * len(shape), [-1] * len(shape)]
+        for tile in range(len(self)):
+            path = self.tile_path(tile)
+            summary, _ = read_root(path, FORMAT)
+            self._check_stamp(tile, summary)
+            with making_map(path):
+                cells = self.sub_grid(self.locate_interior(tile)).size
+                counts += _check_counts(summary["counts"], cells * len(frame.slice_of))
+                corners += np.reshape(summary["obstacles"] or [], (-1, len(shape))).tolist()
+        first_cells = corners[::2]
+        last_cells = corners[1::2]
+        obstacles = np.stack([np.min(first_cells, axis=0), np.max(last_cells, axis=0)])
+        rasters = slice_rasters(frame.robot, frame.grid.spacing, frame.margin, frame.rotations)
+        exterior = Exterior.around(shape, obstacles, rasters, frame.outside)
+        layout = {**self.layout, "counts": counts.tolist()}
+        complete_frame = replace(frame, exterior=exterior)
+        write_once(self.path / FRAME, complete_frame, TILES_FORMAT, tiles=layout)
+        discard_leftovers(self.path)
+        return TileFolder.open(self.path)
+
+
+def grow(corners: Ints, cells: int) -> Ints:
+    """Return a box, shape (2, d), with more cells on every side."""
+    first, stop = corners
+    return np.stack([first - cells, stop + cells])
+
+
+def as_box(corners: Ints) -> Box:
+    """Return corners, shape (2, d), as slices: the first cell, and the cell after the last one."""
+    return tuple(map(slice, *corners.tolist()))
+
+
+def make_frame(
+    workspace: Workspace, robot: Robot, rotations: Rotations, **options: Any
+) -> Contents:
+    """Return a map of the first cell of a workspace, with what all tiles share."""
+    whole = workspace.grid
+    one_cell = (1,) * whole.dim
+    grid = Grid(whole.lower, whole.spacing, one_cell, whole.axes, whole.units)
+    occupied = np.ones(one_cell, dtype=np.bool_)
+    cell = Workspace(grid, occupied, occupied, source=workspace.source, shapes=workspace.shapes)
+    slice_of = rotations.assign_slices(robot.shape)
+    slices = int(slice_of.max()) + 1
+    states = np.full((slices, *one_cell), MIXED, dtype=np.uint8)
+    return Contents(cell, robot, rotations, slice_of, states, **options)
+
+
+def _describe(contents: Contents) -> dict[str, Any]:
+    """Return the metadata of a map, except those of the file and the version it came from."""
+    return {**metadata_of(contents), "workspace_source": "", "library_version": ""}
+
+
+def _check_counts(counts: Any, total: int) -> Ints:
+    """Return the numbers of FREE, MIXED and BLOCKED cells; raise ValueError unless they add up."""
+    values = np.array(counts)
+    if values.shape != (3,) or values.dtype.kind != "i" or values.min() < 0 or sum(counts) != total:
+        raise ValueError(f"it counts {counts!r:.80} of {total} cells")
+    return values
+
+
+def make_stamp(frame: Contents, *others: Any) -> str:
+    """Return a digest of a frame and of other values, on which a tiled map depends."""
+    digest = hashlib.sha256(json.dumps([_describe(frame), *others], sort_keys=True).encode())
+    for array in arrays_of(frame).values():
+        digest.update(array.tobytes())
+    return digest.hexdigest()
+
+
+def write_once(path: Path, contents: Contents, form: str = FORMAT, **attributes: Any) -> None:
+    """Write a saved map unless it is there; the first of several processes wins."""
+    try:
+        # Only an empty folder is replaced.
+        with replacing(path, overwrite=True, folder=lambda _: False) as temporary:
+            write_map(contents, temporary, format=form, **attributes)
+    except FileError:
+        if read_format(path) != form:
+            raise

@@ -1,0 +1,344 @@
+"""TiledCSpace, a map that stays in its folder."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from functools import partial
+from threading import RLock
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cspace._grid import Grid
+from cspace._maps import ConfigurationMap
+from cspace._record.contents import Contents
+from cspace._space import CSpace
+from cspace._support.arrays import STATE_NAMES, Bools, Floats, Ints, States, StrPath
+from cspace._support.check import check_count
+from cspace._tiles.folder import ONE_MORE, TileFolder, grow
+from cspace._tiles.labels import TiledComponents
+from cspace._tiles.parts import OpenTiles
+from cspace.errors import ConfigurationError, FileError, InputError
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+DEFAULT_CACHE_BYTES: Final = 2**30
+"""Default memory for open tiles, in bytes."""
+
+MAX_NEAREST_CELLS: Final = 512
+"""Maximum distance along an axis at which :meth:`TiledCSpace.nearest_free` searches, in cells."""
+
+
+class TiledCSpace(ConfigurationMap):
+    """A certified map in a folder of tiles, each a saved map.
+
+    :func:`cspace.build` with a ``store`` builds it, and :func:`cspace.open` opens it. Queries
+    return the results of the same map in memory, :class:`cspace.CSpace`; :meth:`clearance` is at
+    most the width of the halo of a tile, less two cells. A query groups its configurations by tile,
+    so that each tile is read once. :meth:`window` returns a part as a map in memory, which has all
+    other methods.
+
+    A partial map opens too: :attr:`progress` is the fraction done, and queries raise FileError.
+
+    Parameters
+    ----------
+    folder : cspace._tiles.folder.TileFolder
+    cache_bytes : int
+        Memory for open tiles; at least one stays open.
+
+    Examples
+    --------
+    >>> import numpy as np, cspace
+    >>> field = cspace.Workspace.from_array(np.eye(300, dtype=bool), 0.1)
+    >>> space = cspace.build(field, cspace.Robot.disc(0.2), store="tiles.zarr", tile=128)
+    >>> space.is_free([(5.0, 20.0), (5.0, 5.0)])
+    array([ True, False])
+    >>> space.window((0.0, 15.0), (10.0, 25.0)).clearance((5.0, 20.0)) > 1.0
+    True
+    """
+
+    in_memory = False
+
+    def __init__(self, folder: TileFolder, cache_bytes: int = DEFAULT_CACHE_BYTES) -> None:
+        """Keep the folder; tiles are read when queries need them."""
+        self._folder = folder
+        self._lock = RLock()
+        self._cache_bytes = int(cache_bytes)
+        self._tiles = OpenTiles(folder, self._cache_bytes)
+        self._labels: TiledComponents | None = None
+
+    @classmethod
+    def open(cls, path: StrPath, cache_bytes: int = DEFAULT_CACHE_BYTES) -> TiledCSpace:
+        """Open a tiled map, complete or partial; see :func:`cspace.open`."""
+        return cls(TileFolder.open(path), cache_bytes)
+
+    def __reduce__(self) -> tuple[Callable[..., TiledCSpace], tuple[str, int]]:
+        """Pickle the path, not the tiles."""
+        return TiledCSpace.open, (self.path, self._cache_bytes)
+
+    def _at_one_moment(self) -> AbstractContextManager[Any]:
+        """Return the lock of the map, because one thread at a time opens and closes tiles.
+
+        Raises FileError if the map is not complete.
+        """
+        if self._folder.frame.exterior is None:
+            problem = f"is {self.progress:.1%} done"
+            rule = "a map must be complete to be read"
+            raise FileError(self.path, problem, rule, "run the same build again to finish it")
+        return self._lock
+
+    # ---- properties ------------------------------------------------------------------------------
+
+    @property
+    def path(self) -> str:
+        """Folder of the map."""
+        return str(self._folder.path)
+
+    @property
+    def tile(self) -> tuple[int, ...]:
+        """Cells of a tile along each axis, without its halo."""
+        return self._folder.tile
+
+    @property
+    def halo(self) -> int:
+        """Cells around each tile that are saved with it."""
+        return self._folder.halo
+
+    @property
+    def progress(self) -> float:
+        """Fraction of tiles built; queries need 1, so open a map again once its build is done."""
+        return self._folder.progress
+
+    @property
+    def grid(self) -> Grid:
+        """Grid of positions."""
+        return self._folder.grid
+
+    @property
+    def _kept(self) -> Contents:
+        return self._folder.frame
+
+    def count(self) -> tuple[int, int, int]:
+        """Return the number of FREE, MIXED and BLOCKED cells over all rotation cells."""
+        with self._at_one_moment():
+            free, mixed, blocked = self._folder.layout["counts"]
+        return free, mixed, blocked
+
+    @property
+    def _summary(self) -> str:
+        sides = " x ".join(map(str, self.tile))
+        share = "" if self.progress == 1.0 else f", {self.progress:.1%} of them done"
+        return f"{len(self._folder)} tiles of {sides}{share}"
+
+    @property
+    def facts(self) -> dict[str, object]:
+        """Plain values by name that describe the map, except its grid."""
+        facts = {"tile": list(self.tile), "done_percent": round(100.0 * self.progress, 4)}
+        if self.progress == 1.0:
+            facts["cells"] = dict(zip(STATE_NAMES, self.count(), strict=True))
+        return facts
+
+    # ---- queries ---------------------------------------------------------------------------------
+
+    def find_unusable(self, rows: Floats) -> int:
+        """Return the index of the first unusable configuration, or -1."""
+        return self._tiles.frame.find_unusable(rows)
+
+    def _ask(
+        self, query: Callable[[CSpace, Floats], Any], rows: Floats, out: NDArray[Any], reach: int
+    ) -> int:
+        """Write the answers of maps in memory that have all cells within reach of rows.
+
+        ``rows`` are configurations, shape (n, size), ``out`` has shape (n,), and ``reach`` is in
+        cells. Return the index of the first unusable row, or -1.
+        """
+        with self._at_one_moment():
+            bad = self.find_unusable(rows)
+            if bad < 0:
+                cells = self.grid.cell_of(rows[:, : self.dim])
+                for space, chosen in self._tiles.parts_near(cells, reach):
+                    out[chosen] = query(space, rows[chosen])
+            return bad
+
+    def _write_states(self, rows: Floats, out: States) -> int:
+        # A point on a border belongs to the cell that the whole map gives it.
+        def classify(space: CSpace, points: Floats) -> States:
+            return space.classify(self._centers_of(self._cells_of(points)))
+
+        return self._ask(classify, rows, out, reach=0)
+
+    def _centers_of(self, cells: Ints) -> Floats:
+        """Return the centers of cells, which are (rotation, x, y(, z)), shape (n, 1 + dim)."""
+        rotations, *position_cells = cells.T
+        positions = self.grid.center_of(np.stack(position_cells, axis=1))
+        return np.concatenate([positions, self.rotations.centers[rotations]], axis=1)
+
+    def _write_free(self, exact: bool, rows: Floats, out: Bools) -> int:
+        self._refuse_geometry(exact)
+        return super()._write_free(exact, rows, out)
+
+    def _write_motions(self, exact: bool, starts: Floats, ends: Floats, out: Bools) -> int:
+        self._refuse_geometry(exact)
+        with self._at_one_moment():
+            ends_in_turn = np.stack([starts, ends], axis=1).reshape(-1, self.size)
+            bad = self.find_unusable(ends_in_turn) // 2  # the index of the motion; -1 stays -1
+            if bad < 0:
+                self._tiles.motions_are_free(starts, ends, out)
+            return bad
+
+    def _write_free_around(self, distance: float, angle: float, rows: Floats, out: Bools) -> int:
+        query = partial(CSpace.is_free_around, distance=distance, angle=angle)
+        return self._ask(query, rows, out, reach=math.ceil(distance / self.grid.spacing) + 1)
+
+    def _write_clearances(self, rows: Floats, out: Floats) -> int:
+        # Beyond the halo of a tile, cells are unknown and count as not FREE. A clearance may be two
+        # cells too small.
+        bad = self._ask(CSpace.clearance, rows, out, self.halo - 1)
+        np.minimum(out, (self.halo - 2) * self.grid.spacing, out=out)
+        return bad
+
+    def _refuse_geometry(self, exact: bool) -> None:
+        """Raise ConfigurationError if the geometry is asked for."""
+        if exact:
+            rule = "this one stays in its folder"
+            hint = "use a part of it: space.window(lower, upper)"
+            raise ConfigurationError("exact", "needs a map in memory", rule, hint)
+
+    # ---- connectivity ----------------------------------------------------------------------------
+
+    def compute_components(
+        self, client: Client | None = None, progress: Callable[[int, int], None] | None = None
+    ) -> None:
+        """Compute the connected components, which the map keeps while it is open.
+
+        The first :meth:`is_connected` calls this in threads of this process; call it to do so
+        earlier or on a cluster.
+
+        Parameters
+        ----------
+        client : dask.distributed.Client, optional
+            As for :func:`cspace.build`.
+        progress : callable, optional
+            Called with (tiles done, number of tiles).
+        """
+        with self._at_one_moment():
+            self._labels = self._labels or TiledComponents(self._tiles, client, progress)
+
+    @property
+    def _components(self) -> TiledComponents:
+        self._labels = self._labels or TiledComponents(self._tiles)
+        return self._labels
+
+    def subproblems(
+        self, q0: ArrayLike, q1: ArrayLike
+    ) -> list[tuple[Callable[[], CSpace], Floats, Floats]]:
+        """Split a planning problem into one per tile.
+
+        The tiles form a chain joined by FREE cells.
+
+        Parameters
+        ----------
+        q0, q1 : array-like, shape (size,)
+            FREE configurations in the grid.
+
+        Returns
+        -------
+        list of (callable, ndarray of float64, ndarray of float64)
+            For each tile, a function that returns it as a map in memory, and the start and goal in
+            it, shape (size,), yaw in [-pi, pi). Each goal is the start of the next tile. Empty if
+            no FREE cells connect q0 and q1.
+        """
+        make_canonical = self.rotations.make_canonical
+        start = make_canonical(self._check_configurations(q0, "q0"), "q0")
+        goal = make_canonical(self._check_configurations(q1, "q1"), "q1")
+        with self._at_one_moment():
+            tiles, cells = self._components.chain(self._cells_of(start), self._cells_of(goal))
+        # Each subproblem leads from the start or a crossing to the next crossing or the goal.
+        crossings = self._centers_of(np.array(cells, dtype=np.int64).reshape(-1, 1 + self.dim))
+        starts = [start, *crossings]
+        goals = [*crossings, goal]
+        open_parts = [partial(self._open_part, tile) for tile in tiles]
+        return list(zip(open_parts, starts, goals, strict=False))  # no tiles without a chain
+
+    def _open_part(self, tile: int) -> CSpace:
+        """Return a tile as a map in memory."""
+        with self._at_one_moment():
+            return self._tiles.tile(tile).space
+
+    def nearest_free(self, q: ArrayLike) -> Floats:
+        """Return the center of the nearest FREE cell within half a tile.
+
+        See :meth:`cspace.CSpace.nearest_free`.
+        """
+        grid = self.grid
+        point = self._check_configurations(q)
+        center = np.clip(point[: grid.dim], grid.lower, grid.upper)
+        reach = grid.spacing * np.minimum(0.5 * np.array(self.tile), MAX_NEAREST_CELLS)
+        return self.window(center - reach, center + reach).nearest_free(point)
+
+    # ---- parts -----------------------------------------------------------------------
+
+    def window(self, lower: ArrayLike, upper: ArrayLike) -> CSpace:
+        """Return the map of a box, in memory.
+
+        It holds the cells of the box and the cells that the robot reaches from it, also beyond the
+        boundary of the map if the space there is free. All other cells count as MIXED, and
+        ``outside`` is "unknown". So the window proves two configurations disconnected only if they
+        are so in the whole map, and clearances end at the window's boundary. A window of the whole
+        map is the map, with its own ``outside``.
+
+        With ``exact=True`` the window uses the shapes that the map was built on. It uses the outer
+        cells instead if the map was built on cells, and if a shape extends beyond a map with a free
+        exterior.
+
+        Parameters
+        ----------
+        lower, upper : array-like, shape (d,)
+            Corners of the box, metres; the box is clipped to the map.
+
+        Returns
+        -------
+        CSpace
+            Its updates leave the tiled map as it is.
+
+        Raises
+        ------
+        InputError
+            If the box shares no cell with the map, or exceeds the memory.
+        """
+        folder = self._folder
+        grid = self.grid
+        box = grid.coordinates([np.asarray(lower), np.asarray(upper)], "window")
+        # Two corners, shape (2, d): the first cell, and the cell after the last one.
+        cells = folder.clip(grid.cell_of(box) + ONE_MORE)
+        is_box = box.ndim == 2 and (box[0] <= box[1]).all()
+        if not is_box or (cells[0] >= cells[1]).any():
+            problem = f"is from {lower!r} to {upper!r}"
+            rule = f"it must be a box in the map, {grid.lower} to {grid.upper}"
+            raise InputError("window", problem, rule, "pass them in metres")
+        reached = grow(cells, folder.reach)
+        inside = folder.clip(reached)
+        is_whole = (inside[1] - inside[0] == grid.shape).all()
+        with self._at_one_moment():
+            if is_whole:
+                return self._tiles.window(inside, folder.frame.exterior)
+            return self._tiles.window(reached)
+
+    def overview(self, max_cells: int = 1024) -> CSpace:
+        """Return the whole map in coarse cells, in memory.
+
+        It serves plots and rough queries. A coarse cell is FREE if all its cells are FREE, BLOCKED
+        if all are BLOCKED, and else MIXED; so the overview is certified like the map.
+
+        Parameters
+        ----------
+        max_cells : int
+            Maximum number of cells along an axis.
+        """
+        count = check_count(max_cells, "max_cells", 1, hint="pass e.g. 1024")
+        with self._at_one_moment():
+            return self._tiles.overview(count)

@@ -1,0 +1,89 @@
+"""Tasks over tiles, in threads or on a cluster of dask."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import CancelledError
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any, Final
+
+from cspace import __version__
+from cspace._limits import MAX_MEMORY_FRACTION, bytes_text, free_bytes
+from cspace._support.threads import cores, in_threads
+from cspace.errors import InputError
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+TASK_RETRIES: Final = 3
+"""Number of times that a task runs again after its worker was lost."""
+
+Task = Callable[[int], Any]
+"""Function of the number of a tile."""
+
+Progress = Callable[[int, int], None]
+"""Function that is called with the number of finished tiles, and of all tiles."""
+
+
+def run_tasks(
+    task: Task,
+    tiles: Sequence[int],
+    needed: float,
+    client: Client | None = None,
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> list[Any]:
+    """Return ``task(tile)`` for each tile, run in threads or on a cluster.
+
+    ``needed`` is the memory of one task, in bytes; threads are as many as fit. Raises InputError if
+    one does not fit, or if the cluster fails, and any error of a task.
+    """
+
+    def advance(count: int) -> None:
+        if progress is not None:
+            progress(count, len(tiles))
+
+    if client is not None:
+        return _run_on_cluster(task, tiles, client, advance)
+    available = MAX_MEMORY_FRACTION * free_bytes()
+    if needed > available:
+        problem = f"is so large that a task needs {bytes_text(needed)}"
+        rule = f"{bytes_text(available)} are available"
+        raise InputError("tile", problem, rule, "use a smaller tile or fewer rotations")
+    threads = min(workers or cores(), int(available // needed))
+    return in_threads(task, tiles, threads, advance)
+
+
+def _run_on_cluster(
+    task: Task, tiles: Sequence[int], client: Any, advance: Callable[[int], None]
+) -> list[Any]:
+    """Return the results of tasks that run on the workers of a cluster."""
+    _check_workers(client)
+    # Every worker gets a copy and keeps it for all its tasks.
+    copies = client.scatter(task, hash=False, broadcast=True)
+    futures = client.map(_run_task, list(tiles), task=copies, pure=False, retries=TASK_RETRIES)
+    try:
+        # One thread waits for the results in turn.
+        return in_threads(lambda future: future.result(), futures, 1, advance)
+    except (CancelledError, TimeoutError) as error:
+        problem = f"lost its scheduler or its workers ({type(error).__name__}: {error})"
+        hint = "restart it and repeat the call: finished tiles are kept"
+        raise InputError("client", problem, "the cluster must be running", hint) from error
+    finally:
+        with suppress(Exception):  # the scheduler may be gone
+            client.cancel(futures)
+
+
+def _run_task(tile: int, task: Task) -> Any:
+    """Run a task on a worker."""
+    return task(tile)
+
+
+def _check_workers(client: Any) -> None:
+    """Raise InputError unless there are workers, all with this version of cspace."""
+    workers = client.get_versions(packages=["cspace"])["workers"].values()
+    versions = {str(worker["packages"]["cspace"]) for worker in workers}
+    if versions != {__version__}:
+        problem = f"workers with cspace {', '.join(sorted(versions))}" if versions else "no workers"
+        rule = f"all must have cspace {__version__}, like this process"
+        raise InputError("client", f"has {problem}", rule, "install it there and start workers")

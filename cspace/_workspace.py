@@ -1,0 +1,1048 @@
+"""Workspace: obstacle cells on a grid."""
+
+from __future__ import annotations
+
+import inspect
+import math
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, TypeAlias, TypedDict, Unpack
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cspace._files.access import UNKNOWNS
+from cspace._grid import FARTHEST_CELL, SLACK, Grid
+from cspace._limits import (
+    MESH_CELL_BYTES,
+    SHAPE_CELL_BYTES,
+    WORKSPACE_CELL_BYTES,
+    PlannedGrid,
+    check_memory,
+)
+from cspace._shapes import Balls, Mesh, Polygons, Shape, ShapeLike, Voxels, as_shape
+from cspace._support.arrays import Bools, Floats, StrPath, frozen
+from cspace._support.check import check_bounds, check_cells, check_point, check_positive, check_word
+from cspace._support.reporting import warn_user
+from cspace.errors import FileError, InputError, UnitWarning
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from shapely.geometry.base import BaseGeometry
+
+    from cspace._files.meshes import Up
+    from cspace._files.ros import GridMessage
+    from cspace._files.urdf import PackageDirs
+    from cspace._obstacles import Source
+    from cspace._shapes.balls import BallSet
+    from cspace._shapes.mesh import MeshLike, Solid
+    from cspace.plot._picture import WorkspaceOptions
+
+_IN_TILES = "build its map tile by tile, with cspace.build(..., store='map.zarr')"
+Geometries: TypeAlias = "BaseGeometry | Mapping[str, object] | StrPath | Iterable[Geometries]"
+
+
+_SLIVER: Final = 1e-9
+"""Rounding allowance of the upper bound, in cells. It is far below the slack of an outer raster, so
+that an obstacle in this sliver still marks the last cell."""
+
+_ZERO_BOUND: Final = SLACK / 2**14
+"""Bounds nearer to zero than this, in cells, count as zero."""
+
+_MIN_EXTENT: Final = 1.0 - 2.0**-20
+"""Extent of all obstacles, in cells, below which their unit is probably wrong."""
+
+_MIN_EXTENT_IN_BOUNDS: Final = 0.25
+"""Extent of all obstacles, in cells, below which their unit is probably wrong if the map has
+bounds."""
+
+
+class OpenOptions(TypedDict, total=False):
+    """Options of :meth:`Workspace.open`."""
+
+    spacing: float
+    lower: ArrayLike
+    bounds: ArrayLike
+    inner: ArrayLike
+    radius: float
+    drop_missing: bool
+    offset: ArrayLike
+    solid: Solid
+    up: Up
+    unknown: str
+    threshold: float
+    dark: str
+    lazy: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Workspace:
+    """Obstacles as two sets of closed grid cells.
+
+    `outer` cells touch obstacles, `inner` cells lie inside them. The two sets are equal if the
+    obstacles are given as cells. Use a ``from_...`` method or :meth:`open` to make one.
+
+    Attributes
+    ----------
+    grid : Grid
+    outer : ndarray of bool, shape grid.shape
+        Cells that meet an obstacle; read-only, a copy of what was passed.
+    inner : ndarray of bool, shape grid.shape
+        Cells that lie in obstacles; the same object as ``outer`` if the obstacles are given as
+        cells.
+    source : str
+        File or kind of input, for messages.
+    unknown : ndarray of bool, shape grid.shape, or None
+        Unknown cells of a sensor map; None if there are none. `outer` says whether they count as
+        free or occupied. Pictures draw them in a colour of their own.
+    shapes : tuple or None
+        The obstacles as shapes, metres, unclipped; exact queries use them. None if the obstacles
+        are given as cells.
+    live : bool
+        True if a map that can be updated owns these cells and writes to them; other maps copy them
+        first.
+
+    Raises
+    ------
+    InputError
+        If an array is not boolean (0 and 1 are accepted), does not have the grid's shape, or a cell
+        is in ``inner`` and not in ``outer``.
+
+    Examples
+    --------
+    >>> import shapely, cspace
+    >>> cspace.Workspace.from_polygons([shapely.box(1, 1, 2, 3)], spacing=0.1, bounds=(0, 0, 5, 4))
+    Workspace(1 polygon: 50 x 40 cells of 0.1 m, 13.2 % occupied)
+    """
+
+    grid: Grid
+    outer: Bools = field(repr=False)
+    inner: Bools = field(repr=False)
+    source: str = "array"
+    unknown: Bools | None = field(default=None, repr=False)
+    shapes: tuple[Shape, ...] | None = field(default=None, repr=False)
+    live: bool = field(default=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Check and freeze the arrays."""
+        outer = check_cells(self.outer, "outer")
+        inner = outer if self.inner is self.outer else check_cells(self.inner, "inner")
+        unknown = None if self.unknown is None else check_cells(self.unknown, "unknown")
+        for name, cells in (("outer", outer), ("inner", inner), ("unknown", unknown)):
+            if cells is not None and cells.shape != self.grid.shape:
+                problem = f"has shape {cells.shape} but the grid has {self.grid.shape}"
+                hint = "pass one entry per cell"
+                raise InputError(name, problem, "they must be equal", hint)
+        if inner is not outer:
+            not_outer = np.argwhere(inner > outer)
+            if len(not_outer):
+                problem = f"has cell {tuple(not_outer[0].tolist())}, which is not in outer"
+                rule = "it must be a subset of outer"
+                raise InputError("inner", problem, rule, "add it to outer")
+            if np.array_equal(inner, outer):
+                inner = outer
+        if unknown is not None and not unknown.any():
+            unknown = None
+        # The class is frozen, so plain assignment is refused.
+        shapes = None if self.shapes is None else tuple(self.shapes)
+        object.__setattr__(self, "outer", outer)
+        object.__setattr__(self, "inner", inner)
+        object.__setattr__(self, "unknown", unknown)
+        object.__setattr__(self, "shapes", shapes)
+
+    def __repr__(self) -> str:
+        """Return source, cells, and the occupied and unknown shares."""
+        grid = self.grid
+        known_occupied = self.outer
+        unknown_text = ""
+        if self.unknown is not None:
+            known_occupied = self.outer & ~self.unknown
+            unknown_text = f", {_percent_text(self.unknown)} unknown"
+            if not self.outer[self.unknown].any():
+                unknown_text += ", taken as free"
+            elif self.outer[self.unknown].all():
+                unknown_text += ", taken as occupied"
+        cells = f"{' x '.join(map(str, grid.shape))} cells of {grid.spacing:g} {grid.unit}"
+        occupied = f"{_percent_text(known_occupied)} occupied"
+        return f"Workspace({self.source}: {cells}, {occupied}{unknown_text})"
+
+    @classmethod
+    def from_array(
+        cls,
+        occupied: ArrayLike | StrPath,
+        spacing: float,
+        lower: ArrayLike | None = None,
+        *,
+        inner: ArrayLike | None = None,
+        lazy: bool = False,
+    ) -> Workspace:
+        """Make a workspace of an array of cells.
+
+        A lazy array (zarr, dask, xarray on dask, ``numpy.memmap``) is read when needed: see
+        :class:`cspace._workspace.LazyWorkspace`.
+
+        Parameters
+        ----------
+        occupied : array-like of bool, shape (nx, ny) or (nx, ny, nz), or path-like
+            Cells that meet an obstacle, indexed in the order of the coordinates; 0 and 1 are
+            accepted. A path names a ``.npy`` file or a ``.zarr`` array. The coordinates of an
+            xarray, if it has them, are the centers of the cells, in metres.
+        spacing : float
+            Side of a cell, in metres.
+        lower : array-like, shape (d,), optional
+            Lower corner of the first cell, in metres. If left out, it is that of an xarray's
+            coordinates, or the origin.
+        inner : array-like of bool, same shape, optional
+            Cells that lie in obstacles; ``occupied`` if left out.
+        lazy : bool
+            Read the values of a ``.npy`` file when they are needed.
+
+        Raises
+        ------
+        InputError
+            If an array is empty, not boolean or of the wrong shape, or a number is invalid.
+        """
+        from cspace._files.formats import read_npy, read_zarr_array
+        from cspace._files.rasters import place_raster
+        from cspace._limits import check_cells as check_file_cells
+        from cspace._obstacles import LazyCells, check_no_chunk_missing, is_lazy
+
+        check_positive(spacing, "spacing", "metres, after the array of cells")
+        # Open a file first. Then a lazy array stays as it is, and any other becomes an array.
+        source = "array"
+        array = occupied
+        if isinstance(array, str | os.PathLike):
+            source = str(array)
+            if Path(array).suffix.lower() == ".zarr":
+                array = read_zarr_array(array)
+            else:
+                array = read_npy(source)
+                if not lazy:
+                    check_file_cells(source, array.shape, memory=WORKSPACE_CELL_BYTES)
+                    array = np.asarray(array)
+        array, own_lower = place_raster(array, spacing)
+        check_no_chunk_missing(array)
+        reads_later = inner is None and is_lazy(array)
+        cells = LazyCells(array) if reads_later else check_cells(array, "occupied")
+        dim = len(cells.shape)
+        if lower is None:
+            lower = np.zeros(dim) if own_lower is None else own_lower
+        corner = check_point(lower, "lower", dim)
+        if isinstance(cells, LazyCells):
+            return LazyWorkspace(Grid(corner, spacing, cells.shape), cells, source)
+        grid = Grid(corner, spacing, cells.shape)
+        inside = cells
+        if inner is not None:
+            inside = check_cells(place_raster(inner, spacing, "inner")[0], "inner")
+        return cls(grid, cells, inside, source=source)
+
+    @classmethod
+    def from_ros_map(cls, path: StrPath, unknown: str = "occupied") -> Workspace:
+        """Read a ROS map.
+
+        It is a YAML file, with a PGM or PNG image beside it. Modes, thresholds, ``negate`` and the
+        origin with its yaw apply as in :func:`cspace.ros.read_ros_map`.
+
+        Parameters
+        ----------
+        path : path-like
+            The YAML file.
+        unknown : {"occupied", "free"}
+            State of unknown cells.
+
+        Raises
+        ------
+        InputError
+            If ``unknown`` is neither word.
+        FileError
+            If the YAML or its image is missing or malformed.
+        """
+        from cspace._files.ros import read_ros_map
+        from cspace._raster.bitmaps import align_image
+
+        check_word(unknown, "unknown", UNKNOWNS)
+        image = read_ros_map(path, unknown)
+        with _naming_file(path):
+            grid, outer, inner, unseen = align_image(*image, unknown)
+        return cls(grid, outer, inner, source=str(path), unknown=unseen)
+
+    @classmethod
+    def from_occupancy_grid(
+        cls,
+        msg: GridMessage,
+        unknown: str = "occupied",
+        *,
+        free_thresh: float = 0.25,
+        occupied_thresh: float = 0.65,
+    ) -> Workspace:
+        """Convert a ROS occupancy grid message; ROS itself is not needed.
+
+        Parameters
+        ----------
+        msg : object
+            With the fields of ``nav_msgs/OccupancyGrid``, of ROS 1 or 2 or
+            :class:`cspace.ros.OccupancyGrid`: ``info.resolution``, ``width``, ``height`` and
+            ``origin``, and ``data``, row by row in per cent, -1 for unknown. The yaw of the origin
+            applies as in a ROS map. The resolution is a float32 in messages; it is read as the
+            shortest decimal number that rounds to it: 0.05, not 0.0500000007.
+        unknown : {"occupied", "free"}
+            State of unknown cells: of value -1, or between the thresholds.
+        free_thresh, occupied_thresh : float
+            From 0 to 1: a cell is free below the first and occupied from the second on. The
+            defaults are Nav2's, of its map saver. Costmaps that Nav2 publishes are already
+            inflated: use 0.995 and 1.0 to read only their obstacles.
+
+        Raises
+        ------
+        InputError
+            If a field is missing or malformed, the origin is tilted, or an argument is invalid.
+        FileError
+            If a rotated map has more cells than the limit, or than fit into memory.
+        """
+        from cspace._files.ros import read_occupancy_grid
+        from cspace._raster.bitmaps import align_image
+
+        check_word(unknown, "unknown", UNKNOWNS)
+        grid, outer, inner, unseen = align_image(
+            *read_occupancy_grid(msg, free_thresh, occupied_thresh), unknown
+        )
+        return cls(grid, outer, inner, source="occupancy grid", unknown=unseen)
+
+    @classmethod
+    def from_image(
+        cls,
+        path: StrPath,
+        spacing: float,
+        *,
+        lower: ArrayLike | None = None,
+        threshold: float = 0.5,
+        dark: str = "occupied",
+    ) -> Workspace:
+        """Read an image, one cell per pixel.
+
+        The first row of the image is the top, after its EXIF orientation.
+
+        Parameters
+        ----------
+        path : path-like
+            A PNG, PGM, PPM, PBM, BMP, JPEG or TIFF.
+        spacing : float
+            Side of a pixel, in metres.
+        lower : array-like, shape (2,), optional
+            Lower left corner of the image, in metres; the origin if left out.
+        threshold : float
+            Pixels are dark if the mean of their colour channels, from 0 (black) to 1 (white), is
+            below this.
+        dark : {"occupied", "free"}
+            State of dark pixels; bright pixels have the other. Pixels that are not fully opaque are
+            unknown, and always occupied.
+
+        Raises
+        ------
+        InputError
+            If a number or word is invalid.
+        FileError
+            If the file is missing or cannot be decoded.
+
+        Warns
+        -----
+        UnitWarning
+            If a GeoTIFF states its placement, which is not read.
+        """
+        from cspace._files.images import read_image
+
+        cells, unseen = read_image(path, threshold, dark)
+        grid = Grid((0.0, 0.0) if lower is None else lower, spacing, cells.shape)
+        return cls(grid, cells, cells, source=str(path), unknown=unseen)
+
+    @classmethod
+    def from_movingai(cls, path: StrPath, spacing: float = 1.0) -> Workspace:
+        """Read a map of the MovingAI benchmarks.
+
+        It is a ``.map`` in the plane, or a ``.3dmap`` of voxels in space. In a ``.map``, ``.``,
+        ``G`` and ``S`` are passable, ``@``, ``O``, ``T`` and ``W`` blocked.
+
+        Parameters
+        ----------
+        path : path-like
+            The first row of a ``.map`` is the top; the lower corner of the map is the origin.
+        spacing : float
+            Side of a cell, in metres.
+
+        Raises
+        ------
+        InputError
+            If ``spacing`` is not above zero.
+        FileError
+            If the file is missing, truncated or malformed; the message names the line.
+        """
+        from cspace._files.images import read_movingai_map, read_movingai_voxels
+
+        is_in_space = Path(path).suffix.lower() == ".3dmap"
+        cells = read_movingai_voxels(path) if is_in_space else read_movingai_map(path)
+        return cls(Grid(np.zeros(cells.ndim), spacing, cells.shape), cells, cells, source=str(path))
+
+    @classmethod
+    def _of(
+        cls,
+        shapes: Sequence[Shape],
+        spacing: float,
+        bounds: ArrayLike | None,
+        source: str,
+        kind: str = "",
+        points: Floats | None = None,
+        lazy: bool = False,
+    ) -> Workspace:
+        """Rasterize shapes of one dimension on a grid.
+
+        The grid covers the bounds, or the bounding box of the shapes. If ``kind`` names the
+        shapes, warn if the extent of their points, or of their corners, can hardly be in metres.
+        """
+        from cspace._obstacles import Obstacle, ShapeCells
+
+        check_positive(spacing, "spacing")
+        # The box around the boxes of all shapes; each is (lower, upper), shape (2, dim).
+        lowers, uppers = zip(*(shape.outer.bounds for shape in shapes), strict=True)
+        corners = np.stack([np.min(lowers, axis=0), np.max(uppers, axis=0)])
+        box = corners if bounds is None else check_bounds(bounds, shapes[0].dim)
+        is_simple = len(shapes) == 1 and not isinstance(shapes[0], Mesh)
+        cost = SHAPE_CELL_BYTES if is_simple else MESH_CELL_BYTES
+        grid = covering_grid(box, spacing, 0 if lazy else cost)
+        if kind:
+            extent = corners
+            if points is not None:
+                extent = np.stack([points.min(axis=0), points.max(axis=0)])
+            warn_of_units(extent, spacing, kind, bounds is not None)
+        if lazy:
+            return LazyWorkspace(grid, ShapeCells(shapes[0], grid), source, tuple(shapes))
+        if len(shapes) == 1:
+            outer, inner = shapes[0].cells(grid)
+        else:
+            outer = np.zeros(grid.shape, dtype=np.bool_)
+            inner = np.zeros(grid.shape, dtype=np.bool_)
+            for shape in shapes:
+                obstacle = Obstacle.of(shape, grid)
+                window = tuple(map(slice, *obstacle.box))
+                outer[window] |= obstacle.outer
+                inner[window] |= obstacle.inner
+        warn_of_nothing(outer, grid, corners)
+        return cls(grid, outer, inner, source=source, shapes=tuple(shapes))
+
+    @classmethod
+    def from_shapes(
+        cls, shapes: Iterable[ShapeLike], spacing: float, bounds: ArrayLike | None = None
+    ) -> Workspace:
+        """Rasterize shapes of any kind.
+
+        All lie in the plane, or all in space.
+
+        Parameters
+        ----------
+        shapes : iterable of Shape, Robot, shapely geometry, trimesh.Trimesh, str, ...
+            As for :meth:`cspace.CSpace.add_obstacle`, in metres. A robot, or a text such as
+            ``"ellipse:0.5,0.3@2,1"``, is placed with its reference point at the origin of the map.
+        spacing : float
+            Side of a cell, in metres.
+        bounds : array-like, shape (2 d,) or (2, d), optional
+            Lower, then upper corner of the map, in metres; the bounding box of the shapes if left
+            out. **Obstacles are clipped to it.**
+
+        Raises
+        ------
+        InputError
+            If there is no shape, a shape is invalid, their dimensions differ, or the map does not
+            fit into memory. For shapes with names, build the map first and
+            :meth:`cspace.CSpace.add_obstacle` each of them.
+        FileError
+            If a file is missing or malformed.
+
+        Examples
+        --------
+        >>> import cspace, shapely
+        >>> disc = cspace.Robot.disc(0.5, (3, 1))
+        >>> shapes = [shapely.box(0, 0, 1, 3), disc, "ellipse:0.6,0.3@2,2.5"]
+        >>> cspace.Workspace.from_shapes(shapes, 0.1, bounds=(0, 0, 4, 3))
+        Workspace(3 shapes: 40 x 30 cells of 0.1 m, 42.5 % occupied)
+        """
+        if isinstance(shapes, Mapping | str) or not isinstance(shapes, Iterable):
+            problem = f"is a {type(shapes).__name__}"
+            hint = "pass a list; name shapes with space.add_obstacle(name, shape)"
+            raise InputError("shapes", problem, "it must be a list of shapes", hint)
+        made = [as_shape(shape, name=f"shapes[{index}]") for index, shape in enumerate(shapes)]
+        if not made:
+            rule = "at least one shape is needed"
+            hint = "pass a shape, or use Workspace.from_array for a map without obstacles"
+            raise InputError("shapes", "is empty", rule, hint)
+        place = made[0].place
+        for index, shape in enumerate(made):
+            shape.outer.boundary()  # raises the errors of later exact queries now
+            if shape.place != place:
+                problem = f"is in {shape.place}"
+                rule = f"all must be in {place}, as shapes[0] is"
+                raise InputError(f"shapes[{index}]", problem, rule, "leave it out")
+        source = "1 shape" if len(made) == 1 else f"{len(made)} shapes"
+        return cls._of(made, spacing, bounds, source, "set of shapes")
+
+    @property
+    def cells(self) -> Source:
+        """Source of the cells, read a box at a time."""
+        from cspace._obstacles import CellsInMemory
+
+        return CellsInMemory(self.outer, self.inner)
+
+    @property
+    def obstacles(self) -> tuple[Shape, ...]:
+        """The obstacles as shapes.
+
+        They are :attr:`shapes`, or one shape of the outer cells; empty if no cell is occupied.
+        """
+        if self.shapes is not None:
+            return self.shapes
+        if not self.outer.any():
+            return ()
+        return (Voxels(self.outer, self.grid.spacing, np.asarray(self.grid.lower)),)
+
+    @classmethod
+    def from_polygons(
+        cls,
+        polygons: Geometries,
+        spacing: float,
+        bounds: ArrayLike | None = None,
+        *,
+        offset: ArrayLike | None = None,
+        lazy: bool = False,
+    ) -> Workspace:
+        """Rasterize polygons, lines and points in the plane.
+
+        ``outer`` and ``inner`` are proven.
+
+        Parameters
+        ----------
+        polygons : shapely geometry, GeoJSON mapping, WKT string, path-like, or iterable of these
+            Closed sets, in metres, without z; files end in ``.geojson``, ``.json`` or ``.wkt``.
+            Also objects with ``__geo_interface__``, such as a GeoDataFrame.
+        spacing : float
+            Side of a cell, in metres.
+        bounds : array-like, shape (4,) or (2, 2), optional
+            ``xmin, ymin, xmax, ymax`` of the map, as in shapely, or its lower and its upper corner,
+            as in trimesh, in metres; the bounding box of the obstacles if left out. The grid begins
+            at the lower corner and covers the upper one, except for a strip of at most 1e-9 cells
+            due to rounding. **Obstacles are clipped to it.**
+        offset : array-like, shape (2,), optional
+            Metres added to all coordinates, before the bounds apply. It moves a frame whose origin
+            is far away, such as UTM, to the map.
+        lazy : bool
+            Rasterize cells when they are read: see :class:`cspace._workspace.LazyWorkspace`.
+
+        Raises
+        ------
+        GeometryError
+            If a geometry is empty, self-crossing, not finite or not in the plane; the message names
+            it.
+        InputError
+            If ``bounds`` is reversed or a number is invalid.
+        FileError
+            If the file is missing or malformed.
+        """
+        import shapely
+
+        from cspace._files.vector import POLYGON_SUFFIXES, read_shapes
+
+        check_extent(spacing, bounds, 2)
+        geometries = read_shapes(polygons)
+        if offset is not None:
+            step = check_point(offset, "offset", 2)
+            geometries = list(shapely.transform(geometries, lambda points: points + step))
+        shape = Polygons(geometries)
+        count = len(shape.geometries)
+        source = "1 polygon" if count == 1 else f"{count} polygons"
+        is_text = isinstance(polygons, str | os.PathLike)  # a path, or WKT
+        if is_text and str(polygons).lower().endswith(POLYGON_SUFFIXES):
+            source = str(polygons)
+        return cls._of([shape], spacing, bounds, source, "set of polygons", lazy=lazy)
+
+    @classmethod
+    def from_mesh(
+        cls,
+        mesh: MeshLike,
+        spacing: float,
+        bounds: ArrayLike | None = None,
+        *,
+        solid: Solid = "auto",
+        up: Up | None = None,
+        offset: ArrayLike | None = None,
+        lazy: bool = False,
+    ) -> Workspace:
+        """Rasterize a triangle mesh in space; ``outer`` and ``inner`` are proven.
+
+        Parameters
+        ----------
+        mesh : trimesh.Trimesh, trimesh.Scene, cspace.Mesh, path-like, or (vertices, faces)
+            Metres; files are ``.stl``, ``.obj``, ``.ply``, ``.glb``, ``.gltf`` and ``.dae``.
+        spacing : float
+            Side of a cell, in metres.
+        bounds : array-like, shape (6,) or (2, 3), optional
+            ``xmin, ymin, zmin, xmax, ymax, zmax`` of the map, or its lower and its upper corner, in
+            metres; the bounding box of the mesh if left out, as for :meth:`from_polygons`.
+            **Obstacles are clipped to it.**
+        solid : {"auto", "surface", "fill"}
+            Parts with an interior. "auto": the closed parts, with a warning if others are open.
+            "surface": none. "fill": all that the surface encloses at this spacing, with a warning
+            if an open mesh encloses no cell.
+        up : {"x", "y", "z"}, optional
+            Axis that points up and becomes z; see :meth:`cspace.Mesh.of`.
+        offset : array-like, shape (3,), optional
+            As for :meth:`from_polygons`.
+        lazy : bool
+            As for :meth:`from_polygons`; not for "fill", which needs all cells at once.
+
+        Raises
+        ------
+        GeometryError
+            If the mesh has no triangle or a vertex is NaN or infinite.
+        InputError
+            If ``bounds`` is reversed, a number or word is invalid, or the map does not fit into
+            memory.
+        FileError
+            If the file is missing or malformed.
+        """
+        check_extent(spacing, bounds, 3)
+        shape = Mesh.of(mesh, solid, up)
+        if offset is not None:
+            shape = replace(shape, vertices=shape.vertices + check_point(offset, "offset", 3))
+        source = str(mesh) if isinstance(mesh, str | os.PathLike) else shape.source
+        if shape.solid != "fill":
+            return cls._of([shape], spacing, bounds, source, "mesh", lazy=lazy)
+        if lazy:
+            problem = "is True with solid='fill'"
+            rule = "filling needs all cells at once"
+            hint = "close the mesh and pass solid='auto'"
+            raise InputError("lazy", problem, rule, hint)
+        workspace = cls._of([shape], spacing, bounds, source, "mesh")
+        # The filled cells depend on the spacing, so the mesh does not stand for them.
+        return replace(workspace, shapes=None)
+
+    @classmethod
+    def from_balls(
+        cls,
+        centers: ArrayLike | BallSet,
+        radii: ArrayLike | None = None,
+        spacing: float = 0.0,
+        bounds: ArrayLike | None = None,
+    ) -> Workspace:
+        """Rasterize balls in space or discs.
+
+        Discs lie in the plane. ``outer`` and ``inner`` are proven.
+
+        Parameters
+        ----------
+        centers : array-like, shape (n, 2) or (n, 3), or BallDecomposition
+            Metres. A decomposition has its own radii.
+        radii : array-like, shape (n,), or one number
+            Metres, zero or above.
+        spacing : float
+            Side of a cell, in metres; needed.
+        bounds : array-like, shape (2 d,) or (2, d), optional
+            Lower, then upper corner of the map, in metres; the bounding box of the balls if left
+            out. **Obstacles are clipped to it.**
+
+        Raises
+        ------
+        InputError
+            If shapes of arrays disagree, a value is invalid, or the map does not fit into memory.
+        """
+        balls = Balls.of(centers, radii)
+        return cls._of([balls], spacing, bounds, f"{len(balls.radii)} balls")
+
+    @classmethod
+    def from_points(
+        cls,
+        points: ArrayLike | StrPath,
+        spacing: float,
+        bounds: ArrayLike | None = None,
+        *,
+        radius: float = 0.0,
+        drop_missing: bool = False,
+        offset: ArrayLike | None = None,
+    ) -> Workspace:
+        """Rasterize a point cloud: each point is an obstacle, or a ball around it.
+
+        Parameters
+        ----------
+        points : array-like, shape (n, 2) or (n, 3), or path-like
+            Metres; files are ``.npy``, ``.xyz``, ``.txt``, ``.csv``, ``.ply`` and ``.pcd``, of
+            points in space.
+        spacing : float
+            Side of a cell, in metres.
+        bounds : array-like, shape (2 d,) or (2, d), optional
+            As for :meth:`from_balls`.
+        radius : float
+            Radius of the balls, metres, zero or above.
+        drop_missing : bool
+            Leave out points that are not finite: many sensors write NaN where they saw nothing,
+            which is neither free nor occupied.
+        offset : array-like, shape (d,), optional
+            As for :meth:`from_polygons`.
+
+        Raises
+        ------
+        InputError
+            As :meth:`from_balls`.
+        FileError
+            If the file is missing, truncated or malformed.
+        """
+        from cspace._files.points import read_points
+
+        if isinstance(points, str | os.PathLike):
+            check_extent(spacing, bounds, 3)
+            cloud = Balls.of(read_points(points, drop_missing), radius)
+            source = str(points)
+        else:
+            check_positive(spacing, "spacing")
+            table: Any = points
+            names = list(getattr(table, "columns", ()))  # of pandas
+            if {"x", "y"} <= set(names):
+                table = table[[axis for axis in "xyz" if axis in names]]
+            if drop_missing:
+                table = np.asarray(table)
+                table = table[np.isfinite(table).all(axis=-1)]
+            cloud = Balls.of(table, radius)
+            source = f"{len(cloud.radii)} points"
+        if offset is not None:
+            cloud = Balls(cloud.centers + check_point(offset, "offset", cloud.dim), cloud.radii)
+        # The extent of the points shows a wrong unit; the balls around them would hide it.
+        return cls._of([cloud], spacing, bounds, source, "cloud", cloud.centers)
+
+    @classmethod
+    def from_octomap(
+        cls, path: StrPath, unknown: str = "occupied", bounds: ArrayLike | None = None
+    ) -> Workspace:
+        """Read an OctoMap, ``.bt`` or ``.ot``, at its finest resolution.
+
+        Parameters
+        ----------
+        path : path-like
+        unknown : {"occupied", "free"}
+            State of unknown cells.
+        bounds : array-like, shape (6,) or (2, 3), optional
+            Lower, then upper corner of the map, in metres, which covers them with whole cells of
+            the OctoMap; the bounding box of the known cells if left out. **Obstacles are clipped to
+            it.**
+
+        Raises
+        ------
+        InputError
+            If ``unknown`` is neither word, or ``bounds`` is reversed.
+        FileError
+            If the file is missing, truncated or malformed.
+        """
+        from cspace._files.octomap import read_octomap
+
+        check_word(unknown, "unknown", UNKNOWNS)
+        box = None if bounds is None else check_bounds(bounds, 3)
+        lower, spacing, cells, unseen = read_octomap(path, unknown == "occupied", box)
+        with _naming_file(path):
+            grid = Grid(lower, spacing, cells.shape)
+        return cls(grid, cells, cells, source=str(path), unknown=unseen)
+
+    @classmethod
+    def from_moveit_scene(
+        cls,
+        source: object,
+        spacing: float,
+        bounds: ArrayLike | None = None,
+        *,
+        package_dirs: PackageDirs = (),
+    ) -> Workspace:
+        """Read the obstacles of a MoveIt planning scene.
+
+        Boxes, spheres, cylinders, cones and meshes of collision objects are read; all objects must
+        be in one frame, the planning frame. Cylinders and cones lie between two polyhedra, as
+        :meth:`cspace.Robot.cylinder` does.
+
+        Parameters
+        ----------
+        source : path-like, mapping, or message
+            A ``moveit_msgs/PlanningScene``, a mapping with its fields, or a file of it in YAML: as
+            ROS prints it, or as MotionBenchMaker and robowflex write it.
+        spacing : float
+            Side of a cell, in metres.
+        bounds : array-like, shape (6,) or (2, 3), optional
+            As for :meth:`from_mesh`.
+        package_dirs : path-like, or sequence of path-like
+            Folders that hold the folders of packages, for meshes, as for
+            :meth:`cspace.Robot.from_urdf`.
+
+        Raises
+        ------
+        FileError
+            If a file is missing or malformed, only changes another scene, or holds anything else:
+            an OctoMap, a plane, a subframe, a transform, a padded link, a primitive of another
+            type, or an unknown field. For a mapping or a message, InputError.
+        GeometryError
+            If a mesh has no triangle, or there is no shape at all.
+        InputError
+            If ``bounds`` is reversed, a number is invalid, or the map does not fit into memory.
+
+        See Also
+        --------
+        cspace.arms.read_moveit_scene : The same obstacles for an arm.
+        """
+        from cspace._shapes.scenes import read_scene
+
+        check_extent(spacing, bounds, 3)
+        scene = read_scene(source, package_dirs)
+        return cls._of(scene.list_obstacles(), spacing, bounds, scene.source, "planning scene")
+
+    @classmethod
+    def open(cls, path: StrPath, **options: Unpack[OpenOptions]) -> Workspace:
+        """Read a workspace from a file, in the format of its suffix.
+
+        Parameters
+        ----------
+        path : path-like
+            A map, an image, polygons, a mesh, an OctoMap, a point cloud or an array. The page on
+            files (docs/reference/files.md) has a table of all suffixes.
+        **options
+            Those of the method for that format: ``spacing`` except for ROS maps and OctoMaps
+            (optional for MovingAI), ``unknown``, ``threshold``, ``dark``, ``lower``, ``bounds``,
+            ``offset``, ``solid``, ``up``, ``radius``, ``drop_missing``.
+
+        Raises
+        ------
+        InputError
+            If the suffix is unknown, an option does not apply to the format, or ``spacing`` is
+            missing.
+        FileError
+            If the file is missing or malformed.
+        """
+        reader = reader_of(path, options)
+        for name, parameter in _options_of(reader).items():
+            if parameter.default is parameter.empty and name not in options:
+                problem = f"is missing for {os.fspath(path)}"
+                rule = "the file does not contain it"
+                raise InputError(name, problem, rule, f"pass e.g. {name}=0.05")
+        return reader(path, **options)
+
+    def plot(self, **options: Unpack[WorkspaceOptions]) -> Axes:
+        """Draw the obstacles; open no window.
+
+        Parameters
+        ----------
+        **options
+            Options of :func:`cspace.plot.plot`: ``view``, ``center``, ``zoom``, ``cut``,
+            ``camera``, ``ax``, ``legend`` and ``title``. The title defaults to the source and the
+            length of a cell.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+            Notebooks show the axes as the picture; ``ax.figure`` is the figure.
+
+        Raises
+        ------
+        InputError
+            For the reasons of :func:`cspace.plot.plot`.
+        """
+        from cspace.plot import plot
+
+        return plot(self, **options)
+
+
+class LazyWorkspace(Workspace):
+    """A workspace whose cells are read or rasterized when they are needed.
+
+    :func:`cspace.build` with a ``store`` reads a tile at a time. Any other use reads all cells into
+    memory, if they fit, at the first access.
+
+    Parameters
+    ----------
+    grid : Grid
+    cells : cspace._obstacles.Source
+    source : str
+        File or kind of input, for messages.
+    shapes : tuple or None
+        The obstacles as shapes, metres.
+    """
+
+    __slots__ = ("_cells", "_whole")
+
+    _cells: Source
+    _whole: list[tuple[Bools, Bools]]
+
+    def __init__(
+        self, grid: Grid, cells: Source, source: str, shapes: tuple[Shape, ...] | None = None
+    ) -> None:
+        """Keep the source of the cells; the class is frozen like its base."""
+        object.__setattr__(self, "grid", grid)
+        object.__setattr__(self, "source", source)
+        object.__setattr__(self, "shapes", shapes)
+        object.__setattr__(self, "live", False)
+        object.__setattr__(self, "_cells", cells)
+        object.__setattr__(self, "_whole", [])
+
+    @property
+    def cells(self) -> Source:
+        """Source of the cells, read a box at a time."""
+        return self._cells
+
+    @property
+    def outer(self) -> Bools:
+        """Cells that meet an obstacle; the first access reads all cells."""
+        return self._read()[0]
+
+    @property
+    def inner(self) -> Bools:
+        """Cells that lie in obstacles; the first access reads all cells."""
+        return self._read()[1]
+
+    def _read(self) -> tuple[Bools, Bools]:
+        """Return the outer and inner cells; the first call reads them."""
+        if not self._whole:
+            grid = self.grid
+            check_memory(WORKSPACE_CELL_BYTES * grid.size, "the workspace", grid, hint=_IN_TILES)
+            whole_grid = tuple(slice(0, n) for n in grid.shape)
+            outer, inner = map(frozen, self.cells.read(whole_grid))
+            if np.array_equal(outer, inner):
+                inner = outer
+            self._whole.append((outer, inner))
+        return self._whole[0]
+
+    def __repr__(self) -> str:
+        """Return source and number of cells."""
+        shape = " x ".join(map(str, self.grid.shape))
+        cells = f"{shape} cells of {self.grid.spacing:g} m"
+        return f"LazyWorkspace({self.source}: {cells}, read at need)"
+
+    def __reduce__(
+        self,
+    ) -> tuple[type[LazyWorkspace], tuple[Grid, Source, str, tuple[Shape, ...] | None]]:
+        """Pickle the source of the cells, not the cells."""
+        return LazyWorkspace, (self.grid, self.cells, self.source, self.shapes)
+
+
+def load_workspace(workspace: Workspace) -> Workspace:
+    """Return a workspace with all its cells in memory."""
+    if not isinstance(workspace, LazyWorkspace):
+        return workspace
+    source = workspace.source
+    shapes = workspace.shapes
+    return Workspace(workspace.grid, workspace.outer, workspace.inner, source=source, shapes=shapes)
+
+
+@contextmanager
+def _naming_file(path: StrPath) -> Iterator[None]:
+    """Convert InputErrors of the block, about its grid, into FileErrors that name the file."""
+    try:
+        yield
+    except InputError as error:
+        problem = f"{error.argument} {error.problem}"
+        raise FileError(os.fspath(path), problem, error.rule, error.hint) from error
+
+
+def copy_workspace(workspace: Workspace, live: bool = False) -> Workspace:
+    """Copy a workspace and its arrays; ``live`` if updates of a map write to them."""
+    outer = frozen(workspace.outer.copy())
+    inner = outer if workspace.inner is workspace.outer else frozen(workspace.inner.copy())
+    unknown = None if workspace.unknown is None else frozen(workspace.unknown.copy())
+    return Workspace(
+        workspace.grid, outer, inner, workspace.source, unknown, workspace.shapes, live
+    )
+
+
+def reader_of(path: StrPath, options: Iterable[str] = ()) -> Callable[..., Workspace]:
+    """Return the classmethod that reads a file, and check that it takes the options.
+
+    Raises InputError if the suffix is unknown or an option does not apply, and FileError if the
+    format depends on the content and the file is missing.
+    """
+    from cspace._files.formats import find_constructor
+
+    reader: Callable[..., Workspace] = getattr(Workspace, find_constructor(path))
+    accepted = _options_of(reader)
+    for name in options:
+        if name not in accepted:
+            rule = f"its format takes {', '.join(accepted)}"
+            raise InputError(name, f"is given for {path}", rule, "leave it out")
+    return reader
+
+
+def _options_of(reader: Callable[..., Workspace]) -> dict[str, inspect.Parameter]:
+    """Return the parameters of a reader except the path, which comes first."""
+    _, *options = inspect.signature(reader).parameters.values()
+    return {option.name: option for option in options}
+
+
+def check_extent(spacing: float, bounds: ArrayLike | None, dim: int) -> None:
+    """Check the spacing and the bounds of a map before a file is read."""
+    check_positive(spacing, "spacing")
+    if bounds is not None:
+        check_bounds(bounds, dim)
+
+
+def covering_shape(corners: Floats, spacing: float) -> list[int]:
+    """Return the number of cells along each axis of the grid between two corners."""
+    lower, upper = corners
+    with np.errstate(over="ignore"):
+        counts = np.maximum(1.0, np.ceil((upper - lower) / spacing - _SLIVER))
+    # Numbers beyond int64 are refused later, because they do not fit into memory.
+    return [int(min(n, FARTHEST_CELL)) for n in counts]
+
+
+def covering_grid(corners: Floats, spacing: float, bytes_a_cell: int) -> Grid:
+    """Return the grid from the lower of two corners, shape (2, dim), over the upper one.
+
+    Raises InputError if its cells do not fit into memory.
+    """
+    # No raster can tell such numbers from zero, and shapely fails on numbers below 1e-308.
+    corners = np.where(np.abs(corners) < _ZERO_BOUND * spacing, 0.0, corners)
+    shape = covering_shape(corners, spacing)
+    check_memory(bytes_a_cell * float(math.prod(shape)), "the map", PlannedGrid(shape, spacing))
+    return Grid(corners[0], spacing, shape)
+
+
+def warn_of_units(corners: Floats, spacing: float, what: str, bounded: bool) -> None:
+    """Warn if obstacles are smaller than a cell, because their unit is then hardly the metre.
+
+    If the map has bounds, which are in metres, small obstacles may be intended; the limit is then a
+    quarter of a cell. ``corners``, shape (2, d), is the box of the obstacles; a single point raises
+    no warning. ``what`` names the obstacles in the message.
+    """
+    lower, upper = corners
+    sides = upper - lower
+    min_extent = _MIN_EXTENT_IN_BOUNDS if bounded else _MIN_EXTENT
+    if 0.0 < sides.max() < min_extent * spacing:
+        size = " m x ".join(f"{side:g}" for side in sides)
+        warn_user(
+            f"the {what} is {size} m large and fits into one cell of {spacing:g} m; its units are "
+            "probably wrong (metres are needed): scale it, or use a smaller spacing",
+            UnitWarning,
+        )
+
+
+def warn_of_nothing(outer: Bools, grid: Grid, corners: Floats) -> None:
+    """Warn if no obstacle lies in the bounds of a map.
+
+    ``corners``, shape (2, d), is the obstacles' box in metres.
+    """
+    if not outer.any():
+        lower, upper = corners
+        obstacles = f"from {in_metres(lower)} to {in_metres(upper)}"
+        bounds = f"{in_metres(grid.lower)} to {in_metres(grid.upper)}"
+        warn_user(
+            f"the obstacles reach {obstacles} and none lies within the bounds, {bounds}; the map "
+            "has no obstacle: check the bounds, and the units (metres)"
+        )
+
+
+def _percent_text(cells: Bools) -> str:
+    """Format the share of the cells that are set."""
+    return f"{100.0 * np.count_nonzero(cells) / cells.size:.3g} %"
+
+
+def in_metres(point: Iterable[float]) -> str:
+    """Format a point as ``(x, y, z) m``."""
+    return f"({', '.join(f'{x:g}' for x in point)}) m"

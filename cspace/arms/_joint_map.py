@@ -1,0 +1,703 @@
+"""Certified maps of two or three joints of an arm among obstacles.
+
+In the space of its joints an arm is a point, and its obstacles are the cells that are not FREE. So
+the map is a :class:`cspace.CSpace` of a point (:class:`cspace._shapes.Point`) whose workspace
+consists of these cells.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from itertools import pairwise
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cspace._bodies.triangles import MAX_PENDING_PAIRS, SurfaceTree
+from cspace._engines.slices import Progress
+from cspace._exact.boundaries import Problem, Proofs
+from cspace._exact.proofs import BoundaryProofs, ExactQueries
+from cspace._grid import FARTHEST_CELL, Grid
+from cspace._limits import PlannedGrid, check_memory
+from cspace._obstacles import ObstacleLayers
+from cspace._record.contents import Contents
+from cspace._record.exterior import Exterior
+from cspace._robot import Robot
+from cspace._rotations import Rotations
+from cspace._shapes import Point
+from cspace._space import CSpace
+from cspace._support.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, States
+from cspace._support.check import check_finite, check_known, check_positive
+from cspace._support.derived import lazy
+from cspace._support.threads import cores, in_threads
+from cspace._workspace import Workspace
+from cspace.arms._boxes import (
+    CellStates,
+    InnerBalls,
+    InnerScene,
+    JointCells,
+    classify_block,
+    make_pending,
+)
+from cspace.arms._chain import FIXED, REVOLUTE
+from cspace.arms._model import Arm
+from cspace.arms._proofs import (
+    Scene,
+    Solids,
+    make_scene_scratch,
+    nearest_triangle,
+    winding_number,
+)
+from cspace.arms._snapshots import Snapshot
+from cspace.arms._space import ArmSpace
+from cspace.errors import ConfigurationError, InputError
+
+_BYTES_PER_JOINT_CELL: Final = 5
+"""Memory per cell, bytes: its state, whether it meets an obstacle or lies in one, and a pair while
+it is built."""
+
+
+_BLOCK_CELLS_PER_AXIS: Final = 32
+"""Cells per axis of the blocks that threads start with."""
+
+
+_PARTS_PER_CELL: Final = {2: 4, 3: 1}
+"""Parts into which each side of a cell is divided at most, by the number of joints; powers of two.
+"""
+
+
+_LATTICE_POINTS_PER_SURFACE: Final = 1000
+"""Approximate number of lattice points in the box of a closed surface."""
+
+
+_MAX_BALLS_PER_SURFACE: Final = 64
+"""Largest number of balls inside a closed surface, or inside the boxes and balls of a solid."""
+
+
+_MIN_BALL_SPACING: Final = 0.6
+"""Smallest distance between two balls' centers, as a share of the larger ball's radius."""
+
+
+_COUNT_ROUNDING: Final = 1e-9
+"""Rounding error of a number of cells; a range that exceeds a whole number by less gets no cell."""
+
+
+def build_joint_map(
+    space: ArmSpace,
+    spacing: float,
+    joints: Sequence[str] | None = None,
+    *,
+    held_joints: ArrayLike | None = None,
+    limits: Mapping[str, tuple[float, float]] | None = None,
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> JointMap:
+    """Map all positions of two or three joints.
+
+    Each cell is FREE, BLOCKED or MIXED as a whole.
+
+    Parameters
+    ----------
+    space : ArmSpace
+    spacing : float
+        Side of the cells: radians, and metres for prismatic joints.
+    joints : sequence of str, optional
+        The joints of the map, in the order of its axes; by default all joints of the arm.
+    held_joints : array-like, shape (arm.dof,), optional
+        A configuration of the arm, at which the other joints are held; required if there are
+        others.
+    limits : mapping of str to (float, float), optional
+        The mapped part of a joint's range. The default is the whole range, for continuous joints
+        from -pi to pi.
+    workers : int, optional
+        Threads; by default one for each core that the process may use.
+    progress : callable, optional
+        Called with (steps done, total steps).
+
+    Returns
+    -------
+    JointMap
+        Its axes are the joints. Queries with ``exact=True`` use the geometry of the arm in MIXED
+        cells, until cells are changed; files do not store it. The robot is a point, and the
+        workspace the cells that are not FREE. All beyond a joint's own limits is BLOCKED. All
+        beyond the mapped part of a range is MIXED, so that no path crosses its ends, and paths
+        around a continuous joint are not excluded. If the ends are not a whole number of cells
+        apart, the last cells exceed the upper end, and are never FREE if that is a limit of the
+        joint.
+
+    Raises
+    ------
+    InputError
+        If a joint is unknown, there are not two or three joints, ``held_joints`` is missing, limits
+        are missing or exceed the joint's, or the map does not fit into memory.
+    ConfigurationError
+        If links touch that the joints do not move against each other.
+
+    References
+    ----------
+    T. Lozano-Perez, "Spatial planning: a configuration space approach", 1983.
+    """
+    # Check all arguments before any work.
+    side = check_positive(spacing, "spacing", "radians")
+    snapshot = space.snapshot
+    arm = snapshot.arm
+    names = _check_joints(arm, joints)
+    joint_indices = np.array([arm.joints.index(name) for name in names])
+    held = _check_held_joints(arm, joint_indices, held_joints)
+    intervals = np.array([_find_range(space, name, limits) for name in names])
+    joint_limits = np.column_stack([arm.lower, arm.upper])[joint_indices]
+    shape = _count_cells(intervals, joint_limits, side)
+    units = tuple(arm.units[number] for number in joint_indices.tolist())
+    needed = _BYTES_PER_JOINT_CELL * math.prod(shape)
+    check_memory(needed, "the map", PlannedGrid(shape, side, units[0]))
+    lowest = intervals[:, 0]
+    grid = Grid(lowest, side, shape, axes=names, units=units)
+    moving = _find_moving_pairs(snapshot, joint_indices)
+    still_pairs = np.flatnonzero(~moving.any(axis=1))
+    _refuse_held_contact(snapshot, names, held, still_pairs)
+
+    states, deciding_pairs = _classify_cells(
+        snapshot, grid, joint_indices, held, moving, workers or cores(), progress
+    )
+    # The last cells along an axis may exceed the joint's limit, beyond which nothing is FREE.
+    last_ends = np.array(grid.lower) + side * np.array(shape)
+    upper_limits = joint_limits[:, 1]
+    for axis in np.flatnonzero(last_ends > upper_limits + _COUNT_ROUNDING * side):
+        last_cells = np.moveaxis(states, axis, 0)[-1]
+        last_cells[last_cells == FREE] = MIXED
+    # In joint space the arm is a point, and its obstacles are the cells that are not FREE.
+    workspace = Workspace(grid, states != FREE, states == BLOCKED, source=repr(space))
+    rotations = Rotations.of(None)
+    robot = Robot(arm.name, Point.at_origin(len(names)))
+    slices = rotations.assign_slices(robot.shape)
+    mixed_cells = np.flatnonzero(deciding_pairs >= 0)
+    pairs = deciding_pairs.ravel()[mixed_cells]
+    geometry = JointGeometry(snapshot, joint_indices, held, joint_limits, mixed_cells, pairs)
+    exterior = _make_exterior(grid, intervals, joint_limits)
+    contents = Contents(workspace, robot, rotations, slices, states[np.newaxis], exterior=exterior)
+    return JointMap(contents, geometry)
+
+
+def _count_cells(intervals: Floats, joint_limits: Floats, side: float) -> tuple[int, ...]:
+    """Return the number of cells along each mapped part of a joint's range.
+
+    ``intervals``, shape (d, 2), are the mapped parts of the ranges ``joint_limits``.
+    """
+    lowest, highest = intervals.T
+    counts = np.ceil((highest - lowest) / side - _COUNT_ROUNDING)
+    # Rounding adds no cell, unless the last one would end before the limit of its joint: beyond the
+    # grid, all configurations there count as BLOCKED.
+    ends_early = lowest + side * counts < highest
+    counts += ends_early & (joint_limits[:, 1] <= highest)
+    return tuple(np.maximum(counts, 1.0).astype(np.int64).tolist())
+
+
+def _check_joints(arm: Arm, joints: Sequence[str] | None) -> tuple[str, ...]:
+    """Return the names of the two or three joints of a map; raise InputError if they are not."""
+    names = arm.joints if joints is None else tuple(joints)
+    for name in names:
+        check_known(name, "joints", arm.joints, "name")
+        has_blanks = name.split() != [name]
+        if name in Rotations.all_names() or has_blanks:
+            raise InputError(
+                "joints",
+                f"name {name!r}",
+                f"axis names have no blanks and differ from {', '.join(Rotations.all_names())}",
+                "rename the joint in the URDF",
+            )
+    if len(names) not in (2, 3) or len(set(names)) < len(names):
+        raise InputError(
+            "joints",
+            f"are {', '.join(names)}",
+            "a map has two or three different joints",
+            "name them, and pass held_joints= for the others",
+        )
+    return names
+
+
+def _classify_cells(
+    snapshot: Snapshot,
+    grid: Grid,
+    joint_indices: Ints,
+    held: Floats,
+    moving: Bools,
+    workers: int,
+    progress: Progress | None,
+) -> tuple[States, NDArray[np.int16]]:
+    """Compute the states of all cells, and a pair that keeps each MIXED cell so.
+
+    Both results have the grid's shape; the pair is -1 in other cells. ``moving``, shape (pairs,
+    joints), says which joints move which pairs. Pairs that the same joints move are one layer of
+    cells. Along the other joints, one cell of the layer represents all.
+    """
+    cells = _make_cells(snapshot, grid, joint_indices, held)
+    balls = _find_inner_balls(snapshot.inner.solids)
+    shape = grid.shape
+    # Kernels know three axes; a map of two joints has one cell along an added first axis.
+    added_axes = 3 - grid.dim
+    layers = list[CellStates]()
+    tasks = []
+    for layer_joints in np.unique(moving[moving.any(axis=1)], axis=0):
+        in_layer = (moving == layer_joints).all(axis=1)
+        pair_numbers = np.flatnonzero(in_layer)
+        scene = snapshot.outer.select_pairs(in_layer)
+        inside = InnerScene(snapshot.inner.select_pairs(in_layer), balls)
+        sides = np.append(np.ones(added_axes, dtype=np.int64), np.where(layer_joints, shape, 1))
+        layer = CellStates(np.empty(sides, dtype=np.uint8), np.empty(sides, dtype=np.int16))
+        layers.append(layer)
+        tasks += [
+            partial(_classify_block, scene, inside, cells, block, pair_numbers, layer)
+            for block in _cut_blocks(sides)
+        ]
+    report = None if progress is None else lambda done: progress(done, len(tasks))
+    in_threads(lambda task: task(), tasks, workers, report)
+    # A cell is FREE if all pairs are, and BLOCKED if one pair is; the states are in that order.
+    states = np.zeros(shape, dtype=np.uint8)
+    deciding_pairs = np.full(shape, -1, dtype=np.int16)
+    for layer in layers:
+        layer_shape = layer.states.shape[added_axes:]
+        layer_states = layer.states.reshape(layer_shape)
+        layer_pairs = layer.deciding_pairs.reshape(layer_shape)
+        np.copyto(deciding_pairs, layer_pairs, where=layer_states > states)
+        np.maximum(states, layer_states, out=states)
+    deciding_pairs[states != MIXED] = -1
+    return states, deciding_pairs
+
+
+def _cut_blocks(sides: Ints) -> Ints:
+    """Cut a grid of three axes into blocks for threads.
+
+    Returns the first cell and the end of each block along the axes, shape (n, 6).
+    """
+    counts = -(-sides // _BLOCK_CELLS_PER_AXIS)  # rounded up
+    starts = _BLOCK_CELLS_PER_AXIS * np.array(list(np.ndindex(*counts.tolist())))
+    stops = np.minimum(starts + _BLOCK_CELLS_PER_AXIS, sides)
+    return np.concatenate([starts, stops], axis=1)
+
+
+class JointMap(CSpace):
+    """A map whose exact proofs use the geometry of an arm, until its cells change."""
+
+    def __init__(
+        self,
+        contents: Contents,
+        geometry: JointGeometry | None,
+        layers: ObstacleLayers | None = None,
+    ) -> None:
+        """Make a map of states that an arm's geometry refines; without it, only states count."""
+        super().__init__(contents, None, layers)
+        self._geometry = geometry
+
+    def __reduce__(self) -> tuple[type[JointMap], tuple[Any, ...]]:
+        """Copy or pickle the contents and the geometry."""
+        with self.lock:  # an update waits
+            _, (contents, _, layers) = super().__reduce__()
+            return type(self), (contents, self._geometry, layers)
+
+    def undecided_pairs(self, q: ArrayLike | None) -> dict[tuple[str, str], int] | None:
+        """Count MIXED cells by the pair of links and obstacles that keeps them so.
+
+        ``q``, shape (..., d), limits the count to the cells of configurations. Returns None once
+        the cells changed; see :func:`undecided_pairs`.
+        """
+        geometry = self._geometry
+        grid = self.grid
+        if geometry is None:
+            return None
+        mixed_cells = geometry.mixed_cells
+        pairs = geometry.deciding_pairs
+        if q is not None:
+            # Keep only the MIXED cells that contain one of the configurations.
+            points = self._check_configurations(q, "q").reshape(-1, grid.dim)
+            indices = self._cells_of(points)[:, -grid.dim :]
+            is_inside = ((indices >= 0) & (indices < grid.shape)).all(axis=1)
+            queried_cells = np.ravel_multi_index(tuple(indices[is_inside].T), grid.shape)
+            is_queried = np.isin(mixed_cells, queried_cells)
+            mixed_cells = mixed_cells[is_queried]
+            pairs = pairs[is_queried]
+        # A pair is of groups of links; the nearest parts at the cell's center give the names.
+        indices = np.stack(np.unravel_index(mixed_cells, grid.shape), axis=1)
+        centers = np.asarray(grid.lower + grid.spacing * (indices + 0.5), dtype=np.float64)
+        configurations = geometry.extend(centers)
+        counts = Counter[tuple[str, str]]()
+        for pair in np.unique(pairs).tolist():
+            pair_configurations = configurations[pairs == pair]
+            counts.update(geometry.snapshot.nearest_parts(pair, pair_configurations))
+        return dict(counts.most_common())
+
+    @lazy
+    def _exact(self) -> ExactQueries:
+        """Queries with exact geometry."""
+        return ExactQueries(self._problem, self._make_proofs)
+
+    def _make_proofs(self, problem: Problem) -> Proofs:
+        """Return proofs by the arm, or by the cells once they changed."""
+        if self._geometry is None:
+            return BoundaryProofs(problem)
+        return JointProofs(self._geometry, problem)
+
+    def _drop_derived(self, workspace: Workspace, layers: ObstacleLayers | None) -> None:
+        """Drop the geometry too, which belongs to the cells before the update."""
+        self._geometry = None
+        super()._drop_derived(workspace, layers)
+
+
+def undecided_pairs(joint_map: CSpace, q: ArrayLike | None = None) -> dict[tuple[str, str], int]:
+    """Return the pairs of links and obstacles that keep cells MIXED.
+
+    Parameters
+    ----------
+    joint_map : CSpace
+        A map of :func:`build_joint_map`, not from a file, and without changes of its cells.
+    q : array-like, shape (..., d), optional
+        Configurations of the map; only their cells count. The default is all cells.
+
+    Returns
+    -------
+    dict of (str, str) to int
+        The number of MIXED cells of each pair, the largest first. A cell counts for one pair, even
+        if several keep it MIXED. Cells that are MIXED only because they exceed a limit do not
+        count.
+
+    Raises
+    ------
+    InputError
+        If the map has no geometry of an arm, or ``q`` is no configuration of the map.
+
+    Examples
+    --------
+    >>> import cspace, tempfile, pathlib
+    >>> box = '<geometry><box size="1 0.1 0.1"/></geometry>'
+    >>> bar = f'<collision><origin xyz="0.5 0 0"/>{box}</collision>'
+    >>> turn = '<joint name="{}" type="revolute"><parent link="{}"/><child link="{}"/>'
+    >>> turn += '<origin xyz="{} 0 0"/>'
+    >>> turn += '<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "two.urdf"
+    >>> links = f'<link name="foot"/><link name="upper">{bar}</link><link name="fore">{bar}</link>'
+    >>> joints = turn.format("shoulder", "foot", "upper", 0)
+    >>> joints += turn.format("elbow", "upper", "fore", 1)
+    >>> _ = path.write_text(f'<robot name="two">{links}{joints}</robot>')
+    >>> post = cspace.Robot.box((0.2, 0.2, 0.2), (1.5, 0.8, 0.0)).shape
+    >>> space = cspace.build_arm_space({"post": post}, cspace.Arm.from_urdf(path))
+    >>> joint_map = cspace.build_joint_map(space, 0.1)
+    >>> list(cspace.undecided_pairs(joint_map))
+    [('fore', 'post')]
+    """
+    counts = joint_map.undecided_pairs(q) if isinstance(joint_map, JointMap) else None
+    if counts is None:
+        raise InputError(
+            "joint_map",
+            "has no geometry of an arm",
+            "maps from files and maps with changed cells have none",
+            "pass the map that build_joint_map made",
+        )
+    return counts
+
+
+def _classify_block(
+    scene: Scene,
+    inside: InnerScene,
+    cells: JointCells,
+    block: Ints,
+    pair_numbers: Ints,
+    out: CellStates,
+) -> None:
+    """Classify a block of cells, with fresh scratch memory."""
+    pending = make_pending(block, cells, len(scene.pairs))
+    scratch = make_scene_scratch(scene)
+    classify_block(scene, inside, cells, pending, pair_numbers, out, scratch)
+
+
+def _check_held_joints(arm: Arm, joint_indices: Ints, held_joints: ArrayLike | None) -> Floats:
+    """Return a configuration, shape (dof,), with the values of the held joints.
+
+    Its values of the mapped joints, ``joint_indices``, have no meaning. Raises InputError if held
+    joints have no value, and ConfigurationError if one exceeds its limits.
+    """
+    if held_joints is None:
+        held_names = np.delete(arm.joints, joint_indices)
+        if len(held_names):
+            raise InputError(
+                "held_joints",
+                "is missing",
+                f"the map holds {', '.join(held_names)} still",
+                f"pass the arm's {arm.dof} joint values",
+            )
+        return np.zeros(arm.dof)
+    held = arm.check_configurations(held_joints, "held_joints").copy()
+    if held.ndim != 1:
+        raise InputError(
+            "held_joints",
+            f"has shape {held.shape}",
+            "it must be one configuration of the arm",
+            "pass one",
+        )
+    # The mapped joints move, so their values here may not fail the check.
+    held[joint_indices] = arm.clamp(held)[joint_indices]
+    arm.check_limits(held, "held_joints")
+    return held
+
+
+def _find_range(
+    space: ArmSpace, name: str, limits: Mapping[str, tuple[float, float]] | None
+) -> tuple[float, float]:
+    """Return the lowest and highest mapped value of a joint, radians or metres.
+
+    They are those of ``limits``, the limits of the joint, or -pi and pi if it is continuous. Raises
+    InputError if a part is not within the limits, or the joint has no range.
+    """
+    number = space.arm.joints.index(name)
+    low, high = float(space.arm.lower[number]), float(space.arm.upper[number])
+    if limits is not None and name in limits:
+        argument = f"limits[{name!r}]"
+        given = check_finite(limits[name], argument)
+        if given.shape != (2,) or not low <= given[0] < given[1] <= high:
+            raise InputError(
+                argument,
+                f"are {limits[name]}",
+                f"they must be two ascending numbers within {low:.12g} and {high:.12g}",
+                "correct them",
+            )
+        return float(given[0]), float(given[1])
+    if low == high:
+        raise InputError(
+            "joints",
+            f"name {name!r}, which stays at {low:g}",
+            "a map is of what moves",
+            "name the other joints; held_joints= says where it is held",
+        )
+    if math.isfinite(low):
+        return low, high
+    # Without limits, half a turn to both sides is the whole range only if a turn repeats the arm.
+    if not space.periodic_axes[number]:
+        raise InputError(
+            "limits",
+            f"are missing for {name!r}, which is continuous and moves others by another angle",
+            "a turn does not restore the arm",
+            f"pass limits={{{name!r}: (-3.14, 3.14)}}",
+        )
+    return -math.pi, math.pi
+
+
+def _make_exterior(grid: Grid, intervals: Floats, joint_limits: Floats) -> Exterior:
+    """Return the states outside the grid: MIXED where the arm can go, else BLOCKED.
+
+    ``intervals``, shape (d, 2), are the mapped parts of the joints' ranges ``joint_limits``.
+    """
+    lowest, highest = intervals.T
+    lower_limits, upper_limits = joint_limits.T
+    # The box of cells in which the arm can go; it has no end where a range is cut.
+    first = np.where(lower_limits < lowest, -FARTHEST_CELL, 0)
+    last = np.where(upper_limits > highest, FARTHEST_CELL, np.array(grid.shape) - 1)
+    return Exterior(np.array([[*first, *last, BLOCKED]], dtype=np.int64))
+
+
+def _find_moving_pairs(snapshot: Snapshot, joint_indices: Ints) -> Bools:
+    """Find which mapped joints move which pairs of solids, shape (pairs, joints)."""
+    chain = snapshot.arm.chain
+    scene = snapshot.outer
+    first_bodies, second_bodies = scene.solids.bodies[scene.pairs].T
+    # Bodies (columns) whose joints move the solids of a pair (rows) against each other.
+    between = chain.between[first_bodies, second_bodies] & (chain.kinds != FIXED)
+    moved_by_joint = [
+        between[:, chain.joint_indices == number].any(axis=1) for number in joint_indices
+    ]
+    return np.stack(moved_by_joint, axis=1)
+
+
+def _refuse_held_contact(
+    snapshot: Snapshot, names: Sequence[str], held: Floats, still_pairs: Ints
+) -> None:
+    """Raise ConfigurationError if pairs touch that the mapped joints do not move.
+
+    Otherwise all cells would be BLOCKED. ``still_pairs`` are the numbers of these pairs, ``names``
+    the mapped joints, and ``held``, shape (dof,), gives the values of the others.
+    """
+    scene = snapshot.outer.select_pairs(still_pairs)
+    q = held[np.newaxis]
+    if not snapshot.are_free(q, q, scene)[0]:
+        link, other, *_ = snapshot.contact(scene, q)
+        raise ConfigurationError(
+            "held_joints",
+            f"has {link} touch {other!r}, or come nearer than the margin",
+            f"{', '.join(names)} do not move them apart",
+            "hold the other joints elsewhere",
+        )
+
+
+def _make_cells(snapshot: Snapshot, grid: Grid, joint_indices: Ints, held: Floats) -> JointCells:
+    """Describe the grid for kernels, which know three axes."""
+    chain = snapshot.arm.chain
+    solids = snapshot.outer.solids
+    # A body reaches as far from its origin as the largest solid on it.
+    body_reaches = np.zeros(len(chain.parents))
+    np.maximum.at(body_reaches, solids.bodies, solids.levers)
+    # The farthest motion of each body (row) by each joint (column), per radian or metre.
+    arm_lengths = chain.lengths + body_reaches[:, np.newaxis]
+    travel = np.where(chain.kinds == REVOLUTE, arm_lengths, 1.0)
+    travel *= np.abs(chain.factors) * chain.between[:, 0]
+    levers = np.zeros(len(held))
+    np.maximum.at(levers, chain.joint_indices, travel.max(axis=0))
+    added_axes = 3 - grid.dim
+    return JointCells(
+        lower=np.concatenate([np.zeros(added_axes), grid.lower]),
+        spacing=grid.spacing,
+        joint_indices=np.concatenate([np.full(added_axes, -1), joint_indices]),
+        held=held,
+        levers=np.concatenate([np.zeros(added_axes), levers[joint_indices]]),
+        parts=_PARTS_PER_CELL[grid.dim],
+    )
+
+
+def _find_inner_balls(solids: Solids) -> InnerBalls:
+    """Find balls inside solids; a point inside, or probe, is a ball of radius zero."""
+    # Rows of a center and a radius.
+    rows = [np.empty((0, 4))]
+    counts = [0]
+    for starts, stops in pairwise(solids.starts):
+        # The surfaces, anchors and parts of one solid.
+        surfaces, anchors, parts = (slice(*ends) for ends in zip(starts, stops, strict=True))
+        probes = solids.anchors[anchors]
+        roots = solids.tree_roots[parts]
+        spans = solids.trees.spans[roots[roots >= 0]].tolist()
+        pieces = [solids.trees.triangles[first : first + count] for first, count in spans]
+        surface_roots = solids.surface_roots[surfaces].tolist()
+        balls = [
+            np.column_stack([probes, np.zeros(len(probes))]),
+            _find_solid_balls(np.concatenate([np.empty((0, 10)), *pieces])),
+            *(_find_surface_balls(solids.surfaces, root) for root in surface_roots),
+        ]
+        rows += balls
+        counts.append(sum(map(len, balls)))
+    all_balls = np.concatenate(rows)
+    return InnerBalls(
+        centers=all_balls[:, :3].copy(), radii=all_balls[:, 3].copy(), starts=np.cumsum(counts)
+    )
+
+
+def _find_surface_balls(surfaces: SurfaceTree, root: int) -> Floats:
+    """Find large balls inside a closed surface, around points of a lattice.
+
+    Returns their centers and radii, shape (n, 4). Points near larger balls are skipped.
+    """
+    center, half_sides = surfaces.boxes[root].reshape(2, 3)
+    balls = np.empty((0, 4))
+    # A flat surface has no inside.
+    if not half_sides.all():
+        return balls
+    volume = 8.0 * half_sides.prod()
+    step = np.cbrt(volume / _LATTICE_POINTS_PER_SURFACE)
+    # Odd counts put lattice points in the center plane of thin bodies. The limit keeps long bodies
+    # from far more points than wanted.
+    counts = np.minimum(2 * np.floor(half_sides / step) + 1, _LATTICE_POINTS_PER_SURFACE // 4)
+    lattice = np.array(list(np.ndindex(*counts.astype(np.int64).tolist())))
+    points = center - half_sides + (lattice + 0.5) * 2.0 * half_sides / counts
+    scratch = np.empty((MAX_PENDING_PAIRS, 2), dtype=np.int64)
+    depths = np.empty(len(points))
+    for k, (x, y, z) in enumerate(points.tolist()):
+        depth = nearest_triangle(surfaces, root, (x, y, z), math.inf, scratch)
+        is_inside = winding_number(surfaces, root, (x, y, z), scratch) != 0
+        depths[k] = depth if is_inside else 0.0
+    deepest_first = np.argsort(-depths)
+    for k in deepest_first[depths[deepest_first] > 0.0].tolist():
+        distances = np.linalg.norm(balls[:, :3] - points[k], axis=1)
+        is_separate = (distances > _MIN_BALL_SPACING * balls[:, 3]).all()
+        if len(balls) < _MAX_BALLS_PER_SURFACE and is_separate:
+            balls = np.vstack([balls, [*points[k], depths[k]]])
+    return balls
+
+
+def _find_solid_balls(pieces: Floats) -> Floats:
+    """Find the largest balls inside boxes and balls; return centers and radii, shape (n, 4).
+
+    ``pieces``, shape (m, 10), are rows of a tree: a center, two half sides as vectors, and the
+    radius of a ball, or the negative third half side of a box.
+    """
+    first_half = np.linalg.norm(pieces[:, 3:6], axis=1)
+    second_half = np.linalg.norm(pieces[:, 6:9], axis=1)
+    signed_radii = pieces[:, 9]
+    smallest_half = np.minimum(np.minimum(first_half, second_half), -signed_radii)
+    radii = np.where(signed_radii < 0.0, smallest_half, signed_radii)
+    largest = np.argsort(-radii, kind="stable")[:_MAX_BALLS_PER_SURFACE]
+    largest = largest[radii[largest] > 0.0]
+    return np.column_stack([pieces[largest, :3], radii[largest]])
+
+
+@dataclass(frozen=True, eq=False)
+class JointGeometry:
+    """Proofs of a map of an arm's joints among obstacles.
+
+    Attributes
+    ----------
+    snapshot : Snapshot
+    joint_indices : ndarray of int64, shape (d,)
+        Indices of the mapped joints.
+    held : ndarray of float64, shape (arm.dof,)
+        Values of the other joints.
+    intervals : ndarray of float64, shape (d, 2)
+        Limits of each joint; infinite for continuous joints.
+    mixed_cells : ndarray of int64, shape (n,)
+        Flat indices of the cells that a pair keeps MIXED.
+    deciding_pairs : ndarray of int16, shape (n,)
+        That pair of the outer scene.
+    """
+
+    snapshot: Snapshot
+    joint_indices: Ints
+    held: Floats
+    intervals: Floats
+    mixed_cells: Ints
+    deciding_pairs: NDArray[np.int16]
+
+    def extend(self, q: Floats) -> Floats:
+        """Extend configurations of the map, (n, d), to the arm's, (n, arm.dof)."""
+        rows = np.tile(self.held, (len(q), 1))
+        rows[:, self.joint_indices] = q
+        return rows
+
+
+class JointProofs:
+    """Proofs by an arm, for a map of joints.
+
+    See :class:`cspace._exact.boundaries.Proofs`.
+    """
+
+    def __init__(self, geometry: JointGeometry, problem: Problem) -> None:
+        """Make proofs by an arm's geometry; ``problem`` gives distances in the joints."""
+        self._geometry = geometry
+        self._problem = problem
+
+    def edge(self, *endpoints: float) -> bool:
+        """Return True if the whole edge is proven free."""
+        return bool(self.are_free(*np.array(endpoints).reshape(2, 1, -1))[0])
+
+    def are_free(self, q0: Floats, q1: Floats) -> Bools:
+        """Return whether each edge, shapes (n, d), is proven free."""
+        geometry = self._geometry
+        is_free = np.zeros(len(q0), dtype=np.bool_)
+        # Nothing is proven beyond the limits.
+        lower, upper = geometry.intervals.T
+        starts_within = (lower <= q0) & (q0 <= upper)
+        ends_within = (lower <= q1) & (q1 <= upper)
+        is_within = (starts_within & ends_within).all(axis=1)
+        starts = geometry.extend(q0[is_within])
+        ends = geometry.extend(q1[is_within])
+        is_free[is_within] = geometry.snapshot.are_free(starts, ends)
+        return is_free
+
+    def slack(self, points: Floats, lengths: Floats, angles: Floats) -> float:
+        """Return a lower bound of the slack along a joint path.
+
+        The distance is to the cells that are not FREE.
+        """
+        return self._in_joints.slack(points, lengths, angles)
+
+    @cached_property
+    def _in_joints(self) -> Proofs:
+        """Proofs of distances in joint space."""
+        return BoundaryProofs(self._problem)

@@ -1,0 +1,450 @@
+"""Snapshots of an arm among obstacles, which never change.
+
+A living :class:`cspace.ArmSpace` replaces its own.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence, Set
+from dataclasses import dataclass
+from itertools import chain, combinations
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import scipy  # its parts are read when they are first used
+from numpy.typing import NDArray
+
+from cspace._bodies import ADVANCE_FACTOR, DISTANCE_ROUNDING
+from cspace._bodies.hulls import node_corners
+from cspace._queries.batches import as_contiguous
+from cspace._support.arrays import Bools, Floats, Ints
+from cspace._support.threads import in_chunks
+from cspace.arms._chain import FIXED, REVOLUTE, compute_poses
+from cspace.arms._model import CONTACT_SAMPLES, Arm, Names, always_touch, sort_pair
+from cspace.arms._proofs import (
+    Scene,
+    are_blocked,
+    bound_distances,
+    make_scene_scratch,
+    motions_are_free,
+)
+from cspace.arms._scenes import make_inner_scene, make_scene
+from cspace.arms._solids import PosedShape, Solid, StaticShape
+from cspace.errors import ConfigurationError
+
+MIN_MOTIONS_PER_THREAD: Final = 20
+"""Motions per thread below which a further thread costs more time than it saves."""
+
+
+class Contact(NamedTuple):
+    """The two solids that are nearest to touching.
+
+    Attributes
+    ----------
+    link, other : str
+        A link, and the obstacle or link that it may not touch.
+    distance : float
+        Lower bound of the distance between them, metres; zero if the configuration is not proven
+        free.
+    points : ndarray of float64, shape (2, 3)
+        Nearest points of link and other, in the frame of the base, metres, within rounding.
+    """
+
+    link: str
+    other: str
+    distance: float
+    points: Floats
+
+
+class Group(NamedTuple):
+    """Links or obstacles with the same allowed collisions.
+
+    Links of a group belong to one body. All members have the same padding.
+    """
+
+    solid: Solid
+    members: tuple[Solid, ...]
+    padding: float
+    is_obstacle: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshot:
+    """An arm among obstacles at one moment.
+
+    Attributes
+    ----------
+    arm : Arm
+    obstacles : mapping of str to PosedShape or None
+        Obstacles in the frame of the base; None for a workspace without occupied cells.
+    allowed : frozenset of pairs of str
+        Alphabetical pairs that may touch, in addition to :attr:`Arm.allowed_collisions`.
+    padding : mapping of str to float
+        Metres that links and obstacles add to the margin between links and obstacles; zero if
+        missing.
+    margin : float
+        Metres by which FREE keeps links away from obstacles and from each other.
+    reach : float
+        Size of the largest part of a link, metres.
+    static : mapping of str to Solid
+        The obstacles as solids.
+    groups : tuple of Group
+        Those of links, then those of obstacles.
+    outer : Scene
+        It proves FREE by outer shapes.
+    inner : Scene
+        It proves BLOCKED by inner shapes.
+    """
+
+    arm: Arm
+    obstacles: Mapping[str, PosedShape | None]
+    allowed: frozenset[Names]
+    padding: Mapping[str, float]
+    margin: float
+    reach: float
+    static: Mapping[str, Solid]
+    groups: tuple[Group, ...]
+    outer: Scene
+    inner: Scene
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle what the snapshot is made from."""
+        return make_snapshot, (self.arm, self.obstacles, self.allowed, self.padding, self.margin)
+
+    @property
+    def names(self) -> list[str]:
+        """Names of links with geometry, attached objects and obstacles."""
+        return [*(link.name for link in self.arm.links), *self.obstacles]
+
+    def are_free(self, firsts: Floats, lasts: Floats, scene: Scene | None = None) -> Bools:
+        """Return whether motions, shapes (n, dof), are proven free, shape (n,).
+
+        ``scene`` is the outer scene, or one with more padding.
+        """
+        out = np.empty(len(firsts), dtype=np.bool_)
+        rows = as_contiguous(firsts), as_contiguous(lasts)
+        _run_in_threads(motions_are_free, scene or self.outer, *rows, out)
+        return out
+
+    def are_free_around(self, firsts: Floats, lasts: Floats, deviation: Floats) -> Bools:
+        """Return whether motions, shapes (n, dof), are free with any deviation, shape (n,).
+
+        ``deviation``, shape (dof,), bounds that of each joint at each time. The motions prove it if
+        all pairs stay apart by as much as such joint motions move them, in addition.
+        """
+        padding = self.outer.padding + self._bound_displacements(deviation)
+        return self.are_free(firsts, lasts, self.outer._replace(padding=padding))
+
+    def _bound_displacements(self, joint_motions: Floats) -> Floats:
+        """Bound how far joint motions, shape (dof,), move each pair, metres; with rounding."""
+        chain = self.outer.chain
+        solids = self.outer.solids
+        first, second = self.outer.pairs.T
+        bodies = solids.bodies[first]
+        rates = np.abs(chain.factors * joint_motions[chain.joint_indices])
+        reaches = chain.lengths[bodies] + solids.levers[first, np.newaxis]
+        levers = np.where(chain.kinds == REVOLUTE, reaches, 1.0)
+        moves = chain.between[bodies, solids.bodies[second]] & (chain.kinds != FIXED)
+        displacements = (moves * levers * rates).sum(axis=1)
+        rounding = DISTANCE_ROUNDING * self.outer.max_coordinate * rates.sum()
+        return np.asarray(displacements / ADVANCE_FACTOR + rounding)
+
+    def are_blocked(self, points: Floats) -> Bools:
+        """Return whether configurations, shape (n, dof), are proven BLOCKED, shape (n,)."""
+        blocked = np.empty(len(points), dtype=np.bool_)
+        _run_in_threads(are_blocked, self.inner, as_contiguous(points), blocked)
+        return blocked
+
+    def distances(self, points: Floats, scene: Scene | None = None) -> tuple[Floats, Ints]:
+        """Return the smallest distance at each configuration, shape (n, dof), and its pair.
+
+        The distances, shape (n,), are in metres, zero if not proven positive. The second array,
+        shape (n, 3), has the index of the pair of solids and the nearest node of the hull tree of
+        each. ``scene`` is the outer scene, or one with some of its pairs.
+        """
+        out = np.empty(len(points))
+        nearest = np.zeros((len(points), 3), dtype=np.int64)
+        _run_in_threads(bound_distances, scene or self.outer, as_contiguous(points), out, nearest)
+        return np.where(out > 0.0, out + self.margin, 0.0), nearest
+
+    def contact(self, scene: Scene, points: Floats) -> Contact:
+        """Find the two solids nearest to touching at one configuration, shape (1, dof).
+
+        ``scene`` is the outer scene, or one with some of its pairs.
+        """
+        distances, nearest = self.distances(points, scene)
+        solids = scene.solids
+        ((number, *nodes),) = nearest.tolist()
+        pair = scene.pairs[number]
+        # Place the nearest hulls of both solids in the frame of the base.
+        poses = compute_poses(self.arm.chain, points[0])
+        hulls = []
+        radii = []
+        for solid, nearest_node in zip(pair.tolist(), nodes, strict=True):
+            node = nearest_node if nearest_node >= 0 else int(solids.roots[solid])
+            corners, radius = node_corners(solids.hulls, node)
+            pose = poses[solids.bodies[solid]]
+            hulls.append(corners @ pose[:3, :3].T + pose[:3, 3])
+            radii.append(radius)
+        link, other = self._name_parts(pair, nodes)
+        return Contact(link, other, float(distances[0]), _find_nearest(*hulls, *radii))
+
+    def nearest_parts(self, pair: int, points: Floats) -> Counter[tuple[str, str]]:
+        """Count the names of the nearest parts of a pair of solids at configurations.
+
+        ``pair`` is its index in the outer scene; the configurations have shape (n, dof).
+        """
+        _, nearest = self.distances(points, self.outer.select_pairs(slice(pair, pair + 1)))
+        # Configurations with the same nearest nodes have the same names.
+        node_pairs, counts = np.unique(nearest[:, 1:], axis=0, return_counts=True)
+        counter = Counter[tuple[str, str]]()
+        for nodes, count in zip(node_pairs.tolist(), counts.tolist(), strict=True):
+            counter[self._name_parts(self.outer.pairs[pair], nodes)] += count
+        return counter
+
+    def _name_parts(self, pair: Ints, nodes: Sequence[int]) -> tuple[str, str]:
+        """Return the names of the links or obstacles at hull nodes of a pair of solids.
+
+        ``pair`` has the two solids, ``nodes`` a node of each.
+        """
+        # The member to which each part of all solids belongs.
+        names = list[str]()
+        for group in self.groups:
+            for member in group.members:
+                names += [member.name] * len(member.parts)
+        link_part, other_part = map(self.outer.solids.part_at, pair.tolist(), nodes)
+        return names[link_part], names[other_part]
+
+    def always_touching(self, scene: Scene) -> Iterator[tuple[str, str]]:
+        """Yield the names of a scene's pairs that touch in all random configurations."""
+        points = self.arm.contact_samples
+        for number in range(len(scene.pairs)):
+            pair_scene = scene.select_pairs(slice(number, number + 1))
+            if always_touch(pair_scene, points):
+                contact = self.contact(pair_scene, points[:1])
+                yield contact.link, contact.other
+
+
+def make_snapshot(
+    arm: Arm,
+    obstacles: Mapping[str, PosedShape | None],
+    allowed: Collection[Names],
+    padding: Mapping[str, float],
+    margin: float,
+    before: Snapshot | None = None,
+) -> Snapshot:
+    """Make a snapshot; see :class:`Snapshot` for the arguments.
+
+    Obstacles that did not change are taken from the snapshot ``before``, which saves their
+    preparation and changes nothing else.
+
+    Raises
+    ------
+    ConfigurationError
+        As :func:`build_arm_space`.
+    """
+    reach = _measure_reach(arm)
+    static = {
+        name: _place_static(name, placed, reach, before)
+        for name, placed in obstacles.items()
+        if placed is not None
+    }
+    may_touch = arm.allowed_collisions.keys() | frozenset(allowed)
+    groups = _group_solids(arm.links, may_touch, padding, is_obstacle=False)
+    groups += _group_solids(list(static.values()), may_touch, padding, is_obstacle=True)
+    # One scene of all pairs; those that no joint moves are tested now, and never again.
+    moved_pairs, fixed_pairs = _pair_groups(groups, may_touch)
+    pairs = moved_pairs + fixed_pairs
+    solids = [group.solid for group in groups]
+    scene = make_scene(arm.chain, solids, pairs, _pad_pairs(groups, pairs), margin)
+    outer = scene.select_pairs(slice(len(moved_pairs)))
+    fixed = scene.select_pairs(slice(len(moved_pairs), None))
+    snapshot = Snapshot(
+        arm,
+        obstacles,
+        frozenset(allowed),
+        padding,
+        margin,
+        reach,
+        static,
+        tuple(groups),
+        outer,
+        inner=make_inner_scene(outer, solids),
+    )
+    _refuse_fixed(snapshot, fixed)
+    _refuse_always(snapshot)
+    return snapshot
+
+
+def _measure_reach(arm: Arm) -> float:
+    """Return the size of the largest part of a link, metres."""
+    reach = 0.0
+    for link in arm.links:
+        for part in link.parts:
+            lower, upper = part.shape.outer.bounds
+            reach = max(reach, float(np.linalg.norm(upper - lower)))
+    return reach
+
+
+def _place_static(name: str, placed: PosedShape, reach: float, before: Snapshot | None) -> Solid:
+    """Return an obstacle as a solid of the base, from the snapshot ``before`` if it has it.
+
+    ``reach`` is the size of the largest part of a link, metres.
+    """
+    if before is not None and before.obstacles.get(name) is placed and before.reach == reach:
+        return before.static[name]
+    return Solid(name, 0, (StaticShape(placed.shape, placed.pose, reach),))
+
+
+def _find_partners(may_touch: Set[Names]) -> dict[str, set[str]]:
+    """Return the names that each name may touch."""
+    partners = defaultdict[str, set[str]](set)
+    for a, b in may_touch:
+        partners[a].add(b)
+        partners[b].add(a)
+    return partners
+
+
+def _group_solids(
+    solids: Sequence[Solid], may_touch: Set[Names], padding: Mapping[str, float], is_obstacle: bool
+) -> list[Group]:
+    """Group links, or obstacles, of one body that one test can prove apart together.
+
+    Members of a group may touch the same others, and have the same padding.
+    """
+    partners = _find_partners(may_touch)
+    names_of_body = defaultdict[int, set[str]](set)
+    for solid in solids:
+        names_of_body[solid.body].add(solid.name)
+    # Body, names that it may touch and padding of a solid decide its group. Links of its own body
+    # do not count, because they never move against it.
+    members_of_key = defaultdict[tuple[int, frozenset[str], float], list[Solid]](list)
+    for solid in solids:
+        others = frozenset(partners[solid.name] - names_of_body[solid.body])
+        members_of_key[solid.body, others, padding.get(solid.name, 0.0)].append(solid)
+    groups = []
+    for (body, _, group_padding), members in members_of_key.items():
+        parts = tuple(chain.from_iterable(member.parts for member in members))
+        joined = Solid(", ".join(member.name for member in members), body, parts)
+        groups.append(Group(joined, tuple(members), group_padding, is_obstacle))
+    return groups
+
+
+def _pair_groups(
+    groups: Sequence[Group], may_touch: Set[Names]
+) -> tuple[list[tuple[int, int]], list[tuple[int, int]]]:
+    """Return the pairs of groups that may not touch, as their indices, in two lists.
+
+    Joints move the pairs of the first list; the others are fixed links and obstacles. The second of
+    a pair is an obstacle, or the body nearer to the base.
+    """
+    moved_pairs = list[tuple[int, int]]()
+    fixed_pairs = list[tuple[int, int]]()
+    # Groups of obstacles come last, so a pair of two obstacles begins with one.
+    for (i, a), (j, b) in combinations(enumerate(groups), 2):
+        if a.is_obstacle or sort_pair(a.members[0].name, b.members[0].name) in may_touch:
+            continue
+        if a.solid.body == b.solid.body:
+            if b.is_obstacle:
+                fixed_pairs.append((i, j))
+        elif b.is_obstacle or a.solid.body > b.solid.body:
+            moved_pairs.append((i, j))
+        else:
+            moved_pairs.append((j, i))
+
+    def rank(pair: tuple[int, int]) -> tuple[bool, int]:
+        """Put an obstacle and a link near the tip first, because most collisions are these."""
+        first, second = (groups[number].solid.body for number in pair)
+        return second != 0, -first
+
+    moved_pairs.sort(key=rank)
+    return moved_pairs, fixed_pairs
+
+
+def _pad_pairs(groups: Sequence[Group], pairs: Sequence[tuple[int, int]]) -> Floats:
+    """Return the padding of pairs, shape (p,): that of both, or zero between links."""
+    total = np.zeros(len(pairs))
+    for number, (i, j) in enumerate(pairs):
+        if groups[j].is_obstacle:
+            total[number] = groups[i].padding + groups[j].padding
+    return total
+
+
+def _refuse_fixed(snapshot: Snapshot, scene: Scene) -> None:
+    """Raise ConfigurationError if a fixed link touches an obstacle.
+
+    ``scene`` has the pairs of such links, which no joint moves.
+    """
+    q = np.zeros((1, snapshot.arm.dof))
+    if not snapshot.are_free(q, q, scene)[0]:
+        link, obstacle, *_ = snapshot.contact(scene, q)
+        raise ConfigurationError(
+            link,
+            f"touches obstacle {obstacle!r}, or comes nearer than the margin, at every "
+            "configuration",
+            "no joint moves it",
+            f"move the obstacle, or pass allowed_collisions=[({link!r}, {obstacle!r})]; "
+            f"touch_links=[{link!r}] of add_obstacle",
+        )
+
+
+def _refuse_always(snapshot: Snapshot) -> None:
+    """Raise ConfigurationError if a pair touches in all random configurations.
+
+    Tests only pairs that at most two joints move, because others hardly ever touch always.
+    """
+    arm_chain = snapshot.arm.chain
+    scene = snapshot.outer
+    first_bodies, second_bodies = scene.solids.bodies[scene.pairs].T
+    # Bodies (columns) whose joints move the solids of a pair (rows) against each other.
+    between = arm_chain.between[first_bodies, second_bodies] & (arm_chain.kinds != FIXED)
+    has_few_joints = np.zeros(len(scene.pairs), dtype=np.bool_)
+    for number, moving_bodies in enumerate(between):
+        joints = np.unique(arm_chain.joint_indices[moving_bodies])
+        has_few_joints[number] = len(joints) <= 2
+    for link, other in snapshot.always_touching(scene.select_pairs(has_few_joints)):
+        raise ConfigurationError(
+            link,
+            f"touches {other!r}, or comes nearer than the margin, in {CONTACT_SAMPLES} random "
+            "configurations",
+            "they may not touch, so no configuration would be free",
+            "correct the robot or its SRDF, move the obstacle, or pass "
+            f"allowed_collisions=[({link!r}, {other!r})]",
+        )
+
+
+def _run_in_threads(kernel: Callable[..., None], scene: Scene, *arrays: NDArray[Any]) -> None:
+    """Call ``kernel(scene, *arrays, scratch)`` on slices of contiguous arrays, in threads."""
+
+    def run_slice(first: int, stop: int) -> int:
+        """Run the kernel on some rows with its own scratch; -1 means that nothing failed."""
+        kernel(scene, *(array[first:stop] for array in arrays), make_scene_scratch(scene))
+        return -1
+
+    in_chunks(run_slice, len(arrays[0]), MIN_MOTIONS_PER_THREAD)
+
+
+def _find_nearest(points_a: Floats, points_b: Floats, radius_a: float, radius_b: float) -> Floats:
+    """Return the nearest points of two convex hulls, shape (2, 3).
+
+    The hulls are those of two point sets, shapes (n, 3) and (m, 3), each grown by a radius; all in
+    metres. The nearest points follow from the point nearest to zero in the hull of all differences
+    (C. L. Lawson and R. J. Hanson, "Solving Least Squares Problems", 1974, chapter 23).
+    """
+    # Find weights, zero or above, with sum 1, that bring the mean of all differences nearest to
+    # zero: three equations of the mean, and one of the sum.
+    differences = (points_a[:, np.newaxis] - points_b).reshape(-1, 3)
+    equations = np.vstack([differences.T, np.ones(len(differences))])
+    # scipy's nnls misses the least sum on some machines if points lie symmetrically.
+    solution = scipy.optimize.lsq_linear(
+        equations, [0.0, 0.0, 0.0, 1.0], (0.0, np.inf), method="bvls", tol=1e-15
+    )
+    weights = solution.x
+    shares = weights.reshape(len(points_a), len(points_b)) / weights.sum()
+    nearest_a = shares.sum(axis=1) @ points_a
+    nearest_b = shares.sum(axis=0) @ points_b
+    # Move both by the radii towards each other.
+    offset = nearest_b - nearest_a
+    direction = offset / max(float(np.linalg.norm(offset)), np.finfo(float).tiny)
+    return np.stack([nearest_a + radius_a * direction, nearest_b - radius_b * direction])

@@ -1,0 +1,111 @@
+"""Boundary of the free space as a mesh: PLY, OBJ and STL.
+
+PLY and OBJ keep the exact coordinates and share vertices. STL has single precision, about seven
+digits, and separate corners for each triangle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import IO, Final
+
+import numpy as np
+
+from cspace._files.access import replacing
+from cspace._grid import Grid
+from cspace._raster.bitmaps import boundary_mesh
+from cspace._support.arrays import FREE, Floats, Ints, States, StrPath, Surface
+from cspace.errors import InputError
+
+
+def free_boundary(state: States, grid: Grid) -> Surface:
+    """Return the boundary of the FREE cells of a slice in space.
+
+    Vertices have shape (V, 3), metres, and faces (F, 3). Every cell face between a FREE cell and
+    another cell, or the exterior of the grid, becomes two triangles with normals out of the free
+    space (counterclockwise from outside). Vertices are ``lower + spacing * index``, each only once.
+    Every edge belongs to two triangles, or to four if FREE cells touch only in that edge.
+
+    Raises InputError if there is no FREE cell.
+    """
+    free = state == FREE
+    if not free.any():
+        rule = "a boundary needs at least one"
+        hint = "build it with a smaller spacing, robot or margin"
+        raise InputError("the map", "has no FREE cell", rule, hint)
+    vertices, faces, turns = boundary_mesh(free, grid.spacing, grid.lower)
+    faces_inwards = turns[:, None] < 0
+    # The reverse order of its corners turns a face around.
+    return vertices, np.where(faces_inwards, faces[:, ::-1], faces)
+
+
+def write_boundary(state: States, grid: Grid, path: StrPath, overwrite: bool = False) -> None:
+    """Write the boundary of the free space as a mesh file.
+
+    The suffix is ``.ply``, ``.obj`` or ``.stl``.
+
+    Raises InputError as :func:`free_boundary`, or if the format cannot hold the mesh. Raises
+    FileError as :func:`cspace._files.access.replacing`.
+    """
+    write_mesh = WRITERS[Path(path).suffix.lower()]
+    with replacing(path, overwrite) as temporary:
+        vertices, faces = free_boundary(state, grid)
+        with temporary.open("wb") as file:
+            write_mesh(file, vertices, faces)
+
+
+def _write_ply(file: IO[bytes], vertices: Floats, faces: Ints) -> None:
+    """Write a mesh as binary PLY."""
+    header = (
+        "ply\nformat binary_little_endian 1.0\n"
+        f"element vertex {len(vertices)}\nproperty double x\nproperty double y\nproperty double z\n"
+        f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    file.write(header.encode())
+    file.write(vertices.astype("<f8").tobytes())
+    # A face is the number of its corners, then their indices.
+    rows = np.empty(len(faces), dtype=[("count", "u1"), ("corners", "<i4", 3)])
+    rows["count"] = 3
+    rows["corners"] = faces
+    file.write(rows.tobytes())
+
+
+def _write_obj(file: IO[bytes], vertices: Floats, faces: Ints) -> None:
+    """Write a mesh as OBJ."""
+    # The repr of a float is the shortest text that reads back as the same float.
+    file.writelines(b"v %r %r %r\n" % tuple(vertex) for vertex in vertices.tolist())
+    file.writelines(b"f %d %d %d\n" % tuple(face) for face in (faces + 1).tolist())
+
+
+def _write_stl(file: IO[bytes], vertices: Floats, faces: Ints) -> None:
+    """Write a mesh as binary STL.
+
+    Raises InputError if single precision merges corners.
+    """
+    with np.errstate(over="ignore", under="ignore"):
+        corners = vertices.astype("<f4")[faces]
+    # Two edges of each face; single precision may make them shorter, but not zero along an axis.
+    edges = np.diff(vertices[faces], axis=1)
+    are_merged = (edges != 0.0) & (np.diff(corners, axis=1) == 0.0)
+    if are_merged.any() or not np.isfinite(corners).all():
+        problem = f"names an STL file for coordinates from {vertices.min()} to {vertices.max()}"
+        rule = "STL has single precision, in which some coordinates coincide"
+        raise InputError("path", problem, rule, "write .ply or .obj instead")
+    record = [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]
+    rows = np.zeros(len(faces), dtype=record)
+    first_edges, second_edges = np.moveaxis(edges, 1, 0)
+    rows["normal"] = np.sign(np.cross(first_edges, second_edges))  # faces lie along the axes
+    rows["corners"] = corners
+    # A comment of 80 bytes, the number of triangles in 4 bytes, and the triangles.
+    file.write(b"binary STL, metres".ljust(80))
+    file.write(len(faces).to_bytes(4, "little"))
+    file.write(rows.tobytes())
+
+
+WRITERS: Final[Mapping[str, Callable[[IO[bytes], Floats, Ints], None]]] = {
+    ".ply": _write_ply,
+    ".obj": _write_obj,
+    ".stl": _write_stl,
+}
+"""Writer of each suffix."""

@@ -1,0 +1,294 @@
+"""Maps for other software, by suffix, or as labelled arrays."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cspace._files.access import check_suffix, replacing
+from cspace._record.contents import Contents
+from cspace._record.description import AXES, STACKED, arrays_of, attributes_of, axes_of, metadata_of
+from cspace._record.save import MAP_SUFFIXES, save
+from cspace._support.arrays import BLOCKED, FREE, MIXED, Ints, StrPath, frozen
+from cspace._support.reporting import import_optional
+from cspace.errors import InputError
+from cspace.export._boundaries import WRITERS, write_boundary
+from cspace.export._images import write_geotiff, write_ros_map
+from cspace.export._vti import write_vti
+
+if TYPE_CHECKING:
+    import xarray
+
+
+def _select_layers(contents: Contents, cells: Sequence[int]) -> dict[str, NDArray[Any]]:
+    """Return the arrays of some rotation cells of a map.
+
+    The arrays of a single cell keep their names; otherwise the index of the cell is appended.
+    """
+    # Names have equally many digits, so that they sort in the order of the cells.
+    arrays = arrays_of(contents)
+    digits = len(str(cells[-1]))
+    layers: dict[str, NDArray[Any]] = {}
+    for name in STACKED:
+        if name not in arrays:
+            continue
+        for cell in cells:
+            label = name if len(cells) == 1 else f"{name}_{cell:0{digits}d}"
+            layers[label] = arrays[name][int(contents.slice_of[cell])]
+    for name in ("outer", "inner", "unknown"):
+        if name in arrays:
+            layers[name] = arrays[name]
+    return layers
+
+
+def _write_vti(contents: Contents, cells: Sequence[int], path: StrPath, overwrite: bool) -> None:
+    """Write the states at some rotation cells as VTI."""
+    rotations = contents.rotations
+    centers = dict(zip(rotations.names, rotations.centers[cells].T, strict=True))
+    write_vti(_select_layers(contents, cells), contents.grid, path, overwrite, centers)
+
+
+def _write_netcdf(contents: Contents, cells: Sequence[int], path: StrPath, overwrite: bool) -> None:
+    """Write a map, or one rotation cell, as netCDF-3.
+
+    Arrays are indexed ``[rotation, z, y, x]``.
+    """
+    dataset = to_xarray(contents).drop_vars(["shapes", "slice_of"], errors="ignore")
+    if "rotation" in dataset.dims and len(cells) == 1:
+        dataset = dataset.isel(rotation=cells[0])
+    dataset = dataset.transpose(..., *reversed(contents.grid.axes))
+    dataset["cell_states"].attrs["flag_values"] = np.array([FREE, MIXED, BLOCKED], dtype=np.int8)
+    with replacing(path, overwrite) as temporary:
+        dataset.to_netcdf(temporary, engine="scipy", format="NETCDF3_64BIT")
+
+
+def write_npz(contents: Contents, path: StrPath, overwrite: bool = False) -> None:
+    """Write a map as a compressed NumPy archive.
+
+    See :func:`export` for its arrays.
+
+    Raises FileError if the file exists and may not be replaced, or cannot be written.
+    """
+    arrays = arrays_of(replace(contents, exterior=None))
+    members: dict[str, Any] = {name: np.asarray(array) for name, array in arrays.items()}
+    members["lower"] = np.array(contents.grid.lower)
+    members["spacing"] = np.array(contents.grid.spacing)
+    members["metadata"] = json.dumps(metadata_of(contents), sort_keys=True)
+    # Pass an open file, because np.savez appends a suffix to names that do not end in lower-case
+    # ".npz".
+    with replacing(path, overwrite) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(file, **members)
+
+
+class ExportFormat(NamedTuple):
+    """Writer and description of the exports of one suffix.
+
+    Attributes
+    ----------
+    write : callable
+        Writes the map, ``write(contents, path, overwrite)``, if ``rotations`` is "all";
+        some rotation cells, ``write(contents, cells, path, overwrite)``, if "all or one"; one
+        slice, ``write(state, grid, path, overwrite)``, if "one".
+    rotations : {"all", "all or one", "one"}
+        Rotations that a file holds.
+    dimension : int or None
+        2 if it holds only maps of the plane, 3 if only maps in space.
+    summary : str
+        Content of such a file, for the documentation.
+    """
+
+    write: Callable[..., None]
+    rotations: Literal["all", "all or one", "one"]
+    dimension: int | None
+    summary: str
+
+
+EXPORT_FORMATS: Final[dict[str, ExportFormat]] = {
+    **dict.fromkeys(
+        MAP_SUFFIXES, ExportFormat(save, "all", None, "a saved map, which `cspace.open` reads")
+    ),
+    ".npz": ExportFormat(write_npz, "all", None, "arrays for `numpy.load`"),
+    ".vti": ExportFormat(
+        _write_vti,
+        "all or one",
+        None,
+        "image data for ParaView; if the robot turns, one array for each rotation, "
+        "`cell_states_00` and on",
+    ),
+    ".nc": ExportFormat(_write_netcdf, "all or one", None, "netCDF, indexed `[rotation, z, y, x]`"),
+    **dict.fromkeys(
+        (".tif", ".tiff"), ExportFormat(write_geotiff, "one", 2, "a GeoTIFF of a plane map")
+    ),
+    **dict.fromkeys(
+        (".yaml", ".yml"), ExportFormat(write_ros_map, "one", 2, "a ROS map with its image")
+    ),
+    **dict.fromkeys(
+        WRITERS,
+        ExportFormat(
+            write_boundary, "one", 3, "the border of the free cells in space, as a closed mesh"
+        ),
+    ),
+}
+"""Formats of exports, by suffix."""
+
+
+def export(
+    contents: Contents,
+    path: StrPath,
+    overwrite: bool = False,
+    *,
+    rotation: ArrayLike | None = None,
+) -> None:
+    """Write a map for other software; the suffix selects the format.
+
+    Parameters
+    ----------
+    contents : Contents
+    path : path-like
+        ``.zarr`` or no suffix: a Zarr folder, as :meth:`cspace.CSpace.save` writes it. ``.npz``: a
+        compressed archive for ``numpy.load``, with ``cell_states`` (uint8 [slice, x, y] or [slice,
+        x, y, z]: 0 free, 1 mixed, 2 blocked), ``slice_of`` (``cell_states[slice_of]`` are the
+        states by rotation), ``x``, ``y`` and in space ``z`` (centers of the cells, metres),
+        ``outer``, the other arrays of the map, ``lower``, ``spacing`` and ``metadata`` (JSON).
+        ``.vti``: cells for ParaView, with the arrays ``cell_states``, ``outer``, and, if the map
+        has them, ``inner``, ``unknown`` and ``overlap_counts``. For a robot that turns, each
+        rotation cell has its own arrays, ``cell_states_00`` and so on; the field data ``yaw``, or
+        ``qx`` to ``qw``, hold the rotations. ``.nc``: netCDF-3, by xarray, with the variables of
+        :func:`to_xarray`, indexed ``[rotation, z, y, x]``. ``.tif``, ``.tiff``: a plane map as a
+        GeoTIFF in its own metres, 0 FREE, 1 MIXED, 2 BLOCKED. ``.yaml``, ``.yml``: a plane map as a
+        ROS map, with its image beside it. ``.ply``, ``.obj``, ``.stl``: the boundary of the free
+        space of a map in space; STL in single precision.
+    overwrite : bool
+        True to replace an existing output.
+    rotation : array-like, shape (k,), optional
+        Rotation to write, as in a configuration, for a robot that turns. It is required for formats
+        of one slice, and selects one rotation cell for ``.vti`` and ``.nc``. Its free cells are
+        proven for the whole rotation cell that contains it, and for no other.
+
+    Raises
+    ------
+    InputError
+        If the suffix is unknown, the format cannot hold the map, or ``rotation`` is missing or not
+        applicable.
+    FileError
+        If the output exists and may not be replaced, or cannot be written.
+    MissingPackageError
+        If netCDF is asked for, and xarray is not installed.
+    """
+    # What the format holds: any dimension or one; all rotations, all or one, or one.
+    suffix = check_suffix(path, EXPORT_FORMATS, "the suffix selects the format", is_output=True)
+    form = EXPORT_FORMATS[suffix]
+    if form.dimension not in (None, contents.grid.dim):
+        scope = "of the plane" if form.dimension == 2 else "in space"
+        rule = f"{suffix} holds maps {scope} only"
+        hint = "write another format, e.g. .vti"
+        raise InputError("path", f"is {Path(path)}", rule, hint)
+    if form.rotations == "all":
+        if rotation is not None:
+            rule = f"a {suffix or 'Zarr'} map holds every slice"
+            raise InputError("rotation", f"is {rotation!r}", rule, "omit it")
+        form.write(contents, path, overwrite)
+        return
+    cells: Sequence[int] = range(len(contents.rotations))
+    if rotation is not None or form.rotations == "one":
+        reason = f"{Path(path)} holds one slice"
+        cells = [contents.rotations.find_one_cell(rotation, "rotation", reason)]
+    if form.rotations == "one":
+        number = int(contents.slice_of[cells[0]])
+        form.write(contents.states[number], contents.grid, path, overwrite)
+    else:
+        form.write(contents, cells, path, overwrite)
+
+
+def to_xarray(contents: Contents) -> xarray.Dataset:
+    """Return a map as a complete xarray Dataset.
+
+    The map can be rebuilt from it.
+
+    Parameters
+    ----------
+    contents : Contents
+
+    Returns
+    -------
+    xarray.Dataset
+        Dimensions ``x``, ``y`` and in space ``z``, or the joints of an arm, with the centers of the
+        cells, in metres or radians. Variables ``cell_states`` (uint8, flags free, mixed and
+        blocked), ``outer`` and ``inner`` (bool, the workspace) and, if the map has them,
+        ``overlap_counts`` (int32) and ``shapes`` (bytes of JSON text from which the obstacles are
+        made). The arrays are read-only; copy the Dataset to change it. Attributes are text, numbers
+        and lists of numbers: ``lower``, ``spacing``, ``outside``, ``margin_m``, ``inner``,
+        ``rotations`` (their number), ``robot`` (JSON text for ``Robot.from_spec``),
+        ``workspace_source`` and the versions.
+
+        For a robot that turns, ``cell_states`` and ``overlap_counts`` have the leading dimension
+        ``rotation``, with the coordinates ``yaw`` (the representative, radians), ``yaw_bounds``
+        (the ends of the interval), ``covering_angle`` and ``slice_of``. A state holds for all yaw
+        angles between the bounds.
+
+    Raises
+    ------
+    MissingPackageError
+        If xarray is not installed.
+
+    Notes
+    -----
+    Arrays are shared with the map, with one exception: if a symmetry of the robot makes some,
+    but not all, rotation cells share slices (a rectangle about its center), these slices are copied
+    for each rotation cell.
+
+    Examples
+    --------
+    >>> import numpy as np, cspace
+    >>> workspace = cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1)
+    >>> space = cspace.build(workspace, cspace.Robot.rectangle(0.4, 0.2), rotations=8)
+    >>> dataset = space.to_xarray()
+    >>> free = (dataset.cell_states == cspace.FREE).mean("y")
+    >>> dict(free.sizes)
+    {'rotation': 8, 'x': 30}
+    >>> one = dataset.cell_states.isel(rotation=int(space.rotations.cell_of(0.3)))
+    >>> float(one.yaw)
+    0.0
+    """
+    package = import_optional("xarray", "it holds arrays with named axes", "xarray")
+    dim = contents.grid.dim
+    rotation_shape = contents.rotations.leading_axes(len(contents.rotations))
+    coordinate_names = (*AXES, *contents.rotations.COORDINATES, "slice_of")
+    variables: dict[str, Any] = {}
+    coordinates: dict[str, Any] = {}
+    contents = replace(contents, exterior=None)  # it labels no cells
+    arrays = {"inner": contents.workspace.inner} | arrays_of(contents)
+    for name, array in arrays.items():
+        axes = axes_of(name, dim)
+        if axes[0] == "slice":
+            stack = _expand_slices(np.asarray(array), contents.slice_of)
+            array = stack.reshape(*rotation_shape, *contents.grid.shape)
+            # A robot that does not turn has no axis of rotations.
+            axes = ("rotation", *axes[1:])[-array.ndim :]
+        if "rotation" in axes and not rotation_shape:
+            continue
+        group = coordinates if name in coordinate_names else variables
+        group[name] = (axes, array, attributes_of(name, contents.grid))
+    axis_names = dict(zip(AXES, contents.grid.axes, strict=False))
+    dataset: xarray.Dataset = package.Dataset(
+        variables, coords=coordinates, attrs=metadata_of(contents)
+    )
+    return dataset.rename(axis_names)
+
+
+def _expand_slices(stack: NDArray[Any], slice_of: Ints) -> NDArray[Any]:
+    """Return the slice of each rotation cell, shape (cells, *grid).
+
+    `stack` has shape (slices, *grid). Slices are copied only if some, but not all, cells share one.
+    """
+    if len(stack) == len(slice_of):
+        return stack
+    if len(stack) == 1:
+        return np.broadcast_to(stack, (len(slice_of), *stack.shape[1:]))
+    return frozen(stack[slice_of])

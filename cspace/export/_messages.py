@@ -1,0 +1,295 @@
+"""Filled ROS messages without ROS: occupancy grids, costmaps, paths and joint trajectories.
+
+A message is any object with the right fields, such as those of :mod:`cspace._files.ros`.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from array import array
+from collections.abc import Callable, Mapping, Sequence
+from copy import copy
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Final, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cspace._files.ros import (
+    Costmap,
+    JointTrajectoryPoint,
+    OccupancyGrid,
+    PoseStamped,
+    missing_field_error,
+)
+from cspace._grid import Grid
+from cspace._support.arrays import BLOCKED, FREE, MIXED, Bools, Floats
+from cspace._support.check import check_not_negative
+from cspace.errors import InputError
+
+if TYPE_CHECKING:
+    from cspace._space import CSpace
+
+Message = TypeVar("Message")
+
+LETHAL = 254
+INSCRIBED = 253
+NO_INFORMATION = 255
+"""Costs of Nav2: an obstacle is in the cell; a robot in the cell collides at every rotation; the
+cell is unknown."""
+
+OCCUPANCY: Final = {FREE: 0, MIXED: -1, BLOCKED: 100}
+"""Occupancy of each state, in per cent; -1 is unknown."""
+
+
+def occupancy_grid_of(
+    space: CSpace, msg: Message | None, rotation: ArrayLike | None, frame_id: str
+) -> Message | OccupancyGrid:
+    """Fill an occupancy grid with the states of a map.
+
+    See :meth:`cspace.CSpace.to_occupancy_grid`.
+    """
+    grid = space.grid
+    if rotation is None:
+        # A state is certain only if all slices agree.
+        stack = space.cell_states.reshape(-1, *grid.shape)
+        lowest = stack.min(axis=0)
+        states = np.where(lowest == stack.max(axis=0), lowest, MIXED)
+    else:
+        states = space.states_at(rotation)
+    # Look the occupancy up by the value of the state.
+    percent_of_state = np.array([OCCUPANCY[state] for state in sorted(OCCUPANCY)], dtype=np.int8)
+    percent = percent_of_state[states]
+    size = {"info.width": grid.shape[0], "info.height": grid.shape[1]}
+    filled = OccupancyGrid() if msg is None else msg
+    return _fill_grid(filled, "nav_msgs/OccupancyGrid", percent, grid, "info", size, frame_id)
+
+
+def costmap_of(
+    space: CSpace,
+    clearances: Callable[[int | None], Floats],
+    msg: Message | None,
+    inflation_radius: float,
+    cost_scaling_factor: float,
+    rotation: ArrayLike | None,
+    frame_id: str,
+) -> Message | Costmap:
+    """Fill a costmap with the clearances of a map; see :meth:`cspace.CSpace.to_costmap`.
+
+    ``clearances`` returns the clearance of each cell of a slice, or the largest of all slices.
+    """
+    radius = check_not_negative(inflation_radius, "inflation_radius")
+    scaling = check_not_negative(cost_scaling_factor, "cost_scaling_factor", "pass it per metre")
+    grid = space.grid
+    workspace = space.workspace
+    if grid.dim == 3:
+        hint = "build a map of the plane"
+        raise InputError("the map", "is one in space", "a costmap is plane", hint)
+    number = None  # of the slice; without one, the costs hold at the best rotation of each cell
+    if rotation is not None:
+        cell = space.rotations.find_cells(space.rotations.check_rotation(rotation))
+        number = int(space.slice_of[int(cell)])
+    inscribed = space.robot.inscribed_radius + space.margin
+    clearance = clearances(number)
+    costs = costs_of(clearance, workspace.outer, workspace.unknown, inscribed, scaling, radius)
+    nx, ny = grid.shape
+    size = {"metadata.size_x": nx, "metadata.size_y": ny}
+    filled = Costmap() if msg is None else msg
+    return _fill_grid(filled, "nav2_msgs/Costmap", costs, grid, "metadata", size, frame_id)
+
+
+def fill_path(
+    axes: Sequence[str], rows: Floats, msg: Message, frame_id: str, seconds: Floats | None = None
+) -> Message:
+    """Fill a ``nav_msgs/Path`` with the poses of configurations.
+
+    `rows`, shape (n, size), have the columns `axes`. Each pose gets the frame and the stamp of the
+    message, later by its `seconds`, shape (n,).
+
+    Raises InputError if the message lacks a field.
+    """
+    kind = "nav_msgs/Path"
+    make_pose = _find_element_class(msg, "poses", PoseStamped)
+    stamp = getattr(getattr(msg, "header", None), "stamp", None)
+    poses = []
+    for index, row in enumerate(rows.tolist()):
+        # The position, and the rotation as a quaternion; missing coordinates are those of none.
+        values = dict(zip(axes, row, strict=True))
+        if "yaw" in values:
+            half_yaw = values["yaw"] / 2.0
+            values |= {"qz": math.sin(half_yaw), "qw": math.cos(half_yaw)}
+        fields: dict[str, object] = {"header.frame_id": frame_id}
+        if stamp is not None:
+            fields["header.stamp"] = copy(stamp)
+        for name in "xyz":
+            fields[f"pose.position.{name}"] = values.get(name, 0.0)
+            fields[f"pose.orientation.{name}"] = values.get(f"q{name}", 0.0)
+        fields["pose.orientation.w"] = values.get("qw", 1.0)
+        pose = _set_fields(make_pose(), kind, fields)
+        if stamp is not None and seconds is not None:
+            _add_seconds(pose, kind, "header.stamp", float(seconds[index]))
+        poses.append(pose)
+    return _set_fields(msg, kind, {"header.frame_id": frame_id, "poses": poses})
+
+
+def fill_joint_trajectory(
+    joints: Sequence[str],
+    positions: Floats,
+    velocities: Floats,
+    seconds: Floats,
+    msg: Message,
+    frame_id: str,
+) -> Message:
+    """Fill a ``trajectory_msgs/JointTrajectory`` with timed positions and velocities.
+
+    `positions` and `velocities` have shape (n, dof); `seconds` from the start has shape (n,).
+
+    Raises InputError if the message lacks a field.
+    """
+    kind = "trajectory_msgs/JointTrajectory"
+    make_point = _find_element_class(msg, "points", JointTrajectoryPoint)
+    points = []
+    for position, velocity, time in zip(positions, velocities, seconds, strict=True):
+        fields = {"positions": array("d", position), "velocities": array("d", velocity)}
+        point = _set_fields(make_point(), kind, fields)
+        _add_seconds(point, kind, "time_from_start", float(time))
+        points.append(point)
+    content = {"header.frame_id": frame_id, "joint_names": list(joints), "points": points}
+    return _set_fields(msg, kind, content)
+
+
+def make_twists(make: Callable[[], Message], v: Floats, omega: Floats) -> list[Message]:
+    """Make a ``geometry_msgs/Twist`` of each velocity ahead and yaw rate, shapes (n,).
+
+    Raises InputError if the messages lack a field.
+    """
+    twists = []
+    for ahead, turn in zip(v.tolist(), omega.tolist(), strict=True):
+        fields = {"linear.x": ahead, "angular.z": turn}
+        twists.append(_set_fields(make(), "geometry_msgs/Twist", fields))
+    return twists
+
+
+_NANO: Final = 10**9
+"""Nanoseconds of a second."""
+
+
+def _add_seconds(msg: object, kind: str, name: str, seconds: float) -> None:
+    """Add seconds to a time of a message.
+
+    ``name`` is the dotted path of the time. The sum is rounded to nanoseconds.
+    """
+    time: object = msg
+    for field in name.split("."):
+        time = getattr(time, field, None)
+    # A time of ROS 1 has other names for the same fields.
+    second_name, nano_name = ("secs", "nsecs") if hasattr(time, "secs") else ("sec", "nanosec")
+    old_seconds = getattr(time, second_name, 0)
+    old_nanoseconds = getattr(time, nano_name, 0)
+    total = _NANO * old_seconds + old_nanoseconds + round(_NANO * seconds)
+    whole, nanoseconds = divmod(total, _NANO)
+    fields = {f"{name}.{second_name}": whole, f"{name}.{nano_name}": nanoseconds}
+    _set_fields(msg, kind, fields)
+
+
+def costs_of(
+    clearance: Floats,
+    lethal: Bools,
+    unknown: Bools | None,
+    inscribed: float,
+    scaling: float,
+    radius: float,
+) -> NDArray[np.uint8]:
+    """Compute the costs of Nav2's inflation layer.
+
+    `clearance` and costs have shape (nx, ny); clearances are in metres. The clearance of a cell is
+    zero if a robot there may collide; above ``radius - inscribed`` it may be infinite. `lethal`
+    marks cells that touch an obstacle, and `unknown` marks unknown cells. `inscribed` is the radius
+    of the robot's inscribed circle, metres. `scaling` is ``cost_scaling_factor``, per metre.
+    `radius` is ``inflation_radius``, metres from the obstacles.
+    """
+    # Costs fall from below INSCRIBED with the clearance, and are zero beyond the radius.
+    decay = np.exp(-scaling * np.minimum(clearance, radius))
+    costs = ((INSCRIBED - 1) * decay).astype(np.uint8)
+    costs[clearance + inscribed > radius] = 0
+    may_collide = clearance <= 0.0
+    costs[may_collide] = INSCRIBED
+    costs[may_collide & lethal] = LETHAL
+    if unknown is not None:
+        costs[may_collide & unknown] = NO_INFORMATION
+    return costs
+
+
+def _fill_grid(
+    msg: Message,
+    kind: str,
+    cells: NDArray[np.int8] | NDArray[np.uint8],
+    grid: Grid,
+    info: str,
+    size: Mapping[str, object],
+    frame_id: str,
+) -> Message:
+    """Fill a message with the cells of a plane map.
+
+    `cells` have shape (nx, ny). `info` is the field that holds the origin and the resolution.
+    `size` has the fields for the numbers of cells.
+
+    Raises InputError if the grid is not plane, or the message lacks a field.
+    """
+    if grid.dim == 3:
+        hint = "cut it, or export another format"
+        raise InputError("the map", "is one in space", f"{kind} is plane", hint)
+    # The origin is the pose of the lower corner, which is not turned.
+    position = f"{info}.origin.position"
+    orientation = f"{info}.origin.orientation"
+    typecode = "b" if cells.dtype == np.int8 else "B"
+    fields = {
+        "header.frame_id": frame_id,
+        f"{info}.resolution": grid.spacing,
+        **size,
+        f"{position}.x": grid.lower[0],
+        f"{position}.y": grid.lower[1],
+        f"{position}.z": 0.0,
+        f"{orientation}.x": 0.0,
+        f"{orientation}.y": 0.0,
+        f"{orientation}.z": 0.0,
+        f"{orientation}.w": 1.0,
+        "data": array(typecode, cells.T.tobytes()),
+    }
+    return _set_fields(msg, kind, fields)
+
+
+def _set_fields(msg: Message, kind: str, fields: Mapping[str, object]) -> Message:
+    """Set fields of a message, given by dotted paths.
+
+    Raises InputError if the message lacks a field.
+    """
+    for path, value in fields.items():
+        *parents, last = path.split(".")
+        target: object = msg
+        for name in parents:
+            target = getattr(target, name, None)
+        if not hasattr(target, last):
+            raise missing_field_error("msg", path, kind)
+        setattr(target, last, value)
+    return msg
+
+
+def _find_element_class(msg: object, name: str, default: Callable[[], Any]) -> Callable[[], Any]:
+    """Return the class of the elements of a message's list field.
+
+    ROS messages declare it; for others, return `default`.
+    """
+    get_types = getattr(msg, "get_fields_and_field_types", None)
+    if get_types is not None:  # ROS 2
+        types = dict(get_types())
+    else:  # ROS 1
+        names = getattr(msg, "__slots__", ())
+        types = dict(zip(names, getattr(msg, "_slot_types", ()), strict=False))
+    declared = re.search(r"(\w+)/(\w+)", types.get(name, ""))
+    if declared is None:
+        return default
+    package, class_name = declared.groups()
+    element_class: Callable[[], Any] = getattr(import_module(f"{package}.msg"), class_name)
+    return element_class

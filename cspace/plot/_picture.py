@@ -1,0 +1,318 @@
+"""plot: a picture of a map, with a path and robots."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, TypedDict, Unpack
+
+from cspace._files.access import check_suffix, replacing
+from cspace._support.check import check_positive
+from cspace._workspace import Workspace
+from cspace.errors import InputError
+from cspace.plot import _artists as artists
+from cspace.plot._route import HasPath, MapLike, WorkspaceView, make_scene
+from cspace.plot._sections import draw_plane, draw_sections
+from cspace.plot._surface import draw_surface
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from numpy.typing import ArrayLike
+
+    from cspace._maps import ConfigurationMap
+
+PICTURE_SUFFIXES: Final = (".png", ".pdf", ".svg", ".jpg")
+"""Suffixes of the picture formats that can be written."""
+VIEWS: Final[dict[int, tuple[str, ...]]] = {2: ("plane",), 3: ("sections", "3d")}
+"""Kinds of picture of a map, by its dimension."""
+VIEW_OPTIONS: Final = {
+    "surface": ("3d",),
+    "cut": ("3d",),
+    "camera": ("3d",),
+    "ax": ("plane", "3d"),
+}
+"""Kinds of picture that take an option, if not all do."""
+_MAX_DPI: Final = 2400.0
+"""Maximum pixels per inch of a saved picture."""
+
+
+class WorkspaceOptions(TypedDict, total=False):
+    """Options of :meth:`cspace.Workspace.plot`."""
+
+    ax: Axes
+    legend: bool
+    title: str
+    view: str
+    center: ArrayLike
+    zoom: float
+    cut: float
+    camera: ArrayLike
+
+
+class PlotOptions(WorkspaceOptions, total=False):
+    """Options of :func:`plot`."""
+
+    rotation: ArrayLike
+    path: ArrayLike | HasPath | None
+    start: ArrayLike
+    goal: ArrayLike
+    robot_every: float | None
+    surface: str
+
+
+def plot(
+    space: ConfigurationMap | Workspace,
+    *,
+    rotation: ArrayLike | None = None,
+    path: ArrayLike | HasPath | None = None,
+    start: ArrayLike | None = None,
+    goal: ArrayLike | None = None,
+    ax: Axes | None = None,
+    robot_every: float | None = None,
+    legend: bool = True,
+    title: str | None = None,
+    view: str | None = None,
+    center: ArrayLike | None = None,
+    zoom: float | None = None,
+    surface: str | None = None,
+    cut: float | None = None,
+    camera: ArrayLike | None = None,
+) -> Axes:
+    """Draw a map, and optionally a path with the robot along it.
+
+    A block of cells smaller than a pixel shows the most important one, so no obstacle vanishes from
+    a picture of a large map. The exterior of the grid is hatched.
+
+    - ``"plane"``: a plane map from above.
+    - ``"sections"``: a map in space as three sections through a point, seen from above, the front
+      and the right. The path is solid, and the robot drawn, where the robot reaches the section;
+      elsewhere the path is faint.
+    - ``"3d"``: a map in space in three dimensions, cut open above the path, which is drawn over
+      everything.
+
+    Parameters
+    ----------
+    space : CSpace, TiledCSpace or Workspace
+        The map. Of a tiled map, an overview is drawn.
+    rotation : array-like, shape (k,), optional
+        Rotation of the slice to show, as in a configuration (yaw in radians, or quaternion). By
+        default, colours show where the robot is free at every rotation, at some, and at none.
+    path : array-like, shape (n, size), or Plan, optional
+        Configurations joined by straight edges, metres and radians; or an object with a ``path``
+        attribute. Edges of a certified plan that are no longer proven free, e.g. after
+        :meth:`cspace.CSpace.add_obstacle`, are dashed in another colour.
+    start, goal : array-like, shape (size,), optional
+        Configurations to mark; by default the endpoints of the path. An arrow shows a yaw.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw into; by default of a new figure without a window. ``view="3d"`` needs axes in
+        three dimensions; sections always have a new figure.
+    robot_every : float, optional
+        Metres of path between two drawn robots; a rotation counts as the distance that the robot's
+        farthest point moves. ``inf`` draws robots at the endpoints only. Default: about a dozen.
+    legend : bool
+        Add a legend beside or below the axes.
+    title : str, optional
+        Default: the robot, the side of a cell and the rotation. Pass ``""`` for no title.
+    view : {"plane", "sections", "3d"}, optional
+        Kind of picture; by default ``"plane"`` or ``"sections"``.
+    center : array-like, shape (d,), optional
+        A point of the grid, metres: the center of ``zoom``, or the intersection of sections.
+        Default: half the way along the path; without a path the start, the goal, or the center of
+        the grid.
+    zoom : float, optional
+        Draw only a square or cube around ``center``, with sides ``zoom`` times shorter than the
+        longest of the map. By default, draw the whole map.
+    surface : {"obstacles", "free"}, optional
+        For ``view="3d"``: draw the obstacles with the robot along the path (default), or the border
+        of the free space of the robot's reference point.
+    cut : float, optional
+        For ``view="3d"``: omit cells above this height, metres. Default: the highest point of the
+        robot on the path; without a path, nothing is omitted.
+    camera : array-like, shape (2,), optional
+        For ``view="3d"``: elevation and azimuth of the camera, degrees, as in matplotlib. Faces
+        that look away from the camera are not drawn, so choose it here instead of rotating the axes
+        later.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        Notebooks show the axes as the picture; ``ax.figure`` is the figure. For sections, the axes
+        seen from above, and ``ax.figure.axes`` are those across z, y and x.
+
+    Raises
+    ------
+    InputError
+        If the path or a configuration has the wrong shape or is not finite, ``robot_every`` is not
+        above zero, ``zoom`` is below 1, the map has no rotations but one is given, an option does
+        not fit the kind of picture, or ``ax`` is not a matplotlib axes.
+    """
+    from matplotlib.axes import Axes
+
+    argument: object = ax
+    if argument is not None and not isinstance(argument, Axes):
+        raise InputError(
+            "ax",
+            f"is a {type(argument).__name__}",
+            "it must be matplotlib axes",
+            "pass figure.add_subplot()",
+        )
+    # A workspace is drawn as a map without a robot, a tiled map as an overview.
+    drawn_map: Any = space
+    if isinstance(space, Workspace):
+        drawn_map = WorkspaceView(space)
+    elif not space.in_memory:
+        drawn_map = drawn_map.overview()
+    options: dict[str, Any] = {"surface": surface, "cut": cut, "camera": camera}
+    options |= {"ax": ax, "center": center, "zoom": zoom}
+    kind = _choose_view(drawn_map, view, options)
+    scene = make_scene(
+        drawn_map,
+        rotation=rotation,
+        path=path,
+        start=start,
+        goal=goal,
+        robot_every=robot_every,
+        center=center,
+        zoom=zoom,
+    )
+    if kind == "plane":
+        axes, handles = draw_plane(scene, ax)
+    elif kind == "sections":
+        axes, handles = draw_sections(scene)
+    else:
+        painting = draw_surface(scene, ax, surface, cut, camera)
+        painting.show()
+        axes = painting.axes
+        handles = list(painting.handles.values())
+    rotation_text = drawn_map.rotations.describe(scene.rotation)
+    heading = "\n".join(filter(None, [title_of(drawn_map), rotation_text]))
+    artists.annotate(axes, ax is None, title, heading, handles if legend else [])
+    return axes
+
+
+def title_of(space: MapLike) -> str:
+    """Return the default title of a map: the robot and the side of a cell."""
+    return f"{space.robot.name}, cells of {space.grid.spacing:g} {space.grid.unit}"
+
+
+def _choose_view(space: MapLike, view: str | None, options: Mapping[str, Any]) -> str:
+    """Choose the kind of picture of a map, and check that the options fit it.
+
+    Raises InputError if the map has no such view, or if an option other than None does not fit the
+    view.
+    """
+    views = VIEWS[space.grid.dim]
+    kind = view or views[0]
+    if kind not in views:
+        axes = ", ".join(space.axes)
+        raise InputError(
+            "view",
+            f"is {view!r}",
+            f"it must be {' or '.join(views)}, because configurations are ({axes})",
+            "or omit it; loop over plot(rotation=) for several slices",
+        )
+    for name, kinds in VIEW_OPTIONS.items():
+        value = options[name]
+        if value is not None and kind not in kinds:
+            raise InputError(
+                name,
+                f"is given with view {kind}",
+                f"it needs view {' or '.join(kinds)}",
+                "omit it",
+            )
+    # Only a zoomed picture and sections have a center.
+    zoom = options["zoom"]
+    center = options["center"]
+    if zoom is not None:
+        check_positive(zoom, "zoom", "the map's longest side over that of the picture")
+        if zoom < 1.0:
+            raise InputError(
+                "zoom",
+                f"is {zoom!r}",
+                "it must be at least 1 (the whole map)",
+                "pass e.g. 8",
+            )
+    elif center is not None and kind != "sections":
+        raise InputError(
+            "center",
+            "is given without zoom",
+            "the whole map is drawn",
+            "add e.g. zoom=8, or omit it",
+        )
+    return kind
+
+
+def save_plot(
+    space: ConfigurationMap,
+    file: str | os.PathLike[str],
+    overwrite: bool = False,
+    *,
+    dpi: float = 150.0,
+    **options: Unpack[PlotOptions],
+) -> Path:
+    """Save a picture of a map.
+
+    Parameters
+    ----------
+    space : CSpace or TiledCSpace
+        The map.
+    file : path-like
+        A name that ends in .png, .pdf, .svg or .jpg.
+    overwrite : bool
+        Replace an existing file.
+    dpi : float
+        Pixels per inch, at most 2400; pictures are about eight inches wide.
+    **options
+        Options of :func:`plot`, except ``ax``.
+
+    Returns
+    -------
+    pathlib.Path
+        The file.
+
+    Raises
+    ------
+    InputError
+        If the suffix is another one, or for the reasons of :func:`plot`.
+    FileError
+        If the file exists and ``overwrite`` is not set, or if it cannot be written.
+
+    Examples
+    --------
+    >>> import numpy as np, cspace
+    >>> workspace = cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1)
+    >>> space = cspace.build(workspace, cspace.Robot.disc(0.2))
+    >>> save_plot(space, "map.png", overwrite=True).name
+    'map.png'
+    """
+    if "ax" in options:
+        raise InputError(
+            "ax",
+            "is given",
+            "save_plot draws a new figure",
+            "use plot and ax.figure.savefig instead",
+        )
+    return save_figure(lambda: plot(space, **options).figure, file, overwrite, dpi)
+
+
+def save_figure(
+    draw: Callable[[], Any], file: str | os.PathLike[str], overwrite: bool, dpi: float
+) -> Path:
+    """Save the figure that ``draw`` returns, after checking the other arguments.
+
+    Raises InputError if the suffix is not in :data:`PICTURE_SUFFIXES`, or if ``dpi`` is not above
+    zero or too large; FileError if the file exists and ``overwrite`` is not set, or if it cannot be
+    written.
+    """
+    target = Path(file)
+    check_suffix(target, PICTURE_SUFFIXES, "the suffix says what to write", "file", is_output=True)
+    dots = check_positive(dpi, "dpi", "pixels per inch")
+    if dots > _MAX_DPI:
+        rule = f"it must be at most {_MAX_DPI:,.0f} pixels per inch"  # some 20,000 pixels across
+        raise InputError("dpi", f"is {dpi!r}", rule, "pass e.g. 300")
+    with replacing(target, overwrite) as temporary:
+        figure: Figure = draw()
+        figure.canvas.print_figure(temporary, dpi=dots)
+    return target

@@ -1,0 +1,355 @@
+"""Explain why a path between two configurations exists, or does not."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Final, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import ndimage
+
+from cspace._engines.slices import slice_rasters
+from cspace._obstacles import Obstacle
+from cspace._support.arrays import FREE, STATE_NAMES, Bools, Floats, Ints
+from cspace._support.check import check_flag
+from cspace.reasons._margins import copy_with_ends, find_cells, find_way, states_of_slices
+from cspace.reasons._removals import remove_obstacles
+from cspace.reasons._windows import Trial, refine_way, suggest_finer
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from cspace._space import CSpace
+
+Verdict = Literal[
+    "connected",
+    "disconnected",
+    "undecided",
+    "start BLOCKED",
+    "start MIXED",
+    "goal BLOCKED",
+    "goal MIXED",
+]
+"""What is proven about a path between two configurations."""
+
+BORDER: Final = "the border of the map"
+"""Name of the space outside the grid among the obstacles of an explanation."""
+
+SIDEWAYS: Final = "a robot that also moves sideways"
+"""The robot that a path exists for, if that of the plan has a drive."""
+
+TITLE_COLUMNS: Final = 64
+"""Width of a picture's title, in characters."""
+
+MAX_TRIED_NAMES: Final = 4
+"""Number of named obstacles that are removed one by one, to see if a path exists without."""
+
+MAX_NAMED_OBSTACLES: Final = 3
+"""Number of obstacles that a sentence names."""
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """Reason why a path between two configurations exists, or does not.
+
+    Attributes
+    ----------
+    space : CSpace
+        A copy of the map, which updates do not change.
+    start, goal : tuple of float
+        The two configurations, metres and radians.
+    verdict : str
+        "connected" or "disconnected", both proven; "undecided"; or the state of the start or the
+        goal, for example "start BLOCKED".
+    barrier : ndarray of int64, shape (n, 1 + d)
+        Cells ``(rotation, x, ...)`` that are not FREE. If they were, FREE cells would join start
+        and goal. Empty if they are connected.
+    obstacles : tuple of str
+        Obstacles that the robot may touch in the barrier; if start or goal is not FREE, those that
+        it may touch there, or is proven to touch if BLOCKED. They are quoted names of
+        :attr:`cspace.CSpace.obstacles`; connected pieces of the workspace by a point of theirs,
+        the nearest first; and the border of the map.
+    bottleneck : ndarray of float64, shape (size,)
+        Configuration where the way between the two is narrowest: on the widest one, or on the one
+        that keeps nearest to FREE cells.
+    margin : tuple of float
+        Two margins, metres, as of :func:`cspace.build`, between which the largest one lies that
+        leaves a path. For a robot grown by the first a path is proven; for one grown by the second
+        it is proven that none exists. A negative margin shrinks the robot. The first is minus
+        infinity, and the second infinity, if nothing is proven, or nothing would be left of the
+        robot.
+    passes_without : tuple of str
+        Named obstacles whose removal alone gives a path, proven. At most four are tried.
+    trial : Trial
+        If undecided, the spacing and the rotations that would decide, and what they decide.
+    free_yaws : tuple of ndarray of float64, shape (n, 2)
+        Intervals of yaw, radians, at which start and goal are proven free; from the lower to the
+        upper bound, which may be above pi. Empty arrays if the robot does not rotate.
+    passes_if_turning : bool
+        True if a path is proven for a robot that could change between all yaws at which it is
+        free, as if turning on the spot never collided.
+    moves_sideways : bool
+        False for the plan of a drive, whose robot may not follow a path that exists.
+    """
+
+    space: CSpace
+    start: tuple[float, ...]
+    goal: tuple[float, ...]
+    verdict: Verdict
+    barrier: Ints
+    obstacles: tuple[str, ...]
+    bottleneck: Floats
+    margin: tuple[float, float]
+    passes_without: tuple[str, ...]
+    trial: Trial | None
+    free_yaws: tuple[Floats, Floats]
+    passes_if_turning: bool
+    moves_sideways: bool = True
+
+    @property
+    def spacing(self) -> float | None:
+        """Spacing that would decide, metres; None if the map decides or nothing is known."""
+        return None if self.trial is None else self.trial.spacing
+
+    @cached_property
+    def sentences(self) -> list[str]:
+        """At most three sentences that a person would say; the first one is the reason."""
+        further = [*self._describe_margin(), *self._describe_changes()]
+        return [self._describe_reason(), *further][:3]
+
+    def __str__(self) -> str:
+        """Return the sentences."""
+        return " ".join(self.sentences)
+
+    def __repr__(self) -> str:
+        """Return verdict and sentences."""
+        return f"Explanation({self.verdict}: {self})"
+
+    @property
+    def _place(self) -> str:
+        """Position of the bottleneck, for people."""
+        place = ", ".join(f"{x:.2f}" for x in self.bottleneck[: self.space.dim])
+        return f"at ({place})"
+
+    @property
+    def _robot(self) -> str:
+        """The robot that paths are proven for, for people."""
+        return "The robot" if self.moves_sideways else SIDEWAYS.capitalize()
+
+    @property
+    def _touched(self) -> str:
+        """Obstacles at the barrier, for people."""
+        if not self.obstacles:
+            return "an obstacle"
+        *most, last = self.obstacles
+        if len(most) >= MAX_NAMED_OBSTACLES:
+            *most, last = [*most[:MAX_NAMED_OBSTACLES], "others"]
+        return f"{', '.join(most)} and {last}" if most else last
+
+    def _describe_reason(self) -> str:
+        """Return the sentence of the verdict."""
+        end, _, state = self.verdict.partition(" ")
+        if state:
+            proof = "touches" if state == "BLOCKED" else "may touch"
+            return f"The {end} lies in a {state} cell: the robot {proof} {self._touched}."
+        if self.verdict == "connected":
+            exists = "exists" if self.moves_sideways else f"exists for {SIDEWAYS}"
+            return f"A path {exists}; it is narrowest {self._place}."
+        if self.verdict == "disconnected":
+            return f"No path: {self._place} the robot does not pass {self._touched}."
+        count = len(self.barrier)
+        cells = "1 MIXED cell lies" if count == 1 else f"{count} MIXED cells lie"
+        return f"Undecided: {self._place} {cells} on the way, beside {self._touched}."
+
+    def _describe_margin(self) -> list[str]:
+        """Return the sentence of the margin, if anything is proven of it."""
+        low, high = self.margin
+        if low >= 0.0:
+            more = "" if math.isinf(high) else f", but not by {high:.3g} m"
+            return [f"The robot may grow by {low:.3g} m all around{more}."]
+        if math.isinf(low):
+            return ["No shrinking of the robot is known to give a path."]
+        less = f", but not by {-high:.3g} m" if high < 0.0 else ""
+        return [f"{self._robot} passes if it shrinks by {-low:.3g} m all around{less}."]
+
+    def _describe_changes(self) -> list[str]:
+        """Return sentences on changes that give a path, or would decide."""
+        sentences = []
+        if self.passes_without:
+            names = " or ".join(map(repr, self.passes_without))
+            sentences.append(f"{self._robot} passes without {names}.")
+        if self.trial is not None:
+            sentences.append(str(self.trial))
+        if self.verdict != "connected" and self.passes_if_turning and self.space.rotations.names:
+            sentences.append(f"{self._robot} would pass if it could turn anywhere.")
+        return sentences
+
+    def plot(self) -> Axes:
+        """Draw the map with start, goal, barrier, and the robot at the bottleneck.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+        """
+        from cspace.plot import plot
+        from cspace.plot._artists import BARRIER_STYLE, BOTTLENECK_STYLE, legend_below
+
+        space = self.space
+        way = self.bottleneck[np.newaxis]
+        title = textwrap.fill(self.sentences[0], TITLE_COLUMNS)
+        view = "3d" if space.dim == 3 else None
+        axes = plot(space, start=self.start, goal=self.goal, path=way, title=title, view=view)
+        handles = axes.plot(*way[:, : space.dim].T, **BOTTLENECK_STYLE)
+        if len(self.barrier):
+            centers = space.grid.center_of(self.barrier[:, 1:])
+            handles += axes.plot(*centers.T, **BARRIER_STYLE)
+        figure: Any = axes.figure
+        (legend,) = figure.legends
+        legend.remove()
+        legend_below(figure, [*legend.legend_handles, *handles])
+        return axes
+
+
+def explain(space: CSpace, start: ArrayLike, goal: ArrayLike, refine: bool) -> Explanation:
+    """Explain a path or its absence; see :meth:`cspace.CSpace.explain`."""
+    check_flag(refine, "refine")
+    space, points = copy_with_ends(space, start, goal)
+    first, second = points
+    verdict = _decide(space, points)
+    way = find_way(space, points)
+    named = {name: Obstacle.of(shape, space.grid) for name, shape in space.obstacles.items()}
+    position = space.grid.center_of(way.bottleneck[1:])
+    touched, pieces = _list_obstacles(space, named, way.barrier, position)
+    removed_alone = [
+        name
+        for name in touched[:MAX_TRIED_NAMES]
+        if remove_obstacles(space, [name]).is_connected(first, second)
+    ]
+    cells = find_cells(space, points)
+    end, _, state = verdict.partition(" ")
+    if state:
+        number = ("start", "goal").index(end)
+        is_blocked = state == "BLOCKED"
+        touched, pieces = _list_obstacles(space, named, cells[[number]], points[number], is_blocked)
+    trial = None
+    is_decided = verdict != "undecided"
+    if refine:
+        way, trial = refine_way(space, points, way, is_decided)
+    elif not is_decided:
+        trial = suggest_finer(space, way)
+    return Explanation(
+        space=space,
+        start=tuple(first.tolist()),
+        goal=tuple(second.tolist()),
+        verdict=verdict,
+        barrier=way.barrier,
+        obstacles=(*map(repr, touched), *pieces),
+        bottleneck=np.concatenate([position, space.rotations.centers[way.bottleneck[0]]]),
+        margin=(way.low, way.high),
+        passes_without=tuple(removed_alone),
+        trial=None if is_decided else trial,
+        free_yaws=(_find_free_yaws(space, cells[0]), _find_free_yaws(space, cells[1])),
+        passes_if_turning=_passes_if_turning(space, cells),
+    )
+
+
+def _decide(space: CSpace, points: Floats) -> Verdict:
+    """Return what the map proves about two configurations."""
+    for name, point in zip(("start", "goal"), points, strict=True):
+        state = int(space.classify(point))
+        if state != FREE:
+            verdict: Verdict = f"{name} {STATE_NAMES[state].upper()}"  # type: ignore[assignment]
+            return verdict
+    if space.is_connected(*points):
+        return "connected"
+    return "disconnected" if space.is_disconnected(*points) else "undecided"
+
+
+def _list_obstacles(
+    space: CSpace,
+    named: dict[str, Obstacle],
+    cells: Ints,
+    position: Floats,
+    proven: bool = False,
+) -> tuple[list[str], list[str]]:
+    """List the obstacles that the robot may touch in configuration cells, shape (n, 1 + d).
+
+    With ``proven``, list those that it is proven to touch in all of each cell. Returns names, and
+    descriptions of obstacles without names, those nearest to a position first.
+    """
+    touched = touched_cells(space, cells, proven)
+    inside = (slice(1, -1),) * space.dim
+    in_grid = touched[inside]
+    names = []
+    unnamed = (space.workspace.inner if proven else space.workspace.outer).copy()
+    for name, obstacle in named.items():
+        window = tuple(map(slice, *obstacle.box))
+        occupied = obstacle.inner if proven else obstacle.outer
+        if (occupied & in_grid[window]).any():
+            names.append(name)
+        unnamed[window] &= ~obstacle.outer
+    pieces, _ = ndimage.label(unnamed, structure=np.ones((3,) * unnamed.ndim))
+    hits = np.argwhere(in_grid & unnamed)
+    centers = space.grid.center_of(hits)
+    gaps = np.linalg.norm(centers - position[: space.dim], axis=1)
+    order = np.argsort(gaps, kind="stable")
+    _, nearest = np.unique(pieces[tuple(hits[order].T)], return_index=True)
+    descriptions = []
+    for index in np.sort(nearest):
+        place = ", ".join(f"{x:.2f}" for x in centers[order[index]])
+        descriptions.append(f"the obstacle at ({place})")
+    in_grid[...] = False
+    if touched.any() and space.outside == "blocked":
+        descriptions.append(BORDER)
+    return names, descriptions
+
+
+def touched_cells(space: CSpace, cells: Ints, proven: bool) -> Bools:
+    """Return the workspace cells that the robot may touch in configuration cells.
+
+    With ``proven``, it reaches into them from all of a cell. ``cells`` has shape (n, 1 + d). The
+    result has a layer more on each side, for the space outside, shape (nx + 2, ...).
+    """
+    touched = np.zeros(np.array(space.grid.shape) + 2, dtype=np.bool_)
+    rasters = slice_rasters(space.robot, space.grid.spacing, space.margin, space.rotations)
+    last = np.array(touched.shape) - 1
+    for rotation, *position in cells.tolist():
+        outer, inner = rasters[space.slice_of[rotation]]
+        raster = inner if proven else outer
+        offsets = np.argwhere(raster.cells) + raster.lower + position + 1
+        touched[tuple(np.clip(offsets, 0, last).T)] = True
+    return touched
+
+
+def _find_free_yaws(space: CSpace, cell: Ints) -> Floats:
+    """Return the intervals of yaw that are FREE at the position of a cell, shape (n, 2)."""
+    if not space.rotations.names:
+        return np.empty((0, 2))
+    is_free = states_of_slices(space)[space.slice_of, *cell[1:]] == FREE
+    bounds = np.asarray(space.rotations.stored_arrays["yaw_bounds"])
+    if is_free.all():
+        return np.array([[-math.pi, math.pi]])
+    intervals: list[list[float]] = []
+    # The walk begins behind a yaw cell that is not FREE, so that no interval is cut in two.
+    after = int(np.argmin(is_free)) + 1
+    for number in np.roll(np.arange(len(bounds)), -after).tolist():
+        if not is_free[number]:
+            continue
+        low, high = bounds[number].tolist()
+        if intervals and is_free[number - 1]:
+            intervals[-1][1] += (high - low) % (2.0 * math.pi)
+        else:
+            intervals.append([low, low + (high - low) % (2.0 * math.pi)])
+    return np.array(intervals).reshape(-1, 2)
+
+
+def _passes_if_turning(space: CSpace, cells: Ints) -> bool:
+    """Return True if cells that are FREE at some yaw join two cells."""
+    is_free_at_some = (states_of_slices(space) == FREE).any(axis=0)
+    pieces, _ = ndimage.label(is_free_at_some)
+    start, goal = pieces[tuple(cells[:, 1:].T)]
+    return bool(start != 0 and start == goal)

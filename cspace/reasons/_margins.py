@@ -1,0 +1,489 @@
+"""Margins by which a robot may grow, or must shrink, for a path.
+
+A robot A grown by m contains every point within m of A; A shrunk by m contains the points whose
+ball of radius m lies in A. The margins are found by bisection: at each margin, the rasters of the
+resized robot give a map of FREE cells, which may join start and goal, or one of BLOCKED cells,
+which may separate them. Let h be the spacing.
+
+* Outer rasters of the grown robot are those of a build with that margin.
+* An outer offset o of the shrunk robot is needed only if a point in its box ``h * (o + [-1, 1]^d)``
+  lies m deep in A. The depth of a point is at most that below any plane that bounds A. If A has no
+  point in the box of another offset o', it is also at most ``h * |o - o'|``, because the two boxes
+  are translates.
+* Growing the robot by m is growing the obstacles by m. Large margins grow both.
+* An inner offset of the shrunk robot lies deeper than m below the surface of A, at all rotations of
+  the slice. An inner offset of the grown robot lies within m of one of A, less the depth of that.
+
+The robot of FREE states is grown by the map's margin, the robot of BLOCKED states is not.
+"""
+
+from __future__ import annotations
+
+import copy
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from functools import cache, cached_property
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import ndimage
+
+from cspace._engines import ENGINES, choose_engine
+from cspace._engines.slices import slice_rasters
+from cspace._queries.distance import ROUNDING_FACTOR, compute_distances
+from cspace._queries.search import find_chain, turn_costs
+from cspace._raster import Raster
+from cspace._record.contents import Contents
+from cspace._record.exterior import Exterior
+from cspace._rotations import RotationCell
+from cspace._shapes.shape import ExactShape
+from cspace._support.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, States
+from cspace.errors import InputError
+
+if TYPE_CHECKING:
+    from cspace._space import CSpace
+
+DEPTH_SLACK: Final = 1e-9
+"""Rounding of a depth below a surface, per metre of the shape's largest number."""
+
+MAX_PAIRS: Final = 2**25
+"""Points times pieces of a surface up to which depths are computed: some seconds."""
+
+MAX_GROWTH_CELLS: Final = 16
+"""Cells by which rasters grow; larger margins grow the obstacles by the rest."""
+
+STEPS_PER_CELL: Final = 8
+"""Margins per cell that are told apart."""
+
+DIRECTION_STEPS: Final = {2: range(-5, 6), 3: range(-2, 3)}
+"""Coordinates of the directions along which planes bound a robot, by dimension."""
+
+BLOCKED_COST: Final = 4.0
+"""Cost of a move in a cell that is not FREE, so that a way passes few of them."""
+
+
+class Way(NamedTuple):
+    """A way between two cells, for the robot that may grow most, or must shrink least.
+
+    Attributes
+    ----------
+    cells : ndarray of int64, shape (n, 1 + d)
+        Cells ``(rotation, x, ...)`` from start to goal, joined by moves of up to two cells.
+    barrier : ndarray of int64, shape (m, 1 + d)
+        Cells that are not FREE, and that would join start and goal if they were.
+    barred : tuple of int
+        Indices of the first and last cell of the way whose move passes the barrier.
+    bottleneck : ndarray of int64, shape (1 + d,)
+        The narrowest cell.
+    low : float
+        Margin for which a path is proven, metres; minus infinity if nothing is left of the robot.
+    high : float
+        Margin for which it is proven that no path exists, metres; infinity if there is none.
+    """
+
+    cells: Ints
+    barrier: Ints
+    barred: tuple[int, int]
+    bottleneck: Ints
+    low: float
+    high: float
+
+
+def states_of_slices(space: CSpace) -> States:
+    """Return the states of a map, shape (slices, x, y) or (slices, x, y, z)."""
+    states = space.kernel_map.states
+    return states.reshape(len(states), *space.grid.shape)
+
+
+def copy_with_ends(space: CSpace, start: ArrayLike, goal: ArrayLike) -> tuple[CSpace, Floats]:
+    """Return a copy of a map, which updates do not change, and start and goal, shape (2, size).
+
+    Raises InputError for maps of other kinds, ConfigurationError for configurations outside.
+    """
+    if len(space.rotations.names) > 1:
+        problem = f"has the axes {', '.join(space.axes)}"
+        rule = "reasons are for maps of positions, with or without a yaw"
+        raise InputError("space", problem, rule, "build a map with rotations=72")
+    points = [space._check_in_grid(q, name) for q, name in ((start, "start"), (goal, "goal"))]
+    return copy.copy(space), np.stack(points)
+
+
+def find_cells(space: CSpace, points: Floats) -> Ints:
+    """Return the cells ``(rotation, x, ...)`` of configurations in the grid, shape (n, 1 + d)."""
+    positions = space.grid.cell_of(points[:, : space.dim])
+    return np.column_stack([space.rotations.find_cells(points), positions])
+
+
+def find_way(space: CSpace, points: Floats) -> Way:
+    """Find the way of the largest robot that is proven to have one, and the cells that bar it.
+
+    ``points``, shape (2, size), are start and goal.
+    """
+    robot = ResizedRobot(space)
+
+    def joins(margin: float) -> bool:
+        """Return True if FREE cells of the robot with a margin join start and goal."""
+        return bool(robot.make_free_map(margin).is_connected(*points))
+
+    def is_open(margin: float) -> bool:
+        """Return True if the robot with a margin is not proven to have no path."""
+        return not robot.make_blocked_map(margin).is_disconnected(*points)
+
+    if space.is_connected(*points):
+        low, failed = robot.search(joins, space.margin)
+    else:
+        nothing_left = -robot.step - max(float(depths.max()) for depths in robot.outer_depths)
+        low, failed = robot.search(joins, nothing_left, space.margin)
+    if space.is_disconnected(*points):
+        _, high = robot.search(is_open, max(low, -robot.depth - robot.step), 0.0)
+    else:
+        _, high = robot.search(is_open, max(low, 0.0))
+    is_free = robot.find_free(low)
+    slice_of = space.slice_of.copy()  # writeable, as kernels are compiled for
+    turns = space.rotations.neighbors, turn_costs(space.rotations, space.dim, space.grid.spacing)
+    states = (~is_free).view(np.uint8)  # False is FREE, and True is MIXED
+    costs = np.where(states_of_slices(space) == FREE, 1.0, BLOCKED_COST).astype(np.float32)
+    start, goal = find_cells(space, points)
+    cells = find_chain(states, slice_of, turns, start, goal, math.inf, costs)
+    wider = min(failed, low + robot.step)
+    is_narrow = ~robot.find_free(wider)[slice_of[cells[:, 0]], *cells[:, 1:].T]
+    narrow = cells[is_narrow] if is_narrow.any() else cells
+    barrier, barred = _find_barrier(space, cells, is_free)
+    # A robot that is nowhere that deep has no point left.
+    low = low if -low < robot.depth else -math.inf
+    return Way(cells, barrier, barred, narrow[len(narrow) // 2], low, high)
+
+
+def _find_barrier(space: CSpace, cells: Ints, is_free: Bools) -> tuple[Ints, tuple[int, int]]:
+    """Find the cells of a way's moves that are not FREE, and the first and last cell beside them.
+
+    ``is_free`` are the cells of each slice that moves may pass.
+    """
+    states = states_of_slices(space)
+    barrier: dict[tuple[int, ...], None] = {}
+    barred = []
+    moves = itertools.pairwise([*cells, cells[-1]])
+    for number, (first, second) in enumerate(moves):
+        # The box around a move, or both ends of a turn on the spot.
+        box = [first, second]
+        if first[0] == second[0]:
+            low = np.minimum(first, second)
+            box = [*(np.argwhere(np.ones(np.abs(second - first) + 1)) + low)]
+        for cell in map(tuple, np.array(box).tolist()):
+            place = space.slice_of[cell[0]], *cell[1:]
+            if is_free[place] and states[place] != FREE:
+                barrier[cell] = None
+                barred.append(number)
+    last = len(cells) - 1
+    between = (barred[0], min(barred[-1] + 1, last)) if barred else (0, last)
+    return np.array([*barrier], dtype=np.int64).reshape(-1, cells.shape[1]), between
+
+
+class Planes(NamedTuple):
+    """Planes that bound a shape.
+
+    Attributes
+    ----------
+    normals : ndarray of float64, shape (n, d)
+    heights : ndarray of float64, shape (n,)
+        Largest coordinate of the shape along each normal, metres.
+    """
+
+    normals: Floats
+    heights: Floats
+
+    @classmethod
+    def around(cls, shape: ExactShape) -> Planes:
+        """Bound a shape along the directions of a lattice."""
+        steps = DIRECTION_STEPS[shape.dim]
+        lattice = np.array(
+            [step for step in itertools.product(steps, repeat=shape.dim) if any(step)]
+        )
+        normals = lattice / np.linalg.norm(lattice, axis=1, keepdims=True)
+        try:
+            simplices, radii = shape.boundary()
+        except InputError:  # the inside of a filled mesh depends on the spacing
+            return cls(normals[:0], np.empty(0))
+        heights = [((simplices @ normal).max(axis=1) + radii).max() for normal in normals]
+        return cls(normals, np.array(heights) + DEPTH_SLACK * (1.0 + shape.span))
+
+
+class ResizedRobot:
+    """Rasters and maps of a map's robot, grown or shrunk by a margin.
+
+    Parameters
+    ----------
+    space : CSpace
+
+    Attributes
+    ----------
+    rasters : list of (outer, inner) Raster
+        Rasters of each slice, without a margin.
+    step : float
+        Difference of margins that are told apart, metres.
+    """
+
+    def __init__(self, space: CSpace) -> None:
+        """Compute the rasters of the robot as it is."""
+        self.space = space
+        self.step = space.grid.spacing / STEPS_PER_CELL
+        self.rasters = slice_rasters(space.robot, space.grid.spacing, 0.0, space.rotations)
+        self._levels = cache(self._measure_levels)
+
+    def search(
+        self, holds: Callable[[float], bool], low: float, high: float = math.inf
+    ) -> tuple[float, float]:
+        """Return two margins, at most a step apart, such that a condition holds at the first alone.
+
+        It holds at ``low`` and fails at ``high``. The second is infinite if it holds for a robot as
+        large as the map.
+        """
+        grid = self.space.grid
+        growth = 2.0 * grid.spacing
+        while high - low > self.step and low < grid.spacing * max(grid.shape):
+            # Doubled growth until the condition fails, bisection afterwards.
+            middle = low + growth if math.isinf(high) else (low + high) / 2.0
+            growth *= 2.0
+            if holds(middle):
+                low = middle
+            else:
+                high = middle
+        return low, high
+
+    def find_free(self, margin: float) -> Bools:
+        """Return the cells of each slice at which the robot with a margin is free."""
+        space = self.space
+        own, rest = self._split(margin)
+        if margin >= 0.0:
+            pairs = slice_rasters(space.robot, space.grid.spacing, own, space.rotations)
+            rasters = [outer for outer, _ in pairs]
+        else:
+            rasters = [
+                Raster.from_bitmap(outer.cells & (depths >= -margin), outer.lower)
+                for (outer, _), depths in zip(self.rasters, self.outer_depths, strict=True)
+            ]
+        # An unknown outside, as of a window, may be occupied.
+        outside = space.outside != "free"
+        occupied = space.workspace.outer
+        if rest > 0.0:
+            occupied = grow_cells(occupied, rest, outside, outwards=True)
+        return ~self._collide(occupied, rasters, outside)
+
+    def make_free_map(self, margin: float) -> CSpace:
+        """Make the map of the FREE cells of the robot with a margin; all others are MIXED."""
+        states = (~self.find_free(margin)).view(np.uint8)  # False is FREE, and True is MIXED
+        return self._make_map(states, Exterior(self.space.kernel_map.exterior))
+
+    def make_blocked_map(self, margin: float) -> CSpace:
+        """Make the map of the BLOCKED cells of the robot with a margin; all others are MIXED."""
+        space = self.space
+        own, rest = self._split(margin)
+        added = 0
+        while added * space.grid.spacing < own:
+            added = max(2 * added, 4)  # few sizes, because tables are kept
+        rasters = [
+            Raster.from_bitmap(levels <= own, tuple(low - added for low in inner.lower))
+            for levels, (_, inner) in zip(self._levels(added), self.rasters, strict=True)
+        ]
+        outside = space.outside == "blocked"
+        occupied = space.workspace.inner
+        if rest > 0.0:
+            occupied = grow_cells(occupied, rest, outside, outwards=False)
+        hits = self._collide(occupied, rasters, outside)
+        states = np.where(hits, np.uint8(BLOCKED), np.uint8(MIXED))
+        pairs = [(raster, raster) for raster in rasters]
+        return self._make_map(states, Exterior.of(space.workspace.outer, pairs, space.outside))
+
+    def _make_map(self, states: States, exterior: Exterior) -> CSpace:
+        """Make a map of other states, in the grid and outside."""
+        space = self.space
+        return type(space)(
+            Contents(
+                space.workspace,
+                space.robot,
+                space.rotations,
+                space.slice_of,
+                states,
+                space.outside,
+                exterior=exterior,
+            )
+        )
+
+    def _collide(self, occupied: Bools, rasters: Sequence[Raster], outside: bool) -> Bools:
+        """Return the cells of each slice at which a raster meets occupied cells.
+
+        All space outside the grid is occupied too if ``outside``.
+        """
+        hits = np.zeros((len(rasters), *occupied.shape), dtype=np.bool_)
+        engine = ENGINES[choose_engine(rasters)]
+        engine.collide(occupied, rasters, list(hits), outside=outside)
+        return hits
+
+    def _split(self, margin: float) -> tuple[float, float]:
+        """Split a margin into metres for the robot, and cells for the obstacles."""
+        spacing = self.space.grid.spacing
+        own = min(margin, MAX_GROWTH_CELLS * spacing)
+        return own, (margin - own) / spacing
+
+    @cached_property
+    def depth(self) -> float:
+        """Depth of the deepest inner offset below the robot's surface, metres: about its inradius.
+
+        Without a surface, it is half the shortest side of the robot.
+        """
+        if self._inner_depths is None:
+            return float(np.ptp(self.space.robot.shape.inner.bounds, axis=0).min()) / 2.0
+        return max(float(depths.max(initial=0.0)) for depths in self._inner_depths)
+
+    @cached_property
+    def _rotation_cells(self) -> list[RotationCell]:
+        """Rotations of each slice."""
+        space = self.space
+        if space.rotations.preserve(space.robot.shape):
+            return [RotationCell()]
+        _, first_cells = np.unique(space.slice_of, return_index=True)
+        all_cells = space.rotations.make_shape_cells(space.dim)
+        return [all_cells[number] for number in first_cells]
+
+    @cached_property
+    def outer_depths(self) -> list[Floats]:
+        """Upper bound of the depth in the box of each outer offset, in each slice."""
+        planes = Planes.around(self.space.robot.shape.outer)
+        return [
+            bound_depths(planes, outer, cell, self.space.grid.spacing)
+            for (outer, _), cell in zip(self.rasters, self._rotation_cells, strict=True)
+        ]
+
+    @cached_property
+    def _inner_depths(self) -> list[Floats] | None:
+        """Lower bound of the depth of each inner offset, in each slice.
+
+        None for robots whose surface has too many pieces, and for filled meshes.
+        """
+        shape = self.space.robot.shape.inner
+        n_points = sum(inner.count for _, inner in self.rasters)
+        try:
+            n_pieces = len(shape.boundary().simplices)
+        except InputError:  # the inside of a filled mesh depends on the spacing
+            return None
+        if n_points * n_pieces > MAX_PAIRS:
+            return None
+        return [
+            measure_depths(shape, inner, cell, self.space.grid.spacing)
+            for (_, inner), cell in zip(self.rasters, self._rotation_cells, strict=True)
+        ]
+
+    def _measure_levels(self, added: int) -> list[Floats]:
+        """Return margins at which offsets are proven to lie in the robot, in each slice.
+
+        Tables have the shapes of the inner rasters with ``added`` offsets on each side.
+        """
+        spacing = self.space.grid.spacing
+        inner_depths = self._inner_depths
+        tables = []
+        for number, (_, inner) in enumerate(self.rasters):
+            depths = np.where(inner.cells, 0.0, -math.inf)
+            if inner_depths is not None:
+                depths = np.maximum(depths, inner_depths[number])
+            cells = np.pad(inner.cells, added)
+            depths = np.pad(depths, added)
+            if not inner.count:
+                tables.append(np.full(cells.shape, math.inf))
+                continue
+            # The way to the nearest inner offset and on to the surface, or by the deepest one.
+            gaps, nearest = ndimage.distance_transform_edt(
+                ~cells, sampling=spacing, return_indices=True
+            )
+            deepest = np.argwhere(cells)[np.argmax(depths[cells])]
+            far_gaps = np.linalg.norm(
+                np.moveaxis(np.indices(cells.shape), 0, -1) - deepest, axis=-1
+            )
+            levels = np.minimum(
+                gaps - depths[tuple(nearest)], spacing * far_gaps - depths[tuple(deepest)]
+            )
+            tables.append(levels)
+        return tables
+
+
+def bound_depths(planes: Planes, raster: Raster, cell: RotationCell, spacing: float) -> Floats:
+    """Bound the depth of a shape in the boxes of outer offsets from above, metres.
+
+    The bounds hold at all rotations of the cell, and have the shape of the raster's cells.
+    """
+    # The nearest box without a point of the shape.
+    padded: Floats = ndimage.distance_transform_edt(np.pad(raster.cells, 1), sampling=spacing)
+    bounds = padded[(slice(1, -1),) * padded.ndim]
+    points = spacing * (np.argwhere(raster.cells) + np.array(raster.lower))
+    normals = planes.normals
+    turned = normals if cell.matrix is None else normals @ cell.matrix.T
+    to_corners = spacing * np.abs(turned).sum(axis=1)
+    below = (planes.heights + to_corners - points @ turned.T).min(axis=1, initial=math.inf)
+    below += cell.displacement(np.abs(points) + spacing)
+    bounds[raster.cells] = np.minimum(bounds[raster.cells], below)
+    return bounds
+
+
+def grow_cells(cells: Bools, distance: float, outside: bool, *, outwards: bool) -> Bools:
+    """Grow occupied cells by a distance in cells, ``outwards`` to all cells that the result meets.
+
+    Otherwise, to cells that lie in it. All space outside the grid is occupied too if ``outside``.
+    """
+    exterior = np.array([*[0] * cells.ndim, *[-1] * cells.ndim, MIXED if outside else FREE])
+    gaps = np.empty(cells.shape, dtype=np.float32)  # of centers
+    compute_distances(cells.view(np.uint8), exterior, gaps)
+    reach = math.sqrt(cells.ndim) / 2.0
+    gaps = gaps * ROUNDING_FACTOR - reach if outwards else gaps / ROUNDING_FACTOR + reach
+    return np.asarray(gaps <= distance)
+
+
+def measure_depths(shape: ExactShape, raster: Raster, cell: RotationCell, spacing: float) -> Floats:
+    """Bound the depth of each offset of an inner raster below the surface of a shape, metres.
+
+    The bounds hold at all rotations of the cell. They have the shape of the raster's cells, and are
+    negative at offsets that the raster lacks.
+    """
+    points = spacing * (np.argwhere(raster.cells) + np.array(raster.lower))
+    in_robot = points if cell.matrix is None else points @ cell.matrix  # by the inverse rotation
+    simplices, radii = shape.boundary()
+    if radii.any():
+        # A union of balls: the depth in one of them.
+        gaps = np.linalg.norm(in_robot[:, np.newaxis] - simplices[:, 0], axis=-1)
+        depths = (radii - gaps).max(axis=1, initial=-math.inf)
+    else:
+        depths = np.full(len(points), math.inf)
+        for simplex in simplices:
+            np.minimum(depths, distance_to_simplex(in_robot, simplex), out=depths)
+    depths = depths - cell.displacement(points) - DEPTH_SLACK * (1.0 + shape.span)
+    table = np.full(raster.cells.shape, -1.0)
+    table[raster.cells] = depths
+    return table
+
+
+def distance_to_simplex(points: Floats, simplex: Floats) -> Floats:
+    """Return the distance of points, shape (n, d), to a point, segment or triangle (k, d)."""
+    sides = itertools.pairwise([*simplex, simplex[0]])
+    gaps = [_distance_to_segment(points, *ends) for ends in sides]
+    if len(simplex) == 3:
+        # Points over the inside of a triangle are nearest to its plane.
+        first, second, third = simplex
+        normal = np.cross(second - first, third - first)
+        doubled_area = float(np.linalg.norm(normal))
+        if doubled_area > 0.0:
+            edges = np.roll(simplex, -1, axis=0) - simplex
+            heights = np.cross(edges, points[:, np.newaxis] - simplex) @ normal
+            over = np.abs((points - first) @ normal) / doubled_area
+            gaps.append(np.where((heights >= 0.0).all(axis=1), over, math.inf))
+    return np.asarray(np.min(gaps, axis=0))
+
+
+def _distance_to_segment(points: Floats, first: Floats, last: Floats) -> Floats:
+    """Return the distance of points, shape (n, d), to the segment between two points."""
+    direction = last - first
+    square = float(direction @ direction)
+    along = np.zeros(len(points))
+    if square > 0.0:
+        along = np.clip((points - first) @ direction / square, 0.0, 1.0)
+    nearest = first + along[:, np.newaxis] * direction
+    return np.asarray(np.linalg.norm(points - nearest, axis=-1))

@@ -1,0 +1,185 @@
+"""The fewest named obstacles whose removal gives a path.
+
+The problem is minimum constraint removal (K. Hauser, "The minimum constraint removal problem with
+three robotics applications", 2014). Cells that the same named obstacles make not FREE, and that
+share sides, are one region. Sets of names are tried by size: a set gives a path if regions without
+other names join start and goal.
+"""
+
+from __future__ import annotations
+
+import copy
+import itertools
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import ndimage, sparse
+from scipy.sparse import csgraph
+
+from cspace._engines import ENGINES, choose_engine
+from cspace._engines.slices import slice_rasters
+from cspace._obstacles import Obstacle
+from cspace._support.arrays import FREE, Bools, Ints
+from cspace.errors import InputError
+from cspace.reasons._margins import copy_with_ends, find_cells
+
+if TYPE_CHECKING:
+    from cspace._space import CSpace
+
+MAX_NAMES: Final = 62
+"""Number of named obstacles, each of which is a bit of a cell's mask."""
+
+MAX_SETS: Final = 2**12
+"""Number of sets of names that are tried: all sets of 12."""
+
+NEVER: Final = -1
+"""Mask of cells that are not FREE without named obstacles either."""
+
+
+class Removals(list[str]):
+    """Named obstacles whose removal gives a path.
+
+    Parameters
+    ----------
+    names : sequence of str
+    at_least : int
+        Number of obstacles without which no removal of fewer gives a path in FREE cells.
+    """
+
+    def __init__(self, names: Sequence[str], at_least: int) -> None:
+        """Keep names and lower bound."""
+        super().__init__(names)
+        self.at_least = at_least
+
+    @property
+    def is_fewest(self) -> bool:
+        """True if no smaller set gives a path in FREE cells."""
+        return len(self) == self.at_least
+
+
+class Regions(NamedTuple):
+    """Connected cells that the same named obstacles make not FREE.
+
+    Attributes
+    ----------
+    numbers : ndarray of int64, shape (rotations, x, y) or (rotations, x, y, z)
+        Region of each cell.
+    masks : ndarray of int64, shape (regions,)
+        A bit for each named obstacle that the robot may touch in the region, or ``NEVER``.
+    pairs : ndarray of int64, shape (n, 2)
+        Regions that share the side of a cell, or a cell at neighbouring rotations.
+    """
+
+    numbers: Ints
+    masks: Ints
+    pairs: Ints
+
+    def join(self, start: int, goal: int, removed: int) -> bool:
+        """Return True if regions join two of them once the names of a mask are removed."""
+        is_free = (self.masks != NEVER) & ((self.masks & ~removed) == 0)
+        if not (is_free[start] and is_free[goal]):
+            return False
+        first, second = self.pairs[is_free[self.pairs].all(axis=1)].T
+        n = len(self.masks)
+        graph = sparse.coo_array((np.ones(len(first)), (first, second)), (n, n))
+        _, components = csgraph.connected_components(graph, directed=False)
+        return bool(components[start] == components[goal])
+
+
+def find_removals(space: CSpace, start: ArrayLike, goal: ArrayLike) -> Removals | None:
+    """Find the fewest named obstacles to remove; see :meth:`cspace.CSpace.removals`."""
+    space, points = copy_with_ends(space, start, goal)
+    names = list(space.obstacles)
+    if len(names) > MAX_NAMES:
+        problem = f"has {len(names)} named obstacles"
+        raise InputError("space", problem, f"at most {MAX_NAMES} are tried", "merge some")
+    regions = _find_regions(space, names)
+    first, last = regions.numbers[tuple(find_cells(space, points).T)].tolist()
+    everything = 2 ** len(names) - 1
+    if not regions.join(first, last, everything):
+        return None
+    enough = _find_enough(regions, first, last, len(names))
+    n_tried = 0
+    for size in range(len(enough)):
+        for chosen in itertools.combinations(range(len(names)), size):
+            n_tried += 1
+            if regions.join(first, last, sum(1 << bit for bit in chosen)):
+                return Removals([names[bit] for bit in chosen], size)
+            if n_tried == MAX_SETS:
+                return Removals([names[bit] for bit in enough], size)
+    return Removals([names[bit] for bit in enough], len(enough))
+
+
+def remove_obstacles(space: CSpace, names: Sequence[str]) -> CSpace:
+    """Return a copy of a map without some named obstacles."""
+    without = copy.copy(space)
+    for name in names:
+        without.remove_obstacle(name)
+    return without
+
+
+def _find_enough(regions: Regions, start: int, goal: int, n_names: int) -> list[int]:
+    """Return names, as bits, that together give a path, and of which each is needed."""
+    kept = list(range(n_names))
+    for bit in reversed(range(n_names)):
+        fewer = [other for other in kept if other != bit]
+        if regions.join(start, goal, sum(1 << other for other in fewer)):
+            kept = fewer
+    return kept
+
+
+def _find_regions(space: CSpace, names: Sequence[str]) -> Regions:
+    """Cut a map into regions of the named obstacles that the robot may touch."""
+    slice_masks = _mask_cells(space, names)
+    masks = slice_masks[space.slice_of]
+    numbers = np.empty(masks.shape, dtype=np.int64)
+    region_masks: list[int] = []
+    for part, out in zip(masks, numbers, strict=True):
+        for mask in np.unique(part).tolist():
+            members = part == mask
+            labels, count = ndimage.label(members)
+            out[members] = labels[members] + (len(region_masks) - 1)
+            region_masks += [mask] * count
+    pairs = np.concatenate([*_list_neighbors(numbers, space.rotations.neighbors)])
+    return Regions(numbers, np.array(region_masks, dtype=np.int64), np.unique(pairs, axis=0))
+
+
+def _mask_cells(space: CSpace, names: Sequence[str]) -> Ints:
+    """Return the mask of each cell, shape (slices, x, ...): a bit for each name, or ``NEVER``."""
+    rasters = slice_rasters(space.robot, space.grid.spacing, space.margin, space.rotations)
+    outer_rasters = [outer for outer, _ in rasters]
+    engine = ENGINES[choose_engine(outer_rasters)]
+    shape = (len(rasters), *space.grid.shape)
+    masks = np.zeros(shape, dtype=np.int64)
+    named = space.obstacles
+    for bit, name in enumerate(names):
+        obstacle = Obstacle.of(named[name], space.grid)
+        occupied: Bools = np.zeros(space.grid.shape, dtype=np.bool_)
+        occupied[tuple(map(slice, *obstacle.box))] = obstacle.outer
+        hits: NDArray[np.bool_] = np.zeros(shape, dtype=np.bool_)
+        engine.collide(occupied, outer_rasters, list(hits), outside=False)
+        masks[hits] |= 1 << bit
+    without = remove_obstacles(space, names)
+    states = without.kernel_map.states.reshape(shape)
+    masks[states != FREE] = NEVER
+    return masks
+
+
+def _list_neighbors(numbers: Ints, neighbors: Ints) -> Iterator[Ints]:
+    """Yield pairs of different regions that are neighbours, shape (n, 2) each."""
+    for axis in range(1, numbers.ndim):
+        along = np.moveaxis(numbers, axis, 0)
+        yield _distinct_pairs(along[:-1], along[1:])
+    for rotation, others in enumerate(neighbors.tolist()):
+        for other in others:
+            if other >= 0:
+                yield _distinct_pairs(numbers[rotation], numbers[other])
+
+
+def _distinct_pairs(first: Ints, second: Ints) -> Ints:
+    """Return the different pairs of entries of two arrays, shape (n, 2)."""
+    differs = first != second
+    pairs = np.stack([first[differs], second[differs]], axis=1)
+    return np.unique(np.sort(pairs, axis=1), axis=0)

@@ -1,0 +1,167 @@
+"""Finer maps and windows, which decide what the cells of a map leave undecided."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cspace._builder import build
+from cspace._record.exterior import UNKNOWN
+from cspace._support.arrays import FREE, Floats, Ints
+from cspace._support.words import Outside
+from cspace._workspace import Workspace
+from cspace.reasons._margins import Way, find_way
+
+if TYPE_CHECKING:
+    from cspace._space import CSpace
+
+MAX_HALVINGS: Final = 4
+"""Number of times that the spacing is halved at most."""
+
+MARGIN_CELLS: Final = 8
+"""Width of a window around the cells to decide, in cells of the map."""
+
+MAX_WHOLE_CELLS: Final = 2**22
+"""Number of cells, over all rotations, up to which a finer map has the whole workspace."""
+
+Decision = Literal["open", "shut", "nothing", "untried"]
+"""Result of a finer window."""
+
+
+class Trial(NamedTuple):
+    """A finer map that would decide whether a path exists.
+
+    Attributes
+    ----------
+    spacing : float
+        Side of its cells, metres: estimated, or tried.
+    rotations : int
+        Number of its yaw cells; 1 if the robot does not rotate.
+    decided : {"open", "shut", "nothing", "untried"}
+        Proof of such cells, in a window around the MIXED cells or on the whole map: the way is open
+        there, or shut; "nothing" if none down to a sixteenth of the map's spacing decide.
+    """
+
+    spacing: float
+    rotations: int
+    decided: Decision
+
+    def __str__(self) -> str:
+        """Return a sentence."""
+        turns = f" and {self.rotations} rotations" if self.rotations > 1 else ""
+        settings = f"a spacing of {self.spacing:.3g} m{turns}"
+        if self.decided == "untried":
+            return f"Perhaps {settings} would decide."
+        if self.decided == "nothing":
+            return f"Even {settings} would not decide."
+        return f"With {settings}, the way there is proven {self.decided}."
+
+
+def suggest_finer(space: CSpace, way: Way) -> Trial:
+    """Estimate the spacing that decides a way.
+
+    The true margin is taken to be the middle of its two bounds: their distance is proportional to
+    spacing and angle of the cells, and must fall below twice the true margin.
+    """
+    low, high = way.low, way.high
+    halvings = 1
+    if math.isfinite(low) and math.isfinite(high):
+        middle = max(abs(low + high) / 2.0, (high - low) / 2.0 ** (MAX_HALVINGS + 1))
+        halvings = max(1, math.ceil(math.log2((high - low) / 2.0 / middle)))
+    factor = 2 ** min(halvings, MAX_HALVINGS)
+    return _describe_trial(space, factor, "untried")
+
+
+def refine_way(space: CSpace, points: Floats, way: Way, is_decided: bool) -> tuple[Way, Trial]:
+    """Try finer cells: narrow the margins of a way, and decide it unless it is.
+
+    ``points``, shape (2, size), are start and goal. Maps of the whole workspace are built while
+    they are small; after them, windows for what is undecided.
+    """
+    decided: Decision = "nothing"
+    factor = 1
+    for _ in range(MAX_HALVINGS):
+        finer = 2 * factor
+        n_cells = finer**space.dim * space.grid.size * _count_rotations(space, finer)
+        is_whole = n_cells <= MAX_WHOLE_CELLS and space.outside != UNKNOWN
+        if is_decided and not is_whole:
+            break
+        factor = finer
+        if is_whole:
+            map_ = _build_finer(space, factor, np.zeros(space.dim, np.int64), space.grid.shape)
+            fine_way = find_way(map_, points)
+            high = min(way.high, fine_way.high) if _is_solid(space) else way.high
+            way = way._replace(low=max(way.low, fine_way.low), high=high)
+            decided = _decide(space, map_, points)
+        else:
+            decided = _decide_window(space, way, factor)
+        if decided != "nothing" and not is_decided:
+            break
+    return way, _describe_trial(space, factor, decided)
+
+
+def _describe_trial(space: CSpace, factor: int, decided: Decision) -> Trial:
+    """Describe cells that are finer by a factor."""
+    return Trial(space.grid.spacing / factor, _count_rotations(space, factor), decided)
+
+
+def _count_rotations(space: CSpace, factor: int) -> int:
+    """Return the number of rotation cells at a finer spacing."""
+    count = len(space.rotations)
+    return 1 if count == 1 else count * factor
+
+
+def _is_solid(space: CSpace) -> bool:
+    """Return True if occupied cells are; those without shapes, as unknown ones, may be free."""
+    workspace = space.workspace
+    return workspace.shapes is not None or np.array_equal(workspace.outer, workspace.inner)
+
+
+def _build_finer(space: CSpace, factor: int, first: Ints, stop: ArrayLike) -> CSpace:
+    """Build a map of finer cells between two cells of a map.
+
+    It begins with a cell of the map, so that its cells are those of a whole finer map.
+    """
+    grid = space.grid
+    lower = grid.lower + grid.spacing * first
+    upper = grid.lower + grid.spacing * np.asarray(stop)
+    bounds = np.concatenate([lower, upper])
+    fine = Workspace.from_shapes(space.workspace.obstacles, grid.spacing / factor, bounds)
+    count = _count_rotations(space, factor)
+    outside: Outside = "free" if space.outside == "free" else "blocked"
+    rotations = None if count == 1 else count
+    return build(fine, space.robot, rotations=rotations, margin=space.margin, outside=outside)
+
+
+def _decide(space: CSpace, finer: CSpace, ends: ArrayLike) -> Decision:
+    """Return what a finer map proves about two configurations."""
+    start, goal = np.asarray(ends)
+    if finer.is_connected(start, goal):
+        return "open"
+    return "shut" if _is_solid(space) and finer.is_disconnected(start, goal) else "nothing"
+
+
+def _decide_window(space: CSpace, way: Way, factor: int) -> Decision:
+    """Decide a way in a window around its barrier, at a finer spacing.
+
+    Space outside the window counts as blocked, so that an open way leads through the window.
+    """
+    between = way.cells[way.barred[0] : way.barred[1] + 1]
+    positions = between[:, 1:]
+    grid = space.grid
+    corners = np.abs(np.array(space.robot.shape.outer.bounds)).max(axis=0)
+    reach = float(np.linalg.norm(corners)) + space.margin
+    reach_cells = math.ceil(reach / grid.spacing) + MARGIN_CELLS
+    first_cell = np.maximum(positions.min(axis=0) - reach_cells, 0)
+    stop_cell = np.minimum(positions.max(axis=0) + 1 + reach_cells, grid.shape)
+    window = _build_finer(space, factor, first_cell, stop_cell)
+    ends = []
+    for rotation, *cell in between[[0, -1]].tolist():
+        center = grid.center_of(np.array(cell))
+        ends.append((*center.tolist(), *space.rotations.centers[rotation].tolist()))
+    if any(window.classify(q) != FREE for q in ends):
+        return "nothing"
+    return _decide(space, window, ends)

@@ -1,0 +1,576 @@
+"""Best placements of one ball set on another, and the overlap of balls that move, each on its own.
+
+A search correlates by FFT at each rotation, then climbs along the gradient, which comes from cubic
+splines of fields.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cspace._rotations import Rotations
+from cspace._support.arrays import Floats
+from cspace._support.check import (
+    check_count,
+    check_finite,
+    check_flag,
+    check_not_negative,
+    check_positive,
+)
+from cspace._support.threads import cores
+from cspace.errors import InputError
+from cspace.spectral._bump import Bump
+from cspace.spectral._descriptors import (
+    PLACEMENT_ROUNDING,
+    SMALLEST_NORMAL,
+    BallDescriptor,
+    BallsLike,
+    as_balls,
+    check_same_dim,
+    common_bump,
+    union,
+)
+from cspace.spectral._overlap import FourierOverlap, as_matrices, rotation_matrix
+from cspace.spectral._pairs import norm_square, sum_pairs
+from cspace.spectral._spectra import (
+    Complexes,
+    FrequencyLattice,
+    ball_spectrum,
+    frequency_indices,
+    radial_terms,
+    sum_terms,
+)
+
+if TYPE_CHECKING:
+    from scipy.interpolate import NdBSpline
+    from scipy.spatial.transform import Rotation
+
+MAX_SEARCH_FREQUENCIES: Final = 2**18
+"""Largest number of frequencies, opposite ones counted once, of a search band chosen automatically.
+"""
+
+SEARCH_ACCURACY: Final = 1e-5
+"""Accuracy of the spectra of a search, relative to their largest values; the scores returned do not
+depend on it."""
+
+ASCENT_LENGTHS: Final = (1e-3, 2.0)
+"""Length of the last steps and of the longest steps of an ascent, in spacings of the lattice."""
+
+
+class Placements(NamedTuple):
+    """Placements of a ball set A and their scores, best first.
+
+    A point p of A lies at ``rotations[k] @ p + translations[k]``: matrices (n, d, d), and metres
+    (n, d). ``scores``, shape (n,), are in square or cubic metres, and ``bounds`` their largest
+    differences from the ideal scores.
+    """
+
+    scores: Floats
+    bounds: Floats
+    translations: Floats
+    rotations: Floats
+
+    @property
+    def configurations(self) -> Floats:
+        """Placements as configurations of maps, with a yaw or a quaternion."""
+        from scipy.spatial.transform import Rotation
+
+        coordinates = np.empty((0, 4))
+        if self.translations.shape[1] == 2:
+            coordinates = np.arctan2(self.rotations[:, 1, 0], self.rotations[:, 0, 0])[:, None]
+        elif len(self.scores):
+            coordinates = Rotation.from_matrix(self.rotations).as_quat()
+        return np.column_stack([self.translations, coordinates])
+
+
+def best_placements(
+    a: BallsLike,
+    b: BallsLike,
+    rotations: int | Rotations | Rotation | ArrayLike,
+    n: int = 10,
+    *,
+    avoid: BallsLike | None = None,
+    penalty: float = 10.0,
+    separation: float | None = None,
+    refine_rotations: bool = True,
+    bump: Bump | None = None,
+    band: float | None = None,
+    tolerance: float = 0.01,
+) -> Placements:
+    """Find the best placements of A over a grid of rotations.
+
+    The score is the overlap of A with B, minus ``penalty`` times its overlap with ``avoid``;
+    overlaps as in :class:`FourierOverlap`. At each rotation, one inverse FFT gives the scores at
+    all translations of a lattice, the rotational search of docking (Chen and Weng, 2002; Kozakov
+    and others, 2006). The highest peaks then climb along the gradient with respect to translation
+    and rotation. A peak narrower than the steps of the lattice and of ``rotations`` may be missed;
+    the scores returned do not depend on either.
+
+    Parameters
+    ----------
+    a, b, avoid : object with ``centers`` and ``radii``, or (centers, radii)
+        Balls of A, in its own frame, of what A shall overlap, and of what it shall not; metres. To
+        put a part into a pocket, pass the pocket as ``b`` and the material around it as ``avoid``.
+        To put it next to others, pass their balls with larger radii as ``b``, and as they are as
+        ``avoid``.
+    rotations : int, Rotations, scipy Rotation, or array-like of angles (m,) or matrices (m, d, d)
+        Rotations of A about the origin of its frame. A whole number means as many yaws. Spacings of
+        10 degrees are usual.
+    n : int
+        Largest number of placements.
+    penalty : float
+        Zero or above.
+    separation : float, optional
+        Smallest root mean square displacement of the centers of A's balls between two of the
+        placements, metres. By default half the radius of gyration of A. Rotations that leave A as
+        it looks are placements of their own.
+    refine_rotations : bool
+        Whether the ascent rotates A too. Otherwise, it keeps to ``rotations``.
+    bump : Bump, optional
+        As for :class:`FourierOverlap`.
+    band : float, optional
+        Highest frequency of the search along each axis, cycles per metre. By default, the search
+        errs by about ``tolerance`` times the overlap of A with itself. At most about 260,000
+        frequencies are used.
+    tolerance : float
+
+    Returns
+    -------
+    Placements
+        Scores are sums over pairs of balls, whose error is bounded. There are fewer than ``n``
+        placements if the search found fewer with positive scores.
+
+    Memory is that of one rotation and the best placements so far. Raises InputError if a value is
+    not as stated. Raises MissingPackageError if finufft is not installed.
+
+    Examples
+    --------
+    >>> import shapely
+    >>> from cspace.spectral import best_placements, decompose
+    >>> part, pocket = (decompose(shapely.box(0, 0, x, 1), kind="inner", number=16) for x in (2, 4))
+    >>> best = best_placements(part, pocket, 36, n=1)
+    >>> best.translations.shape, best.rotations.shape
+    ((1, 2), (1, 2, 2))
+    """
+    sources = {"a": a, "b": b}
+    if avoid is not None:
+        sources["avoid"] = avoid
+    shared_bump = common_bump(bump, *sources.values())
+    body, target, *avoided = (as_balls(balls, name, shared_bump) for name, balls in sources.items())
+    number = check_count(n, "n", 1, hint="pass e.g. 10")
+    cost = check_not_negative(penalty, "penalty", "pass e.g. 10")
+    check_flag(refine_rotations, "refine_rotations")
+    for balls in avoided:
+        check_same_dim("avoid", balls.dim, target.dim)
+    # Both targets are one set of balls, with negative weights for those to avoid.
+    targets = union(target, *avoided)
+    weights = np.full(len(targets.radii), -cost)
+    weights[: len(target.radii)] = 1.0
+    score = _Score(body, targets, weights, band, tolerance)
+    matrices = _make_rotation_matrices(rotations, body.dim)
+    gap = 0.5 * score.gyration if separation is None else check_positive(separation, "separation")
+    # More placements are refined than returned, and closer ones, because some climb to one peak.
+    most = 2 * number + 8
+    poses = _Poses.none(body.dim)
+    for matrix in matrices:
+        floor = 0.0
+        if len(poses.scores) == most:
+            floor = float(poses.scores[-1])
+        peaks = score.find_peaks(matrix, floor, most)
+        poses = poses.append(peaks).select_distinct(score.root, 0.5 * gap, most)
+    poses = score.climb(poses, refine_rotations).select_distinct(score.root, gap, number)
+    # Scores of the search are approximate; sums over pairs of balls have proven bounds.
+    scores, bounds = score.sum_pairs(poses)
+    best = np.argsort(-scores, kind="stable")
+    best = best[scores[best] > bounds[best]]
+    translations = poses.centers - poses.rotations @ score.centroid
+    return Placements(scores[best], bounds[best], translations[best], poses.rotations[best])
+
+
+class Correlation:
+    """Overlaps of a body's balls with weighted target balls, from spectra.
+
+    Spectra are those of :class:`FourierOverlap`, with ``lengths`` and ``counts`` as there. Inverse
+    FFTs give the overlaps at the steps of a lattice, ``shape`` of them in a period. Cubic splines
+    of the fields that the target makes, one for each term of the balls, give them elsewhere.
+    """
+
+    def __init__(
+        self,
+        body: BallDescriptor,
+        target: BallDescriptor,
+        lengths: tuple[float, ...],
+        counts: tuple[int, ...],
+        weights: Floats | None = None,
+    ) -> None:
+        """Choose a lattice for FFTs, and compute the spectrum of the target."""
+        from scipy.fft import next_fast_len
+
+        self.body = body
+        self.target = target
+        self.lengths = np.array(lengths)
+        self.shape = tuple(next_fast_len(count, real=True) for count in counts)
+        self.cells_per_metre = self.shape / self.lengths
+        self.lattice = FrequencyLattice(self.lengths, counts)
+        self.terms = list(radial_terms(self.lattice, body.bump, body.radii, SEARCH_ACCURACY))
+        self.spectrum = ball_spectrum(
+            target.centers - target.center,
+            target.radii,
+            target.bump,
+            lengths,
+            counts,
+            SEARCH_ACCURACY,
+            weights=weights,
+        )
+
+    def overlaps(self, matrix: Floats) -> Floats:
+        """Return the overlaps with the body rotated, at all steps of the lattice.
+
+        At the first step, the centers of body and target coincide.
+        """
+        rotated = (self.body.centers - self.body.center) @ matrix.T
+        body_spectrum = sum_terms(self.lattice, rotated, self.terms, SEARCH_ACCURACY)
+        return self.invert(self.spectrum * body_spectrum.conj())
+
+    def invert(self, spectrum: Complexes) -> Floats:
+        """Return the values of a spectrum of a real function on the lattice, by an inverse FFT."""
+        from scipy.fft import irfftn
+
+        padded = np.zeros(self.shape, dtype=np.complex128)
+        # Negative frequencies count from the end.
+        places = np.ix_(*map(frequency_indices, self.lattice.counts))
+        padded[places] = spectrum
+        # Half of the frequencies suffice, because opposite ones have conjugate values.
+        half = padded[..., : self.shape[-1] // 2 + 1]
+        values = irfftn(half, s=self.shape, workers=cores())
+        return np.asarray(values * self.cells_per_metre.prod())
+
+    @cached_property
+    def splines(self) -> list[NdBSpline]:
+        """Spline of the field of each term, at places in cells, from 0 to the period."""
+        from scipy.interpolate import NdBSpline
+        from scipy.ndimage import spline_filter
+
+        knots = tuple(np.arange(count + 7) - 3.0 for count in self.shape)
+        splines = []
+        for term in self.terms:
+            field = self.invert(self.spectrum * self.lattice.spread(term.factor))
+            coefficients = spline_filter(field, mode="grid-wrap")
+            # The splines are periodic: one cell before and two cells after the period.
+            periodic = np.pad(coefficients, (1, 2), mode="wrap")
+            splines.append(NdBSpline(knots, periodic, 3))
+        return splines
+
+    def evaluate(self, centers: Floats) -> Floats:
+        """Return the overlaps of moved balls and their derivatives, shape (n, k, 1 + d).
+
+        ``centers``, shape (n, k, d), are the places of the k balls of the body, metres. Fields
+        repeat with the period.
+        """
+        dim = len(self.shape)
+        places = (centers - self.target.center) * self.cells_per_metre % self.shape
+        orders = np.eye(1 + dim, dtype=np.int64)[:, 1:]  # the value, and each derivative
+        sums = np.zeros((*centers.shape[:2], 1 + dim))
+        for term, spline in zip(self.terms, self.splines, strict=True):
+            for column, order in enumerate(orders):
+                values = spline(places[:, term.members], nu=tuple(order))
+                sums[:, term.members, column] += term.strengths * values
+        sums[..., 1:] *= self.cells_per_metre
+        return sums
+
+
+class BallPenetration:
+    """Overlap of independently moving balls with fixed ones, and its derivatives.
+
+    For optimizers: the overlap is zero if no balls meet, grows with the depth, and is as smooth as
+    the descriptors. Cubic splines of the fields that fixed balls make give it, within about
+    ``tolerance``; it proves nothing. :class:`cspace.arms.ArmPenetration` moves the balls with the
+    links of an arm.
+
+    Parameters
+    ----------
+    radii : array-like, shape (k,)
+        Radii of the balls that move, metres.
+    fixed : object with ``centers`` and ``radii``, or (centers, radii)
+        The other balls, in the plane or in space, metres.
+    bump, band, tolerance
+        As for :class:`FourierOverlap`.
+
+    Raises InputError if a value is not as stated. Raises MissingPackageError if finufft is needed,
+    for many balls of one radius, and is not installed.
+
+    Examples
+    --------
+    >>> from cspace.spectral import BallPenetration
+    >>> field = BallPenetration([0.2, 0.1], ([[0.0, 0.0]], 0.5))
+    >>> value, gradient = field.value_and_gradient([[0.6, 0.0], [0.0, 0.9]])
+    >>> bool(value > 0.0), bool(gradient[0, 0] < 0.0), gradient[1].tolist()
+    (True, True, [0.0, 0.0])
+    """
+
+    def __init__(
+        self,
+        radii: ArrayLike,
+        fixed: BallsLike,
+        *,
+        bump: Bump | None = None,
+        band: float | None = None,
+        tolerance: float = 0.01,
+    ) -> None:
+        """Check all balls, and compute the spectrum of the fixed ones."""
+        balls = as_balls(fixed, "fixed", common_bump(bump, fixed))
+        sizes = np.atleast_1d(check_finite(radii, "radii"))
+        # Only the radii of the moving balls matter, so all stand at the origin.
+        moving = BallDescriptor(np.zeros((len(sizes), balls.dim)), sizes, balls.bump)
+        overlap = FourierOverlap(moving, balls, band=band, tolerance=tolerance)
+        self._lower, self._upper = overlap.domain
+        self._fields = Correlation(moving, balls, overlap.lengths, overlap.counts)
+
+    def value_and_gradient(self, centers: ArrayLike) -> tuple[Floats, Floats]:
+        """Compute the summed overlap and its derivatives by the centers.
+
+        ``centers``, shape (..., k, d), are in metres. The results have shapes (...) and (..., k,
+        d), in square or cubic metres, and that per metre. Raises InputError if the shape is
+        another, or a value is not finite.
+        """
+        points = check_finite(centers, "centers")
+        dim = len(self._lower)
+        count = len(self._fields.body.radii)
+        if points.ndim < 2 or points.shape[-2:] != (count, dim):
+            raise InputError(
+                "centers",
+                f"has shape {points.shape}",
+                f"the last axes must be {count} balls and {dim} coordinates",
+                "pass all balls",
+            )
+        # The value of each ball, and its derivatives.
+        sums = self._fields.evaluate(points.reshape(-1, count, dim))
+        sums = sums.reshape(*points.shape[:-1], 1 + dim)
+        # Fields repeat with the period, but the overlap does not.
+        is_near = ((self._lower <= points) & (points <= self._upper)).all(axis=-1)
+        sums[~is_near] = 0.0
+        return sums[..., 0].sum(axis=-1), sums[..., 1:]
+
+
+class _Poses(NamedTuple):
+    """Poses of A: scores (n,), centroids of its balls (n, d), and matrices (n, d, d)."""
+
+    scores: Floats
+    centers: Floats
+    rotations: Floats
+
+    @classmethod
+    def none(cls, dim: int) -> _Poses:
+        """Create an empty set of poses."""
+        return cls(np.empty(0), np.empty((0, dim)), np.empty((0, dim, dim)))
+
+    def select(self, chosen: NDArray[Any]) -> _Poses:
+        """Select poses by a mask or by indices."""
+        return _Poses(*(column[chosen] for column in self))
+
+    def append(self, other: _Poses) -> _Poses:
+        """Return these poses followed by others."""
+        columns = zip(self, other, strict=True)
+        return _Poses(*map(np.concatenate, columns))
+
+    def select_distinct(self, root: Floats, min_displacement: float, most: int) -> _Poses:
+        """Select at most ``most`` best poses, none within ``min_displacement`` of a better one.
+
+        The displacement is the root mean square over the balls of A. ``root`` is the square root
+        C^(1/2) of the covariance of their centers: the displacement of poses (c, R) is the distance
+        of the vectors (c, R C^(1/2)).
+        """
+        turned_roots = (self.rotations @ root).reshape(len(self.scores), root.size)
+        vectors = np.column_stack([self.centers, turned_roots])
+        best_first = np.argsort(-self.scores, kind="stable")
+        chosen: list[int] = []
+        for pose in best_first.tolist():
+            if len(chosen) == most:
+                break
+            squares = ((vectors[chosen] - vectors[pose]) ** 2).sum(axis=1)
+            if (squares >= min_displacement**2).all():
+                chosen.append(pose)
+        return self.select(np.array(chosen, dtype=np.int64))
+
+
+class _Score:
+    """Score of A at any pose: its overlap with weighted balls.
+
+    With the terms ``s_i g(|w|)`` of a ball i of A, and the fields ``G`` with spectrum ``F_B g``,
+    the score is the sum of ``s_i G(R p_i + t)`` over balls and terms. So the ascent needs no
+    spectrum of A: it takes cubic splines of G.
+    """
+
+    def __init__(
+        self,
+        body: BallDescriptor,
+        target: BallDescriptor,
+        weights: Floats,
+        band: float | None,
+        tolerance: float,
+    ) -> None:
+        """Choose the band of the search, and measure how the balls of A spread."""
+        self.body = body
+        self.target = target
+        self.weights = weights
+        self.dim = body.dim
+        # The overlap of A with itself is the largest that it can have with its like.
+        self_overlap, _ = norm_square(body)
+        overlap = FourierOverlap(
+            body, target, bump=body.bump, threshold=self_overlap, band=band, tolerance=tolerance
+        )
+        counts = overlap.counts
+        if band is None:
+            shrink = min(1.0, (MAX_SEARCH_FREQUENCIES / overlap.frequencies) ** (1.0 / self.dim))
+            halves = (max(1, math.floor(shrink * (count // 2))) for count in counts)
+            counts = tuple(2 * half + 1 for half in halves)
+        self.correlation = Correlation(body, target, overlap.lengths, counts, weights)
+        self.centroid = body.centers.mean(axis=0)
+        # Centers relative to the centroid, their covariance and its square root.
+        self.arms = body.centers - self.centroid
+        covariance = self.arms.T @ self.arms / len(self.arms)
+        variances, axes = np.linalg.eigh(covariance)
+        self.root = axes * np.sqrt(np.maximum(variances, 0.0)) @ axes.T
+        self.gyration = math.sqrt(float(variances.sum() + (body.radii**2).mean()))
+
+    def find_peaks(self, matrix: Floats, floor: float, most: int) -> _Poses:
+        """Find the highest local maxima on the lattice, above a score.
+
+        A is rotated by ``matrix``, shape (d, d); at most ``most`` are returned.
+        """
+        from scipy.ndimage import maximum_filter
+
+        scores = self.correlation.overlaps(matrix)
+        if scores.max() <= floor:
+            return _Poses.none(self.dim)
+        is_peak = (scores > floor) & (scores == maximum_filter(scores, 3, mode="wrap"))
+        peaks = np.flatnonzero(is_peak)
+        flat_scores = scores.ravel()
+        if len(peaks) > most:
+            order = np.argpartition(-flat_scores[peaks], most)
+            peaks = peaks[order[:most]]
+        steps = np.stack(np.unravel_index(peaks, scores.shape), axis=1)
+        shares = steps / scores.shape  # of the period
+        # Take the nearest of all periods, and go from the center of A to its centroid.
+        centers = (shares - np.round(shares)) * self.correlation.lengths + self.target.center
+        centers += matrix @ (self.centroid - self.body.center)
+        rotations = np.broadcast_to(matrix, (len(peaks), *matrix.shape))
+        return _Poses(flat_scores[peaks], centers, rotations)
+
+    def climb(self, poses: _Poses, turn: bool) -> _Poses:
+        """Move poses along the gradient to near maxima, by BFGS.
+
+        Steps are in metres: along the axes, and for rotations, if ``turn``, the arc at the radius
+        of gyration.
+        """
+        poses, slopes = self._score_poses(poses, turn)
+        spacing = float((self.correlation.lengths / self.correlation.lattice.counts).min())
+        last_length, max_length = spacing * np.array(ASCENT_LENGTHS)
+        trust = np.full(len(slopes), 0.5 * spacing)  # largest length of the next step
+        sizes = np.maximum(np.linalg.norm(slopes, axis=1), SMALLEST_NORMAL)
+        inverse = np.eye(slopes.shape[1]) * (trust / sizes)[:, None, None]
+        for _ in range(40):
+            steps = np.einsum("nij,nj->ni", inverse, slopes)
+            lengths = np.maximum(np.linalg.norm(steps, axis=1), SMALLEST_NORMAL)
+            if (lengths <= last_length).all():
+                break
+            steps *= np.minimum(1.0, trust / lengths)[:, None]
+            lengths = np.minimum(lengths, trust)
+            moved, moved_slopes = self._score_poses(self._move_poses(poses, steps), turn)
+            inverse = _update_inverse(inverse, steps, slopes - moved_slopes)
+            # Take the steps that lead up, and trust them more; shorten the others.
+            is_better = moved.scores > poses.scores
+            longer = np.minimum(2.0 * lengths, max_length)
+            trust = np.where(is_better, longer, 0.3 * lengths)
+            slopes[is_better] = moved_slopes[is_better]
+            for column, moved_column in zip(poses, moved, strict=True):
+                column[is_better] = moved_column[is_better]
+        return poses
+
+    def _move_poses(self, poses: _Poses, steps: Floats) -> _Poses:
+        """Move poses by steps, shape (n, d + rotations): translations, then turns of A."""
+        from scipy.spatial.transform import Rotation
+
+        rotations = poses.rotations
+        turns = steps[:, self.dim :] / self.gyration
+        if turns.size:
+            vectors = np.pad(turns, ((0, 0), (3 - turns.shape[1], 0)))  # about z in the plane
+            matrices = Rotation.from_rotvec(vectors).as_matrix()
+            rotations = matrices[:, : self.dim, : self.dim] @ rotations
+        return _Poses(poses.scores, poses.centers + steps[:, : self.dim], rotations)
+
+    def _score_poses(self, poses: _Poses, turn: bool) -> tuple[_Poses, Floats]:
+        """Score poses, and compute the derivatives by steps, shape (n, d), or with turns.
+
+        The derivative by the center of a ball is a force on it.
+        """
+        arms = np.einsum("nij,kj->nki", poses.rotations, self.arms)
+        sums = self.correlation.evaluate(poses.centers[:, None] + arms)
+        forces = sums[..., 1:]
+        slopes = forces.sum(axis=1)
+        if turn:
+            # A turn feels the moment of the forces about the centroid.
+            margins = (0, 0), (0, 0), (0, 3 - self.dim)
+            twists = np.cross(np.pad(arms, margins), np.pad(forces, margins)).sum(axis=1)
+            if self.dim == 2:
+                twists = twists[:, 2:]
+            slopes = np.column_stack([slopes, twists / self.gyration])
+        scored = _Poses(sums[..., 0].sum(axis=1), poses.centers.copy(), poses.rotations.copy())
+        return scored, slopes
+
+    def sum_pairs(self, poses: _Poses) -> tuple[Floats, Floats]:
+        """Compute ideal scores of poses and bounds of their errors, shapes (n,)."""
+        # Rounding of a distance grows with the coordinates.
+        farthest = float(np.abs(poses.centers).max(initial=0.0))
+        slack = 4.0 * PLACEMENT_ROUNDING * (self.body.span + self.target.span + farthest)
+        moved = (
+            self.arms @ matrix.T + center
+            for center, matrix in zip(poses.centers, poses.rotations, strict=True)
+        )
+        fixed = self.target.centers, self.target.radii, self.weights
+        return sum_pairs(self.body.bump, moved, self.body.radii, fixed, slack)
+
+
+def _update_inverse(inverse: Floats, steps: Floats, changes: Floats) -> Floats:
+    """Update negated inverse Hessians (n, k, k) by the formula of BFGS.
+
+    ``steps`` and ``changes``, shape (n, k), are steps and the falls of the slopes along them.
+    """
+    # Keep the matrix if the slope did not fall, which would make it indefinite.
+    products = (steps * changes).sum(axis=1)
+    lengths = np.linalg.norm(steps, axis=1) * np.linalg.norm(changes, axis=1)
+    is_usable = products > 1e-10 * lengths
+    rho = np.where(is_usable, 1.0 / np.where(is_usable, products, 1.0), 0.0)[:, None, None]
+    columns = steps[:, :, None]
+    left = np.eye(steps.shape[1]) - rho * columns * changes[:, None, :]
+    squares = rho * columns * steps[:, None, :]
+    return np.asarray(left @ inverse @ np.swapaxes(left, 1, 2) + squares)
+
+
+def _make_rotation_matrices(rotations: int | Rotations | Rotation | ArrayLike, dim: int) -> Floats:
+    """Convert rotations to matrices (m, d, d).
+
+    They are a number of yaws, rotation cells, a scipy Rotation, or an array of angles or matrices.
+    """
+    if isinstance(rotations, Rotations | int | np.integer):
+        cells = Rotations.of(rotations)
+        cells.check_dimension(dim)
+        return cells.make_matrices(cells.centers, dim)
+    values = check_finite(as_matrices(rotations), "rotations")
+    if dim == 2 and values.ndim < 2:
+        values = np.atleast_1d(values)
+    else:
+        values = values.reshape(-1, *values.shape[-2:])
+    if not len(values):
+        raise InputError(
+            "rotations",
+            "is empty",
+            "there must be one",
+            "pass e.g. Rotations.of(36)",
+        )
+    return np.stack([rotation_matrix(value, dim) for value in values])

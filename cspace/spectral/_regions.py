@@ -1,0 +1,498 @@
+"""Regions to decompose, lattices over them, and bounds of distances and volumes."""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+from itertools import product
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from cspace._bodies.triangles import RADIUS, build_trees
+from cspace._grid import Grid
+from cspace._limits import check_memory
+from cspace._shapes import Balls, ExactShape, Polygons, RoundedSimplices, Shape
+from cspace._support.arrays import Floats, Ints, Row
+from cspace._support.compiling import allocating, kernel
+from cspace._support.threads import in_chunks
+from cspace._support.vectors import box_distance, point_segment, point_triangle, row_at
+from cspace.errors import InputError
+
+BOUNDARY_ROUNDING: Final = 2.0**-44
+"""Rounding error of a distance, relative to the largest coordinate: some hundred units, mostly
+unused."""
+
+NORMAL_ROUNDING: Final = 2.0**-36
+"""Additional rounding error of distances from triangles that are not thin, relative to the size of
+the shape."""
+
+THIN_HEIGHT: Final = 2.0**-12 * (1.0 + 2.0**-20)
+"""Height of thin triangles, relative to their longest side; distances from them may be too small by
+as much."""
+
+MIN_DEPTHS_PER_THREAD: Final = 4_000
+"""Points per thread below which a further thread costs more time than it saves."""
+
+MAX_PIECES_PER_LEAF: Final = 6
+"""Pieces of a node that are measured at once, because further boxes would take longer."""
+
+MAX_PENDING_NODES: Final = 64
+"""Capacity of the stack of tree nodes: twice the depth of a tree over 2^30 pieces."""
+
+MAX_LATTICE_CELLS: Final = 2**24
+"""Largest number of cells of the lattice over a shape's bounding box."""
+
+MAX_CELLS_PER_TOLERANCE: Final = {2: 12.0, 3: 6.0}
+"""Largest ratio of the tolerance to the side of a lattice cell, by dimension."""
+
+MIN_CELLS_PER_TOLERANCE: Final = 2.6
+"""Smallest ratio of the tolerance to the side of a cell, whose diagonal must be well below the
+tolerance."""
+
+USUAL_LATTICE_CELLS: Final = {2: 150_000, 3: 120_000}
+"""Cells of the bounding box up to which the lattice may have MAX_CELLS_PER_TOLERANCE, by dimension.
+"""
+
+MAX_REFINED_CELLS: Final = 2**20
+"""Cells of the bounding box up to which the lattice of a thin shape is refined."""
+
+MIN_BOX_CELLS: Final = {2: 40_000, 3: 80_000}
+"""Smallest number of cells of the bounding box, by dimension."""
+
+MIN_SHAPE_CELLS: Final = {2: 15_000, 3: 20_000}
+"""Smallest number of cells that meet the shape, by dimension."""
+
+BOX_CELLS_PER_BALL: Final = {2: 100, 3: 60}
+"""Smallest number of cells of the bounding box for each ball, by dimension."""
+
+MEASURE_ROUNDING: Final = 2.0**-40
+"""Rounding error of a length or an area, relative to the whole."""
+
+MAX_GAP_HALVINGS: Final = 14
+"""Largest number of times that the boxes that bound a distance are halved."""
+
+MAX_GAP_BOXES: Final = 4_000_000
+"""Largest number of boxes processed at once."""
+
+MAX_DISTANCES_PER_BLOCK: Final = 2**18
+"""Number of distances held at once, which fit into a cache."""
+
+
+class ShapeBoundary:
+    """Boundary of an exact shape, and distances from it, in metres.
+
+    Shapes of the plane are placed in space at x = 0. ``pieces``, segments (n, 2, 2) or triangles
+    (n, 3, 3), contain the boundary and possibly more. ``error`` is the largest error of a distance.
+    """
+
+    def __init__(self, shape: ExactShape) -> None:
+        """Take the boundary of a shape; raise InputError if it consists of balls."""
+        exact = shape
+        if isinstance(shape, Polygons):
+            # Unite overlapping polygons, so that only the boundary of the union remains.
+            exact = Polygons([shape.outline])
+        self.pieces, radii = exact.boundary()
+        if radii.any():
+            raise InputError(
+                "shape",
+                "consists of balls already",
+                "decompose() finds balls for other shapes",
+                "use these balls",
+            )
+        self.shape = shape
+        self.dim = shape.dim
+        corners = self.pieces.reshape(-1, self.dim)
+        # Distances from triangles have a further rounding error.
+        self.error = BOUNDARY_ROUNDING * float(np.abs(corners).max())
+        if self.dim == 3:
+            self.error += NORMAL_ROUNDING * float(np.linalg.norm(np.ptp(corners, axis=0)))
+
+    @cached_property
+    def measure(self) -> tuple[float, float]:
+        """Lower and upper bound of the area or volume."""
+        if not self.shape.encloses:
+            return 0.0, 0.0
+        # The volumes of bodies add up only if there is one, which winds once around its inside.
+        closed = [body for body in getattr(self.shape, "bodies", ()) if body.closed]
+        if not closed or (len(closed) == 1 and (np.abs(closed[0].turns) == 1).all()):
+            measure = abs(self.shape.measure)
+            return measure, measure
+        return _bound_volume(self.shape)
+
+    def depths(self, points: Floats, cap: float = math.inf) -> Floats:
+        """Compute lower bounds of the depths of points, negative outside, at most ``cap``."""
+        near, far = self.distances(points, cap)
+        return np.where(self.shape.contains(points), near, -far) - self.error
+
+    def gaps(self, points: Floats, cap: float = math.inf) -> Floats:
+        """Compute lower bounds of the distances of points to the shape, at most ``cap``."""
+        is_outside = ~self.shape.contains(points)
+        near, _ = self.distances(points[is_outside], cap)
+        gaps = np.zeros(len(points))
+        gaps[is_outside] = np.maximum(near - self.error, 0.0)
+        return gaps
+
+    def distances(self, points: Floats, cap: float = math.inf) -> tuple[Floats, Floats]:
+        """Compute lower and upper bounds of distances to the boundary, at most ``cap``."""
+        spatial = np.ascontiguousarray(np.pad(points, ((0, 0), (3 - self.dim, 0))))
+        near = np.empty(len(points))
+        far = np.empty(len(points))
+
+        def bound_chunk(start: int, stop: int) -> int:
+            """Bound the distances of some points; -1 means that none is invalid."""
+            chunk = slice(start, stop)
+            bound_distances(self.tree, spatial[chunk], cap, near[chunk], far[chunk])
+            return -1
+
+        in_chunks(bound_chunk, len(points), MIN_DEPTHS_PER_THREAD)
+        return near, far
+
+    @cached_property
+    def tree(self) -> PieceTree:
+        """Tree of the pieces, for distances."""
+        # Segments of the plane get x = 0 and repeat their last corner.
+        missing = 3 - self.dim
+        triangles = np.pad(self.pieces, ((0, 0), (0, missing), (missing, 0)), mode="edge")
+        triangles[..., :missing] = 0.0
+        # Distances from thin triangles may be too small, by as much as their height.
+        edges = np.roll(triangles, -1, axis=1) - triangles
+        edge_lengths = np.linalg.norm(edges, axis=2)
+        longest = edge_lengths.max(axis=1)
+        doubled_areas = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
+        is_spatial = self.dim == 3
+        is_thin = is_spatial & (doubled_areas <= THIN_HEIGHT * longest**2)
+        errors = np.where(is_thin, THIN_HEIGHT * longest, 0.0)
+        # The tree sorts the pieces; its rows have three corners and the error as a radius.
+        (boxes, spans, rows), _ = build_trees([RoundedSimplices(triangles, errors)], about_z=False)
+        corners = np.ascontiguousarray(rows[:, :9]).reshape(-1, 3, 3)
+        return PieceTree(corners, rows[:, RADIUS].copy(), boxes, spans, is_spatial)
+
+
+class Region:
+    """A shape to decompose, with its two boundaries.
+
+    The shape contains the inner boundary's shape and lies in the outer one's; both are equal if the
+    shape is exact. ``depths`` are those of the inner one, and ``gaps`` those of the outer one.
+    ``bounds``, shape (2, d), are the corners of a box that contains the shape, and ``size`` is the
+    diagonal of the box; metres.
+    """
+
+    def __init__(self, shape: Shape) -> None:
+        """Take the outer and the inner boundary of a shape."""
+        self.shape = shape
+        self.dim = shape.dim
+        self.bounds = np.array(shape.outer.bounds)
+        self.outer = ShapeBoundary(shape.outer)
+        self.inner = self.outer if shape.inner is shape.outer else ShapeBoundary(shape.inner)
+        self.depths = self.inner.depths
+        self.gaps = self.outer.gaps
+        self.size = float(np.linalg.norm(np.ptp(self.bounds, axis=0)))
+
+    @property
+    def measure(self) -> tuple[float, float]:
+        """Lower and upper bound of the area or volume."""
+        return self.inner.measure[0], self.outer.measure[1]
+
+    @property
+    def box_volume(self) -> float:
+        """Volume of the bounding box, thickened to 0.001 diagonals."""
+        sides = np.ptp(self.bounds, axis=0)
+        return float(np.prod(np.maximum(sides, 1e-3 * self.size)))
+
+    def make_grid(self, spacing: float) -> Grid:
+        """Create a grid, of a spacing in metres, that just covers the region.
+
+        Raises InputError if it does not fit into memory.
+        """
+        counts = np.ceil(np.ptp(self.bounds, axis=0) / spacing).astype(np.int64) + 1
+        grid = Grid(self.bounds.mean(axis=0) - 0.5 * spacing * counts, spacing, counts)
+        hint = "use a larger tolerance or fewer balls"
+        check_memory(64.0 * float(grid.size), "the lattice of the balls", grid, hint=hint)
+        return grid
+
+
+class Lattice:
+    """Grid cells that are proven to cover a region.
+
+    A lattice of the plane gets a first axis of one cell. Lattice coordinates are in cell sides,
+    from the lower corner of the grid; along the added axis they are 0.5. ``side`` is the side of a
+    cell, metres, and ``diagonal`` its diagonal, in sides. ``cells``, shape (nx, ny, nz), is a mask
+    of the cells that meet the shape, and ``cell_centers``, shape (n, 3), are their centers.
+    ``half``, shape (3,), is half a cell along each real axis, and ``corner``, shape (3,), the
+    lattice origin in the space of the region's tree, metres.
+    """
+
+    def __init__(self, region: Region, spacing: float) -> None:
+        """Find the cells, with sides of ``spacing`` metres, that meet a region."""
+        grid = region.make_grid(spacing)
+        added_axes = 3 - region.dim
+        cells, _ = region.shape.cells(grid)
+        self.region = region
+        self.side = grid.spacing
+        self.diagonal = math.sqrt(region.dim)
+        self.half = np.array([0.0] * added_axes + [0.5] * region.dim)
+        self.corner = np.array([-0.5 * self.side] * added_axes + list(grid.lower))
+        self.cells = cells.reshape((1,) * added_axes + cells.shape)
+        self.cell_centers: Floats = np.argwhere(self.cells) + np.float64(0.5)
+
+    @cached_property
+    def depths(self) -> Floats:
+        """Lower bounds of the depths at the cell centers, in sides."""
+        return self.depths_at(self.cell_centers)
+
+    @classmethod
+    def for_tolerance(cls, region: Region, tolerance: float) -> Lattice:
+        """Create a lattice on which a tolerance, in metres, can be proven.
+
+        Raises InputError if that takes too many cells.
+        """
+        usual = _find_cell_side(region, USUAL_LATTICE_CELLS[region.dim])
+        finest = _find_cell_side(region, MAX_LATTICE_CELLS)
+        if tolerance < MIN_CELLS_PER_TOLERANCE * finest:
+            raise InputError(
+                "tolerance",
+                f"is {tolerance:g} m, but the shape is {region.size:g} m across",
+                "its proof needs too many cells",
+                f"pass at least about {1.2 * MIN_CELLS_PER_TOLERANCE * finest:.2g} m",
+            )
+        side = max(usual, tolerance / MAX_CELLS_PER_TOLERANCE[region.dim])
+        return cls(region, min(side, tolerance / MIN_CELLS_PER_TOLERANCE))
+
+    @classmethod
+    def for_count(cls, region: Region, number: int) -> Lattice:
+        """Create a lattice that resolves ``number`` balls."""
+        dim = region.dim
+        cells_for_balls = number * BOX_CELLS_PER_BALL[dim]
+        box_cells = min(max(MIN_BOX_CELLS[dim], cells_for_balls), MAX_LATTICE_CELLS)
+        enough_cells = max(MIN_SHAPE_CELLS[dim], cells_for_balls // 2)
+        while True:
+            lattice = cls(region, _find_cell_side(region, box_cells))
+            shape_cells = len(lattice.cell_centers)
+            if shape_cells >= enough_cells or 2 * box_cells > MAX_REFINED_CELLS:
+                return lattice
+            # A thin shape fills little of its box, so it needs more cells in the box.
+            factor = (enough_cells / max(shape_cells, 1)) ** (dim / (dim - 1.0))
+            factor = min(max(2.0, factor), 16.0)
+            box_cells = min(MAX_REFINED_CELLS, int(box_cells * factor))
+
+    def to_metres(self, points: Floats) -> Floats:
+        """Convert lattice coordinates (n, 3) to metres (n, d)."""
+        in_space = self.corner + self.side * points
+        return np.asarray(in_space[:, 3 - self.region.dim :])
+
+    def depths_at(self, points: Floats) -> Floats:
+        """Return lower bounds of the depths of points (n, 3) in the region, in sides."""
+        return self.region.depths(self.to_metres(points)) / self.side
+
+
+def _find_cell_side(region: Region, box_cells: float) -> float:
+    """Return the side of a cell, metres, if the bounding box has ``box_cells`` cells."""
+    return float((region.box_volume / box_cells) ** (1.0 / region.dim))
+
+
+# ---- distances -----------------------------------------------------------------------------------
+
+
+class PieceTree(NamedTuple):
+    """Pieces of a boundary and the boxes of their tree.
+
+    ``pieces``, shape (n, 3, 3), are triangles or, unless ``spatial``, segments between their first
+    two corners. ``errors``, shape (n,), bound how much the distances to them may be too small.
+    ``boxes`` and ``spans``, shapes (m, 7) and (m, 2), are as in
+    :class:`cspace._bodies.triangles.Trees`.
+    """
+
+    pieces: Floats
+    errors: Floats
+    boxes: Floats
+    spans: Ints
+    spatial: bool
+
+
+@allocating
+def bound_distance(tree: PieceTree, position: Row, cap: float) -> tuple[float, float]:
+    """Return lower and upper bounds of the distance to a boundary, at most ``cap``.
+
+    ``position`` has three coordinates, metres.
+    """
+    near = cap
+    far = cap
+    # A stack of nodes, each with its distance, which begins with the root.
+    pending = np.empty(MAX_PENDING_NODES, dtype=np.int64)
+    gaps = np.empty(MAX_PENDING_NODES)
+    pending[0] = 0
+    gaps[0] = 0.0
+    count = 1
+    while count > 0:
+        count -= 1
+        # Boxes include the errors of their pieces, so no piece is nearer than its box.
+        if gaps[count] >= far:
+            continue
+        node = pending[count]
+        start, size = tree.spans[node]
+        if size <= MAX_PIECES_PER_LEAF:
+            for n in range(start, start + size):
+                piece = tree.pieces[n]
+                if tree.spatial:
+                    gap = point_triangle(position, piece)
+                else:
+                    start_corner = row_at(piece[0], 0)
+                    stop_corner = row_at(piece[1], 0)
+                    gap = math.sqrt(point_segment(position, start_corner, stop_corner))
+                near = min(near, gap)
+                far = min(far, gap + tree.errors[n])
+            continue
+        child_a = node + 1
+        child_b = node + 2 * (size // 2)
+        gap_a = box_distance(tree.boxes[child_a], position)
+        gap_b = box_distance(tree.boxes[child_b], position)
+        # Push the nearer box last, so that it is popped first.
+        if gap_a < gap_b:
+            child_a, child_b, gap_a, gap_b = child_b, child_a, gap_b, gap_a
+        pending[count] = child_a
+        pending[count + 1] = child_b
+        gaps[count] = gap_a
+        gaps[count + 1] = gap_b
+        count += 2
+    return near, far
+
+
+@kernel
+def bound_distances(tree: PieceTree, points: Floats, cap: float, near: Floats, far: Floats) -> None:
+    """Bound distances of points, shape (n, 3), from the boundary, up to ``cap``.
+
+    ``near`` and ``far``, shape (n,), receive the lower and upper bounds.
+    """
+    for n in range(len(points)):
+        near[n], far[n] = bound_distance(tree, row_at(points[n], 0), cap)
+
+
+def bound_ball_measure(centers: Floats, radii: Floats) -> tuple[float, float]:
+    """Return lower and upper bounds of the area or volume of a union of balls."""
+    if centers.shape[1] == 3:
+        return _bound_volume(Balls(centers, radii))
+    import shapely
+
+    # Inscribed and circumscribed polygons bound the area of the discs.
+    quarter = int(np.clip(2**16 // len(radii), 64, 1024)) // 4  # sides in a quarter of a circle
+    lower, upper = Balls(centers, radii).bounds
+    points = shapely.points(centers - lower)
+    circumscribed = radii / math.cos(math.pi / (4 * quarter))
+    inner, outer = (
+        float(shapely.union_all(shapely.buffer(points, sizes, quad_segs=quarter)).area)
+        for sizes in (radii, circumscribed)
+    )
+    # GEOS may snap corners, for which 1e-9 allows.
+    error = MEASURE_ROUNDING * float(np.subtract(upper, lower).max()) ** 2
+    return max(0.0, inner * (1.0 - 1e-9) - error), outer * (1.0 + 1e-9) + error
+
+
+def _bound_volume(shape: ExactShape) -> tuple[float, float]:
+    """Return lower and upper bounds of a volume, from cells inside and cells that cover it."""
+    lower, upper = np.array(shape.bounds)
+    sides = upper - lower
+    # About eight million cells; flat boxes count as thicker, to bound the number.
+    box_volume = np.prod(np.maximum(sides, 1e-3 * sides.max()))
+    spacing = float(np.cbrt(box_volume / 2**23))
+    counts = np.ceil(sides / spacing) + 1.0
+    corner = 0.5 * (lower + upper - spacing * counts)
+    outer, inner = shape.cells(Grid(corner, spacing, counts.astype(np.int64)))
+    cell_volume = spacing**3
+    return np.count_nonzero(inner) * cell_volume, np.count_nonzero(outer) * cell_volume
+
+
+def bound_shape_to_balls(
+    lattice: Lattice, centers: Floats, radii: Floats
+) -> tuple[float, float, Floats]:
+    """Bound the largest distance from a shape to balls, metres.
+
+    Points give the lower bound. Boxes that cover the shape give the upper bound; boxes that may
+    contain the farthest point are halved until the bounds differ by 2 % or by 1e-4 of the size of
+    the shape.
+
+    Returns the bounds, in metres, and the growth of each ball, shape (n,). Each box is assigned to
+    the ball nearest to its center, which grows to contain it, so the grown balls cover the shape.
+    The growth is -inf for a ball without boxes.
+    """
+    region = lattice.region
+    half = 0.5 * lattice.side
+    dim = lattice.region.dim
+    error = MEASURE_ROUNDING * (region.size + float(np.abs(region.bounds).max()))
+    corners = region.inner.pieces.reshape(-1, dim)
+    corner_gaps, _, _ = cube_gaps(corners, 0.0, centers, radii)
+    low = float(corner_gaps.max())
+    box_centers = lattice.to_metres(lattice.cell_centers)
+    high = 0.0
+    growths = np.full(len(radii), -np.inf)
+    child_offsets = 0.5 * np.array(list(product((-1.0, 1.0), repeat=dim)))  # in half sides
+    for level in range(MAX_GAP_HALVINGS + 1):
+        # A box center raises the lower bound only if it is proven to lie in the shape.
+        near, far, owners = cube_gaps(box_centers, half, centers, radii)
+        # Drop boxes that change no result, and boxes that are proven to lie outside the shape.
+        relevant = np.flatnonzero((near > low) | (far > np.minimum(growths[owners], high)))
+        radius = half * math.sqrt(dim) * (1.0 + 1e-9) + error  # of a ball around a box
+        cap = 1.01 * radius + 2.0 * region.outer.error
+        is_inside = region.depths(box_centers[relevant], cap) > 0.0
+        is_near = region.gaps(box_centers[relevant], cap) <= radius
+        low = max(low, float(near[relevant[is_inside]].max(initial=0.0)))
+        relevant = relevant[is_near]
+        box_centers = box_centers[relevant]
+        far = far[relevant]
+        owners = owners[relevant]
+        # Boxes that reach little beyond the lower bound are final; the others are halved.
+        is_open = far > low + max(0.02 * low, 1e-4 * region.size)
+        child_count = np.count_nonzero(is_open) * len(child_offsets)
+        if level == MAX_GAP_HALVINGS or child_count > MAX_GAP_BOXES:
+            is_open[:] = False
+        high = max(high, float(far[~is_open].max(initial=0.0)))
+        np.maximum.at(growths, owners[~is_open], far[~is_open])
+        box_centers = (box_centers[is_open, None] + half * child_offsets).reshape(-1, dim)
+        half = 0.5 * half
+        if not len(box_centers):
+            break
+    return max(low - error, 0.0), max(high, low) + error, growths + error
+
+
+def bound_balls_to_shape(region: Region, centers: Floats, radii: Floats) -> tuple[float, float]:
+    """Bound the largest distance from balls to a shape, metres.
+
+    The upper bound comes from the depths of the centers: a ball sticks out of the shape by at most
+    its radius minus that depth. The lower bound comes from points of the spheres.
+    """
+    excesses = radii - region.depths(centers)
+    high = max(0.0, float(excesses.max()))
+    # Points of each sphere in random directions, as many as memory allows, at most 200.
+    count = max(1, min(200, MAX_GAP_BOXES // len(radii)))
+    directions = np.random.default_rng(0).normal(size=(count, region.dim))
+    lengths = np.linalg.norm(directions, axis=1, keepdims=True)
+    directions *= (1.0 - MEASURE_ROUNDING) / lengths
+    points = centers[:, None] + radii[:, None, None] * directions
+    low = float(region.gaps(points.reshape(-1, region.dim)).max())
+    return min(low, high), high
+
+
+def cube_gaps(
+    points: Floats, half: float, centers: Floats, radii: Floats
+) -> tuple[Floats, Floats, Ints]:
+    """Measure cubes around points against balls.
+
+    ``points`` has shape (n, d); ``half`` is half the side of a cube; metres. Returns three arrays
+    of shape (n,): the distance from each point to the nearest ball, the length by which that ball
+    must grow to contain the cube, and the index of the ball. Lengths are negative deep in a ball.
+    """
+    from scipy.spatial.distance import cdist
+
+    near, far = np.empty((2, len(points)))
+    owners = np.empty(len(points), dtype=np.int64)
+    # Blocks of points bound the memory of all distances.
+    size = max(1, MAX_DISTANCES_PER_BLOCK // len(radii))
+    for start in range(0, len(points), size):
+        block = slice(start, start + size)
+        gaps = cdist(points[block], centers) - radii
+        nearest = gaps.argmin(axis=1)
+        near[block] = gaps.min(axis=1)
+        farthest_corners = np.abs(points[block] - centers[nearest]) + half
+        far[block] = np.linalg.norm(farthest_corners, axis=1) - radii[nearest]
+        owners[block] = nearest
+    return near, far, owners

@@ -1,0 +1,343 @@
+"""The canvas of an arm: links, obstacles, tool frame, path, and the closest pair."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from cspace._rotations.base import TWO_PI, wrapped
+from cspace._support.arrays import BLOCKED, FREE, MIXED, Floats
+from cspace.errors import InputError
+from cspace.plot._arms import (
+    ARM_CAMERA,
+    GHOST_COLOR,
+    GHOST_COUNT,
+    ArmFigure,
+)
+from cspace.plot._artists import CLASSES, COLLIDES, ROBOT_FILL_COLOR, UNDECIDED
+from cspace.view._canvas import (
+    MARKS,
+    STATES,
+    Canvas,
+    Dial,
+    farthest_pair,
+    sample_free_configurations,
+)
+from cspace.view._scene import KINDS, rgb, to_quaternion
+from cspace.view._tool import ToolFrame
+
+if TYPE_CHECKING:
+    from viser import ViserServer
+
+STATE_COLORS: Final = {
+    FREE: ROBOT_FILL_COLOR,
+    MIXED: CLASSES[UNDECIDED][1],
+    BLOCKED: CLASSES[COLLIDES][1],
+}
+"""Colour of the arm, by state."""
+CONTACT_COLOR: Final = "#262626"
+"""Colour of the line between the closest pair."""
+UNREACHED_COLOR: Final = "#cc3311"
+"""Colour of the line from the tool frame to a pose that it does not reach."""
+MARK_OPACITY: Final = 0.35
+"""Opacity of the arms at start and goal."""
+GHOST_OPACITY: Final = 0.2
+"""Opacity of the arms along a path."""
+MAX_MESHED_BALLS: Final = 500
+"""Largest number of balls that are drawn as a mesh; more are drawn as points."""
+MIN_POINT_SHARE: Final = 1e-3
+"""Smallest size of a point, as a share of the longest side of its cloud."""
+TOOL_SIZE_SHARE: Final = 0.2
+"""Length of the axes of the tool frame, as a share of the longest side of the box around the arm.
+"""
+_STEP_DEGREES: Final = 0.1
+"""Step of the slider of a revolute joint, degrees."""
+_STEP_METRES: Final = 1e-3
+_UNPROVEN: Final = "The straight motion is not proven free."
+
+
+class ArmCanvas(Canvas):
+    """Draw an arm among obstacles, its path, start and goal.
+
+    Parameters
+    ----------
+    space : ArmSpace
+    server : viser.ViserServer
+    points : ndarray of float64, shape (n, size)
+        A path; n is 0 without a path.
+    marks : dict of str to ndarray of float64, shape (size,)
+        Start and goal, if given.
+    frame : str, optional
+        Tool frame; see :class:`ToolFrame`.
+
+    Attributes
+    ----------
+    tool : ToolFrame
+    """
+
+    tool: ToolFrame
+
+    def __init__(
+        self,
+        space: Any,
+        server: ViserServer,
+        points: Floats,
+        marks: dict[str, Floats],
+        frame: str | None = None,
+    ) -> None:
+        """Draw the arm at the start, and the pale arms at start and goal."""
+        checked = {name: space.arm.check_configuration(q, name) for name, q in marks.items()}
+        if "start" in checked:
+            checked.setdefault("goal", checked["start"])  # no goal yet
+        samples = sample_free_configurations(space, space.arm.rest)
+        super().__init__(server, space, farthest_pair(samples, samples) | checked)
+        self._describe_panel()
+        self._ghosts: list[Any] = []
+        self._marks = dict(self.endpoints)
+        self.robot = self.endpoints["start"]
+        # One thread draws links anew while others move and colour them.
+        self._links_lock = threading.RLock()
+        self.invalidate()
+        self.tool = ToolFrame(space, server, TOOL_SIZE_SHARE * self._frame_scene(), frame)
+
+    def _describe_panel(self) -> None:
+        """Set the title, the dials and the legend."""
+        space = self._space
+        arm = space.arm
+        self.title = arm.name
+        counts = {"joint": arm.dof, "link": len(arm.links), "obstacle": len(space.obstacles)}
+        words = [f"{n} {name}" if n == 1 else f"{n} {name}s" for name, n in counts.items()]
+        self.about = ", ".join(words)
+        # Users set angles in degrees. A joint without limits has a turn, or two if it is not
+        # periodic.
+        is_linear = np.array(arm.units) == "m"
+        self._scale = np.where(is_linear, 1.0, math.degrees(1.0))
+        steps = np.where(is_linear, _STEP_METRES, _STEP_DEGREES)
+        unlimited = np.where(space.periodic_axes, math.pi, TWO_PI)
+        lower = np.where(np.isinf(arm.lower), -unlimited, arm.lower) * self._scale
+        upper = np.where(np.isinf(arm.upper), unlimited, arm.upper) * self._scale
+        # Sliders have whole steps within the limits.
+        lower = np.round(np.ceil(lower / steps - 1e-6) * steps, 3)
+        upper = np.round(np.floor(upper / steps + 1e-6) * steps, 3)
+        units = np.where(is_linear, "m", "°")
+        self.dials = []
+        for joint, unit, *numbers in zip(arm.joints, units, lower, upper, steps, strict=True):
+            self.dials.append(Dial(f"{joint} ({unit})", *map(float, numbers)))
+        self.legend = [
+            (STATE_COLORS[FREE], "arm, FREE"),
+            (STATE_COLORS[MIXED], "arm, undecided (MIXED)"),
+            (STATE_COLORS[BLOCKED], "arm, BLOCKED"),
+            (KINDS["obstacles"].color, "obstacle"),
+            (GHOST_COLOR, "arm along the path"),
+            (CONTACT_COLOR, "closest pair"),
+            (UNREACHED_COLOR, "from the tool frame to a pose out of reach"),
+        ]
+
+    # ---- configurations --------------------------------------------------------------------------
+
+    def dial_values(self, q: Floats) -> tuple[float, ...]:
+        """Return the joints in degrees or metres."""
+        joints = wrapped(q, self._space.periodic_axes)
+        return tuple(np.round(joints * self._scale, 3).tolist())
+
+    def configuration_of(self, numbers: tuple[float, ...]) -> Floats:
+        """Return the configuration with these dial values, clipped to the limits."""
+        arm = self._space.arm
+        return np.asarray(np.clip(np.array(numbers) / self._scale, arm.lower, arm.upper))
+
+    def describe(self, q: Floats) -> str:
+        """Colour the arm by its state, draw the closest pair, and return both as text."""
+        state = int(self._space.classify(q))
+        # A worker may describe the arm while another thread draws it anew.
+        with self._links_lock:
+            for link in self._links["robot"].values():
+                link.color = rgb(STATE_COLORS[state])
+        try:
+            contact = self._space.closest(q)
+        except InputError:  # the arm has no obstacle and no pair of links to check
+            return STATES[state]
+        # In collision, the pair has no proven distance, so its names are the label.
+        pair = f"{contact.link} and {contact.other}"
+        label = pair
+        proof = ""
+        if contact.distance:
+            label = f"{contact.distance:.3f} m"
+            proof = f", at least {label} apart: proven"
+        middle = contact.points.mean(axis=0)
+        self._draw_line("/contact", contact.points, CONTACT_COLOR, thickness=4.0)
+        self._server.scene.add_label("/contact/label", label, position=middle, anchor="bottom-left")
+        return f"{STATES[state]}  \nclosest pair: {pair}{proof}"
+
+    def prove(self, q0: Floats, q1: Floats) -> str:
+        """Return as text whether the straight motion is proven free."""
+        if _are_same(q0, q1):
+            return "Set a goal below, or drag the tool."
+        free = self._space.motion_is_free(q0, q1)
+        return "**The straight motion is free: proven.**" if free else _UNPROVEN
+
+    # ---- drawing ---------------------------------------------------------------------------------
+
+    def invalidate(self) -> None:
+        """Draw the obstacles, and the arm at its configuration, at the start and at the goal."""
+        space = self._space
+        scene = self._server.scene
+        self._figure = figure = ArmFigure(space, MAX_MESHED_BALLS)
+        with self._links_lock, self._server.atomic():
+            # Remove what was drawn before.
+            for group in ("obstacles", "robot", *MARKS):
+                scene.remove_by_name(f"/{group}")
+                scene.add_frame(f"/{group}", show_axes=False)
+            for name, (vertices, faces) in figure.obstacles.items():
+                # Surfaces without faces are the centers of many balls.
+                if len(faces):
+                    surface = (vertices, faces)
+                    self._add_mesh(f"/obstacles/{name}", surface, KINDS["obstacles"].color)
+                else:
+                    radius = float(space.obstacles[name].shape.outer.radii[0])
+                    self._add_cloud(f"/obstacles/{name}", vertices, radius)
+            self._links = {"robot": self._add_links("robot", [*figure.links], ROBOT_FILL_COLOR)}
+            for name, color in MARKS.items():
+                self._links[name] = self._add_links(name, figure.moving, color, MARK_OPACITY)
+            self._labels = {name: scene.add_label(f"/{name}/label", name) for name in MARKS}
+            self._pose_arm("robot", self.robot)
+            for name, q in self._marks.items():
+                self.mark(name, q)
+
+    def _add_links(
+        self, arm: str, links: Sequence[str], color: str, opacity: float = 1.0
+    ) -> dict[str, Any]:
+        """Add links of one of the drawn arms; return their handles by name."""
+        handles = {}
+        for link in links:
+            surface = self._figure.links[link]
+            handles[link] = self._add_mesh(f"/{arm}/{link}", surface, color, opacity)
+        return handles
+
+    def place(self, q: Floats) -> None:
+        """Move the arm, and its tool frame with it."""
+        self._place_links(q)
+        self.tool.follow(q)
+
+    def reach(self) -> str:
+        """Move the arm to the pose to which users dragged its tool frame, or as near as possible.
+
+        Return the reason why it does not reach it; empty if it does.
+        """
+        arm = self._space.arm
+        near = self.robot.clip(arm.lower, arm.upper)
+        q, problem = self.tool.solve(near)
+        self._place_links(q)
+        if problem:
+            reached = arm.pose(q, self.tool.name)
+            ends = np.stack([reached[:3, 3], self.tool.pose[:3, 3]])
+            self._draw_line("/gap", ends, UNREACHED_COLOR, thickness=4.0)
+        return problem
+
+    def _place_links(self, q: Floats) -> None:
+        """Move the arm without its tool frame."""
+        self.robot = q
+        self._pose_arm("robot", q)
+        self._show_marks()
+        self._server.scene.remove_by_name("/gap")
+
+    def mark(self, name: str, q: Floats) -> None:
+        """Move the start or the goal."""
+        self._marks[name] = q
+        self._pose_arm(name, q)
+        self._show_marks()
+        self._labels[name].position = self._figure.tip_positions(q[np.newaxis])[0]
+
+    def draw_path(self, points: Floats) -> None:
+        """Draw the path of the tool frame, and pale arms along it; see :meth:`Canvas.draw_path`."""
+        for link in self._ghosts:
+            link.remove()
+        self._ghosts = []
+        if len(points) > 1:
+            shares = np.linspace(0.0, 1.0, GHOST_COUNT + 2)
+            between = shares[1:-1]  # start and goal have arms already
+            poses = self._space.arm.poses(self.interpolate(points, between))
+            self._ghosts = [self._add_ghosts(link, poses[link]) for link in self._figure.moving]
+        super().draw_path(points)
+
+    def _path_positions(self, q: Floats) -> Floats:
+        """Return the positions of the tool frame at configurations, shape (n, 3)."""
+        return np.asarray(self._space.arm.pose(q, self.tool.name)[..., :3, 3])
+
+    def _add_ghosts(self, link: str, poses: Floats) -> Any:
+        """Add copies of a link at poses, shape (n, 4, 4)."""
+        vertices, faces = self._figure.links[link]
+        return self._server.scene.add_batched_meshes_simple(
+            f"/ghosts/{link}",
+            vertices,
+            faces,
+            to_quaternion(poses),
+            poses[:, :3, 3],
+            batched_colors=rgb(ROBOT_FILL_COLOR),
+            opacity=GHOST_OPACITY,
+            flat_shading=True,
+            side="double",
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+
+    def _add_cloud(self, name: str, centers: Floats, radius: float) -> None:
+        """Draw balls of one radius as round points, which browsers draw far faster than meshes."""
+        longest = float(np.ptp(centers, axis=0).max())
+        size = max(radius, MIN_POINT_SHARE * longest)
+        self._server.scene.add_point_cloud(
+            name,
+            centers,
+            rgb(KINDS["obstacles"].color),
+            point_size=size,  # viser's size is a radius on the screen
+            point_shape="circle",
+            precision="float32",
+        )
+
+    def _show_marks(self) -> None:
+        """Show the arms at start and goal.
+
+        Where the robot is they stay hidden, as they would change its colour. A goal at the start is
+        no goal yet, and stays hidden too.
+        """
+        with self._links_lock:
+            for name, q in self._marks.items():
+                is_set = name == "start" or not _are_same(q, self._marks["start"])
+                is_apart = not _are_same(q, self.robot)
+                self._labels[name].visible = is_set
+                for link in self._links[name].values():
+                    link.visible = is_set and is_apart
+
+    def _pose_arm(self, name: str, q: Floats) -> None:
+        """Move the links of an arm to a configuration."""
+        poses = self._space.arm.poses(q)
+        with self._links_lock, self._server.atomic():
+            for link, handle in self._links[name].items():
+                if link in poses:  # it may be detached but not yet erased
+                    handle.position = poses[link][:3, 3]
+                    handle.wxyz = to_quaternion(poses[link])
+
+    def _frame_scene(self) -> float:
+        """Place the camera in front of the arm and its obstacles.
+
+        Return the longest side of the box around the arm, metres.
+        """
+        endpoints = np.array([*self.endpoints.values()])
+        low, high, margin = self._figure.measure(endpoints)
+        obstacles = self._figure.obstacles.values()
+        clipped = [vertices.clip(low - margin, high + margin) for vertices, _ in obstacles]
+        corners = np.concatenate([[low, high], *clipped])
+        # From the side of the pictures, looking a little down.
+        _, azimuth_degrees = ARM_CAMERA
+        azimuth = math.radians(azimuth_degrees)
+        back = np.array([math.cos(azimuth), math.sin(azimuth), 0.6])
+        self._place_camera(corners.min(axis=0), corners.max(axis=0), back)
+        return float(np.max(high - low))
+
+
+def _are_same(q0: Floats, q1: Floats) -> bool:
+    """Return True if two configurations look the same."""
+    return bool(np.allclose(q0, q1, atol=1e-3))

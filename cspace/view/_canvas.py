@@ -1,0 +1,225 @@
+"""Canvas: the base class of the drawings of configuration spaces on a page."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from itertools import product
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+import numpy as np
+
+from cspace._support.arrays import BLOCKED, FREE, MIXED, Floats, Surface
+from cspace.errors import ConfigurationError
+from cspace.plot._artists import CURVE_POINTS, GOAL_COLOR, PATH_COLOR
+from cspace.plot._route import interpolate_path
+from cspace.view._scene import rgb
+
+if TYPE_CHECKING:
+    from viser import GuiApi, ViserServer
+
+    from cspace.view._tool import ToolFrame
+
+MARKS: Final = {"start": "#ffffff", "goal": GOAL_COLOR}
+"""Colours of the marked configurations."""
+FIELD_OF_VIEW: Final = math.radians(40.0)
+"""Vertical field of view of the camera, radians."""
+_SAMPLES: Final = 64
+"""Number of random configurations from which the first start and goal are chosen."""
+
+STATES: Final = {
+    FREE: "**FREE**: proven collision-free",
+    MIXED: "**MIXED**: neither is proven",
+    BLOCKED: "**BLOCKED**: proven in collision",
+}
+"""Text for the states of a configuration."""
+
+
+class Dial(NamedTuple):
+    """A coordinate of a configuration as users set it.
+
+    Attributes
+    ----------
+    label : str
+        Name and unit.
+    low, high, step : float
+        Limits and step, in that unit.
+    """
+
+    label: str
+    low: float
+    high: float
+    step: float
+
+
+class Canvas(ABC):
+    """Draw a space with the robot, its path, start and goal.
+
+    Parameters
+    ----------
+    server : viser.ViserServer
+    space : ConfigurationSpace
+    endpoints : dict of str to ndarray of float64, shape (size,)
+        Initial start and goal.
+
+    Attributes
+    ----------
+    robot : ndarray of float64, shape (size,)
+        Configuration of the robot.
+    dials : list of Dial
+        Coordinates that set a configuration.
+    title, about : str
+        Description of the space.
+    legend : list of tuple of str
+        Colours and their meanings.
+    tool : ToolFrame or None
+        Frame of an arm that users drag to a pose.
+    robot_reach : float
+        Distance of a rigid robot's farthest point from its reference point, metres; 0 for an arm.
+    """
+
+    robot: Floats
+    dials: list[Dial]
+    title: str
+    about: str
+    legend: list[tuple[str, str]]
+    robot_reach = 0.0
+    tool: ToolFrame | None = None
+
+    def __init__(self, server: ViserServer, space: Any, endpoints: dict[str, Floats]) -> None:
+        """Light the scene of a server: all around, and from two sides."""
+        self._server = server
+        self._space = space
+        self.endpoints = endpoints
+        scene = server.scene
+        scene.configure_environment_map(None)
+        scene.configure_default_lights(False)
+        scene.add_light_ambient("/light/ambient", intensity=1.6)
+        scene.add_light_directional("/light/main", intensity=1.3, position=(-0.4, -0.7, 1.0))
+        scene.add_light_directional("/light/fill", intensity=0.5, position=(0.8, 0.3, 0.6))
+
+    # ---- configurations --------------------------------------------------------------------------
+
+    @abstractmethod
+    def dial_values(self, q: Floats) -> tuple[float, ...]:
+        """Return the values of the dials at a configuration."""
+
+    @abstractmethod
+    def configuration_of(self, numbers: tuple[float, ...]) -> Floats:
+        """Return the configuration with these values of the dials."""
+
+    def interpolate(self, points: Floats, shares: Floats) -> Floats:
+        """Interpolate a path at shares, 0 to 1, of its length; return shape (n, size)."""
+        return interpolate_path(self._space.rotations, points, shares, self.robot_reach)
+
+    @abstractmethod
+    def describe(self, q: Floats) -> str:
+        """Return the state of a configuration and its distance from obstacles as text."""
+
+    @abstractmethod
+    def prove(self, q0: Floats, q1: Floats) -> str:
+        """Return the proofs about two configurations as text before a search."""
+
+    # ---- robot, marks and path -------------------------------------------------------------------
+
+    @abstractmethod
+    def place(self, q: Floats) -> None:
+        """Move the robot."""
+
+    def reach(self) -> str:
+        """Move an arm to the pose of its :attr:`tool`; return the reason if it cannot."""
+        return ""
+
+    @abstractmethod
+    def mark(self, name: str, q: Floats) -> None:
+        """Move the start or the goal."""
+
+    def on_drag(self, name: str, moved: Callable[[Floats], None]) -> None:  # noqa: B027
+        """Call ``moved`` when a user drags the start or the goal."""
+
+    def draw_path(self, points: Floats) -> None:
+        """Draw a path; without points, remove it."""
+        if not len(points):
+            self._server.scene.remove_by_name("/path")
+            return
+        shares = np.linspace(0.0, 1.0, CURVE_POINTS)
+        curve = self._path_positions(self.interpolate(points, shares))
+        self._draw_line("/path", curve, PATH_COLOR, thickness=6.0)
+
+    def _draw_line(self, name: str, points: Floats, color: str, thickness: float) -> None:
+        """Draw a line through points, shape (n, 3); its thickness is in pixels."""
+        segments = np.stack([points[:-1], points[1:]], axis=1)
+        self._server.scene.add_line_segments(
+            name, segments, rgb(color), thickness=thickness, thickness_units="screen"
+        )
+
+    @abstractmethod
+    def _path_positions(self, q: Floats) -> Floats:
+        """Return the points that represent configurations of a path, shape (n, 3)."""
+
+    # ---- changes of the view and of the space ----------------------------------------------------
+
+    def add_choices(self, gui: GuiApi, changed: Callable[[], None]) -> dict[str, Any]:
+        """Add inputs that choose what is drawn and call ``changed``; return them by label."""
+        return {}
+
+    def draw(self) -> None:  # noqa: B027
+        """Draw everything that depends on the robot's configuration."""
+
+    @abstractmethod
+    def invalidate(self) -> None:
+        """Draw everything again, now or at the next :meth:`draw`, because the space has changed."""
+
+    # ---- drawing ---------------------------------------------------------------------------------
+
+    def _add_mesh(self, name: str, surface: Surface, color: str, opacity: float = 1.0) -> Any:
+        """Add a mesh to the scene, and return its handle."""
+        return self._server.scene.add_mesh_simple(
+            name,
+            *surface,
+            color=rgb(color),
+            opacity=None if opacity == 1.0 else opacity,
+            flat_shading=True,
+            side="double",
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+
+    def _place_camera(self, lower: Floats, upper: Floats, back: Floats) -> None:
+        """Place initial cameras so that a box is in view, from the direction ``back``."""
+        center = (lower + upper) / 2
+        signs = np.array(list(product((-1.0, 1.0), repeat=3)))
+        corners = signs * (upper - lower) / 2  # from the center
+        # The axes of the camera, which looks along -back.
+        back = back / np.linalg.norm(back)
+        right = np.cross([0.0, 0.0, 1.0], back)
+        right /= np.linalg.norm(right)
+        up = np.cross(back, right)
+        # Go back until all corners are in view. Pages are at least 1.2 times as wide as high.
+        offsets = np.maximum(np.abs(corners @ right) / 1.2, np.abs(corners @ up))
+        distances = offsets / math.tan(FIELD_OF_VIEW / 2.0) + corners @ back
+        distance = 1.1 * float(distances.max())
+        camera = self._server.initial_camera
+        camera.fov = FIELD_OF_VIEW
+        camera.near = 1e-3 * distance
+        camera.far = 1e2 * distance
+        camera.up = (0.0, 0.0, 1.0)
+        camera.look_at = center
+        camera.position = center + distance * back
+
+
+def sample_free_configurations(space: Any, fallback: Floats) -> Floats:
+    """Return FREE configurations, the same at each call, or ``fallback``; shape (n, size)."""
+    rng = np.random.default_rng(0)
+    try:
+        return np.asarray(space.sample_free(_SAMPLES, rng))
+    except ConfigurationError:
+        return fallback[np.newaxis]
+
+
+def farthest_pair(q: Floats, positions: Floats) -> dict[str, Floats]:
+    """Return the configurations with the most distant positions as start and goal."""
+    distances = np.linalg.norm(positions[:, np.newaxis] - positions, axis=-1)
+    start, goal = np.unravel_index(int(distances.argmax()), distances.shape)
+    return {"start": q[start], "goal": q[goal]}

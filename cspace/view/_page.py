@@ -1,0 +1,607 @@
+"""A page: its panel of inputs and messages, and its actions.
+
+A user moves the robot, drags a tool, plans, plays and proves.
+"""
+
+from __future__ import annotations
+
+import html
+import logging
+import math
+import threading
+import time
+from collections.abc import Callable
+from functools import partial
+from typing import TYPE_CHECKING, Any, Final, cast
+
+import numpy as np
+
+from cspace._support.arrays import Floats
+from cspace.errors import CspaceError, InputError
+from cspace.view._canvas import MARKS, Canvas
+
+if TYPE_CHECKING:
+    from viser import GuiApi, ViserServer
+
+    from cspace.arms import PoseGoal
+    from cspace.view._tool import ToolFrame
+    from planners import Choices, Plan, Trajectory
+
+LOGGER: Final = logging.getLogger(__name__)
+
+PLAY_SECONDS: Final = 8.0
+"""Duration of playing a path without times, seconds."""
+FRAME_RATE: Final = 25.0
+"""Number of frames per second when a path is played."""
+MAX_ACCELERATION: Final = 2.0
+"""Limit of the acceleration of joints, rad/s^2 and m/s^2."""
+MAX_VELOCITY: Final = 1.0
+"""Limit of the velocity of joints for which the URDF has none, rad/s and m/s."""
+AUTOMATIC: Final = "automatic"
+"""Label of the default planner."""
+
+
+class Panel:
+    """The inputs and messages of a page, as viser's handles.
+
+    Inputs have a ``value``, which programs may set too; messages have a ``content``.
+
+    Parameters
+    ----------
+    gui : viser.GuiApi
+    canvas : Canvas
+    choices : planners.Choices
+        Planners and drives.
+    changed : callable
+        Called when a user chooses other things to draw.
+
+    Attributes
+    ----------
+    planner, drive : GuiDropdownHandle
+    turning_radius, time_limit : GuiInputHandle of float
+        Metres, visible if the drive needs it; seconds.
+    exact : GuiInputHandle of bool
+        Check the exact geometry in MIXED cells.
+    plan : GuiButtonHandle
+    proof, answer : GuiMarkdownHandle
+        Proof about start and goal; result of the last search, or an error.
+    share : GuiSliderHandle of float
+        Position of the robot on the path, percent of its length, or of the duration of a
+        trajectory.
+    play : GuiButtonHandle
+    tool_frame : GuiDropdownHandle
+        Frame of an arm that users drag.
+    position_only : GuiInputHandle of bool
+        Drag the frame to a position, with any rotation.
+    tool : GuiMarkdownHandle
+        Whether the arm reaches the pose to which its frame was dragged.
+    sliders : list of GuiSliderHandle of float
+        Robot's coordinates, one for each of :attr:`Canvas.dials`.
+    state : GuiMarkdownHandle
+        State of the robot's configuration.
+    mark_robot : GuiButtonGroupHandle
+        Set start or goal to the robot's configuration.
+    shown : dict of str to GuiInputHandle
+        Choices of what is drawn, by label.
+    """
+
+    def __init__(
+        self, gui: GuiApi, canvas: Canvas, choices: Choices, changed: Callable[[], None]
+    ) -> None:
+        """Add all inputs and messages to a page, folder by folder."""
+        self._gui = gui
+        self._canvas = canvas
+        gui.configure_theme(
+            show_logo=False,
+            show_share_button=False,
+            control_width="large",
+            brand_color=(0, 114, 178),
+        )
+        gui.main_panel.dock_right()
+        gui.add_markdown(f"**{canvas.title}**  \n{canvas.about}")
+        with gui.add_folder("Plan"):
+            self._add_plan_inputs(choices)
+        if canvas.tool is not None:
+            with gui.add_folder("Tool"):
+                self._add_tool_inputs(canvas.tool)
+        with gui.add_folder("Path"):
+            self.share: Any = gui.add_slider("along it (%)", 0.0, 100.0, 0.1, 0.0)
+            self.play = gui.add_button("Play")
+        with gui.add_folder("Robot"):
+            self.sliders: list[Any] = [
+                gui.add_slider(dial.label, dial.low, dial.high, dial.step, dial.low)
+                for dial in canvas.dials
+            ]
+            self.state = gui.add_markdown("")
+            self.mark_robot = gui.add_button_group("make it the", tuple(canvas.endpoints))
+        with gui.add_folder("Show"):
+            self.shown = canvas.add_choices(gui, changed)
+            marks = [(color, name) for name, color in MARKS.items()]
+            gui.add_html(_make_legend_html([*canvas.legend, *marks]))
+
+    def _add_plan_inputs(self, choices: Choices) -> None:
+        """Add the inputs and messages of a search; ``choices`` are the planners and drives."""
+        gui = self._gui
+        canvas = self._canvas
+        self.planner = gui.add_dropdown(
+            "planner",
+            (AUTOMATIC, *choices.planners),
+            hint="OMPL's planners; maps also have Grid and MaxClearance.",
+        )
+        self.drive = gui.add_dropdown(
+            "drive", choices.drives, hint="How the robot moves.", visible=len(choices.drives) > 1
+        )
+        self.turning_radius = gui.add_number(
+            "turning radius (m)", 1.0, min=0.01, step=0.05, visible=False
+        )
+        self.time_limit = gui.add_number("time limit (s)", 1.0, min=0.1, max=3600.0, step=0.5)
+        self.exact = gui.add_checkbox(
+            "exact",
+            False,
+            hint="Check the exact geometry in undecided cells; slower.",
+            visible=canvas.tool is None,
+        )
+        self.plan = gui.add_button("Plan")
+        self.proof = gui.add_markdown("")
+        self.answer = gui.add_markdown("")
+
+        def show_turning_radius(_: Any) -> None:
+            """Show the radius only for drives along curves."""
+            self.turning_radius.visible = self.drive.value in choices.curves
+
+        self.drive.on_update(show_turning_radius)
+
+    def _add_tool_inputs(self, tool: ToolFrame) -> None:
+        """Add the inputs and the message of the tool frame."""
+        gui = self._gui
+        self.tool_frame: Any = gui.add_dropdown(
+            "frame",
+            tool.frames,
+            initial_value=tool.name,
+            hint="Drag its axes and arcs in the scene.",
+        )
+        self.position_only: Any = gui.add_checkbox(
+            "position only", tool.position_only, hint="The frame may have any rotation."
+        )
+        self.tool = gui.add_markdown("Drag the frame: release it to plan there.")
+
+    def read_options(self) -> dict[str, Any]:
+        """Return the inputs of a search as options of :func:`planners.plan`."""
+        planner = self.planner.value
+        radius = self.turning_radius
+        return {
+            "planner": None if planner == AUTOMATIC else planner,
+            "time_limit": float(self.time_limit.value),
+            "exact": bool(self.exact.value),
+            "drive": self.drive.value,
+            "turning_radius": float(radius.value) if radius.visible else None,
+        }
+
+    def show_robot(self, numbers: tuple[float, ...]) -> None:
+        """Show the coordinates of the robot."""
+        for slider, number in zip(self.sliders, numbers, strict=True):
+            slider.value = min(max(number, slider.min), slider.max)
+
+
+class Page:
+    """Page in the browser that shows a space and plans in it.
+
+    Parameters
+    ----------
+    server : viser.ViserServer
+    space : ConfigurationSpace
+    canvas : Canvas
+    path : ndarray of float64, shape (n, size)
+        Path to show; n is 0 without a path.
+    source : planners.Plan or planners.Trajectory, optional
+        Where the path is from. Trajectories, and plans of arms, are played at true speed.
+
+    Attributes
+    ----------
+    panel : Panel
+        Inputs and messages.
+    marks : dict of str to ndarray of float64, shape (size,)
+        Start and goal.
+    plan : planners.Plan or None
+        Result of the last search.
+    trajectory : planners.Trajectory or None
+        Motion along the path shown; None if it has no times.
+    """
+
+    def __init__(
+        self,
+        server: ViserServer,
+        space: Any,
+        canvas: Canvas,
+        path: Floats,
+        source: Plan | Trajectory | None = None,
+    ) -> None:
+        """Add the panel, connect it to workers, and show the path and the robot at the start."""
+        import planners
+
+        self._server = server
+        self._space = space
+        self._canvas = canvas
+        self.marks = dict(canvas.endpoints)
+        self.plan: Plan | None = None
+        self.trajectory: Trajectory | None = None
+        self._path = path
+        # Whether the arm stands where a drag has brought it, and no plan.
+        self._strays = False
+        self._goal: PoseGoal | None = None
+        self._playing = threading.Event()
+        # Each kind of work has a thread, so that the page always answers.
+        self._shower = Worker(self._show, self._report_error)
+        self._prover = Worker(self._prove, self._report_error)
+        self._planner = Worker(self._search, self._report_error)
+        self._player = Worker(self._play, self._report_error)
+        self._solver = Worker(self._reach, self._report_error)
+        self.panel = Panel(server.gui, canvas, planners.choices(space), self._shower.request)
+        self._connect()
+        for name, q in canvas.endpoints.items():
+            self.mark(name, q)
+        self._show_path(path, source)
+        self.move(canvas.endpoints["start"])
+
+    def _connect(self) -> None:
+        """Connect the inputs of the panel to actions."""
+        panel = self.panel
+        canvas = self._canvas
+
+        # Programs set sliders too, to show the robot's place; only users have a client.
+        def slide_robot(event: Any) -> None:
+            """Move the robot to the configuration of the sliders."""
+            if event.client is not None:
+                self._playing.clear()
+                numbers = tuple(float(slider.value) for slider in panel.sliders)
+                self._place(canvas.configuration_of(numbers))
+
+        def slide_along_path(event: Any) -> None:
+            """Move the robot to the place of the slider on its path."""
+            if event.client is not None and len(self._path):
+                self._playing.clear()
+                self.go(panel.share.value / 100.0)
+
+        for name in self.marks:
+            canvas.on_drag(name, partial(self._record_mark, name))
+        for slider in panel.sliders:
+            slider.on_update(slide_robot)
+        panel.share.on_update(slide_along_path)
+        panel.plan.on_click(lambda _: self.search())
+        panel.play.on_click(lambda _: self._play_or_stop())
+        panel.mark_robot.on_click(lambda event: self.mark(event.target.value, canvas.robot))
+        if canvas.tool is not None:
+            self._connect_tool(canvas.tool)
+
+    def _connect_tool(self, tool: ToolFrame) -> None:
+        """Connect the tool frame of an arm to actions."""
+        panel = self.panel
+
+        def drag(phase: str) -> None:
+            """Let the arm follow a drag, and plan at its end."""
+            if phase == "end":
+                self.release()
+            else:
+                self._follow_tool(tool)
+
+        def choose_frame(event: Any) -> None:
+            """Choose the frame to drag, and draw its path."""
+            tool.choose(event.target.value)
+            panel.position_only.value = tool.position_only
+            self._canvas.draw_path(self._path)
+            self._canvas.place(self._canvas.robot)
+
+        def choose_position_only(event: Any) -> None:
+            """Choose whether the rotation of the frame matters."""
+            tool.choose(tool.name, event.target.value)
+            self._canvas.place(self._canvas.robot)
+
+        tool.on_drag(drag)
+        panel.tool_frame.on_update(choose_frame)
+        panel.position_only.on_update(choose_position_only)
+
+    # ---- actions for programs --------------------------------------------------------------------
+
+    def move(self, q: Floats) -> None:
+        """Move the robot to a configuration."""
+        self.panel.show_robot(self._canvas.dial_values(q))
+        self._place(q)
+
+    def _place(self, q: Floats) -> None:
+        """Draw the robot at a configuration, which no drag has strayed to."""
+        self._strays = False
+        self._canvas.place(q)
+        self._shower.request()
+
+    def go(self, share: float) -> None:
+        """Move the robot to a share, from 0 to 1, of its path or trajectory."""
+        motion = self.trajectory
+        if motion is not None:
+            q, *_ = motion.sample(share * motion.duration)
+        else:
+            (q,) = self._canvas.interpolate(self._path, np.array([share]))
+        self.move(q)
+
+    def drag(self, pose: Floats) -> None:
+        """Move the tool frame of an arm to a pose, shape (4, 4), as if it were dragged.
+
+        The arm follows as near as it can. Where it was before becomes the start.
+        """
+        tool = self._canvas.tool
+        if tool is None:
+            raise InputError("pose", "is given for a map", "only arms have frames", "use move(q)")
+        self._follow_tool(tool)
+        tool.move(pose)
+
+    def _follow_tool(self, tool: ToolFrame) -> None:
+        """Let the arm follow its tool frame, which a user drags."""
+        if not tool.is_held:
+            self._playing.clear()
+            # A strayed arm stands where no plan has brought it, so its start stays.
+            if not self._strays:
+                self.mark("start", self._canvas.robot)
+            no_path = np.empty((0, self._space.size))
+            self._show_path(no_path)
+            tool.is_held = True
+            self._strays = True
+        self._solver.request()
+
+    def release(self) -> None:
+        """Plan from the start to the pose to which the tool frame was dragged."""
+        tool = self._canvas.tool
+        if tool is not None and tool.is_held:
+            tool.is_held = False
+            self._goal = tool.goal
+            self._planner.request()
+
+    def mark(self, name: str, q: Floats) -> None:
+        """Move the start or the goal to a configuration."""
+        self._canvas.mark(name, q)
+        self._record_mark(name, q)
+
+    def _record_mark(self, name: str, q: Floats) -> None:
+        """Record a new start or goal."""
+        self.marks[name] = q
+        self.panel.answer.content = ""  # it concerned other endpoints
+        self._prover.request()
+
+    def search(self) -> None:
+        """Plan from start to goal with the inputs of the panel; the result is :attr:`plan`."""
+        self._planner.request()
+
+    def play(self) -> None:
+        """Move the robot along the path from its current position; a trajectory at true speed."""
+        self._playing.set()
+        self._player.request()
+
+    def _play_or_stop(self) -> None:
+        """Stop playing, or play."""
+        if self._playing.is_set():
+            self._playing.clear()
+        else:
+            self.play()
+
+    def refresh(self) -> None:
+        """Draw and prove everything again, because the space has changed."""
+        self._canvas.invalidate()
+        self._shower.request()
+        self._prover.request()
+
+    def wait(self, seconds: float | None = None) -> bool:
+        """Wait until all requested work is done; return False after a timeout."""
+        # A worker may request work of those after it.
+        workers = self._solver, self._planner, self._shower, self._prover
+        return all(worker.wait(seconds) for worker in workers)
+
+    def close(self) -> None:
+        """Stop all threads."""
+        self._playing.clear()
+        for worker in (self._shower, self._prover, self._planner, self._player, self._solver):
+            worker.close()
+        self._shower.wait(1.0)  # viser warns of drawings after the server has stopped
+
+    # ---- work in threads -------------------------------------------------------------------------
+
+    def _show(self) -> None:
+        """Draw what depends on the robot's configuration, and show its state."""
+        self._canvas.draw()
+        self.panel.state.content = self._canvas.describe(self._canvas.robot)
+
+    def _prove(self) -> None:
+        """Show the proofs about start and goal."""
+        self.panel.proof.content = self._canvas.prove(self.marks["start"], self.marks["goal"])
+
+    def _reach(self) -> None:
+        """Move the arm to its dragged tool frame, and show the outcome."""
+        problem = self._canvas.reach()
+        q = self._canvas.robot
+        self.panel.show_robot(self._canvas.dial_values(q))
+        self.mark("goal", q)
+        self.panel.tool.content = self._describe_reach(q, problem)
+        self._shower.request()
+
+    def _describe_reach(self, q: Floats, problem: str) -> str:
+        """Describe in Markdown whether the arm reached its tool frame."""
+        if problem:
+            return f"**Not reached**; the arm shows the nearest pose.  \n{_capitalize(problem)}."
+        if self._space.is_free(q):
+            return "**Reached**, proven free."
+        return "**Reached**, but not proven free."
+
+    def _search(self) -> None:
+        """Plan, and show the result."""
+        import planners
+
+        panel = self.panel
+        pose = self._goal
+        self._goal = None
+        self._solver.wait()  # the arm has come to a pose before it is moved along the plan
+        goal = self.marks["goal"] if pose is None else pose
+        panel.answer.content = "Planning …"
+        panel.plan.disabled = True
+        try:
+            options = panel.read_options()
+            self.plan = plan = planners.plan(self._space, self.marks["start"], goal, **options)
+        finally:
+            panel.plan.disabled = False
+        self._prover.request()
+        if pose is None:
+            self._show_path(plan.path, plan)
+            if plan.solved:
+                self.move(plan.path[0])
+        elif plan.solved:
+            self._show_plan_of_tool(plan)
+        panel.answer.content = _describe_plan(plan)
+
+    def _show_plan_of_tool(self, plan: Plan) -> None:
+        """Show a plan to a released tool frame from its end, unless users hold the frame again."""
+        tool = self._canvas.tool
+        if tool is not None and not tool.is_held:
+            self.mark("goal", plan.goal)
+            self._show_path(plan.path, plan)
+            self.panel.share.value = 100.0
+            self.go(1.0)
+
+    def _play(self) -> None:
+        """Move the robot along the path until its end or until stopped."""
+        panel = self.panel
+        panel.play.label = "Stop"
+        # Go on from the current place; at the end, begin again.
+        at_end = panel.share.value >= 100.0
+        share = 0.0 if at_end else panel.share.value / 100.0
+        seconds = PLAY_SECONDS
+        if self.trajectory is not None:
+            seconds = max(self.trajectory.duration, 1.0 / FRAME_RATE)
+        began = time.perf_counter() - share * seconds
+        try:
+            while self._playing.is_set() and share < 1.0 and len(self._path):
+                share = min(1.0, (time.perf_counter() - began) / seconds)
+                panel.share.value = round(100.0 * share, 1)
+                self.go(share)
+                time.sleep(1.0 / FRAME_RATE)
+        finally:
+            self._playing.clear()
+            panel.play.label = "Play"
+
+    def _show_path(self, path: Floats, source: Plan | Trajectory | None = None) -> None:
+        """Show a path, from its start."""
+        self._playing.clear()
+        self._path = path
+        self._canvas.draw_path(path)
+        self.panel.share.value = 0.0
+        is_empty = len(path) == 0
+        self.panel.share.disabled = is_empty
+        self.panel.play.disabled = is_empty
+        self.trajectory = self._time_path(source)
+
+    def _time_path(self, source: Any) -> Trajectory | None:
+        """Return a given trajectory, or one along the plan of an arm; None without times."""
+        if hasattr(source, "sample"):
+            return cast("Trajectory", source)
+        is_arm = self._canvas.tool is not None
+        if not hasattr(source, "trajectory") or not is_arm or not len(self._path):
+            return None
+        # Joints without a limit in the URDF get one.
+        limits = self._space.max_velocity
+        unlimited = [joint for joint, limit in limits.items() if math.isinf(limit)]
+        max_velocity = dict.fromkeys(unlimited, MAX_VELOCITY)
+        motion: Trajectory = source.trajectory(
+            max_velocity=max_velocity, max_acceleration=MAX_ACCELERATION
+        )
+        return motion
+
+    def _report_error(self, error: Exception) -> None:
+        """Show an error on the page, which stays usable."""
+        message = str(error)
+        if not isinstance(error, CspaceError):
+            LOGGER.error("error in a thread of the page", exc_info=error)
+            message = repr(error)
+        self.panel.answer.content = f"**Not done:** {message}"
+
+
+def _describe_plan(plan: Plan) -> str:
+    """Return a plan and its proof as text."""
+    status = _capitalize(plan.status)
+    if not plan.solved:
+        hint = f"  \nTry {plan.hint}." if plan.hint else ""
+        return f"**{status}.**{hint}"
+    proof = "certified: every edge is proven free" if plan.certified else "not certified"
+    length = f"{plan.length:.3f} {plan.length_unit}"
+    distance = f", {plan.distance_text}" if plan.distance_text else ""
+    seconds = plan.times.planning + plan.times.simplification
+    duration = f"{1e3 * seconds:.3g} ms" if seconds < 1.0 else f"{seconds:.3g} s"
+    lines = [f"**{status}**, {proof}.", length + distance, f"{plan.planner}, {duration}"]
+    return "  \n".join(lines)
+
+
+def _capitalize(text: str) -> str:
+    """Return a text with a capital first letter and the rest unchanged."""
+    return text[:1].upper() + text[1:]
+
+
+def _make_legend_html(rows: list[tuple[str, str]]) -> str:
+    """Make a legend as HTML from rows of a colour and its meaning."""
+    square = (
+        "display:inline-block;width:0.9em;height:0.9em;margin-right:0.5em;border:1px solid "
+        "#777;background:"
+    )
+    items = []
+    for color, name in rows:
+        sample = f'<span style="{square}{color}"></span>'
+        items.append(f'<div style="margin:0.15em 0">{sample}{html.escape(name)}</div>')
+    return f'<div style="font-size:0.8em;padding:0.4em 0.8em">{"".join(items)}</div>'
+
+
+class Worker:
+    """A thread that runs a task on request.
+
+    Requests during a run cause one more run. Exceptions of the task are passed to ``report``; the
+    thread continues.
+    """
+
+    def __init__(self, task: Callable[[], None], report: Callable[[Exception], None]) -> None:
+        """Start the thread, which waits for a request."""
+        self._task = task
+        self._report = report
+        self._changed = threading.Condition()
+        self._requested = False
+        self._busy = False
+        self._open = True
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def request(self) -> None:
+        """Request a run, after the current one."""
+        with self._changed:
+            self._requested = True
+            self._changed.notify_all()
+
+    def wait(self, seconds: float | None = None) -> bool:
+        """Wait until all requested runs are done; return False after a timeout."""
+        with self._changed:
+            return self._changed.wait_for(lambda: not (self._requested or self._busy), seconds)
+
+    def close(self) -> None:
+        """Stop the thread after the current run."""
+        with self._changed:
+            self._open = False
+            self._requested = False
+            self._changed.notify_all()
+
+    def _run(self) -> None:
+        """Run the task whenever it was requested, until closed."""
+        while True:
+            # Take a request, or wait for one; the task runs without the lock.
+            with self._changed:
+                self._busy = False
+                self._changed.notify_all()
+                self._changed.wait_for(lambda: self._requested or not self._open)
+                if not self._open:
+                    return
+                self._requested = False
+                self._busy = True
+            try:
+                self._task()
+            except Exception as error:  # the page must stay usable
+                if self._open:
+                    self._report(error)

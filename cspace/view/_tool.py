@@ -1,0 +1,146 @@
+"""The tool frame of an arm, which users drag to a pose."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import partial
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from cspace._support.arrays import Floats
+from cspace._support.check import check_known
+from cspace.arms import PoseGoal
+from cspace.errors import ConfigurationError
+from cspace.plot._arms import count_joints
+from cspace.view._scene import to_quaternion
+
+if TYPE_CHECKING:
+    from viser import ViserServer
+
+MIN_POSE_JOINTS: Final = 6
+"""Number of joints that reach every pose nearby; if fewer move a frame, only its position is asked
+for at first."""
+MAX_POSE_CANDIDATES: Final = 8
+"""Number of configurations at a pose among which a FREE one is sought."""
+
+
+class ToolFrame:
+    """A frame of an arm that users drag, and the configurations that bring it to a pose.
+
+    Parameters
+    ----------
+    space : ArmSpace
+    server : viser.ViserServer
+    size : float
+        Length of the axes that users drag, metres.
+    name : str, optional
+        Default: the frame that the most joints move; the last one in a tie. Attached objects are
+        skipped.
+
+    Attributes
+    ----------
+    frames : tuple of str
+        Frames that a joint moves.
+    name : str
+        The frame that users drag, one of :attr:`frames`.
+    position_only : bool
+        True if the rotation of the frame does not matter.
+    pose : ndarray of float64, shape (4, 4)
+        Where the frame shall be, in the frame of the base.
+    is_held : bool
+        True during a drag.
+
+    Raises
+    ------
+    InputError
+        If no joint moves a frame of that name.
+    """
+
+    def __init__(
+        self, space: Any, server: ViserServer, size: float, name: str | None = None
+    ) -> None:
+        """Choose the frame, and add its axes to the scene of a server."""
+        arm = space.arm
+        self._space = space
+        self.is_held = False
+        self.pose = np.eye(4)
+        joint_counts = {frame: count_joints(arm, frame) for frame in arm.frames}
+        self.frames = tuple(frame for frame, count in joint_counts.items() if count)
+        if name is None:
+            candidates = [frame for frame in self.frames if frame not in arm.carriers]
+            # The last frame wins a tie.
+            self.name = max(reversed(candidates), key=joint_counts.__getitem__)
+        else:
+            self.name = check_known(name, "frame", self.frames)
+        self._gizmo = server.scene.add_transform_controls(
+            "/tool", scale=size, line_width=3.0, depth_test=False
+        )
+        self.choose(self.name)
+
+    @property
+    def goal(self) -> PoseGoal:
+        """The pose that the frame shall reach."""
+        goal = PoseGoal(self.name, self.pose)
+        if self.position_only:
+            metres, _ = goal.tolerance
+            goal = PoseGoal(self.name, self.pose, (metres, math.inf))
+        return goal
+
+    def choose(self, name: str, position_only: bool | None = None) -> None:
+        """Choose the frame that users drag.
+
+        By default only its position matters if fewer than six joints move it.
+        """
+        if position_only is None:
+            position_only = count_joints(self._space.arm, name) < MIN_POSE_JOINTS
+        self.name = name
+        self.position_only = position_only
+        self._gizmo.disable_rotations = self.position_only
+
+    def follow(self, q: Floats) -> None:
+        """Move the gizmo to the frame at a configuration, except during a drag."""
+        if not self.is_held:
+            self.move(self._space.arm.pose(q, self.name))
+
+    def move(self, pose: Floats) -> None:
+        """Move the gizmo to a pose, shape (4, 4)."""
+        self.pose = pose
+        self._gizmo.position = pose[:3, 3]
+        self._gizmo.wxyz = to_quaternion(pose)
+
+    def on_drag(self, dragged: Callable[[str], None]) -> None:
+        """Call ``dragged`` with "start", "update" or "end" when users drag the frame."""
+
+        async def drag(event: Any) -> None:  # async keeps the order of phases
+            """Take over the pose to which the axes were dragged."""
+            rotation = Rotation.from_quat(event.target.wxyz, scalar_first=True)
+            self.pose = np.eye(4)
+            self.pose[:3, :3] = rotation.as_matrix()
+            self.pose[:3, 3] = event.target.position
+            dragged(event.phase)
+
+        self._gizmo.on_update(drag)
+
+    def solve(self, near: Floats) -> tuple[Floats, str]:
+        """Find a configuration, shape (dof,), that brings the frame to :attr:`pose`.
+
+        Also returns, as text, why it does not. Among configurations that reach the pose, a FREE one
+        is preferred, then the nearest to ``near``. If none does, the nearest pose reached is
+        returned with the reason; otherwise the reason is empty.
+        """
+        goal = self.goal
+        inverse = partial(
+            self._space.arm.inverse, goal.frame, goal.pose, tolerance=goal.tolerance, near=near
+        )
+        # One configuration is found fast, which matters during a drag; most often it is FREE.
+        try:
+            candidates = np.asarray(inverse(max_solutions=1))
+            if not self._space.is_free(candidates[0]):
+                candidates = np.asarray(inverse(max_solutions=MAX_POSE_CANDIDATES))
+        except ConfigurationError as error:
+            return np.array(error.nearest), str(error)
+        first_free = np.argmax(self._space.is_free(candidates))  # 0 if none is free
+        return candidates[first_free], ""

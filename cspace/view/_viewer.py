@@ -1,0 +1,279 @@
+"""A viewer of a space in the browser, and its server, which refuses pages of other sites."""
+
+from __future__ import annotations
+
+import errno
+import html
+import socket
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from ipaddress import ip_address
+from typing import TYPE_CHECKING, Any, Final, TypedDict
+from urllib.parse import urlsplit
+
+from cspace._support.check import check_count
+from cspace._support.reporting import import_optional
+from cspace.arms import ArmSpace
+from cspace.errors import InputError
+from cspace.plot._route import HasAxes, check_path, collect_marks
+from cspace.view._arm_canvas import ArmCanvas
+from cspace.view._map_canvas import MapCanvas
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+    from viser import ViserServer
+
+    from cspace.plot._route import HasPath
+    from cspace.view._canvas import Canvas
+    from planners import Plan
+
+
+FIRST_PORT: Final = 8080
+"""Default port; viser takes the next free one."""
+_POLICY_VIOLATION: Final = 1008
+"""Status that closes the connection of a foreign page (RFC 6455: policy violation)."""
+
+
+class ViewOptions(TypedDict, total=False):
+    """Options of :meth:`cspace.CSpace.view`."""
+
+    path: ArrayLike | HasPath
+    start: ArrayLike
+    goal: ArrayLike
+    frame: str
+    host: str
+    port: int
+
+
+class Viewer:
+    """A page in the browser that shows a map or an arm.
+
+    :meth:`cspace.CSpace.view` opens it. Notebooks show the page if ``block=False``. All users of
+    the page share its state.
+
+    Parameters
+    ----------
+    space : ConfigurationSpace
+    path, start, goal, frame, host, port
+        See :meth:`cspace.CSpace.view`.
+
+    Attributes
+    ----------
+    server : viser.ViserServer
+        The server; programs may add to its scene.
+    page : cspace.view._page.Page
+        The actions of the page: move the robot, set start and goal, drag a tool, plan, play.
+    canvas : cspace.view._canvas.Canvas
+        The drawing.
+    """
+
+    def __init__(
+        self,
+        space: HasAxes,
+        *,
+        path: ArrayLike | HasPath | None = None,
+        start: ArrayLike | None = None,
+        goal: ArrayLike | None = None,
+        frame: str | None = None,
+        host: str = "127.0.0.1",
+        port: int | None = None,
+    ) -> None:
+        """Check all arguments, start a server, and open the page of a map or an arm."""
+        from cspace.view._page import Page
+
+        is_arm = isinstance(space, ArmSpace)
+        if frame is not None and not is_arm:
+            raise InputError(
+                "frame",
+                f"is {frame!r}",
+                "a map has no frames",
+                "leave it out",
+            )
+        points = check_path(space, path)
+        marks = collect_marks(space, path, points, start, goal)
+        self.server = serve(host, port)
+        self._closed = threading.Event()
+        try:
+            self.canvas: Canvas
+            if is_arm:
+                self.canvas = ArmCanvas(space, self.server, points, marks, frame)
+            else:
+                self.canvas = MapCanvas(space, self.server, points, marks)
+            has_times = hasattr(path, "sample") or hasattr(path, "trajectory")
+            source: Any = path if has_times else None
+            self.page = Page(self.server, space, self.canvas, points, source)
+        except BaseException:
+            stop(self.server)
+            raise
+
+    @property
+    def url(self) -> str:
+        """Address of the page."""
+        return f"http://{self.server.get_host()}:{self.server.get_port()}"
+
+    @property
+    def plan(self) -> Plan | None:
+        """Result of the last search on the page, or None."""
+        return self.page.plan
+
+    def refresh(self) -> None:
+        """Redraw the space after an update."""
+        self.page.refresh()
+
+    def close(self) -> None:
+        """Close the page."""
+        if not self._closed.is_set():
+            self._closed.set()
+            self.page.close()
+            stop(self.server)
+
+    def wait(self) -> None:
+        """Wait until the page is closed or Ctrl-C closes it."""
+        try:
+            self._closed.wait()
+        except KeyboardInterrupt:
+            pass
+        finally:
+            self.close()
+
+    def __enter__(self) -> Viewer:
+        """Return the viewer."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close the page."""
+        self.close()
+
+    def __repr__(self) -> str:
+        """Return the address and whether the page is closed."""
+        state = ", closed" if self._closed.is_set() else ""
+        return f"Viewer({self.url}{state})"
+
+    def _repr_html_(self) -> str:
+        """Return a frame with the page, for notebooks."""
+        if self._closed.is_set():
+            return html.escape(repr(self))
+        look = 'width="100%" height="640" style="border:0"'
+        return f'<iframe src="{html.escape(self.url)}" {look}></iframe>'
+
+
+def open_viewer(space: Any, block: bool, options: ViewOptions) -> Viewer:
+    """Open the page of a space.
+
+    If ``block`` is set, print its address and wait until it is closed.
+    """
+    viewer = Viewer(space, **options)
+    if block:
+        print(f"{viewer.url}  Ctrl-C closes it", flush=True)  # noqa: T201
+        viewer.wait()
+    return viewer
+
+
+def serve(host: str, port: int | None) -> ViserServer:
+    """Start a server that prints nothing and refuses pages of other sites.
+
+    Browsers let pages of any site connect to servers on the user's machine. They name the site, but
+    viser does not check it.
+
+    Raises InputError if this machine lacks the address, or if the port is taken or invalid;
+    MissingPackageError if viser is not installed.
+    """
+    viser = import_optional("viser", "it serves the page in the browser", "view")
+    from websockets.exceptions import ConnectionClosed
+
+    free_port = _find_free_port(host, port)
+    with _quiet():
+        server: ViserServer = viser.ViserServer(host, free_port, label="cspace", verbose=False)
+    sockets = server._websock_server
+
+    async def admit(client: Any) -> None:
+        """Close the connection of a page of another site."""
+        connection: Any = sockets._live_connections[client.client_id]
+        headers = connection.request.headers
+        if not is_same_site(headers.get("Origin"), headers.get("Host", ""), host):
+            await connection.close(_POLICY_VIOLATION, "the page is of another site")
+            with suppress(ConnectionClosed):
+                while True:  # discard what it sent meanwhile
+                    await connection.recv()
+
+    sockets.on_client_connect(admit)
+    sockets.disconnect_all_clients()  # clients that connected before the check connect again
+    return server
+
+
+def stop(server: ViserServer) -> None:
+    """Stop a server."""
+    with _quiet():
+        server.stop()
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Silence viser, which prints through rich's console."""
+    import rich
+
+    console = rich.get_console()
+    before = console.quiet
+    console.quiet = True
+    try:
+        yield
+    finally:
+        console.quiet = before
+
+
+def is_same_site(origin: str | None, asked: str, host: str) -> bool:
+    """Return True if a browser's page comes from this server.
+
+    ``origin`` is the site of the page, as named by the browser; other programs send None. ``asked``
+    is the name and port in the request, and ``host`` the address of the server. A server at a
+    loopback address accepts only loopback names, because a foreign name can temporarily resolve to
+    that address (DNS rebinding).
+    """
+    if origin is None:
+        return True
+    page = urlsplit(origin)
+    server = urlsplit(f"//{asked}")
+    if page.netloc != server.netloc:
+        return False
+    return is_local(server.hostname) or not is_local(host)
+
+
+def is_local(host: str | None) -> bool:
+    """Return True if other machines cannot reach a host address."""
+    if host == "localhost":
+        return True
+    try:
+        return ip_address(host or "").is_loopback
+    except ValueError:
+        return False
+
+
+def _find_free_port(host: str, port: int | None) -> int:
+    """Find a free port: the given one, any for 0, or by default the first to try.
+
+    Raises InputError if this machine lacks the address, or if the port is taken or invalid.
+    """
+    tried_port = 0
+    if port is not None:
+        hint = "pass 0 for any free port, or omit it"
+        tried_port = check_count(port, "port", 0, 2**16 - 1, hint)
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    # Opening a server for a moment shows whether the port is free.
+    try:
+        with socket.create_server((host, tried_port), family=family) as trial:
+            return FIRST_PORT if port is None else int(trial.getsockname()[1])
+    except OSError as error:
+        if error.errno in (errno.EADDRINUSE, errno.EACCES):
+            raise InputError(
+                "port",
+                f"is {port}",
+                "other programs use it",
+                "pass another port from 1024 on, or 0 for any",
+            ) from error
+        raise InputError(
+            "host",
+            f"is {host!r}",
+            "it must be an address of this machine",
+            'pass "127.0.0.1", or "0.0.0.0" for all addresses',
+        ) from error

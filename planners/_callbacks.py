@@ -1,0 +1,235 @@
+"""OMPL's callbacks: validity of states and motions, and FREE samples."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from functools import cached_property
+from typing import Any, Final
+
+import numpy as np
+from ompl import base as ob
+from ompl import util as ou
+
+from cspace._interface import Space
+from cspace._space import CSpace
+from cspace._support.arrays import Floats
+from cspace._support.check import check_flag, check_rng
+from cspace._support.words import Drive
+from cspace.errors import InputError
+from planners._local_planner import HOLONOMIC, local_planner
+from planners._states import check_information, find_state_kind
+
+_DRAWS_PER_BATCH: Final = 256
+"""Random draws per call of numpy."""
+
+
+class StateValidityChecker(ob.StateValidityChecker):
+    """Checker of OMPL's states, valid if proven free.
+
+    A certified map, or the geometry of an arm, gives the proof. States in MIXED cells of a map are
+    invalid, unless ``exact`` is set and the geometry proves them free.
+
+    Parameters
+    ----------
+    si : ompl.base.SpaceInformation
+        Of a :func:`planners.state_space`.
+    space : Space
+    exact : bool
+        Whether the geometry itself decides states that the map does not.
+
+    Attributes
+    ----------
+    is_free : callable
+        Test of a state; a plan replaces it by one that ends at its time limit.
+    """
+
+    def __init__(self, si: ob.SpaceInformation, space: Space, *, exact: bool = False) -> None:
+        """Make the test of a state from that of a configuration."""
+        check_information(si, space)
+        check_flag(exact, "exact")
+        super().__init__(si)
+        self._kind = find_state_kind(space)
+        self._space = space
+        self.is_free = self._kind.of_state(space.point_checker(exact=exact))
+
+    def isValid(self, state: ob.State) -> bool:  # noqa: N802 - OMPL's name
+        """Return True if the state is proven free."""
+        return self.is_free(state)
+
+    def clearance(self, state: ob.State) -> float:
+        """Bound the clearance of a state from below, in metres.
+
+        It is :meth:`cspace.Space.clearance`; for an arm, the obstacle distance.
+        """
+        return self._clearance(state)
+
+    @cached_property
+    def _clearance(self) -> Callable[[ob.State], float]:
+        """Clearance of a state; distances cost a pass over the map, and few planners need them."""
+        return self._kind.of_state(self._space.clearance_checker())
+
+
+class MotionValidator(ob.MotionValidator):
+    """Validator of OMPL's motions on a certified map.
+
+    A motion is valid if every cell that its edge touches is FREE. The test is exact at any length
+    and does not use OMPL's checking resolution. With a drive, the edge is the driven motion itself
+    (turn, line and turn, or the curve), not a chain of samples on it. OMPL now and then uses a
+    curve that is not the shortest; such a motion is invalid.
+
+    OMPL can also ask for the last valid state of a motion, which its Python bindings cannot return.
+    So ``ompl.base.ObstacleBasedValidStateSampler``, which relies on it, returns invalid states with
+    any motion validator in Python; :func:`planners.simple_setup` refuses the pair.
+
+    Parameters
+    ----------
+    si : ompl.base.SpaceInformation
+        Of a :func:`planners.state_space`. It is not kept: a validator that holds it would never be
+        freed.
+    space : Space
+    exact : bool
+        Whether the geometry itself decides motions that the map does not.
+    drive, turning_radius
+        As for :func:`planners.plan`.
+    bidirectional : bool
+        Whether an edge must also be free from its end to its start. Planners that follow edges both
+        ways (BFMT, BKPIECE1, LBKPIECE1, PRM, PRMstar) need it if the robot does not drive
+        backwards.
+
+    Attributes
+    ----------
+    is_free : callable
+        Proof of the edge between two states; a plan replaces it by one that ends at its time limit.
+
+    Raises
+    ------
+    InputError
+        As :func:`planners.state_space`.
+
+    Examples
+    --------
+    >>> import numpy as np, cspace, planners
+    >>> from ompl import base as ob
+    >>> workspace = cspace.Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
+    >>> space = cspace.build(workspace, cspace.Robot.disc(0.2))
+    >>> def is_free(space, q0, q1):  # OMPL's objects are gone when it ends
+    ...     si = ob.SpaceInformation(planners.state_space(space))
+    ...     si.setStateValidityChecker(planners.StateValidityChecker(si, space))
+    ...     si.setMotionValidator(planners.MotionValidator(si, space))
+    ...     endpoints = si.allocState(), si.allocState()
+    ...     for state, q in zip(endpoints, (q0, q1)):
+    ...         state[0], state[1] = q
+    ...     return si.checkMotion(*endpoints)
+    >>> is_free(space, (1.0, 1.0), (3.0, 2.0)), is_free(space, (1.0, 1.0), (3.95, 2.0))
+    (True, False)
+    """
+
+    def __init__(
+        self,
+        si: ob.SpaceInformation,
+        space: Space,
+        *,
+        exact: bool = False,
+        drive: Drive = HOLONOMIC,
+        turning_radius: float | None = None,
+        bidirectional: bool = False,
+    ) -> None:
+        """Make the proof of an edge by the robot's drive."""
+        check_information(si, space)
+        super().__init__(si)
+        edges = local_planner(space, exact, drive, turning_radius, bidirectional)
+        self.is_free = edges.motion_checker()
+
+    def checkMotion(self, first: ob.State, second: ob.State) -> bool:  # noqa: N802 - OMPL's name
+        """Return True if a motion's whole edge is proven free."""
+        return self.is_free(first, second)
+
+
+class FreeStateSampler(ob.ValidStateSampler):
+    """Uniform sampler of the FREE area or volume, without rejection.
+
+    Parameters
+    ----------
+    si : ompl.base.SpaceInformation
+        Of a :func:`planners.state_space`.
+    space : CSpace
+        A map in memory.
+    rng : numpy.random.Generator, optional
+        Source of randomness. The default is a generator seeded by OMPL's, so that
+        ``ompl.util.RNG.setSeed`` makes the draws repeatable.
+
+    Raises
+    ------
+    InputError
+        If ``space`` is not a map in memory, or ``rng`` is not a Generator.
+    """
+
+    def __init__(
+        self, si: ob.SpaceInformation, space: CSpace, rng: np.random.Generator | None = None
+    ) -> None:
+        """Seed the draws; raise InputError unless the space is a map in memory."""
+        check_information(si, space)
+        if not (space.has_cells and space.in_memory):
+            raise InputError(
+                "space",
+                f"is a {type(space).__name__}",
+                "it must be a CSpace",
+                "use ompl.base.UniformValidStateSampler",
+            )
+        super().__init__(si)
+        if rng is None:
+            rng = np.random.default_rng(ou.RNG().getLocalSeed())
+        check_rng(rng)
+        self._kind = find_state_kind(space)
+        self._rotations = space.rotations
+        # Batches, because a single draw would spend its time in the overhead of a call.
+        self._points = _draw_batches(lambda n: space.sample_free(n, rng))
+        self._numbers = _draw_batches(rng.random)
+        self._is_free = space.point_checker()
+        self._box = tuple(zip(space.grid.lower, space.grid.upper, strict=True))
+
+    def sample(self, state: ob.State) -> bool:
+        """Set ``state`` to a FREE configuration.
+
+        Raises
+        ------
+        ConfigurationError
+            If the map has no FREE cell.
+        """
+        # The map may have been updated since a point was drawn, so each point is tested again.
+        q = next(point for point in self._points if self._is_free(*point))
+        self._kind.write(state, *q)
+        return True
+
+    def sampleNear(self, state: ob.State, near: ob.State, distance: float) -> bool:  # noqa: N802 - OMPL's name
+        """Set ``state`` to a FREE configuration near another.
+
+        ``distance`` holds along each axis, in metres and radians. Returns False if no draw of
+        ``getNrAttempts`` is FREE; ``state`` is then unchanged.
+        """
+        center = self._kind.read(near)
+        center_rotation = center[len(self._box) :]
+        max_turn = min(distance, math.pi)
+        numbers = self._numbers
+        # Positions within the distance, as far as they are in the grid.
+        box = [
+            (max(low, x - distance), min(high, x + distance))
+            for (low, high), x in zip(self._box, center, strict=False)
+        ]
+        if any(low > high for low, high in box):
+            return False
+        for _ in range(max(1, self.getNrAttempts())):
+            position = [min(low + next(numbers) * (high - low), high) for low, high in box]
+            rotation = self._rotations.sample_near(center_rotation, max_turn, numbers)
+            q = (*position, *rotation)
+            if self._is_free(*q):
+                self._kind.write(state, *q)
+                return True
+        return False
+
+
+def _draw_batches(draw: Callable[[int], Floats]) -> Iterator[Any]:
+    """Yield random rows or numbers without end, from batches."""
+    while True:
+        yield from draw(_DRAWS_PER_BATCH).tolist()

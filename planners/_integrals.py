@@ -1,0 +1,155 @@
+"""Kernels that integrate a cost density along straight edges."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from cspace._queries.callbacks import MAX_SIZE, bind_kernel, configuration_before
+from cspace._queries.distance import DistanceMap, DistanceTable, clearance_at
+from cspace._queries.edges import position_along
+from cspace._queries.points import slice_of
+from cspace._record.cells import Map
+from cspace._rotations.lookup import arc_angle_and_error, rotation_along
+from cspace._space import CSpace
+from cspace._support.arrays import Floats, Numbers, Row
+from cspace._support.compiling import internal, kernel
+
+Field = DistanceMap | Floats | None
+"""Source of a value at each configuration: the clearance, by distances; overlaps of cells; or none
+(zero)."""
+
+NO_VALUES = 0
+CLEARANCES = 1
+OVERLAPS = 2
+"""Kinds of :class:`Values`."""
+
+MAX_RADIANS_PER_STEP: Final = math.radians(5.0)
+"""Largest rotation of an integration step, in radians (5 degrees)."""
+
+
+class Values(NamedTuple):
+    """A field as kernels take it; what its kind does not need is empty."""
+
+    kind: int
+    distances: DistanceTable
+    overlaps: Floats
+
+
+class CostDensity(NamedTuple):
+    """Cost of a metre, by the value of a field.
+
+    It is ``1 + weight * max(0, offset + slope * value)**2``. A radian of rotation counts as
+    ``rotation_weight`` metres. ``mean_per_metre`` selects the mean cost of a metre, instead of the
+    cost of the whole edge.
+    """
+
+    offset: float
+    slope: float
+    weight: float
+    rotation_weight: float
+    mean_per_metre: bool = False
+
+
+@internal
+def cost_at(
+    map_: Map, values: Values, density: CostDensity, position: Row, rotation: Numbers
+) -> float:
+    """Return the cost of a metre at a configuration, from the value of the field there."""
+    value = 0.0
+    if values.kind == CLEARANCES:
+        value = clearance_at(map_, values.distances, position, rotation)
+    elif values.kind == OVERLAPS:
+        value = field_at(map_, values.overlaps, position, rotation)
+    penalty = max(0.0, density.offset + density.slope * value)
+    return 1.0 + density.weight * penalty * penalty
+
+
+@internal
+def field_at(map_: Map, values: Floats, position: Row, rotation: Numbers) -> float:
+    """Interpolate a field at a configuration, for compiled callers.
+
+    ``values``, shape (cells,), are the overlaps of all cells of all slices in C order, and
+    ``position`` has three coordinates, metres. The weights are those of linear interpolation
+    between the eight cell centers around the position.
+    """
+    s = slice_of(map_, rotation)
+    total = 0.0
+    for corner in range(8):  # of the cube of eight cell centers around the position
+        weight = 1.0
+        cell = s
+        for axis in range(3):
+            # Each bit of the corner selects the lower or the upper center along an axis.
+            is_upper = (corner >> axis) & 1
+            count = map_.states.shape[axis + 1]
+            place = (position[axis] - map_.lower[axis]) / map_.spacing - 0.5
+            place = min(max(place, 0.0), count - 1.0)
+            k = min(int(place), max(count - 2, 0))
+            share = place - k
+            if is_upper:
+                k = min(k + 1, count - 1)
+                weight *= share
+            else:
+                weight *= 1.0 - share
+            cell = cell * count + k
+        if weight > 0.0:
+            total += weight * values[cell]
+    return max(total, 0.0)
+
+
+@kernel
+def integrate_straight_edge(
+    map_: Map, values: Values, density: CostDensity, size: int, numbers: Numbers
+) -> float:
+    """Integrate the cost along a straight edge.
+
+    ``numbers`` are zeros and then the configurations of both ends, each of length ``size``. The
+    midpoint rule has steps of at most one cell and 5 degrees.
+    """
+    end = 2 * MAX_SIZE
+    p0, r0 = configuration_before(map_, numbers, end - size)
+    p1, r1 = configuration_before(map_, numbers, end)
+    # Length and rotation of the edge decide the number of steps.
+    metres = math.hypot(p1[0] - p0[0], math.hypot(p1[1] - p0[1], p1[2] - p0[2]))
+    radians, _ = arc_angle_and_error(r0, r1, 0)
+    cells = metres / map_.spacing
+    steps = max(1, math.ceil(max(cells, radians / MAX_RADIANS_PER_STEP)))
+    total = 0.0
+    for step in range(steps):
+        share = (step + 0.5) / steps
+        position = position_along(p0, p1, share)
+        rotation = rotation_along(r0, r1, 0, share)
+        total += cost_at(map_, values, density, position, rotation)
+    mean_cost = total / steps
+    if density.mean_per_metre:
+        return mean_cost
+    return mean_cost * (metres + density.rotation_weight * radians)
+
+
+def bind_cost(kernel: Any, space: CSpace, field: Field, *fixed: Any) -> Callable[..., float]:
+    """Make ``cost(*q0, *q1)`` from ``kernel(map, values, *fixed, numbers)``.
+
+    The numbers are zeros and then both configurations. The function follows changes of the map.
+    """
+    # Kernels take one type of record, so what a field does not need is empty.
+    no_distances = DistanceTable(
+        np.empty(0, dtype=np.float32),
+        np.empty((0, 2, space.grid.dim)),
+        np.empty(0, dtype=np.bool_),
+    )
+    zeros = (0.0,) * (2 * MAX_SIZE)
+    padding = zeros[2 * space.size :]
+
+    def get_values() -> Values:
+        """Return the field's present values."""
+        if isinstance(field, DistanceMap):
+            return Values(CLEARANCES, field.whole(), np.empty(0))
+        if field is None:
+            return Values(NO_VALUES, no_distances, np.empty(0))
+        return Values(OVERLAPS, no_distances, field.reshape(-1))
+
+    integrate = bind_kernel(kernel, (space.kernel_map,), get_values(), *fixed, zeros)
+    return lambda *ends: integrate(get_values(), *fixed, padding + ends)

@@ -1,0 +1,856 @@
+"""Search on a lattice of headings, for non-holonomic drives.
+
+The search runs from the start, guided by the length of the shortest chain of blocks of cells to the
+goal. It keeps one configuration for each cell and heading (hybrid A*), so positions are not
+rounded, and map or geometry prove each motion. From nodes near the goal, and from some others, one
+edge may lead to the goal itself. For a car that reverses, start and goal change roles if there is
+less room at the goal. Then :func:`shorten_path` shortens the path.
+
+References
+----------
+M. Pivtoraiko and A. Kelly, "Efficient constrained path planning via search in state
+lattices", 2005; D. Dolgov, S. Thrun, M. Montemerlo and J. Diebel, "Practical search techniques in
+path planning for autonomous driving", 2008.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Final, NamedTuple, cast
+
+import numpy as np
+
+from cspace._interface import Endpoint
+from cspace._queries.edges import edge_is_free
+from cspace._queries.frontier import (
+    NO_NODE,
+    UNKNOWN,
+    Estimate,
+    Progress,
+    check_deadline,
+    double,
+    is_known,
+    make_progress,
+    pop_first,
+    push,
+    remaining_cost,
+)
+from cspace._queries.guide import NARROW_PRICE, Directions, Guide
+from cspace._queries.moves import list_moves
+from cspace._queries.paths import MAX_SHORTENING_SECONDS, pulled_straight
+from cspace._queries.points import position_in_plane
+from cspace._record.cells import Map
+from cspace._rotations.base import METRES_PER_RADIAN, TWO_PI, wrapped
+from cspace._support.arrays import FREE, MIXED, Bools, Floats, Ints
+from cspace._support.compiling import clock, internal, kernel
+from planners._car_curves import (
+    MAX_GAP,
+    POINT_ERROR,
+    Geometry,
+    Pose,
+    advance,
+    piece_is_free,
+    segment_is_free,
+)
+from planners._local_planner import Endpoints, LocalPlanner
+
+MAX_BLOCK_SIDE: Final = 8
+"""Largest number of cells along each side of the blocks of the guide."""
+
+NARROW_CAR_PRICE: Final = 0.3
+"""Share by which blocks are dearer for a car where it passes at few rotations; it need not turn
+there on the spot."""
+
+MAX_DEVIATION: Final = math.radians(14.0)
+"""Largest angle between a move of the guide and the robot's yaw on it; beyond it, another move is
+nearer."""
+
+CAR_HEADINGS: Final = (24, 48, 96)
+"""Numbers of headings of the lattices for a car, coarse to fine; an arc leads from one heading to
+the next."""
+
+REVERSING_HEADINGS: Final = (*CAR_HEADINGS, 192, 384)
+"""Numbers of headings for a car that reverses; the finest lattices move to and fro in slots."""
+
+MAX_NODES: Final = 1_000_000
+CAR_MAX_NODES: Final = (100_000, 200_000, 800_000, 800_000, 800_000)
+"""Number of nodes after which the search ends; on each lattice of a car, which then tries the next
+finer one."""
+
+SPOT_GREED: Final = 1.2
+CAR_GREED: Final = 1.5
+"""Weight of the remaining cost, for robots that turn on the spot and for cars; above 1, paths are
+found sooner but may be longer."""
+
+REVERSE_WEIGHT: Final = 1.5
+"""Cost of a metre that a car drives in reverse, in metres driven ahead."""
+
+SWITCH_RADII: Final = 0.5
+"""Cost of a car's change between driving ahead and in reverse, in turning radii."""
+
+MIN_STRAIGHT_RADII: Final = 0.07
+"""Shortest straight drive of a car, in turning radii.
+
+On shorter drives, curves that turn to and fro are as short up to
+:data:`planners._car_curves.TIE_TOLERANCE`, and the proof of an edge needs these, too.
+"""
+
+ROOM_RADII: Final = 0.25
+"""Distance along each axis within which the room of start and goal counts, in turning radii."""
+
+ROOM_RADIANS: Final = 0.5
+"""Rotation to either side at which the room of start and goal counts, too."""
+
+NEAR_CELLS: Final = 8.0
+"""Distance from the goal, in cells, within which each node tries an edge to the goal."""
+
+NEAR_RADII: Final = 4.0
+"""The same in turning radii, for cars."""
+
+NODES_PER_GOAL_EDGE: Final = 16
+"""Far from the goal, every 16th node tries an edge to the goal."""
+
+NODES_PER_CLOCK_CHECK: Final = 2**12
+"""Nodes expanded between two checks of the time limit."""
+
+KNOWN_TOLERANCE: Final = 0.01
+"""Fraction of a cell's side by which a path into a cell must be cheaper to replace the known path.
+"""
+
+INITIAL_CAPACITY: Final = 2**13
+"""Number of nodes for which a search has memory at first; it doubles as needed."""
+
+SLOTS_PER_NODE: Final = 4
+"""Slots of the hash table for each node, so that most are empty."""
+
+HASH_FACTOR: Final = 0x9E3779B97F4A7C1
+"""Odd factor that spreads keys over the hash table (D. Knuth, "Sorting and Searching", 6.4)."""
+
+HASH_SHIFT: Final = 20
+"""Lowest bits of a key's product that are left out, because they are spread the least."""
+
+KEY_BITS: Final = 24
+"""Bits of a hash key that hold the index of a cell along y."""
+
+ARC_ERROR: Final = MAX_GAP * (1.0 + TWO_PI) + POINT_ERROR
+"""Distance, in turning radii, within which a driven motion stays near the computed one."""
+
+COST_PER_EDGE: Final = 1e-6
+"""Cost of an edge when a path is shortened, metres; it makes collinear drives one edge."""
+
+SPOT_ROUNDS: Final = 2
+"""Number of times that paths of robots that turn on the spot are shortened."""
+
+MAX_SHORTCUTS: Final = 24
+"""Largest number of earlier waypoints tested for an edge to a waypoint."""
+
+SPOT_HEADINGS: Final = (1, 4)
+"""Headings of the lattices for robots that turn on the spot, for each direction from a cell to
+others near it, coarse to fine."""
+
+MIN_STALLED_NODES: Final = 2**14
+"""Number of nodes at which a search may count as stalled; twice as many after each stall."""
+
+PATIENCE: Final = 0.25
+"""A search has stalled if its nodes after this share came no nearer to the goal."""
+
+NEAR_BLOCKS: Final = 3
+"""Distance, in blocks, from the node nearest to the goal, within which a stalled search avoids
+blocks that it has not entered."""
+
+TIME_CHECK: Final = -3
+FULL: Final = -4
+"""Results of :func:`expand_nodes` other than a node, :data:`NO_NODE` and :data:`UNKNOWN`."""
+
+
+class Motions(NamedTuple):
+    """The m motions of a robot at each of h headings. Costs are in metres."""
+
+    headings: Floats  # (h,), yaws, radians
+    nearest: Ints  # (h,), the nearest direction of the guide
+    next_heading: Ints  # (h, m), the heading after each motion
+    steering: Ints  # (m,), 1 to the left, -1 to the right, 0 straight on or on the spot
+    lengths: Floats  # (h, m), negative in reverse, zero on the spot
+    unit: float  # of the lengths, metres: the turning radius of a car, otherwise 1
+    costs: Floats  # (h, m)
+    side: float  # of the cells that hold one configuration for each heading
+    switch_cost: float  # of a change between driving ahead and in reverse
+    greed: float  # weight of the remaining cost; above 1, paths are found sooner but may be longer
+    near: float  # distance from the goal within which each node tries an edge to the goal
+    geometry: Geometry  # proves motions of a car that cells do not prove
+
+
+class Target(NamedTuple):
+    """The goal, and an estimate of the cost to it from positions and directions."""
+
+    goal: Pose
+    estimate: Estimate
+
+
+class Limits(NamedTuple):
+    """Limits of a search."""
+
+    min_stalled: int  # nodes before which it does not count as stalled
+    max_nodes: int
+    until: float  # reading of the clock
+
+
+class Nodes(NamedTuple):
+    """Configurations reached, and their queue.
+
+    ``progress`` holds the cost of each node, the node before it, and whether it is closed. It is
+    closed when it was expanded, or when a cheaper path into its cell and heading replaced it.
+    """
+
+    progress: Progress
+    poses: Floats  # (n, 3)
+    motions: Ints  # (n, 2), the motion that led to each node, and its heading
+    keys: Ints  # (n,), hash key of its cell and heading
+    table: Ints  # hash table of nodes by key, each plus 1; 0 stands for none
+    counts: Ints  # (2,), numbers of nodes and of expanded nodes
+    place: Ints  # (3,), direction and cell of the first node, if the guide has not reached it
+
+
+def find_lattice_path(
+    edges: LocalPlanner,
+    endpoints: Endpoints,
+    simplify: bool,
+    seconds: float,
+    may_exist: Callable[[], bool],
+) -> tuple[Floats, str]:
+    """Find a path on a lattice, and shorten it.
+
+    The map is in memory. A long search asks once whether a path ``may_exist``; the answer takes no
+    time of the limit. Returns configurations (x, y, yaw), shape (n, 3), and a note. If the
+    search finds no path, n is 0, and the note says what ended it before its time.
+    """
+    if edges.edge_checker()(*endpoints[0], *endpoints[1]):
+        return np.array(endpoints), ""
+    is_backwards = _starts_at_goal(edges, endpoints)
+    if is_backwards:
+        endpoints = endpoints[::-1]
+    until = clock() + seconds
+    try:
+        path, reason = _search_levels(edges, endpoints, is_backwards, until, may_exist)
+    except TimeoutError:
+        return np.empty((0, 3)), ""
+    if is_backwards:
+        path = path[::-1]
+    if not len(path):
+        return path, reason
+    if simplify:
+        path = shorten_path(edges, path, until + MAX_SHORTENING_SECONDS)
+    return path, ""
+
+
+def _search_levels(
+    edges: LocalPlanner,
+    endpoints: Endpoints,
+    is_backwards: bool,
+    until: float,
+    may_exist: Callable[[], bool],
+) -> tuple[Floats, str]:
+    """Search on lattices, coarse to fine, and again around blocks where even a fine one stalled.
+
+    Returns and raises as :func:`_search` does, without blocks.
+    """
+    guide = _make_guide(edges, endpoints, is_backwards)
+    levels = _list_levels(edges, endpoints, is_backwards)
+    min_stalled = MIN_STALLED_NODES
+    while True:
+        for motions, max_nodes in levels:
+            limits = Limits(min_stalled, max_nodes, until)
+            path, reason, vain = _search(edges, motions, guide, endpoints, limits, may_exist)
+            if len(path) and edges.are_free(path[::-1] if is_backwards else path):
+                return path, ""
+            if len(path):
+                reason = "rounding keeps the path of the lattice from being proven"
+            if vain is not None and len(motions.headings) >= CAR_HEADINGS[-1]:
+                break
+        if vain is None:
+            return np.empty((0, 3)), reason
+        guide.avoid(vain)
+        min_stalled *= 2
+
+
+def _starts_at_goal(edges: LocalPlanner, endpoints: Endpoints) -> bool:
+    """Return True if the search should start at the goal, and its path be driven backwards.
+
+    A search out of a tight place is shorter than one into it, because few motions are free there. A
+    car that reverses can drive its paths both ways.
+    """
+    if edges.turning_radius is None or not _can_reverse(edges):
+        return False
+    room_at_start, room_at_goal = (_measure_room(edges, q) for q in endpoints)
+    return room_at_goal < room_at_start
+
+
+def _measure_room(edges: LocalPlanner, q: Endpoint) -> int:
+    """Count the cells near a configuration that the robot may pass at yaws near its own."""
+    grid = edges.cells.grid
+    reach = math.ceil(ROOM_RADII * float(edges.turning_radius or 0.0) / grid.spacing)
+    center = grid.cell_of(q[:2])
+    low = np.maximum(center - reach, 0)
+    high = center + reach + 1
+    window = np.s_[low[0] : high[0], low[1] : high[1]]
+    yaws = (q[2] - ROOM_RADIANS, q[2], q[2] + ROOM_RADIANS)
+    worst = _find_worst_state(edges)
+    return sum(int((edges.cells.states_at(yaw)[window] <= worst).sum()) for yaw in yaws)
+
+
+def _list_headings(endpoints: Endpoints, count: int) -> tuple[Floats, Floats]:
+    """List the headings of a lattice by ascending yaw, and the length of a drive along each.
+
+    These are the directions from a cell to others near it, and the yaws of start and goal. From
+    each to the next there are ``count`` steps; at headings between, the robot comes close to a
+    wall. Lengths are in cells.
+    """
+    steps = list_moves(2).steps[:, 1:]
+    yaws = wrapped(np.arctan2(steps[:, 1], steps[:, 0]))
+    own_yaws = np.unique([q[2] for q in endpoints])
+    is_new = np.abs(wrapped(yaws - own_yaws[:, None])).min(axis=1) > 1e-9
+    all_yaws = np.concatenate([yaws, own_yaws[is_new]])
+    order = np.argsort(all_yaws)
+    first = all_yaws[order]
+    gaps = np.diff(first, append=first[0] + TWO_PI)
+    shares = np.arange(count) / count
+    # A drive as long as a cell's diagonal leaves the cell.
+    lengths = np.full((len(order), count), math.sqrt(2.0))
+    lengths[order < len(yaws), 0] = np.hypot(*steps[order[order < len(yaws)]].T)
+    return wrapped(first[:, None] + np.outer(gaps, shares)).ravel(), lengths.ravel()
+
+
+def _list_moves_by_yaw() -> tuple[Floats, Ints, Floats]:
+    """List the moves of the guide by ascending yaw: yaws (n,), steps (n, 3), lengths (n,)."""
+    moves = list_moves(2)
+    yaws = np.arctan2(moves.steps[:, 2], moves.steps[:, 1])
+    order = np.argsort(yaws)
+    return yaws[order], moves.steps[order], moves.lengths[order]
+
+
+def _make_guide(edges: LocalPlanner, endpoints: Endpoints, is_backwards: bool) -> Guide:
+    """Make the guide over blocks of cells."""
+    grid = edges.cells.grid
+    nearest = _find_nearest(np.array([q[2] for q in endpoints])).tolist()
+    cells = np.minimum(grid.cell_of(np.array(endpoints)[:, :2]), np.array(grid.shape) - 1)
+    start, goal = (
+        (direction, (0, i, j)) for direction, (i, j) in zip(nearest, cells.tolist(), strict=True)
+    )
+    # No chain leads across a wall of blocks, because an obstacle blocks two radii of the robot.
+    cells_per_radius = int(edges.cells.robot.inscribed_radius / grid.spacing)
+    return Guide(
+        edges.cells.kernel_map.states,
+        _list_directions(edges, is_backwards),
+        start,
+        goal,
+        min(max(cells_per_radius, 1), MAX_BLOCK_SIDE),
+        narrow_price=NARROW_PRICE if edges.turning_radius is None else NARROW_CAR_PRICE,
+        worst_state=_find_worst_state(edges),
+    )
+
+
+def _list_directions(edges: LocalPlanner, is_backwards: bool) -> Directions:
+    """List what the robot may do in each direction of the guide."""
+    yaws, steps, lengths = _list_moves_by_yaw()
+    moves = steps[:, np.newaxis]
+    costs = lengths[:, np.newaxis]
+    if _can_reverse(edges):
+        weight = REVERSE_WEIGHT if edges.turning_radius is not None else 1.0
+        # What a search backwards drives ahead, the robot will drive in reverse.
+        weights = (weight, 1.0) if is_backwards else (1.0, weight)
+        moves = np.concatenate([moves, -moves], axis=1)
+        costs = costs * weights
+    numbers = np.arange(len(yaws))
+    neighbors = np.stack([numbers - 1, numbers + 1], axis=1) % len(yaws)
+    turns = np.abs(wrapped(yaws[neighbors] - yaws[:, np.newaxis]))
+    cells_per_radian = (edges.turning_radius or METRES_PER_RADIAN) / edges.cells.grid.spacing
+    return Directions(
+        slices=_list_slices_near(edges, yaws),
+        moves=moves,
+        move_costs=costs,
+        neighbors=neighbors,
+        turn_costs=cells_per_radian * turns,
+    )
+
+
+def _list_slices_near(edges: LocalPlanner, yaws: Floats) -> Ints:
+    """List the slices of the rotation cells near each yaw, shape (yaws, n), the nearest first."""
+    rotations = edges.space.rotations
+    slice_of: Ints = edges.cells.kernel_map.rotations.slice_of
+    count = math.ceil(MAX_DEVIATION * len(rotations) / TWO_PI)
+    deviations = MAX_DEVIATION * np.arange(-count, count + 1) / count
+    deviations = deviations[np.argsort(np.abs(deviations))]
+    near = wrapped(yaws[:, np.newaxis] + deviations)
+    return np.asarray(slice_of[rotations.cell_of(near)])
+
+
+def _find_worst_state(edges: LocalPlanner) -> int:
+    """Return the largest state of cells that the robot may pass: MIXED if geometry decides."""
+    return MIXED if edges.exact else FREE
+
+
+def _find_nearest(yaws: Floats) -> Ints:
+    """Find the direction of the guide nearest to each yaw, shape (n,)."""
+    guide_yaws, _, _ = _list_moves_by_yaw()
+    turns = np.abs(wrapped(guide_yaws - yaws[:, np.newaxis]))
+    return np.asarray(turns.argmin(axis=1))
+
+
+def _can_reverse(edges: LocalPlanner) -> bool:
+    """Return True if the robot may drive in reverse."""
+    return edges.drive in ("differential-reverse", "reeds-shepp")
+
+
+def _list_levels(
+    edges: LocalPlanner, endpoints: Endpoints, is_backwards: bool
+) -> list[tuple[Motions, int]]:
+    """List the motions of each lattice, coarse to fine, and its largest number of nodes."""
+    if edges.turning_radius is None:
+        lattices = [_list_spot_motions(edges, endpoints, count) for count in SPOT_HEADINGS]
+        return [(motions, MAX_NODES) for motions in lattices]
+    start = endpoints[0]
+    counts = REVERSING_HEADINGS if _can_reverse(edges) else CAR_HEADINGS
+    lattices = [_list_car_motions(edges, start, count, is_backwards) for count in counts]
+    return list(zip(lattices, CAR_MAX_NODES, strict=False))
+
+
+def _list_spot_motions(edges: LocalPlanner, endpoints: Endpoints, count: int) -> Motions:
+    """List the motions of a robot that turns on the spot.
+
+    These are turns to the next headings, and drives ahead and perhaps in reverse.
+    """
+    spacing = edges.cells.grid.spacing
+    yaws, ahead = _list_headings(endpoints, count)
+    turns = [1, -1, 0]
+    directions = [0.0, 0.0, 1.0]
+    if _can_reverse(edges):
+        turns.append(0)
+        directions.append(-1.0)
+    lengths = spacing * np.outer(ahead, directions)
+    next_heading = (np.arange(len(yaws))[:, None] + turns) % len(yaws)
+    radians = np.abs(wrapped(yaws[next_heading] - yaws[:, None]))
+    return Motions(
+        headings=yaws,
+        nearest=_find_nearest(yaws),
+        next_heading=next_heading,
+        steering=np.zeros(len(turns), dtype=np.int64),
+        lengths=lengths,
+        unit=1.0,
+        costs=METRES_PER_RADIAN * radians + np.abs(lengths),
+        side=spacing,
+        switch_cost=0.0,
+        greed=SPOT_GREED,
+        near=NEAR_CELLS * spacing,
+        geometry=None,
+    )
+
+
+def _list_car_motions(
+    edges: LocalPlanner, start: Endpoint, count: int, is_backwards: bool
+) -> Motions:
+    """List the motions of a car.
+
+    These are arcs to the next of ``count`` headings, and drives straight on, ahead or in reverse.
+    The first heading is the start's.
+    """
+    radius = float(edges.turning_radius or math.nan)
+    arc = TWO_PI / count
+    spacing = edges.cells.grid.spacing
+    yaws = wrapped(np.asarray(start[2] + arc * np.arange(count), dtype=np.float64))
+    # The chord of an arc is twice as long as the diagonal of a cell. In larger cells, one
+    # configuration often replaces another that alone leads into a tight slot.
+    side = 0.5 * max(2.0 * radius * math.sin(0.5 * arc), spacing) / math.sqrt(2.0)
+    straight = max(arc, MIN_STRAIGHT_RADII, 1.01 * math.sqrt(2.0) * side / radius)
+    steering = np.array([1, -1, 0])
+    lengths = np.array([arc, arc, straight])
+    if _can_reverse(edges):
+        steering = np.tile(steering, 2)
+        lengths = np.concatenate([lengths, -lengths])
+    costs = radius * np.abs(lengths) * np.where(lengths < 0.0, REVERSE_WEIGHT, 1.0)
+    if is_backwards:
+        # The costs are of the motions as the robot will drive them.
+        lengths = -lengths
+    turns = np.where(lengths < 0.0, -steering, steering)
+    return Motions(
+        headings=yaws,
+        nearest=_find_nearest(yaws),
+        next_heading=(np.arange(count)[:, None] + turns) % count,
+        steering=steering,
+        lengths=np.tile(lengths, (count, 1)),
+        unit=radius,
+        costs=np.tile(costs, (count, 1)),
+        side=side,
+        switch_cost=SWITCH_RADII * radius,
+        greed=CAR_GREED,
+        near=max(NEAR_RADII * radius, NEAR_CELLS * spacing),
+        geometry=edges.geometry(),
+    )
+
+
+def _search(
+    edges: LocalPlanner,
+    motions: Motions,
+    guide: Guide,
+    endpoints: Endpoints,
+    limits: Limits,
+    may_exist: Callable[[], bool],
+) -> tuple[Floats, str, Bools | None]:
+    """Search from the start for a path to the goal, shape (n, 3).
+
+    If n is 0, the note says what ended the search; if it stalled, blocks to avoid follow. Raises
+    TimeoutError if time runs out.
+    """
+    start, goal = cast(tuple[Pose, Pose], endpoints)
+    map_ = edges.bounded_map()
+    nodes = _make_nodes(INITIAL_CAPACITY)
+    target = Target(goal, guide.estimate)
+    radius = edges.turning_radius
+    heading = int(np.abs(wrapped(motions.headings - start[2])).argmin())
+    add_node(map_, motions, radius, target, nodes, start, heading, 0.0, NO_NODE, 0)
+    is_free = edges.edge_checker()
+    until = limits.until
+    reason = f"the lattice search ended at its limit of {limits.max_nodes:,} nodes"
+    while nodes.counts[0] < limits.max_nodes:
+        node = expand_nodes(map_, motions, radius, target, nodes)
+        check_deadline(until)
+        if node == UNKNOWN:
+            direction, i, j = nodes.place.tolist()
+            guide.reach(direction, (0, i, j), until)
+        elif node == FULL:
+            vain = _find_vain_blocks(map_, motions, target, nodes)
+            if len(nodes.keys) >= limits.min_stalled and vain.any():
+                return np.empty((0, 3)), "the lattice search stalled", vain
+            nodes = _enlarge(nodes)
+        elif node == NO_NODE:
+            reason = "the lattice search reached no more nodes"
+            break
+        elif node == TIME_CHECK:
+            began = clock()
+            if not may_exist():
+                break
+            until += clock() - began
+        elif is_free(*nodes.poses[node].tolist(), *goal):
+            return _trace_path(nodes, node, endpoints, radius is None), "", None
+    return np.empty((0, 3)), reason, None
+
+
+def _make_nodes(capacity: int) -> Nodes:
+    """Make arrays for a number of nodes, a power of 2."""
+    return Nodes(
+        progress=make_progress(capacity, capacity),
+        poses=np.empty((capacity, 3)),
+        motions=np.empty((capacity, 2), dtype=np.int64),
+        keys=np.empty(capacity, dtype=np.int64),
+        table=np.zeros(SLOTS_PER_NODE * capacity, dtype=np.int64),
+        counts=np.zeros(2, dtype=np.int64),
+        place=np.zeros(3, dtype=np.int64),
+    )
+
+
+def _enlarge(nodes: Nodes) -> Nodes:
+    """Copy nodes into arrays for twice as many."""
+    progress = nodes.progress
+    larger = nodes._replace(
+        progress=progress._replace(
+            cost=double(progress.cost),
+            previous=double(progress.previous),
+            closed=double(progress.closed),
+            keys=double(progress.keys),
+            queue=double(progress.queue),
+        ),
+        poses=double(nodes.poses),
+        motions=double(nodes.motions),
+        keys=double(nodes.keys),
+        table=np.zeros(2 * len(nodes.table), dtype=np.int64),
+    )
+    fill_table(larger)
+    return larger
+
+
+def _find_vain_blocks(map_: Map, motions: Motions, target: Target, nodes: Nodes) -> Bools:
+    """Find blocks that a stalled search has not entered, shape (1, x, y).
+
+    These are near the node that the guide takes for the nearest to the goal. There are none if that
+    node is among the later ones, because the search advances then.
+    """
+    count = nodes.counts[0]
+    estimate = target.estimate
+    _, *shape = vain_shape = estimate.positions.shape[1:]
+    offsets = nodes.poses[:count, :2] - map_.lower[1:3]
+    blocks = (offsets / (estimate.side * map_.spacing)).astype(np.int64)
+    columns, rows = np.minimum(blocks, np.array(shape) - 1).T
+    states = motions.nearest[nodes.motions[:count, 1]], 0, columns, rows
+    left = np.where(estimate.reached[states] > 0, estimate.positions[states], math.inf)
+    best = int(left.argmin())
+    vain = np.zeros(vain_shape, dtype=np.bool_)
+    if best < PATIENCE * count:
+        low = np.maximum(blocks[best] - NEAR_BLOCKS, 0)
+        high = blocks[best] + NEAR_BLOCKS + 1
+        vain[0, low[0] : high[0], low[1] : high[1]] = True
+        vain[0, columns, rows] = False
+    return vain
+
+
+def _trace_path(nodes: Nodes, node: int, endpoints: Endpoints, merges: bool) -> Floats:
+    """Trace the path from the start by a node to the goal, shape (n, 3).
+
+    If ``merges``, successive drives along one heading become one.
+    """
+    rows: list[Sequence[float]] = []
+    while node != NO_NODE:
+        rows.append(nodes.poses[node].tolist())
+        node = int(nodes.progress.previous[node])
+    path: Floats = np.array(list(reversed(rows)))
+    if merges and len(path) > 2:
+        turns = np.diff(path[:, 2]) != 0.0
+        is_corner = turns[:-1] | turns[1:]
+        path = path[np.concatenate([[True], is_corner, [True]])]
+    # The edge to the goal may lead in any direction.
+    path = np.vstack([path, endpoints[1]])
+    differs_from_next = (path[1:] != path[:-1]).any(axis=1)
+    distinct: Floats = path[np.append(differs_from_next, True)]
+    return distinct
+
+
+def shorten_path(edges: LocalPlanner, path: Floats, until: float) -> Floats:
+    """Shorten a path, shape (n, 3), by proven edges, until a reading of the clock."""
+    # Without cut corners, a second round of skipping gains little.
+    for _ in range(1 if edges.turning_radius is not None else SPOT_ROUNDS):
+        if clock() < until:
+            path = _shorten_once(edges, path, until)
+    return path
+
+
+def _shorten_once(edges: LocalPlanner, path: Floats, until: float) -> Floats:
+    """Shorten a path by skipping waypoints and, unless it has curves, by cutting corners."""
+    check = edges.edge_checker()
+
+    def is_free(*q: float) -> bool:
+        return clock() < until and check(*q)
+
+    def measure(*q: float) -> float:
+        return edges.edge_length(*q) + COST_PER_EDGE
+
+    paths = [path, _skip_waypoints(edges, path, is_free, until)]
+    # A part of a curve need not be a shortest curve.
+    if edges.turning_radius is None and clock() < until:
+        paths.append(pulled_straight(paths[-1], edges.space.rotations, is_free, measure))
+    # Cutting a corner may add turns, and rounding may make a part of an edge fail.
+    paths += [edges.remove_turns(candidate) for candidate in paths]
+    paths.sort(key=lambda rows: float(edges.edge_lengths(rows[:-1], rows[1:]).sum()))
+    return next(filter(edges.are_free, paths), path)
+
+
+def _skip_waypoints(
+    edges: LocalPlanner, path: Floats, is_free: Callable[..., bool], until: float
+) -> Floats:
+    """Skip waypoints of a path, shape (n, 3), by free edges, for the shortest path.
+
+    By dynamic programming, each waypoint is joined to an earlier one, and at least to the one
+    before, whose edge belongs to the path.
+    """
+    previous = np.arange(-1, len(path) - 1)
+    total = np.zeros(len(path))
+    offsets = np.unique(np.geomspace(1, len(path), MAX_SHORTCUTS).astype(np.int64))
+    for k in range(1, len(path)):
+        if clock() >= until:
+            break  # the remaining waypoints keep the waypoints before them
+        earlier = k - offsets[offsets <= k]
+        lengths = edges.edge_lengths(path[earlier], np.tile(path[k], (len(earlier), 1)))
+        costs = total[earlier] + lengths + COST_PER_EDGE
+        for rank in np.argsort(costs, kind="stable").tolist():
+            candidate = earlier[rank]
+            if candidate == k - 1 or is_free(*path[candidate].tolist(), *path[k].tolist()):
+                previous[k] = candidate
+                total[k] = costs[rank]
+                break
+    kept = [len(path) - 1]
+    while kept[-1] > 0:
+        kept.append(int(previous[kept[-1]]))
+    kept.reverse()
+    return path[kept]
+
+
+@kernel
+def expand_nodes(
+    map_: Map, motions: Motions, radius: float | None, target: Target, nodes: Nodes
+) -> int:
+    """Expand nodes until one may see the goal, and return it.
+
+    Return :data:`NO_NODE` if none is left, and :data:`TIME_CHECK` after many nodes; the next call
+    goes on. Return :data:`FULL` if there is no memory for more nodes, and :data:`UNKNOWN` if the
+    guide has not reached the first node.
+    """
+    progress = nodes.progress
+    poses = nodes.poses
+    goal = target.goal
+    for _ in range(NODES_PER_CLOCK_CHECK):
+        if progress.length[0] == 0:
+            return NO_NODE
+        if nodes.counts[0] + len(motions.steering) > len(nodes.keys):
+            return FULL
+        node: int = progress.queue[0]
+        if progress.closed[node]:
+            pop_first(progress)
+            continue
+        x = poses[node, 0]
+        y = poses[node, 1]
+        cost = progress.cost[node]
+        last = nodes.motions[node, 0]
+        heading = nodes.motions[node, 1]
+        direction = motions.nearest[heading]
+        i, j = find_cell(map_, target, x, y)
+        if not is_known(target.estimate, direction, 0, i, j):
+            nodes.place[0] = direction
+            nodes.place[1] = i
+            nodes.place[2] = j
+            return UNKNOWN
+        # The guide may have reached the node since it was queued.
+        bound = cost + motions.greed * estimate_cost_to_goal(map_, target, cost, direction, x, y)
+        is_outdated = bound > progress.keys[0]
+        pop_first(progress)
+        if is_outdated:
+            push(progress, bound, node)
+            continue
+        progress.closed[node] = True
+        nodes.counts[1] += 1
+        for move in range(len(motions.steering)):
+            after = motions.next_heading[heading, move]
+            length = motions.lengths[heading, move]
+            total = cost + motions.costs[heading, move]
+            if motions.lengths[heading, last] * length < 0.0:
+                total += motions.switch_cost
+            begin = (0.0, 0.0, motions.headings[heading])
+            u, v, _ = advance(begin, motions.steering[move], length)
+            next_x = x + motions.unit * u
+            next_y = y + motions.unit * v
+            if abs(next_x - goal[0]) + abs(next_y - goal[1]) < 1e-6 * motions.side:
+                # Otherwise rounding would give the last edge a heading.
+                next_x = goal[0]
+                next_y = goal[1]
+            is_inside_x = map_.lower[1] <= next_x <= map_.upper[1]
+            is_inside_y = map_.lower[2] <= next_y <= map_.upper[2]
+            if is_inside_x and is_inside_y:
+                q = (next_x, next_y, motions.headings[after])
+                add_node(map_, motions, radius, target, nodes, q, after, total, node, move)
+        is_near = math.hypot(x - goal[0], y - goal[1]) < motions.near
+        if is_near or nodes.counts[1] % NODES_PER_GOAL_EDGE == 0:
+            return node
+    return TIME_CHECK
+
+
+@kernel
+def add_node(
+    map_: Map,
+    motions: Motions,
+    radius: float | None,
+    target: Target,
+    nodes: Nodes,
+    q: Pose,
+    heading: int,
+    cost: float,
+    parent: int,
+    move: int,
+) -> None:
+    """Add a configuration if its motion is proven free.
+
+    The motion is ``move`` from node ``parent`` (-1 for the start). The configuration is left out if
+    its cell and heading have a node that is hardly dearer than ``cost``.
+    """
+    progress = nodes.progress
+    key = make_key(map_, motions, q, heading)
+    slot = find_slot(nodes, key)
+    known = nodes.table[slot] - 1
+    if known >= 0 and progress.cost[known] <= cost + KNOWN_TOLERANCE * motions.side:
+        return
+    left = estimate_cost_to_goal(map_, target, cost, motions.nearest[heading], q[0], q[1])
+    bound = cost + motions.greed * left
+    if not bound < math.inf:
+        return
+    # The proof comes last, because it takes the most time.
+    if parent >= 0 and not motion_is_free(map_, motions, radius, nodes, parent, move, q):
+        return
+    if known >= 0:
+        progress.closed[known] = True
+    node = nodes.counts[0]
+    nodes.counts[0] += 1
+    nodes.table[slot] = node + 1
+    nodes.keys[node] = key
+    for axis in range(3):
+        nodes.poses[node, axis] = q[axis]
+    nodes.motions[node, 0] = move
+    nodes.motions[node, 1] = heading
+    progress.cost[node] = cost
+    progress.previous[node] = parent
+    push(progress, progress.cost[node] + motions.greed * left, node)
+
+
+@kernel
+def fill_table(nodes: Nodes) -> None:
+    """Enter the last node of each cell and heading in the empty hash table."""
+    for node in range(nodes.counts[0]):
+        nodes.table[find_slot(nodes, nodes.keys[node])] = node + 1
+
+
+@internal
+def make_key(map_: Map, motions: Motions, q: Pose, heading: int) -> int:
+    """Return the hash key of a configuration's cell and heading."""
+    i = math.floor((q[0] - map_.lower[1]) / motions.side)
+    j = math.floor((q[1] - map_.lower[2]) / motions.side)
+    cell = (i << KEY_BITS) + j
+    return cell * len(motions.headings) + heading
+
+
+@internal
+def find_slot(nodes: Nodes, key: int) -> int:
+    """Return the slot of the hash table that holds a key, or the free slot for it."""
+    mask = len(nodes.table) - 1
+    slot = (key * HASH_FACTOR >> HASH_SHIFT) & mask
+    while nodes.table[slot] > 0 and nodes.keys[nodes.table[slot] - 1] != key:
+        slot = (slot + 1) & mask
+    return slot
+
+
+@internal
+def motion_is_free(
+    map_: Map, motions: Motions, radius: float | None, nodes: Nodes, parent: int, move: int, q: Pose
+) -> bool:
+    """Return True if a motion from a node to `q` is proven free."""
+    x, y, yaw = nodes.poses[parent, 0], nodes.poses[parent, 1], nodes.poses[parent, 2]
+    # Numba leaves the branch of cars out if there is no radius.
+    if radius is None:
+        start = position_in_plane(map_, x, y)
+        end = position_in_plane(map_, q[0], q[1])
+        return edge_is_free(map_, start, (yaw,), end, (q[2],))
+    steer = motions.steering[move]
+    length = motions.lengths[0, move]  # at all headings
+    geometry = motions.geometry
+    if not piece_is_free(map_, geometry, radius, q, 0.0, 0.0, ARC_ERROR):
+        return False
+    begin = (0.0, 0.0, yaw)
+    origin = (x, y, yaw)
+    return segment_is_free(map_, geometry, radius, origin, begin, steer, length, ARC_ERROR)
+
+
+@internal
+def estimate_cost_to_goal(
+    map_: Map, target: Target, cost: float, direction: int, x: float, y: float
+) -> float:
+    """Estimate the cost from a position and direction to the goal, metres.
+
+    ``cost`` is that of the path from the start to it.
+    """
+    i, j = find_cell(map_, target, x, y)
+    straight = math.hypot(x - target.goal[0], y - target.goal[1])
+    cells = remaining_cost(target.estimate, cost / map_.spacing, direction, 0, i, j)
+    return max(straight, cells * map_.spacing)
+
+
+@internal
+def find_cell(map_: Map, target: Target, x: float, y: float) -> tuple[int, int]:
+    """Return the cell of a position."""
+    _, nx, ny = target.estimate.shape
+    i = min(math.floor((x - map_.lower[1]) / map_.spacing), nx - 1)
+    j = min(math.floor((y - map_.lower[2]) / map_.spacing), ny - 1)
+    return i, j

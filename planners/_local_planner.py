@@ -1,0 +1,690 @@
+"""Local planners: edges between two configurations, by the robot's drive.
+
+A holonomic robot follows the straight edge. A differential drive turns on the spot, drives straight
+on and turns again. A car follows a curve.
+
+References
+----------
+L. E. Dubins, "On curves of minimal length with a constraint on average curvature", 1957;
+J. A. Reeds and L. A. Shepp, "Optimal paths for a car that goes both forwards and backwards", 1990.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple, cast, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+from ompl import base as ob
+
+from cspace._exact.proofs import make_scratch
+from cspace._interface import Endpoint, Space
+from cspace._queries.callbacks import bind_kernel
+from cspace._record.cells import Map
+from cspace._rotations.base import ANGLE_SLACK, METRES_PER_RADIAN, TWO_PI
+from cspace._space import CSpace
+from cspace._support.arrays import MIXED, Bools, Floats
+from cspace._support.check import check_flag, check_positive, check_word
+from cspace._support.words import Drive
+from cspace.errors import InputError
+from planners._car_curves import (
+    Geometry,
+    advance,
+    curve_cost,
+    find_shortest_words,
+    prove_length,
+)
+from planners._integrals import CostDensity, Field, bind_cost, integrate_straight_edge
+from planners._states import check_space, find_state_kind, with_wrapped_angles
+
+if TYPE_CHECKING:
+    from cspace._tiles.space import TiledCSpace
+
+Endpoints = tuple[Endpoint, ...]
+"""A start and its alternative goals. Only arms have several goals."""
+
+MAX_RADIANS: Final = math.radians(5.0)
+"""Largest rotation between rows of a resampled path, and of a piece of a path, radians."""
+
+CAR_AXES: Final = ("x", "y", "yaw")
+"""Axes of the maps for drives other than the holonomic one."""
+
+HOLONOMIC: Final = "holonomic"
+"""Drive that moves in any direction and turns while moving."""
+
+_CURVE_SPACES: Final[dict[Drive, Callable[[float], ob.StateSpace]]] = {
+    "dubins": ob.DubinsStateSpace,
+    "reeds-shepp": ob.ReedsSheppStateSpace,
+    "differential": ob.DubinsStateSpace,
+    "differential-reverse": ob.ReedsSheppStateSpace,
+}
+"""OMPL's state spaces of curves, made from a turning radius, by drive."""
+
+CURVES: Final[tuple[Drive, ...]] = ("dubins", "reeds-shepp")
+"""Drives of cars, which follow curves; kernels use their indices."""
+
+ON_THE_SPOT: Final[tuple[Drive, ...]] = tuple(name for name in _CURVE_SPACES if name not in CURVES)
+"""Drives that turn on the spot; OMPL's lengths count only metres."""
+
+DRIVES: Final[tuple[Drive, ...]] = get_args(Drive)
+"""All drives."""
+
+REVERSING: Final[dict[Drive, Drive]] = {
+    "differential": "differential-reverse",
+    "dubins": "reeds-shepp",
+}
+"""The drive that also reverses, for each that does not."""
+
+LENGTH_ROUNDING_SHARE: Final = 1e-12
+"""Share by which rounding may change a length."""
+
+MAX_TURN: Final = 0.499 * TWO_PI
+"""Largest turn of a joint along an edge, radians; below half a turn, so that rounding does not
+decide its direction."""
+
+MIN_SEGMENT_RADII: Final = 1e-9
+"""Length, in turning radii, up to which a segment of a curve is only a rounding error."""
+
+MIN_RADIUS_CELLS: Final = 1e-3
+MAX_RADIUS_CELLS: Final = 1e3
+"""Smallest and largest turning radius, in cells, for which rounding errors stay small."""
+
+PIVOT_RADIUS_PER_SIDE: Final = 1e-9
+"""OMPL's pivot radius, as a share of the map's longest side.
+
+Curves of this radius stand for turning on the spot, and leave the driven edge by at most two radii.
+With a radius a hundred times smaller, rounding would decide the direction of a turn.
+"""
+
+
+class Pieces(NamedTuple):
+    """Short pieces of a path."""
+
+    points: Floats  # (n, size), a configuration on each piece, by default its center
+    lengths: Floats  # (n,), metres of translation along each piece
+    rotations: Floats  # (n,), radians of rotation
+
+
+@dataclass(frozen=True, slots=True)
+class LocalPlanner:
+    """Straight edges between configurations of a space: their proofs, lengths and costs.
+
+    Poses rotate evenly the shorter way, as in OMPL's SE(2) and SE(3); continuous joints turn the
+    shorter way. Paths have shape (n, size).
+
+    Attributes
+    ----------
+    space : Space
+        Space that proves edges. On a :class:`cspace.TiledCSpace` only the methods that
+        :func:`planners.plan` calls before and after its search work; the search runs on parts in
+        memory.
+    exact : bool
+        Whether the geometry itself decides edges that a map does not; True for other spaces.
+    drive : Drive
+    turning_radius : float or None
+        Turning radius of curves, metres.
+    bidirectional : bool
+        Whether an edge that OMPL checks must also be free from its end to its start. The two differ
+        if the robot does not reverse.
+    """
+
+    space: Space
+    exact: bool = False
+    drive: Drive = HOLONOMIC
+    turning_radius: float | None = None
+    bidirectional: bool = False
+
+    rotation_weight: ClassVar[float] = METRES_PER_RADIAN
+    """Metres that a radian of rotation adds to an edge's length."""
+
+    @property
+    def cells(self) -> CSpace:
+        """The space as a map in memory, which the caller knows it is."""
+        return cast(CSpace, self.space)
+
+    @property
+    def tiles(self) -> TiledCSpace:
+        """The space as a map in tiles, which the caller knows it is."""
+        return cast("TiledCSpace", self.space)
+
+    def bounded_map(self) -> Map:
+        """Return the map for kernels, with a MIXED exterior, so that no motion leaves the grid."""
+        map_ = self.cells.kernel_map
+        return map_._replace(exterior=np.full_like(map_.exterior, MIXED))
+
+    def geometry(self) -> Geometry:
+        """Return the geometry that decides MIXED cells for kernels; None unless exact."""
+        if not self.exact:
+            return None
+        return self.cells.boundary_proofs().boundaries, make_scratch().node_pairs
+
+    def make_states(self) -> ob.StateSpace:
+        """Make OMPL's state space, without bounds."""
+        return find_state_kind(self.space).make()
+
+    def point_checker(self) -> Callable[..., bool]:
+        """Make ``check(*q)``, which proves a configuration free."""
+        return self.space.point_checker(exact=self.exact)
+
+    def edge_checker(self) -> Callable[..., bool]:
+        """Make ``check(*q0, *q1)``, which proves the edge free."""
+        check = self.space.edge_checker(exact=self.exact)
+        return with_wrapped_angles(check, self.space.periodic_axes)
+
+    def motion_checker(self) -> Callable[[ob.State, ob.State], bool]:
+        """Make ``check(first, second)``, which proves a motion between OMPL states free."""
+        check = find_state_kind(self.space).of_states(self.edge_checker())
+        if not self.bidirectional:
+            return check
+        return lambda first, second: check(first, second) and check(second, first)
+
+    def edges_are_free(self, path: Floats) -> Bools:
+        """Return whether each edge is proven free, shape (n - 1,).
+
+        A path of one configuration counts as one edge from it to itself.
+        """
+        check = self.edge_checker()
+        rows = path.tolist()
+        if len(rows) == 1:
+            rows *= 2
+        edges = itertools.pairwise(rows)
+        return np.array([check(*first, *last) for first, last in edges], dtype=np.bool_)
+
+    def are_free(self, path: Floats) -> bool:
+        """Return True if every edge is proven free."""
+        return bool(self.edges_are_free(path).all())
+
+    def edge_cost(self, field: Field, density: CostDensity) -> Callable[..., float]:
+        """Make ``cost(*q0, *q1)``, the cost of the edge on a map."""
+        return bind_cost(integrate_straight_edge, self.cells, field, density, self.space.size)
+
+    def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
+        """Return the lengths of edges, shape (n,), with weighted rotations."""
+        return self.space.distance(starts, ends)
+
+    def edge_length(self, *ends: float) -> float:
+        """Return the length of an edge, given by the numbers of both ends."""
+        start, end = np.reshape(ends, (2, 1, -1))
+        return float(self.edge_lengths(start, end)[0])
+
+    def insert_breakpoints(self, path: Floats) -> Floats:
+        """Insert the configurations at which the motion changes, and split wide turns of joints.
+
+        From row to row, a joint turns by less than half a turn, so that a controller that takes the
+        shorter way makes the same motion.
+        """
+        if self.space.has_poses:
+            return path
+        angles = np.array(self.space.units) == "rad"
+        rows = [path[:1]]
+        for first, last in itertools.pairwise(path):
+            turn = np.abs(last - first)[angles].max(initial=0.0)
+            rows.append(np.linspace(first, last, int(turn // MAX_TURN) + 2)[1:])
+        return np.concatenate(rows)
+
+    def remove_turns(self, path: Floats) -> Floats:
+        """Remove needless turns while all edges remain proven free."""
+        return path
+
+    def split_edge(
+        self, first: Floats, last: Floats, step: float, rotation: float, share: float
+    ) -> Pieces:
+        """Split an edge into equal pieces of at most ``step`` and ``rotation``.
+
+        ``share`` selects the configuration of each piece: 0.5 its center, 1 its end. Along curves,
+        lengths are negative in reverse, and rotations negative to the right.
+        """
+        change = self.space.steps_between(first, last)
+        dim = self.space.dim
+        metres = np.linalg.norm(change[:dim])
+        radians = np.linalg.norm(change[dim:])
+        # As many pieces as the longer of both needs, at least one.
+        count = max(math.ceil(max(metres / step, radians / rotation)), 1)
+        shares = (np.arange(count) + share) / count
+        points = self.space.interpolate(first, last, shares[:, None])
+        return Pieces(points, np.full(count, metres / count), np.full(count, radians / count))
+
+    def split_path(self, path: Floats, step: float, rotation: float) -> Pieces:
+        """Split each edge into pieces of at most ``step`` and ``rotation``.
+
+        ``step`` is in metres, ``rotation`` in radians. A single configuration is one piece.
+        """
+        path = self.insert_breakpoints(path)
+        if len(path) == 1:
+            return Pieces(path, np.zeros(1), np.zeros(1))
+        edges = itertools.pairwise(path)
+        at_center = 0.5
+        pieces = [self.split_edge(*ends, step, rotation, at_center) for ends in edges]
+        centers, lengths, rotations = map(np.concatenate, zip(*pieces, strict=True))
+        return Pieces(centers, np.abs(lengths), np.abs(rotations))
+
+    def resample(self, path: Floats) -> Floats:
+        """Add rows to curves and edges that turn, at most a cell and 5 degrees apart."""
+        path = self.insert_breakpoints(path)
+        cell = 2.0 * self.space.resolution
+        at_end = 1.0
+        turns = self.space.steps_between(path[:-1], path[1:])[:, self.space.dim :]
+        rows = [path[:1]]
+        for first, last, turn in zip(path[:-1], path[1:], turns, strict=True):
+            if turn.any() or self.drive in CURVES:
+                points = self.split_edge(first, last, cell, MAX_RADIANS, at_end).points
+                rows.append(self.space.rotations.make_canonical(points[:-1]))
+            rows.append(last[np.newaxis])
+        return np.concatenate(rows)
+
+    def find_directions(self, rows: Floats) -> NDArray[np.int8] | None:
+        """Return whether resampled rows, shape (n, 3), are reached ahead (1), back (-1) or neither.
+
+        None for a holonomic robot; see :attr:`planners.Plan.direction`.
+        """
+        if self.drive == HOLONOMIC:
+            return None
+        if len(rows) < 2:
+            return np.ones(len(rows), dtype=np.int8)
+        dx, dy = np.diff(rows[:, :2], axis=0).T
+        yaws = rows[1:, 2]
+        # The sign of the step along the heading; the first row has that of the second.
+        signs = np.sign(dx * np.cos(yaws) + dy * np.sin(yaws)).astype(np.int8)
+        return np.concatenate([signs[:1], signs])
+
+    def measure(self, path: Floats) -> tuple[float, float]:
+        """Measure ``length`` and ``total_rotation`` of a path, as of :class:`planners.Plan`."""
+        path = self.insert_breakpoints(path)
+        steps = self.space.steps_between(path[:-1], path[1:])
+        metres = np.linalg.norm(steps[:, : self.space.dim], axis=1)
+        radians = np.linalg.norm(steps[:, self.space.dim :], axis=1)
+        return math.fsum(metres), math.fsum(radians)
+
+    def min_length(self, first: Floats, last: Floats) -> float:
+        """Bound the weighted lengths of all free paths from below."""
+        rotation = self.space.steps_between(first, last)[self.space.dim :]
+        radians = self.rotation_weight * float(np.linalg.norm(rotation))
+        return (1.0 - LENGTH_ROUNDING_SHARE) * (self.space.min_path_length(first, last) + radians)
+
+    def clearance(self, path: Floats) -> float:
+        """Bound the clearance along a path from below, as :attr:`planners.Plan.clearance`.
+
+        Each edge is split into pieces of at most half a cell and 5 degrees. All points of a piece
+        lie within half its length of its center, and clearance changes by at most the length moved.
+        So the clearance at the center minus half the length bounds the piece, in each rotation cell
+        within half the piece's rotation.
+        """
+        if not self.space.has_cells:
+            return math.nan
+        pieces = self.split_path(path, self.space.resolution, MAX_RADIANS)
+        rotations = self.cells.rotations
+        max_turns = 0.5 * pieces.rotations + 2.0 * ANGLE_SLACK
+        rows, cells = rotations.find_cells_within(pieces.points, max_turns)
+        q = pieces.points[rows]
+        # Clearance is constant in a rotation cell.
+        q[:, self.space.dim :] = rotations.centers[cells]
+        bounds = self.cells.clearance(q) - 0.5 * pieces.lengths[rows]
+        return max(0.0, float(np.min(bounds)))
+
+    def obstacle_distance(self, path: Floats) -> float:
+        """Bound the obstacle distance along a path from below.
+
+        See :attr:`planners.Plan.obstacle_distance`, and for the pieces of curves
+        :meth:`cspace.CSpace.path_obstacle_distance`.
+        """
+        if self.drive in CURVES and self.space.in_memory:
+            step = 0.5 * self.space.resolution
+            pieces = self.split_path(path, step, step / max(self.cells.robot.span, step))
+            # Proven edges keep the margin free, even if a piece has nothing left.
+            distances = self.cells.obstacle_distance(*pieces)
+            distance = max(self.cells.margin, float(np.min(distances)))
+        else:
+            distance = self.space.path_obstacle_distance(self.insert_breakpoints(path))
+        if math.isnan(distance) or self.are_free(path):
+            return distance
+        return 0.0
+
+    def may_join(self, exists: bool | None) -> bool:
+        """Return False if no proven edges can join start and goal.
+
+        ``exists`` is what :meth:`cspace.Space.path_exists` says. Unless the geometry decides, an
+        edge of any drive is proven only if every closed cell that it touches is FREE. The cells of
+        the grid that contain a point of the edge form a block in position and rotation, so they are
+        joined through sides. Along the edge, the cells change only at points that lie in both the
+        old and the new cells. So all cells of a path, start and goal included, belong to one
+        component of FREE cells, and ``exists`` is True. No path leaves the grid, even if the
+        outside is free. Start and goal lie in the grid, straight edges between such points stay
+        there, and curves that leave it are not proven.
+        """
+        if self.exact:
+            return exists is not False
+        return exists is True
+
+
+class TurnDriveTurn(LocalPlanner):
+    """Edges of a differential drive: turn, drive straight, turn.
+
+    It turns on the spot, the shorter way, and drives with its x axis ahead. If it reverses, it
+    drives backwards when that takes less rotation. Each of the three motions is proven as a
+    straight edge; :meth:`insert_breakpoints` gives their endpoints.
+
+    OMPL gets curves with a turning radius of almost zero (:data:`PIVOT_RADIUS_PER_SIDE`). Its
+    interpolation stays within 1e-8 of the map's side of the line, and its distance counts metres
+    alone.
+    """
+
+    def make_states(self) -> ob.StateSpace:
+        """Make OMPL's state space of curves with a tiny turning radius."""
+        grid = self.cells.grid
+        longest_side = grid.spacing * max(grid.shape)
+        return _CURVE_SPACES[self.drive](PIVOT_RADIUS_PER_SIDE * longest_side)
+
+    def edge_checker(self) -> Callable[..., bool]:
+        """Make ``check(*q0, *q1)``, which proves both turns and the drive free."""
+        is_free = super().edge_checker()
+        return lambda *ends: all(is_free(*motion) for motion in self.find_motions(*ends))
+
+    def edge_cost(self, field: Field, density: CostDensity) -> Callable[..., float]:
+        """Make ``cost(*q0, *q1)``, the cost of both turns and the drive."""
+        cost = super().edge_cost(field, density)
+        return lambda *ends: sum(cost(*motion) for motion in self.find_motions(*ends))
+
+    def find_motions(
+        self, x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float
+    ) -> tuple[Endpoint, Endpoint, Endpoint]:
+        """Return the drive, the turn before and the turn after, each by its two ends.
+
+        The drive comes first: it is the longest motion and the likeliest to meet an obstacle.
+        """
+        yaw = self.choose_yaw(x0, y0, yaw0, x1, y1, yaw1)
+        drive = (x0, y0, yaw, x1, y1, yaw)
+        turn_before = (x0, y0, yaw0, x0, y0, yaw)
+        turn_after = (x1, y1, yaw, x1, y1, yaw1)
+        return drive, turn_before, turn_after
+
+    def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
+        """Return the metres of edges plus half their radians, shape (n,)."""
+        edges = zip(starts.tolist(), ends.tolist(), strict=True)
+        return np.array([self.edge_length(*first, *last) for first, last in edges])
+
+    def edge_length(self, *ends: float) -> float:
+        """Return the metres of an edge plus half its radians."""
+        x0, y0, yaw0, x1, y1, yaw1 = ends
+        yaw = self.choose_yaw(*ends)
+        turn_before = abs(math.remainder(yaw - yaw0, TWO_PI))
+        turn_after = abs(math.remainder(yaw1 - yaw, TWO_PI))
+        return math.hypot(x1 - x0, y1 - y0) + self.rotation_weight * (turn_before + turn_after)
+
+    def choose_yaw(
+        self, x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float
+    ) -> float:
+        """Choose the yaw for driving an edge, ahead or backwards; ``yaw0`` for a pure turn."""
+        if x0 == x1 and y0 == y1:
+            return yaw0
+        ahead = _wrap_yaw(math.atan2(y1 - y0, x1 - x0))
+        if self.drive == "differential":
+            return ahead
+        back = _wrap_yaw(ahead + math.pi)
+
+        def rotation(yaw: float) -> float:
+            """Return the radians of both turns."""
+            return abs(math.remainder(yaw - yaw0, TWO_PI)) + abs(math.remainder(yaw1 - yaw, TWO_PI))
+
+        return min(ahead, back, key=rotation)
+
+    def insert_breakpoints(self, path: Floats) -> Floats:
+        """Insert the configurations at which turns and drives begin."""
+        rows = path.tolist()
+        waypoints = rows[:1]
+        for first, last in itertools.pairwise(rows):
+            yaw = self.choose_yaw(*first, *last)
+            drive_start = [*first[:2], yaw]
+            drive_end = [*last[:2], yaw]
+            # Turns of zero add no row.
+            for q in (drive_start, drive_end, last):
+                if q != waypoints[-1]:
+                    waypoints.append(q)
+        return np.array(waypoints).reshape(-1, 3)
+
+    def remove_turns(self, path: Floats) -> Floats:
+        """Give waypoints the yaw of arrival, if their edges remain proven free."""
+        check = self.edge_checker()
+        rows = path.tolist()
+        for k in range(1, len(rows) - 1):
+            before = rows[k - 1]
+            after = rows[k + 1]
+            x, y, _ = rows[k]
+            arrival = [x, y, self.choose_yaw(*before, *rows[k])]
+            if check(*before, *arrival) and check(*arrival, *after):
+                rows[k] = arrival
+        return np.array(rows).reshape(-1, 3)
+
+
+class CarCurves(LocalPlanner):
+    """Edges along the shortest curve of a car.
+
+    The map has the axes x, y, yaw. Each edge is proven along the curve itself, which is split into
+    pieces. All cells that meet the box around a piece must be FREE, or with ``exact`` the geometry
+    proves the piece (:mod:`planners._car_curves`). A curve that leaves the grid is not proven. If
+    several curves are equally short, OMPL may drive any of these, so all are proven.
+    """
+
+    rotation_weight = 0.0
+
+    @property
+    def radius(self) -> float:
+        """Turning radius in metres."""
+        return float(self.turning_radius or math.nan)
+
+    @property
+    def kind(self) -> int:
+        """Index of the drive in :data:`CURVES`."""
+        return CURVES.index(self.drive)
+
+    def make_states(self) -> ob.StateSpace:
+        """Make OMPL's state space of the curves, without bounds."""
+        return _CURVE_SPACES[self.drive](self.radius)
+
+    def point_checker(self) -> Callable[..., bool]:
+        """Make ``check(*q)``, which proves a configuration free, exactly as a curve without length.
+
+        So proofs of straight edges need not be compiled.
+        """
+        if not self.exact:
+            return super().point_checker()
+        prove = self.edge_checker()
+        return lambda *q: prove(*q, *q)
+
+    def edge_checker(self) -> Callable[..., bool]:
+        """Make ``check(*q0, *q1)``, which proves the shortest curves free."""
+        prove = self.length_prover()
+        return lambda *q: prove(*q) >= 0.0
+
+    def edge_cost(self, field: Field, density: CostDensity) -> Callable[..., float]:
+        """Make ``cost(*q0, *q1)``, the cost of the shortest curve."""
+        return bind_cost(curve_cost, self.cells, field, density, (self.kind, self.radius))
+
+    def motion_checker(self) -> Callable[[ob.State, ob.State], bool]:
+        """Make ``check(first, second)``, which proves a curve between OMPL states free.
+
+        OMPL's curve must be as short as ours, because only the shortest curves are proven.
+        """
+        prove = find_state_kind(self.space).of_states(self.length_prover())
+        states = self.make_states()
+        tolerance = 1e-6 * self.radius
+
+        def check(first: ob.State, second: ob.State) -> bool:
+            """Prove our shortest curves free, and OMPL's curve as short as those."""
+            length = prove(first, second)
+            return length >= 0.0 and bool(states.distance(first, second) <= length + tolerance)
+
+        return check
+
+    def length_prover(self) -> Callable[..., float]:
+        """Make ``prove(*q0, *q1)``, the metres of the shortest curve.
+
+        It returns -1 unless the curve is proven free.
+        """
+        if self.space.in_memory:
+            fixed = (self.bounded_map(), self.kind, self.radius)
+            prove = bind_kernel(prove_length, fixed, self.geometry(), *[0.0] * 6)
+            if not self.exact:
+                return partial(prove, None)
+            is_free = self.space.point_checker()
+
+            def prove_exactly(*q: float) -> float:
+                """Prove a curve among the present obstacles.
+
+                No boundaries meet along the curve, so that its start decides containment.
+                """
+                length: float = prove(self.geometry(), *q)
+                start = q[:3]
+                if length < 0.0 or is_free(*start):
+                    return length
+                return length if self.cells.boundary_proofs().is_outside(*start) else -1.0
+
+            return prove_exactly
+
+        # A map in tiles has no array for kernels, so each edge opens the part around it.
+        def prove_in_window(*ends: float) -> float:
+            """Prove a curve in a part of the map, in memory."""
+            window = self._window_around(np.reshape(ends, (2, 3)))
+            return window.length_prover()(*ends)
+
+        return prove_in_window
+
+    def _window_around(self, edge: Floats) -> CarCurves:
+        """Return the curves in a part of the map around an edge, in memory."""
+        spacing = self.tiles.grid.spacing
+        centers = self.split_path(edge, spacing, MAX_RADIANS).points
+        positions = np.concatenate([edge, centers])[:, :2]
+        lower = positions.min(axis=0) - 2.0 * spacing
+        upper = positions.max(axis=0) + 2.0 * spacing
+        return replace(self, space=self.tiles.window(lower, upper))
+
+    def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
+        """Return the metres of the shortest curves, shape (n,)."""
+        edges = zip(map(tuple, starts.tolist()), map(tuple, ends.tolist()), strict=True)
+        words = [find_shortest_words(self.kind, self.radius, *ends, 0.0) for ends in edges]
+        return self.radius * np.array([word.shortest for word in words])
+
+    def measure(self, path: Floats) -> tuple[float, float]:
+        """Measure ``length`` and ``total_rotation`` of a path, as of :class:`planners.Plan`."""
+        pieces = self.split_path(path, math.inf, math.inf)
+        return math.fsum(pieces.lengths), math.fsum(pieces.rotations)
+
+    def split_edge(
+        self, first: Floats, last: Floats, step: float, rotation: float, share: float
+    ) -> Pieces:
+        """Split a curve into pieces of at most ``step`` and ``rotation``.
+
+        Segments that are only rounding errors are left out, but a curve has at least one piece.
+        """
+        start = tuple(first.tolist())
+        goal = tuple(last.tolist())
+        # The first word is the shortest; its lengths are in turning radii.
+        words = find_shortest_words(self.kind, self.radius, start, goal, 0.0)
+        word = words.lengths[0]
+        longest_segment = int(np.argmax(np.abs(word)))
+        segments = zip(words.steering[0].tolist(), word.tolist(), strict=True)
+        x0, y0, yaw0 = start
+        pose = (0.0, 0.0, yaw0)
+        points = []
+        lengths = []
+        rotations = []
+        for k, (steer, length) in enumerate(segments):
+            if k == longest_segment or abs(length) > MIN_SEGMENT_RADII:
+                longest_piece = step / self.radius
+                if steer:
+                    longest_piece = min(longest_piece, rotation)
+                count = max(math.ceil(abs(length) / longest_piece), 1)
+                for index in range(count):
+                    u, v, yaw = advance(pose, steer, length * (index + share) / count)
+                    points.append((x0 + self.radius * u, y0 + self.radius * v, yaw))
+                lengths += [self.radius * length / count] * count
+                rotations += [steer * length / count] * count
+            pose = advance(pose, steer, length)
+        return Pieces(np.array(points), np.array(lengths), np.array(rotations))
+
+
+def local_planner(
+    space: Space,
+    exact: bool = False,
+    drive: Drive = HOLONOMIC,
+    turning_radius: float | None = None,
+    bidirectional: bool = False,
+) -> LocalPlanner:
+    """Make the local planner of a space from :class:`LocalPlanner` options.
+
+    Raises InputError if ``space`` is no :class:`cspace.Space`; the drive is unknown, or given for a
+    space other than a map of x, y, yaw; or the turning radius is missing, given without a curve, or
+    out of range.
+    """
+    check_space(space)
+    check_flag(exact, "exact")
+    exact = bool(exact) or not space.has_cells
+    radius = _check_drive(space, drive, turning_radius)
+    kind = LocalPlanner
+    if drive in ON_THE_SPOT:
+        kind = TurnDriveTurn
+    elif drive in CURVES:
+        kind = CarCurves
+    return kind(space, exact, drive, radius, bidirectional)
+
+
+def has_drives(space: Space) -> bool:
+    """Return True if drives other than the holonomic one are for the space."""
+    return space.has_cells and space.axes == CAR_AXES
+
+
+def _check_drive(space: Space, drive: Drive, turning_radius: float | None) -> float | None:
+    """Check a drive and its turning radius; return the radius, metres, or None without curves.
+
+    Raises InputError if the drive is not for the space, or the radius does not fit the drive.
+    """
+    check_word(drive, "drive", DRIVES)
+    if drive != HOLONOMIC and not has_drives(space):
+        raise InputError(
+            "drive",
+            f"is {drive!r} and the axes are ({', '.join(space.axes)})",
+            "it is for the axes (x, y, yaw) of a map",
+            "build a map of a plane with rotations=72, or leave drive out",
+        )
+    if drive not in CURVES:
+        if turning_radius is not None:
+            raise InputError(
+                "turning_radius",
+                f"is {turning_radius!r} and drive is {drive!r}",
+                "a radius is for curves",
+                "add drive='dubins' or drive='reeds-shepp', or leave the radius out",
+            )
+        return None
+    if turning_radius is None:
+        raise InputError(
+            "turning_radius",
+            "is missing",
+            f"drive={drive!r} needs the radius of its tightest curve",
+            "pass it in metres, e.g. 0.5",
+        )
+    radius = check_positive(turning_radius, "turning_radius")
+    # Rounding errors of curves grow with the radius in cells, and with its inverse.
+    spacing = 2.0 * space.resolution
+    lowest = MIN_RADIUS_CELLS * spacing
+    highest = MAX_RADIUS_CELLS * spacing
+    if not lowest <= radius <= highest:
+        hint = "check its unit (metres)"
+        if radius < lowest:
+            hint = "if the robot turns on the spot, pass drive='differential' without a radius"
+        raise InputError(
+            "turning_radius",
+            f"is {radius!r}",
+            f"it must be {lowest:g} to {highest:g} m, to keep rounding errors small",
+            hint,
+        )
+    return radius
+
+
+def _wrap_yaw(yaw: float) -> float:
+    """Wrap a yaw from (-2 pi, 2 pi) into [-pi, pi)."""
+    wrapped_yaw = math.remainder(yaw, TWO_PI)
+    return wrapped_yaw if wrapped_yaw < math.pi else -math.pi

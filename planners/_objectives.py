@@ -1,0 +1,277 @@
+"""Objectives of OMPL that weight length by clearance or overlap."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import cached_property
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from ompl import base as ob
+
+from cspace._interface import Space
+from cspace._queries.distance import Distances
+from cspace._space import CSpace
+from cspace._support.arrays import FREE, Floats
+from cspace._support.check import check_not_negative, check_positive
+from cspace._support.words import Drive
+from cspace.errors import InputError
+from planners._integrals import CostDensity, Field
+from planners._local_planner import HOLONOMIC, Endpoints, LocalPlanner, local_planner
+from planners._states import check_information, find_state_kind
+
+if TYPE_CHECKING:
+    from cspace.spectral import OverlapField
+
+LENGTH: Final = "length"
+CLEARANCE: Final = "clearance"
+
+DEFAULT_WEIGHT: Final = 10.0
+"""Extra metres that a metre of path costs by default where the penalty is one."""
+
+
+class WeightedLength(ob.OptimizationObjective):
+    """Length with a cost of each metre.
+
+    A metre costs ``1 + weight * max(0, penalty)**2``, integrated along each edge. The penalty of a
+    configuration is ``offset + slope * value``, for the value of a field. The integral uses the
+    midpoint rule in steps of at most one cell and 5 degrees. The cost is never below the length,
+    which OMPL may use as a bound. A radian of rotation counts as half a metre, as in OMPL's SE(2)
+    and SE(3); along curves it counts nothing.
+
+    OMPL calls this objective through Python at every step. PRM and PRMstar would call it from a
+    second thread and deadlock, so :func:`planners.plan` refuses them.
+
+    Parameters
+    ----------
+    si : ompl.base.SpaceInformation
+        From a :func:`planners.state_space`.
+    space : CSpace
+    field : DistanceMap or ndarray of float64, optional
+        Source of the value. The distances of the map give the clearance; an array has the shape of
+        the map's states. The default is the plain length.
+    offset, slope : float
+        Penalty at value zero, and its change per unit of the value.
+    weight : float
+        Extra metres that a metre of path costs at penalty one.
+    drive, turning_radius
+        As for :func:`planners.plan`.
+
+    Attributes
+    ----------
+    edge_cost : callable
+        Cost of the edge between two states; a plan replaces it by one that ends at its time limit.
+
+    Raises
+    ------
+    InputError
+        If ``weight`` is negative or not finite; and as :func:`planners.state_space`.
+    """
+
+    # A StateCostIntegralObjective would do the integral, but the bindings never call its Python
+    # subclasses.
+
+    def __init__(
+        self,
+        si: ob.SpaceInformation,
+        space: CSpace,
+        field: Field = None,
+        *,
+        offset: float = 0.0,
+        slope: float = 1.0,
+        weight: float = DEFAULT_WEIGHT,
+        drive: Drive = HOLONOMIC,
+        turning_radius: float | None = None,
+    ) -> None:
+        """Make the cost of an edge by the robot's drive."""
+        check_information(si, space)
+        super().__init__(si)
+        weight = check_not_negative(weight, "weight", "pass 10.0")
+        check_has_cells(space)
+        edges = local_planner(space, False, drive, turning_radius)
+        self._field = field
+        self._density = CostDensity(offset, slope, weight, edges.rotation_weight)
+        self._kind = find_state_kind(space)
+        self._space = space
+        # Positions of both ends among their numbers.
+        dim = space.dim
+        size = space.size
+        self._measure_line = self._kind.of_states(
+            lambda *ends: math.dist(ends[:dim], ends[size : size + dim])
+        )
+        self.edge_cost = self._kind.of_states(edges.edge_cost(field, self._density))
+
+    @property
+    def is_length(self) -> bool:
+        """Whether a metre costs the same at every configuration."""
+        return self._field is None or self._density.weight == 0.0
+
+    def stateCost(self, state: ob.State) -> ob.Cost:  # noqa: N802 - OMPL's name
+        """Return the cost per metre at a state."""
+        q = self._kind.read(state)
+        return ob.Cost(self._cost_per_metre(*q, *q))
+
+    def motionCost(self, first: ob.State, second: ob.State) -> ob.Cost:  # noqa: N802 - OMPL's name
+        """Return the cost of an edge."""
+        return ob.Cost(self.edge_cost(first, second))
+
+    def motionCostHeuristic(self, first: ob.State, second: ob.State) -> ob.Cost:  # noqa: N802 - OMPL's name
+        """Return the straight length, a lower bound of the cost."""
+        return ob.Cost(self._measure_line(first, second))
+
+    @cached_property
+    def _cost_per_metre(self) -> Callable[..., float]:
+        """Cost per metre at a configuration, as a function."""
+        density = self._density._replace(mean_per_metre=True)
+        return LocalPlanner(self._space).edge_cost(self._field, density)
+
+
+class ClearanceObjective(WeightedLength):
+    """Length whose metres cost more near obstacles.
+
+    A metre of path at clearance c costs ``1 + weight * max(0, 1 - c / clearance_threshold)**2``.
+    The clearance is the distance, in the translation alone, to the nearest configuration that is
+    not FREE.
+
+    Parameters
+    ----------
+    si, space, weight, drive, turning_radius
+        As for :class:`WeightedLength`; the penalty is one at clearance zero.
+    clearance_threshold : float, optional
+        Clearance, in metres, above which a path costs its length. The default is the longest side
+        of the robot's bounding box.
+
+    Raises
+    ------
+    InputError
+        If ``clearance_threshold`` is not above zero; and as :class:`WeightedLength`.
+    """
+
+    def __init__(
+        self,
+        si: ob.SpaceInformation,
+        space: CSpace,
+        *,
+        weight: float = DEFAULT_WEIGHT,
+        clearance_threshold: float | None = None,
+        drive: Drive = HOLONOMIC,
+        turning_radius: float | None = None,
+    ) -> None:
+        """Choose the threshold; the penalty falls from one at clearance zero to zero there."""
+        check_information(si, space)
+        if clearance_threshold is None:
+            clearance_threshold = default_clearance_threshold(space)
+        threshold = check_positive(clearance_threshold, "clearance_threshold")
+        super().__init__(
+            si,
+            space,
+            space.distances,
+            offset=1.0,
+            slope=-1.0 / threshold,
+            weight=weight,
+            drive=drive,
+            turning_radius=turning_radius,
+        )
+
+
+class OverlapObjective(WeightedLength):
+    """Length whose metres cost more at larger overlap.
+
+    The objective pushes paths smoothly away from obstacles. A metre of path at overlap c costs ``1
+    + weight * (c / saturation)**2``. The overlap is the field's, between balls of robot and
+    obstacles. Grown balls overlap before the shapes touch.
+
+    Parameters
+    ----------
+    si, space, weight, drive, turning_radius
+        As for :class:`WeightedLength`; the penalty is one at overlap ``saturation``.
+    field : cspace.spectral.OverlapField
+        Field of the same map. The objective keeps its values when the map is updated.
+    saturation : float, optional
+        Overlap, in square or cubic metres. The default is the largest overlap in a FREE cell.
+
+    Raises
+    ------
+    InputError
+        If ``field`` is no field of this map, or ``saturation`` is not above zero; and as
+        :class:`WeightedLength`.
+    """
+
+    def __init__(
+        self,
+        si: ob.SpaceInformation,
+        space: CSpace,
+        field: OverlapField,
+        *,
+        weight: float = DEFAULT_WEIGHT,
+        saturation: float | None = None,
+        drive: Drive = HOLONOMIC,
+        turning_radius: float | None = None,
+    ) -> None:
+        """Choose the saturation; the penalty is the overlap divided by it."""
+        check_information(si, space)
+        if getattr(field, "space", None) is not space:
+            raise InputError(
+                "field",
+                "is no overlap field of this map",
+                "field and objective must share a map",
+                "pass OverlapField.of(space, overlap)",
+            )
+        if saturation is None:
+            states = space.kernel_map.states
+            overlaps = field.cells.reshape(states.shape)[states == FREE]
+            saturation = float(overlaps.max(initial=0.0)) or 1.0
+        saturation = check_positive(saturation, "saturation", "metres to the power of d")
+        super().__init__(
+            si,
+            space,
+            field.cells,
+            slope=1.0 / saturation,
+            weight=weight,
+            drive=drive,
+            turning_radius=turning_radius,
+        )
+
+
+def default_clearance_threshold(space: CSpace) -> float:
+    """Return the default clearance from which a metre costs a metre: the robot's longest side.
+
+    It is in metres, and at least one cell.
+    """
+    lower, upper = space.robot.shape.outer.bounds
+    return max(float((upper - lower).max()), space.grid.spacing)
+
+
+def find_clear_path(
+    edges: LocalPlanner, endpoints: Endpoints, straight: bool, seconds: float
+) -> Floats:
+    """Find a path through FREE cells, cheap by :class:`ClearanceObjective`.
+
+    Returns waypoints, shape (n, size); n is 0 if the search finds no path in time. If not
+    ``straight``, these are the centers of a chain of cells.
+    """
+    space = edges.cells
+    threshold = default_clearance_threshold(space)
+    density = CostDensity(1.0, -1.0 / threshold, DEFAULT_WEIGHT, edges.rotation_weight)
+
+    def find_factors(clearances: Distances) -> Distances:
+        """Return the cost of a metre at each clearance."""
+        penalties = np.maximum(np.float32(0.0), 1.0 - clearances / threshold)
+        return np.asarray(1.0 + DEFAULT_WEIGHT * penalties * penalties)
+
+    cost = edges.edge_cost(space.distances, density)
+    return space.find_cheap_path(
+        endpoints, find_factors, cost, straight=straight, time_limit=seconds
+    )
+
+
+def check_has_cells(space: Space) -> None:
+    """Raise InputError for an objective in a space that is no map."""
+    if not space.has_cells:
+        raise InputError(
+            "objective",
+            f"is for maps, and space is {space!r}",
+            "it weighs cells",
+            "use the length, or a function that returns an objective",
+        )

@@ -1,0 +1,1001 @@
+"""plan: find a checked path from start to goal."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import nullcontext, suppress
+from dataclasses import replace
+from functools import cache
+from typing import Final, NamedTuple, NoReturn, cast
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cspace._interface import (
+    GoalLike,
+    SearchOptions,
+    Space,
+    format_configuration,
+)
+from cspace._rotations.base import TWO_PI
+from cspace._support.arrays import Floats, frozen
+from cspace._support.check import check_count, check_flag, check_positive
+from cspace._support.compiling import clock
+from cspace._support.words import Drive
+from cspace.errors import InputError
+from planners._catalogue import (
+    BUILT_IN_SEARCHES,
+    GRID,
+    LATTICE,
+    MAX_CLEARANCE,
+    PLANNERS_WITHOUT_OBJECTIVE,
+    THREADED_PLANNERS,
+    PlannerName,
+    planner_named,
+    planner_names,
+)
+from planners._lattice import find_lattice_path
+from planners._local_planner import (
+    CURVES,
+    DRIVES,
+    HOLONOMIC,
+    ON_THE_SPOT,
+    REVERSING,
+    Endpoints,
+    LocalPlanner,
+    has_drives,
+    local_planner,
+)
+from planners._objectives import CLEARANCE, LENGTH, check_has_cells, find_clear_path
+from planners._result import Plan, Times
+from planners._search import (
+    NO_SEARCH,
+    QUICK_ITERATIONS,
+    SearchResult,
+    Task,
+    is_certain,
+    repeat_draws,
+    run_ompl,
+    set_seed,
+    shorten,
+)
+from planners._setup import MakeObjective, make_bounded_states
+from planners._states import check_space, find_state_kind
+
+MAX_SEED: Final = 2**32 - 2
+"""Largest seed: OMPL's generator takes 32 bits, and refuses zero."""
+
+QUICK_PLANNER: Final[PlannerName] = "RRTConnect"
+"""Planner of the first path of robots that rotate, except along Dubins curves."""
+
+EXACT_TIME_SHARE: Final = 0.5
+"""Share of the time left for the quick search, and then for the built-in one, if geometry decides
+MIXED cells: a search through many such cells may not end."""
+
+GAP_TIME_SHARE: Final = 0.1
+"""Share of the time limit for the part of a previous plan that is blocked; then all is searched."""
+
+TRIAL_SHARE: Final = 0.1
+"""Share of the time limit of a failed plan for each search that tries what it may advise."""
+
+MAX_TRIAL_SECONDS: Final = 0.5
+"""Largest time limit of such a search."""
+
+LATE_SHARE: Final = 0.95
+"""Share of the time limit after which a search counts as ended by it."""
+
+Subproblem = tuple[Callable[[], Space], Floats, Floats]
+"""A function that opens a part of a space in memory, and the two configurations to join in it."""
+
+MAX_SKIPPED_WAYPOINTS: Final = 32
+"""Number of next waypoints that an edge of a path through tiles may lead to."""
+
+NO_CHAIN: Final = "no chain of FREE cells joins start and goal"
+"""Status of a plan whose every path would follow such a chain."""
+
+NO_SECOND_THREAD: Final = "cannot call Python from its second thread"
+"""What planners with threads must not do: it would wait for the first thread for ever."""
+
+_WHY_ONE_GOAL: Final = {
+    **dict.fromkeys(THREADED_PLANNERS, NO_SECOND_THREAD),
+    "BFMT": "of OMPL 2.0.1 may end the process if it has several",
+}
+"""Planners that take one goal, with the reason."""
+
+
+class Choices(NamedTuple):
+    """Options of :func:`plan` that a space supports.
+
+    Attributes
+    ----------
+    planners : tuple of str
+        Names of OMPL's planners and of the built-in searches.
+    drives : tuple of str
+        Names of drives, "holonomic" first.
+    curves : tuple of str
+        Names of the drives that need a turning radius.
+    """
+
+    planners: tuple[PlannerName, ...]
+    drives: tuple[Drive, ...]
+    curves: tuple[Drive, ...]
+
+
+def choices(space: Space) -> Choices:
+    """List the options of :func:`plan` for a space.
+
+    Parameters
+    ----------
+    space : Space
+
+    Returns
+    -------
+    Choices
+
+    Raises
+    ------
+    InputError
+        If ``space`` is no :class:`cspace.Space`.
+
+    Examples
+    --------
+    >>> import numpy as np, cspace, planners
+    >>> workspace = cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1)
+    >>> choices = planners.choices(cspace.build(workspace, cspace.Robot.disc(0.2)))
+    >>> choices.planners[-2:], choices.drives, choices.curves
+    (('Grid', 'MaxClearance'), ('holonomic',), ())
+    """
+    check_space(space)
+    planners = (*planner_names(), *_list_searches(space))
+    if has_drives(space):
+        return Choices(planners, DRIVES, CURVES)
+    return Choices(planners, (HOLONOMIC,), ())
+
+
+def _list_searches(space: Space) -> tuple[PlannerName, ...]:
+    """List the built-in searches for a space."""
+    names = space.searches
+    if has_drives(space):
+        names = (*names, LATTICE)
+    return cast(tuple[PlannerName, ...], names)
+
+
+def plan(
+    space: Space,
+    start: ArrayLike,
+    goal: GoalLike,
+    *,
+    planner: PlannerName | None = None,
+    time_limit: float = 1.0,
+    iterations: int | None = None,
+    simplify: bool = True,
+    seed: int | None = None,
+    objective: str | MakeObjective = "length",
+    exact: bool = False,
+    drive: Drive = HOLONOMIC,
+    turning_radius: float | None = None,
+    previous: Plan | None = None,
+) -> Plan:
+    """Find and prove a path on a map or for an arm.
+
+    Any geometric planner of OMPL may search. On a map of (x, y, yaw) the robot may move sideways,
+    unless ``drive`` restricts it. "differential" is for robots that turn on the spot and drive
+    straight on, as most mobile robots do.
+
+    If the map proves that no path exists, no search begins if components of cells are known;
+    otherwise a planner of OMPL has them labelled after 0.05 s, and ends. No search of OMPL is run
+    if the objective is the length and the single edge from start to goal is free. OMPL's messages
+    are held back while it runs.
+
+    *Time.* Search and simplification end within the time limit plus 0.25 s. Limits count the
+    process's CPU time, so other programs on a busy machine change no result. The first plan on a
+    map also computes components and compiles functions; these times are not limited, see
+    :attr:`Plan.times`.
+
+    *Replanning.* Where obstacles or the robot move, pass the last plan as ``previous``. The path
+    joins it by a free edge and follows it; only a blocked part of it is searched anew. The whole is
+    then shortened. It may be longer than a path that has become free since, so plan without
+    ``previous`` now and then.
+
+    *FREE cells.* Unless ``exact``, a path of any drive leads through FREE cells. So a plan ends
+    soon if no chain of FREE cells joins start and goal. If a drive that is not holonomic finds no
+    path, :attr:`Plan.status` names the yaws that are proven free at start and goal, unless all are.
+
+    *Hints.* Without a path, a map of up to a million cells is searched with the drive that reverses
+    and with ``exact``, for a tenth of the time limit each, at most 0.5 s. :attr:`Plan.hint` says
+    which of these finds a path, otherwise what else to try.
+
+    *Tiled maps.* On a :class:`cspace.TiledCSpace` the path goes from tile to tile, through the
+    middle of the FREE part of each common face. Only tiles on the way are opened, and the time
+    limit holds for each tile. If the drive is holonomic, "Grid" takes over in tiles where the
+    planner finds no path. Straight paths are then shortened as a whole. Objectives and drives apply
+    tile by tile; ``exact`` needs a map in memory.
+
+    *Arms.* In the space of an arm (:func:`cspace.build_arm_space`), an edge moves all joints in
+    step, continuous joints the shorter way. The geometry itself proves every edge, so ``exact``
+    changes nothing. Angles of continuous joints in the path are not wrapped, so that straight
+    motions join its rows. Drives, "Grid", "MaxClearance" and "clearance" are for maps.
+
+    *Default.* Without a planner, another objective or ``iterations``, three searches follow each
+    other. If the robot rotates, RRTConnect begins, for at most 500 iterations, some 10 ms; not for
+    Dubins curves. Then comes a built-in search for a shorter path: "Grid" for holonomic robots,
+    "Lattice" for cars, and unless ``exact`` for other drives. Few paths through FREE cells are
+    shorter than Grid's. If neither finds a path before the time limit, or with ``exact`` before
+    half of it, OMPL's default planner goes on.
+
+    *Repeatable runs.* "Grid" and "Lattice" always give the same path. So do default plans on maps
+    that need no third search, because the first one draws the same numbers without a seed. A seed
+    sets OMPL's global seed generator, from which every planner and sampler made afterwards draws
+    its own seed, and the random starts of poses. So the same call with the same seed gives the same
+    path, in any process and after any other plans. Searches that the clock ends are an exception:
+    give ``iterations`` to planners that use up the time limit. So are PRM and PRMstar, which search
+    in a second thread, and OMPL used by other threads at the same time.
+
+    Parameters
+    ----------
+    space : Space
+    start, goal : array-like, shape (size,)
+        Configurations. An arm has one number for each joint, a map ``(x, y)``, ``(x, y, yaw)``,
+        ``(x, y, z)``, ``(x, y, z, yaw)`` or ``(x, y, z, qx, qy, qz, qw)`` in metres; yaw in
+        radians, wrapped. The goal of an arm may also be a :class:`cspace.PoseGoal`, or several
+        goals: configurations, shape (n, size), or a list with pose goals. Goals that are not proven
+        free are dropped, and the path ends at one of the others, :attr:`Plan.goal`. BFMT, PRM and
+        PRMstar take one configuration. A pose becomes the free ones of at most 128 configurations
+        of :meth:`cspace.Arm.inverse`. These are not all configurations at the pose, so "no path
+        found" proves nothing.
+    planner : str, optional
+        Name, in upper or lower case, of a planner of OMPL (:func:`planners.planner_names`) or of a
+        built-in search; type checkers know the names as OMPL spells them. The default is "Grid" or
+        "Lattice" as said above, otherwise RRTConnect, for Dubins curves RRT, and for an arm BiRRT.
+
+        - "Grid", :meth:`cspace.CSpace.find_path`: a short holonomic path in milliseconds if FREE
+          cells join start and goal; deterministic.
+        - "MaxClearance", :meth:`cspace.CSpace.find_widest_path`: the path of largest clearance, and
+          of these a short one; deterministic unless the time limit ends it; not for tiled maps.
+        - "Lattice": a search along headings for drives that are not holonomic, Dolgov and others
+          (2008); deterministic.
+        - "BiRRT", :meth:`cspace.ArmSpace.find_path`: two trees of an arm's motions, in compiled
+          code. It goes on to shorten its path while that gains 1 %, at most until the time limit;
+          not with ``simplify=False``.
+
+        BITstar, InformedRRTstar, PRMstar, RRTstar and SORRTstar improve their path until the time
+        limit. RRTConnect often fails for Dubins curves, because its tree at the goal grows by
+        curves that leave the goal. Planners that also follow edges backwards are refused for Dubins
+        curves; for "differential" their edges must be free both ways.
+    time_limit : float
+        Seconds of the process's CPU time after which the search ends; of the clock for PRM and
+        PRMstar. Simplification then has another 0.1 s.
+    iterations : int, optional
+        Largest number of checks of OMPL's termination condition, about one for each iteration of
+        the planner. For BiRRT, the largest number of further searches for a shorter path. Not for
+        PRM, PRMstar and the built-in searches of maps.
+    simplify : bool
+        Whether to shorten the path. The result replaces the path only if it is certified and no
+        worse by the objective.
+    seed : int, optional
+        From 0 to 2^32 - 2. Grid, MaxClearance and Lattice ignore it.
+    objective : {"length", "clearance"} or callable
+        Quantity to minimise. "clearance" is :class:`planners.ClearanceObjective` with its defaults,
+        by "Grid" if no planner is named; the robot must then be holonomic. A callable takes the
+        space information and returns an ``ompl.base.OptimizationObjective``, for example ``lambda
+        si: planners.OverlapObjective(si, space, field)``. The length counts a radian of rotation as
+        half a metre, except along curves; see :attr:`Plan.total_rotation`.
+
+        Objectives other than the length are for BITstar, InformedRRTstar, RRTstar and SORRTstar.
+        FMT and BFMT take them with a time limit of many seconds, because they compute the cost
+        between all pairs of near samples. Each of these must beat the path that RRTConnect finds
+        first. Other planners are refused.
+    exact : bool
+        Whether the geometry itself decides MIXED cells, which finds shorter paths, and passages
+        little wider than the robot; slower. "Grid" tests the centers of MIXED cells on its way.
+    drive : {"holonomic", "differential", "differential-reverse", "dubins", "reeds-shepp"}
+        Motion of the robot along an edge, which is proven along that motion. All but the first are
+        for maps of (x, y, yaw), with the reference point in the middle of the axle that does not
+        steer.
+
+        - "holonomic": straight, turning evenly the shorter way.
+        - "differential": it turns on the spot, drives straight ahead along its x axis, and turns
+          again.
+        - "differential-reverse": also backwards, when that takes less rotation.
+        - "dubins", "reeds-shepp": the shortest curve of a car, forwards only, or also in reverse.
+    turning_radius : float, optional
+        Smallest turning radius of the car, in metres; needed by curves alone.
+    previous : Plan, optional
+        The last plan for a space with these axes, in memory. It may have another start, goal and
+        drive. A plan without a path counts as none. Not for other objectives than the length, nor
+        for "MaxClearance".
+
+    Returns
+    -------
+    Plan
+
+    Raises
+    ------
+    ConfigurationError
+        If start or goal lies outside the map or is not FREE (with ``exact``, not proven free by the
+        geometry either). Also if it lies on the border of a cell that is not FREE. The message
+        names the nearest FREE configuration, which is also the error's ``nearest``. Also if no
+        configuration found for a pose is within its tolerance, or if all of these collide. If none
+        is within it, the message says how far the nearest pose reached is.
+    InputError
+        If a number is NaN, infinite or out of range; start or goal has the wrong length; a name is
+        unknown. Also if the space, planner, objective, drive and other options do not go together.
+        Also if the space is so small that OMPL takes steps in it for zero, and a planner of OMPL is
+        named.
+
+    Warns
+    -----
+    AngleWarning
+        If the yaw of start or goal, or the angle of a continuous joint, is beyond 2 pi, as degrees
+        are.
+
+    Examples
+    --------
+    >>> import numpy as np, cspace, planners
+    >>> occupied = np.zeros((80, 60), dtype=bool)
+    >>> occupied[40:42, :45] = True
+    >>> space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), cspace.Robot.disc(0.2))
+    >>> plan = planners.plan(space, (1.0, 1.0), (7.0, 1.0), planner="RRTConnect", seed=1)
+    >>> plan.status, plan.certified
+    ('path found', True)
+    >>> planners.plan(space, (1.0, 1.0), (1.0, 5.0)).length
+    4.0
+    """
+    began = time.process_time()
+    check_flag(simplify, "simplify")
+    edges = local_planner(space, exact, drive, turning_radius)
+    task = Task(
+        edges=edges,
+        planner=planner_named(planner, drive, space.searches),
+        objective=objective,
+        time_limit=check_positive(time_limit, "time_limit", "seconds"),
+        iterations=None if iterations is None else check_count(iterations, "iterations", 1, 2**62),
+        simplify=simplify,
+        seed=None if seed is None else check_count(seed, "seed", 0, MAX_SEED),
+        is_named=planner is not None,
+        previous=np.empty((0, space.size)),
+    )
+    if previous is not None:
+        task = replace(task, previous=_check_previous(task, previous))
+    task = _set_endpoints(_choose_searches(task), start, goal)
+    if task.seed is not None:
+        set_seed(task.seed)
+    path_exists = cache(lambda: space.path_exists(*task.endpoints[:2]))
+    result = _search_tile_by_tile(task, lambda: edges.may_join(path_exists()))
+    exists = True if space.has_cells and result.proven else path_exists()
+    return _make_plan(task, result, exists, began)
+
+
+def _check_previous(task: Task, previous: Plan) -> Floats:
+    """Return the waypoints of the previous plan, shape (n, size); n is 0 if there are none."""
+    space = task.edges.space
+    if not isinstance(previous, Plan):
+        raise InputError(
+            "previous",
+            f"is {previous!r}",
+            "it is what planners.plan returned before",
+            "pass the last plan, or leave previous out",
+        )
+    if previous.axes != space.axes or not space.in_memory:
+        raise InputError(
+            "previous",
+            f"has the axes ({', '.join(previous.axes)}) and space is {space!r}",
+            "it is a plan for the axes of the space, which is in memory",
+            "leave previous out",
+        )
+    if task.objective != LENGTH or task.planner == MAX_CLEARANCE:
+        raise InputError(
+            "previous",
+            f"is a plan, the objective {task.objective!r} and the planner {task.planner!r}",
+            "a path along a previous one is short, whatever its clearance or cost",
+            "leave previous out, or plan for the length",
+        )
+    return previous.waypoints
+
+
+def _choose_searches(task: Task) -> Task:
+    """Choose a planner if none is named, and a fallback; check the options of the planner."""
+    space = task.edges.space
+    default = task.planner
+    if not task.is_named:
+        task = replace(task, planner=_choose_planner(task))
+    _check_planner(task)
+    if task.planner not in _list_searches(space):
+        make_bounded_states(task.edges)  # refuses spaces that are too small for OMPL
+    if task.planner != default and task.objective == LENGTH and space.has_cells:
+        with suppress(InputError):  # the space may be too small for OMPL
+            make_bounded_states(task.edges)
+            task = replace(task, fallback=default)
+    _check_options(task)
+    return task
+
+
+def _set_endpoints(task: Task, start: ArrayLike, goal: GoalLike) -> Task:
+    """Check start and goals."""
+    edges = task.edges
+    name = task.planner
+    checked = edges.space.check_endpoint(start, "start", edges.exact)
+    goals = edges.space.find_goals(goal, checked, task.seed, edges.exact)
+    if name in _WHY_ONE_GOAL and len(goals) > 1:
+        raise InputError(
+            "goal",
+            f"has {len(goals)} configurations and planner is {name!r}",
+            f"{name} {_WHY_ONE_GOAL[name]}",
+            "pass one configuration or choose another planner",
+        )
+    return replace(task, endpoints=(checked, *goals))
+
+
+def _choose_planner(task: Task) -> PlannerName:
+    """Choose the planner of a plan that names none.
+
+    Raises InputError for a function, which no default planner minimises.
+    """
+    edges = task.edges
+    objective = task.objective
+    if callable(objective):
+        raise InputError(
+            "objective",
+            "is a function and no planner is named",
+            "the default planners minimise the length",
+            "name a planner that optimises: planner='RRTstar'",
+        )
+    if not edges.space.has_cells:
+        searches = _list_searches(edges.space)
+        return searches[0] if searches else task.planner
+    if objective == CLEARANCE:
+        return GRID
+    if task.iterations is not None or (edges.exact and edges.drive in ON_THE_SPOT):
+        return task.planner
+    return GRID if edges.drive == HOLONOMIC else LATTICE
+
+
+def _check_planner(task: Task) -> None:
+    """Raise InputError if a built-in search is not for the space or the drive."""
+    name = task.planner
+    edges = task.edges
+    searches = _list_searches(task.edges.space)
+    if name in BUILT_IN_SEARCHES and name not in searches:
+        raise InputError(
+            "planner",
+            f"is {name!r} and space is {edges.space!r}",
+            f"its built-in searches are {', '.join(searches) or 'none'}",
+            "leave planner out",
+        )
+    if name == LATTICE and edges.drive == HOLONOMIC:
+        raise InputError(
+            "planner",
+            f"is {name!r} and drive is {HOLONOMIC!r}",
+            f"{name} is for all other drives",
+            "use planner='Grid', or pass drive='differential'",
+        )
+
+
+def _check_options(task: Task) -> None:
+    """Raise InputError if the planner does not support an option."""
+    objective = task.objective
+    if objective == CLEARANCE:
+        check_has_cells(task.edges.space)
+    elif objective != LENGTH and not callable(objective):
+        raise InputError(
+            "objective",
+            f"is {objective!r}",
+            f"it must be {LENGTH!r}, {CLEARANCE!r}, or a function that makes OMPL's objective",
+            "for overlaps, pass lambda si: planners.OverlapObjective(si, space, field)",
+        )
+    for option, (is_refused, rule) in _list_refusals(task).items():
+        if is_refused:
+            _refuse_option(task, option, rule)
+
+
+def _list_refusals(task: Task) -> dict[str, tuple[bool, str]]:
+    """Return for each option whether the planner refuses it, and why."""
+    edges = task.edges
+    name = task.planner
+    has_objective = task.objective != LENGTH
+    has_iterations = task.iterations is not None
+    if name in THREADED_PLANNERS:
+        return {
+            "iterations": (has_iterations, NO_SECOND_THREAD),
+            "objective": (has_objective, NO_SECOND_THREAD),
+        }
+    if name not in _list_searches(edges.space):
+        is_refused = name in PLANNERS_WITHOUT_OBJECTIVE and has_objective
+        return {"objective": (is_refused, "ignores objectives")}
+    is_map = edges.space.has_cells
+    aims = "length or clearance" if name == GRID else "the length"
+    keeps_away = name == GRID and task.objective == CLEARANCE
+    scope = f" for objective={CLEARANCE!r}" if keeps_away else ""
+    decides_all = name == GRID or (name == LATTICE and edges.drive in CURVES)
+    needs_free = is_map and (keeps_away or not decides_all)
+    return {
+        "objective": (has_objective and not keeps_away, f"minimises {aims}"),
+        "drive": (name != LATTICE and edges.drive != HOLONOMIC, "is for holonomic robots"),
+        "exact": (edges.exact and needs_free, f"uses FREE cells{scope}"),
+        "iterations": (has_iterations and is_map, "counts none"),
+    }
+
+
+def _refuse_option(task: Task, option: str, rule: str) -> NoReturn:
+    """Raise InputError for an option that the planner does not support."""
+    name = task.planner
+    owner = task if hasattr(task, option) else task.edges
+    value = getattr(owner, option)
+    other = planner_named(None, task.edges.drive) if task.objective == LENGTH else "RRTstar"
+    chosen = "" if task.is_named else f", the default for objective={task.objective!r}"
+    raise InputError(
+        option,
+        f"is {value!r} and planner is {name!r}{chosen}",
+        f"{name} {rule}",
+        f"leave {option} out, or use planner={other!r}",
+    )
+
+
+def _list_subproblems(task: Task) -> Sequence[Subproblem]:
+    """Split a tiled map into the tiles on the way; other spaces are one part."""
+    space = task.edges.space
+    start, goal = task.endpoints[:2]
+    if space.in_memory:
+        return [(lambda: space, np.array(start), np.array(goal))]
+    return task.edges.tiles.subproblems(start, goal)
+
+
+def _search_tile_by_tile(task: Task, may_exist: Callable[[], bool]) -> SearchResult:
+    """Search tile by tile, join the paths, prove the edges.
+
+    The first part without a proven path ends the search. There are no parts if a path is known not
+    to exist.
+    """
+    edges = task.edges
+    path = np.empty((0, edges.space.size))
+    subproblems: Sequence[Subproblem] = []
+    # A proven path saves labelling the cells of a map, so a search goes first then.
+    if not edges.space.is_labelled or may_exist():
+        subproblems = _list_subproblems(task)
+    if not subproblems:
+        return SearchResult(path)
+    is_tiled = len(subproblems) > 1
+    planning = 0.0
+    simplification = 0.0
+    for open_part, first, last in subproblems:
+        part = replace(edges, space=open_part())
+        start = tuple(first.tolist())
+        goal = tuple(last.tolist())
+        part_task = replace(task, edges=part, endpoints=(start, goal, *task.endpoints[2:]))
+        if is_tiled and edges.drive == HOLONOMIC and task.planner not in part.space.searches:
+            part_task = replace(part_task, fallback=GRID)
+        result = _search(part_task, may_exist)
+        planning += result.planning
+        simplification += result.simplification
+        rows = edges.insert_breakpoints(edges.space.rotations.make_canonical(result.path))
+        result = replace(
+            result,
+            path=rows,
+            planning=planning,
+            simplification=simplification,
+            proven=len(rows) > 0 and part.are_free(rows),
+        )
+        if not is_tiled:
+            return result
+        if not result.proven:
+            where = f" from {format_configuration(start)} to {format_configuration(goal)}"
+            return replace(result, where=where)
+        path = np.concatenate([path[:-1], rows])
+    began = clock()
+    if task.simplify and task.objective == LENGTH and edges.drive == HOLONOMIC:
+        path = _skip_waypoints(edges, path)
+    note = f"through {len(subproblems)} tiles"
+    return SearchResult(path, note, planning, simplification + clock() - began, True)
+
+
+def _skip_waypoints(edges: LocalPlanner, path: Floats) -> Floats:
+    """Skip waypoints, shape (n, size), by free edges.
+
+    From each waypoint, the path takes the free edge to the farthest of the next ones. Edges are
+    proven in one batch, because a single look-up in tiles takes as long.
+    """
+    kept = [0]
+    while kept[-1] < len(path) - 1:
+        current = kept[-1]
+        following = path[current + 1 : current + 1 + MAX_SKIPPED_WAYPOINTS]
+        free = np.asarray(edges.tiles.motion_is_free(path[current], following))
+        free[0] = True  # the edge of the path itself
+        farthest = int(np.flatnonzero(free)[-1])
+        kept.append(current + 1 + farthest)
+    return path[kept]
+
+
+def _search(task: Task, may_exist: Callable[[], bool]) -> SearchResult:
+    """Search for a path in a space in memory; of several, take the shortest."""
+    start, *goals = task.endpoints
+    if start in goals:
+        return SearchResult(np.array([start]), "the start is the goal")
+    results: list[SearchResult] = []
+    if len(task.previous):
+        results.append(_follow_previous(task))
+        if _list_found(results):
+            return results[0]
+    if _begins_quickly(task):
+        results.append(_search_quickly(task))
+    if _list_found(results):
+        may_exist = is_certain  # a quick path saves labelling the cells
+    seconds_left = task.time_limit - _add_planning(results)
+    if seconds_left > 0.0:
+        if task.edges.exact and task.fallback is not None:
+            seconds_left *= EXACT_TIME_SHARE
+        results.append(_run_planner(replace(task, time_limit=seconds_left), may_exist))
+    if not _list_found(results):
+        results += _fall_back(task, _add_planning(results), may_exist)
+    return _choose_shortest(task, results)
+
+
+def _begins_quickly(task: Task) -> bool:
+    """Return True if a plan begins with a quick search, because the robot rotates."""
+    return task.fallback == QUICK_PLANNER and bool(task.edges.space.rotations.names)
+
+
+def _search_quickly(task: Task) -> SearchResult:
+    """Search for a first path; without a seed, draw the same numbers each time."""
+    task = replace(
+        task,
+        planner=QUICK_PLANNER,
+        iterations=QUICK_ITERATIONS,
+        time_limit=EXACT_TIME_SHARE * task.time_limit,
+    )
+    with repeat_draws() if task.seed is None else nullcontext():
+        return _run_planner(task, is_certain)
+
+
+def _fall_back(task: Task, used: float, may_exist: Callable[[], bool]) -> list[SearchResult]:
+    """Search by the fallback, if time is left after ``used`` seconds and a path may exist."""
+    name = task.fallback
+    if name == GRID:
+        used = 0.0  # a planner that fails in a tile leaves all the time to the grid
+    if name is None or used >= task.time_limit or not may_exist():
+        return []
+    return [_run_planner(replace(task, planner=name, time_limit=task.time_limit - used), may_exist)]
+
+
+def _list_found(results: Sequence[SearchResult]) -> list[SearchResult]:
+    """List the results of searches that found a path."""
+    return [result for result in results if len(result.path)]
+
+
+def _add_planning(results: Sequence[SearchResult]) -> float:
+    """Return the seconds of several searches."""
+    return sum(result.planning for result in results)
+
+
+def _run_planner(task: Task, may_exist: Callable[[], bool]) -> SearchResult:
+    """Search by the planner of a task alone."""
+    result = SearchResult(np.empty((0, task.edges.space.size)))
+    if task.planner not in _list_searches(task.edges.space):
+        result = run_ompl(task, may_exist)
+    elif (task.planner in (GRID, LATTICE) and not task.edges.exact) or may_exist():
+        result = _search_built_in(task, may_exist)
+    return replace(result, planner=task.planner)
+
+
+def _choose_shortest(task: Task, results: Sequence[SearchResult]) -> SearchResult:
+    """Choose the shortest path of several searches; its times are those of all."""
+
+    def measure(result: SearchResult) -> tuple[float, bool]:
+        """Return the length of a path, and whether another planner than the task's found it."""
+        rows = result.path
+        length = task.edges.edge_lengths(rows[:-1], rows[1:]).sum()
+        return float(length), result.planner != task.planner
+
+    found = _list_found(results)
+    best = min(found, key=measure, default=results[-1])
+    note = best.note
+    if found and best.planner != task.planner:
+        others = "found a longer one" if len(found) > 1 else "found none"
+        note = f"by {best.planner}, as {task.planner} {others}"
+    return replace(
+        best,
+        note=note,
+        planning=_add_planning(results),
+        simplification=sum(result.simplification for result in results),
+        lattice="".join(result.lattice for result in results),
+    )
+
+
+def _follow_previous(task: Task) -> SearchResult:
+    """Go along the previous plan; search only around the part that is blocked."""
+    began = clock()
+    edges = task.edges
+    start, goal = np.array(task.endpoints[:2])
+    way = np.vstack([task.previous, goal])
+    blocked = np.flatnonzero(~edges.edges_are_free(way))
+    tail = way[blocked[-1] + 1 :] if len(blocked) else way
+    path = _join_way(edges, start, tail)
+    if not len(path) and len(blocked):
+        path = _bridge_gap(task, way[: blocked[0] + 1], tail)
+    if len(path):
+        path = find_state_kind(edges.space).unwind(path)
+        differs_from_next = (path[1:] != path[:-1]).any(axis=1)
+        path = path[np.append(differs_from_next, True)]
+        if task.simplify and task.objective == LENGTH:
+            path = shorten(edges, path, began + task.time_limit)
+    return SearchResult(path, "along the previous plan", clock() - began)
+
+
+def _bridge_gap(task: Task, head: Floats, tail: Floats) -> Floats:
+    """Search from the end of a free way to the beginning of another one, shapes (n, size).
+
+    Returns the path from the start along both, or no row if the search finds none in its time. It
+    leads straight to the second way if no free edge joins the start to the first one.
+    """
+    start = np.array(task.endpoints[0])
+    before = _join_way(task.edges, start, head)
+    if not len(before):
+        before = start[np.newaxis]
+    gap_task = replace(
+        task,
+        endpoints=(tuple(before[-1].tolist()), tuple(tail[0].tolist())),
+        time_limit=GAP_TIME_SHARE * task.time_limit,
+        simplify=False,  # the whole path is shortened later
+    )
+    gap = _run_planner(gap_task, is_certain).path
+    return np.concatenate([before[:-1], gap, tail[1:]]) if len(gap) else gap
+
+
+def _join_way(edges: LocalPlanner, start: Floats, way: Floats) -> Floats:
+    """Join a configuration to a free way, shape (n, size), by the free edge of the shortest total.
+
+    Returns the path from the configuration to the end of the way, or no row if no edge is free.
+    """
+    lengths = edges.edge_lengths(way[:-1], way[1:])
+    left = np.append(np.cumsum(lengths[::-1])[::-1], 0.0)
+    totals = edges.edge_lengths(np.broadcast_to(start, way.shape), way) + left
+    is_free = edges.edge_checker()
+    for k in np.argsort(totals, kind="stable").tolist():
+        if is_free(*start.tolist(), *way[k].tolist()):
+            return np.vstack([start, way[k:]])
+    return way[:0]
+
+
+def _search_built_in(task: Task, may_exist: Callable[[], bool]) -> SearchResult:
+    """Run a built-in search."""
+    is_by_length = task.planner in (GRID, LATTICE) and task.objective == LENGTH
+    if task.edges.space.has_cells and not is_by_length:
+        # A search from the start to itself fills the caches of the map, which the time limit leaves
+        # out.
+        start = task.endpoints[0]
+        _find_path(replace(task, endpoints=(start, start), simplify=False), may_exist)
+    began = clock()
+    path, proof = _find_path(task, may_exist)
+    planning = clock() - began
+    note = NO_SEARCH if len(path) == 2 and is_by_length else ""
+    return SearchResult(path, note, planning, lattice=proof)
+
+
+def _find_path(task: Task, may_exist: Callable[[], bool]) -> tuple[Floats, str]:
+    """Find a path by a built-in search.
+
+    Returns its waypoints, shape (n, size), and what a lattice proves, in words. If no path is
+    found, n is 0.
+    """
+    edges = task.edges
+    seconds = task.time_limit
+    if task.planner == LATTICE:
+        return find_lattice_path(edges, task.endpoints, task.simplify, seconds, may_exist)
+    if task.planner == GRID and task.objective == CLEARANCE:
+        return find_clear_path(edges, task.endpoints, task.simplify, seconds), ""
+    options = SearchOptions(task.simplify, edges.exact, task.iterations, task.seed, seconds)
+    return edges.space.search(task.planner, task.endpoints, options), ""
+
+
+def _describe_outcome(task: Task, result: SearchResult, exists: bool | None) -> tuple[str, str]:
+    """Return a plan's status, and a hint if a search failed."""
+    edges = task.edges
+    if len(result.path):
+        return ": ".join(filter(None, ["path found", result.note])), ""
+    if exists is False:
+        return "no path exists: proven", ""
+    existence = "a path exists" if exists else "undecided whether one exists"
+    limits: list[str] = []
+    if edges.drive != HOLONOMIC:
+        limits = _describe_free_yaws(edges, task.endpoints)
+        if exists:
+            existence = "one exists for a robot that also moves sideways"
+    is_late = result.planning >= LATE_SHARE * task.time_limit
+    *hints, last_hint = _list_hints(task, exists, is_late)
+    hint = ", or ".join(filter(None, [", ".join(hints), last_hint]))
+    if not edges.may_join(exists):
+        return f"{NO_CHAIN}; {existence}", hint
+    reason = result.note or "the planner gave up"
+    failure = f"no path found: {reason} after {result.planning:.2g} s{result.where}"
+    if is_late:
+        failure = f"no path found within {task.time_limit:g} s{result.where}"
+    return "; ".join(filter(None, [failure, result.lattice, existence, *limits])), hint
+
+
+def _list_hints(task: Task, exists: bool | None, is_late: bool) -> list[str]:
+    """List hints for a failed search, which the time limit ended if ``is_late``."""
+    edges = task.edges
+    more = f"more time (time_limit={10 * task.time_limit:g})"
+    if task.iterations is not None and not is_late:
+        more = f"more iterations (iterations={10 * task.iterations})"
+    if not edges.space.has_cells:
+        return [more, "another seed", "another planner"]
+    if edges.drive == HOLONOMIC and exists:
+        if task.planner == GRID or callable(task.objective):
+            return [more]
+        without = "" if task.iterations is None else " without iterations"
+        return [f"planner={GRID!r}{without}, which finds one", more]
+    if options := _try_options(task, exists):
+        return [f"{options}, which finds a path"]
+    if not exists:
+        return _list_undecided_hints(task, more)
+    hints = _list_drive_hints(task)
+    # More time does not help Lattice if its search ended before.
+    if is_late or task.planner != LATTICE or task.fallback is not None:
+        return [more, *hints]
+    return hints
+
+
+def _list_drive_hints(task: Task) -> list[str]:
+    """List hints, except more time, for a drive that is not holonomic."""
+    hints = [_name_finer(task.edges.space), *_list_exact_hints(task)]
+    if task.edges.drive in CURVES:
+        hints.append("a smaller turning_radius")
+    if task.is_named:
+        hints.append("the default planner")
+    return hints
+
+
+def _list_undecided_hints(task: Task, more: str) -> list[str]:
+    """List hints if the map does not decide whether a path exists; ``more`` extends the search."""
+    edges = task.edges
+    smaller = "a smaller robot"
+    if edges.space.in_memory and len(edges.space.rotations.names) < 2:
+        smaller += " (see plan.explain())"
+    if edges.exact:
+        return [smaller, more]
+    hints = [*_list_exact_hints(task), smaller, _name_finer(edges.space)]
+    if edges.cells.outside == "free":  # a path may lead around all obstacles
+        hints.insert(0, "a workspace with wider bounds")
+    return hints
+
+
+def _name_finer(space: Space) -> str:
+    """Name finer cells of a map."""
+    return "a finer spacing" + (" or more rotations" if space.rotations.names else "")
+
+
+def _try_options(task: Task, exists: bool | None) -> str:
+    """Return options with which a short search finds a path; an empty text if none does."""
+    for trial, hint in _list_trials(task, exists):
+        with suppress(InputError):  # options may not go together
+            if _search_tile_by_tile(_choose_searches(trial), is_certain).proven:
+                return hint
+    return ""
+
+
+def _list_trials(task: Task, exists: bool | None) -> Iterator[tuple[Task, str]]:
+    """Yield short searches of a map with other options, and hints that name these."""
+    edges = task.edges
+    space = edges.space
+    proofs = [edges.exact]
+    if not edges.exact and edges.cells.tries_exact:
+        proofs.append(True)
+    drives = dict.fromkeys([edges.drive, REVERSING.get(edges.drive, edges.drive)])
+    for exact, drive in itertools.product(proofs, drives if space.in_memory else ()):
+        other = local_planner(space, exact, drive, edges.turning_radius)
+        options = {"exact": exact, "drive": drive}
+        changes = [
+            f"{name}={new!r}" for name, new in options.items() if new != getattr(edges, name)
+        ]
+        if not (changes and other.may_join(exists)):
+            continue
+        trial = replace(
+            task,
+            edges=other,
+            fallback=None,
+            time_limit=min(TRIAL_SHARE * task.time_limit, MAX_TRIAL_SECONDS),
+            simplify=False,
+            previous=task.previous[:0],
+        )
+        if task.is_named:
+            yield trial, " with ".join(changes)
+            changes.append("the default planner")
+        default = planner_named(None, drive, space.searches)
+        yield replace(trial, planner=default, is_named=False), " with ".join(changes)
+
+
+def _list_exact_hints(task: Task) -> list[str]:
+    """List the hint to let the geometry decide, if it can and was not tried."""
+    edges = task.edges
+    if edges.exact or edges.cells.tries_exact or task.objective != LENGTH:
+        return []
+    hint = "exact=True"
+    if task.is_named:
+        hint += " with the default planner"
+    if not edges.space.in_memory:
+        hint += " on space.window(lower, upper)"
+    return [hint]
+
+
+def _describe_free_yaws(edges: LocalPlanner, endpoints: Endpoints) -> list[str]:
+    """Name the yaws proven free at start and goal.
+
+    The robot reaches these on the spot through FREE cells. If it reaches all, nothing is named.
+    """
+    limits = []
+    space = edges.cells
+    rotations = space.rotations
+    count = len(rotations)
+    bounds = np.asarray(rotations.stored_arrays["yaw_bounds"])
+    for name, (x, y, yaw) in zip(("start", "goal"), endpoints, strict=True):
+        # Rotation cells, counted from the cell of the yaw to the left.
+        order = (int(rotations.cell_of(yaw)) + np.arange(count)) % count
+        yaws = rotations.centers[order, 0].tolist()
+        free = space.is_free([(x, y, center) for center in yaws])
+        if free.all() or not free[0]:
+            continue
+        blocked = np.flatnonzero(~free)
+        last = order[blocked[0] - 1]
+        first = order[(blocked[-1] + 1) % count]
+        low = yaw - (yaw - bounds[first, 0]) % TWO_PI
+        high = yaw + (bounds[last, 1] - yaw) % TWO_PI
+        # Bounds are rounded inwards, to milliradians.
+        interval = f"{math.ceil(1e3 * low) / 1e3:g} to {math.floor(1e3 * high) / 1e3:g} rad"
+        limit = f"at the {name} only yaws {interval} are proven free"
+        if edges.drive in ON_THE_SPOT:
+            limit += ", too few to turn around"
+        limits.append(limit)
+    return limits
+
+
+def _make_plan(task: Task, result: SearchResult, exists: bool | None, began: float) -> Plan:
+    """Make the plan of a search, and measure its path.
+
+    ``began`` is a reading of ``time.process_time`` before all checks.
+    """
+    searched = time.process_time()
+    status, hint = _describe_outcome(task, result, exists)
+    edges = task.edges
+    waypoints = result.path
+    solved = len(waypoints) > 0
+    reached = 0
+    length = math.nan
+    rotation = math.nan
+    if solved:
+        reached = find_state_kind(edges.space).reached_goal(waypoints, task.endpoints)
+        length, rotation = edges.measure(waypoints)
+    path = edges.resample(waypoints)
+    direction = edges.find_directions(path)
+    length_unit = " or ".join(dict.fromkeys(edges.space.units[: edges.space.dim]))
+    setup = searched - began - result.planning - result.simplification
+    return Plan(
+        path=frozen(path),
+        waypoints=frozen(waypoints),
+        start=frozen(np.array(task.endpoints[0])),
+        goal=frozen(np.array(task.endpoints[max(reached, 1)])),
+        axes=edges.space.axes,
+        units=edges.space.units,
+        length_unit=length_unit,
+        distance_unit=length_unit if edges.space.has_cells else "m",
+        direction=None if direction is None else frozen(direction),
+        solved=solved,
+        certified=reached > 0 and result.proven,
+        status=status,
+        hint=hint,
+        length=length,
+        total_rotation=rotation,
+        is_connected=exists is True,
+        is_disconnected=exists is False,
+        planner=task.planner,
+        objective=task.objective if isinstance(task.objective, str) else "custom",
+        drive=edges.drive,
+        turning_radius=edges.turning_radius,
+        exact=edges.exact,
+        seed=task.seed,
+        time_limit=task.time_limit,
+        times=Times(setup, result.planning, result.simplification, time.process_time() - searched),
+        space=edges.space,
+    )

@@ -1,0 +1,652 @@
+"""Plans: the paths that searches found, with their proofs."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields, replace
+from typing import TYPE_CHECKING, Any, Unpack, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cspace._files.access import replacing
+from cspace._interface import Space, format_configuration, has_pose_names
+from cspace._rotations.base import METRES_PER_RADIAN
+from cspace._support.arrays import Bools, Floats
+from cspace._support.check import check_flag
+from cspace._support.words import Drive
+from cspace.errors import InputError
+from planners._catalogue import PlannerName
+from planners._local_planner import CURVES, HOLONOMIC, LocalPlanner, local_planner
+from planners._trajectory import DrivenPath, MotionLimits, Trajectory, make_trajectory, write_csv
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from cspace._tiles.space import TiledCSpace
+    from cspace.plot._animation import AnimationOptions
+    from cspace.plot._picture import PlotOptions
+    from cspace.reasons import Explanation
+
+
+@dataclass(frozen=True, slots=True)
+class Times:
+    """Durations of the steps of :func:`planners.plan`, in seconds of the process's CPU time.
+
+    The time limit applies to planning and simplification. The first plan on a map also computes the
+    caches that all later plans use, such as components and, for "MaxClearance", the clearance of
+    every cell. That takes seconds on a map of 10^8 cells.
+
+    Attributes
+    ----------
+    setup : float
+        Checks of the input, the test whether a path exists, OMPL's set-up, caches of the map, and
+        compilation.
+    planning : float
+        The search, as the time limit counts it, without compilation.
+    simplification : float
+        Shortening the path; built-in searches count it as planning.
+    checking : float
+        The final check of every edge; without a path, the searches that try what the hint says.
+    """
+
+    setup: float = 0.0
+    planning: float = 0.0
+    simplification: float = 0.0
+    checking: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Plan:
+    """A path and its proofs.
+
+    Without a path, the status gives the reason.
+
+    Attributes
+    ----------
+    path : ndarray of float64, shape (n, size), read-only
+        Configurations from start to goal, in metres; shape (0, size) if not solved. If the robot
+        turns on the way, rows are added on the edges between waypoints, at most a cell and 5
+        degrees apart, so that the path can be driven and drawn. Yaw is in radians, in [-pi, pi): it
+        jumps by 2 pi when it passes pi.
+    waypoints : ndarray of float64, shape (m, size), read-only
+        Rows of the path that edges join. For a differential drive, they include the rows at which
+        it begins to turn or to drive: straight edges join them, so that
+        :meth:`cspace.CSpace.certify_path` proves both waypoints and path.
+    start, goal : ndarray of float64, shape (size,), read-only
+        Endpoints of the search, as planners hold them: yaw in [-pi, pi), a quaternion of norm 1,
+        the joints of an arm within their limits. Among several goals, the goal that the path
+        reaches, or if not solved the nearest.
+    axes : tuple of str
+        Names of the columns of the path, equal to :attr:`cspace.CSpace.axes`.
+    units : tuple of str
+        Units of these columns: "m", "rad", or "1" for the numbers of a quaternion.
+    length_unit : str
+        Unit of the length: "m"; for motions of joints "rad", or "rad or m" if some joints slide.
+    distance_unit : str
+        Unit of :attr:`clearance` and :attr:`obstacle_distance`: "m", or on a map of joints the unit
+        of the joints.
+    direction : ndarray of int8, shape (n,), read-only, or None
+        Motion of the robot from the previous row to each row: 1 ahead, -1 in reverse, 0 turning on
+        the spot. The first row repeats the second. None for a holonomic robot.
+    solved : bool
+        Whether the path reaches the goal. Approximate solutions of OMPL are discarded.
+    certified : bool
+        Whether every edge between the waypoints was proven free **when it was planned**, by the
+        map, or with ``exact`` by the map and the geometry, checked again after OMPL was done;
+        curves are proven along the real curve. It does not change when obstacles change:
+        :meth:`recheck` proves the edges now.
+    status : str
+        The result in a line: a path, or whether one is proven to exist.
+    hint : str
+        Advice if the search found no path though one may exist; otherwise empty.
+    length : float
+        Metres that the reference point moves, along curves too; turning on the spot counts nothing.
+        For an arm, the length in its joints, in which a radian counts as a metre. NaN if not
+        solved.
+    total_rotation : float
+        Radians that the robot turns along the path. Planners minimise the length plus half a metre
+        for each radian, but along curves the length alone. Zero for an arm, NaN if not solved.
+    is_connected : bool
+        Whether the map, or the path itself, proves that a path from start to goal exists for a
+        holonomic robot.
+    is_disconnected : bool
+        Whether the map proves that no path exists. If both are False, the map does not decide.
+    planner : str
+        Name of the planner.
+    objective : str
+        Quantity that was minimised: ``"length"``, ``"clearance"`` or ``"custom"``.
+    drive : str
+        Motion of the robot along edges; see :func:`planners.plan`.
+    turning_radius : float or None
+        Turning radius of the curves, metres.
+    exact : bool
+        Whether the geometry itself decided edges in MIXED cells; for an arm it always does.
+    seed : int or None
+        Seed of the random numbers.
+    time_limit : float
+        Time limit of the search, seconds.
+    times : Times
+    space : Space or None
+        The map that it was planned on; None after pickling or copying, which drop the map and keep
+        the present values of :attr:`clearance`, or for an arm :attr:`obstacle_distance`, and
+        :attr:`lower_bound`.
+    """
+
+    path: Floats
+    waypoints: Floats
+    start: Floats
+    goal: Floats
+    axes: tuple[str, ...]
+    units: tuple[str, ...]
+    length_unit: str
+    distance_unit: str
+    direction: NDArray[np.int8] | None
+    solved: bool
+    certified: bool
+    status: str
+    hint: str
+    length: float
+    total_rotation: float
+    is_connected: bool
+    is_disconnected: bool
+    planner: PlannerName
+    objective: str
+    drive: Drive
+    turning_radius: float | None
+    exact: bool
+    seed: int | None
+    time_limit: float
+    times: Times
+    space: Space | None = None
+    _kept: tuple[float, float, float] = (math.nan, math.nan, math.nan)
+
+    def __getstate__(self) -> list[Any]:
+        """Return the state for pickling: distances instead of the map."""
+        clearance = self.clearance
+        distance = self.obstacle_distance if math.isnan(clearance) else math.nan
+        state = {field.name: getattr(self, field.name) for field in fields(self)}
+        state |= {"space": None, "_kept": (clearance, distance, self.lower_bound)}
+        return list(state.values())
+
+    @property
+    def clearance(self) -> float:
+        """Proven lower bound of the clearance along the path, metres.
+
+        It holds in the map as it is now. Clearance is the distance from a configuration on the path
+        to the nearest configuration that is not FREE, at the same rotation. Zero along a path
+        through MIXED cells. NaN for an arm, and if not solved. Computed at each access; the first
+        one on a map takes longer.
+        """
+        edges = self._edges
+        return self._kept[0] if edges is None else edges.clearance(self.waypoints)
+
+    @property
+    def obstacle_distance(self) -> float:
+        """Proven lower bound of the path's distance from obstacles, metres.
+
+        The distance is measured from the robot itself, without margin, to the obstacles as they are
+        now. These are their shapes if the map has them, otherwise the outer cells; and, unless the
+        map is open, its border. For an arm, distances between links count too. The bound is at most
+        a quarter of a cell below the true minimum, and at least the margin. It is infinite if there
+        is no obstacle, and zero if the path is no longer proven free.
+
+        NaN if not solved, or if the map was left behind (except for an arm) or is tiled. Also NaN
+        if the interior of a mesh depends on the spacing. Computed at each access; the first one on
+        a map takes longer.
+        """
+        edges = self._edges
+        return self._kept[1] if edges is None else edges.obstacle_distance(self.waypoints)
+
+    @property
+    def lower_bound(self) -> float:
+        """Proven lower bound of the lengths of collision-free paths.
+
+        A radian of rotation counts as half a metre, but along curves nothing. On a map, the bound
+        comes from :meth:`cspace.CSpace.min_path_length` and the rotation between start and goal. On
+        a tiled map it is the straight distance, and for an arm the distance in the joints,
+        continuous ones the shorter way. Among several goals, the goal of the path counts. It holds
+        for the obstacles as they are now, and for a robot that may move in any direction. NaN if
+        not solved. Computed at each access.
+        """
+        edges = self._edges
+        return self._kept[2] if edges is None else edges.min_length(self.start, self.goal)
+
+    @property
+    def gap(self) -> float:
+        """Fraction by which the path may be too long.
+
+        It is the weighted length / :attr:`lower_bound` - 1. The true excess may be far smaller,
+        because no path need be as short as the bound. NaN if not solved.
+        """
+        weight = 0.0 if self.drive in CURVES else METRES_PER_RADIAN
+        length = self.length + weight * self.total_rotation
+        bound = self.lower_bound
+        if bound > 0.0:
+            return max(0.0, length / bound - 1.0)
+        return math.inf if length > 0.0 else length
+
+    @property
+    def shown_distance(self) -> tuple[str, float]:
+        """Name and value of the obstacle distance, otherwise the clearance."""
+        distance = self.obstacle_distance
+        if math.isnan(distance):
+            return "clearance", self.clearance
+        return "obstacle_distance", distance
+
+    @property
+    def distance_text(self) -> str:
+        """Text of :attr:`shown_distance`, empty if unknown."""
+        name, distance = self.shown_distance
+        words = name.replace("_", " ")
+        if math.isnan(distance):
+            return ""
+        if distance == 0.0:
+            return f"{words} not proven to be more than 0"
+        number = f"{distance:.3f}" if distance >= 5e-4 else f"{distance:.1g}"
+        return f"{words} {number} {self.distance_unit}"
+
+    @property
+    def _edges(self) -> LocalPlanner | None:
+        """Local planner on the map; None without path or map."""
+        if self.space is None or not self.solved:
+            return None
+        return self._edges_on(self.space)
+
+    def _edges_on(self, space: Space) -> LocalPlanner:
+        """Return the local planner on a map."""
+        return local_planner(space, self.exact, self.drive, self.turning_radius)
+
+    def _map(self, hint: str) -> Space:
+        """Return the map, or raise InputError with `hint` after pickling."""
+        if self.space is None:
+            raise InputError("plan", "has no map", "pickling leaves the map behind", hint)
+        return self.space
+
+    def _picture(self, hint: str) -> Any:
+        """Return the space to draw; raise InputError with `hint` if there is none."""
+        space = self._map(hint)
+        if not space.in_memory:
+            space = cast("TiledCSpace", space).overview()
+        if not hasattr(space, "plot"):
+            raise InputError(
+                "plan",
+                f"is in {space!r}",
+                "only maps and arms are drawn",
+                "draw plan.path yourself",
+            )
+        return space
+
+    def recheck(self, space: Space | None = None) -> Bools:
+        """Prove each edge of the path again, among present obstacles.
+
+        Edges are proven like the plan's: with the same ``exact`` and drive, along the same curves.
+
+        Parameters
+        ----------
+        space : Space, optional
+            Map to prove them on; by default the map of the plan.
+
+        Returns
+        -------
+        ndarray of bool, shape (m - 1,)
+            True if the edge from a waypoint to the next is proven free now. Shape (1,) for a path
+            of one configuration.
+
+        Raises
+        ------
+        InputError
+            If the plan has no path, or was pickled and ``space`` is left out, or ``space`` has
+            other axes.
+
+        Examples
+        --------
+        >>> import numpy as np, shapely, cspace, planners
+        >>> workspace = cspace.Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
+        >>> space = cspace.build(workspace, cspace.Robot.disc(0.3))
+        >>> plan = planners.plan(space, (1.0, 1.5), (3.0, 1.5))
+        >>> update = space.add_obstacle("cart", shapely.box(1.8, 1.3, 2.2, 1.7))
+        >>> plan.certified, plan.recheck().tolist()
+        (True, [False])
+        """
+        self._check_solved("only a path has edges")
+        space = self._map("pass the map: plan.recheck(space)") if space is None else space
+        if space.axes != self.axes:
+            raise InputError(
+                "space",
+                f"has the axes {', '.join(space.axes)}",
+                f"the plan has {', '.join(self.axes)}",
+                "pass a map of the same robot",
+            )
+        return self._edges_on(space).edges_are_free(self.waypoints)
+
+    def explain(self, *, refine: bool = False) -> Explanation:
+        """Explain why a path between start and goal exists, or does not.
+
+        See :meth:`cspace.CSpace.explain`, which this calls. It is about a holonomic robot, and
+        says so if the plan has another drive.
+
+        Parameters
+        ----------
+        refine : bool
+            Build finer maps, which narrow the margins and may decide.
+
+        Returns
+        -------
+        cspace.reasons.Explanation
+
+        Raises
+        ------
+        InputError
+            If the plan has no map in memory of positions, with or without a yaw.
+        """
+        space: Any = self._map("call space.explain(plan.start, plan.goal)")
+        if not hasattr(space, "explain"):
+            problem = f"is in {space!r}"
+            hint = "ask space.window(lower, upper) of a tiled map"
+            raise InputError("plan", problem, "only maps in memory explain", hint)
+        explanation: Explanation = space.explain(self.start, self.goal, refine=refine)
+        return replace(explanation, moves_sideways=self.drive == HOLONOMIC)
+
+    def __repr__(self) -> str:
+        """Return a summary in a few lines.
+
+        Without a path it has the reason, which may take some seconds for a large map.
+        """
+        return "Plan(" + "\n     ".join(self._lines()) + ")"
+
+    def _lines(self) -> list[str]:
+        """Return the lines of the summary."""
+        axes = ", ".join(self.axes)
+        result = f"{self.planner}: {self.status}"
+        ends = self.waypoints[[0, -1]] if self.solved else np.array([self.start, self.goal])
+        between = " to ".join(map(format_configuration, ends.tolist()))
+        if not self.solved:
+            hints = [f"try {self.hint}"] if self.hint else []
+            return [result, f"from {between} ({axes})", *self._reasons, *hints]
+        measures = [f"{self.length:.3f} {self.length_unit}"]
+        if self.total_rotation:
+            measures.append(f"total rotation {self.total_rotation:.2f} rad")
+        if distance := self.distance_text:
+            measures.append(distance)
+        edges = "straight edges" if self.drive == HOLONOMIC else f"drive: {self.drive}"
+        if self.turning_radius:
+            edges += f" of {self.turning_radius:g} m"
+        times = self.times
+        return [
+            f"{result}, {self._proof}; {', '.join(measures)}",
+            f"{len(self.waypoints)} waypoints ({axes}) from {between}, {edges}",
+            f"planned in {_format_seconds(times.planning + times.simplification)}, "
+            f"set up in {_format_seconds(times.setup)}, "
+            f"checked in {_format_seconds(times.checking)}",
+        ]
+
+    @property
+    def _reasons(self) -> list[str]:
+        """First sentence of the explanation, if the map knows why there is no path."""
+        try:
+            explanation = self.explain()
+        except InputError:  # the space explains nothing
+            return []
+        return [] if explanation.verdict == "connected" else explanation.sentences[:1]
+
+    @property
+    def _proof(self) -> str:
+        """Text about the proof, when planned and now."""
+        if not self.certified:
+            return "not certified"
+        if self.space is None:
+            return "certified when planned"
+        free = self.recheck()
+        if free.all():
+            return "certified"
+        lost = np.count_nonzero(~free)
+        return f"certified when planned, {lost} of {len(free)} edges no longer proven free"
+
+    def plot(self, **options: Unpack[PlotOptions]) -> Axes:
+        """Draw the map, the path and the robot along it.
+
+        A map in tiles is drawn as an overview.
+
+        Parameters
+        ----------
+        **options
+            Of :func:`cspace.plot.plot`, e.g. ``zoom=8`` for a part.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+            The axes, which a notebook shows as the picture; ``ax.figure`` is the figure.
+
+        Raises
+        ------
+        InputError
+            If the plan was pickled, which leaves the map behind; or as :func:`cspace.plot.plot`.
+        """
+        options.setdefault("path", self)
+        axes: Axes = self._picture("draw it with space.plot(path=plan)").plot(**options)
+        return axes
+
+    def animate(
+        self,
+        file: str | os.PathLike[str],
+        overwrite: bool = False,
+        **options: Unpack[AnimationOptions],
+    ) -> None:
+        """Draw the motion along the path as an animated GIF.
+
+        Parameters
+        ----------
+        file : path-like
+            A name that ends in .gif.
+        overwrite : bool
+            Whether an existing file may be replaced.
+        **options
+            Of :func:`cspace.plot.animate`: ``seconds``, ``rate``, ``title``, ``camera`` and
+            ``progress``.
+
+        Raises
+        ------
+        InputError
+            If the plan has no path, or was pickled, which leaves the map behind; or as
+            :func:`cspace.plot.animate`.
+        FileError
+            If the file exists and may not be replaced, or cannot be written.
+        """
+        from cspace.plot import animate
+
+        self._check_solved("an animation shows a path")
+        drawn = self._picture("draw it with cspace.plot.animate(space, plan, file)")
+        animate(drawn, self.path, file, overwrite, **options)
+
+    def to_path(self, msg: Any = None, *, frame_id: str = "map") -> Any:
+        """Convert a rigid robot's path to a ``nav_msgs/Path`` of ROS.
+
+        Parameters
+        ----------
+        msg : object, optional
+            A message to fill, of ROS 1 or 2: any object with the fields of ``nav_msgs/Path``. A new
+            :class:`cspace.ros.Path` if left out.
+        frame_id : str
+            Frame of the header and of each pose. The header keeps its stamp, and each pose gets it.
+
+        Returns
+        -------
+        object
+            The message, with one pose for each row of :attr:`path`. A map of the plane gives z = 0;
+            a robot that does not turn has the identity as its orientation. The message cannot hold
+            :attr:`direction`.
+
+        Raises
+        ------
+        InputError
+            If the plan has no path or moves joints, or the message lacks a field.
+        """
+        from cspace._files.ros import Path
+        from cspace.export._messages import fill_path
+
+        if self._moves_joints:
+            raise InputError(
+                "plan",
+                f"moves the joints {', '.join(self.axes)}",
+                "a path holds poses",
+                "use trajectory(...).to_joint_trajectory()",
+            )
+        self._check_solved("a message holds a path")
+        filled = Path() if msg is None else msg
+        return fill_path(self.axes, self.path, filled, frame_id)
+
+    def trajectory(
+        self,
+        *,
+        max_velocity: ArrayLike | Mapping[str, float] | None = None,
+        max_acceleration: ArrayLike | Mapping[str, float],
+        max_angular_velocity: float | None = None,
+        max_angular_acceleration: float | None = None,
+        max_lateral_acceleration: float | None = None,
+        duration: float | None = None,
+        time_step: float = 0.1,
+        blend: bool = True,
+    ) -> Trajectory:
+        """Compute the fastest motion along the path within limits.
+
+        It begins and ends at rest. The path becomes a smooth curve that passes outside its corners,
+        a cubic B-spline, as far as the map proves it free. The robot stops at corners where no
+        curve is proven, at cusps, and before and after other turns on the spot. It does not stop
+        between edges of the same direction, nor between the arcs and straights of a car.
+
+        Limits hold at every instant. Speeds along a curve are the largest that they allow, with
+        constant accelerations between points of the curve (J. E. Bobrow and others, 1985; H. Pham
+        and Q.-C. Pham, 2018).
+
+        Curves are proven by FREE cells alone, even if the plan is ``exact``, or by the hulls of an
+        arm. Without a proof, as in a space of your own or after pickling, all corners stop the
+        robot; so do those of quaternions beside an edge that rotates.
+
+        Parameters
+        ----------
+        max_velocity : float, array-like of shape (k,), or mapping of axes to floats, optional
+            Largest speed, in m/s or rad/s. One number is for the reference point, or for each
+            joint; several are for the axes, without rotations. The joints that are not given have
+            the velocity limits of the URDF.
+        max_acceleration : float, array-like of shape (k,), or mapping of axes to floats
+            Largest acceleration along the path, likewise. A URDF has none.
+        max_angular_velocity, max_angular_acceleration : float, optional
+            Of a robot that turns, rad/s and rad/s^2; required except for cars. A car given a
+            largest angular acceleration stops to steer, since its yaw rate cannot jump; by default
+            its steering is instant.
+        max_lateral_acceleration : float, optional
+            Of a car or differential drive on its curves, m/s^2; by default ``max_acceleration``.
+        duration : float, optional
+            Seconds of the whole trajectory, to which the fastest one is slowed down evenly.
+        time_step : float
+            Largest time between rows, seconds. Each change of acceleration adds a row.
+        blend : bool
+            Whether corners become curves. If False, the robot stays on the edges of the path, and
+            stops at corners.
+
+        Raises
+        ------
+        InputError
+            If the plan has no path; a limit is missing, not above zero, or for another kind of
+            robot; or the limits do not allow the duration.
+
+        Examples
+        --------
+        >>> import numpy as np, cspace, planners
+        >>> workspace = cspace.Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
+        >>> space = cspace.build(workspace, cspace.Robot.disc(0.3))
+        >>> plan = planners.plan(space, (0.5, 1.5), (3.5, 1.5))
+        >>> trajectory = plan.trajectory(max_velocity=1.0, max_acceleration=0.5)
+        >>> trajectory.duration, trajectory.sample(2.0)[0].tolist()
+        (5.0, [1.5, 1.5])
+        """
+        self._check_solved("a trajectory follows a path")
+        limits = MotionLimits(
+            max_velocity,
+            max_acceleration,
+            max_angular_velocity,
+            max_angular_acceleration,
+            max_lateral_acceleration,
+        )
+        check_flag(blend, "blend")
+        path = DrivenPath(
+            space=self.space,
+            waypoints=self.waypoints,
+            axes=self.axes,
+            units=self.units,
+            moves_joints=self._moves_joints,
+            drive=self.drive,
+            turning_radius=self.turning_radius,
+            exact=self.exact,
+            certified=self.certified,
+            blend=bool(blend),
+        )
+        return make_trajectory(path, limits, duration, time_step)
+
+    @property
+    def _moves_joints(self) -> bool:
+        """Whether configurations are joint positions instead of poses."""
+        if self.space is None:
+            return not has_pose_names(self.axes)
+        return not self.space.has_poses
+
+    def _check_solved(self, rule: str) -> None:
+        """Raise InputError with `rule` if the plan has no path."""
+        if not self.solved:
+            raise InputError("plan", f"has no path: {self.status}", rule, "check plan.solved first")
+
+    def to_csv(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
+        """Write the path as CSV, in full precision.
+
+        The first row holds the names of the columns. The columns are the :attr:`axes`, in metres
+        and radians, and :attr:`direction` unless the robot is holonomic.
+
+        Parameters
+        ----------
+        path : path-like
+        overwrite : bool
+            Whether an existing file may be replaced.
+
+        Raises
+        ------
+        FileError
+            If the file exists and may not be replaced, or cannot be written.
+        """
+        names = self.axes
+        rows = self.path.tolist()
+        if self.direction is not None:
+            names = (*names, "direction")
+            rows = [[*q, sign] for q, sign in zip(rows, self.direction.tolist(), strict=True)]
+        write_csv(path, overwrite, names, rows)
+
+    def to_json(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
+        """Write all attributes except the map as JSON.
+
+        NaN and infinity become null. Parameters and errors are as for :meth:`to_csv`.
+        """
+        names = [field.name for field in fields(self) if field.name not in ("space", "_kept")]
+        names += ["clearance", "obstacle_distance", "lower_bound", "gap"]
+        record = {name: _to_json_type(getattr(self, name)) for name in names}
+        text = json.dumps(record, indent=2, allow_nan=False) + "\n"
+        with replacing(path, overwrite) as temporary:
+            temporary.write_text(text, "utf-8", newline="")
+
+
+def _to_json_type(value: object) -> object:
+    """Convert a value to a JSON type."""
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, Times):
+        return asdict(value)
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def _format_seconds(seconds: float) -> str:
+    """Format a duration in seconds or milliseconds."""
+    return f"{1e3 * seconds:.3g} ms" if seconds < 1.0 else f"{seconds:.3g} s"

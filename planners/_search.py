@@ -1,0 +1,383 @@
+"""A search by OMPL, and its deadline.
+
+OMPL checks its termination condition only between two steps of a planner, but a single step may
+check thousands of edges. After the deadline all edges are refused without a test, so that the
+planner ends soon and keeps its best path. If that does not end it, an exception does.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, Final
+
+import numpy as np
+from ompl import base as ob
+from ompl import geometric as og
+from ompl import util as ou
+
+from cspace._queries.paths import pulled_straight
+from cspace._support.arrays import Floats
+from cspace._support.compiling import clock
+from planners._catalogue import (
+    BIDIRECTIONAL_PLANNERS,
+    PLANNERS_WITHOUT_OBJECTIVE,
+    THREADED_PLANNERS,
+    PlannerName,
+    make_planner,
+    planner_named,
+)
+from planners._lattice import shorten_path
+from planners._local_planner import HOLONOMIC, MAX_TURN, ON_THE_SPOT, Endpoints, LocalPlanner
+from planners._objectives import LENGTH, ClearanceObjective, WeightedLength
+from planners._setup import MakeObjective, make_setup
+from planners._states import find_state_kind
+
+GRACE_SECONDS: Final = 0.1
+"""Seconds from a deadline until callbacks raise an exception."""
+
+_USUAL_STATUSES: Final = ("Timeout", "Exact solution", "Approximate solution", "Unknown status")
+"""Outcomes that OMPL's planners report if nothing is wrong."""
+
+NO_SEARCH: Final = "a single edge is free; no search needed"
+"""Note of a path that is a single edge."""
+
+QUICK_ITERATIONS: Final = 500
+"""Iterations of the quick first search of a default plan, which take about 10 ms."""
+
+SECONDS_BEFORE_LABELS: Final = 0.05
+"""Seconds after which a search labels the cells of a map, to see if a path may exist."""
+
+INITIAL_TIME_SHARE: Final = 0.1
+"""Share of the time limit for the first path, which a planner with an objective must beat."""
+
+PERTURBATION_SHARE: Final = 0.05
+"""Distance by which waypoints are moved to make a path cheaper, as a fraction of the state space's
+extent."""
+
+ATTEMPTS_PER_ROUND: Final = 100
+"""Attempts to move waypoints or cut corners between two checks of the time limit."""
+
+
+class OutOfTime(Exception):  # noqa: N818 - it ends a search, and is no error
+    """Signal that ends a search at its deadline."""
+
+
+class Deadline:
+    """A moment at which the callbacks of OMPL end its work.
+
+    It is read by the clock that stops while functions are compiled. Callbacks hold it, so it must
+    not hold OMPL's objects, which would never be freed.
+
+    Parameters
+    ----------
+    raises : bool
+        Whether callbacks raise :class:`OutOfTime` if the work goes on for :data:`GRACE_SECONDS`.
+
+    Attributes
+    ----------
+    end : float
+        Reading of the clock; infinite by default.
+    """
+
+    def __init__(self, raises: bool) -> None:
+        self.end = math.inf
+        self._raises = raises
+
+    def check(self) -> bool:
+        """Return True before the deadline; raise OutOfTime if it is long past."""
+        seconds_late = clock() - self.end
+        if seconds_late > GRACE_SECONDS and self._raises:
+            raise OutOfTime
+        return seconds_late < 0.0
+
+    def refuse_late(self, check: Callable[..., bool]) -> Callable[..., bool]:
+        """Let a check refuse everything after the deadline."""
+        return lambda *states: self.check() and check(*states)
+
+    def end_late(self, cost: Callable[..., float]) -> Callable[..., float]:
+        """Let a cost end the work after the deadline."""
+
+        def cost_in_time(*states: Any) -> float:
+            self.check()
+            return cost(*states)
+
+        return cost_in_time
+
+
+@dataclass(frozen=True, slots=True)
+class SearchResult:
+    """Outcome of a search."""
+
+    path: Floats  # (n, size), configurations that edges join; n is 0 if the goal was not reached
+    note: str = ""  # source of the path, or reason of the failure
+    planning: float = 0.0  # seconds
+    simplification: float = 0.0  # seconds
+    proven: bool = False  # whether all edges were proven free in a final check
+    lattice: str = ""  # proof by a lattice of headings, in words
+    where: str = (
+        ""  # part of the path that was not found, " from ... to ...", if the map has several tiles
+    )
+    planner: PlannerName | None = None  # that searched
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """The checked arguments of a plan, or of its search in a part of a space."""
+
+    edges: LocalPlanner
+    planner: PlannerName  # name of a planner of OMPL, or of a built-in search
+    objective: str | MakeObjective  # LENGTH, CLEARANCE, or a maker of OMPL's objective
+    time_limit: float  # seconds
+    iterations: int | None  # largest number of checks of OMPL's termination condition
+    simplify: bool
+    seed: int | None
+    is_named: bool  # whether the user chose the planner
+    previous: Floats  # (n, size), waypoints of the plan before this one
+    fallback: PlannerName | None = None  # planner that takes over if this one finds no path
+    endpoints: Endpoints = ()  # start and goals as OMPL holds them, the nearest goal first
+
+
+def make_objective(task: Task) -> MakeObjective | None:
+    """Return the maker of OMPL's objective; None for OMPL's length."""
+    edges = task.edges
+    if task.planner in THREADED_PLANNERS:
+        return None
+    if callable(task.objective):
+        return task.objective
+    if task.objective == LENGTH and edges.drive not in ON_THE_SPOT:
+        return None
+    make = WeightedLength if task.objective == LENGTH else ClearanceObjective
+    return partial(make, space=edges.cells, drive=edges.drive, turning_radius=edges.turning_radius)
+
+
+def set_seed(seed: int) -> None:
+    """Seed OMPL's generator of seeds, which all planners and samplers made from now on follow."""
+    # OMPL reports an error if numbers have been drawn, but obeys.
+    with _silence():
+        ou.RNG.setSeed(seed + 1)
+
+
+@contextmanager
+def repeat_draws() -> Iterator[None]:
+    """Draw the same numbers each time; later ones go on from those drawn before."""
+    next_seed = ou.RNG().getLocalSeed()
+    set_seed(0)
+    try:
+        yield
+    finally:
+        set_seed(next_seed)
+
+
+def is_certain() -> bool:
+    """Return True: a path may exist, because a search found one."""
+    return True
+
+
+def run_ompl(task: Task, may_exist: Callable[[], bool]) -> SearchResult:
+    """Search by OMPL for a path from start to goal.
+
+    The path leads from the first configuration to any other. A long search asks once whether a path
+    ``may_exist``. The limit, in seconds, covers the search and the simplification, but neither
+    caches of the map, that answer nor compilation.
+    """
+    with _silence():
+        edges = task.edges
+        ends = task.endpoints[:2]
+        if task.planner in BIDIRECTIONAL_PLANNERS and edges.drive == "differential":
+            task = replace(task, edges=replace(edges, bidirectional=True))
+        run = _Run(task, may_exist)
+        # OMPL's SORRTstar never returns once it has found a path of the least possible length.
+        if run.by_length and edges.edge_checker()(*ends[0], *ends[1]):
+            path = find_state_kind(edges.space).unwind(np.array(ends))
+            return SearchResult(path, NO_SEARCH)
+        return run.solve()
+
+
+def shorten(edges: LocalPlanner, path: Floats, until: float) -> Floats:
+    """Shorten a path, shape (n, size), by proven edges, until a reading of the clock."""
+    if edges.drive != HOLONOMIC:
+        return shorten_path(edges, path, until)
+    check = edges.edge_checker()
+    size = edges.space.size
+    # Edges take the shorter way, so a longer turn would be another motion.
+    longest = np.where(edges.space.periodic_axes, MAX_TURN, math.inf)
+
+    def is_free(*ends: float) -> bool:
+        """Return True if an edge is short enough and proven free in time."""
+        steps = np.abs(np.subtract(ends[size:], ends[:size]))
+        return clock() < until and bool((steps < longest).all()) and check(*ends)
+
+    return pulled_straight(path, edges.space.rotations, is_free)
+
+
+class _Run:
+    """OMPL's objects for one search, and its deadline."""
+
+    def __init__(self, task: Task, may_exist: Callable[[], bool]) -> None:
+        self._task = task
+        self._may_exist = may_exist
+        self._edges = task.edges
+        self._kind = find_state_kind(task.edges.space)
+        self._is_threaded = task.planner in THREADED_PLANNERS
+        self._deadline = deadline = Deadline(raises=not self._is_threaded)
+        make = make_objective(task)
+        self._setup = setup = make_setup(task.edges, make)
+        checker = setup.getStateValidityChecker()
+        validator = setup.getSpaceInformation().getMotionValidator()
+        checker.is_free = deadline.refuse_late(checker.is_free)
+        validator.is_free = deadline.refuse_late(validator.is_free)
+        self._objective = objective = setup.getOptimizationObjective()
+        is_length = isinstance(objective, ob.PathLengthOptimizationObjective)
+        if isinstance(objective, WeightedLength):
+            is_length = objective.is_length
+            objective.edge_cost = deadline.end_late(objective.edge_cost)
+        self.by_length = make is None or is_length
+        self._must_beat = make is not None and task.planner not in PLANNERS_WITHOUT_OBJECTIVE
+
+    def solve(self) -> SearchResult:
+        """Search for a path and simplify it, within the time limit."""
+        setup = self._setup
+        task = self._task
+        note = ""
+        self._set_endpoints()
+        # A planner with threads cannot ask while it searches.
+        if self._is_threaded and not self._may_exist():
+            return SearchResult(np.empty((0, self._edges.space.size)))
+        self._began = clock()
+        first_planner = planner_named(None, self._edges.drive)
+        best = None
+        self._deadline.end = self._began + task.time_limit
+        if self._must_beat:
+            self._run_planner(first_planner, INITIAL_TIME_SHARE * task.time_limit, None)
+            if setup.haveExactSolutionPath():
+                best = self._improve(setup.getSolutionPath())
+                self._may_exist = is_certain
+            setup.getProblemDefinition().clearSolutionPaths()
+        seconds_left = self._deadline.end - clock()
+        if best is None or seconds_left > 0.0:
+            note = self._run_planner(task.planner, max(seconds_left, 0.0), task.iterations)
+        self._deadline.end = math.inf
+        solution = setup.getSolutionPath() if setup.haveExactSolutionPath() else None
+        if solution is not None and (best is None or self._is_cheaper(solution, best)):
+            best = solution
+        elif best is not None:
+            note = f"the first one, by {first_planner}, as {task.planner} found none better"
+        planning = clock() - self._began
+        if best is None:
+            return SearchResult(np.empty((0, self._edges.space.size)), note, planning)
+        if not task.simplify:
+            return SearchResult(self._rows(best), note, planning)
+        began = clock()
+        until = began + max(task.time_limit + GRACE_SECONDS - planning, 1e-3)
+        if self.by_length:
+            path = shorten(self._edges, self._rows(best), until)
+        else:
+            self._deadline.end = until
+            better = self._improve(best)
+            path = self._edges.remove_turns(self._rows(better))
+        return SearchResult(path, note, planning, clock() - began)
+
+    def _set_endpoints(self) -> None:
+        """Give OMPL the start and the goals."""
+        setup = self._setup
+        states = []
+        for q in self._task.endpoints:
+            state = setup.getStateSpace().allocState()
+            self._kind.write(state, *q)
+            states.append(state)
+        if len(states) == 2:
+            setup.setStartAndGoalStates(*states)
+            return
+        alternatives = ob.GoalStates(setup.getSpaceInformation())
+        for goal in states[1:]:
+            alternatives.addState(goal)
+        setup.setStartState(states[0])
+        setup.setGoal(alternatives)
+
+    def _run_planner(self, name: PlannerName, seconds: float, iterations: int | None) -> str:
+        """Run a planner of OMPL; return a note if its outcome is unusual."""
+        setup = self._setup
+        began = clock()
+        end = began + seconds
+        asks_at = began + SECONDS_BEFORE_LABELS
+        checks = itertools.count(1)
+        max_checks = math.inf if iterations is None else iterations
+
+        def is_over() -> bool:
+            """Return True if the search has to end; ask once whether a path may exist."""
+            nonlocal end, asks_at
+            now = clock()
+            if next(checks) > max_checks or now > end:
+                return True
+            if now < asks_at or setup.haveExactSolutionPath():
+                return False
+            if not self._may_exist():
+                return True
+            # The answer takes no time of the limit.
+            asks_at = math.inf
+            waited = clock() - now
+            end += waited
+            self._deadline.end += waited
+            self._began += waited
+            return False
+
+        if self._is_threaded:
+            # OMPL's own clock counts compilation, but its threads cannot call ours.
+            condition = ob.timedPlannerTerminationCondition(seconds)
+        else:
+            condition = ob.PlannerTerminationCondition(is_over)
+        status = "Timeout"
+        with suppress(OutOfTime):
+            setup.setPlanner(make_planner(name, setup.getSpaceInformation()))
+            status = str(setup.solve(condition).asString())
+        return "" if status in _USUAL_STATUSES else f"OMPL reports {status!r}"
+
+    def _improve(self, path: og.PathGeometric) -> og.PathGeometric:
+        """Return a cheaper, proven path, or a copy of `path`.
+
+        Corners are cut and waypoints are moved while that makes the path cheaper and time is left.
+        """
+        setup = self._setup
+        objective = self._objective
+        better = og.PathGeometric(path)
+        simplifier = og.PathSimplifier(setup.getSpaceInformation(), setup.getGoal(), objective)
+        step = PERTURBATION_SHARE * setup.getStateSpace().getMaximumExtent()
+        last = objective.infiniteCost()
+        with suppress(OutOfTime):
+            while self._deadline.check() and objective.isCostBetterThan(
+                better.cost(objective), last
+            ):
+                last = better.cost(objective)
+                simplifier.partialShortcutPath(better, ATTEMPTS_PER_ROUND, ATTEMPTS_PER_ROUND)
+                simplifier.perturbPath(better, step, ATTEMPTS_PER_ROUND, ATTEMPTS_PER_ROUND)
+            rows = self._rows(better)
+            reaches_goal = self._kind.reached_goal(rows, self._task.endpoints)
+            if self._is_cheaper(better, path) and reaches_goal and self._edges.are_free(rows):
+                return better
+        return og.PathGeometric(path)
+
+    def _is_cheaper(self, first: og.PathGeometric, second: og.PathGeometric) -> bool:
+        """Return True if the first path costs less."""
+        objective = self._objective
+        return bool(objective.isCostBetterThan(first.cost(objective), second.cost(objective)))
+
+    def _rows(self, path: og.PathGeometric) -> Floats:
+        """Return the configurations of OMPL's path, shape (n, size)."""
+        rows = [self._kind.read(state) for state in path.getStates()]
+        return self._kind.unwind(np.array(rows))
+
+
+@contextmanager
+def _silence() -> Iterator[None]:
+    """Suppress OMPL's messages; search results report the important ones."""
+    level = ou.getLogLevel()
+    ou.setLogLevel(ou.LOG_NONE)
+    try:
+        yield
+    finally:
+        ou.setLogLevel(level)

@@ -1,0 +1,272 @@
+"""OMPL's state space and SimpleSetup for a map or an arm."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+from ompl import base as ob
+from ompl import geometric as og
+
+from cspace._interface import Space
+from cspace._support.check import check_rng
+from cspace._support.words import Drive
+from cspace.errors import InputError
+from planners._callbacks import FreeStateSampler, MotionValidator, StateValidityChecker
+from planners._local_planner import HOLONOMIC, LocalPlanner, local_planner
+from planners._states import find_state_kind
+
+MakeObjective = Callable[[ob.SpaceInformation], ob.OptimizationObjective]
+MakeSampler = Callable[[ob.SpaceInformation], ob.ValidStateSampler]
+
+MIN_CHECKING_SHARE: Final = 1e-6
+"""Smallest distance between states that OMPL itself checks along a motion, as a share of the
+space's extent."""
+
+MAX_CHECKING_SHARE: Final = 0.5
+"""Largest distance between states that OMPL itself checks along a motion, as a share of the space's
+extent."""
+
+
+def state_space(
+    space: Space, *, drive: Drive = HOLONOMIC, turning_radius: float | None = None
+) -> ob.StateSpace:
+    """Make OMPL's bounded state space of a map, an arm or another space.
+
+    Parameters
+    ----------
+    space : Space
+    drive, turning_radius
+        As for :func:`planners.plan`.
+
+    Returns
+    -------
+    ompl.base.StateSpace
+        By the axes of a map, in metres, bounded by the box of its grid:
+
+        - x, y and x, y, z: ``RealVectorStateSpace``;
+        - x, y, yaw: ``SE2StateSpace``; with a drive ``DubinsStateSpace``, or
+          ``ReedsSheppStateSpace`` if it reverses;
+        - x, y, z, yaw: ``CompoundStateSpace`` of a ``RealVectorStateSpace``, weight 1, and an
+          ``SO2StateSpace``, weight 0.5;
+        - x, y, z and a quaternion: ``SE3StateSpace``.
+
+        A radian counts as half a metre, except with a drive. State spaces of a differential drive
+        have a turning radius of almost zero, so their distance is in metres alone. Their
+        interpolation stays within 1e-8 of the map's side of the edge that is proven.
+
+        For an arm, ``RealVectorStateSpace``; with continuous joints, a ``CompoundStateSpace`` of
+        this space and an ``SO2StateSpace`` for each continuous joint, all of weight 1. Its bounds
+        are the limits of the joints.
+
+    Raises
+    ------
+    InputError
+        If the drive is unknown, or given for a space without the axes x, y, yaw. Also if the
+        turning radius is missing, given without a curve, or not above zero. Also if the space is so
+        small that OMPL takes its steps for zero.
+    """
+    return make_bounded_states(local_planner(space, False, drive, turning_radius))
+
+
+def make_bounded_states(edges: LocalPlanner) -> ob.StateSpace:
+    """Create OMPL's state space, with bounds.
+
+    Raises InputError if OMPL takes steps in it for zero.
+    """
+    space = edges.space
+    states = edges.make_states()
+    lower, upper = space.check_bounds()
+    find_state_kind(space).set_bounds(states, lower, upper)
+    _check_extent(space, states)
+    if not states.getType():
+        states.setup()  # otherwise OMPL crashes when it prints the projection of a compound space
+    return states
+
+
+def _choose_checking_share(space: Space, states: ob.StateSpace) -> float:
+    """Choose the step at which OMPL checks motions, as a share of the space's extent."""
+    extent = max(states.getMaximumExtent(), sys.float_info.epsilon)
+    share: float = space.resolution / extent
+    return min(max(share, MIN_CHECKING_SHARE), MAX_CHECKING_SHARE)
+
+
+def _check_extent(space: Space, states: ob.StateSpace) -> None:
+    """Raise InputError if OMPL takes the checking step in a part of the state space for zero."""
+    subspaces = [states]
+    if states.isCompound():
+        subspaces = [states.getSubspace(k) for k in range(states.getSubspaceCount())]
+    extent = min(subspace.getMaximumExtent() for subspace in subspaces)
+    # Until the share is set, OMPL uses its own, for example when it prints a space.
+    share = min(_choose_checking_share(space, states), states.getLongestValidSegmentFraction())
+    if extent * share < sys.float_info.epsilon:
+        unit = space.units[0]
+        raise InputError(
+            "space",
+            f"spans {extent:.3g} {unit}",
+            f"OMPL's planners need at least {sys.float_info.epsilon / share:.2g} {unit}",
+            "use a larger unit, or leave planner out of planners.plan",
+        )
+
+
+def simple_setup(
+    space: Space,
+    *,
+    objective: MakeObjective | None = None,
+    rng: np.random.Generator | None = None,
+    valid_state_sampler: MakeSampler | None = None,
+    exact: bool = False,
+    drive: Drive = HOLONOMIC,
+    turning_radius: float | None = None,
+    bidirectional: bool = False,
+) -> og.SimpleSetup:
+    """Create OMPL's SimpleSetup for a map, an arm or another space.
+
+    It has the states, the proofs of motions and the sampler. Choose a planner, set start and goal,
+    and solve::
+
+        setup = planners.simple_setup(space)
+        setup.setPlanner(ompl.geometric.RRTConnect(setup.getSpaceInformation()))
+
+    Parameters
+    ----------
+    space : Space
+    objective : callable, optional
+        Given the space information, returns an ``ompl.base.OptimizationObjective``. OMPL's default
+        is the length.
+    rng : numpy.random.Generator, optional
+        Source of randomness of the valid state sampler; see :class:`FreeStateSampler`.
+    valid_state_sampler : callable, optional
+        Given the space information, returns an ``ompl.base.ValidStateSampler`` that replaces
+        :class:`FreeStateSampler`.
+    exact : bool
+        Whether the geometry itself decides states and motions that the map does not. Valid states
+        are then drawn from the whole map and tested, because they need not lie in FREE cells.
+    drive, turning_radius
+        As for :func:`planners.plan`.
+    bidirectional : bool
+        As for :class:`MotionValidator`.
+
+    Returns
+    -------
+    ompl.geometric.SimpleSetup
+        When OMPL steps along a motion by itself, it checks a state every half cell, or every 0.01
+        rad of an arm (:attr:`cspace.Space.resolution`), but at least every half and at most every
+        millionth of the space's extent.
+
+    Raises
+    ------
+    InputError
+        If ``objective`` or the sampler is not of OMPL's type, or ``rng`` comes with a sampler or
+        ``exact``; and as :func:`state_space`. Also if the sampler is OMPL's
+        ObstacleBasedValidStateSampler. It needs the last valid state of a motion, which a motion
+        validator in Python cannot return, so the samples would be invalid.
+    """
+    edges = local_planner(space, exact, drive, turning_radius, bidirectional)
+    return make_setup(edges, objective, rng, valid_state_sampler)
+
+
+def make_setup(
+    edges: LocalPlanner,
+    objective: MakeObjective | None = None,
+    rng: np.random.Generator | None = None,
+    sampler: MakeSampler | None = None,
+) -> og.SimpleSetup:
+    """Make OMPL's SimpleSetup for a local planner; see :func:`simple_setup` for the arguments."""
+    space = edges.space
+    setup = _Setup(make_bounded_states(edges))
+    si = setup.getSpaceInformation()
+    checker = StateValidityChecker(si, space, exact=edges.exact)
+    checker.is_free = find_state_kind(space).of_state(edges.point_checker())
+    setup.setStateValidityChecker(checker)
+    si.setMotionValidator(
+        MotionValidator(
+            si,
+            space,
+            exact=edges.exact,
+            drive=edges.drive,
+            turning_radius=edges.turning_radius,
+            bidirectional=edges.bidirectional,
+        )
+    )
+    # Distance of the states that OMPL checks when it steps along a motion by itself.
+    share = _choose_checking_share(space, si.getStateSpace())
+    si.setStateValidityCheckingResolution(share)
+    si.setValidStateSamplerAllocator(_choose_sampler(si, edges, rng, sampler))
+    if objective is not None:
+        checked = _make_checked(objective, si, ob.OptimizationObjective, "objective")
+        setup.setOptimizationObjective(checked)
+    elif not setup.getStateSpace().getType():
+        # OMPL's length draws informed samples and fails in a state space of unknown type. A sum of
+        # one objective does not draw them.
+        length = ob.MultiOptimizationObjective(si)
+        length.addObjective(ob.PathLengthOptimizationObjective(si), 1.0)
+        setup.setOptimizationObjective(length)
+    return setup
+
+
+class _Setup(og.SimpleSetup):
+    """A SimpleSetup that survives Python's garbage collector."""
+
+    def __init__(self, states: ob.StateSpace) -> None:
+        """Hold the two objects that OMPL shows the collector, and frees unless Python has them."""
+        super().__init__(states)
+        self._held = self.getSpaceInformation(), self.getProblemDefinition()
+
+
+def _choose_sampler(
+    si: ob.SpaceInformation,
+    edges: LocalPlanner,
+    rng: np.random.Generator | None,
+    sampler: MakeSampler | None,
+) -> MakeSampler:
+    """Choose the function that makes valid state samplers, and check that it can.
+
+    It must not hold ``si``, because ``si`` holds it.
+    """
+    space = edges.space
+    exact = edges.exact
+    if rng is not None:
+        check_rng(rng)
+        if sampler is not None or exact:
+            other = "exact is True" if exact else "valid_state_sampler is given"
+            raise InputError(
+                "rng",
+                f"is given and {other}",
+                "it is for FreeStateSampler",
+                "leave one of the two out",
+            )
+    # FREE cells give samples without rejection, unless geometry decides other cells too.
+    if sampler is None:
+        if space.has_cells and space.in_memory and not exact:
+            return lambda info: FreeStateSampler(info, edges.cells, rng)
+        return lambda info: ob.UniformValidStateSampler(info)
+    checked = _make_checked(sampler, si, ob.ValidStateSampler, "valid_state_sampler")
+    if isinstance(checked, ob.ObstacleBasedValidStateSampler):
+        raise InputError(
+            "valid_state_sampler",
+            "makes an ObstacleBasedValidStateSampler",
+            "it needs the last valid state of a motion, which OMPL's Python bindings cannot return",
+            "leave it out to sample FREE cells, or use ompl.base.UniformValidStateSampler",
+        )
+    return sampler
+
+
+def _make_checked(
+    make: Callable[[ob.SpaceInformation], object], si: ob.SpaceInformation, kind: type, name: str
+) -> object:
+    """Call a user's function with the space information, and check the type of its result.
+
+    Raises InputError, which blames the argument ``name``, if it is not of OMPL's ``kind``.
+    """
+    result = make(si)
+    if not isinstance(result, kind):
+        raise InputError(
+            name,
+            f"returned {result!r}",
+            f"it must return an ompl.base.{kind.__name__}",
+            "pass a function that takes the space information",
+        )
+    return result

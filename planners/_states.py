@@ -1,0 +1,241 @@
+"""Conversion between configurations and states of OMPL, for each kind of space."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Final, NamedTuple, TypeVar
+
+import numpy as np
+from ompl import base as ob
+
+from cspace._interface import Space
+from cspace._rotations.base import METRES_PER_RADIAN, shorter, wrapped
+from cspace._support.arrays import Floats
+from cspace.errors import InputError
+
+Configuration = tuple[float, ...]
+"""Numbers of a configuration."""
+
+Value = TypeVar("Value")
+
+WRAP_TOLERANCE: Final = 1e-12
+"""Rounding error, in radians, allowed between angles that are equal modulo 2 pi."""
+
+
+class StateKind(NamedTuple):
+    """Functions that convert between configurations and OMPL's states."""
+
+    make: Callable[[], ob.StateSpace]
+    """Creates the state space for straight edges, without bounds."""
+
+    read: Callable[[ob.State], Configuration]
+    """Reads the numbers of a configuration from a state."""
+
+    write: Callable[..., None]
+    """Writes the numbers of a configuration to a state."""
+
+    periodic_axes: tuple[bool, ...] = ()
+    """Whether each number is the angle of a continuous joint."""
+
+    def set_bounds(self, states: ob.StateSpace, lower: Floats, upper: Floats) -> None:
+        """Set the bounds of positions, or of joints that are not continuous."""
+        is_limited = ~np.array(self.periodic_axes[: len(lower)])
+        bounds = ob.RealVectorBounds(int(is_limited.sum()))
+        for axis, (low, high) in enumerate(zip(lower[is_limited], upper[is_limited], strict=True)):
+            bounds.setLow(axis, float(low))
+            bounds.setHigh(axis, float(high))
+        if is_limited.any():
+            # In a compound space, the vector is the first subspace.
+            if not hasattr(states, "setBounds"):
+                states = states.getSubspace(0)
+            states.setBounds(bounds)
+
+    def of_state(self, query: Callable[..., Value]) -> Callable[[ob.State], Value]:
+        """Make a function of a state from one of a configuration's numbers."""
+        read = self.read
+        return lambda state: query(*read(state))
+
+    def of_states(self, query: Callable[..., Value]) -> Callable[[ob.State, ob.State], Value]:
+        """Make a function of two states from one of two configurations' numbers."""
+        read = self.read
+        return lambda first, second: query(*read(first), *read(second))
+
+    def unwind(self, path: Floats) -> Floats:
+        """Unwrap the continuous joints of a path, shape (n, size), to move the shorter way."""
+        unwound = path.copy()
+        steps = np.diff(path, axis=0)
+        # Whole turns add up along the path.
+        whole_turns = shorter(steps, self.periodic_axes) - steps
+        unwound[1:] += np.cumsum(whole_turns, axis=0)
+        return unwound
+
+    def are_equal(self, first: Floats, second: Floats) -> bool:
+        """Return True if all configurations, shapes (..., size), are equal.
+
+        Continuous joints are compared modulo 2 pi.
+        """
+        gaps = np.abs(shorter(first - second, self.periodic_axes))
+        return bool((gaps <= WRAP_TOLERANCE * np.array(self.periodic_axes)).all())
+
+    def reached_goal(self, path: Floats, endpoints: Sequence[Configuration]) -> int:
+        """Return the index of the endpoint that a path reaches.
+
+        It is 0 if the path does not lead from the first endpoint to another.
+        """
+        if not self.are_equal(path[0], np.array(endpoints[0])):
+            return 0
+        for k, goal in enumerate(endpoints[1:], 1):
+            if self.are_equal(path[-1], np.array(goal)):
+                return k
+        return 0
+
+
+def find_state_kind(space: Space) -> StateKind:
+    """Return the conversions between configurations of ``space`` and OMPL's states.
+
+    Raises InputError for a pose of a kind that OMPL has no states for.
+    """
+    if space.has_poses:
+        kind = _STATE_KINDS.get(space.axes)
+    elif any(space.periodic_axes):
+        kind = _make_compound_kind(space.periodic_axes, 1.0)
+    else:
+        kind = _make_vector_kind(space.size)
+    if kind is None:
+        raise InputError(
+            "space",
+            f"has the axes {' '.join(space.axes)}",
+            f"planners take {', '.join(' '.join(axes) for axes in _STATE_KINDS)}, and joints",
+            "add its states to planners/_states.py, or search with space.find_path",
+        )
+    return kind._replace(periodic_axes=space.periodic_axes)
+
+
+def check_information(si: object, space: object) -> None:
+    """Check that ``si`` is SpaceInformation and ``space`` a :class:`cspace.Space`."""
+    if not isinstance(si, ob.SpaceInformation):
+        raise InputError(
+            "si",
+            f"is a {type(si).__name__}",
+            "it must be an ompl.base.SpaceInformation",
+            "pass e.g. setup.getSpaceInformation()",
+        )
+    check_space(space)
+
+
+def check_space(space: object) -> None:
+    """Raise InputError unless ``space`` is a :class:`cspace.Space`."""
+    if not isinstance(space, Space):
+        raise InputError(
+            "space",
+            f"is a {type(space).__name__}",
+            "it must be a cspace.Space, as the results of cspace.build and cspace.open are",
+            "check the order of arguments",
+        )
+
+
+def _write_vector(state: ob.State, *q: float) -> None:
+    """Write numbers to a state that is a vector."""
+    for axis, value in enumerate(q):
+        state[axis] = value
+
+
+def _write_se2(state: ob.State, x: float, y: float, yaw: float) -> None:
+    """Write a pose to a state of SE(2)."""
+    state.setXY(x, y)
+    state.setYaw(yaw)
+
+
+def _write_se3(state: ob.State, x: float, y: float, z: float, *quaternion: float) -> None:
+    """Write a pose to a state of SE(3)."""
+    state.setXYZ(x, y, z)
+    rotation = state.rotation()
+    rotation.x, rotation.y, rotation.z, rotation.w = quaternion
+
+
+def _read_se3(state: ob.State) -> Configuration:
+    """Read a pose from a state of SE(3)."""
+    q = state.rotation()
+    return state.getX(), state.getY(), state.getZ(), q.x, q.y, q.z, q.w
+
+
+def _make_vector_kind(size: int) -> StateKind:
+    """Create the conversions for vectors."""
+    axes = range(size)
+    return StateKind(
+        make=lambda: ob.RealVectorStateSpace(size),
+        read=lambda state: tuple(map(state.__getitem__, axes)),
+        write=_write_vector,
+    )
+
+
+def _make_compound_kind(periodic_axes: tuple[bool, ...], weight: float) -> StateKind:
+    """Create the conversions for a vector of weight 1, and a circle for each periodic axis."""
+    size = len(periodic_axes)
+    circles = np.flatnonzero(periodic_axes).tolist()
+    limited = np.flatnonzero(~np.array(periodic_axes)).tolist()
+    # The joints with limits, if any, share subspace 0; the circles follow.
+    axis_of_circle = dict(enumerate(circles, 1 if limited else 0))
+
+    def make() -> ob.StateSpace:
+        """Make the state space, without bounds."""
+        states = ob.CompoundStateSpace()
+        if limited:
+            states.addSubspace(ob.RealVectorStateSpace(len(limited)), 1.0)
+        for _ in circles:
+            states.addSubspace(ob.SO2StateSpace(), weight)
+        # OMPL has no default projection of such a space, and KPIECE needs one.
+        states.registerDefaultProjection(ob.SubspaceProjectionEvaluator(states, 0))
+        return states
+
+    def read(state: ob.State) -> Configuration:
+        """Read the numbers of a state."""
+        q = [0.0] * size
+        if limited:
+            vector = state[0]
+            for index, axis in enumerate(limited):
+                q[axis] = vector[index]
+        for subspace, axis in axis_of_circle.items():
+            q[axis] = state[subspace].value
+        return tuple(q)
+
+    def write(state: ob.State, *q: float) -> None:
+        """Write numbers to a state."""
+        if limited:
+            _write_vector(state[0], *(q[axis] for axis in limited))
+        for subspace, axis in axis_of_circle.items():
+            state[subspace].value = q[axis]
+
+    return StateKind(make, read, write)
+
+
+_STATE_KINDS: Final[dict[tuple[str, ...], StateKind]] = {
+    ("x", "y"): _make_vector_kind(2),
+    ("x", "y", "yaw"): StateKind(
+        ob.SE2StateSpace, lambda state: (state.getX(), state.getY(), state.getYaw()), _write_se2
+    ),
+    ("x", "y", "z"): _make_vector_kind(3),
+    ("x", "y", "z", "yaw"): _make_compound_kind((False, False, False, True), METRES_PER_RADIAN),
+    ("x", "y", "z", "qx", "qy", "qz", "qw"): StateKind(ob.SE3StateSpace, _read_se3, _write_se3),
+}
+"""Conversions for rigid bodies, by the axes of the space."""
+
+
+def with_wrapped_angles(
+    check: Callable[..., Value], periodic_axes: Sequence[bool]
+) -> Callable[..., Value]:
+    """Wrap a function of two configurations to get angles in [-pi, pi).
+
+    Angles of the second configuration are within half a turn of the first.
+    """
+    if not any(periodic_axes):
+        return check
+
+    def check_wrapped(*ends: float) -> Value:
+        """Call the function with wrapped angles."""
+        q0, q1 = np.reshape(ends, (2, -1))
+        first = wrapped(q0, periodic_axes)
+        last = first + shorter(q1 - q0, periodic_axes)
+        return check(*first.tolist(), *last.tolist())
+
+    return check_wrapped

@@ -1,0 +1,813 @@
+"""Trajectories: planned paths with times."""
+
+from __future__ import annotations
+
+import csv
+import itertools
+import math
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol, cast
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cspace._files.access import replacing
+from cspace._interface import ConfigurationSpace, Space, rotations_of
+from cspace._rotations import Rotations
+from cspace._rotations.base import wrapped
+from cspace._rotations.quaternion import multiply
+from cspace._support.arrays import Bools, Floats, Ints, frozen
+from cspace._support.check import check_finite, check_positive
+from cspace._support.words import Drive
+from cspace.errors import InputError
+from planners._car_curves import MAX_GAP
+from planners._local_planner import (
+    CURVES,
+    HOLONOMIC,
+    ON_THE_SPOT,
+    CarCurves,
+    Pieces,
+    local_planner,
+)
+from planners._segments import (
+    Segments,
+    align_quaternions,
+    can_prove_curves,
+    make_lines,
+    place_along,
+    prove_segments,
+)
+from planners._smoothing import (
+    PEG_CELLS,
+    ROUNDING,
+    Layout,
+    LimitRates,
+    Smoother,
+    find_course,
+    find_driven_course,
+    measure_sizes,
+    smooth_path,
+)
+from planners._timing import (
+    MAX_ERROR,
+    MotionBounds,
+    Phases,
+    find_passes,
+    find_phases,
+    is_motion,
+    obey_limits,
+    slow_down,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Limits = ArrayLike | Mapping[str, float] | None
+"""A limit: one number, or one for each axis."""
+
+MAX_ROWS: Final = 10**6
+"""Largest number of rows of a trajectory."""
+
+
+class Line(Protocol):
+    """A motion along straight lines, as :meth:`cspace.ArmSpace.follow_line` makes it."""
+
+    waypoints: Floats
+    certified: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Trajectory:
+    """A path with times, from rest to rest.
+
+    :meth:`planners.Plan.trajectory` and :meth:`planners.Trajectory.along` make it.
+
+    Attributes
+    ----------
+    times : ndarray of float64, shape (n,), read-only
+        Seconds from the start, increasing.
+    positions : ndarray of float64, shape (n, size), read-only
+        Configurations. Yaw is in [-pi, pi). Quaternions never jump to their negative, so their sign
+        may differ from that in the plan.
+    velocities, accelerations : ndarray of float64, shape (n, size), read-only
+        First and second derivative of the positions by time. Accelerations jump; each is that just
+        after its time.
+    axes, units : tuple of str
+        Names and units of the columns, as of the plan.
+    certified : bool
+        Whether every part was proven free when the trajectory was made: edges as
+        :meth:`planners.Plan.recheck` proves them, and curves. Without a map, as the plan says.
+    """
+
+    times: Floats
+    positions: Floats
+    velocities: Floats
+    accelerations: Floats
+    axes: tuple[str, ...]
+    units: tuple[str, ...]
+    certified: bool
+    _route: DrivenPath
+    _rotations: Rotations
+    _segments: Segments
+    _phases: Phases
+
+    @classmethod
+    def along(
+        cls,
+        space: ConfigurationSpace,
+        path: Line | ArrayLike,
+        *,
+        max_velocity: Limits = None,
+        max_acceleration: ArrayLike | Mapping[str, float],
+        duration: float | None = None,
+        time_step: float = 0.1,
+    ) -> Trajectory:
+        """Compute an arm's fastest motion along a path.
+
+        It begins and ends at rest, and stays on the motions between the rows. So it also stops at
+        each row at which the joints change their direction. These motions are proven free again.
+
+        Parameters
+        ----------
+        space : ArmSpace
+        path : LineMotion, or array-like of shape (n, dof)
+            A certified line of :meth:`cspace.ArmSpace.follow_line`, or configurations, radians and
+            metres.
+        max_velocity, max_acceleration, duration, time_step
+            As for :meth:`planners.Plan.trajectory`.
+
+        Raises
+        ------
+        InputError
+            If the space is not an arm's, the line is not certified, or a motion is not proven free;
+            and as :meth:`planners.Plan.trajectory` and :meth:`cspace.ArmSpace.certify_path`.
+
+        Examples
+        --------
+        >>> import pathlib, tempfile, numpy as np, cspace, planners
+        >>> box = '<collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision>'
+        >>> joint = '<joint name="slide" type="prismatic"><parent link="base"/>'
+        >>> joint += '<child link="cart"/><axis xyz="1 0 0"/>'
+        >>> joint += '<limit lower="0" upper="2" effort="1" velocity="0.5"/></joint>'
+        >>> path = pathlib.Path(tempfile.mkdtemp(), "slide.urdf")
+        >>> links = f'<link name="base"/><link name="cart">{box}</link>'
+        >>> _ = path.write_text(f'<robot name="s">{links}{joint}</robot>')
+        >>> space = cspace.build_arm_space({}, cspace.Arm.from_urdf(path))
+        >>> pose = np.eye(4)
+        >>> pose[0, 3] = 1.0
+        >>> motion = space.follow_line((0.0,), "cart", pose)
+        >>> planners.Trajectory.along(space, motion, max_acceleration=1.0).duration
+        2.5
+        """
+        moves_joints = not getattr(space, "has_poses", True)
+        if not (moves_joints and hasattr(space, "certify_path")):
+            raise InputError(
+                "space",
+                f"is {space!r}",
+                "it must be the space of an arm",
+                "use plan.trajectory() on a map",
+            )
+        if not getattr(path, "certified", True):
+            raise InputError(
+                "path",
+                f"is not certified: {getattr(path, 'status', '')}",
+                "a trajectory follows the whole line",
+                "check motion.certified first",
+            )
+        rows: Any = path
+        waypoints = check_finite(getattr(path, "waypoints", rows), "path")
+        if waypoints.ndim != 2 or not len(waypoints):
+            raise InputError(
+                "path",
+                f"has shape {waypoints.shape}",
+                "it must be rows of configurations",
+                "pass e.g. motion.waypoints",
+            )
+        free = np.asarray(space.certify_path(waypoints))
+        if not free.all():
+            raise InputError(
+                "path",
+                f"has {np.count_nonzero(~free)} of {len(free)} motions that are not proven free",
+                "a trajectory follows proven motions",
+                "plan again",
+            )
+        driven = DrivenPath(
+            space=space,
+            waypoints=waypoints,
+            axes=space.axes,
+            units=space.units,
+            moves_joints=True,
+            drive=HOLONOMIC,
+            turning_radius=None,
+            exact=True,
+            certified=True,
+            blend=False,
+        )
+        limits = MotionLimits(max_velocity, max_acceleration)
+        return make_trajectory(driven, limits, duration, time_step)
+
+    @property
+    def duration(self) -> float:
+        """Seconds from start to goal."""
+        return float(self.times[-1])
+
+    @property
+    def path(self) -> Floats:
+        """The positions: rows of the curve that was proven, which pictures draw as a path."""
+        return self.positions
+
+    def recheck(self, space: Space) -> Bools:
+        """Prove each part of the curve again, among the present obstacles of a map.
+
+        Parameters
+        ----------
+        space : Space
+            A map of the same robot, such as ``plan.space``.
+
+        Returns
+        -------
+        ndarray of bool, shape (m,)
+            True if a part is proven free now. The parts of a smooth path are its straight lines,
+            its turns on the spot, and the spans of its curves. Without curves they are those of
+            :meth:`planners.Plan.recheck`.
+
+        Raises
+        ------
+        InputError
+            If ``space`` is no :class:`cspace.Space`, or has other axes.
+        """
+        route = self._route
+        edges = local_planner(space, route.exact, route.drive, route.turning_radius)
+        if space.axes != self.axes:
+            raise InputError(
+                "space",
+                f"has the axes {', '.join(space.axes)}",
+                f"the trajectory has {', '.join(self.axes)}",
+                "pass a map of the same robot",
+            )
+        if route.blend:
+            return prove_segments(space, route.exact, self._segments)
+        return edges.edges_are_free(route.waypoints)
+
+    def __repr__(self) -> str:
+        """Return the duration and the number of rows."""
+        return (
+            f"Trajectory({self.duration:.3f} s, {len(self.times)} rows of {', '.join(self.axes)})"
+        )
+
+    def sample(self, t: ArrayLike) -> tuple[Floats, Floats, Floats]:
+        """Return exact positions, velocities and accelerations at any times.
+
+        Parameters
+        ----------
+        t : array-like, shape (...)
+            Seconds. The robot rests before the start and after the end.
+
+        Returns
+        -------
+        tuple of three ndarray of float64, shape (..., size)
+
+        Raises
+        ------
+        InputError
+            If a time is not finite.
+        """
+        times = check_finite(t, "t")
+        rows = _evaluate(self._segments, self._phases, self._rotations, times.reshape(-1))
+        shape = (*times.shape, len(self.axes))
+        positions, velocities, accelerations = (values.reshape(shape) for values in rows)
+        return positions, velocities, accelerations
+
+    def sample_uniform(self, rate: float) -> Trajectory:
+        """Return the same motion with rows at a controller's rate.
+
+        Parameters
+        ----------
+        rate : float
+            Rows a second. The last row is the first one at which the robot rests at the goal.
+
+        Returns
+        -------
+        Trajectory
+            Its rows are also those of :meth:`to_csv`, of messages, and of ``v`` and ``omega``.
+
+        Raises
+        ------
+        InputError
+            If the rate is not above zero, or makes a million rows.
+
+        Examples
+        --------
+        >>> import numpy as np, cspace, planners
+        >>> workspace = cspace.Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
+        >>> space = cspace.build(workspace, cspace.Robot.disc(0.3))
+        >>> plan = planners.plan(space, (0.5, 1.5), (3.5, 1.5))
+        >>> trajectory = plan.trajectory(max_velocity=1.0, max_acceleration=0.5)
+        >>> trajectory.sample_uniform(20.0).times[:3].tolist()
+        [0.0, 0.05, 0.1]
+        """
+        checked = check_positive(rate, "rate", "rows a second")
+        # Rounding must not add a row.
+        rows = math.ceil(self.duration * checked * (1.0 - 1e-12))
+        if rows >= MAX_ROWS:
+            raise InputError(
+                "rate",
+                f"is {rate:g}",
+                f"it makes {rows} rows; at most {MAX_ROWS} are possible",
+                "lower it",
+            )
+        times = np.arange(rows + 1) / checked
+        positions, velocities, accelerations = self.sample(times)
+        return replace(
+            self,
+            times=frozen(times),
+            positions=frozen(positions),
+            velocities=frozen(velocities),
+            accelerations=frozen(accelerations),
+        )
+
+    @property
+    def v(self) -> Floats:
+        """Velocities ahead of a robot that drives, m/s, shape (n,); negative in reverse.
+
+        InputError if the robot is holonomic or an arm, whose ``velocities`` a controller takes.
+        """
+        self._check_drives()
+        return self._project_ahead(self.velocities)
+
+    @property
+    def omega(self) -> Floats:
+        """Yaw rates of a robot that drives, rad/s, shape (n,); as for :attr:`v`."""
+        self._check_drives()
+        return self.velocities[:, 2]
+
+    def steering(self, wheelbase: float) -> Floats:
+        """Return a car's steering angles, radians, shape (n,).
+
+        The angle of the front wheels is ``atan(wheelbase * curvature)``, to the left if positive,
+        for a reference point in the middle of the rear axle. It is also defined at rest.
+
+        Parameters
+        ----------
+        wheelbase : float
+            Distance of the axles, metres.
+
+        Raises
+        ------
+        InputError
+            If the robot is no car, or the wheelbase is not above zero.
+        """
+        if self._route.drive not in CURVES:
+            raise InputError(
+                "trajectory",
+                f"is of a robot with drive {self._route.drive!r}",
+                "a car steers",
+                "use velocities",
+            )
+        metres = check_positive(wheelbase, "wheelbase")
+        segments, lengths, _ = _locate(self._phases, self.times)
+        parts = self._segments.select(segments)
+        slopes = place_along(parts, self._rotations, lengths)[1]
+        return np.arctan(metres * slopes[:, 2] / self._project_ahead(slopes))
+
+    def _check_drives(self) -> None:
+        """Raise InputError if the robot does not drive along its x axis."""
+        if self._route.drive == HOLONOMIC:
+            raise InputError(
+                "trajectory",
+                "is of a robot without a drive",
+                "only a robot that drives has v and omega",
+                "use velocities",
+            )
+
+    def _project_ahead(self, rates: Floats) -> Floats:
+        """Return the parts of rates along the robot's x axis, shape (n,)."""
+        yaw = self.positions[:, 2]
+        return np.cos(yaw) * rates[:, 0] + np.sin(yaw) * rates[:, 1]
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw speed and angular speed over time.
+
+        For an arm, draw the velocity of each joint.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            By default of a new figure without a window. A second unit gets an axis on the right.
+        """
+        from cspace.plot._artists import legend_below, new_figure
+
+        dim = len(self.axes) - len(self._rotations.names)
+        linear = self.velocities[:, :dim]
+        angular = self.velocities[:, dim:]
+        curves = list(zip(self.axes, self.units, linear.T, strict=False))
+        if not self._route.moves_joints:
+            curves = [("speed", "m", np.linalg.norm(linear, axis=1))]
+            # The derivative of a quaternion is half as long as the angular velocity.
+            factor = 2.0 if "qw" in self.axes else 1.0
+            if angular.size:
+                curves.append(("angular speed", "rad", factor * np.linalg.norm(angular, axis=1)))
+        left = new_figure(7.5, 3.2).add_subplot() if ax is None else ax
+        left.set_xlabel("time (s)")
+        axes_by_unit: dict[str, Axes] = {}
+        handles: list[Any] = []
+        for k, (name, unit, curve) in enumerate(curves):
+            if unit not in axes_by_unit:
+                quantity = "velocity" if self._route.moves_joints else name
+                axes_by_unit[unit] = left.twinx() if axes_by_unit else left
+                axes_by_unit[unit].set_ylabel(f"{quantity} ({unit}/s)")
+            handles += axes_by_unit[unit].plot(self.times, curve, color=f"C{k}", label=name)
+        if ax is None:
+            legend_below(cast("Figure", left.figure), handles)
+        return left
+
+    def to_path(self, msg: Any = None, *, frame_id: str = "map") -> Any:
+        """Return the rows as a ``nav_msgs/Path`` of ROS.
+
+        The stamp of each pose is the message's stamp plus the time of the row. Parameters, result
+        and errors are as for :meth:`planners.Plan.to_path`.
+        """
+        from cspace._files.ros import Path
+        from cspace.export._messages import fill_path
+
+        if self._route.moves_joints:
+            raise InputError(
+                "trajectory",
+                f"moves the joints {', '.join(self.axes)}",
+                "a path holds poses",
+                "use to_joint_trajectory()",
+            )
+        filled = Path() if msg is None else msg
+        return fill_path(self.axes, self.positions, filled, frame_id, self.times)
+
+    def to_joint_trajectory(self, msg: Any = None, *, frame_id: str = "") -> Any:
+        """Return an arm's trajectory as a ``trajectory_msgs/JointTrajectory`` of ROS.
+
+        Each row becomes a point with positions, velocities and ``time_from_start``. Controllers
+        join such points by cubic polynomials, which are this very motion on straight edges. On
+        curves they deviate by some 1e-4 rad; at a higher rate by :meth:`sample_uniform`, less. With
+        accelerations they would use quintic polynomials, which are another motion. ``msg`` is any
+        object with the fields of the message, of ROS 1 or 2; a new
+        :class:`cspace.ros.JointTrajectory` if left out. Its header keeps
+        its stamp.
+
+        Raises
+        ------
+        InputError
+            If the plan moves no joints, or the message lacks a field.
+        """
+        from cspace._files.ros import JointTrajectory
+        from cspace.export._messages import fill_joint_trajectory
+
+        if not self._route.moves_joints:
+            raise InputError(
+                "trajectory",
+                f"moves {', '.join(self.axes)}",
+                "a joint trajectory holds joints",
+                "use to_path()",
+            )
+        filled = JointTrajectory() if msg is None else msg
+        return fill_joint_trajectory(
+            self.axes, self.positions, self.velocities, self.times, filled, frame_id
+        )
+
+    def to_twists(self, make: Callable[[], Any] | None = None) -> list[Any]:
+        """Return the commands of a robot that drives as messages ``geometry_msgs/Twist`` of ROS.
+
+        Each row becomes one, with :attr:`v` as ``linear.x`` and :attr:`omega` as ``angular.z``.
+
+        Parameters
+        ----------
+        make : callable, optional
+            The class of the messages, of ROS 1 or 2; by default :class:`cspace.ros.Twist`.
+
+        Raises
+        ------
+        InputError
+            If the robot does not drive, or a message lacks a field.
+        """
+        from cspace._files.ros import Twist
+        from cspace.export._messages import make_twists
+
+        return make_twists(make or Twist, self.v, self.omega)
+
+    def to_csv(
+        self,
+        path: str | os.PathLike[str],
+        overwrite: bool = False,
+        *,
+        wheelbase: float | None = None,
+    ) -> None:
+        """Write the rows as CSV, in full precision.
+
+        The columns are ``time``, the axes, and their velocities, such as ``x_velocity``; for a
+        robot that drives also ``v`` and ``omega``, and for a car with a ``wheelbase`` in metres its
+        ``steering``. Other parameters and errors are as for :meth:`planners.Plan.to_csv`.
+        """
+        names = ["time", *self.axes, *(f"{axis}_velocity" for axis in self.axes)]
+        columns = [self.times, self.positions, self.velocities]
+        if self._route.drive != HOLONOMIC:
+            names += ["v", "omega"]
+            columns += [self.v, self.omega]
+        if wheelbase is not None:
+            names.append("steering")
+            columns.append(self.steering(wheelbase))
+        write_csv(path, overwrite, names, np.column_stack(columns).tolist())
+
+
+def write_csv(
+    path: str | os.PathLike[str],
+    overwrite: bool,
+    names: Sequence[str],
+    rows: Iterable[Sequence[float]],
+) -> None:
+    """Write names and rows of numbers as CSV; see :meth:`planners.Plan.to_csv`."""
+    with (
+        replacing(path, overwrite) as temporary,
+        temporary.open("w", encoding="utf-8", newline="") as file,
+    ):
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(names)
+        writer.writerows(rows)
+
+
+class MotionLimits(NamedTuple):
+    """Limits of a motion, as :meth:`planners.Plan.trajectory` takes them."""
+
+    max_velocity: Limits
+    max_acceleration: Limits
+    max_angular_velocity: float | None = None
+    max_angular_acceleration: float | None = None
+    max_lateral_acceleration: float | None = None
+
+
+class DrivenPath(NamedTuple):
+    """A path without times, and the robot's motion along it."""
+
+    space: Space | None
+    waypoints: Floats
+    axes: tuple[str, ...]
+    units: tuple[str, ...]
+    moves_joints: bool
+    drive: Drive
+    turning_radius: float | None
+    exact: bool
+    certified: bool  # what the plan says
+    blend: bool  # whether corners become curves
+
+
+def make_trajectory(
+    path: DrivenPath, limits: MotionLimits, duration: float | None, time_step: float
+) -> Trajectory:
+    """Make the fastest trajectory along a path; see :meth:`planners.Plan.trajectory`."""
+    rotations = rotations_of(() if path.moves_joints else path.axes)
+    bounds = _check_bounds(path, len(path.axes) - len(rotations.names), limits)
+    path, segments, phases = _find_motion(path, rotations, bounds, duration)
+    times = _row_times(phases, check_positive(time_step, "time_step", "seconds"))
+    positions, velocities, accelerations = _evaluate(segments, phases, rotations, times)
+    made = Trajectory(
+        times=frozen(times),
+        positions=frozen(positions),
+        velocities=frozen(velocities),
+        accelerations=frozen(accelerations),
+        axes=path.axes,
+        units=path.units,
+        certified=path.certified or path.blend,  # smooth paths have just been proven
+        _route=path._replace(space=None),
+        _rotations=rotations,
+        _segments=segments,
+        _phases=phases,
+    )
+    if path.space is None or path.blend:
+        return made
+    return replace(made, certified=bool(made.recheck(path.space).all()))
+
+
+def _find_motion(
+    path: DrivenPath, rotations: Rotations, bounds: MotionBounds, duration: float | None
+) -> tuple[DrivenPath, Segments, Phases]:
+    """Return the fastest motion along a path, and the path with ``blend`` if it has curves.
+
+    The steering of a car, and so its yaw rate, may jump unless its angular acceleration has a
+    limit.
+    """
+    is_curved = path.drive in CURVES
+    segments = (_split_curves if is_curved else _split_edges)(path, rotations, bounds.velocity)
+    bounds = bounds.limit_ramps(segments)
+    passes = find_passes(segments, rotations, bounds)
+    on_edges = find_phases(segments, rotations, passes, bounds)
+    motions = [(path._replace(blend=False), segments, passes, on_edges)]
+    layout = _smooth(path, rotations, bounds)
+    if layout is not None:
+        passes = find_passes(layout.segments, rotations, bounds)
+        blended = find_phases(layout.segments, rotations, passes, bounds)
+        motions.insert(0, (path, layout.segments, passes, blended))
+    longest = on_edges.times[-1] * (1.0 + MAX_ERROR)
+    for taken, segments, passes, fastest in motions:
+        phases = obey_limits(segments, rotations, fastest, bounds)
+        if phases.times[-1] <= longest:
+            phases = _stretch(phases, duration)
+            if is_motion(path.waypoints, segments, rotations, passes, phases, bounds):
+                return taken, segments, phases
+    raise InputError(
+        "limits",
+        "differ so much that rounding exceeds them",
+        "a motion goes from start to goal within its limits at every instant",
+        "pass limits and a duration nearer to each other",
+    )
+
+
+def _smooth(path: DrivenPath, rotations: Rotations, bounds: MotionBounds) -> Layout | None:
+    """Return a proven smooth version of a path; None if it keeps its edges."""
+    space = path.space
+    if not path.blend or path.drive in CURVES or space is None or not can_prove_curves(space):
+        return None
+    if path.drive in ON_THE_SPOT:
+        course = find_driven_course(path.waypoints, rotations)
+    else:
+        course = find_course(path.waypoints, rotations)
+    if course.stops.all():
+        return None
+    lower, upper = space.check_bounds()
+    is_periodic = np.array(space.periodic_axes)[: space.dim]
+    smoother = Smoother.of(
+        course,
+        rotations,
+        bounds.velocity,
+        bounds.acceleration,
+        (np.where(is_periodic, -np.inf, lower), np.where(is_periodic, np.inf, upper)),
+        PEG_CELLS * 2.0 * space.resolution if space.has_cells else 0.0,
+    )
+    return smooth_path(smoother, lambda parts: prove_segments(space, path.exact, parts))
+
+
+def _check_bounds(path: DrivenPath, dim: int, limits: MotionLimits) -> MotionBounds:
+    """Return checked limits of a motion with ``dim`` translations or joints."""
+    is_curved = path.drive in CURVES
+    rotates = dim < len(path.axes)
+    needs_angular = rotates and not is_curved
+    known = path.space.max_velocity if path.space is not None else {}
+    max_velocity = _check_limits(path, dim, limits.max_velocity, "max_velocity", known)
+    max_acceleration = _check_limits(path, dim, limits.max_acceleration, "max_acceleration", {})
+    max_turn_rate = _check_option(limits, "max_angular_velocity", rotates, needs_angular)
+    max_turn_gain = _check_option(limits, "max_angular_acceleration", rotates, needs_angular)
+    turns_sideways = is_curved or path.drive in ON_THE_SPOT
+    max_lateral = _check_option(limits, "max_lateral_acceleration", turns_sideways, False)
+    return MotionBounds(
+        velocity=LimitRates(max_velocity, max_turn_rate, dim),
+        acceleration=LimitRates(max_acceleration, max_turn_gain, dim),
+        lateral=float(max_acceleration.min()) if max_lateral is None else max_lateral,
+        gap=MAX_GAP if is_curved else MAX_ERROR,
+    )
+
+
+def _check_limits(
+    path: DrivenPath, dim: int, value: Limits, name: str, known: Mapping[str, float]
+) -> Floats:
+    """Return checked limits of the first ``dim`` axes, shape (dim,) or ().
+
+    Shape () is for the whole translation. ``known`` are the defaults of axes.
+    """
+    axes = path.axes[:dim]
+    rule = f"it must be one number, or one for each of {', '.join(axes)}"
+    if value is None or isinstance(value, Mapping):
+        given = {**known, **(value or {})}
+        if missing := [axis for axis in axes if given.get(axis, np.inf) == np.inf]:
+            raise InputError(
+                name,
+                f"lacks {', '.join(missing)}",
+                rule,
+                f"pass {name}=1.0",
+            )
+        value = [given[axis] for axis in axes]
+    limits = check_finite(value, name)
+    if limits.shape not in ((), (dim,)):
+        raise InputError(name, f"has shape {limits.shape}", rule, "pass e.g. 1.0")
+    for limit in limits.ravel().tolist():
+        check_positive(limit, name, "metres, radians, seconds")
+    if path.drive in CURVES and limits.ndim:
+        raise InputError(name, "differs by axis", "a car turns", "pass one number")
+    return np.broadcast_to(limits, dim) if path.moves_joints else limits
+
+
+def _check_option(
+    limits: MotionLimits, name: str, is_allowed: bool, is_needed: bool
+) -> float | None:
+    """Return a limit that only some robots have, or None."""
+    value: float | None = getattr(limits, name)
+    if value is None and is_needed:
+        raise InputError(
+            name, "is missing", "the robot turns", "pass it in radians and seconds, e.g. 1.0"
+        )
+    if value is not None and not is_allowed:
+        raise InputError(name, f"is {value!r}", "the robot does not turn so", "leave it out")
+    return None if value is None else check_positive(value, name, "metres, radians, seconds")
+
+
+def _split_edges(path: DrivenPath, rotations: Rotations, velocity: LimitRates) -> Segments:
+    """Return the straight edges of a path, shape (n, size)."""
+    starts = align_quaternions(path.waypoints, rotations)
+    steps = rotations.steps_between(starts[:-1], starts[1:])
+    return _make_segments(starts, steps, np.zeros(len(steps)), rotations, velocity)
+
+
+def _split_curves(path: DrivenPath, rotations: Rotations, velocity: LimitRates) -> Segments:
+    """Return the arcs and straights of a car's path."""
+    curves = CarCurves(cast("Space", path.space), False, path.drive, path.turning_radius)
+    parts = [Pieces(np.zeros((0, 3)), np.zeros(0), np.zeros(0))]
+    for first, last in itertools.pairwise(path.waypoints):
+        parts.append(curves.split_edge(first, last, np.inf, np.inf, 0.0))
+    starts, metres, radians = map(np.concatenate, zip(*parts, strict=True))
+    yaws = starts[:, 2]
+    steps = np.column_stack([metres * np.cos(yaws), metres * np.sin(yaws), radians])
+    points = np.concatenate([starts, path.waypoints[-1:]])
+    return _make_segments(points, steps, radians, rotations, velocity)
+
+
+def _make_segments(
+    points: Floats, steps: Floats, radians: Floats, rotations: Rotations, velocity: LimitRates
+) -> Segments:
+    """Return the segments between points, without those that are rounding errors.
+
+    ``points`` have shape (m + 1, size). Each segment is as long as its seconds at full speed.
+    ``radians`` turn the direction of motion.
+    """
+    kept = (np.abs(steps) > ROUNDING * measure_sizes(points, rotations)).any(axis=1)
+    if not kept.any():  # a plan without motion becomes a segment without length
+        return make_lines(points[:1], np.eye(1, steps.shape[1]), np.zeros(1), points[:1])
+    lengths = 1.0 / velocity.largest(steps[kept])
+    rates = steps[kept] / lengths[:, np.newaxis]
+    lines = make_lines(points[:-1][kept], rates, lengths, points[1:][kept])
+    return lines._replace(curvatures=radians[kept] / lengths)
+
+
+def _stretch(phases: Phases, duration: float | None) -> Phases:
+    """Slow a motion evenly, to take ``duration`` seconds."""
+    total = float(phases.times[-1])
+    if duration is None or total == 0.0:
+        return phases
+    factor = check_positive(duration, "duration", "seconds") / total
+    if factor < 1.0 - MAX_ERROR:
+        raise InputError(
+            "duration",
+            f"is {duration!r}",
+            f"the limits need {total:.6g} s",
+            "raise it, or the limits",
+        )
+    return slow_down(phases, factor)
+
+
+def _row_times(phases: Phases, time_step: float) -> Floats:
+    """Return row times, at most ``time_step`` apart, with phase starts."""
+    counts = np.maximum(np.ceil(np.diff(phases.times) / time_step), 1.0)
+    total = counts.sum()
+    if total >= MAX_ROWS:
+        raise InputError(
+            "time_step",
+            f"is {time_step:g}",
+            f"it makes {total:.2g} rows; at most {MAX_ROWS} are possible",
+            "raise it, or the limits",
+        )
+    owners = np.repeat(np.arange(len(counts)), counts.astype(np.int64))
+    firsts = np.cumsum(counts) - counts
+    shares = (np.arange(len(owners)) - firsts[owners]) / counts[owners]
+    rows = phases.times[owners] + shares * np.diff(phases.times)[owners]
+    return np.append(rows, phases.times[-1])
+
+
+def _locate(phases: Phases, t: Floats) -> tuple[Ints, Floats, tuple[Floats, Floats]]:
+    """Return segments, lengths along these, and speeds and accelerations at times, shape (n,)."""
+    phase = np.maximum(np.searchsorted(phases.times, t, side="right") - 1, 0)
+    elapsed = np.maximum(t - phases.times[phase], 0.0)
+    acceleration = np.where(t < 0.0, 0.0, phases.accelerations[phase])
+    begin_speed = phases.speeds[phase]
+    mean_speed = begin_speed + 0.5 * acceleration * elapsed
+    lengths = phases.positions[phase] + elapsed * mean_speed
+    return phases.segments[phase], lengths, (begin_speed + acceleration * elapsed, acceleration)
+
+
+def _evaluate(
+    segments: Segments, phases: Phases, rotations: Rotations, t: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Return positions, velocities and accelerations at times of shape (n,)."""
+    segment, length, (speed, acceleration) = _locate(phases, t)
+    positions, first, second = place_along(segments.select(segment), rotations, length)
+    velocities = first * speed[:, np.newaxis]
+    accelerations = first * acceleration[:, np.newaxis] + second * (speed**2)[:, np.newaxis]
+    if rotations.names == ("yaw",):
+        positions[:, -1] = wrapped(positions[:, -1])
+    if "qw" in rotations.names:
+        # The derivative of a quaternion is its product with half the angular velocity, in the
+        # robot's frame.
+        q = positions[:, -4:]
+        half_velocity = 0.5 * velocities[:, -3:]
+        half_acceleration = 0.5 * accelerations[:, -3:]
+        real_part = -(half_velocity**2).sum(axis=1)
+        first = multiply(q, np.column_stack([half_velocity, np.zeros(len(q))]))
+        second = multiply(q, np.column_stack([half_acceleration, real_part]))
+        velocities = np.column_stack([velocities[:, :-3], first])
+        accelerations = np.column_stack([accelerations[:, :-3], second])
+    return positions, velocities, accelerations
