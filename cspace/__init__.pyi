@@ -2,15 +2,15 @@
 
 from . import arms as arms
 from . import errors as errors
+from . import export as export
 from . import plot as plot
 from . import reasons as reasons
-from . import shapes as shapes
+from . import ros as ros
 from . import spectral as spectral
 from . import view as view
 from ._builder import Suggestion as Suggestion
 from ._builder import build as build
 from ._builder import suggest as suggest
-from ._files import ros as ros
 from ._grid import Grid as Grid
 from ._interface import Goal as Goal
 from ._interface import Space as Space

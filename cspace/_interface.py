@@ -407,8 +407,7 @@ class ConfigurationSpace(Space):
 
         Arguments and errors as :meth:`classify`.
 
-        With ``exact``, geometry decides in MIXED cells of a map; see :mod:`cspace._exact`. For an
-        arm it always does.
+        With ``exact``, geometry decides in MIXED cells of a map. For an arm it always does.
         """
         if isinstance(q, tuple) and not exact:
             state = self._state_of_one(q)
@@ -436,8 +435,7 @@ class ConfigurationSpace(Space):
         q0, q1 : array-like, shape (size,) or (..., size)
             Endpoints of the motions, metres and radians; broadcast against each other.
         exact : bool
-            Decide MIXED cells by the geometry; see :mod:`cspace._exact`. For an arm, geometry always
-            decides.
+            Decide MIXED cells by the geometry. For an arm, geometry always decides.
 
         Returns
         -------

@@ -1075,9 +1075,9 @@ class CSpace(ConfigurationMap):
             Metres, in the map's frame. In the plane what :meth:`cspace.Workspace.from_polygons`
             takes, such as a shapely geometry, or three or more corners of a polygon; in space a
             mesh, as :meth:`cspace.Workspace.from_mesh` takes, such as a ``trimesh.Trimesh``; in
-            both points with their ``radius``, a decomposition into balls, a shape of
-            ``cspace._shapes``, a robot, or the short text of one, such as ``"ellipse:0.5,0.3@2,1"``.
-            The reference point of a robot is then the origin of the map.
+            both points with their ``radius``, a decomposition into balls, a robot, or the short
+            text of one, such as ``"ellipse:0.5,0.3@2,1"``. The reference point of a robot is then
+            the origin of the map.
         radius : array-like, shape () or (n,), optional
             Radius of the balls around points, metres, zero or above.
 
@@ -1307,7 +1307,7 @@ class CSpace(ConfigurationMap):
     def to_xarray(self) -> xarray.Dataset:
         """Return the map with named dimensions, coordinates and units.
 
-        See :func:`cspace.export._maps.to_xarray`. It needs the extra ``xarray``.
+        See :func:`cspace.export.to_xarray`. It needs the extra ``xarray``.
         """
         from cspace.export._maps import to_xarray
 
@@ -1358,7 +1358,7 @@ class CSpace(ConfigurationMap):
     ) -> None:
         """Write the map for other programs, in the format of the suffix.
 
-        See :func:`cspace.export._maps.export`. Formats are ``.npz``, netCDF (``.nc``) and ParaView
+        See :func:`cspace.export.export`. Formats are ``.npz``, netCDF (``.nc``) and ParaView
         (``.vti``). Plane maps also have ROS maps (``.yaml``) and GeoTIFF (``.tif``); maps in space
         also have the border of the FREE cells (``.ply``, ``.obj``, ``.stl``). Formats of one slice
         need its ``rotation`` if the robot rotates; ``.vti`` and ``.nc`` hold one slice or all.

@@ -182,7 +182,7 @@ class Workspace:
         """Make a workspace of an array of cells.
 
         A lazy array (zarr, dask, xarray on dask, ``numpy.memmap``) is read when needed: see
-        :class:`cspace._workspace.LazyWorkspace`.
+        :class:`cspace.LazyWorkspace`.
 
         Parameters
         ----------
@@ -535,7 +535,7 @@ class Workspace:
             Metres added to all coordinates, before the bounds apply. It moves a frame whose origin
             is far away, such as UTM, to the map.
         lazy : bool
-            Rasterize cells when they are read: see :class:`cspace._workspace.LazyWorkspace`.
+            Rasterize cells when they are read: see :class:`cspace.LazyWorkspace`.
 
         Raises
         ------

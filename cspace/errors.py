@@ -6,18 +6,22 @@ Messages consist of them; the command line puts them in its own words.
 
 from __future__ import annotations
 
-import inspect
-import sys
-import warnings
-from importlib import import_module
-from typing import Any, ClassVar, Final
+from typing import ClassVar, Final
 
-MAX_PROBLEM_CHARACTERS: Final = 240
+_MAX_PROBLEM_CHARACTERS: Final = 240
 """Maximum number of characters of a problem in a message."""
 
 
-_INTERNAL_PACKAGES: Final = frozenset({"cspace", "planners", *sys.stdlib_module_names})
-"""Top-level packages of this library, and of the standard library, which calls back into it."""
+__all__ = [
+    "AngleWarning",
+    "ConfigurationError",
+    "CspaceError",
+    "FileError",
+    "GeometryError",
+    "InputError",
+    "MissingPackageError",
+    "UnitWarning",
+]
 
 
 class CspaceError(Exception):
@@ -54,8 +58,8 @@ class CspaceError(Exception):
         message = argument
         if problem is not None:
             problem = " ".join(problem.split())  # arrays print in several lines
-            if len(problem) > MAX_PROBLEM_CHARACTERS:
-                problem = f"{problem[:MAX_PROBLEM_CHARACTERS]} ..."
+            if len(problem) > _MAX_PROBLEM_CHARACTERS:
+                problem = f"{problem[:_MAX_PROBLEM_CHARACTERS]} ..."
             clauses = f"{argument}{self.gap}{problem}", rule, hint
             message = "; ".join(filter(None, clauses))
         super().__init__(message)
@@ -83,23 +87,6 @@ class MissingPackageError(CspaceError, ImportError):
     """An optional package is missing; the message says how to install it."""
 
 
-def import_optional(package: str, use: str, extra: str) -> Any:
-    """Import an optional package.
-
-    Raises MissingPackageError if it is not installed. The message gives its ``use`` and the
-    ``extra`` that installs it.
-    """
-    try:
-        return import_module(package)
-    except ImportError as error:
-        raise MissingPackageError(
-            package,
-            "is not installed",
-            use,
-            f'run: pip install "cspace[{extra}]"',
-        ) from error
-
-
 class AngleWarning(UserWarning):
     """An angle is beyond a whole turn, so probably in degrees.
 
@@ -112,20 +99,6 @@ class UnitWarning(UserWarning):
 
     It is used in metres, as given.
     """
-
-
-def warn_user(message: str, category: type[Warning] = UserWarning) -> None:
-    """Warn at the line outside this library that called it."""
-    # Go up the stack to the first caller outside; ``warnings`` counts frames from 1.
-    frame = inspect.currentframe()
-    level = 1
-    while frame is not None:
-        package = frame.f_globals.get("__name__", "").partition(".")[0]
-        if package not in _INTERNAL_PACKAGES:
-            break
-        frame = frame.f_back
-        level += 1
-    warnings.warn(message, category, stacklevel=level)
 
 
 class ConfigurationError(InputError):

@@ -285,8 +285,8 @@ def _are_balls(rows: Floats) -> Bools:
 def _list_row_corners(rows: Floats) -> tuple[Floats, Ints]:
     """List the corners of all rows of a tree, and where those of each row begin.
 
-    ``rows``, shape (n, 10), are those of :attr:`cspace._bodies.triangles.Trees.triangles`. Triangles
-    have three corners, balls one, boxes eight, and axis-aligned boxes none.
+    ``rows``, shape (n, 10), are :attr:`cspace._bodies.triangles.Trees.triangles`. Triangles have
+    three corners, balls one, boxes eight, and axis-aligned boxes none.
     """
     is_box = rows[:, RADIUS] < 0.0
     is_ball = _are_balls(rows)

@@ -244,7 +244,8 @@ def picture(
 ) -> None:
     """Draw a picture of a map, and of a path on it."""
     from cspace._opening import open_map
-    from cspace.plot import PICTURE_SUFFIXES, save_plot
+    from cspace.plot import save_plot
+    from cspace.plot._picture import PICTURE_SUFFIXES
 
     check_outputs([output], PICTURE_SUFFIXES, overwrite)
     clock = Clock()

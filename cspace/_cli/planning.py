@@ -118,7 +118,8 @@ def plan(
     """Plan a path on a saved map. The exit code is 1 if none is found."""
     import planners
     from cspace._opening import open_map
-    from cspace.plot import PICTURE_SUFFIXES, save_plot
+    from cspace.plot import save_plot
+    from cspace.plot._picture import PICTURE_SUFFIXES
 
     # Check all outputs before the search, so that no result is lost.
     check_outputs(output or [], _PATH_SUFFIXES, overwrite)

@@ -68,7 +68,7 @@ def check_file(
     byte of the file. `limit` is the limit of :mod:`cspace._limits` for its size.
 
     Raises InputError if `path` is not a file name. Raises FileError if the file is missing, is not
-    a plain file, is larger than :mod:`cspace._limits` allows, or is a git-lfs pointer, which git-lfs
+    a plain file, is larger than the limits allow, or is a git-lfs pointer, which git-lfs
     leaves in place of a large file.
     """
     # It must be a plain file, then not a pointer to one, then not too large.

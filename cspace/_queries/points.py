@@ -1,8 +1,8 @@
 """Look-ups of configurations for kernels: cells, states, and free neighborhoods.
 
 Kernels take a configuration as a position (three numbers, in the middle of the layer in the plane)
-and a rotation (a tuple, see :mod:`cspace._rotations.lookup`), or configurations as rows of an array,
-shape (n, size).
+and a rotation (a tuple, see :mod:`cspace._rotations.lookup`), or configurations as rows of an
+array, shape (n, size).
 """
 
 from __future__ import annotations

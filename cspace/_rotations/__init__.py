@@ -1,7 +1,7 @@
 """Rotation cells: the sets of rotations that a map distinguishes.
 
-Each kind of rotation cells has a file here and a line below. :mod:`cspace._rotations.lookup` is what
-kernels call.
+Each kind of rotation cells has a file here and a line below. Kernels call
+:mod:`cspace._rotations.lookup`.
 """
 
 from cspace._rotations.base import NO_ROTATION as NO_ROTATION

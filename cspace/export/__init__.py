@@ -1,4 +1,4 @@
-"""Maps for other software, one theme per module."""
+"""Maps for other software: files, labelled arrays and messages, a module each."""
 
 import lazy_loader
 

@@ -1,3 +1,4 @@
-# The public module. It is imported at its first use.
+# The public names. Each is imported at its first use.
 
-from . import maps as maps
+from ._maps import export as export
+from ._maps import to_xarray as to_xarray

@@ -2,5 +2,6 @@
 
 from cspace.reasons._explain import Explanation
 from cspace.reasons._removals import Removals
+from cspace.reasons._windows import Trial
 
-__all__ = ["Explanation", "Removals"]
+__all__ = ["Explanation", "Removals", "Trial"]

@@ -13,10 +13,6 @@ import pytest
 import yaml
 
 import cspace
-import cspace.arms
-import cspace.plot
-import cspace.spectral
-import cspace.view
 import planners
 from cspace import InputError, Robot, Workspace
 from cspace._files import points
@@ -25,7 +21,7 @@ from cspace._record.save import MAP_SUFFIXES
 from cspace._shapes import primitives
 from cspace._shapes.primitives import SHORT_TEXTS
 from tests.helpers.commands import run
-from tests.helpers.repository import ROOT
+from tests.helpers.repository import ROOT, SOURCES
 from tests.laws.test_laws import BATCH_QUERIES
 from tests.soak import files as soak
 
@@ -151,7 +147,15 @@ def test_every_list_is_on_a_page():
 
 # ---- the API page --------------------------------------------------------------------------------
 
-PUBLIC_PACKAGES = (cspace, cspace.arms, cspace.plot, cspace.spectral, cspace.view, planners)
+PUBLIC_MODULES = (
+    *(cspace, cspace.arms, cspace.errors, cspace.export, cspace.plot, cspace.reasons, cspace.ros),
+    *(cspace.spectral, cspace.view, planners),
+)
+
+
+def test_modules_without_underscore_are_on_the_api_page():
+    public = {name for name in SOURCES if not re.search(r"\b_", name)}
+    assert public == {module.__name__ for module in PUBLIC_MODULES}
 
 
 def shown_in_api():
@@ -166,7 +170,7 @@ def shown_in_api():
     return shown
 
 
-@pytest.mark.parametrize("package", PUBLIC_PACKAGES, ids=lambda package: package.__name__)
+@pytest.mark.parametrize("package", PUBLIC_MODULES, ids=lambda package: package.__name__)
 def test_api_page_shows_every_public_name(package):
     shown = list(shown_in_api().values())
     text = (DOCS / "api.md").read_text(encoding="utf-8")
@@ -181,7 +185,7 @@ def test_api_page_shows_every_public_name(package):
 
 
 def test_api_page_shows_public_names_only():
-    public = {package.__name__: set(package.__all__) for package in PUBLIC_PACKAGES}
+    public = {package.__name__: set(package.__all__) for package in PUBLIC_MODULES}
     for full in shown_in_api():
         package, _, name = full.rpartition(".")
         assert not name.startswith("_") and name in public.get(package, {name}), full

@@ -1,0 +1,45 @@
+"""Warnings at the caller's line, and imports of optional packages."""
+
+from __future__ import annotations
+
+import inspect
+import sys
+import warnings
+from importlib import import_module
+from typing import Any, Final
+
+from cspace.errors import MissingPackageError
+
+_INTERNAL_PACKAGES: Final = frozenset({"cspace", "planners", *sys.stdlib_module_names})
+"""Top-level packages of this library, and of the standard library, which calls back into it."""
+
+
+def import_optional(package: str, use: str, extra: str) -> Any:
+    """Import an optional package.
+
+    Raises MissingPackageError if it is not installed. The message gives its ``use`` and the
+    ``extra`` that installs it.
+    """
+    try:
+        return import_module(package)
+    except ImportError as error:
+        raise MissingPackageError(
+            package,
+            "is not installed",
+            use,
+            f'run: pip install "cspace[{extra}]"',
+        ) from error
+
+
+def warn_user(message: str, category: type[Warning] = UserWarning) -> None:
+    """Warn at the line outside this library that called it."""
+    # Go up the stack to the first caller outside; ``warnings`` counts frames from 1.
+    frame = inspect.currentframe()
+    level = 1
+    while frame is not None:
+        package = frame.f_globals.get("__name__", "").partition(".")[0]
+        if package not in _INTERNAL_PACKAGES:
+            break
+        frame = frame.f_back
+        level += 1
+    warnings.warn(message, category, stacklevel=level)
