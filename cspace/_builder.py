@@ -275,7 +275,7 @@ def build_contents(
 ) -> tuple[Contents, list[RasterPair]]:
     """Build a map of checked arguments, see :func:`build`, with the robot's rasters."""
     grid = workspace.grid
-    slice_of = rotations.assign_slices(robot.shape)
+    slice_of = rotations._assign_slices(robot.shape)
     n_slices = int(slice_of.max()) + 1
     # Refuse what does not fit into memory, then rasterize the robot, then correlate.
     states_bytes = map_bytes(grid.shape, n_slices, counts)
@@ -333,7 +333,7 @@ def _check(
         if robot.dim == 3:
             hint = "use robot.footprint()"
         raise InputError("robot", problem, "they must agree", hint)
-    rotations.check_dimension(robot.dim)
+    rotations._check_dimension(robot.dim)
     if workers is not None:
         check_count(workers, "workers", 1, hint="leave it out for all cores")
     check_word(method, "method", METHODS, "leave it out")
@@ -528,7 +528,7 @@ def suggest(
     _check(workspace, robot, Rotations.of(None), "auto", False, "blocked", None)
     turn_axes = _TURN_AXES[rotations]
     if turn_axes == 3:
-        Rotations.quaternions(1).check_dimension(robot.dim)
+        Rotations.quaternions(1)._check_dimension(robot.dim)
     if robot.shape.is_round or (turn_axes == 1 and robot.shape.is_round_about_z):
         turn_axes = 0
     width, reach = _measure_robot(robot.shape, rotations)
@@ -551,7 +551,7 @@ def suggest(
         raise InputError("gap", problem, rule, "pass a wider gap, or a smaller workspace")
     digits = 2 - math.floor(math.log10(spacing))
     spacing = math.floor(spacing * 10.0**digits) / 10.0**digits
-    slices = 1 if cells is None else int(cells.assign_slices(robot.shape).max()) + 1
+    slices = 1 if cells is None else int(cells._assign_slices(robot.shape).max()) + 1
     shape = covering_shape(np.stack([np.zeros_like(extents), extents]), spacing)
     return Suggestion(spacing, cells, slices * math.prod(shape))
 

@@ -50,7 +50,7 @@ class SearchOptions(NamedTuple):
 
 def has_pose_names(axes: Sequence[str]) -> bool:
     """Return True if all axes are coordinates of a rigid body's pose."""
-    return set(axes) <= {"x", "y", "z", *Rotations.all_names()}
+    return set(axes) <= {"x", "y", "z", *Rotations._all_names()}
 
 
 def format_configuration(q: Sequence[float]) -> str:
@@ -132,7 +132,7 @@ class Space(ABC):
 
         They are "m", "rad", or "1" for a quaternion; by default "m" except for rotations.
         """
-        return tuple(Rotations.all_units().get(axis, "m") for axis in self.axes)
+        return tuple(Rotations._all_units().get(axis, "m") for axis in self.axes)
 
     @cached_property
     def size(self) -> int:
@@ -182,7 +182,7 @@ class Space(ABC):
 
         A step consists of :attr:`dim` numbers and of a rotation vector, radians.
         """
-        steps = self.rotations.steps_between(q0, q1)
+        steps = self.rotations._steps_between(q0, q1)
         return shorter(steps, self.periodic_axes) if any(self.periodic_axes) else steps
 
     def distance(self, q0: Floats, q1: Floats) -> Floats:
@@ -198,7 +198,7 @@ class Space(ABC):
         # Steps have an entry for each degree of freedom, so starts get their shape but one axis.
         steps = np.asarray(t) * self.steps_between(q0, q1)
         starts = np.broadcast_to(q0, (*steps.shape[:-1], self.size))
-        return self.rotations.add_steps(starts, steps)
+        return self.rotations._add_steps(starts, steps)
 
     # ---- what some spaces know better ------------------------------------------------------------
 
@@ -277,7 +277,7 @@ class Space(ABC):
         Raises InputError if it is no configuration, and ConfigurationError if no motion from it can
         be proven free.
         """
-        canonical = self.rotations.make_canonical(self._check_one(q, name), name)
+        canonical = self.rotations._make_canonical(self._check_one(q, name), name)
         canonical = wrapped(canonical, self.periodic_axes)
         point = tuple(canonical.tolist())
         # Continuous joints have no bounds.

@@ -363,7 +363,7 @@ class ConfigurationMap(ConfigurationSpace):
         there is proven free; the error names the nearest FREE configuration.
         """
         values = self._check_one(q, name)
-        point: Endpoint = tuple(self.rotations.make_canonical(values, name).tolist())
+        point: Endpoint = tuple(self.rotations._make_canonical(values, name).tolist())
         warn_of_degrees(values, self._angles, name)
         is_inside = bool(self.grid.contains(np.array(point[: self.dim])))
         check = self.edge_checker(exact=exact)
@@ -438,7 +438,7 @@ class ConfigurationMap(ConfigurationSpace):
 
     @property
     @abstractmethod
-    def facts(self) -> dict[str, object]:
+    def _facts(self) -> dict[str, object]:
         """Plain values by name that describe the map, except its grid."""
 
     @abstractmethod
@@ -446,7 +446,7 @@ class ConfigurationMap(ConfigurationSpace):
         """Return a lock that is held while an update changes the map."""
 
     @abstractmethod
-    def find_unusable(self, rows: Floats) -> int:
+    def _find_unusable(self, rows: Floats) -> int:
         """Return the index of the first unusable configuration of rows (n, size), or -1."""
 
     @abstractmethod
@@ -478,5 +478,5 @@ class ConfigurationMap(ConfigurationSpace):
         They are ``(rotation, x, y)`` or ``(rotation, x, y, z)``, and may lie outside the grid.
         """
         cells = self.grid.cell_of(points[..., : self.grid.dim])
-        rotations = self.rotations.find_cells(points)[..., np.newaxis]
+        rotations = self.rotations._find_cells(points)[..., np.newaxis]
         return np.concatenate([rotations, cells], axis=-1)

@@ -179,7 +179,7 @@ class CSpace(ConfigurationMap):
         The result has shape (nx, ny) or (nx, ny, nz). Give the rotation as in a configuration:
         nothing, a yaw in radians, or a quaternion.
         """
-        cell = self.rotations.find_cells(self.rotations.check_rotation(rotation))
+        cell = self.rotations._find_cells(self.rotations._check_rotation(rotation))
         states: States = self._seen[int(self._slice_of[cell])]
         return states
 
@@ -196,7 +196,7 @@ class CSpace(ConfigurationMap):
         return f"{free=}, {mixed=}, {blocked=}"
 
     @property
-    def facts(self) -> dict[str, object]:
+    def _facts(self) -> dict[str, object]:
         """Plain values by name that describe the map."""
         grid = self.grid
         rotations = self.rotations
@@ -204,7 +204,7 @@ class CSpace(ConfigurationMap):
         counts = self.overlap_counts
         # The free area or volume; over all rotations, the mean by their share of all rotations.
         free_cells = count_states(states)[self._slice_of, FREE]
-        mean_cells = float(free_cells @ rotations.volumes / rotations.volumes.sum())
+        mean_cells = float(free_cells @ rotations._volumes / rotations._volumes.sum())
         quantity = "area" if grid.dim == 2 else "volume"
         free_name = f"free_{quantity}_{grid.measure_unit.replace(' ', '_')}"
         facts: dict[str, object] = {}
@@ -275,7 +275,7 @@ class CSpace(ConfigurationMap):
         with self.lock:  # the sums are consistent only before and after an update
             sums = np.asarray(self._sum("inner", q))
         # The robot lies inside if all its cells overlap inner cells.
-        rotation_cells = self.rotations.find_cells(np.asarray(q, dtype=np.float64))
+        rotation_cells = self.rotations._find_cells(np.asarray(q, dtype=np.float64))
         robot_cells = np.array([outer.count for outer, _ in self._rasters])
         is_inside: Bools = sums == robot_cells[self._slice_of[rotation_cells]]
         return is_inside if is_inside.ndim else bool(is_inside)
@@ -402,7 +402,7 @@ class CSpace(ConfigurationMap):
 
     def _clearance_of_one(self, q: tuple[Any, ...]) -> float | None:
         """Return the clearance of one configuration, or None if the look-up of arrays decides."""
-        table = self.distances.table
+        table = self._distances.table
         if table is None:
             return None
         try:
@@ -473,7 +473,7 @@ class CSpace(ConfigurationMap):
         callable
             ``check(*q) -> float``. Takes the coordinates as finite floats, without a check.
         """
-        distances = self.distances
+        distances = self._distances
         distances.whole()
         look_up = self._look_up_clearance
 
@@ -486,7 +486,7 @@ class CSpace(ConfigurationMap):
 
     # ---- for planners ----------------------------------------------------------------------------
 
-    def find_cheap_path(
+    def _find_cheap_path(
         self,
         endpoints: Sequence[Endpoint],
         factor_at: Callable[[Distances], Costs],
@@ -629,7 +629,7 @@ class CSpace(ConfigurationMap):
         endpoints = self._check_ends(q0, q1, free=True)
         start, goal = endpoints
         dim = self.grid.dim
-        if not self.rotations.steps_between(start, goal)[dim:].any():
+        if not self.rotations._steps_between(start, goal)[dim:].any():
             # The same rotation may be given in other numbers, e.g. other signs.
             goal[dim:] = start[dim:]
         if straight and self.edge_checker()(*start, *goal):
@@ -713,7 +713,7 @@ class CSpace(ConfigurationMap):
         if self.is_labelled and not self.is_connected(*endpoints):
             return self._no_path()
         rotations = self.rotations
-        turns = rotations.neighbors, self._turn_costs
+        turns = rotations._neighbors, self._turn_costs
         until = clock() + seconds
         first, last = self._cells_of(endpoints)
         factors = NO_FACTORS if factors is None else factors
@@ -893,7 +893,7 @@ class CSpace(ConfigurationMap):
         )
         until = clock() + seconds
         ends = endpoints, self._cells_of(endpoints)
-        path = find_widest_path(widths, self.kernel_map, self.grid, ends, straight, until)
+        path = find_widest_path(widths, self._kernel_map, self.grid, ends, straight, until)
         if len(path) and self.certify_path(path).all():
             return path
         return self._no_path()
@@ -904,7 +904,7 @@ class CSpace(ConfigurationMap):
 
         needed = SEARCH_BYTES_PER_CELL * self.grid.size * len(self.rotations)
         check_memory(needed, "the map, to search it by clearance,", self.grid)
-        return self.distances.array()
+        return self._distances.array()
 
     # ---- the set of FREE configurations ----------------------------------------------------------
 
@@ -980,7 +980,7 @@ class CSpace(ConfigurationMap):
 
     def _make_nothing_free_error(self) -> ConfigurationError:
         """Make the error for a map without FREE cells."""
-        more = "" if self.rotations.preserve(self.robot.shape) else "more rotations, "
+        more = "" if self.rotations._preserve(self.robot.shape) else "more rotations, "
         hint = f"use a smaller robot, a finer spacing, {more}or unknown='free' for a sensor map"
         rule = "no configuration can be drawn"
         return ConfigurationError("the map", "has no FREE cell", rule, hint)
@@ -1186,7 +1186,7 @@ class CSpace(ConfigurationMap):
             self._contents = replace(contents, workspace=workspace, overlap_counts=None)
         derived.drop(self)
         # Checkers of planners hold these two objects, so these drop what they hold.
-        for name in ("distances", "_exact"):
+        for name in ("_distances", "_exact"):
             if name in vars(self):
                 vars(self)[name].drop()
 
@@ -1289,17 +1289,17 @@ class CSpace(ConfigurationMap):
 
     def _distance_arrays(self) -> dict[str, NDArray[Any]]:
         """Return the distances of cells by the names of a saved map's arrays."""
-        boxes = self.distances.whole().boxes
-        return {"distances": self.distances.array(), "distance_boxes": boxes}
+        boxes = self._distances.whole().boxes
+        return {"distances": self._distances.array(), "distance_boxes": boxes}
 
     def _clearances_of_cells(self, number: int | None) -> Floats:
         """Return the clearance at each cell's center, in metres, for a slice or the best of all."""
         from cspace._queries.distance import ROUNDING_FACTOR
 
         if number is None:
-            cells: Distances = self.distances.array().max(axis=0)
+            cells: Distances = self._distances.array().max(axis=0)
         else:
-            cells = self.distances.array_of(number)
+            cells = self._distances.array_of(number)
         return cells.astype(np.float64) * (ROUNDING_FACTOR * self.grid.spacing)
 
     # ---- files and messages ----------------------------------------------------------------------
@@ -1472,10 +1472,13 @@ class CSpace(ConfigurationMap):
         )
 
     @lazy
-    def kernel_map(self) -> Map:
+    def _kernel_map(self) -> Map:
         """The map as input of compiled functions; it follows updates."""
         return make_map_record(
-            self._seen, self.grid, self._exterior.table, self.rotations.make_lookups(self._slice_of)
+            self._seen,
+            self.grid,
+            self._exterior.table,
+            self.rotations._make_lookups(self._slice_of),
         )
 
     @derived
@@ -1483,7 +1486,7 @@ class CSpace(ConfigurationMap):
         """Map of blocks of cells, for many edges."""
         from cspace._queries.edges import join_blocks
 
-        return join_blocks(self.kernel_map)
+        return join_blocks(self._kernel_map)
 
     @lazy
     def _exact(self) -> ExactQueries:
@@ -1492,7 +1495,7 @@ class CSpace(ConfigurationMap):
 
         return ExactQueries(self._problem)
 
-    def boundary_proofs(self) -> BoundaryProofs:
+    def _boundary_proofs(self) -> BoundaryProofs:
         """Return the proofs by the present boundaries of robot and obstacles."""
         return self._exact.boundary_proofs()
 
@@ -1502,7 +1505,7 @@ class CSpace(ConfigurationMap):
 
         exterior_blocked = self.outside != "free"
         return Problem(
-            self.kernel_map,
+            self._kernel_map,
             self.rotations,
             self.workspace,
             self.robot,
@@ -1521,10 +1524,10 @@ class CSpace(ConfigurationMap):
         from cspace._queries.components import Components
 
         exterior_open = ~self._exterior.is_all_blocked(self.grid.shape)
-        return Components(self._seen, self._slice_of, self.rotations.neighbors, exterior_open)
+        return Components(self._seen, self._slice_of, self.rotations._neighbors, exterior_open)
 
     @lazy
-    def distances(self) -> DistanceMap:
+    def _distances(self) -> DistanceMap:
         """Distances of cells to those that are not FREE; they follow updates."""
         from cspace._queries.distance import BYTES_PER_CELL, DistanceMap
 
@@ -1572,28 +1575,28 @@ class CSpace(ConfigurationMap):
         """Look-up of one configuration's state."""
         from cspace._queries.callbacks import state_lookup
 
-        return state_lookup(self.kernel_map, self.size)
+        return state_lookup(self._kernel_map, self.size)
 
     @lazy
     def _look_up_place(self) -> Callable[..., int]:
         """Look-up of the cell of one configuration."""
         from cspace._queries.callbacks import place_lookup
 
-        return place_lookup(self.kernel_map, self.size)
+        return place_lookup(self._kernel_map, self.size)
 
     @lazy
     def _look_up_motion(self) -> Callable[..., int]:
         """Look-up of one motion."""
         from cspace._queries.callbacks import motion_lookup
 
-        return motion_lookup(self.kernel_map, self.size)
+        return motion_lookup(self._kernel_map, self.size)
 
     @lazy
     def _look_up_clearance(self) -> Callable[..., float]:
         """Look-up of one configuration's clearance in a table of distances."""
         from cspace._queries.distance import clearance_lookup
 
-        return clearance_lookup(self.kernel_map, self.distances.of_slices([]), self.size)
+        return clearance_lookup(self._kernel_map, self._distances.of_slices([]), self.size)
 
     # ---- queries of rows -------------------------------------------------------------------------
 
@@ -1601,7 +1604,7 @@ class CSpace(ConfigurationMap):
         """Return the lock that updates hold."""
         return self.lock
 
-    def find_unusable(self, rows: Floats) -> int:
+    def _find_unusable(self, rows: Floats) -> int:
         """Return the index of the first unusable configuration of rows (n, size), or -1."""
         return self._write_states(rows, np.empty(len(rows), dtype=np.uint8))
 
@@ -1609,12 +1612,12 @@ class CSpace(ConfigurationMap):
         """Write the states of configurations (n, size); return the first unusable row, or -1."""
         from cspace._queries.points import classify
 
-        return write_in_threads(partial(classify, self.kernel_map), rows, out)
+        return write_in_threads(partial(classify, self._kernel_map), rows, out)
 
     def _write_free(self, exact: bool, rows: Floats, out: Bools) -> int:
         """Write whether configurations (n, size) are free; return the first unusable row, or -1."""
         if exact:
-            return write_in_threads(partial(self._exact.points, self.kernel_map), rows, out)
+            return write_in_threads(partial(self._exact.points, self._kernel_map), rows, out)
         return super()._write_free(exact, rows, out)
 
     def _write_motions(self, exact: bool, starts: Floats, ends: Floats, out: Bools) -> int:
@@ -1622,7 +1625,7 @@ class CSpace(ConfigurationMap):
         from cspace._queries import edges
 
         test_edges = self._exact.edges if exact else edges.edges_are_free
-        write = partial(test_edges, self.kernel_map)
+        write = partial(test_edges, self._kernel_map)
         min_edges = edges.MIN_EDGES_FOR_BLOCKS + self._seen.size // edges.CELLS_PER_EDGE
         if len(starts) >= min_edges:
             write = partial(edges.edges_are_free_by_blocks, self._blocks, write)
@@ -1635,7 +1638,7 @@ class CSpace(ConfigurationMap):
         """
         from cspace._queries.points import boxes_are_free
 
-        write = partial(boxes_are_free, self.kernel_map, distance, angle)
+        write = partial(boxes_are_free, self._kernel_map, distance, angle)
         return write_in_threads(write, rows, out)
 
     def _write_clearances(self, rows: Floats, out: Floats) -> int:
@@ -1643,14 +1646,14 @@ class CSpace(ConfigurationMap):
         from cspace._queries.distance import clearances
 
         # Unless all distances are known, compute those of the slices that contain rows.
-        table = self.distances.known
+        table = self._distances.known
         if table is None:
-            bad = self.find_unusable(rows)
+            bad = self._find_unusable(rows)
             if bad >= 0:
                 return bad
-            slices = np.unique(self._slice_of[self.rotations.find_cells(rows)])
-            table = self.distances.of_slices(slices.tolist())
-        return write_in_threads(partial(clearances, self.kernel_map, table), rows, out)
+            slices = np.unique(self._slice_of[self.rotations._find_cells(rows)])
+            table = self._distances.of_slices(slices.tolist())
+        return write_in_threads(partial(clearances, self._kernel_map, table), rows, out)
 
     def _sum(self, side: Literal["outer", "inner"], q: ArrayLike) -> int | Ints:
         """Count the outer or inner cells that the robot overlaps at configurations (..., size)."""
@@ -1661,7 +1664,7 @@ class CSpace(ConfigurationMap):
         has_one_side = self.workspace.inner is self.workspace.outer
         sums = self._outer_sums if side == "outer" or has_one_side else self._inner_sums
         count = partial(
-            count_overlaps, self.kernel_map, sums, self._robot_rows, int(exterior_counts)
+            count_overlaps, self._kernel_map, sums, self._robot_rows, int(exterior_counts)
         )
         write = partial(write_in_threads, count)
         counts: int | Ints = evaluate(q, self.size, write, np.int64, self._angles)
@@ -1683,7 +1686,7 @@ class CSpace(ConfigurationMap):
         values = check_points(q, name, self.size)
         if values.ndim == 1:
             warn_of_degrees(values, self._angles, name)
-        point = self.rotations.make_canonical(values, name)
+        point = self.rotations._make_canonical(values, name)
         is_valid = bool(point.ndim == 1 and self.grid.contains(point[: self.grid.dim]))
         required = "configuration"
         hint = "ask grid.lower and grid.upper"

@@ -37,7 +37,6 @@ myst_heading_anchors = 3
 autodoc_typehints = "none"  # docstrings tell types, with shapes and units
 autodoc_member_order = "groupwise"
 numpydoc_show_class_members = False
-autosummary_context = {"inside": lists.INSIDE}
 toc_object_entries_show_parents = "hide"
 
 nitpicky = True

@@ -19,31 +19,6 @@ DOCS = Path(__file__).parent
 MARKED = re.compile(r"(<!-- list: (.+?) -->\n).*?(<!-- end of list -->)", re.DOTALL)
 MAPS_IN = {2: "plane", 3: "space", None: "either"}
 
-FOR_PLANNERS = (
-    "check_bounds, check_endpoint, dim, find_goals, has_cells, has_poses, in_memory, "
-    "is_labelled, max_velocity, path_exists, resolution, search, searches, steps_between"
-)
-"""What planners ask of maps and arms; the page of Space describes it."""
-
-INSIDE = {
-    "CSpace": f"{FOR_PLANNERS}, boundary_proofs, facts, distances, find_cheap_path, find_unusable, kernel_map, path_obstacle_distance",
-    "TiledCSpace": f"{FOR_PLANNERS}, facts, find_unusable, path_obstacle_distance, subproblems",
-    "ArmSpace": FOR_PLANNERS,
-    "Arm": "branch_to, check_configuration, check_configurations, check_limits, clamp, "
-    "contact_samples, moving_pairs, ranges, rest, solve_pose, whole_turns",
-    "JointMap": "undecided_pairs",
-    "PlanningScene": "place",
-    "Mesh": "cells, check_origin, facts, is_same, measure, rasters",
-    "Rotations": "COORDINATES, KINDS, about_z, add_steps, all_limits, all_names, all_units, angles_to_centers, "
-    "assign_slices, canonical_rotation, check_dimension, check_rotation, describe, draw_cells, "
-    "facts, find_cells, find_cells_within, find_images, find_one_cell, find_yaw, format_rotation, "
-    "from_matrix, from_stored_arrays, leading_axes, limits, make_canonical, make_lookups, "
-    "make_matrices, make_shape_cells, neighbors, of_stored_arrays, of_value, only_rotation, preserve, rotate, "
-    "rotation_between, rotation_matrices, sample, sample_near, slack, split_configurations, steps_between, "
-    "stored_arrays, volumes",
-}
-"""Methods for the two packages only, by class; the API pages omit them."""
-
 
 def fill(page: str, *, linked: bool = False) -> str:
     """Return a page with its lists made anew; in the site, names link to their place in the API."""
@@ -129,11 +104,9 @@ def full(owner: str, names: Iterable[str]) -> list[str]:
 
 
 def methods(owner: str) -> set[str]:
-    """Return the names of the public methods of a class, except those for the packages only."""
-    kind = find(owner)
-    inside = FOR_PLANNERS if kind is cspace.Space else INSIDE.get(kind.__name__, "")
-    callables = {name for name, _ in inspect.getmembers(kind, callable)}
-    return {name for name in callables if not name.startswith("_")} - set(inside.split(", "))
+    """Return the names of the public methods of a class."""
+    callables = {name for name, _ in inspect.getmembers(find(owner), callable)}
+    return {name for name in callables if not name.startswith("_")}
 
 
 def functions(package: str) -> list[str]:

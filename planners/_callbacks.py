@@ -221,7 +221,7 @@ class FreeStateSampler(ob.ValidStateSampler):
             return False
         for _ in range(max(1, self.getNrAttempts())):
             position = [min(low + next(numbers) * (high - low), high) for low, high in box]
-            rotation = self._rotations.sample_near(center_rotation, max_turn, numbers)
+            rotation = self._rotations._sample_near(center_rotation, max_turn, numbers)
             q = (*position, *rotation)
             if self._is_free(*q):
                 self._kind.write(state, *q)

@@ -151,5 +151,5 @@ def bind_cost(kernel: Any, space: CSpace, field: Field, *fixed: Any) -> Callable
             return Values(NO_VALUES, no_distances, np.empty(0))
         return Values(OVERLAPS, no_distances, field.reshape(-1))
 
-    integrate = bind_kernel(kernel, (space.kernel_map,), get_values(), *fixed, zeros)
+    integrate = bind_kernel(kernel, (space._kernel_map,), get_values(), *fixed, zeros)
     return lambda *ends: integrate(get_values(), *fixed, padding + ends)

@@ -340,7 +340,7 @@ def _make_guide(edges: LocalPlanner, endpoints: Endpoints, is_backwards: bool) -
     # No chain leads across a wall of blocks, because an obstacle blocks two radii of the robot.
     cells_per_radius = int(edges.cells.robot.inscribed_radius / grid.spacing)
     return Guide(
-        edges.cells.kernel_map.states,
+        edges.cells._kernel_map.states,
         _list_directions(edges, is_backwards),
         start,
         goal,
@@ -377,7 +377,7 @@ def _list_directions(edges: LocalPlanner, is_backwards: bool) -> Directions:
 def _list_slices_near(edges: LocalPlanner, yaws: Floats) -> Ints:
     """List the slices of the rotation cells near each yaw, shape (yaws, n), the nearest first."""
     rotations = edges.space.rotations
-    slice_of: Ints = edges.cells.kernel_map.rotations.slice_of
+    slice_of: Ints = edges.cells._kernel_map.rotations.slice_of
     count = math.ceil(MAX_DEVIATION * len(rotations) / TWO_PI)
     deviations = MAX_DEVIATION * np.arange(-count, count + 1) / count
     deviations = deviations[np.argsort(np.abs(deviations))]

@@ -154,14 +154,14 @@ class LocalPlanner:
 
     def bounded_map(self) -> Map:
         """Return the map for kernels, with a MIXED exterior, so that no motion leaves the grid."""
-        map_ = self.cells.kernel_map
+        map_ = self.cells._kernel_map
         return map_._replace(exterior=np.full_like(map_.exterior, MIXED))
 
     def geometry(self) -> Geometry:
         """Return the geometry that decides MIXED cells for kernels; None unless exact."""
         if not self.exact:
             return None
-        return self.cells.boundary_proofs().boundaries, make_scratch().node_pairs
+        return self.cells._boundary_proofs().boundaries, make_scratch().node_pairs
 
     def make_states(self) -> ob.StateSpace:
         """Make OMPL's state space, without bounds."""
@@ -273,7 +273,7 @@ class LocalPlanner:
         for first, last, turn in zip(path[:-1], path[1:], turns, strict=True):
             if turn.any() or self.drive in CURVES:
                 points = self.split_edge(first, last, cell, MAX_RADIANS, at_end).points
-                rows.append(self.space.rotations.make_canonical(points[:-1]))
+                rows.append(self.space.rotations._make_canonical(points[:-1]))
             rows.append(last[np.newaxis])
         return np.concatenate(rows)
 
@@ -319,7 +319,7 @@ class LocalPlanner:
         pieces = self.split_path(path, self.space.resolution, MAX_RADIANS)
         rotations = self.cells.rotations
         max_turns = 0.5 * pieces.rotations + 2.0 * ANGLE_SLACK
-        rows, cells = rotations.find_cells_within(pieces.points, max_turns)
+        rows, cells = rotations._find_cells_within(pieces.points, max_turns)
         q = pieces.points[rows]
         # Clearance is constant in a rotation cell.
         q[:, self.space.dim :] = rotations.centers[cells]
@@ -541,7 +541,7 @@ class CarCurves(LocalPlanner):
                 start = q[:3]
                 if length < 0.0 or is_free(*start):
                     return length
-                return length if self.cells.boundary_proofs().is_outside(*start) else -1.0
+                return length if self.cells._boundary_proofs().is_outside(*start) else -1.0
 
             return prove_exactly
 

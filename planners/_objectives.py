@@ -166,7 +166,7 @@ class ClearanceObjective(WeightedLength):
         super().__init__(
             si,
             space,
-            space.distances,
+            space._distances,
             offset=1.0,
             slope=-1.0 / threshold,
             weight=weight,
@@ -219,7 +219,7 @@ class OverlapObjective(WeightedLength):
                 "pass OverlapField.of(space, overlap)",
             )
         if saturation is None:
-            states = space.kernel_map.states
+            states = space._kernel_map.states
             overlaps = field.cells.reshape(states.shape)[states == FREE]
             saturation = float(overlaps.max(initial=0.0)) or 1.0
         saturation = check_positive(saturation, "saturation", "metres to the power of d")
@@ -260,8 +260,8 @@ def find_clear_path(
         penalties = np.maximum(np.float32(0.0), 1.0 - clearances / threshold)
         return np.asarray(1.0 + DEFAULT_WEIGHT * penalties * penalties)
 
-    cost = edges.edge_cost(space.distances, density)
-    return space.find_cheap_path(
+    cost = edges.edge_cost(space._distances, density)
+    return space._find_cheap_path(
         endpoints, find_factors, cost, straight=straight, time_limit=seconds
     )
 

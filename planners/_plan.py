@@ -540,7 +540,7 @@ def _list_subproblems(task: Task) -> Sequence[Subproblem]:
     start, goal = task.endpoints[:2]
     if space.in_memory:
         return [(lambda: space, np.array(start), np.array(goal))]
-    return task.edges.tiles.subproblems(start, goal)
+    return task.edges.tiles._subproblems(start, goal)
 
 
 def _search_tile_by_tile(task: Task, may_exist: Callable[[], bool]) -> SearchResult:
@@ -570,7 +570,7 @@ def _search_tile_by_tile(task: Task, may_exist: Callable[[], bool]) -> SearchRes
         result = _search(part_task, may_exist)
         planning += result.planning
         simplification += result.simplification
-        rows = edges.insert_breakpoints(edges.space.rotations.make_canonical(result.path))
+        rows = edges.insert_breakpoints(edges.space.rotations._make_canonical(result.path))
         result = replace(
             result,
             path=rows,
@@ -929,7 +929,7 @@ def _describe_free_yaws(edges: LocalPlanner, endpoints: Endpoints) -> list[str]:
     space = edges.cells
     rotations = space.rotations
     count = len(rotations)
-    bounds = np.asarray(rotations.stored_arrays["yaw_bounds"])
+    bounds = np.asarray(rotations._stored_arrays["yaw_bounds"])
     for name, (x, y, yaw) in zip(("start", "goal"), endpoints, strict=True):
         # Rotation cells, counted from the cell of the yaw to the left.
         order = (int(rotations.cell_of(yaw)) + np.arange(count)) % count

@@ -113,7 +113,7 @@ def place_along(
         first[arcs, :2] = turn_left(first[arcs, :2], 2.0 * half)
         sideways = np.column_stack([-first[arcs, 1], first[arcs, 0]])
         second[arcs, :2] = curvatures[:, np.newaxis] * sideways
-    q = rotations.add_steps(segments.starts, steps)
+    q = rotations._add_steps(segments.starts, steps)
     driven = np.flatnonzero(segments.drives)
     if len(driven):
         signs = segments.drives[driven, np.newaxis]

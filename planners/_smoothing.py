@@ -157,13 +157,13 @@ def measure_sizes(rows: Floats, rotations: Rotations) -> Floats:
     sizes = np.abs(rows[:, :dim]).max(axis=0)
     if not rotations.names:
         return np.asarray(sizes)
-    angles = rotations.steps_between(rows[:1], rows[:1])[0, dim:]
+    angles = rotations._steps_between(rows[:1], rows[:1])[0, dim:]
     return np.concatenate([np.full(dim, sizes.max()), np.ones(len(angles))])
 
 
 def find_moves(rows: Floats, rotations: Rotations) -> Bools:
     """Return which coordinates change by more than rounding between rows, shape (n - 1, k)."""
-    steps = rotations.steps_between(rows[:-1], rows[1:])
+    steps = rotations._steps_between(rows[:-1], rows[1:])
     return np.asarray(np.abs(steps) > ROUNDING * measure_sizes(rows, rotations))
 
 
@@ -171,7 +171,7 @@ def find_course(rows: Floats, rotations: Rotations) -> Course:
     """Return the course of a robot that moves in all directions."""
     moves = find_moves(rows, rotations).any(axis=1)
     rows = align_quaternions(rows[np.concatenate([[True], moves])], rotations)
-    steps = rotations.steps_between(rows[:-1], rows[1:])
+    steps = rotations._steps_between(rows[:-1], rows[1:])
     stops = np.zeros(len(rows), dtype=np.bool_)
     if "qw" in rotations.names:
         # Rotations in space do not add up like vectors.
@@ -362,8 +362,8 @@ class Smoother:
             [np.interp(times, self.times, column) for column in self.course.places.T]
         )
         steps = places - self.course.places[edges]
-        rows = self.rotations.add_steps(self.course.rows[edges], steps)
-        offsets = self.rotations.steps_between(rows, points)
+        rows = self.rotations._add_steps(self.course.rows[edges], steps)
+        offsets = self.rotations._steps_between(rows, points)
         if self.course.yaws:
             offsets[:, 2] = 0.0
         pegs = []
@@ -406,7 +406,9 @@ class Smoother:
         spans = np.stack([control[k : len(control) - 3 + k] for k in range(4)])
         values = np.tensordot(TO_POLYNOMIAL, spans, axes=1)
         offsets = values[0] - course.places[first]
-        starts = self.rotations.add_steps(np.repeat(course.rows[[first]], len(offsets), 0), offsets)
+        starts = self.rotations._add_steps(
+            np.repeat(course.rows[[first]], len(offsets), 0), offsets
+        )
         rates = values[1] / step_time
         if sign:
             starts[:, 2] = np.arctan2(sign * rates[:, 1], sign * rates[:, 0])

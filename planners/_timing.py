@@ -382,7 +382,7 @@ def is_motion(
     ends, _, _ = place_along(segments, rotations, segments.lengths)
     before = np.concatenate([rows[:1], ends])
     after = np.concatenate([segments.starts, rows[-1:]])
-    gaps = np.abs(rotations.steps_between(before, after))
+    gaps = np.abs(rotations._steps_between(before, after))
     durations = np.diff(phases.times)
     changes = durations * phases.accelerations[:-1]
     moved = durations * (phases.speeds[:-1] + 0.5 * changes)

@@ -710,7 +710,7 @@ def _check_option(
 def _split_edges(path: DrivenPath, rotations: Rotations, velocity: LimitRates) -> Segments:
     """Return the straight edges of a path, shape (n, size)."""
     starts = align_quaternions(path.waypoints, rotations)
-    steps = rotations.steps_between(starts[:-1], starts[1:])
+    steps = rotations._steps_between(starts[:-1], starts[1:])
     return _make_segments(starts, steps, np.zeros(len(steps)), rotations, velocity)
 
 

@@ -105,7 +105,7 @@ def check_rate(space, robots, obstacles, rng, constant=CONSTANT, depth=1.0):
     diagonal = spacing * math.sqrt(dim)
     corners = np.array(list(itertools.product((0, 1), repeat=dim)))
     for cell, q in draw_rotations(space.rotations, rng):
-        matrix = space.rotations.make_matrices(q, dim)
+        matrix = space.rotations._make_matrices(q, dim)
         angle = space.rotations.covering_angles[cell]
         states = space.states_at(q) if len(q) else space.states_at()
         reach = max(part.reach() for part in robots)
@@ -137,12 +137,12 @@ def draw_rotations(rotations, rng):
         yield 0, np.empty(0)
         return
     for cell in rng.choice(len(rotations), min(3, len(rotations)), replace=False):
-        if rotations.about_z:
+        if rotations._about_z:
             low, high = rotations.borders[cell : cell + 2]
             for share in (1e-7, 0.5, rng.random(), 1.0 - 1e-7):
                 yield cell, np.array([low + share * (high - low)])
         else:
-            yield cell, rotations.sample(np.array([cell]), 0.0, rng)[0]
+            yield cell, rotations._sample(np.array([cell]), 0.0, rng)[0]
 
 
 def draw_polygon(rng, size, place):

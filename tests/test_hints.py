@@ -124,8 +124,8 @@ def build_tiles(folder, **options):
         "wrap it first",
     ),
     (
-        lambda _: Rotations.quaternions(2).check_rotation((0, 0, 0, 2), "rotation"),
-        lambda _: Rotations.quaternions(2).check_rotation(np.array((0, 0, 0, 2)) / 2, "rotation"),
+        lambda _: Rotations.quaternions(2)._check_rotation((0, 0, 0, 2), "rotation"),
+        lambda _: Rotations.quaternions(2)._check_rotation(np.array((0, 0, 0, 2)) / 2, "rotation"),
         "divide it by its norm",
     ),
     (

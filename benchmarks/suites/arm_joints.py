@@ -193,7 +193,7 @@ def _draw_problems(
     motion joins."""
     before: Floats | None = None
     while count:
-        q: Floats | None = rng.uniform(*body.arm.ranges())
+        q: Floats | None = rng.uniform(*body.arm._ranges())
         for hand, span in body.hands.items():
             height = rng.choice([0.15, 0.55]) + rng.uniform(0.0, 0.2)
             pose = pose_at(body.front + rng.uniform(0.0, 0.1), rng.uniform(*span), height)

@@ -51,7 +51,7 @@ def run_poses(report: Report, seed: int) -> None:
             rng = np.random.default_rng(seed)
             poses = [
                 pose_of(path, frame, dict(zip(arm.joints, q, strict=True)))
-                for q in rng.uniform(*arm.ranges(), (count, arm.dof)).tolist()
+                for q in rng.uniform(*arm._ranges(), (count, arm.dof)).tolist()
             ]
             _reach(report, arm, path, frame, poses, 1)
             _reach(report, arm, path, frame, poses[: count // 10], 16)

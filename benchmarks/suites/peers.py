@@ -125,7 +125,7 @@ def _rasters_of(robot: Robot, spacing: float, rotations: int) -> list[Raster]:
     """Return the outer raster of each yaw cell."""
     return [
         robot.rasters(spacing, rotation=turn)[0]
-        for turn in Rotations.of(rotations).make_shape_cells(2)
+        for turn in Rotations.of(rotations)._make_shape_cells(2)
     ]
 
 

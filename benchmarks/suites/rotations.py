@@ -65,7 +65,7 @@ def _build(
 ) -> tuple[CSpace, Timing]:
     """Build a map, compare it with a loop of convolutions, and return its timing."""
     rotations, grid = scene.rotations(cuts), scene.workspace.grid
-    slice_of = rotations.assign_slices(scene.robot.shape)
+    slice_of = rotations._assign_slices(scene.robot.shape)
     number = int(slice_of.max()) + 1
     states = number * grid.size
     name = f"quaternions({cuts})" if cuts else "72 yaw cells"

@@ -156,8 +156,8 @@ def describe_map(space: ConfigurationMap) -> dict[str, Any]:
         "shape": list(grid.shape),
         "outside": space.outside,
         "margin_m": space.margin,
-        **space.rotations.facts,
-        **space.facts,
+        **space.rotations._facts,
+        **space._facts,
     }
 
 

@@ -141,7 +141,7 @@ def parse_rotation_cells(text: str | None) -> Rotations:
 
     if text is None:
         return Rotations.of(None)
-    kinds = {name: kind.of_value for name, kind in Rotations.KINDS.items() if kind.names}
+    kinds = {name: kind._of_value for name, kind in Rotations._KINDS.items() if kind.names}
     makers = {"": Rotations.of, **kinds}
     name, _, count = text.rpartition(":")
     if name not in makers or not count.isdecimal() or int(count) == 0:

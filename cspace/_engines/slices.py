@@ -43,13 +43,13 @@ def slice_rasters(
     the rotated geometry, unless a slice is the image of an earlier slice by quarter turns or
     mirrors. Then the raster is an image too.
     """
-    if rotations.preserve(robot.shape):
+    if rotations._preserve(robot.shape):
         return [robot.rasters(spacing, margin)]
-    rotation_cells = rotations.make_shape_cells(robot.dim)
-    slice_of = rotations.assign_slices(robot.shape)
+    rotation_cells = rotations._make_shape_cells(robot.dim)
+    slice_of = rotations._assign_slices(robot.shape)
     _, first_cells = np.unique(slice_of, return_index=True)
     # Each slice comes from the smallest of its images; the transposed matrix maps it back.
-    images = rotations.find_images(robot.shape)
+    images = rotations._find_images(robot.shape)
     image_slices = np.array([slice_of[image_cells[first_cells]] for _, image_cells in images])
     sources = image_slices.min(axis=0).tolist()
     image_of_source = image_slices.argmin(axis=0).tolist()
@@ -85,7 +85,7 @@ def raster_bytes(
     if slices == 1:
         return 0.0
     stride = max(1, len(rotations) // SAMPLED_ROTATIONS)
-    matrices = rotations.make_matrices(rotations.centers[::stride], robot.dim)
+    matrices = rotations._make_matrices(rotations.centers[::stride], robot.dim)
     low, high = robot.shape.outer.bounds
     corners = np.array(list(itertools.product(*zip(low, high, strict=True))))
     rotated_corners = corners @ matrices.swapaxes(1, 2)

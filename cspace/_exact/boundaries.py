@@ -81,7 +81,7 @@ class Problem(NamedTuple):
 
         Callers add the rounding of the configuration.
         """
-        rotation_error = self.rotations.slack * self.robot.span
+        rotation_error = self.rotations._slack * self.robot.span
         rounding = DISTANCE_ROUNDING * (self.max_coordinate + self.margin)
         return self.margin + rotation_error + rounding
 

@@ -363,7 +363,7 @@ class BoundaryProofs:
         matrices = np.zeros((len(points), 3, 3))
         positions[:, : self._dim] = points[:, : self._dim]
         matrices[:, 2, 2] = 1.0
-        matrices[:, : self._dim, : self._dim] = self._rotations.rotation_matrices(points)
+        matrices[:, : self._dim, : self._dim] = self._rotations._rotation_matrices(points)
         return positions, matrices
 
     def _are_nested(self, q: Floats) -> Bools:
@@ -408,7 +408,7 @@ def _build_boundary_trees(
         RoundedSimplices(scale * part.simplices, scale * part.radii)
         for part in (robot, obstacles, as_triangles(faces))
     ]
-    trees, roots = build_trees(scaled, problem.rotations.about_z)
+    trees, roots = build_trees(scaled, problem.rotations._about_z)
     robot_root, obstacle_root, wall_root = roots
     required = problem.required_distance + walls.error + DISTANCE_ROUNDING * max_coordinate
     return BoundaryTrees(

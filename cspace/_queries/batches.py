@@ -161,4 +161,4 @@ def _make_unusable_error(values: NDArray[Any], name: str, index: int) -> InputEr
     numbers = tuple(values.astype(np.float64).tolist())
     problem = f"number {index} is {numbers}"
     hint = "correct or remove such configurations first"
-    return InputError(name, problem, Rotations.all_limits(), hint)
+    return InputError(name, problem, Rotations._all_limits(), hint)

@@ -67,12 +67,12 @@ def sample(
     There must be at least one FREE cell.
     """
     # Rotation cells first, in proportion to their FREE cells; then a cell of each; then a point.
-    rotation_cells = rotations.draw_cells(free.counts[slice_of], n, rng)
+    rotation_cells = rotations._draw_cells(free.counts[slice_of], n, rng)
     indices = free.draw(slice_of[rotation_cells], rng)
     cells = np.stack(np.unravel_index(indices, grid.shape), axis=1)
     within_cell = rng.uniform(BORDER_MARGIN, 1.0 - BORDER_MARGIN, size=(n, grid.dim))
     positions = grid.lower + grid.spacing * (cells + within_cell)
-    turns = rotations.sample(rotation_cells, BORDER_MARGIN, rng)
+    turns = rotations._sample(rotation_cells, BORDER_MARGIN, rng)
     return np.concatenate([positions, turns], axis=1)
 
 
@@ -84,7 +84,7 @@ def nearest(
     A radian counts as half a metre.
     """
     position = q[: grid.dim]
-    turn_lengths = METRES_PER_RADIAN * rotations.angles_to_centers(q)
+    turn_lengths = METRES_PER_RADIAN * rotations._angles_to_centers(q)
     nearest_first = np.argsort(turn_lengths, kind="stable")
     best = None
     min_distance = math.inf

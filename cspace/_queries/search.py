@@ -167,7 +167,7 @@ def turn_costs(rotations: Rotations, dim: int, spacing: float) -> Floats:
     # Steps between the centers of rotation cells at one position.
     origins = np.zeros((len(rotations), dim))
     centers = np.column_stack([origins, rotations.centers])
-    steps = rotations.steps_between(centers[:, np.newaxis], centers[rotations.neighbors])
+    steps = rotations._steps_between(centers[:, np.newaxis], centers[rotations._neighbors])
     angles = np.linalg.norm(steps, axis=-1)
     return np.asarray(METRES_PER_RADIAN / spacing * angles)
 

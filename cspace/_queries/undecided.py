@@ -69,7 +69,7 @@ class Undecided:
         is_mixed[tuple(cells.T)] = False
         undecided = is_mixed.copy()
         slice_of = np.arange(len(self.rotations))
-        turns = (self.rotations.neighbors, self.turn_costs)
+        turns = (self.rotations._neighbors, self.turn_costs)
         while clock() < until:
             try:
                 chain = find_chain(passable, slice_of, turns, cells[0], cells[1], until)
@@ -124,7 +124,7 @@ class Undecided:
 
         ``edges`` has shape (n, 2, size); ``candidates``, shape (rotations, ...), is a mask.
         """
-        rotations = self.rotations.find_cells(edges)
+        rotations = self.rotations._find_cells(edges)
         corners = np.sort(self.grid.cell_of(edges[..., : self.grid.dim]), axis=1)
         selected = []
         # Cells of the box between both ends, at the rotation of either end.

@@ -88,7 +88,7 @@ class WidthMap:
         while True:
             # The cell itself, neighbouring rotations, and cells that share a side.
             rotation, *position = path[-1]
-            rotations = self.rotations.neighbors[rotation].tolist()
+            rotations = self.rotations._neighbors[rotation].tolist()
             candidates = [path[-1]] + [(other, *position) for other in rotations if other >= 0]
             for axis, step in product(range(len(position)), (-1, 1)):
                 near = position.copy()
@@ -116,7 +116,7 @@ class WidthMap:
         is_done = False
         while not is_done:
             check_deadline(until)
-            is_done = flood(layered, self.slice_of, self.rotations.neighbors, last, queue)
+            is_done = flood(layered, self.slice_of, self.rotations._neighbors, last, queue)
         return float(queue.level[0]) / LEVELS_PER_CELL
 
     def shortest(self, start: Ints, goal: Ints, min_width: float, until: float) -> Ints:
@@ -125,7 +125,7 @@ class WidthMap:
         Raises TimeoutError after ``until``.
         """
         states = narrow_states(self.widths, min_width)
-        turns = self.rotations.neighbors, self.turns
+        turns = self.rotations._neighbors, self.turns
         return find_chain(states, self.slice_of, turns, start, goal, until)
 
 
@@ -245,7 +245,7 @@ def find_widest_path(
     """
     rotations = widths.rotations
     configurations, (start, goal) = endpoints
-    q = rotations.make_canonical(configurations)
+    q = rotations._make_canonical(configurations)
     # Climb from both ends, and connect the two local maxima.
     from_start = widths.climb(start)
     from_goal = widths.climb(goal)

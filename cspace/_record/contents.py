@@ -84,7 +84,7 @@ class Contents:
 
     def leading(self, n: int) -> tuple[int, ...]:
         """Return the shape of n slices of cells; without rotations, that of the cells alone."""
-        return (*self.rotations.leading_axes(n), *self.grid.shape)
+        return (*self.rotations._leading_axes(n), *self.grid.shape)
 
     def copy(self) -> Contents:
         """Return a copy that shares only constant arrays."""

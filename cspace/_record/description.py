@@ -127,8 +127,8 @@ def describe_arrays() -> dict[str, StoredArray]:
     They are :data:`ARRAYS` and the arrays of every kind of rotation cells.
     """
     descriptions = dict(ARRAYS)
-    for kind in Rotations.KINDS.values():
-        for name, coordinate in kind.COORDINATES.items():
+    for kind in Rotations._KINDS.values():
+        for name, coordinate in kind._COORDINATES.items():
             # The first axis counts the rotation cells; the coordinate names and sizes the others.
             axes = " ".join(["rotation", *coordinate.axes])
             # The CF attribute ``bounds`` names the array with the boundaries of the cells.
@@ -215,7 +215,7 @@ def arrays_of(contents: Contents) -> dict[str, Any]:
     if contents.overlap_counts is not None:
         arrays["overlap_counts"] = read_only(contents.overlap_counts)
     arrays |= {axis: grid.centers(i) for i, axis in enumerate(AXES[: grid.dim])}
-    return {**arrays, **contents.rotations.stored_arrays, **shapes_array(workspace.shapes)}
+    return {**arrays, **contents.rotations._stored_arrays, **shapes_array(workspace.shapes)}
 
 
 def shapes_array(shapes: Sequence[Shape] | None) -> dict[str, NDArray[Any]]:
@@ -240,8 +240,8 @@ def shapes_from(array: NDArray[Any]) -> tuple[Shape, ...]:
 def turns_of(names: Iterable[str]) -> tuple[str, ...]:
     """Return which names are of arrays of rotation cells; empty if the robot does not rotate."""
     all_names = set(names)
-    for kind in Rotations.KINDS.values():
-        coordinates = tuple(kind.COORDINATES)
+    for kind in Rotations._KINDS.values():
+        coordinates = tuple(kind._COORDINATES)
         # The first name of a kind is in no other kind.
         if coordinates and coordinates[0] in all_names:
             return coordinates

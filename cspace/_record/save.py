@@ -392,12 +392,12 @@ def _check_rotations(
 
     Raises ValueError if a stored array differs from the one that they determine.
     """
-    rotations = Rotations.from_stored_arrays({name: arrays[name] for name in turns_of(arrays)})
-    rotations.check_dimension(robot.dim)
-    slice_of = rotations.assign_slices(robot.shape)
+    rotations = Rotations._from_stored_arrays({name: arrays[name] for name in turns_of(arrays)})
+    rotations._check_dimension(robot.dim)
+    slice_of = rotations._assign_slices(robot.shape)
     if slice_of.max() + 1 != attributes["slices"]:
         raise ValueError("its number of slices differs from that of its robot")
-    expected = {"slice_of": slice_of, **rotations.stored_arrays}
+    expected = {"slice_of": slice_of, **rotations._stored_arrays}
     expected |= {axis: grid.centers(k) for k, axis in enumerate(AXES[: grid.dim])}
     for name, values in expected.items():
         rounding = _ROTATION_ROUNDING * max(1.0, float(np.abs(values).max()))

@@ -11,4 +11,4 @@ from cspace._rotations.base import Rotations as Rotations
 from cspace._rotations.quaternion import QuaternionRotations
 from cspace._rotations.yaw import YawRotations
 
-Rotations.KINDS.update(fixed=OneRotation, yaw=YawRotations, quaternions=QuaternionRotations)
+Rotations._KINDS.update(fixed=OneRotation, yaw=YawRotations, quaternions=QuaternionRotations)

@@ -216,22 +216,22 @@ class Rotations(ABC):
         Their units: "rad", or "1" for quaternions.
     """
 
-    KINDS: ClassVar[dict[str, type[Rotations]]] = {}
+    _KINDS: ClassVar[dict[str, type[Rotations]]] = {}
     """Classes of rotation cells by name, see ``cspace._rotations``."""
 
-    COORDINATES: ClassVar[Mapping[str, Coordinate]] = {}
+    _COORDINATES: ClassVar[Mapping[str, Coordinate]] = {}
     """Descriptions of ``stored_arrays`` by name; the first name is unique to the kind."""
 
     names: ClassVar[tuple[str, ...]] = ()
     units: ClassVar[tuple[str, ...]] = ()
 
-    limits: ClassVar[str] = ""
+    _limits: ClassVar[str] = ""
     """Rule for the coordinates, for messages; empty if there is none."""
 
-    slack: ClassVar[float] = ANGLE_SLACK
+    _slack: ClassVar[float] = ANGLE_SLACK
     """Maximum rotation error of a configuration due to rounding, in radians."""
 
-    about_z: ClassVar[bool] = False
+    _about_z: ClassVar[bool] = False
     """True if all rotations are about the z axis."""
 
     @staticmethod
@@ -254,7 +254,7 @@ class Rotations(ABC):
         if isinstance(value, Rotations):
             return value
         kind = "fixed" if value is None else "yaw"
-        return Rotations.KINDS[kind].of_value(value)
+        return Rotations._KINDS[kind]._of_value(value)
 
     @staticmethod
     def quaternions(n: int) -> Rotations:
@@ -281,10 +281,10 @@ class Rotations(ABC):
         >>> len(cspace.Rotations.quaternions(8))
         2048
         """
-        return Rotations.KINDS["quaternions"].of_value(n)
+        return Rotations._KINDS["quaternions"]._of_value(n)
 
     @staticmethod
-    def from_stored_arrays(coordinates: Mapping[str, NDArray[Any]]) -> Rotations:
+    def _from_stored_arrays(coordinates: Mapping[str, NDArray[Any]]) -> Rotations:
         """Make rotation cells from their ``stored_arrays``, exactly.
 
         Other arrays are ignored.
@@ -292,46 +292,46 @@ class Rotations(ABC):
         # The first kind, OneRotation, has no arrays, so that it matches if no other kind does.
         matching = [
             kind
-            for kind in Rotations.KINDS.values()
-            if coordinates.keys() >= kind.COORDINATES.keys()
+            for kind in Rotations._KINDS.values()
+            if coordinates.keys() >= kind._COORDINATES.keys()
         ]
-        return matching[-1].of_stored_arrays(coordinates)
+        return matching[-1]._of_stored_arrays(coordinates)
 
     @staticmethod
-    def all_names() -> list[str]:
+    def _all_names() -> list[str]:
         """Return the coordinate names of all kinds of rotations.
 
         No other coordinate has such a name.
         """
-        return list(Rotations.all_units())
+        return list(Rotations._all_units())
 
     @staticmethod
-    def all_units() -> dict[str, str]:
+    def _all_units() -> dict[str, str]:
         """Return the units of all coordinates of rotations, by name."""
         units: dict[str, str] = {}
-        for kind in Rotations.KINDS.values():
+        for kind in Rotations._KINDS.values():
             units.update(zip(kind.names, kind.units, strict=True))
         return units
 
     @staticmethod
-    def all_limits() -> str:
+    def _all_limits() -> str:
         """Return the rule for configurations of all kinds, for messages."""
-        limits = (kind.limits for kind in Rotations.KINDS.values() if kind.limits)
+        limits = (kind._limits for kind in Rotations._KINDS.values() if kind._limits)
         return f"numbers must be finite, {', '.join(limits)}"
 
     @classmethod
     @abstractmethod
-    def of_value(cls, value: ArrayLike | None) -> Rotations:
+    def _of_value(cls, value: ArrayLike | None) -> Rotations:
         """Make cells of one kind from the user's value, after checking it."""
 
     @classmethod
     @abstractmethod
-    def of_stored_arrays(cls, coordinates: Mapping[str, NDArray[Any]]) -> Rotations:
+    def _of_stored_arrays(cls, coordinates: Mapping[str, NDArray[Any]]) -> Rotations:
         """Make cells of one kind from their ``stored_arrays``."""
 
     # ---- rotations as numbers
 
-    def make_canonical(self, q: Floats, name: str = "q") -> Floats:
+    def _make_canonical(self, q: Floats, name: str = "q") -> Floats:
         """Wrap yaws of configurations to [-pi, pi), and normalise quaternions.
 
         Configurations have the shape (..., d + size). Coordinates that are canonical stay unchanged
@@ -340,34 +340,34 @@ class Rotations(ABC):
         Raises InputError if a yaw is too large to be wrapped exactly, or the norm of a quaternion
         is not 1 within 1e-6.
         """
-        position, rotation = self.split_configurations(q)
-        return np.concatenate([position, self.canonical_rotation(rotation, name)], axis=-1)
+        position, rotation = self._split_configurations(q)
+        return np.concatenate([position, self._canonical_rotation(rotation, name)], axis=-1)
 
-    def steps_between(self, q0: Floats, q1: Floats) -> Floats:
+    def _steps_between(self, q0: Floats, q1: Floats) -> Floats:
         """Return the steps between configurations, with the shorter rotation."""
-        position0, rotation0 = self.split_configurations(q0)
-        position1, rotation1 = self.split_configurations(q1)
+        position0, rotation0 = self._split_configurations(q0)
+        position1, rotation1 = self._split_configurations(q1)
         translation = position1 - position0
-        rotation = self.rotation_between(rotation0, rotation1)
+        rotation = self._rotation_between(rotation0, rotation1)
         return np.concatenate([translation, rotation], axis=-1)
 
-    def add_steps(self, q: Floats, steps: Floats) -> Floats:
+    def _add_steps(self, q: Floats, steps: Floats) -> Floats:
         """Return configurations after steps or fractions of steps.
 
         The rotation is even along a step.
         """
-        position, rotation = self.split_configurations(q)
+        position, rotation = self._split_configurations(q)
         dim = position.shape[-1]
         moved = position + steps[..., :dim]
-        turned = self.rotate(rotation, steps[..., dim:])
+        turned = self._rotate(rotation, steps[..., dim:])
         return np.concatenate([moved, turned], axis=-1)
 
-    def rotation_matrices(self, q: Floats) -> Floats:
+    def _rotation_matrices(self, q: Floats) -> Floats:
         """Return the rotation matrices of configurations, shape (..., d, d)."""
-        position, rotation = self.split_configurations(q)
-        return self.make_matrices(rotation, position.shape[-1])
+        position, rotation = self._split_configurations(q)
+        return self._make_matrices(rotation, position.shape[-1])
 
-    def check_rotation(self, rotation: ArrayLike, name: str = "rotation") -> Floats:
+    def _check_rotation(self, rotation: ArrayLike, name: str = "rotation") -> Floats:
         """Check one rotation; return its canonical coordinates.
 
         Raises InputError if it is not one rotation.
@@ -379,26 +379,26 @@ class Rotations(ABC):
                 rule = f"a rotation is given by {', '.join(self.names)}"
             problem = f"has shape {numbers.shape}"
             raise InputError(name, problem, rule, "pass one rotation")
-        canonical = self.canonical_rotation(numbers, name)
+        canonical = self._canonical_rotation(numbers, name)
         warn_of_degrees(numbers, angle_axes(self.names), name)
         return canonical
 
-    def format_rotation(self, rotation: Floats) -> str:
+    def _format_rotation(self, rotation: Floats) -> str:
         """Format a rotation for people."""
         return ""
 
-    def from_matrix(self, matrix: Floats) -> Floats:
+    def _from_matrix(self, matrix: Floats) -> Floats:
         """Return the rotation of a rotation matrix.
 
         The matrix is in space; for a yaw, its part about z counts.
         """
         return np.empty(0)
 
-    def find_yaw(self, q: Floats) -> float | None:
+    def _find_yaw(self, q: Floats) -> float | None:
         """Return the yaw of a configuration, radians; None if there is none."""
         return None
 
-    def sample_near(
+    def _sample_near(
         self, rotation: Sequence[float], angle: float, numbers: Iterator[float]
     ) -> Sequence[float]:
         """Sample a rotation within an angle, from uniform numbers of [0, 1).
@@ -407,24 +407,24 @@ class Rotations(ABC):
         """
         return rotation
 
-    def split_configurations(self, q: Floats) -> tuple[Floats, Floats]:
+    def _split_configurations(self, q: Floats) -> tuple[Floats, Floats]:
         """Split configurations into position and rotation."""
         dim = q.shape[-1] - len(self.names)
         return q[..., :dim], q[..., dim:]
 
-    def canonical_rotation(self, rotation: Floats, name: str) -> Floats:
+    def _canonical_rotation(self, rotation: Floats, name: str) -> Floats:
         """Return canonical coordinates of rotations."""
         return rotation
 
-    def rotation_between(self, first: Floats, second: Floats) -> Floats:
+    def _rotation_between(self, first: Floats, second: Floats) -> Floats:
         """Return the rotation vectors from rotations to others."""
         return second - first
 
-    def rotate(self, rotation: Floats, by: Floats) -> Floats:
+    def _rotate(self, rotation: Floats, by: Floats) -> Floats:
         """Apply rotation vectors to rotations."""
         return rotation
 
-    def make_matrices(self, rotation: Floats, dim: int) -> Floats:
+    def _make_matrices(self, rotation: Floats, dim: int) -> Floats:
         """Return the matrices of rotations."""
         return np.broadcast_to(np.eye(dim), (*rotation.shape[:-1], dim, dim))
 
@@ -441,7 +441,7 @@ class Rotations(ABC):
         """
         return np.zeros((), dtype=np.int64)
 
-    def find_one_cell(self, rotation: ArrayLike | None, name: str, rule: str) -> int:
+    def _find_one_cell(self, rotation: ArrayLike | None, name: str, rule: str) -> int:
         """Return the cell that contains a rotation, or the only cell.
 
         Raises
@@ -456,27 +456,27 @@ class Rotations(ABC):
             raise InputError(name, "is missing", rule, hint)
         if rotation is None:
             return 0
-        return int(self.find_cells(self.check_rotation(rotation, name)))
+        return int(self._find_cells(self._check_rotation(rotation, name)))
 
-    def find_cells(self, q: Floats) -> Ints:
+    def _find_cells(self, q: Floats) -> Ints:
         """Return the cells of configurations, shape (..., d + size)."""
         return np.zeros(q.shape[:-1], dtype=np.int64)
 
-    def leading_axes(self, n: int) -> tuple[int, ...]:
+    def _leading_axes(self, n: int) -> tuple[int, ...]:
         """Return the leading axes of n grids.
 
         The axes of such an array are (), or (n,) if there can be several.
         """
         return (n,)
 
-    def preserve(self, shape: Symmetric) -> bool:
+    def _preserve(self, shape: Symmetric) -> bool:
         """Return True if rotations leave a shape unchanged.
 
         All rotations of all cells must map the shape to itself.
         """
         return True
 
-    def check_dimension(self, dim: int) -> None:  # noqa: B027
+    def _check_dimension(self, dim: int) -> None:  # noqa: B027
         """Refuse dimensions that do not have such rotations.
 
         Raises
@@ -485,7 +485,7 @@ class Rotations(ABC):
             If ``dim`` is one.
         """
 
-    def assign_slices(self, shape: Symmetric) -> Ints:
+    def _assign_slices(self, shape: Symmetric) -> Ints:
         """Return the slice of each cell for a robot, shape (count,).
 
         Cells whose rotations differ by a symmetry of the robot share a slice. Slices are numbered
@@ -493,12 +493,12 @@ class Rotations(ABC):
         """
         return np.zeros(1, dtype=np.int64)
 
-    def make_shape_cells(self, dim: int) -> list[RotationCell]:
+    def _make_shape_cells(self, dim: int) -> list[RotationCell]:
         """Return the cells in the form for shapes of dimension ``dim``."""
-        matrices = self.make_matrices(self.centers, dim)
+        matrices = self._make_matrices(self.centers, dim)
         angles = self.covering_angles.tolist()
         return [
-            RotationCell(matrix, angle, self.about_z)
+            RotationCell(matrix, angle, self._about_z)
             for matrix, angle in zip(matrices, angles, strict=True)
         ]
 
@@ -517,7 +517,7 @@ class Rotations(ABC):
         return np.zeros(1)
 
     @property
-    def stored_arrays(self) -> dict[str, Floats]:
+    def _stored_arrays(self) -> dict[str, Floats]:
         """Arrays that describe the cells in files, by name.
 
         The first axis counts the cells.
@@ -525,26 +525,26 @@ class Rotations(ABC):
         return {}
 
     @property
-    def volumes(self) -> Floats:
+    def _volumes(self) -> Floats:
         """Volume of each cell, shape (count,), in any unit."""
         return np.ones(1)
 
-    def draw_cells(self, shares: Ints, n: int, rng: np.random.Generator) -> Ints:
+    def _draw_cells(self, shares: Ints, n: int, rng: np.random.Generator) -> Ints:
         """Draw cells with probabilities proportional to volume times share, shape (n,).
 
         ``shares``, shape (count,), has an entry above zero.
         """
-        sizes = shares * self.volumes
+        sizes = shares * self._volumes
         return rng.choice(len(self), size=n, p=sizes / sizes.sum())
 
-    def sample(self, cells: Ints, margin: float, rng: np.random.Generator) -> Floats:
+    def _sample(self, cells: Ints, margin: float, rng: np.random.Generator) -> Floats:
         """Draw a rotation uniformly from each of some cells, shape (n, size).
 
         ``margin`` is the fraction of a cell that is left out at each boundary.
         """
         return np.zeros((len(cells), 0))
 
-    def angles_to_centers(self, q: Floats) -> Floats:
+    def _angles_to_centers(self, q: Floats) -> Floats:
         """Return the angles between rotations and the representatives of all cells.
 
         ``q`` are configurations, shape (..., d + size); the result has the shape (..., count),
@@ -552,7 +552,7 @@ class Rotations(ABC):
         """
         return np.zeros((*q.shape[:-1], 1))
 
-    def find_cells_within(self, q: Floats, angles: Floats) -> tuple[Ints, Ints]:
+    def _find_cells_within(self, q: Floats, angles: Floats) -> tuple[Ints, Ints]:
         """Return the rotation cells near configurations.
 
         They have a rotation within an angle of the rotation of each configuration. ``q`` has the
@@ -565,20 +565,20 @@ class Rotations(ABC):
         for first in range(0, max(len(q), 1), batch_size):
             batch = slice(first, first + batch_size)
             reach = self.covering_angles + angles[batch, None]
-            index, cell = np.nonzero(self.angles_to_centers(q[batch]) <= reach)
+            index, cell = np.nonzero(self._angles_to_centers(q[batch]) <= reach)
             indices.append(first + index)
             cells.append(cell)
         return np.concatenate(indices), np.concatenate(cells)
 
     @property
-    def neighbors(self) -> Ints:
+    def _neighbors(self) -> Ints:
         """Cells that share a boundary with each cell, shape (count, n).
 
         Missing neighbours are -1.
         """
         return np.zeros((1, 0), dtype=np.int64)
 
-    def find_images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
+    def _find_images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
         """Return the rotations and mirrors that map cells to cells.
 
         Let S and M be signed permutation matrices, and M map the robot A to itself. Then S R A
@@ -588,27 +588,27 @@ class Rotations(ABC):
         """
         return [(np.eye(len(shape.symmetries[0])), np.arange(len(self)))]
 
-    def make_lookups(self, slice_of: Ints) -> RotationTable:
+    def _make_lookups(self, slice_of: Ints) -> RotationTable:
         """Return the rotation cells for kernels."""
         return RotationTable(np.empty(0), np.ascontiguousarray(slice_of))
 
     @property
-    def facts(self) -> dict[str, object]:
+    def _facts(self) -> dict[str, object]:
         """Facts about the cells, for people, by name."""
         width = float(np.degrees(2.0 * self.covering_angles.max()))
         return {"rotations": len(self), "rotation_cell_deg": round(width, 6)}
 
     @property
-    def only_rotation(self) -> Floats | None:
+    def _only_rotation(self) -> Floats | None:
         """Rotation of a robot that only translates, shape (0,); None for others."""
         return None
 
-    def describe(self, rotation: Floats | None) -> str:
+    def _describe(self, rotation: Floats | None) -> str:
         """Describe the cell that contains a rotation, or else all cells."""
         angles = np.degrees(2.0 * self.covering_angles)
         if rotation is not None:
             width = angles[self.cell_of(rotation)].item()
-            return f"{self.format_rotation(rotation)}, in a rotation cell of {width:.3g}°"
+            return f"{self._format_rotation(rotation)}, in a rotation cell of {width:.3g}°"
         widths = f"{angles.min():.3g}°"
         if np.ptp(angles) >= 1e-6:
             widths = f"{widths} to {angles.max():.3g}°"
@@ -627,36 +627,36 @@ class Rotations(ABC):
 class OneRotation(Rotations):
     """The one rotation cell of a robot that only translates."""
 
-    slack: ClassVar[float] = 0.0
+    _slack: ClassVar[float] = 0.0
 
     @classmethod
-    def of_value(cls, value: ArrayLike | None = None) -> OneRotation:
+    def _of_value(cls, value: ArrayLike | None = None) -> OneRotation:
         """Return the only cell."""
         return cls()
 
     @classmethod
-    def of_stored_arrays(cls, coordinates: Mapping[str, NDArray[Any]]) -> OneRotation:
+    def _of_stored_arrays(cls, coordinates: Mapping[str, NDArray[Any]]) -> OneRotation:
         """Return the only cell."""
         return cls()
 
     @property
-    def facts(self) -> dict[str, object]:
+    def _facts(self) -> dict[str, object]:
         """No facts."""
         return {}
 
     @property
-    def only_rotation(self) -> Floats:
+    def _only_rotation(self) -> Floats:
         """The rotation, shape (0,)."""
         return np.empty(0)
 
-    def describe(self, rotation: Floats | None) -> str:
+    def _describe(self, rotation: Floats | None) -> str:
         """Return an empty text."""
         return ""
 
-    def make_shape_cells(self, dim: int) -> list[RotationCell]:
+    def _make_shape_cells(self, dim: int) -> list[RotationCell]:
         """Return the cell without a rotation."""
         return [NO_ROTATION]
 
-    def leading_axes(self, n: int) -> tuple[int, ...]:
+    def _leading_axes(self, n: int) -> tuple[int, ...]:
         """Return no axes."""
         return ()

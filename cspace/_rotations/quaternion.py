@@ -61,8 +61,8 @@ class QuaternionRotations(Rotations):
     n: int
     names = ("qx", "qy", "qz", "qw")
     units = ("1",) * 4
-    limits = "a quaternion (qx, qy, qz, qw) of norm 1"
-    COORDINATES: ClassVar[Mapping[str, Coordinate]] = {
+    _limits = "a quaternion (qx, qy, qz, qw) of norm 1"
+    _COORDINATES: ClassVar[Mapping[str, Coordinate]] = {
         "quaternion": Coordinate(
             "representative of a rotation cell, as (x, y, z, w)", "1", {"component": 4}
         ),
@@ -70,7 +70,7 @@ class QuaternionRotations(Rotations):
     }
 
     @classmethod
-    def of_value(cls, value: ArrayLike | None) -> QuaternionRotations:
+    def _of_value(cls, value: ArrayLike | None) -> QuaternionRotations:
         """Create cells from the number of parts of an axis.
 
         See :meth:`Rotations.quaternions`.
@@ -79,15 +79,15 @@ class QuaternionRotations(Rotations):
         return cls(check_count(value, "rotations", 1, MAX_PARTS_PER_AXIS, hint))
 
     @classmethod
-    def of_stored_arrays(cls, coordinates: Mapping[str, NDArray[Any]]) -> QuaternionRotations:
+    def _of_stored_arrays(cls, coordinates: Mapping[str, NDArray[Any]]) -> QuaternionRotations:
         """Create as many cells as there are centers."""
         cells_per_chart = len(coordinates["quaternion"]) / 4.0  # n^3 for each largest component
         return cls(max(1, round(cells_per_chart ** (1.0 / 3.0))))
 
-    def format_rotation(self, rotation: Floats) -> str:
+    def _format_rotation(self, rotation: Floats) -> str:
         """Format a rotation for people."""
         identity = np.array([0.0, 0.0, 0.0, 1.0])
-        vector = self.rotation_between(identity, rotation)
+        vector = self._rotation_between(identity, rotation)
         angle = float(np.linalg.norm(vector))
         if angle <= ANGLE_SLACK:
             return "not turned"
@@ -95,13 +95,13 @@ class QuaternionRotations(Rotations):
         axis_text = ", ".join(f"{x:.2g}" for x in axis.tolist())
         return f"turned {round(math.degrees(angle), 1):g}° about ({axis_text})"
 
-    def from_matrix(self, matrix: Floats) -> Floats:
+    def _from_matrix(self, matrix: Floats) -> Floats:
         """Return the rotation of a rotation matrix."""
         from scipy.spatial.transform import Rotation
 
         return np.asarray(Rotation.from_matrix(matrix).as_quat())
 
-    def sample_near(
+    def _sample_near(
         self, rotation: Sequence[float], angle: float, numbers: Iterator[float]
     ) -> Sequence[float]:
         """Sample a rotation within an angle of another one.
@@ -111,10 +111,10 @@ class QuaternionRotations(Rotations):
         # A cube of rotation vectors, in the ball of that angle.
         half_side = angle / math.sqrt(3.0)
         vector = [(2.0 * next(numbers) - 1.0) * half_side for _ in range(3)]
-        rotated: list[float] = self.rotate(np.array(rotation), np.array(vector)).tolist()
+        rotated: list[float] = self._rotate(np.array(rotation), np.array(vector)).tolist()
         return rotated
 
-    def canonical_rotation(self, rotation: Floats, name: str) -> Floats:
+    def _canonical_rotation(self, rotation: Floats, name: str) -> Floats:
         """Return quaternions, shape (..., 4), with norm 1.
 
         Raises InputError if a norm is off by more than NORM_SLACK.
@@ -129,7 +129,7 @@ class QuaternionRotations(Rotations):
         # A norm that is off by rounding alone, two units in the last place, counts as 1.
         return np.where(errors <= 4e-16, rotation, rotation / norms)
 
-    def rotation_between(self, first: Floats, second: Floats) -> Floats:
+    def _rotation_between(self, first: Floats, second: Floats) -> Floats:
         """Return the rotation vectors from quaternions to others.
 
         They have shape (..., 3), radians, about axes fixed to the first.
@@ -146,7 +146,7 @@ class QuaternionRotations(Rotations):
         scale = np.divide(angle, sine, out=np.full_like(sine, 2.0), where=is_turn)
         return np.asarray(difference * scale)
 
-    def rotate(self, rotation: Floats, by: Floats) -> Floats:
+    def _rotate(self, rotation: Floats, by: Floats) -> Floats:
         """Rotate quaternions, shape (..., 4), by rotation vectors, shape (..., 3)."""
         half_angle = np.linalg.norm(by, axis=-1, keepdims=True) / 2.0
         # The axis times the sine of half the angle; numpy's sinc(x) is sin(pi x) / (pi x).
@@ -155,7 +155,7 @@ class QuaternionRotations(Rotations):
         rotated = multiply(rotation, turn)
         return np.asarray(rotated / np.linalg.norm(rotated, axis=-1, keepdims=True))
 
-    def make_matrices(self, rotation: Floats, dim: int) -> Floats:
+    def _make_matrices(self, rotation: Floats, dim: int) -> Floats:
         """Return the matrices of quaternions, shape (..., 3, 3)."""
         from scipy.spatial.transform import Rotation
 
@@ -181,7 +181,7 @@ class QuaternionRotations(Rotations):
         lie in one cell.
         """
         q = check_points(rotation, "rotation", 4)
-        self.canonical_rotation(q, "rotation")
+        self._canonical_rotation(q, "rotation")
         largest = np.abs(q).argmax(axis=-1)  # the first of equals
         # A cell is given by its largest component, and the parts of the quotients of the others.
         others = np.take_along_axis(q, np.asarray(OTHER_COMPONENTS)[largest], axis=-1)
@@ -191,25 +191,25 @@ class QuaternionRotations(Rotations):
         cells_in_chart = parts @ np.array([self.n**2, self.n, 1])
         return np.asarray(largest * self.n**3 + cells_in_chart, dtype=np.int64)
 
-    def find_cells(self, q: Floats) -> Ints:
+    def _find_cells(self, q: Floats) -> Ints:
         """Return the cells of configurations."""
         return self.cell_of(q[..., -4:])
 
-    def check_dimension(self, dim: int) -> None:
+    def _check_dimension(self, dim: int) -> None:
         """Raise InputError for maps of the plane."""
         if dim == 2:
             rule = "a robot in the plane turns by its yaw"
             hint = "pass e.g. rotations=72"
             raise InputError("rotations", f"are {self}", rule, hint)
 
-    def preserve(self, shape: Symmetric) -> bool:
+    def _preserve(self, shape: Symmetric) -> bool:
         """Return True if rotations leave a shape unchanged.
 
         It must be a ball about its reference point.
         """
         return shape.is_round
 
-    def assign_slices(self, shape: Symmetric) -> Ints:
+    def _assign_slices(self, shape: Symmetric) -> Ints:
         """Return the slice of each cell.
 
         Cells related by a half turn of the robot share a slice. In quaternions, half turns about
@@ -226,7 +226,7 @@ class QuaternionRotations(Rotations):
                 smallest = np.minimum(smallest, smallest[images])
         return np.unique(smallest, return_inverse=True)[1].astype(np.int64)
 
-    def find_images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
+    def _find_images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
         """List the rotations and mirrors between cells.
 
         They permute and negate quaternion components. So they map cells to cells. Each has its
@@ -246,7 +246,7 @@ class QuaternionRotations(Rotations):
         order = np.argsort(-signs, kind="stable")
         symmetries = symmetries[order]
         # A mirror is a rotation times the point reflection.
-        rotations = self.from_matrix(symmetries * signs[order, None, None])[:, None, None]
+        rotations = self._from_matrix(symmetries * signs[order, None, None])[:, None, None]
         # Products with the unit quaternions are the columns of linear maps of quaternions.
         units = np.eye(4)
         half_turns = multiply(units, rotations * _CONJUGATE).swapaxes(1, 2)
@@ -276,22 +276,22 @@ class QuaternionRotations(Rotations):
         return _chart(self.n).covering_angles
 
     @property
-    def stored_arrays(self) -> dict[str, Floats]:
+    def _stored_arrays(self) -> dict[str, Floats]:
         """Centers and covering angles of the cells.
 
         They have shapes (count, 4) and (count,), in radians.
         """
-        return dict(zip(self.COORDINATES, (self.centers, self.covering_angles), strict=True))
+        return dict(zip(self._COORDINATES, (self.centers, self.covering_angles), strict=True))
 
     @property
-    def volumes(self) -> Floats:
+    def _volumes(self) -> Floats:
         """Haar measure of each cell.
 
         The measures sum to 1.
         """
         return _chart(self.n).volumes
 
-    def sample(self, cells: Ints, margin: float, rng: np.random.Generator) -> Floats:
+    def _sample(self, cells: Ints, margin: float, rng: np.random.Generator) -> Floats:
         """Draw a quaternion from each of several cells.
 
         It is uniform in Haar measure. ``margin`` is a fraction of the width of a cell at each
@@ -318,7 +318,7 @@ class QuaternionRotations(Rotations):
             pending = pending[~accepted]
         return _quaternions(charts, quotients)
 
-    def angles_to_centers(self, q: Floats) -> Floats:
+    def _angles_to_centers(self, q: Floats) -> Floats:
         """Return the angles to all centers.
 
         They are in radians, shape (..., count).
@@ -327,7 +327,7 @@ class QuaternionRotations(Rotations):
         return np.asarray(2.0 * np.arccos(np.minimum(cosines, 1.0)))
 
     @property
-    def neighbors(self) -> Ints:
+    def _neighbors(self) -> Ints:
         """Neighbors of each cell along the axes of its chart.
 
         Their shape is (count, 6). They may lie in another chart, in which another component is
@@ -348,7 +348,7 @@ class QuaternionRotations(Rotations):
                 neighbors.append(self.cell_of(_quaternions(charts, beyond)))
         return np.stack(neighbors, axis=1)
 
-    def make_lookups(self, slice_of: Ints) -> RotationTable:
+    def _make_lookups(self, slice_of: Ints) -> RotationTable:
         """Return the rotation cells for kernels."""
         return RotationTable(self.borders[None].copy(), np.ascontiguousarray(slice_of))
 

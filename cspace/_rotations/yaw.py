@@ -50,9 +50,9 @@ class YawRotations(Rotations):
     borders: tuple[float, ...]
     names = ("yaw",)
     units = ("rad",)
-    about_z = True
-    limits = f"a yaw at most {MAX_ANGLE:.0f} rad"
-    COORDINATES: ClassVar[Mapping[str, Coordinate]] = {
+    _about_z = True
+    _limits = f"a yaw at most {MAX_ANGLE:.0f} rad"
+    _COORDINATES: ClassVar[Mapping[str, Coordinate]] = {
         "yaw": Coordinate("middle of a rotation cell, in [-pi, pi)", "rad", bounds="yaw_bounds"),
         "yaw_bounds": Coordinate(
             "borders of a rotation cell, ascending over one turn", "rad", {"bound": 2}
@@ -61,7 +61,7 @@ class YawRotations(Rotations):
     }
 
     @classmethod
-    def of_value(cls, value: ArrayLike | None) -> YawRotations:
+    def _of_value(cls, value: ArrayLike | None) -> YawRotations:
         """Make cells from a count or from their boundaries, see :meth:`Rotations.of`."""
         if value is None or np.ndim(value) == 0:
             hint = (
@@ -76,27 +76,27 @@ class YawRotations(Rotations):
         return cls((*borders, borders[0] + TWO_PI))
 
     @classmethod
-    def of_stored_arrays(cls, coordinates: Mapping[str, NDArray[Any]]) -> YawRotations:
+    def _of_stored_arrays(cls, coordinates: Mapping[str, NDArray[Any]]) -> YawRotations:
         """Make cells from their bounds."""
         starts, stops = coordinates["yaw_bounds"].T
-        return cls.of_value([*starts.tolist(), float(stops[-1])])
+        return cls._of_value([*starts.tolist(), float(stops[-1])])
 
-    def format_rotation(self, rotation: Floats) -> str:
+    def _format_rotation(self, rotation: Floats) -> str:
         """Format a rotation for people."""
         degrees = round(math.degrees(rotation[0]), 1)
         wrapped_degrees = round((degrees + 180.0) % 360.0 - 180.0, 1)
         return f"yaw {wrapped_degrees + 0.0:g}°"  # adding zero drops the sign of -0
 
-    def from_matrix(self, matrix: Floats) -> Floats:
+    def _from_matrix(self, matrix: Floats) -> Floats:
         """Return the rotation of a rotation matrix, shape (1,)."""
         # The image of the x axis is the first column.
         return wrapped(np.arctan2(matrix[1, :1], matrix[0, :1]))
 
-    def find_yaw(self, q: Floats) -> float | None:
+    def _find_yaw(self, q: Floats) -> float | None:
         """Return the yaw of a configuration, radians."""
         return float(q[-1])
 
-    def sample_near(
+    def _sample_near(
         self, rotation: Sequence[float], angle: float, numbers: Iterator[float]
     ) -> Sequence[float]:
         """Sample a rotation within an angle."""
@@ -107,7 +107,7 @@ class YawRotations(Rotations):
             yaw = -math.pi
         return (yaw,)
 
-    def canonical_rotation(self, rotation: Floats, name: str) -> Floats:
+    def _canonical_rotation(self, rotation: Floats, name: str) -> Floats:
         """Wrap yaws into [-pi, pi).
 
         Raises InputError if one is too large to be wrapped exactly.
@@ -115,17 +115,17 @@ class YawRotations(Rotations):
         check_wrappable(rotation, name)
         return wrapped(rotation)
 
-    def rotation_between(self, first: Floats, second: Floats) -> Floats:
+    def _rotation_between(self, first: Floats, second: Floats) -> Floats:
         """Return the shorter angles from yaws to others, radians."""
         angles = second - first
         whole_turns = np.round(angles / TWO_PI)
         return np.asarray(angles - TWO_PI * whole_turns)
 
-    def rotate(self, rotation: Floats, by: Floats) -> Floats:
+    def _rotate(self, rotation: Floats, by: Floats) -> Floats:
         """Add angles to yaws."""
         return rotation + by
 
-    def make_matrices(self, rotation: Floats, dim: int) -> Floats:
+    def _make_matrices(self, rotation: Floats, dim: int) -> Floats:
         """Return the matrices of yaws."""
         yaws = rotation[..., 0]
         cos = np.cos(yaws)
@@ -175,15 +175,15 @@ class YawRotations(Rotations):
         # Rounding may move a yaw past the first or the last boundary.
         return np.clip(cells, 0, len(self) - 1).astype(np.int64)
 
-    def find_cells(self, q: Floats) -> Ints:
+    def _find_cells(self, q: Floats) -> Ints:
         """Return the cells of configurations."""
         return self.cell_of(q[..., -1])
 
-    def preserve(self, shape: Symmetric) -> bool:
+    def _preserve(self, shape: Symmetric) -> bool:
         """Return True if a shape is round about the z axis."""
         return shape.symmetry == 0
 
-    def assign_slices(self, shape: Symmetric) -> Ints:
+    def _assign_slices(self, shape: Symmetric) -> Ints:
         """Return the slice of each cell.
 
         Cells a symmetry apart share a slice if all cells have one width.
@@ -201,43 +201,43 @@ class YawRotations(Rotations):
         return self._yaws[:, None]
 
     @property
-    def stored_arrays(self) -> dict[str, Floats]:
+    def _stored_arrays(self) -> dict[str, Floats]:
         """Center and boundaries of each cell, and its covering angle, radians."""
         bounds = np.stack([self.borders[:-1], self.borders[1:]], axis=1)
         arrays = self._yaws, bounds, self.covering_angles
-        return dict(zip(self.COORDINATES, arrays, strict=True))
+        return dict(zip(self._COORDINATES, arrays, strict=True))
 
     @property
-    def volumes(self) -> Floats:
+    def _volumes(self) -> Floats:
         """Width of each cell, radians."""
         return np.diff(self.borders)
 
-    def sample(self, cells: Ints, margin: float, rng: np.random.Generator) -> Floats:
+    def _sample(self, cells: Ints, margin: float, rng: np.random.Generator) -> Floats:
         """Draw a yaw uniformly from each cell, in [-pi, pi)."""
         low = np.asarray(self.borders)[cells]
         fractions = rng.uniform(margin, 1.0 - margin, len(cells))
-        return wrapped(low + self.volumes[cells] * fractions)[:, None]
+        return wrapped(low + self._volumes[cells] * fractions)[:, None]
 
-    def angles_to_centers(self, q: Floats) -> Floats:
+    def _angles_to_centers(self, q: Floats) -> Floats:
         """Return the angles to all representatives."""
         angles = self._yaws - q[..., -1:]
         return np.asarray(np.abs((angles + np.pi) % TWO_PI - np.pi))
 
     @property
-    def neighbors(self) -> Ints:
+    def _neighbors(self) -> Ints:
         """Cells before and after each cell, in a ring."""
         # One cell has no neighbor, and the neighbor of one of two cells is on both sides of it.
         steps = np.arange(1, len(self)) if len(self) <= 2 else np.array([-1, 1])
         cells = np.arange(len(self))
         return (cells[:, None] + steps) % len(self)
 
-    def find_images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
+    def _find_images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
         """Return the quarter turns and mirrors that map yaw cells to yaw cells.
 
         Turns are about z; mirror planes contain z.
         """
         if not self.is_uniform():
-            return Rotations.find_images(self, shape)
+            return Rotations._find_images(self, shape)
         images: list[tuple[Floats, Ints]] = []
         for determinant in (1.0, -1.0):
             # Any other symmetry of the robot gives the same images in another order.
@@ -258,7 +258,7 @@ class YawRotations(Rotations):
                     images.append((matrix, cells))
         return images
 
-    def make_lookups(self, slice_of: Ints) -> RotationTable:
+    def _make_lookups(self, slice_of: Ints) -> RotationTable:
         """Return the rotation cells for kernels."""
         return RotationTable(np.array(self.borders), np.ascontiguousarray(slice_of))
 

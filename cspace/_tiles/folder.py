@@ -317,7 +317,7 @@ def make_frame(
     grid = Grid(whole.lower, whole.spacing, one_cell, whole.axes, whole.units)
     occupied = np.ones(one_cell, dtype=np.bool_)
     cell = Workspace(grid, occupied, occupied, source=workspace.source, shapes=workspace.shapes)
-    slice_of = rotations.assign_slices(robot.shape)
+    slice_of = rotations._assign_slices(robot.shape)
     slices = int(slice_of.max()) + 1
     states = np.full((slices, *one_cell), MIXED, dtype=np.uint8)
     return Contents(cell, robot, rotations, slice_of, states, **options)

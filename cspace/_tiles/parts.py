@@ -57,7 +57,7 @@ def open_tile(folder: TileFolder, number: int) -> OpenTile:
     """Read a tile."""
     tile = folder.read_tile(number)
     closed = np.zeros(folder.slices, dtype=np.bool_)
-    components = Components(tile.states, tile.slice_of, tile.rotations.neighbors, closed)
+    components = Components(tile.states, tile.slice_of, tile.rotations._neighbors, closed)
     return OpenTile(folder.locate_tile(number)[0], tile, CSpace(tile), components)
 
 

@@ -135,7 +135,7 @@ class TiledCSpace(ConfigurationMap):
         return f"{len(self._folder)} tiles of {sides}{share}"
 
     @property
-    def facts(self) -> dict[str, object]:
+    def _facts(self) -> dict[str, object]:
         """Plain values by name that describe the map, except its grid."""
         facts = {"tile": list(self.tile), "done_percent": round(100.0 * self.progress, 4)}
         if self.progress == 1.0:
@@ -144,9 +144,9 @@ class TiledCSpace(ConfigurationMap):
 
     # ---- queries ---------------------------------------------------------------------------------
 
-    def find_unusable(self, rows: Floats) -> int:
+    def _find_unusable(self, rows: Floats) -> int:
         """Return the index of the first unusable configuration, or -1."""
-        return self._tiles.frame.find_unusable(rows)
+        return self._tiles.frame._find_unusable(rows)
 
     def _ask(
         self, query: Callable[[CSpace, Floats], Any], rows: Floats, out: NDArray[Any], reach: int
@@ -157,7 +157,7 @@ class TiledCSpace(ConfigurationMap):
         cells. Return the index of the first unusable row, or -1.
         """
         with self._at_one_moment():
-            bad = self.find_unusable(rows)
+            bad = self._find_unusable(rows)
             if bad < 0:
                 cells = self.grid.cell_of(rows[:, : self.dim])
                 for space, chosen in self._tiles.parts_near(cells, reach):
@@ -185,7 +185,7 @@ class TiledCSpace(ConfigurationMap):
         self._refuse_geometry(exact)
         with self._at_one_moment():
             ends_in_turn = np.stack([starts, ends], axis=1).reshape(-1, self.size)
-            bad = self.find_unusable(ends_in_turn) // 2  # the index of the motion; -1 stays -1
+            bad = self._find_unusable(ends_in_turn) // 2  # the index of the motion; -1 stays -1
             if bad < 0:
                 self._tiles.motions_are_free(starts, ends, out)
             return bad
@@ -233,7 +233,7 @@ class TiledCSpace(ConfigurationMap):
         self._labels = self._labels or TiledComponents(self._tiles)
         return self._labels
 
-    def subproblems(
+    def _subproblems(
         self, q0: ArrayLike, q1: ArrayLike
     ) -> list[tuple[Callable[[], CSpace], Floats, Floats]]:
         """Split a planning problem into one per tile.
@@ -252,7 +252,7 @@ class TiledCSpace(ConfigurationMap):
             it, shape (size,), yaw in [-pi, pi). Each goal is the start of the next tile. Empty if
             no FREE cells connect q0 and q1.
         """
-        make_canonical = self.rotations.make_canonical
+        make_canonical = self.rotations._make_canonical
         start = make_canonical(self._check_configurations(q0, "q0"), "q0")
         goal = make_canonical(self._check_configurations(q1, "q1"), "q1")
         with self._at_one_moment():

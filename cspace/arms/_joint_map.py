@@ -174,7 +174,7 @@ def build_joint_map(
     workspace = Workspace(grid, states != FREE, states == BLOCKED, source=repr(space))
     rotations = Rotations.of(None)
     robot = Robot(arm.name, Point.at_origin(len(names)))
-    slices = rotations.assign_slices(robot.shape)
+    slices = rotations._assign_slices(robot.shape)
     mixed_cells = np.flatnonzero(deciding_pairs >= 0)
     pairs = deciding_pairs.ravel()[mixed_cells]
     geometry = JointGeometry(snapshot, joint_indices, held, joint_limits, mixed_cells, pairs)
@@ -203,11 +203,11 @@ def _check_joints(arm: Arm, joints: Sequence[str] | None) -> tuple[str, ...]:
     for name in names:
         check_known(name, "joints", arm.joints, "name")
         has_blanks = name.split() != [name]
-        if name in Rotations.all_names() or has_blanks:
+        if name in Rotations._all_names() or has_blanks:
             raise InputError(
                 "joints",
                 f"name {name!r}",
-                f"axis names have no blanks and differ from {', '.join(Rotations.all_names())}",
+                f"axis names have no blanks and differ from {', '.join(Rotations._all_names())}",
                 "rename the joint in the URDF",
             )
     if len(names) not in (2, 3) or len(set(names)) < len(names):
@@ -299,7 +299,7 @@ class JointMap(CSpace):
             _, (contents, _, layers) = super().__reduce__()
             return type(self), (contents, self._geometry, layers)
 
-    def undecided_pairs(self, q: ArrayLike | None) -> dict[tuple[str, str], int] | None:
+    def _undecided_pairs(self, q: ArrayLike | None) -> dict[tuple[str, str], int] | None:
         """Count MIXED cells by the pair of links and obstacles that keeps them so.
 
         ``q``, shape (..., d), limits the count to the cells of configurations. Returns None once
@@ -388,7 +388,7 @@ def undecided_pairs(joint_map: CSpace, q: ArrayLike | None = None) -> dict[tuple
     >>> list(cspace.undecided_pairs(joint_map))
     [('fore', 'post')]
     """
-    counts = joint_map.undecided_pairs(q) if isinstance(joint_map, JointMap) else None
+    counts = joint_map._undecided_pairs(q) if isinstance(joint_map, JointMap) else None
     if counts is None:
         raise InputError(
             "joint_map",
@@ -429,7 +429,7 @@ def _check_held_joints(arm: Arm, joint_indices: Ints, held_joints: ArrayLike | N
                 f"pass the arm's {arm.dof} joint values",
             )
         return np.zeros(arm.dof)
-    held = arm.check_configurations(held_joints, "held_joints").copy()
+    held = arm._check_configurations(held_joints, "held_joints").copy()
     if held.ndim != 1:
         raise InputError(
             "held_joints",
@@ -438,8 +438,8 @@ def _check_held_joints(arm: Arm, joint_indices: Ints, held_joints: ArrayLike | N
             "pass one",
         )
     # The mapped joints move, so their values here may not fail the check.
-    held[joint_indices] = arm.clamp(held)[joint_indices]
-    arm.check_limits(held, "held_joints")
+    held[joint_indices] = arm._clamp(held)[joint_indices]
+    arm._check_limits(held, "held_joints")
     return held
 
 

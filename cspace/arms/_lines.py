@@ -319,7 +319,7 @@ def follow_lines(
     if rounding exceeds the tolerance.
     """
     arm = snapshot.arm
-    branch, tool = arm.branch_to(frame)
+    branch, tool = arm._branch_to(frame)
     scratch = make_pose_scratch(branch)
     limits = arm.lower[branch.joints], arm.upper[branch.joints]
     pose = make_pose_problem(branch, tool, np.eye(4), tolerance, limits)

@@ -313,7 +313,7 @@ class Arm:
         InputError
             If the frame is unknown, or q is not of finite numbers, one for each joint.
         """
-        points = self.check_configurations(q, "q")
+        points = self._check_configurations(q, "q")
         body, pose = self.placements[check_known(frame, "frame", self.placements)]
         return np.asarray(compute_poses(self.chain, points, [body])[..., 0, :, :] @ pose)
 
@@ -328,7 +328,7 @@ class Arm:
         -------
         dict of str to ndarray of float64, shape (..., 4, 4)
         """
-        poses = compute_poses(self.chain, self.check_configurations(q, "q"))
+        poses = compute_poses(self.chain, self._check_configurations(q, "q"))
         return {
             name: poses[..., body, :, :] @ pose for name, (body, pose) in self.placements.items()
         }
@@ -389,21 +389,21 @@ class Arm:
             If the frame is unknown or no joint moves it, the pose is no rigid motion, or a number
             is out of range.
         """
-        return self.solve_pose(PoseGoal(frame, pose, tolerance), "pose", near, max_solutions, seed)
+        return self._solve_pose(PoseGoal(frame, pose, tolerance), "pose", near, max_solutions, seed)
 
-    def solve_pose(
+    def _solve_pose(
         self, goal: PoseGoal, name: str, near: ArrayLike | None, max_solutions: int, seed: int
     ) -> Floats:
         """Find configurations, shape (n, dof), that reach a pose goal; see :meth:`inverse`.
 
         ``name`` is the argument that errors name. Raises ConfigurationError if none is found.
         """
-        branch, tool = self.branch_to(goal.frame)
-        q = self.rest if near is None else self.check_configuration(near, "near")
-        q = self.clamp(q)
+        branch, tool = self._branch_to(goal.frame)
+        q = self._rest if near is None else self._check_configuration(near, "near")
+        q = self._clamp(q)
         # Only the joints between the base and the frame are solved for; q gives all others.
         joints = branch.joints
-        lowest, highest = self.ranges(q)
+        lowest, highest = self._ranges(q)
         result = solve_pose(
             branch,
             tool,
@@ -411,7 +411,7 @@ class Arm:
             limits=(self.lower[joints], self.upper[joints]),
             ranges=(lowest[joints], highest[joints]),
             near=q[joints],
-            whole_turns=self.whole_turns[joints],
+            whole_turns=self._whole_turns[joints],
             max_solutions=check_count(max_solutions, "max_solutions", 1),
             rng=np.random.default_rng(check_count(seed, "seed")),
         )
@@ -436,7 +436,7 @@ class Arm:
         nearest_first = np.argsort(distances, kind="stable")
         return solutions[nearest_first]
 
-    def branch_to(self, frame: str) -> tuple[Branch, Floats]:
+    def _branch_to(self, frame: str) -> tuple[Branch, Floats]:
         """Return the chain of bodies from the base to a frame, and the frame's pose on the last.
 
         Raises InputError if the frame is unknown or no joint moves it.
@@ -453,7 +453,7 @@ class Arm:
         return branch_to(self.chain, body), tool
 
     @property
-    def whole_turns(self) -> Bools:
+    def _whole_turns(self) -> Bools:
         """Whether whole turns of each joint, shape (dof,), change no pose.
 
         A joint that moves another joint by a fraction of its own angle is none of these.
@@ -474,7 +474,7 @@ class Arm:
         group. Joints missing from a state are at zero, or at their nearest limit.
         """
         return {
-            name: frozen(self._move_joints(self.rest, self._find_group_state(name, "name")))
+            name: frozen(self._move_joints(self._rest, self._find_group_state(name, "name")))
             for name in self._states
         }
 
@@ -508,17 +508,17 @@ class Arm:
         """
         # The base gives the values of all joints that are not named.
         if isinstance(base, str):
-            q = self._move_joints(self.rest, self._find_group_state(base, "base"))
-            self.check_limits(q, "base")
+            q = self._move_joints(self._rest, self._find_group_state(base, "base"))
+            self._check_limits(q, "base")
         else:
-            q = self.rest if base is None else self.check_configuration(base, "base")
+            q = self._rest if base is None else self._check_configuration(base, "base")
         given = values or {}
         if isinstance(values, str):
             given = self._find_group_state(values, "values")
         if isinstance(given, JointValues):
             given = self._select_moving_joints(given, needs_all=base is None)
         moved = self._move_joints(q, check_joint_values(given, "values", self.joints))
-        self.check_limits(moved, "values")
+        self._check_limits(moved, "values")
         return moved
 
     def _select_moving_joints(self, values: JointValues, needs_all: bool) -> dict[str, float]:
@@ -549,9 +549,9 @@ class Arm:
         return {joint: checked[joint] for joint in self.joints if joint in checked}
 
     @property
-    def rest(self) -> Floats:
+    def _rest(self) -> Floats:
         """Configuration of all joints at zero, or at their nearest limit."""
-        return self.clamp(np.zeros(self.dof))
+        return self._clamp(np.zeros(self.dof))
 
     def _move_joints(self, q: Floats, values: Mapping[str, float]) -> Floats:
         """Return a configuration, shape (dof,), with some joints at given values."""
@@ -678,8 +678,8 @@ class Arm:
         """
         # Links that do not move against each other keep the first reason.
         reasons = {sort_pair(a.name, b.name): "one body" for a, b in combinations(self.links, 2)}
-        for pair, scene in self.moving_pairs().items():
-            is_apart = are_free(scene, self.contact_samples, self.contact_samples)
+        for pair, scene in self._moving_pairs().items():
+            is_apart = are_free(scene, self._contact_samples, self._contact_samples)
             reasons[pair] = "sometimes" if is_apart.any() else "always"
             if is_apart.all():
                 reasons[pair] = "never"
@@ -688,7 +688,7 @@ class Arm:
                 reasons[pair] = reason
         return reasons
 
-    def moving_pairs(self) -> dict[Names, Scene]:
+    def _moving_pairs(self) -> dict[Names, Scene]:
         """Return a scene of each two links that move against each other, by their names."""
         links = self.links
         # Kernels expect that the second body of a pair comes first in the chain.
@@ -703,11 +703,11 @@ class Arm:
         return scenes
 
     @cached_property
-    def contact_samples(self) -> Floats:
+    def _contact_samples(self) -> Floats:
         """Random configurations to find pairs that never or always touch."""
-        return np.random.default_rng(0).uniform(*self.ranges(), (CONTACT_SAMPLES, self.dof))
+        return np.random.default_rng(0).uniform(*self._ranges(), (CONTACT_SAMPLES, self.dof))
 
-    def ranges(self, around: ArrayLike = 0.0) -> tuple[Floats, Floats]:
+    def _ranges(self, around: ArrayLike = 0.0) -> tuple[Floats, Floats]:
         """Return the lowest and highest values of the joints, both finite, shapes (dof,).
 
         They are the limits. A joint without limits gets half a turn to each side of the
@@ -718,7 +718,7 @@ class Arm:
         highest = np.where(np.isinf(self.upper), q.max(axis=0) + math.pi, self.upper)
         return lowest, highest
 
-    def check_limits(self, q: Floats, name: str) -> None:
+    def _check_limits(self, q: Floats, name: str) -> None:
         """Raise ConfigurationError if a joint exceeds a limit by more than :data:`LIMIT_SLACK`.
 
         ``q`` are configurations, shape (..., dof).
@@ -734,11 +734,11 @@ class Arm:
                 f"stay within them; up to {LIMIT_SLACK:g} beyond is accepted",
             )
 
-    def clamp(self, q: Floats) -> Floats:
+    def _clamp(self, q: Floats) -> Floats:
         """Clamp configurations, shape (..., dof), to the limits."""
         return np.asarray(q.clip(self.lower, self.upper))
 
-    def check_configurations(self, q: ArrayLike, name: str) -> Floats:
+    def _check_configurations(self, q: ArrayLike, name: str) -> Floats:
         """Return configurations, shape (..., dof), as floats.
 
         Raises
@@ -756,13 +756,13 @@ class Arm:
             )
         return array
 
-    def check_configuration(self, q: ArrayLike | None, name: str) -> Floats:
+    def _check_configuration(self, q: ArrayLike | None, name: str) -> Floats:
         """Return one configuration, shape (dof,), as floats.
 
         Raises InputError if it is missing or has another shape, and ConfigurationError if it is
         beyond the limits.
         """
-        point = np.empty((0, 0)) if q is None else self.check_configurations(q, name)
+        point = np.empty((0, 0)) if q is None else self._check_configurations(q, name)
         if point.ndim != 1:
             raise InputError(
                 name,
@@ -770,7 +770,7 @@ class Arm:
                 "it must be one configuration",
                 f"pass ({', '.join(self.joints)})",
             )
-        self.check_limits(point, name)
+        self._check_limits(point, name)
         return point
 
 
@@ -1082,8 +1082,8 @@ class _ArmBuilder:
             nearest[joint.child] = joint.child if joint.child in with_geometry else neighbour
             if neighbour is not None and joint.child in with_geometry:
                 allowed.setdefault(sort_pair(joint.child, neighbour), "adjacent")
-        samples = arm.contact_samples[:_SAMPLES_OF_ALWAYS]
-        for pair, scene in arm.moving_pairs().items():
+        samples = arm._contact_samples[:_SAMPLES_OF_ALWAYS]
+        for pair, scene in arm._moving_pairs().items():
             if pair not in allowed and always_touch(scene, samples):
                 allowed[pair] = "always"
         return allowed

@@ -122,7 +122,7 @@ class PlanningScene:
         entries = [contacts.get(key) for key in ((a, b), (b, a), (a,), (b,))]
         return True in entries and False not in entries
 
-    def place(self, arm: Arm, base_pose: Floats) -> tuple[Arm, set[Names]]:
+    def _place(self, arm: Arm, base_pose: Floats) -> tuple[Arm, set[Names]]:
         """Return the arm with its objects, and the pairs that may touch.
 
         ``base_pose`` is the pose of the arm's base in the frame of the scene, shape (4, 4). If
@@ -181,7 +181,7 @@ class PlanningScene:
             return pose
         # Only links that joints move need the robot's state.
         is_moved = arm.placements[carried.link].body > 0
-        q = arm.configuration(self.robot_state) if is_moved else arm.rest
+        q = arm.configuration(self.robot_state) if is_moved else arm._rest
         link_pose = arm.pose(q, carried.link)
         # From the frame of the scene to that of the base, then to that of the link.
         on_base = np.linalg.solve(base_pose, pose)

@@ -86,7 +86,7 @@ class ArmPenetration:
         dof), in cubic metres, and that per radian or metre. Raises InputError if q is not of finite
         numbers, one for each joint.
         """
-        configurations = self.arm.check_configurations(q, "q")
+        configurations = self.arm._check_configurations(q, "q")
         chain = self.arm.chain
         poses = compute_poses(chain, configurations)
         # Place the balls, shape (..., n, 3).

@@ -218,7 +218,7 @@ class Snapshot:
 
     def always_touching(self, scene: Scene) -> Iterator[tuple[str, str]]:
         """Yield the names of a scene's pairs that touch in all random configurations."""
-        points = self.arm.contact_samples
+        points = self.arm._contact_samples
         for number in range(len(scene.pairs)):
             pair_scene = scene.select_pairs(slice(number, number + 1))
             if always_touch(pair_scene, points):

@@ -171,7 +171,7 @@ class ArmSpace(ConfigurationSpace):
         A whole turn of a continuous joint leads to the same configuration. A joint that moves
         another joint by a fraction of its own angle is not periodic.
         """
-        return tuple((np.isinf(self.arm.upper) & self.arm.whole_turns).tolist())
+        return tuple((np.isinf(self.arm.upper) & self.arm._whole_turns).tolist())
 
     @property
     def bounds(self) -> tuple[Floats, Floats]:
@@ -347,7 +347,7 @@ class ArmSpace(ConfigurationSpace):
                 shapes_by_name = self.obstacles
                 placed = shapes_by_name[check_known(name, "name", shapes_by_name)]
                 del obstacles[name]
-                on_base = now.arm.pose(self.arm.check_configuration(q, "q"), carrier)
+                on_base = now.arm.pose(self.arm._check_configuration(q, "q"), carrier)
                 shape = placed.shape
                 pose = np.linalg.inv(on_base) @ placed.pose
             elif q is not None:
@@ -401,7 +401,7 @@ class ArmSpace(ConfigurationSpace):
             if q is not None:
                 # The object becomes an obstacle where it is at q.
                 (held,) = next(link.parts for link in now.arm.links if link.name == name)
-                pose = now.arm.pose(self.arm.check_configuration(q, "q"), name)
+                pose = now.arm.pose(self.arm._check_configuration(q, "q"), name)
                 obstacles[name] = place_shape(held.shape, name, pose)
                 links = [link.name for link in arm.links]
                 allowed = now.allowed | _pair_with_links(name, touch_links, links)
@@ -660,7 +660,7 @@ class ArmSpace(ConfigurationSpace):
         it is no configuration.
         """
         given = self._check_one(q, name)
-        point = self.arm.clamp(self._check_configurations(given, name))
+        point = self.arm._clamp(self._check_configurations(given, name))
         warn_of_degrees(given, self._angles, name)
         if not self.is_free(point):
             raise _make_collision_error(self.snapshot, point, name)
@@ -708,7 +708,7 @@ class ArmSpace(ConfigurationSpace):
 
         Raises ConfigurationError, which blames ``name``, if there are none.
         """
-        solutions = self.arm.solve_pose(goal, name, start, MAX_SOLUTIONS_PER_POSE, seed or 0)
+        solutions = self.arm._solve_pose(goal, name, start, MAX_SOLUTIONS_PER_POSE, seed or 0)
         points = wrapped(solutions, self.periodic_axes)
         free_points = points[np.asarray(self.is_free(points))]
         if len(free_points):
@@ -755,7 +755,7 @@ class ArmSpace(ConfigurationSpace):
         ConfigurationError, InputError
             As :meth:`is_free`; also if there is nothing to touch.
         """
-        point = self.arm.check_configuration(q, "q")
+        point = self.arm._check_configuration(q, "q")
         snapshot = self.snapshot
         if not len(snapshot.outer.pairs):
             raise InputError(
@@ -795,7 +795,7 @@ class ArmSpace(ConfigurationSpace):
         while number_free < count:
             # Twice as many as are missing, because about half of them may be free.
             batch_size = min(max(2 * (count - number_free), 16), 10_000)
-            points = generator.uniform(*snapshot.arm.ranges(), (batch_size, self.size))
+            points = generator.uniform(*snapshot.arm._ranges(), (batch_size, self.size))
             batches.append(points[snapshot.are_free(points, points)])
             number_free += len(batches[-1])
             number_drawn += batch_size
@@ -865,7 +865,7 @@ class ArmSpace(ConfigurationSpace):
             If a configuration is not one of finite numbers, the time limit is not above zero, or
             ``iterations`` is negative.
         """
-        start = self.arm.check_configuration(q0, "q0")
+        start = self.arm._check_configuration(q0, "q0")
         goals = np.atleast_2d(self._check_configurations(q1, "q1"))
         if goals.ndim != 2 or not len(goals):
             raise InputError(
@@ -877,8 +877,8 @@ class ArmSpace(ConfigurationSpace):
         seconds = check_positive(time_limit, "time_limit", "seconds")
         searches = None if iterations is None else check_count(iterations, "iterations")
         snapshot = self.snapshot
-        start = snapshot.arm.clamp(start)
-        goals = snapshot.arm.clamp(goals)
+        start = snapshot.arm._clamp(start)
+        goals = snapshot.arm._clamp(goals)
         # A path may reach any free goal, either way around its continuous joints.
         images = self._list_images(start, goals)
         endpoints = np.vstack([start, images])
@@ -889,7 +889,7 @@ class ArmSpace(ConfigurationSpace):
         if not len(images):
             raise _make_collision_error(snapshot, goals[0], "q1")
         rng = np.random.default_rng(seed)
-        ranges = snapshot.arm.ranges(np.vstack([start, images]))
+        ranges = snapshot.arm._ranges(np.vstack([start, images]))
         search = PathSearch(snapshot.outer, ranges, start, images, self._spans, rng, seconds)
         path = search.find(straight)
         return search.shorten(path, searches) if len(path) and searches != 0 else path
@@ -965,8 +965,8 @@ class ArmSpace(ConfigurationSpace):
         """
         snapshot = self.snapshot
         arm = snapshot.arm
-        start = arm.clamp(self.arm.check_configuration(q0, "q0"))
-        arm.branch_to(frame)  # refuses unknown frames before the poses
+        start = arm._clamp(self.arm._check_configuration(q0, "q0"))
+        arm._branch_to(frame)  # refuses unknown frames before the poses
         max_deviation = check_pose_tolerance(tolerance)
         # The line begins where the frame is.
         first_corner = arm.pose(start, frame)[np.newaxis]
@@ -1140,8 +1140,8 @@ class ArmSpace(ConfigurationSpace):
 
         Raises ConfigurationError beyond the limits of a joint.
         """
-        points = self.arm.check_configurations(q, name)
-        self.arm.check_limits(points, name)
+        points = self.arm._check_configurations(q, name)
+        self.arm._check_limits(points, name)
         return points
 
 
@@ -1222,7 +1222,7 @@ def build_arm_space(
         scene = obstacles
         if base_pose is None:
             pose = find_base_pose(scene.frame, arm, scene.source)
-        arm, pairs = scene.place(arm, pose)
+        arm, pairs = scene._place(arm, pose)
         obstacles = scene.obstacles
     named = named_obstacles(obstacles)
     links = {link.name for link in arm.links}

@@ -198,7 +198,7 @@ def export(
     cells: Sequence[int] = range(len(contents.rotations))
     if rotation is not None or form.rotations == "one":
         reason = f"{Path(path)} holds one slice"
-        cells = [contents.rotations.find_one_cell(rotation, "rotation", reason)]
+        cells = [contents.rotations._find_one_cell(rotation, "rotation", reason)]
     if form.rotations == "one":
         number = int(contents.slice_of[cells[0]])
         form.write(contents.states[number], contents.grid, path, overwrite)
@@ -258,8 +258,8 @@ def to_xarray(contents: Contents) -> xarray.Dataset:
     """
     package = import_optional("xarray", "it holds arrays with named axes", "xarray")
     dim = contents.grid.dim
-    rotation_shape = contents.rotations.leading_axes(len(contents.rotations))
-    coordinate_names = (*AXES, *contents.rotations.COORDINATES, "slice_of")
+    rotation_shape = contents.rotations._leading_axes(len(contents.rotations))
+    coordinate_names = (*AXES, *contents.rotations._COORDINATES, "slice_of")
     variables: dict[str, Any] = {}
     coordinates: dict[str, Any] = {}
     contents = replace(contents, exterior=None)  # it labels no cells

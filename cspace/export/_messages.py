@@ -88,7 +88,7 @@ def costmap_of(
         raise InputError("the map", "is one in space", "a costmap is plane", hint)
     number = None  # of the slice; without one, the costs hold at the best rotation of each cell
     if rotation is not None:
-        cell = space.rotations.find_cells(space.rotations.check_rotation(rotation))
+        cell = space.rotations._find_cells(space.rotations._check_rotation(rotation))
         number = int(space.slice_of[int(cell)])
     inscribed = space.robot.inscribed_radius + space.margin
     clearance = clearances(number)

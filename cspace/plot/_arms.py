@@ -101,7 +101,7 @@ def count_joints(arm: Any, frame: str) -> int:
     is_fixed_to_base = arm.placements[frame].body == 0
     if is_fixed_to_base:
         return 0
-    branch, *_ = arm.branch_to(frame)
+    branch, *_ = arm._branch_to(frame)
     return len(branch.joints)
 
 
@@ -148,8 +148,8 @@ def draw_arm(
     points = check_path(space, path)
     marks = collect_marks(space, path, points, None, None)
     if q is None:
-        q = marks.get("goal", space.arm.rest)
-    main_q = space.arm.check_configuration(q, "q")
+        q = marks.get("goal", space.arm._rest)
+    main_q = space.arm._check_configuration(q, "q")
     label = "arm along the path"
     ghosts = np.empty((0, len(main_q)))
     if len(points) > 1:

@@ -297,7 +297,7 @@ def draw_marks(
     for name, q in marks.items():
         position = [[coordinate] for coordinate in q[list(pair)]]
         # An arrow has the length of a marker, whatever the scale of the axes.
-        yaw = rotations.find_yaw(q) if rotations is not None else None
+        yaw = rotations._find_yaw(q) if rotations is not None else None
         if yaw is not None:
             arrow = (math.cos(yaw), math.sin(yaw))
             ax.quiver(*position, *arrow, scale=16.0, width=0.006, pivot="tail", zorder=4.9)

@@ -186,7 +186,7 @@ def plot(
         painting.show()
         axes = painting.axes
         handles = list(painting.handles.values())
-    rotation_text = drawn_map.rotations.describe(scene.rotation)
+    rotation_text = drawn_map.rotations._describe(scene.rotation)
     heading = "\n".join(filter(None, [title_of(drawn_map), rotation_text]))
     artists.annotate(axes, ax is None, title, heading, handles if legend else [])
     return axes

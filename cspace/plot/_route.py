@@ -114,7 +114,7 @@ class Body:
 
         For configurations of shape (..., size), the result has shape (..., n, d).
         """
-        turned = points @ np.swapaxes(self.rotations.rotation_matrices(q), -1, -2)
+        turned = points @ np.swapaxes(self.rotations._rotation_matrices(q), -1, -2)
         return np.asarray(turned + q[..., np.newaxis, : self.dim])
 
     def extents(self, q: Floats) -> Floats:
@@ -139,7 +139,7 @@ class Body:
 
     def noses(self, q: Floats) -> list[Floats]:
         """Return the nose at a configuration, if it has a heading."""
-        if not len(self.nose) or self.rotations.find_yaw(q) is None:
+        if not len(self.nose) or self.rotations._find_yaw(q) is None:
             return []
         return [self.transform(self.nose, q)]
 
@@ -149,7 +149,7 @@ def path_lengths(rotations: Rotations, points: Floats, reach: float = 0.0) -> Fl
 
     A rotation counts as the distance that a point ``reach`` metres from the reference point moves.
     """
-    steps = rotations.steps_between(points[:-1], points[1:])
+    steps = rotations._steps_between(points[:-1], points[1:])
     dim = points.shape[1] - len(rotations.names)
     angles = np.linalg.norm(steps[:, dim:], axis=1)
     lengths = np.linalg.norm(steps[:, :dim], axis=1) + reach * angles
@@ -165,9 +165,9 @@ def interpolate_path(
     places = np.interp(shares * lengths[-1], lengths, np.arange(len(points)))
     before = np.minimum(places.astype(np.int64), max(len(points) - 2, 0))
     after = np.minimum(before + 1, len(points) - 1)
-    steps = rotations.steps_between(points[before], points[after])
+    steps = rotations._steps_between(points[before], points[after])
     step_shares = (places - before)[:, np.newaxis]
-    return rotations.add_steps(points[before], step_shares * steps)
+    return rotations._add_steps(points[before], step_shares * steps)
 
 
 @dataclass(frozen=True)
@@ -226,9 +226,9 @@ def make_scene(
     grid = space.grid
     rotations = space.rotations
     dim = space.grid.dim
-    drawn_rotation = rotations.only_rotation
+    drawn_rotation = rotations._only_rotation
     if rotation is not None:
-        drawn_rotation = rotations.check_rotation(rotation)
+        drawn_rotation = rotations._check_rotation(rotation)
     points = check_path(space, path)
     marks = collect_marks(space, path, points, start, goal)
     body = Body(space.robot, rotations)

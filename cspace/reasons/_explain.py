@@ -330,7 +330,7 @@ def _find_free_yaws(space: CSpace, cell: Ints) -> Floats:
     if not space.rotations.names:
         return np.empty((0, 2))
     is_free = states_of_slices(space)[space.slice_of, *cell[1:]] == FREE
-    bounds = np.asarray(space.rotations.stored_arrays["yaw_bounds"])
+    bounds = np.asarray(space.rotations._stored_arrays["yaw_bounds"])
     if is_free.all():
         return np.array([[-math.pi, math.pi]])
     intervals: list[list[float]] = []

@@ -93,7 +93,7 @@ class Way(NamedTuple):
 
 def states_of_slices(space: CSpace) -> States:
     """Return the states of a map, shape (slices, x, y) or (slices, x, y, z)."""
-    states = space.kernel_map.states
+    states = space._kernel_map.states
     return states.reshape(len(states), *space.grid.shape)
 
 
@@ -113,7 +113,7 @@ def copy_with_ends(space: CSpace, start: ArrayLike, goal: ArrayLike) -> tuple[CS
 def find_cells(space: CSpace, points: Floats) -> Ints:
     """Return the cells ``(rotation, x, ...)`` of configurations in the grid, shape (n, 1 + d)."""
     positions = space.grid.cell_of(points[:, : space.dim])
-    return np.column_stack([space.rotations.find_cells(points), positions])
+    return np.column_stack([space.rotations._find_cells(points), positions])
 
 
 def find_way(space: CSpace, points: Floats) -> Way:
@@ -142,7 +142,7 @@ def find_way(space: CSpace, points: Floats) -> Way:
         _, high = robot.search(is_open, max(low, 0.0))
     is_free = robot.find_free(low)
     slice_of = space.slice_of.copy()  # writeable, as kernels are compiled for
-    turns = space.rotations.neighbors, turn_costs(space.rotations, space.dim, space.grid.spacing)
+    turns = space.rotations._neighbors, turn_costs(space.rotations, space.dim, space.grid.spacing)
     states = (~is_free).view(np.uint8)  # False is FREE, and True is MIXED
     costs = np.where(states_of_slices(space) == FREE, 1.0, BLOCKED_COST).astype(np.float32)
     start, goal = find_cells(space, points)
@@ -274,7 +274,7 @@ class ResizedRobot:
     def make_free_map(self, margin: float) -> CSpace:
         """Make the map of the FREE cells of the robot with a margin; all others are MIXED."""
         states = (~self.find_free(margin)).view(np.uint8)  # False is FREE, and True is MIXED
-        return self._make_map(states, Exterior(self.space.kernel_map.exterior))
+        return self._make_map(states, Exterior(self.space._kernel_map.exterior))
 
     def make_blocked_map(self, margin: float) -> CSpace:
         """Make the map of the BLOCKED cells of the robot with a margin; all others are MIXED."""
@@ -341,10 +341,10 @@ class ResizedRobot:
     def _rotation_cells(self) -> list[RotationCell]:
         """Rotations of each slice."""
         space = self.space
-        if space.rotations.preserve(space.robot.shape):
+        if space.rotations._preserve(space.robot.shape):
             return [RotationCell()]
         _, first_cells = np.unique(space.slice_of, return_index=True)
-        all_cells = space.rotations.make_shape_cells(space.dim)
+        all_cells = space.rotations._make_shape_cells(space.dim)
         return [all_cells[number] for number in first_cells]
 
     @cached_property

@@ -142,7 +142,7 @@ def _find_regions(space: CSpace, names: Sequence[str]) -> Regions:
             labels, count = ndimage.label(members)
             out[members] = labels[members] + (len(region_masks) - 1)
             region_masks += [mask] * count
-    pairs = np.concatenate([*_list_neighbors(numbers, space.rotations.neighbors)])
+    pairs = np.concatenate([*_list_neighbors(numbers, space.rotations._neighbors)])
     return Regions(numbers, np.array(region_masks, dtype=np.int64), np.unique(pairs, axis=0))
 
 
@@ -162,7 +162,7 @@ def _mask_cells(space: CSpace, names: Sequence[str]) -> Ints:
         engine.collide(occupied, outer_rasters, list(hits), outside=False)
         masks[hits] |= 1 << bit
     without = remove_obstacles(space, names)
-    states = without.kernel_map.states.reshape(shape)
+    states = without._kernel_map.states.reshape(shape)
     masks[states != FREE] = NEVER
     return masks
 

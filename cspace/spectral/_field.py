@@ -85,7 +85,7 @@ class OverlapField:
         # Fill slice by slice, with the robot at the first rotation cell of each.
         values = np.empty(shape)
         slice_values = values.reshape(-1, *grid.shape)
-        rotation_cells = space.rotations.make_shape_cells(grid.dim)
+        rotation_cells = space.rotations._make_shape_cells(grid.dim)
         for number in range(len(slice_values)):
             first_cell = int(np.argmax(space.slice_of == number))
             matrix = rotation_cells[first_cell].matrix
@@ -113,7 +113,7 @@ class OverlapField:
         rows = points.reshape(-1, space.size)
         # Coordinates in cells; the center of the first cell is at 0.
         positions = (rows[:, : grid.dim] - np.asarray(grid.lower)) / grid.spacing - 0.5
-        slices = space.slice_of[space.rotations.find_cells(rows)]
+        slices = space.slice_of[space.rotations._find_cells(rows)]
         coordinates = np.column_stack([slices, positions]).T
         overlaps = map_coordinates(self.cells, coordinates, order=1, mode="nearest")
         return np.asarray(np.maximum(overlaps, 0.0).reshape(points.shape[:-1]))[()]
@@ -122,4 +122,4 @@ class OverlapField:
 def _shape_on(space: CSpace) -> tuple[int, ...]:
     """Return the array shape of overlap fields on a map."""
     slices = int(space.slice_of.max()) + 1
-    return (*space.rotations.leading_axes(slices), *space.grid.shape)
+    return (*space.rotations._leading_axes(slices), *space.grid.shape)

@@ -559,8 +559,8 @@ def _make_rotation_matrices(rotations: int | Rotations | Rotation | ArrayLike, d
     """
     if isinstance(rotations, Rotations | int | np.integer):
         cells = Rotations.of(rotations)
-        cells.check_dimension(dim)
-        return cells.make_matrices(cells.centers, dim)
+        cells._check_dimension(dim)
+        return cells._make_matrices(cells.centers, dim)
     values = check_finite(as_matrices(rotations), "rotations")
     if dim == 2 and values.ndim < 2:
         values = np.atleast_1d(values)

@@ -90,10 +90,10 @@ class ArmCanvas(Canvas):
         frame: str | None = None,
     ) -> None:
         """Draw the arm at the start, and the pale arms at start and goal."""
-        checked = {name: space.arm.check_configuration(q, name) for name, q in marks.items()}
+        checked = {name: space.arm._check_configuration(q, name) for name, q in marks.items()}
         if "start" in checked:
             checked.setdefault("goal", checked["start"])  # no goal yet
-        samples = sample_free_configurations(space, space.arm.rest)
+        samples = sample_free_configurations(space, space.arm._rest)
         super().__init__(server, space, farthest_pair(samples, samples) | checked)
         self._describe_panel()
         self._ghosts: list[Any] = []

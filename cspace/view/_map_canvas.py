@@ -93,7 +93,7 @@ class MapCanvas(Canvas):
         self, space: Any, server: ViserServer, points: Floats, marks: dict[str, Floats]
     ) -> None:
         """Draw the robot, the start and the goal; cells are drawn by :meth:`draw`."""
-        canonical = {name: space.rotations.make_canonical(q, name) for name, q in marks.items()}
+        canonical = {name: space.rotations._make_canonical(q, name) for name, q in marks.items()}
         self.cells = cells = Cells(space)
         super().__init__(server, space, _choose_endpoints(space, cells.drawn) | canonical)
         grid = cells.drawn.grid
@@ -179,7 +179,7 @@ class MapCanvas(Canvas):
         distance = float(space.clearance(q))
         if 0.0 < distance < math.inf:
             text += f", clearance at least {distance:.3f} {space.grid.unit}"
-        rotation = space.rotations.describe(q[space.grid.dim :])
+        rotation = space.rotations._describe(q[space.grid.dim :])
         return f"{text}  \n{rotation}"
 
     def prove(self, q0: Floats, q1: Floats) -> str:
@@ -259,7 +259,7 @@ class MapCanvas(Canvas):
 
     def draw(self) -> None:
         """Draw the cells; send only those parts that changed."""
-        cell = int(self._space.rotations.find_cells(self.robot))
+        cell = int(self._space.rotations._find_cells(self.robot))
         lid = not (self.stage.has_height and SECTION in self.shown)
         with self._drawing:
             for name in (*self.kinds, SECTION):
@@ -351,9 +351,9 @@ class Poses:
         """Find out by which angles a robot of a dimension can rotate."""
         self.dim = dim
         self._rotations = rotations
-        q = np.array([*np.zeros(dim), *rotations.from_matrix(np.eye(3))])
+        q = np.array([*np.zeros(dim), *rotations._from_matrix(np.eye(3))])
         # Steps between configurations have an entry for each degree of freedom.
-        degrees_of_freedom = rotations.steps_between(q, q).shape[-1] - dim
+        degrees_of_freedom = rotations._steps_between(q, q).shape[-1] - dim
         self._first_angle = len(ANGLES) - degrees_of_freedom  # a yaw is the last one
         self.angles = ANGLES[self._first_angle :]
 
@@ -369,7 +369,7 @@ class Poses:
         degrees = np.zeros(3)
         degrees[self._first_angle :] = numbers[self.dim :]
         matrix = Rotation.from_euler("xyz", degrees, degrees=True).as_matrix()
-        return np.array([*numbers[: self.dim], *self._rotations.from_matrix(matrix)])
+        return np.array([*numbers[: self.dim], *self._rotations._from_matrix(matrix)])
 
     def pose(self, q: Floats) -> tuple[Floats, Floats]:
         """Return position and quaternion w, x, y, z of the robot in space."""
@@ -378,12 +378,12 @@ class Poses:
     def nearest_configuration(self, position: Floats, wxyz: Floats) -> Floats:
         """Return the configuration nearest to a pose in space."""
         matrix = Rotation.from_quat(wxyz, scalar_first=True).as_matrix()
-        return np.array([*position[: self.dim], *self._rotations.from_matrix(matrix)])
+        return np.array([*position[: self.dim], *self._rotations._from_matrix(matrix)])
 
     def _matrix(self, q: Floats) -> Floats:
         """Return the rotation of a configuration, shape (3, 3); in the plane about z."""
         matrix = np.eye(3)
-        matrix[: self.dim, : self.dim] = self._rotations.rotation_matrices(q)
+        matrix[: self.dim, : self.dim] = self._rotations._rotation_matrices(q)
         return matrix
 
 
@@ -393,7 +393,7 @@ def _choose_endpoints(space: Any, sampled: Any) -> dict[str, Floats]:
     Without a FREE cell, both are the center of the grid.
     """
     dim = space.grid.dim
-    upright = space.rotations.from_matrix(np.eye(3))
+    upright = space.rotations._from_matrix(np.eye(3))
     center = np.add(space.grid.lower, space.grid.upper) / 2
     samples = sample_free_configurations(sampled, np.array([*center, *upright]))
     # Prefer upright robots at the same positions, if any is free.

@@ -43,7 +43,7 @@ def test_solutions_reach_the_pose_within_tolerance_and_limits(tmp_path_factory, 
     def place_tip(q):
         return pose_of(path, "tool0", held | dict(zip(arm.joints, q, strict=True)))
 
-    q, other = rng.uniform(*arm.ranges(), (2, arm.dof))
+    q, other = rng.uniform(*arm._ranges(), (2, arm.dof))
     pose = place_tip(q)
     for near in (q, other):
         try:
@@ -67,7 +67,7 @@ def test_nearly_all_reachable_poses_of_random_chains_are_reached(tmp_path):
     refused = 0
     for seed in range(20):
         arm = Arm.from_urdf(random_chain(tmp_path, seed, 2 + seed % 6))
-        for q in np.random.default_rng(seed).uniform(*arm.ranges(), (4, arm.dof)):
+        for q in np.random.default_rng(seed).uniform(*arm._ranges(), (4, arm.dof)):
             try:
                 arm.inverse("tool0", arm.pose(q, "tool0"), max_solutions=1)
             except ConfigurationError:
@@ -77,7 +77,7 @@ def test_nearly_all_reachable_poses_of_random_chains_are_reached(tmp_path):
 
 def test_equal_seeds_give_equal_solutions(tmp_path):
     arm = Arm.from_urdf(random_chain(tmp_path, 3, 8))
-    pose = arm.pose(np.random.default_rng(3).uniform(*arm.ranges()), "tool0")
+    pose = arm.pose(np.random.default_rng(3).uniform(*arm._ranges()), "tool0")
     first = arm.inverse("tool0", pose, seed=5)
     for same in (arm, pickle.loads(pickle.dumps(arm))):
         np.testing.assert_array_equal(same.inverse("tool0", pose, seed=5), first)

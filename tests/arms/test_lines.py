@@ -129,7 +129,7 @@ def test_bounds_hold_for_lines_tangent_to_the_motion(tmp_path_factory, seed, cou
     path = random_chain(tmp_path_factory.mktemp("chain"), seed, count)
     arm = Arm.from_urdf(path)
     poses = poses_by_urdf(path, arm)
-    center = rng.uniform(*arm.ranges())
+    center = rng.uniform(*arm._ranges())
     step = size * rng.uniform(-1.0, 1.0, arm.dof)
     before, middle, after = poses(center + 1e-5 * step * np.array([[-1.0], [0.0], [1.0]]))
     velocity = (after - before)[:3, 3] / 2e-5
@@ -140,7 +140,7 @@ def test_bounds_hold_for_lines_tangent_to_the_motion(tmp_path_factory, seed, cou
         corner[:3, 3] += time * velocity
         corner[:3, :3] = Rotation.from_rotvec(time * spin).as_matrix() @ corner[:3, :3]
     waypoints = center + step * np.array([[-0.5], [0.5]])
-    branch, tool = arm.branch_to("tool0")
+    branch, tool = arm._branch_to("tool0")
     pose = make_pose_problem(branch, tool, np.eye(4), np.ones(2), (arm.lower, arm.upper))
     (line,) = make_lines(corners)
     problem = LineProblem(line, pose, make_pose_scratch(branch), branch.joints, np.ones(2), 10.0)

@@ -46,7 +46,7 @@ def test_real_arms_stand_where_yourdfpy_places_them(data, name):
     path = data / "arms" / name / f"{name}.urdf"
     arm = Arm.from_urdf(path, path.with_suffix(".srdf"))
     urdf = yourdfpy.URDF.load(str(path), load_meshes=False)
-    for q in np.random.default_rng(0).uniform(*arm.ranges(), (9, arm.dof)):
+    for q in np.random.default_rng(0).uniform(*arm._ranges(), (9, arm.dof)):
         urdf.update_cfg(dict(zip(arm.joints, q, strict=True)))
         for frame, pose in arm.poses(q).items():
             np.testing.assert_allclose(pose, urdf.get_transform(frame), atol=1e-9)

@@ -127,7 +127,7 @@ def test_a_pin_at_the_tip_never_passes_a_pin_on_its_way(tmp_path_factory, seed, 
     else:
         path = random_chain(folder, seed, count)
     arm = Arm.from_urdf(path).attach("pin", Robot.ball(1e-4).shape, "tool0")
-    lower, upper = arm.ranges()
+    lower, upper = arm._ranges()
     center = np.zeros(arm.dof) if stretched else rng.uniform(lower, upper)
     step = rng.choice([0.2, 1.0]) * rng.uniform(-1.0, 1.0, arm.dof)
     if rng.random() < 0.5:

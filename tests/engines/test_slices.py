@@ -35,11 +35,11 @@ def test_rasters_hold_at_every_rotation_of_their_slice(name, rotations):
     robot = ROBOTS[name]
     rng = np.random.default_rng(0)
     pairs = slice_rasters(robot, 0.083, 0.02, rotations)
-    slice_of = rotations.assign_slices(robot.shape)
+    slice_of = rotations._assign_slices(robot.shape)
     cells = np.repeat(np.arange(len(rotations)), 3)
-    matrices = rotations.make_matrices(rotations.sample(cells, 0.0, rng), robot.dim)
+    matrices = rotations._make_matrices(rotations._sample(cells, 0.0, rng), robot.dim)
     for cell, matrix in zip(cells, matrices, strict=True):
-        turn = RotationCell(matrix, 0.0, rotations.about_z)
+        turn = RotationCell(matrix, 0.0, rotations._about_z)
         outer, inner = map(raster_offsets, pairs[slice_of[cell]])
         outer_there, inner_there = map(raster_offsets, robot.rasters(0.083, 0.02, turn))
         assert outer_there <= outer
@@ -63,7 +63,7 @@ def test_sharing_slices_changes_no_state(robot, rotations, slices, monkeypatch):
     shared = cspace.build(workspace, robot, rotations=rotations, counts=True)
     monkeypatch.setattr(Shape, "symmetry", property(lambda self: 1))
     monkeypatch.setattr(Shape, "symmetries", property(lambda self: [np.eye(3)]))
-    monkeypatch.setattr(type(shared.rotations), "find_images", Rotations.find_images)
+    monkeypatch.setattr(type(shared.rotations), "find_images", Rotations._find_images)
     alone = cspace.build(workspace, robot, rotations=rotations, counts=True)
     assert len(shared.overlap_counts) == slices
     assert len(alone.overlap_counts) == len(alone.rotations)

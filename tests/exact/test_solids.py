@@ -108,7 +108,7 @@ def test_rotation_jumps_of_ompl_count_as_whole_arcs():
     ball = rotation_of(q0).apply(tip) + q1[:3] - (0.1, 0.0, 0.0)
     workspace = Workspace.from_balls([ball], 0.004, 100.0, (0, 0, 0, 1200, 100, 100))
     robot = Robot.ball(0.004, tip)
-    slice_of = rotations.assign_slices(robot.shape)
+    slice_of = rotations._assign_slices(robot.shape)
     states = np.full((slice_of.max() + 1, *workspace.grid.shape), MIXED, dtype=np.uint8)
     space = map_in(workspace, robot, states.copy(), rotations, outside="free")
     assert space.motion_is_free(q0, [*q0[:3], *q1[3:]], exact=True)

@@ -76,7 +76,7 @@ def map_in(workspace, robot, states, rotations=None, **options):
     cells = Rotations.of(rotations)
     states = states[None] if states.ndim == workspace.grid.dim else states
     return CSpace(
-        Contents(workspace, robot, cells, cells.assign_slices(robot.shape), states, **options)
+        Contents(workspace, robot, cells, cells._assign_slices(robot.shape), states, **options)
     )
 
 

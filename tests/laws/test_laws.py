@@ -242,7 +242,7 @@ def draw_on_borders(any_map, rng, n):
     on_border = rng.random(borders.shape) < 0.5
     q[:, : any_map.dim] = np.where(on_border, borders, q[:, : any_map.dim])
     if any_map.space.rotations.names == ("yaw",):
-        yaws = any_map.space.rotations.stored_arrays["yaw_bounds"].ravel()
+        yaws = any_map.space.rotations._stored_arrays["yaw_bounds"].ravel()
         q[:, -1] = np.where(rng.random(n) < 0.5, rng.choice(yaws, n), q[:, -1])
     return q
 
@@ -286,7 +286,7 @@ def test_tile_subproblems_are_connected_within_their_tiles(name, tmp_path):
     joined = [pair for pair in itertools.pairwise(q) if space.is_connected(*pair)][:4]
     assert joined
     for q0, q1 in joined:
-        subproblems = space.subproblems(q0, q1)
+        subproblems = space._subproblems(q0, q1)
         np.testing.assert_allclose(subproblems[0][1][: whole.dim], q0[: whole.dim])
         np.testing.assert_allclose(subproblems[-1][2][: whole.dim], q1[: whole.dim])
         for open_tile, start, goal in subproblems:
@@ -312,7 +312,7 @@ def test_returned_yaws_lie_from_minus_pi_to_below_pi(any_map):
             yaws.append(memory.find_path(q0, q1, straight=straight))
             yaws.append(memory.find_widest_path(q0, q1, straight=straight))
         if isinstance(space, cspace.TiledCSpace) and space.is_connected(q0, q1):
-            yaws += [np.array(part[1:]) for part in space.subproblems(q0, q1)]
+            yaws += [np.array(part[1:]) for part in space._subproblems(q0, q1)]
     returned = np.concatenate([rows[..., -1].ravel() for rows in yaws if len(rows)])
     assert (returned >= -np.pi).all() and (returned < np.pi).all()
 

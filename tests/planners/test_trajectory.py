@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 
 import planners
 from cspace import InputError
-from cspace import ros as messages
+from cspace._files import ros as messages
 from cspace.arms import Arm, build_arm_space
 from tests.helpers.planning import ENDPOINTS, build_open_map, build_room, make_poses, turn_between
 from tests.helpers.refusals import refusals

@@ -97,7 +97,7 @@ def draw_edges(space, rng, count):
 def find_labels(space, labels, q):
     """Return the components of configurations' cells."""
     cells = space.grid.cell_of(q[:, : space.grid.dim])
-    return labels[space.rotations.find_cells(q), *cells.T]
+    return labels[space.rotations._find_cells(q), *cells.T]
 
 
 @settings(max_examples=40)

@@ -80,7 +80,7 @@ def test_clearance_is_a_close_lower_bound_of_the_distance_to_cells(kind, data, s
     # Tuples are looked up by themselves, also while the distances of some slices are unknown.
     one_by_one = [space.clearance(tuple(one)) for one in q.tolist()]
     check_bounds(
-        space, q, measure_slice_distances(states, q[:, :dim], space.rotations.find_cells(q))
+        space, q, measure_slice_distances(states, q[:, :dim], space.rotations._find_cells(q))
     )
     check = space.clearance_checker()
     assert (

@@ -88,7 +88,7 @@ def test_rotation_cells_that_share_slices_are_joined(robot, rotations):
     cells, shape = Rotations.of(rotations), (4, 3, 2)[: robot.dim]
     kind, slice_of = (
         "turning any way" if len(cells.names) == 4 else "",
-        cells.assign_slices(robot.shape),
+        cells._assign_slices(robot.shape),
     )
     workspace = Workspace.from_array(np.zeros(shape, dtype=bool), 0.25)
     for seed in range(6):

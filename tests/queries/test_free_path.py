@@ -44,7 +44,7 @@ def test_find_path_succeeds_exactly_if_free_cells_connect(seed, kind):
         if len(path):
             assert space.certify_path(path).all()
             assert (path[[0, -1], :dim] == ends[:, :dim]).all()
-            assert np.abs(space.rotations.steps_between(path[[0, -1]], ends)).max() < 1e-7
+            assert np.abs(space.rotations._steps_between(path[[0, -1]], ends)).max() < 1e-7
     if (rough[:, dim:] == ends[0, dim:]).all():
         assert path_length(smooth[:, :dim]) <= path_length(rough[:, :dim]) * (1 + 1e-12)
 

@@ -41,7 +41,7 @@ def test_samples_are_uniform_over_the_free_volume(space):
     assert space.is_free(samples).all()
     positions = space.grid.cell_of(samples[:, :dim])
     within = (samples[:, :dim] - space.grid.lower) / space.grid.spacing - positions
-    rotation, widths = space.rotations.find_cells(samples), space.rotations.volumes
+    rotation, widths = space.rotations._find_cells(samples), space.rotations._volumes
     if len(space.rotations.names) == 1:
         above = samples[:, dim] - np.asarray(space.rotations.borders)[rotation]
         within = np.column_stack(

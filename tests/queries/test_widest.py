@@ -106,8 +106,8 @@ def test_path_is_widest_then_shortest(name, seed):
         assert compute_length(space, pulled) <= compute_length(space, path) + 1e-9
         shares = np.linspace(0.0, 1.0, 30)[:, None]
         parts = [
-            space.rotations.add_steps(
-                np.repeat(a[None], 30, axis=0), shares * space.rotations.steps_between(a, b)
+            space.rotations._add_steps(
+                np.repeat(a[None], 30, axis=0), shares * space.rotations._steps_between(a, b)
             )
             for a, b in itertools.pairwise(pulled)
         ]

@@ -36,7 +36,7 @@ def joins(space, cells, start, goal):
     is_open[tuple(cells.T)] = True
     labels = components(is_open, "")
     first, last = (
-        labels[(space.rotations.find_cells(q), *space.grid.cell_of(q[: space.dim]))]
+        labels[(space.rotations._find_cells(q), *space.grid.cell_of(q[: space.dim]))]
         for q in np.array([start, goal])
     )
     return bool(first == last >= 0)

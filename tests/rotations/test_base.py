@@ -51,7 +51,7 @@ def to_scipy(name, q):
 def test_matrices_agree_with_scipy(name):
     _, dim = ROTATION_SPACES[name]
     q = draw(name, 3, 5)
-    result = find_kind(name).rotation_matrices(q)
+    result = find_kind(name)._rotation_matrices(q)
     assert result.shape == (3, 5, dim, dim)
     np.testing.assert_allclose(
         result.reshape(-1, dim, dim), to_scipy(name, q).as_matrix()[:, :dim, :dim], atol=1e-13
@@ -63,12 +63,12 @@ def test_steps_rotate_the_shorter_way_at_constant_speed(name):
     kind, (_, dim) = find_kind(name), ROTATION_SPACES[name]
     q0 = draw(name, 40)
     q1 = draw(name, 40)
-    steps = kind.steps_between(q0, q1)
+    steps = kind._steps_between(q0, q1)
     np.testing.assert_allclose(steps[:, :dim], q1[:, :dim] - q0[:, :dim])
     angles = (to_scipy(name, q0).inv() * to_scipy(name, q1)).magnitude()
     np.testing.assert_allclose(np.linalg.norm(steps[:, dim:], axis=1), angles, atol=1e-9)
     for share in (0.0, 0.3, 1.0):
-        there = kind.add_steps(q0, share * steps)
+        there = kind._add_steps(q0, share * steps)
         np.testing.assert_allclose(
             there[:, :dim], q0[:, :dim] + share * (q1 - q0)[:, :dim], atol=1e-12
         )
@@ -76,29 +76,29 @@ def test_steps_rotate_the_shorter_way_at_constant_speed(name):
         for end, part in ((q0, share), (q1, 1.0 - share)):
             apart = (to_scipy(name, end).inv() * to_scipy(name, there)).magnitude()
             np.testing.assert_allclose(apart, part * angles, atol=1e-7)
-    assert kind.steps_between(q0[:0], q1[:0]).shape == (0, steps.shape[1])
+    assert kind._steps_between(q0[:0], q1[:0]).shape == (0, steps.shape[1])
 
 
 def test_steps_of_half_a_turn_and_none_are_exact():
     kind = QUATERNION
     still = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
     assert (
-        not kind.steps_between(still, -still).any() and not kind.steps_between(still, still).any()
+        not kind._steps_between(still, -still).any() and not kind._steps_between(still, still).any()
     )
-    half = kind.steps_between(still, np.array([0.0, 0.0, 0.0, 0.0, 0.6, 0.8, 0.0]))
+    half = kind._steps_between(still, np.array([0.0, 0.0, 0.0, 0.0, 0.6, 0.8, 0.0]))
     np.testing.assert_allclose(np.abs(half), [0.0, 0.0, 0.0, 0.0, 0.6 * math.pi, 0.8 * math.pi])
-    tiny = kind.add_steps(still, np.array([0.0, 0.0, 0.0, 1e-12, 0.0, 0.0]))
-    np.testing.assert_allclose(kind.steps_between(still, tiny)[3], 1e-12)
+    tiny = kind._add_steps(still, np.array([0.0, 0.0, 0.0, 1e-12, 0.0, 0.0]))
+    np.testing.assert_allclose(kind._steps_between(still, tiny)[3], 1e-12)
 
 
 @EVERY
 def test_canonical_numbers_give_the_same_rotation_and_are_stable(name):
     kind, (_, dim) = find_kind(name), ROTATION_SPACES[name]
     q = draw(name, 50)
-    result = kind.make_canonical(
+    result = kind._make_canonical(
         q * np.where(np.arange(q.shape[1]) < dim, 1.0, 1.0 + 4e-7 * (name == "SE(3)"))
     )
-    assert np.array_equal(kind.make_canonical(result), result) and np.array_equal(
+    assert np.array_equal(kind._make_canonical(result), result) and np.array_equal(
         result[:, :dim], q[:, :dim]
     )
     assert ((to_scipy(name, q).inv() * to_scipy(name, result)).magnitude() < 1e-9).all()
@@ -109,14 +109,14 @@ def test_canonical_numbers_give_the_same_rotation_and_are_stable(name):
 @EVERY
 def test_sample_near_stays_within_its_angle(name):
     kind, (_, dim) = find_kind(name), ROTATION_SPACES[name]
-    q = kind.make_canonical(draw(name, 30))
+    q = kind._make_canonical(draw(name, 30))
     numbers = iter(RNG.random(400).tolist())
     near = np.array(
-        [[*row[:dim], *kind.sample_near(row[dim:].tolist(), 0.4, numbers)] for row in q]
+        [[*row[:dim], *kind._sample_near(row[dim:].tolist(), 0.4, numbers)] for row in q]
     )
-    apart = np.linalg.norm(kind.steps_between(q, near)[:, dim:], axis=1)
+    apart = np.linalg.norm(kind._steps_between(q, near)[:, dim:], axis=1)
     assert (apart <= 0.4 + 1e-12).all() and (not kind.names or apart.max() > 0.2)
-    np.testing.assert_allclose(kind.make_canonical(near), near, atol=1e-15)
+    np.testing.assert_allclose(kind._make_canonical(near), near, atol=1e-15)
 
 
 def test_wrapped_yaws_are_unchanged_and_others_are_wrapped():
@@ -141,4 +141,4 @@ def test_wrapped_yaws_are_unchanged_and_others_are_wrapped():
 )
 def test_invalid_rotations_are_refused(kind, rotation, message):
     with pytest.raises(InputError, match=message):
-        kind.check_rotation(rotation)
+        kind._check_rotation(rotation)

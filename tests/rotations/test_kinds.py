@@ -21,34 +21,34 @@ class PitchRotations(YawRotations):
     """Rotation cells of pitch, in space."""
 
     names = ("pitch",)
-    limits = "a pitch small enough"
-    about_z = False
-    COORDINATES: ClassVar[Mapping[str, Coordinate]] = {
+    _limits = "a pitch small enough"
+    _about_z = False
+    _COORDINATES: ClassVar[Mapping[str, Coordinate]] = {
         "pitch": Coordinate("middle of a cell", "rad", bounds="pitch_bounds"),
         "pitch_bounds": Coordinate("borders of a cell", "rad", {"bound": 2}),
         "covering_angle": COVERING_ANGLE,
     }
 
     @classmethod
-    def of_stored_arrays(cls, coordinates):
-        return super().of_stored_arrays({"yaw_bounds": coordinates["pitch_bounds"]})
+    def _of_stored_arrays(cls, coordinates):
+        return super()._of_stored_arrays({"yaw_bounds": coordinates["pitch_bounds"]})
 
-    def find_yaw(self, q):
+    def _find_yaw(self, q):
         return None
 
-    def from_matrix(self, matrix):
+    def _from_matrix(self, matrix):
         return np.arctan2(matrix[0, 2:], matrix[0, :1])
 
-    def preserve(self, shape):
+    def _preserve(self, shape):
         return shape.is_round
 
-    def assign_slices(self, shape):
+    def _assign_slices(self, shape):
         return np.zeros(len(self), np.int64) if shape.is_round else np.arange(len(self))
 
-    def find_images(self, shape):
-        return Rotations.find_images(self, shape)
+    def _find_images(self, shape):
+        return Rotations._find_images(self, shape)
 
-    def make_matrices(self, rotation, dim):
+    def _make_matrices(self, rotation, dim):
         made = Rotation.from_rotvec(rotation.reshape(-1, 1) * [0.0, 1.0, 0.0]).as_matrix()
         return made.reshape(*rotation.shape[:-1], 3, 3)
 
@@ -61,10 +61,10 @@ def space():
     occupied[7:9, :, 2:14] = False
     occupied[4:7, :, 9] = True
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(Rotations.KINDS, "pitch", PitchRotations)
+        patch.setitem(Rotations._KINDS, "pitch", PitchRotations)
         workspace = cspace.Workspace.from_array(occupied, 0.1)
         robot = cspace.Robot.box((0.5, 0.12, 0.06))
-        yield cspace.build(workspace, robot, rotations=PitchRotations.of_value(COUNT))
+        yield cspace.build(workspace, robot, rotations=PitchRotations._of_value(COUNT))
 
 
 def test_samples_and_files_keep_rotations(space, tmp_path):

@@ -75,16 +75,18 @@ def test_volumes_and_samples_agree_with_uniform_rotations():
     cells = Rotations.quaternions(3)
     rng = np.random.default_rng(0)
     drawn = Rotation.random(100_000, random_state=1).as_quat()
-    from_few_cells = Rotations.quaternions(1).sample(np.repeat(np.arange(4), 25_000), 2.0**-20, rng)
-    assert cells.volumes.sum() == pytest.approx(1.0)
+    from_few_cells = Rotations.quaternions(1)._sample(
+        np.repeat(np.arange(4), 25_000), 2.0**-20, rng
+    )
+    assert cells._volumes.sum() == pytest.approx(1.0)
     for q in (drawn, from_few_cells):
-        expected = len(q) * cells.volumes
+        expected = len(q) * cells._volumes
         bins = np.bincount(cells.cell_of(q), minlength=len(cells))
         assert (np.square(bins - expected) / expected).sum() < len(cells) + 5.0 * math.sqrt(
             2.0 * len(cells)
         )
     chosen = rng.integers(0, len(cells), 5000)
-    np.testing.assert_array_equal(cells.cell_of(cells.sample(chosen, 2.0**-20, rng)), chosen)
+    np.testing.assert_array_equal(cells.cell_of(cells._sample(chosen, 2.0**-20, rng)), chosen)
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])
@@ -98,7 +100,7 @@ def test_neighbors_are_the_cells_across_a_boundary(n):
     there = cells.cell_of(steps / np.linalg.norm(steps, axis=1, keepdims=True))
     pairs, often = np.unique(np.stack([here, there])[:, here != there], axis=1, return_counts=True)
     met = dict(zip(zip(*pairs.tolist(), strict=True), often.tolist(), strict=True))
-    near = {(cell, other) for cell, row in enumerate(cells.neighbors.tolist()) for other in row}
+    near = {(cell, other) for cell, row in enumerate(cells._neighbors.tolist()) for other in row}
     assert near <= set(met)
     # Short steps rarely pass through an edge or a corner.
     assert sum(count for pair, count in met.items() if pair not in near) < 0.1 * sum(met.values())
@@ -115,7 +117,7 @@ def test_neighbors_are_the_cells_across_a_boundary(n):
 )
 def test_cells_share_slices_if_a_half_turn_maps_the_robot_to_itself(robot, axes, slices):
     cells = Rotations.quaternions(3)
-    slice_of = cells.assign_slices(robot.shape)
+    slice_of = cells._assign_slices(robot.shape)
     assert half_turns(robot.shape) == axes and len(np.unique(slice_of)) == slices
     np.testing.assert_array_equal(np.unique(slice_of), np.arange(slices))
     q = Rotation.random(500, random_state=2)

@@ -34,7 +34,7 @@ def test_cells_share_a_slice_only_if_their_boundaries_are_a_symmetry_apart():
     even = np.linspace(0.0, TWO_PI, 9)
     for off, slices in ((1e-15, 2), (5e-12, 2), (2e-11, 8), (1e-6, 8)):
         jittered = even + off * np.array([0, 1, 0, 0, 0, 0, 0, 0, 0])
-        assert len(np.unique(Rotations.of(jittered).assign_slices(square))) == slices
+        assert len(np.unique(Rotations.of(jittered)._assign_slices(square))) == slices
 
 
 @given(rotation_cells(20))

@@ -54,7 +54,7 @@ def test_field_has_the_overlap_at_cell_centers(kind):
     space, overlap = build_scene(kind)
     field = OverlapField.of(space, overlap)
     rng = np.random.default_rng(0)
-    rotation_cells = space.rotations.make_shape_cells(space.grid.dim)
+    rotation_cells = space.rotations._make_shape_cells(space.grid.dim)
     largest = field.values.max()
     assert largest > 1e-3
     for number, cell in enumerate(rotation_cells):
@@ -81,7 +81,7 @@ def test_fields_are_linear_between_cell_centers_also_in_objectives(kind):
     q = draw_configurations(space, rng, 100)
     axes = [space.grid.centers(axis) for axis in range(dim)]
     inside = q[:, :dim].clip([axis[0] for axis in axes], [axis[-1] for axis in axes])
-    cells = space.rotations.find_cells(q)
+    cells = space.rotations._find_cells(q)
     expected = [
         RegularGridInterpolator(axes, values[cell])(position)[0]
         for cell, position in zip(cells, inside, strict=True)

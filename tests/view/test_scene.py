@@ -125,7 +125,7 @@ def test_poses_and_dials_give_back_the_configuration(dim, cells, angles):
     poses = Poses(dim, rotations)
     assert poses.angles == angles
     for _ in range(20):
-        q = np.concatenate([rng.normal(size=dim), rotations.sample(np.array([0]), 0.0, rng)[0]])
+        q = np.concatenate([rng.normal(size=dim), rotations._sample(np.array([0]), 0.0, rng)[0]])
         dials = poses.dial_values(q)
         position, wxyz = poses.pose(q)
         assert position[:dim].tolist() == q[:dim].tolist()
@@ -135,4 +135,4 @@ def test_poses_and_dials_give_back_the_configuration(dim, cells, angles):
         fixed_axes = Rotation.from_euler("xyz", degrees, degrees=True)
         np.testing.assert_allclose((turn.inv() * fixed_axes).magnitude(), 0.0, atol=1e-6)
         for again in (poses.configuration_of(dials), poses.nearest_configuration(position, wxyz)):
-            np.testing.assert_allclose(rotations.steps_between(q, again), 0.0, atol=1e-7)
+            np.testing.assert_allclose(rotations._steps_between(q, again), 0.0, atol=1e-7)

@@ -76,7 +76,7 @@ def test_the_scene_follows_the_robot_and_the_choices(viewed):
         assert page.panel.state.content.startswith("**FREE**")
         np.testing.assert_allclose(node(viewer, "/robot").position[:dim], q[:dim])
     # Only another rotation cell makes new drawings.
-    turned = len(np.unique(space.rotations.find_cells(free))) > 1
+    turned = len(np.unique(space.rotations._find_cells(free))) > 1
     assert (node(viewer, "/section") is not drawn["section"]) == turned
     assert node(viewer, "/obstacles") is drawn["obstacles"]
     for label in ("obstacle", "undecided (MIXED)"):
@@ -95,7 +95,7 @@ def test_a_page_shows_plans_proofs_and_errors(viewed):
     assert "certified" in page.panel.answer.content
     assert node(viewer, "/path")
     page.go(1.0)
-    steps = space.rotations.steps_between(viewer.canvas.robot, goal)
+    steps = space.rotations._steps_between(viewer.canvas.robot, goal)
     np.testing.assert_allclose(steps, 0.0, atol=1e-6)
     page.mark("goal", np.array([1e3, *goal[1:]]))
     page.search()
