@@ -17,13 +17,14 @@ from cspace._interface import (
     format_configuration,
 )
 from cspace._queries.batches import Configuration, evaluate, evaluate_edges
+from cspace._queries.yaws import join_yaw_cells
 from cspace._record.states import read_only
 from cspace._robot import Robot
 from cspace._rotations import Rotations
 from cspace._rotations.base import warn_of_degrees
 from cspace._support.arrays import BLOCKED, FREE, MIXED, STATE_NAMES, Bools, Floats, Ints
-from cspace._support.check import check_not_negative, check_rows
-from cspace.errors import ConfigurationError
+from cspace._support.check import check_not_negative, check_point, check_rows
+from cspace.errors import ConfigurationError, InputError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -299,6 +300,44 @@ class ConfigurationMap(ConfigurationSpace):
         write = partial(self._write_free_around, metres, radians)
         free: bool | Bools = evaluate(q, self.size, write, np.bool_, self._angles)
         return free
+
+    def free_yaws(self, position: ArrayLike) -> Floats:
+        """Return the intervals of yaw at which the robot is proven free at a position.
+
+        Parameters
+        ----------
+        position : array-like, shape (2,) or (3,)
+            Metres.
+
+        Returns
+        -------
+        ndarray of float64, shape (n, 2)
+            Lower and upper bound of each interval, radians. Lower bounds lie in [-pi, pi) and rise,
+            upper bounds are at most a turn larger. A robot that is free at all yaws has the
+            interval from -pi to pi.
+
+        Raises
+        ------
+        InputError
+            If the robot does not rotate about z alone, or the position has another shape or is not
+            finite.
+
+        Examples
+        --------
+        >>> import numpy as np, cspace
+        >>> workspace = cspace.Workspace.from_array(np.zeros((30, 9), dtype=bool), 0.1)
+        >>> space = cspace.build(workspace, cspace.Robot.rectangle(1.2, 0.2), rotations=8)
+        >>> np.rad2deg(space.free_yaws((1.55, 0.45))).round(1).tolist()
+        [[-22.5, 22.5], [157.5, 202.5]]
+        """
+        if self.rotations.names != ("yaw",):
+            problem = f"has the axes {', '.join(self.axes)}"
+            hint = "build a map with rotations=72"
+            raise InputError("space", problem, "only a robot with a yaw has free yaws", hint)
+        point = check_point(position, "position", self.dim)
+        yaws = self.rotations.centers
+        is_free = self.is_free(np.column_stack([np.tile(point, (len(yaws), 1)), yaws]))
+        return join_yaw_cells(is_free, self.rotations._stored_arrays["yaw_bounds"])
 
     @overload
     def clearance(self, q: Configuration) -> float: ...  # type: ignore[overload-overlap]

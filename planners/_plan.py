@@ -926,22 +926,15 @@ def _describe_free_yaws(edges: LocalPlanner, endpoints: Endpoints) -> list[str]:
     The robot reaches these on the spot through FREE cells. If it reaches all, nothing is named.
     """
     limits = []
-    space = edges.cells
-    rotations = space.rotations
-    count = len(rotations)
-    bounds = np.asarray(rotations._stored_arrays["yaw_bounds"])
     for name, (x, y, yaw) in zip(("start", "goal"), endpoints, strict=True):
-        # Rotation cells, counted from the cell of the yaw to the left.
-        order = (int(rotations.cell_of(yaw)) + np.arange(count)) % count
-        yaws = rotations.centers[order, 0].tolist()
-        free = space.is_free([(x, y, center) for center in yaws])
-        if free.all() or not free[0]:
+        intervals = edges.cells.free_yaws((x, y))
+        widths = np.ptp(intervals, axis=1)
+        beyond_lower = (yaw - intervals[:, 0]) % TWO_PI
+        around_yaw = np.flatnonzero(beyond_lower <= widths)
+        if not len(around_yaw) or widths[around_yaw[0]] >= TWO_PI:
             continue
-        blocked = np.flatnonzero(~free)
-        last = order[blocked[0] - 1]
-        first = order[(blocked[-1] + 1) % count]
-        low = yaw - (yaw - bounds[first, 0]) % TWO_PI
-        high = yaw + (bounds[last, 1] - yaw) % TWO_PI
+        low = yaw - beyond_lower[around_yaw[0]]
+        high = low + widths[around_yaw[0]]
         # Bounds are rounded inwards, to milliradians.
         interval = f"{math.ceil(1e3 * low) / 1e3:g} to {math.floor(1e3 * high) / 1e3:g} rad"
         limit = f"at the {name} only yaws {interval} are proven free"

@@ -241,6 +241,9 @@ def explain(space: CSpace, start: ArrayLike, goal: ArrayLike, refine: bool) -> E
         way, trial = refine_way(space, points, way, is_decided)
     elif not is_decided:
         trial = suggest_finer(space, way)
+    free_yaws = np.empty((0, 2)), np.empty((0, 2))
+    if space.rotations.names:
+        free_yaws = space.free_yaws(first[:-1]), space.free_yaws(second[:-1])
     return Explanation(
         space=space,
         start=tuple(first.tolist()),
@@ -252,7 +255,7 @@ def explain(space: CSpace, start: ArrayLike, goal: ArrayLike, refine: bool) -> E
         margin=(way.low, way.high),
         passes_without=tuple(removed_alone),
         trial=None if is_decided else trial,
-        free_yaws=(_find_free_yaws(space, cells[0]), _find_free_yaws(space, cells[1])),
+        free_yaws=free_yaws,
         passes_if_turning=_passes_if_turning(space, cells),
     )
 
@@ -323,28 +326,6 @@ def touched_cells(space: CSpace, cells: Ints, proven: bool) -> Bools:
         offsets = np.argwhere(raster.cells) + raster.lower + position + 1
         touched[tuple(np.clip(offsets, 0, last).T)] = True
     return touched
-
-
-def _find_free_yaws(space: CSpace, cell: Ints) -> Floats:
-    """Return the intervals of yaw that are FREE at the position of a cell, shape (n, 2)."""
-    if not space.rotations.names:
-        return np.empty((0, 2))
-    is_free = states_of_slices(space)[space.slice_of, *cell[1:]] == FREE
-    bounds = np.asarray(space.rotations._stored_arrays["yaw_bounds"])
-    if is_free.all():
-        return np.array([[-math.pi, math.pi]])
-    intervals: list[list[float]] = []
-    # The walk begins behind a yaw cell that is not FREE, so that no interval is cut in two.
-    after = int(np.argmin(is_free)) + 1
-    for number in np.roll(np.arange(len(bounds)), -after).tolist():
-        if not is_free[number]:
-            continue
-        low, high = bounds[number].tolist()
-        if intervals and is_free[number - 1]:
-            intervals[-1][1] += (high - low) % (2.0 * math.pi)
-        else:
-            intervals.append([low, low + (high - low) % (2.0 * math.pi)])
-    return np.array(intervals).reshape(-1, 2)
 
 
 def _passes_if_turning(space: CSpace, cells: Ints) -> bool:
