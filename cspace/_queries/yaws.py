@@ -14,7 +14,7 @@ def join_yaw_cells(is_free: Bools, bounds: Floats) -> Floats:
     """Join neighbouring yaw cells that are free to intervals, shape (n, 2), radians.
 
     ``bounds``, shape (cells, 2), are the lower and upper bound of each cell, one after another all
-    around. Intervals begin in [-pi, pi) and end up to a turn later.
+    around. Intervals begin in [-pi, pi), in rising order, and end up to a turn later.
     """
     if is_free.all():
         return np.array([[-math.pi, math.pi]])
@@ -25,4 +25,5 @@ def join_yaw_cells(is_free: Bools, bounds: Floats) -> Floats:
         last_cells = np.roll(last_cells, -1)
     low = wrapped(bounds[first_cells, 0])
     widths = (bounds[last_cells, 1] - bounds[first_cells, 0]) % TWO_PI
-    return np.column_stack([low, low + widths])
+    intervals = np.column_stack([low, low + widths])
+    return intervals[np.argsort(low)]
