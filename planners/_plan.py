@@ -181,58 +181,9 @@ def plan(
 ) -> Plan:
     """Find and prove a path on a map or for an arm.
 
-    Any geometric planner of OMPL may search. On a map of (x, y, yaw) the robot may move sideways,
-    unless ``drive`` restricts it. "differential" is for robots that turn on the spot and drive
-    straight on, as most mobile robots do.
-
-    If the map proves that no path exists, no search begins if components of cells are known;
-    otherwise a planner of OMPL has them labelled after 0.05 s, and ends. No search of OMPL is run
-    if the objective is the length and the single edge from start to goal is free. OMPL's messages
-    are held back while it runs.
-
-    *Time.* Search and simplification end within the time limit plus 0.25 s. Limits count the
-    process's CPU time, so other programs on a busy machine change no result. The first plan on a
-    map also computes components and compiles functions; these times are not limited, see
-    :attr:`Plan.times`.
-
-    *Replanning.* Where obstacles or the robot move, pass the last plan as ``previous``. The path
-    joins it by a free edge and follows it; only a blocked part of it is searched anew. The whole is
-    then shortened. It may be longer than a path that has become free since, so plan without
-    ``previous`` now and then.
-
-    *FREE cells.* Unless ``exact``, a path of any drive leads through FREE cells. So a plan ends
-    soon if no chain of FREE cells joins start and goal. If a drive that is not holonomic finds no
-    path, :attr:`Plan.status` names the yaws that are proven free at start and goal, unless all are.
-
-    *Hints.* Without a path, a map of up to a million cells is searched with the drive that reverses
-    and with ``exact``, for a tenth of the time limit each, at most 0.5 s. :attr:`Plan.hint` says
-    which of these finds a path, otherwise what else to try.
-
-    *Tiled maps.* On a :class:`cspace.TiledCSpace` the path goes from tile to tile, through the
-    middle of the FREE part of each common face. Only tiles on the way are opened, and the time
-    limit holds for each tile. If the drive is holonomic, "Grid" takes over in tiles where the
-    planner finds no path. Straight paths are then shortened as a whole. Objectives and drives apply
-    tile by tile; ``exact`` needs a map in memory.
-
-    *Arms.* In the space of an arm (:func:`cspace.build_arm_space`), an edge moves all joints in
-    step, continuous joints the shorter way. The geometry itself proves every edge, so ``exact``
-    changes nothing. Angles of continuous joints in the path are not wrapped, so that straight
-    motions join its rows. Drives, "Grid", "MaxClearance" and "clearance" are for maps.
-
-    *Default.* Without a planner, another objective or ``iterations``, three searches follow each
-    other. If the robot rotates, RRTConnect begins, for at most 500 iterations, some 10 ms; not for
-    Dubins curves. Then comes a built-in search for a shorter path: "Grid" for holonomic robots,
-    "Lattice" for cars, and unless ``exact`` for other drives. Few paths through FREE cells are
-    shorter than Grid's. If neither finds a path before the time limit, or with ``exact`` before
-    half of it, OMPL's default planner goes on.
-
-    *Repeatable runs.* "Grid" and "Lattice" always give the same path. So do default plans on maps
-    that need no third search, because the first one draws the same numbers without a seed. A seed
-    sets OMPL's global seed generator, from which every planner and sampler made afterwards draws
-    its own seed, and the random starts of poses. So the same call with the same seed gives the same
-    path, in any process and after any other plans. Searches that the clock ends are an exception:
-    give ``iterations`` to planners that use up the time limit. So are PRM and PRMstar, which search
-    in a second thread, and OMPL used by other threads at the same time.
+    Any geometric planner of OMPL may search, or a search of our own. Every edge of the path is
+    proven free by the map, or for an arm by the geometry. The page on planning describes defaults,
+    time, previous plans, tiled maps and repeatable runs.
 
     Parameters
     ----------
@@ -241,96 +192,58 @@ def plan(
         Configurations. An arm has one number for each joint, a map ``(x, y)``, ``(x, y, yaw)``,
         ``(x, y, z)``, ``(x, y, z, yaw)`` or ``(x, y, z, qx, qy, qz, qw)`` in metres; yaw in
         radians, wrapped. The goal of an arm may also be a :class:`cspace.PoseGoal`, or several
-        goals: configurations, shape (n, size), or a list with pose goals. Goals that are not proven
-        free are dropped, and the path ends at one of the others, :attr:`Plan.goal`. BFMT, PRM and
-        PRMstar take one configuration. A pose becomes the free ones of at most 128 configurations
-        of :meth:`cspace.Arm.inverse`. These are not all configurations at the pose, so "no path
-        found" proves nothing.
+        goals: configurations, shape (n, size), or a list with pose goals.
     planner : str, optional
         Name, in upper or lower case, of a planner of OMPL (:func:`planners.planner_names`) or of a
-        built-in search; type checkers know the names as OMPL spells them. The default is "Grid" or
-        "Lattice" as said above, otherwise RRTConnect, for Dubins curves RRT, and for an arm BiRRT.
-
-        - "Grid", :meth:`cspace.CSpace.find_path`: a short holonomic path in milliseconds if FREE
-          cells join start and goal; deterministic.
-        - "MaxClearance", :meth:`cspace.CSpace.find_widest_path`: the path of largest clearance, and
-          of these a short one; deterministic unless the time limit ends it; not for tiled maps.
-        - "Lattice": a search along headings for drives that are not holonomic, Dolgov and others
-          (2008); deterministic.
-        - "BiRRT", :meth:`cspace.ArmSpace.find_path`: two trees of an arm's motions, in compiled
-          code. It goes on to shorten its path while that gains 1 %, at most until the time limit;
-          not with ``simplify=False``.
-
-        BITstar, InformedRRTstar, PRMstar, RRTstar and SORRTstar improve their path until the time
-        limit. RRTConnect often fails for Dubins curves, because its tree at the goal grows by
-        curves that leave the goal. Planners that also follow edges backwards are refused for Dubins
-        curves; for "differential" their edges must be free both ways.
+        built-in search: "Grid", "MaxClearance" and "Lattice" on maps, "BiRRT" for arms. By default,
+        a robot that rotates gets a first path from RRTConnect; then "Grid", "Lattice" or "BiRRT"
+        searches for a shorter one.
     time_limit : float
         Seconds of the process's CPU time after which the search ends; of the clock for PRM and
-        PRMstar. Simplification then has another 0.1 s.
+        PRMstar. Simplification then has another 0.1 s. Work that a map does once is not limited.
     iterations : int, optional
-        Largest number of checks of OMPL's termination condition, about one for each iteration of
-        the planner. For BiRRT, the largest number of further searches for a shorter path. Not for
-        PRM, PRMstar and the built-in searches of maps.
+        Largest number of iterations of the planner, or of BiRRT's further searches. Not for PRM,
+        PRMstar and the built-in searches of maps.
     simplify : bool
-        Whether to shorten the path. The result replaces the path only if it is certified and no
-        worse by the objective.
+        Whether to shorten the path.
     seed : int, optional
-        From 0 to 2^32 - 2. Grid, MaxClearance and Lattice ignore it.
+        From 0 to 2^32 - 2. The same call with the same seed gives the same path, unless the clock
+        ends the search. Grid, MaxClearance and Lattice need none.
     objective : {"length", "clearance"} or callable
-        Quantity to minimise. "clearance" is :class:`planners.ClearanceObjective` with its defaults,
-        by "Grid" if no planner is named; the robot must then be holonomic. A callable takes the
-        space information and returns an ``ompl.base.OptimizationObjective``, for example ``lambda
-        si: planners.OverlapObjective(si, space, field)``. The length counts a radian of rotation as
-        half a metre, except along curves; see :attr:`Plan.total_rotation`.
-
-        Objectives other than the length are for BITstar, InformedRRTstar, RRTstar and SORRTstar.
-        FMT and BFMT take them with a time limit of many seconds, because they compute the cost
-        between all pairs of near samples. Each of these must beat the path that RRTConnect finds
-        first. Other planners are refused.
+        Quantity to minimise. "clearance" is :class:`planners.ClearanceObjective` with its defaults.
+        A callable takes the space information and returns an ``ompl.base.OptimizationObjective``.
+        The length counts a radian of rotation as half a metre, except along curves.
     exact : bool
         Whether the geometry itself decides MIXED cells, which finds shorter paths, and passages
-        little wider than the robot; slower. "Grid" tests the centers of MIXED cells on its way.
+        little wider than the robot; slower. Not for tiled maps.
     drive : {"holonomic", "differential", "differential-reverse", "dubins", "reeds-shepp"}
-        Motion of the robot along an edge, which is proven along that motion. All but the first are
-        for maps of (x, y, yaw), with the reference point in the middle of the axle that does not
-        steer.
-
-        - "holonomic": straight, turning evenly the shorter way.
-        - "differential": it turns on the spot, drives straight ahead along its x axis, and turns
-          again.
-        - "differential-reverse": also backwards, when that takes less rotation.
-        - "dubins", "reeds-shepp": the shortest curve of a car, forwards only, or also in reverse.
+        Motion along an edge, which is proven along that motion. All but the first are for maps of
+        (x, y, yaw), with the reference point in the middle of the axle that does not steer. A
+        differential drive turns on the spot and drives straight ahead; cars follow curves.
     turning_radius : float, optional
         Smallest turning radius of the car, in metres; needed by curves alone.
     previous : Plan, optional
-        The last plan for a space with these axes, in memory. It may have another start, goal and
-        drive. A plan without a path counts as none. Not for other objectives than the length, nor
-        for "MaxClearance".
+        The last plan for a space with these axes, in memory. The path joins it and follows it; only
+        a blocked part of it is searched anew. Not for other objectives than the length.
 
     Returns
     -------
     Plan
+        Without a path, :attr:`Plan.status` says what is proven, and :attr:`Plan.hint` what helps.
 
     Raises
     ------
     ConfigurationError
-        If start or goal lies outside the map or is not FREE (with ``exact``, not proven free by the
-        geometry either). Also if it lies on the border of a cell that is not FREE. The message
-        names the nearest FREE configuration, which is also the error's ``nearest``. Also if no
-        configuration found for a pose is within its tolerance, or if all of these collide. If none
-        is within it, the message says how far the nearest pose reached is.
+        If start or goal is not proven free, or no free configuration is found for a pose. The
+        message and the error's ``nearest`` give the nearest FREE configuration.
     InputError
-        If a number is NaN, infinite or out of range; start or goal has the wrong length; a name is
-        unknown. Also if the space, planner, objective, drive and other options do not go together.
-        Also if the space is so small that OMPL takes steps in it for zero, and a planner of OMPL is
-        named.
+        If a number is NaN, infinite or out of range, a name is unknown, or the space, planner,
+        objective, drive and other options do not go together.
 
     Warns
     -----
     AngleWarning
-        If the yaw of start or goal, or the angle of a continuous joint, is beyond 2 pi, as degrees
-        are.
+        If an angle is beyond 2 pi, as degrees are.
 
     Examples
     --------
