@@ -130,15 +130,11 @@ def at_home(app: Any, page: str, source: list[str]) -> None:
         r"\]\((?:\.\./)+tutorials/(\w+)\.py\)", rf"]({up}tutorials/\1.rst)", source[0]
     )
     source[0] = re.sub(
-        rf"\]\((?:\.\./)+({ROOT_PAGES})\.md\)", lambda m: f"]({up}{m[1].lower()}.md)", source[0]
+        rf"\]\((?:\.\./)+({ROOT_PAGES})\.md(#[\w-]+)?\)",
+        lambda m: f"]({up}{m[1].lower()}.md{m[2] or ''})",
+        source[0],
     )
-
-
-def make_lists(app: Any, page: str, source: list[str]) -> None:
-    """Make the lists of a page anew, with links into the API."""
-    source[0] = lists.fill(source[0], linked=True)
 
 
 def setup(app: Any) -> None:
     app.connect("source-read", at_home)
-    app.connect("source-read", make_lists)
