@@ -3,7 +3,6 @@ docs/_build``."""
 
 import re
 import shutil
-import sys
 import warnings
 from pathlib import Path
 from typing import Any
@@ -12,9 +11,6 @@ from sphinx_gallery.scrapers import figure_rst
 from sphinx_gallery.sorting import FunctionSortKey
 
 import cspace
-
-sys.path.insert(0, str(Path(__file__).parent))
-import lists
 
 project = "cspace"
 author = "The cspace developers"
@@ -129,15 +125,11 @@ def at_home(app: Any, page: str, source: list[str]) -> None:
         r"\]\((?:\.\./)+tutorials/(\w+)\.py\)", rf"]({up}tutorials/\1.rst)", source[0]
     )
     source[0] = re.sub(
-        rf"\]\((?:\.\./)+({ROOT_PAGES})\.md\)", lambda m: f"]({up}{m[1].lower()}.md)", source[0]
+        rf"\]\((?:\.\./)+({ROOT_PAGES})\.md(#[\w-]+)?\)",
+        lambda m: f"]({up}{m[1].lower()}.md{m[2] or ''})",
+        source[0],
     )
-
-
-def make_lists(app: Any, page: str, source: list[str]) -> None:
-    """Make the lists of a page anew, with links into the API."""
-    source[0] = lists.fill(source[0], linked=True)
 
 
 def setup(app: Any) -> None:
     app.connect("source-read", at_home)
-    app.connect("source-read", make_lists)

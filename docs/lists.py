@@ -1,6 +1,5 @@
 """Lists of the pages that are generated from the code: ``python docs/lists.py`` writes them anew."""
 
-import inspect
 import pkgutil
 import re
 from collections.abc import Callable, Iterable, Mapping
@@ -8,9 +7,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-import cspace
 import cspace._files
-import planners
 from cspace._files.formats import ROBOT_FORMATS, WORKSPACE_FORMATS
 from cspace._shapes.primitives import SHORT_TEXTS
 from cspace.export._maps import EXPORT_FORMATS
@@ -20,30 +17,19 @@ MARKED = re.compile(r"(<!-- list: (.+?) -->\n).*?(<!-- end of list -->)", re.DOT
 MAPS_IN = {2: "plane", 3: "space", None: "either"}
 
 
-def fill(page: str, *, linked: bool = False) -> str:
-    """Return a page with its lists made anew; in the site, names link to their place in the API."""
-    return MARKED.sub(lambda found: found[1] + make_list(found[2], linked) + found[3], page)
+def fill(page: str) -> str:
+    """Return a page with its lists made anew."""
+    return MARKED.sub(lambda found: found[1] + make_list(found[2]) + found[3], page)
 
 
-def make_list(name: str, linked: bool) -> str:
+def make_list(name: str) -> str:
     """Return the lines of the list with a name."""
-    tables: dict[str, Callable[[], Iterable[str]]] = {
-        "short texts": list_short_texts,
-        "workspace formats": lambda: list_formats(WORKSPACE_FORMATS),
-        "robot formats": lambda: list_formats(ROBOT_FORMATS),
-        "export formats": lambda: list_formats(EXPORT_FORMATS),
-        "fields": list_fields,
-    }
-    lines = tables[name]() if name in tables else list_names(find_names()[name], linked)
-    return "".join(f"{line}\n" for line in lines)
-
-
-# ---- formats and short texts ---------------------------------------------------------------------
+    return "".join(f"{line}\n" for line in LISTS[name]())
 
 
 def list_short_texts() -> Iterable[str]:
     """Yield the rows of the short texts of robots."""
-    yield from ("| text | robot | in | example |", "|---|---|---|---|")
+    yield from ("| shorthand | robot | in | example |", "|---|---|---|---|")
     for name, kind in SHORT_TEXTS.items():
         dimension = MAPS_IN[kind.dimension]
         yield f"| `{name}:{kind.form}` | {kind.summary} | {dimension} | `{kind.example}` |"
@@ -69,87 +55,14 @@ def list_fields() -> Iterable[str]:
             yield f"| {' | '.join((fields.files, *done))} |"
 
 
-# ---- functions and methods -----------------------------------------------------------------------
-
-
-def find_names() -> dict[str, list[str]]:
-    """Return the full names of public functions and methods, by list."""
-    space, memory = methods("cspace.Space"), methods("cspace.CSpace")
-    tiled, arm = methods("cspace.TiledCSpace"), methods("cspace.ArmSpace")
-    every_map = (memory & tiled) - space
-    return {
-        "functions": [
-            *functions("cspace"),
-            *functions("cspace.arms"),
-            *functions("cspace.plot"),
-            *functions("cspace.spectral"),
-        ],
-        "planners": functions("planners"),
-        "Workspace": full("cspace.Workspace", methods("cspace.Workspace")),
-        "Robot": full("cspace.Robot", methods("cspace.Robot")),
-        "every space": full("cspace.Space", space),
-        "every map": full("cspace.CSpace", every_map),
-        "maps in memory": full("cspace.CSpace", memory - space - every_map),
-        "tiled maps": full("cspace.TiledCSpace", tiled - space - every_map),
-        "arm spaces": full("cspace.ArmSpace", arm - space),
-        "Arm": full("cspace.Arm", methods("cspace.Arm")),
-        "Plan": full("planners.Plan", methods("planners.Plan")),
-        "Trajectory": full("planners.Trajectory", methods("planners.Trajectory")),
-    }
-
-
-def full(owner: str, names: Iterable[str]) -> list[str]:
-    """Return the sorted full names of methods of a class."""
-    return [f"{owner}.{name}" for name in sorted(names)]
-
-
-def methods(owner: str) -> set[str]:
-    """Return the names of the public methods of a class."""
-    callables = {name for name, _ in inspect.getmembers(find(owner), callable)}
-    return {name for name in callables if not name.startswith("_")}
-
-
-def functions(package: str) -> list[str]:
-    """Return the full names of the functions of a package, and of the callbacks for OMPL."""
-    module = import_module(package)
-    values = {name: getattr(module, name) for name in module.__all__}
-    if module is not cspace:  # which lists some functions of its packages, too
-        values = {name: value for name, value in values.items() if not is_in_cspace(name, value)}
-    return [
-        f"{package}.{name}"
-        for name, value in values.items()
-        if inspect.isfunction(value) or is_callback(value)
-    ]
-
-
-def is_in_cspace(name: str, value: object) -> bool:
-    """Return True if ``cspace`` has a value by the same name."""
-    return name in dir(cspace) and getattr(cspace, name) is value
-
-
-def is_callback(value: object) -> bool:
-    """Return True if a value is a class of planners that OMPL calls."""
-    return inspect.isclass(value) and any(
-        base.__module__.startswith("ompl") for base in value.__mro__
-    )
-
-
-def find(name: str) -> Any:
-    """Return the object with a full name."""
-    value: Any = {"cspace": cspace, "planners": planners}[name.partition(".")[0]]
-    for part in name.split(".")[1:]:
-        value = getattr(value, part)
-    return value
-
-
-def list_names(names: Iterable[str], linked: bool) -> Iterable[str]:
-    """Yield a line for each name: its last part, and the first line of its docstring."""
-    for name in names:
-        text = str(inspect.getdoc(find(name))).splitlines()[0]
-        text = re.sub(r":\w+:`~?([^`]+)`", r"`\1`", text).replace("``", "`")
-        owner, _, last = name.rpartition(".")
-        short = last if inspect.isclass(find(owner)) else name
-        yield f"* {f'{{py:obj}}`{short} <{name}>`' if linked else f'`{short}`'}: {text}"
+LISTS: dict[str, Callable[[], Iterable[str]]] = {
+    "short texts": list_short_texts,
+    "workspace formats": lambda: list_formats(WORKSPACE_FORMATS),
+    "robot formats": lambda: list_formats(ROBOT_FORMATS),
+    "export formats": lambda: list_formats(EXPORT_FORMATS),
+    "fields": list_fields,
+}
+"""Functions that make the lists of pages, by name."""
 
 
 def main() -> None:

@@ -33,7 +33,7 @@ print(space)
 # Plan
 # ----
 #
-# Configurations are ``(x, y, z)``. The exterior of the workspace counts as obstacle, so the drone
+# Configurations are ``(x, y, z)``. All outside the workspace counts as obstacle, so the drone
 # does not leave through the roof, unless you build with ``outside="free"``.
 
 start, goal = (1.0, 2.0, 0.5), (5.0, 2.5, 0.5)

@@ -1,7 +1,7 @@
 """Draw the pictures of the pages: ``python docs/pictures/draw.py`` rewrites the PNG files beside
 it.
 
-All except the house and the hull tree show answers of maps that the library builds here.
+All except the hull tree show answers of maps that the library builds here.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ import shapely
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
-from matplotlib.patches import FancyArrowPatch, FancyBboxPatch, Patch, Rectangle
+from matplotlib.patches import Patch, Rectangle
 from numpy.typing import ArrayLike, NDArray
 from shapely import affinity
 
@@ -55,7 +55,6 @@ def draw_all(folder: Path) -> None:
             draw_joint_map,
             draw_trajectory,
             draw_controller,
-            draw_house,
         ):
             figure = draw()
             name = draw.__name__.removeprefix("draw_")
@@ -516,77 +515,6 @@ def draw_joint_map() -> Figure:
         plt.Line2D([], [], color=PATH, label="path"),
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False, fontsize=8.5)
-    return figure
-
-
-# ---- the house -----------------------------------------------------------------------------------
-
-FLOORS: tuple[tuple[str, tuple[str, ...], str], ...] = (
-    ("doors for users", ("cspace", "cli", "view"), "#e8e3f3"),
-    ("planning", ("planners",), "#e8e3f3"),
-    ("reasons, pictures", ("reasons", "plot"), "#e8e3f3"),
-    ("arms", ("arms",), "#d4eaf7"),
-    ("frequency domain", ("spectral",), "#d4eaf7"),
-    ("maps are made", ("builder", "opening", "tiles", "export"), "#d4eaf7"),
-    ("spaces for users", ("space", "maps", "interface"), "#d4eaf7"),
-    ("proofs by geometry", ("exact", "bodies"), "#d4eaf7"),
-    ("look-ups", ("queries", "record"), "#d4eaf7"),
-    ("engines", ("engines",), "#d4eaf7"),
-    ("what users make", ("robot", "workspace", "obstacles", "methods"), "#d9f0e6"),
-    ("geometry", ("shapes", "raster", "rotations"), "#d9f0e6"),
-    ("bytes to arrays", ("files",), "#d9f0e6"),
-    ("ground", ("limits", "grid", "support", "errors"), "#eeeeee"),
-)
-"""Floors of the house from top to bottom, each with its rooms and its colour. Imports point down,
-and to the right on a floor."""
-
-
-def draw_house() -> Figure:
-    """Draw the rooms of the two packages; imports point down."""
-    figure = plt.figure(figsize=(9.6, 6.2))
-    ax = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-    left, width, height = 2.35, 7.3, 0.62
-    for row, (floor, rooms, color) in enumerate(FLOORS):
-        y = (len(FLOORS) - 1 - row) * height
-        ax.text(left - 0.12, y + height / 2, floor, ha="right", va="center", color="#444444")
-        each = width / len(rooms)
-        for k, room in enumerate(rooms):
-            x = left + k * each
-            box = FancyBboxPatch(
-                (x + 0.06, y + 0.08), each - 0.12, height - 0.16, boxstyle="round,pad=0,rounding_size=0.06",
-                facecolor=color, edgecolor="#888888",
-            )  # fmt: skip
-            ax.add_patch(box)
-            size = 9.5 if len(rooms) < 7 else 8.5
-            ax.text(
-                x + each / 2,
-                y + height / 2,
-                room,
-                ha="center",
-                va="center",
-                fontsize=size,
-                family="monospace",
-            )
-    top = len(FLOORS) * height
-    ax.add_patch(
-        FancyArrowPatch(
-            (left + width + 0.25, top),
-            (left + width + 0.25, 0),
-            arrowstyle="-|>",
-            mutation_scale=14,
-            color="#888888",
-        )
-    )
-    ax.text(
-        left + width + 0.42,
-        top / 2,
-        "imports point down, and to the right",
-        rotation=-90,
-        va="center",
-        color="#555555",
-    )
-    ax.set(xlim=(0.2, left + width + 0.75), ylim=(-0.1, top + 0.1))
-    ax.axis("off")
     return figure
 
 

@@ -132,13 +132,21 @@ def test_files_that_a_page_names_exist(page: str) -> None:
     assert [str(file) for file in files if not file.exists()] == []
 
 
-def test_the_architecture_page_lists_every_room_in_order() -> None:
+@pytest.mark.parametrize("page", PAGES)
+def test_tests_that_a_page_selects_exist(page: str) -> None:
+    text = (ROOT / page).read_text(encoding="utf-8")
+    for file, word in re.findall(r"(tests/[\w/]+\.py) -k (\w+)", text):
+        tests = re.findall(r"^def (test_\w+)", (ROOT / file).read_text("utf-8"), re.MULTILINE)
+        assert any(word in name for name in tests), f"-k {word} selects no test of {file}"
+
+
+def test_the_architecture_page_lists_every_package_in_order() -> None:
     page = (ROOT / "docs" / "explanation" / "architecture.md").read_text(encoding="utf-8")
     rows = [
         {f"cspace.{name.strip('/')}" for name in cell.split("`")[1::2]}
         for cell in re.findall(r"^\| (`.*?) \|", page, re.MULTILINE)
     ]
-    order = [{room.replace("planners", "cspace.planners") for room in row.split()} for row in ORDER]
+    order = [{name.replace("planners", "cspace.planners") for name in row.split()} for row in ORDER]
     assert rows == [{"cspace.cspace"}, *order[1:]]
 
 

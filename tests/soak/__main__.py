@@ -49,7 +49,7 @@ def main() -> int:
         prog="python -m tests.soak",
         description="Check random maps, curves, arms and pairs of shapes against exact geometry, open damaged files, "
         "and use maps in threads and processes. Each run draws new cases; --seed repeats those of an earlier run. "
-        'See "Tests" in docs/install.md for how to turn a failing case into a test.',
+        "CONTRIBUTING.md says how a failing case becomes a test.",
     )
     names = f"of {', '.join(FAMILIES)} (default all)"
     parser.add_argument("names", metavar="NAME", nargs="*", help=names)
