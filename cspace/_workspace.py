@@ -205,7 +205,6 @@ class Workspace:
         InputError
             If an array is empty, not boolean or of the wrong shape, or a number is invalid.
         """
-        from cspace._files.formats import read_npy, read_zarr_array
         from cspace._files.rasters import place_raster
         from cspace._limits import check_cells as check_file_cells
         from cspace._obstacles import LazyCells, check_no_chunk_missing, is_lazy
@@ -215,6 +214,8 @@ class Workspace:
         source = "array"
         array = occupied
         if isinstance(array, str | os.PathLike):
+            from cspace._files.arrays import read_npy, read_zarr_array
+
             source = str(array)
             if Path(array).suffix.lower() == ".zarr":
                 array = read_zarr_array(array)

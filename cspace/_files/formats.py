@@ -1,20 +1,14 @@
-"""Formats of workspace files by suffix; lazy NumPy and Zarr arrays."""
+"""Formats of workspace files by suffix."""
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any, Final, NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Final, NamedTuple
 
 from cspace._files import meshes, ros, vector
-from cspace._files.access import check_file, check_suffix, decoding
+from cspace._files.access import check_suffix
+from cspace._files.arrays import read_npy
 from cspace._files.polygons import read_ply_header
-from cspace._files.zarr_folders import ZarrArray
 from cspace._support.arrays import StrPath
-
-_NUMPY_KIND: Final = "NumPy array"
 
 
 class Format(NamedTuple):
@@ -122,24 +116,3 @@ def find_constructor(path: StrPath) -> str:
         header = read_ply_header(path)
         return "from_mesh" if header.faces else "from_points"
     return WORKSPACE_FORMATS[suffix].method
-
-
-def read_npy(path: StrPath) -> NDArray[Any]:
-    """Map the array of a ``.npy`` file into memory, read-only.
-
-    Raises FileError if the file is missing, truncated, in another format, or holds Python objects.
-    """
-    file = check_file(path, _NUMPY_KIND)
-    rule = "it must hold one array, boolean for cells or floating-point for points"
-    with decoding(file, _NUMPY_KIND, rule, "write it with numpy.save"), np.errstate(over="raise"):
-        return np.lib.format.open_memmap(file, mode="r")
-
-
-def read_zarr_array(path: StrPath) -> ZarrArray:
-    """Open a Zarr folder as an array that reads when indexed.
-
-    Raises FileError if the folder is missing or holds no array.
-    """
-    if not Path(path).is_dir():
-        check_file(path, "Zarr array")
-    return ZarrArray(path)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -13,6 +13,7 @@ import numpy as np
 from cspace._files.access import decoding, read_text
 from cspace._files.crs import PROJECT, check_crs
 from cspace._files.fields import Fields
+from cspace._files.geometries import check_shapes, make_curve_error, split_parts
 from cspace._files.plain import check_nesting, read_json
 from cspace._limits import check_file_memory
 from cspace._support.arrays import StrPath
@@ -25,9 +26,6 @@ if TYPE_CHECKING:
 POLYGON_SUFFIXES: Final = (".geojson", ".json", ".wkt")
 
 _POLYGONS_KIND: Final = "file of polygons"
-
-_MIN_COLLECTION_TYPE: Final = 4
-"""Type number of a multipoint in GEOS; all larger ones are collections too."""
 
 _BYTES_PER_POINT: Final = 1000.0
 """Maximum memory, in bytes, of one point of a file, as an object and again in its collection."""
@@ -182,17 +180,10 @@ def _parse_wkt(text: str, name: str) -> BaseGeometry:
         with np.errstate(invalid="ignore"):  # a later check refuses NaN by name
             return shapely.set_srid(shapely.from_wkt(text), int(srid or 0))
     except NotImplementedError as error:
-        raise _make_curve_error(name) from error
+        raise make_curve_error(name) from error
     except (shapely.errors.ShapelyError, ValueError) as error:
         problem = f"is not WKT: {' '.join(str(error).split())}"
         raise GeometryError(name, problem, "it must be whole", hint) from error
-
-
-def _make_curve_error(name: str) -> GeometryError:
-    """Return the error for a geometry that shapely does not support."""
-    problem = "is or holds a curve, such as CIRCULARSTRING or CURVEPOLYGON"
-    rule = "only straight lines are read"
-    return GeometryError(name, problem, rule, "replace it, with ST_CurveToLine in PostGIS")
 
 
 def _read_geojson(document: Mapping[str, Any], name: str) -> Iterator[tuple[str, BaseGeometry]]:
@@ -248,62 +239,3 @@ def _parse_geojson(document: Any, name: str) -> Iterator[tuple[str, BaseGeometry
         rule = "it must hold 'type' and 'coordinates' as RFC 7946 says"
         raise GeometryError(name, problem, rule, "correct it") from error
     yield name, geometry
-
-
-def split_parts(shape: BaseGeometry, name: str) -> list[BaseGeometry]:
-    """Return the simple geometries of a nested collection, in order.
-
-    Raises GeometryError if one of them is a curve.
-    """
-    import shapely
-
-    if shapely.get_type_id(shape) < _MIN_COLLECTION_TYPE or shape.is_empty:
-        return [shape]
-    parts: list[BaseGeometry] = []
-    try:
-        members = shapely.get_parts(shape)
-    except NotImplementedError as error:
-        raise _make_curve_error(name) from error
-    for member in members:
-        parts += split_parts(member, name)
-    return parts
-
-
-def check_shapes(shapes: Sequence[BaseGeometry], names: Sequence[str]) -> None:
-    """Raise GeometryError for the first unusable shape.
-
-    Shapes must be finite, plane, valid and filled with points.
-
-    ``names`` name the shapes in messages.
-    """
-    import shapely
-
-    array = np.array(shapes, dtype=object)
-    points, owners = shapely.get_coordinates(array, return_index=True)
-    # The owner of a point is the index of its shape.
-    broken = np.flatnonzero(~np.isfinite(points).all(axis=1))
-    if len(broken):
-        first = broken[0]
-        x, y = points[first]
-        index = int(owners[first])
-        problem = f"has a vertex at ({x}, {y})"
-        rule = "NaN and infinities are refused"
-        hint = "drop or replace it"
-        raise GeometryError(names[index], problem, rule, hint)
-    is_invalid = ~shapely.is_valid(array)
-    reason = shapely.is_valid_reason(array[is_invalid.argmax()])
-    flat = "drop them with shapely.force_2d if height does not matter"
-    # For each reason, the mask of the shapes to refuse, and the parts of the message.
-    for refused, problem, rule, hint in (
-        (shapely.is_empty(array), "is empty", "an obstacle must cover some ground", "remove it"),
-        (shapely.has_z(array), "has z coordinates", "obstacles in the plane have two", flat),
-        (
-            is_invalid,
-            f"is not valid: {reason}",
-            "a boundary may not cross itself",
-            "redraw it, or try shapely.make_valid",
-        ),
-    ):
-        if refused.any():
-            index = int(refused.argmax())
-            raise GeometryError(names[index], problem, rule, hint)

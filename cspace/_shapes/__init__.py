@@ -76,8 +76,6 @@ def as_shape(source: ShapeLike, radius: ArrayLike | None = None, name: str = "sh
     Raises InputError if `source` describes no shape, and FileError if it names a missing or
     malformed file.
     """
-    from cspace._files.vector import read_shapes
-
     # From the most specific type to the least.
     if isinstance(source, Shape) and radius is None:
         return source
@@ -95,6 +93,8 @@ def as_shape(source: ShapeLike, radius: ArrayLike | None = None, name: str = "sh
     if is_array or isinstance(value, list | tuple):
         return _convert_sequence(value, name)
     if isinstance(value, Mapping) or hasattr(value, "__geo_interface__"):
+        from cspace._files.vector import read_shapes
+
         return Polygons(read_shapes(value))
     if hasattr(value, "vertices") or hasattr(value, "geometry"):
         return _make_mesh(value)
@@ -118,7 +118,7 @@ def _convert_sequence(values: Any, name: str) -> Shape:
 
     if getattr(values, "dtype", None) == np.bool_:
         rule = "their size must be given"
-        hint = "pass cspace._shapes.Voxels.of(cells, spacing), in metres"
+        hint = "pass cspace.Robot.from_bitmap(cells, spacing), in metres"
         raise InputError(name, "is an array of cells", rule, hint)
     first: Any = next(iter(values), {})
     if isinstance(first, Mapping) or hasattr(first, "__geo_interface__"):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace._files.vector import check_shapes, split_parts
+from cspace._files.geometries import check_shapes, split_parts
 from cspace._grid import Grid
 from cspace._raster import Raster
 from cspace._raster.bitmaps import point_segments, ring_segments

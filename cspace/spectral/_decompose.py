@@ -134,7 +134,7 @@ def decompose(
     shape : Shape, shapely geometry, trimesh.Trimesh, array-like, path-like, mapping or str
         In the plane: polygons (a list means their union; "outer" also accepts lines and points),
         GeoJSON, WKT, a file of these, or vertices (n, 2). In space: whatever :meth:`cspace.Mesh.of`
-        accepts. For cells, pass the shape ``cspace._shapes.Voxels.of(cells, spacing)``. Metres.
+        accepts. For cells, pass ``cspace.Robot.from_bitmap(cells, spacing)``. Metres.
     kind : {"inner", "outer"}
         Whether every ball lies in the shape, or the union of the balls covers it.
     number : int, optional

@@ -1,0 +1,82 @@
+"""Checks of shapely geometries."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from cspace.errors import GeometryError
+
+if TYPE_CHECKING:
+    from shapely.geometry.base import BaseGeometry
+
+_MIN_COLLECTION_TYPE: Final = 4
+"""Type number of a multipoint in GEOS; all larger ones are collections too."""
+
+
+def split_parts(shape: BaseGeometry, name: str) -> list[BaseGeometry]:
+    """Return the simple geometries of a nested collection, in order.
+
+    Raises GeometryError if one of them is a curve.
+    """
+    import shapely
+
+    if shapely.get_type_id(shape) < _MIN_COLLECTION_TYPE or shape.is_empty:
+        return [shape]
+    parts: list[BaseGeometry] = []
+    try:
+        members = shapely.get_parts(shape)
+    except NotImplementedError as error:
+        raise make_curve_error(name) from error
+    for member in members:
+        parts += split_parts(member, name)
+    return parts
+
+
+def check_shapes(shapes: Sequence[BaseGeometry], names: Sequence[str]) -> None:
+    """Raise GeometryError for the first unusable shape.
+
+    Shapes must be finite, plane, valid and filled with points.
+
+    ``names`` name the shapes in messages.
+    """
+    import shapely
+
+    array = np.array(shapes, dtype=object)
+    points, owners = shapely.get_coordinates(array, return_index=True)
+    # The owner of a point is the index of its shape.
+    broken = np.flatnonzero(~np.isfinite(points).all(axis=1))
+    if len(broken):
+        first = broken[0]
+        x, y = points[first]
+        index = int(owners[first])
+        problem = f"has a vertex at ({x}, {y})"
+        rule = "NaN and infinities are refused"
+        hint = "drop or replace it"
+        raise GeometryError(names[index], problem, rule, hint)
+    is_invalid = ~shapely.is_valid(array)
+    reason = shapely.is_valid_reason(array[is_invalid.argmax()])
+    flat = "drop them with shapely.force_2d if height does not matter"
+    # For each reason, the mask of the shapes to refuse, and the parts of the message.
+    for refused, problem, rule, hint in (
+        (shapely.is_empty(array), "is empty", "an obstacle must cover some ground", "remove it"),
+        (shapely.has_z(array), "has z coordinates", "obstacles in the plane have two", flat),
+        (
+            is_invalid,
+            f"is not valid: {reason}",
+            "a boundary may not cross itself",
+            "redraw it, or try shapely.make_valid",
+        ),
+    ):
+        if refused.any():
+            index = int(refused.argmax())
+            raise GeometryError(names[index], problem, rule, hint)
+
+
+def make_curve_error(name: str) -> GeometryError:
+    """Return the error for a geometry that shapely does not support."""
+    problem = "is or holds a curve, such as CIRCULARSTRING or CURVEPOLYGON"
+    rule = "only straight lines are read"
+    return GeometryError(name, problem, rule, "replace it, with ST_CurveToLine in PostGIS")
