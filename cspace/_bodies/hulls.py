@@ -73,11 +73,11 @@ _MAX_TRIANGLES_OF_RANKS: Final = MAX_TRIANGLES_PER_TILE * HULL_BRANCHING ** np.a
 
 
 MAX_EXACT_CORNERS: Final = 192
-"""Largest number of corners of the hull of a convex part, or of a flat set, that is kept exactly.
-"""
+"""Largest number of corners of a hull that is kept exactly: that of a convex part or of a flat set,
+or one whose corners are all of its points."""
 
 
-MAX_HULL_CORNERS: Final = 48
+MAX_HULL_CORNERS: Final = 96
 """Largest number of corners of other hulls; they grow by what their extreme corners leave out."""
 
 
@@ -328,8 +328,11 @@ def _fit_hull(points: Floats, volume: float) -> HullFit | None:
         hull = ConvexHull(points)
         kept = hull.vertices
         # Rounding of the volumes may not hide that a part is convex.
-        is_exact = volume > (1.0 - 1e-9) * hull.volume and len(kept) <= MAX_EXACT_CORNERS
-        if len(kept) > MAX_HULL_CORNERS and not is_exact:
+        is_convex = volume > (1.0 - 1e-9) * hull.volume
+        # Meshes that are convex but for rounding keep all points, which shows their shape best.
+        is_kept = is_convex or len(kept) == len(points)
+        is_exact = is_convex and len(kept) <= MAX_EXACT_CORNERS
+        if len(kept) > (MAX_EXACT_CORNERS if is_kept else MAX_HULL_CORNERS):
             extreme = (points[kept] @ _DIRECTIONS.T).argmax(axis=0)
             kept = kept[np.unique(extreme)]
             hull = ConvexHull(points[kept])
@@ -432,6 +435,7 @@ def tree_slack(
     axes: Floats,
     enough: float,
     scratch: Ints,
+    direction: Floats,
 ) -> float:
     """Return a lower bound of (distance - required distance) between trees.
 
@@ -440,8 +444,9 @@ def tree_slack(
     (:func:`cspace._bodies.triangles.joint_displacement`), and the motion has ``half_time`` 0; a
     motion has none. The result is negative if a pair of nodes is not proven to stay apart, and -inf
     if a pair is not apart at the central moment. That pair becomes row 0 of ``scratch``, shape
-    (MAX_PENDING_PAIRS, 2). The pair given there is tested first; -1 means none. Row 1 then starts
-    with 1 if pieces of connected parts were proven apart separately.
+    (MAX_PENDING_PAIRS, 2). The pair given there is tested after the roots; -1 means none. Row 1
+    then starts with 1 if pieces of connected parts were proven apart separately. ``direction`` is
+    that of :func:`hull_slack`, for each pair of hulls in turn.
     """
     best = enough
     partial = False  # whether pieces of connected parts were proven apart separately
@@ -450,10 +455,7 @@ def tree_slack(
     scratch[1, 0] = one
     scratch[1, 1] = other
     top = 2
-    if scratch[0, 0] >= 0:
-        scratch[2, 0] = scratch[0, 0]
-        scratch[2, 1] = scratch[0, 1]
-        top = 3
+    nearest_a, nearest_b = scratch[0, 0], scratch[0, 1]
     while top > 1:
         top -= 1
         a, b = scratch[top, 0], scratch[top, 1]
@@ -462,13 +464,18 @@ def tree_slack(
         apart = True
         if slack <= best and has_hull(hulls, a) and has_hull(hulls, b):
             offset = minus(row_at(hulls.boxes[b], CENTER), center)
-            slack, apart = hull_slack(hulls, a, b, motion, speed, best, offset)
+            slack, apart = hull_slack(hulls, a, b, motion, speed, best, offset, direction)
         if slack > best:
             partial = partial or hulls.nodes[a, IS_WHOLE] + hulls.nodes[b, IS_WHOLE] < 2
             continue
         if not is_final(hulls, a, b, motion, axes, apart, slack):
             split_pair(hulls, a, b, center, scratch, top)
             top += 2
+            if nearest_a >= 0:
+                scratch[top, 0] = nearest_a
+                scratch[top, 1] = nearest_b
+                top += 1
+                nearest_a = -1
             continue
         scratch[0, 0] = a
         scratch[0, 1] = b
@@ -599,17 +606,28 @@ def split_pair(hulls: Hulls, a: int, b: int, center: Row, scratch: Ints, row: in
 
 @internal
 def hull_slack(
-    hulls: Hulls, a: int, b: int, motion: RelativeMotion, speed: float, enough: float, n: Row
+    hulls: Hulls,
+    a: int,
+    b: int,
+    motion: RelativeMotion,
+    speed: float,
+    enough: float,
+    offset: Row,
+    direction: Floats,
 ) -> tuple[float, bool]:
     """Bound (distance - required distance) of two hulls from below; see :func:`tree_slack`.
 
     Also returns whether they are apart at the central moment. ``speed`` bounds the displacement of
-    the first hull. ``n``, of any length or zero, is the first direction tried. Later ones lead
-    between the nearest points that the search has found.
+    the first hull. The first direction tried is ``direction``, shape (3,), or the ``offset`` of the
+    centers if that is zero; either may have any length. Later ones lead between the nearest points
+    that the search has found. ``direction`` becomes the best of them.
     """
     required = motion.required + hulls.boxes[a, HULL_RADIUS] + hulls.boxes[b, HULL_RADIUS]
     best = -math.inf
     gap = -math.inf
+    n = row_at(direction, 0)
+    if dot(n, n) == 0.0:
+        n = offset
     length = math.inf
     # The simplex of differences of corners that is nearest to the origin, with ``count`` corners.
     p = q = r = (0.0, 0.0, 0.0)
@@ -629,6 +647,7 @@ def hull_slack(
         gap_along = -low - high - dot(n, motion.position)
         if gap_along - required > gap:
             gap = gap_along - required
+            direction[0], direction[1], direction[2] = n
             limits = gap_along, required, speed, enough
             best = max(best, slack_along(hulls, a, motion, n, a_point, low, limits))
             if best > enough:

@@ -234,6 +234,7 @@ def prove_block(
         i, j = scene.pairs[pair]
         count = write_axes(scene.chain, bodies[i], bodies[j], pending.halves, required, scratch)
         axes = scratch.axes[:count]
+        scratch.directions[pair, :] = 0.0  # the state may not depend on earlier blocks
         slack = bound_slack(scene, pair, NO_MOTION, axes, required, 0.0, scratch)
         # While the boundaries stay apart, containment is the same in the whole box.
         if slack < 0.0 or is_nested(scene, pair, scratch, 0.0):

@@ -193,8 +193,11 @@ class SceneScratch(NamedTuple):
     not_nested : ndarray of bool, shape (p,)
         Pairs known not to contain each other.
     nearest_nodes : ndarray of int64, shape (p, 2)
-        Nodes of each pair that last were not proven apart, -1 for none. They are tested first,
+        Nodes of each pair that last were not proven apart, -1 for none. They are tested early,
         because the same nodes often decide again.
+    directions : ndarray of float64, shape (p, 3)
+        Direction along which hulls of each pair were last farthest apart, zero at the start of a
+        motion. It is tried first, because it often proves the next part too.
     first_pair : ndarray of int64, shape (1,)
         Pair that last was not apart, which is tested first.
     axes : ndarray of float64, shape (b, 8)
@@ -209,6 +212,7 @@ class SceneScratch(NamedTuple):
     bounds: Floats
     not_nested: Bools
     nearest_nodes: Ints
+    directions: Floats
     first_pair: Ints
     axes: Floats
     nodes: Ints
@@ -225,6 +229,7 @@ def make_scene_scratch(scene: Scene) -> SceneScratch:
         bounds=np.empty((pairs, 3)),
         not_nested=np.empty(pairs, dtype=np.bool_),
         nearest_nodes=np.full((pairs, 2), -1),
+        directions=np.zeros((pairs, 3)),
         first_pair=np.zeros(1, dtype=np.int64),
         axes=np.empty((bodies, 8)),
         nodes=np.empty((MAX_PENDING_PAIRS, 2), dtype=np.int64),
@@ -337,6 +342,7 @@ def bound_pairs(scene: Scene, q0: Floats, q1: Floats, scratch: SceneScratch) -> 
         scratch.bounds[n, CURVATURE] = curvature
         scratch.bounds[n, ROTATION] = rotation
         scratch.not_nested[n] = False
+        scratch.directions[n, :] = 0.0
 
 
 @internal
@@ -423,7 +429,10 @@ def bound_slack(
     nearest = scratch.nearest_nodes[n]
     nodes[0, 0] = nearest[0]
     nodes[0, 1] = nearest[1]
-    slack = tree_slack(solids.hulls, solids.roots[i], solids.roots[j], motion, axes, enough, nodes)
+    direction = scratch.directions[n]
+    slack = tree_slack(
+        solids.hulls, solids.roots[i], solids.roots[j], motion, axes, enough, nodes, direction
+    )
     nearest[0] = nodes[0, 0]
     nearest[1] = nodes[0, 1]
     return slack
@@ -688,6 +697,7 @@ def bound_distances(
         for n in range(len(scene.pairs)):
             # The bound may not depend on earlier queries.
             scratch.nearest_nodes[n, 0] = -1
+            scratch.directions[n, :] = 0.0
             # A pair that is too near counts, even if its distance exceeds that of a pair with less
             # padding.
             enough = out[k] if out[k] < 0.0 else max(out[k] - scene.padding[n], 0.0)
