@@ -51,8 +51,7 @@ def list_fields() -> Iterable[str]:
     yield from ("| file | honoured | refused | warned of |", "|---|---|---|---|")
     for module in pkgutil.iter_modules(cspace._files.__path__, "cspace._files."):
         for fields in getattr(import_module(module.name), "FIELDS", ()):
-            done = ("; ".join(names) for names in fields[1:])
-            yield f"| {' | '.join((fields.files, *done))} |"
+            yield f"| {' | '.join(fields)} |"
 
 
 LISTS: dict[str, Callable[[], Iterable[str]]] = {

@@ -106,7 +106,7 @@ def find_state_kind(space: Space) -> StateKind:
             "space",
             f"has the axes {' '.join(space.axes)}",
             f"planners take {', '.join(' '.join(axes) for axes in _STATE_KINDS)}, and joints",
-            "add its states to planners/_states.py, or search with space.find_path",
+            "name its axes as one of these, or as joints, e.g. a, b",
         )
     return kind._replace(periodic_axes=space.periodic_axes)
 

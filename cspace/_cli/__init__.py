@@ -8,7 +8,7 @@ from __future__ import annotations
 import sys
 import warnings
 from collections.abc import Callable
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 from typer.core import TyperGroup
@@ -18,7 +18,7 @@ from cspace._cli.config import config
 from cspace._cli.info import info
 from cspace._cli.maps import export, make, picture, view
 from cspace._cli.planning import demo, explain, plan
-from cspace._cli.report import format_error, join_lines, option_names
+from cspace._cli.report import Options, format_error, format_warning, join_lines, option_names
 from cspace.errors import AngleWarning, CspaceError
 
 _USAGE_ERRORS: tuple[Any, ...] = typer.BadParameter.__mro__[1:2]
@@ -31,8 +31,12 @@ class _Commands(TyperGroup):
     def invoke(self, ctx: Any) -> Any:
         """Run a command; print errors and exit with code 2 or 130."""
 
+        def list_options() -> Options:
+            return option_names(self.commands.get(ctx.invoked_subcommand or ""), ctx.meta)
+
         def print_warning(message: Warning | str, *_: Any, **__: Any) -> None:
-            typer.echo(f"cspace: warning: {join_lines(str(message))}", err=True)
+            text = format_warning(str(message), list_options())
+            typer.echo(f"cspace: warning: {text}", err=True)
 
         try:
             with warnings.catch_warnings():
@@ -44,8 +48,7 @@ class _Commands(TyperGroup):
         except BrokenPipeError:
             raise
         except CspaceError as error:
-            command = self.commands.get(ctx.invoked_subcommand or "")
-            problem = format_error(error, option_names(command))
+            problem = format_error(error, list_options())
         except _USAGE_ERRORS as error:  # e.g. an option without its value
             path = error.ctx.command_path if error.ctx else "cspace"
             message = join_lines(error.format_message()).removesuffix(".")
@@ -84,12 +87,13 @@ def _print_version(wanted: bool) -> None:
 
 @app.callback()
 def _options(
-    version: Annotated[
-        bool,
-        typer.Option(
-            "--version", callback=_print_version, is_eager=True, help="Print the version and stop."
-        ),
-    ] = False,
+    version: bool = typer.Option(
+        False,
+        "--version",
+        callback=_print_version,
+        is_eager=True,
+        help="Print the version and stop.",
+    ),
 ) -> None:
     pass
 

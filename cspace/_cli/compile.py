@@ -6,12 +6,12 @@ import logging
 import tempfile
 from pathlib import Path
 
-from cspace._cli.options import Json
+from cspace._cli.options import AS_JSON
 from cspace._cli.report import Clock, show
 from cspace.errors import InputError
 
 
-def compile_ahead(as_json: Json = False) -> None:
+def compile_ahead(as_json: bool = AS_JSON) -> None:
     """Compile ahead what maps, plans and arms need.
 
     Without it, each function is compiled at its first call. Run it while you make the image of a

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import typer
 
+from cspace._cli.options import flag
 from cspace.errors import InputError
 
 
 def config(
-    include: Annotated[
-        bool, typer.Option("--include", help="Print the folder of the C++ headers.")
-    ] = False,
-    cmake_dir: Annotated[
-        bool, typer.Option("--cmake-dir", help="Print the folder for cspace_DIR of CMake.")
-    ] = False,
+    include: bool = flag("--include", "Print the folder of the C++ headers."),
+    cmake_dir: bool = flag("--cmake-dir", "Print the folder for cspace_DIR of CMake."),
 ) -> None:
     """Print where the C++ headers and their CMake package are.
 

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
-
-import typer
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 from cspace._cli.options import (
-    Json,
-    PackageDirs,
-    SolidMesh,
-    Srdf,
-    Visuals,
-    drop_none,
+    AS_JSON,
+    PACKAGE_DIRS,
+    SOLID,
+    SRDF,
+    VISUALS,
+    Solid,
+    argument,
+    drop_unset,
     open_robot,
-    read_arm,
+    option,
     refuse_options,
 )
 from cspace._cli.report import ByName, show, with_unit
@@ -24,7 +24,6 @@ from cspace._cli.report import ByName, show, with_unit
 if TYPE_CHECKING:
     from cspace._maps import ConfigurationMap
     from cspace._robot import Robot
-    from cspace._shapes.mesh import Solid
     from cspace._workspace import Workspace
     from cspace.arms import Arm
 
@@ -41,26 +40,16 @@ _OPTIONS_BY_KIND: Final[dict[FileKind, tuple[str, ...]]] = {
 
 
 def info(
-    file: Annotated[
-        str,
-        typer.Argument(
-            metavar="FILE", help="A saved map, a workspace, a robot (file or spec), or an arm."
-        ),
-    ],
-    kind: Annotated[
-        FileKind | None,
-        typer.Option(
-            "--as", help="What FILE holds, where its name does not tell  [default: by its name]."
-        ),
-    ] = None,
-    spacing: Annotated[
-        float | None, typer.Option(metavar="METRES", help="Side of a cell, to count cells.")
-    ] = None,
-    solid: SolidMesh = None,
-    package_dirs: PackageDirs = None,
-    visuals: Visuals = False,
-    srdf: Srdf = None,
-    as_json: Json = False,
+    file: str = argument("FILE", "A saved map, a workspace, a robot (file or spec), or an arm."),
+    kind: FileKind | None = option(
+        None, "What FILE holds, where its name does not tell  [default: by its name].", "--as"
+    ),
+    spacing: float | None = option("METRES", "Side of a cell, to count cells."),
+    solid: Solid | None = SOLID,
+    package_dirs: list[Path] | None = PACKAGE_DIRS,
+    visuals: bool = VISUALS,
+    srdf: Path | None = SRDF,
+    as_json: bool = AS_JSON,
 ) -> None:
     """Show what a map, a workspace, a robot or an arm holds.
 
@@ -71,17 +60,19 @@ def info(
 
     # Each kind has options of its own, and a function that describes it.
     kind = kind or _guess_kind(file)
-    for_robots = drop_none(solid=solid, package_dirs=package_dirs or None, visuals=visuals or None)
-    options = {**for_robots, **drop_none(spacing=spacing, srdf=srdf)}
+    for_shapes = drop_unset(solid=solid, package_dirs=package_dirs, visuals=visuals, srdf=srdf)
+    options = {**for_shapes, **drop_unset(spacing=spacing)}
     refuse_options(options, _OPTIONS_BY_KIND[kind], f"{file} is read as {kind}")
     if spacing is not None:
         check_positive(spacing, "spacing")
     if kind == "map":
         document = describe_map(open_map(file))
     elif kind == "arm":
-        document = describe_arm(read_arm(Path(file), srdf, solid, package_dirs, visuals))
+        from cspace.arms import Arm
+
+        document = describe_arm(Arm.from_urdf(file, **for_shapes))
     elif kind == "robot":
-        document = describe_robot(open_robot(file, **for_robots), spacing)
+        document = describe_robot(open_robot(file, **for_shapes), spacing)
     else:
         document = describe_workspace(Path(file), options)
     show({"kind": kind, **document}, as_json)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import typer
 
@@ -16,30 +16,31 @@ from cspace._cli.files import (
 )
 from cspace._cli.info import describe_map
 from cspace._cli.options import (
-    Json,
-    MapFile,
-    Mark,
-    Overwrite,
-    PackageDirs,
-    PathFile,
+    AS_JSON,
+    MAP_FILE,
+    MARK,
+    OVERWRITE,
+    PACKAGE_DIRS,
+    PATH_FILE,
+    SOLID,
+    SRDF,
+    VISUALS,
     Solid,
-    SolidMesh,
-    Srdf,
-    Unknown,
     Up,
-    Visuals,
-    drop_none,
+    argument,
+    drop_unset,
+    flag,
     open_robot,
+    option,
     parse_box,
     parse_configuration,
     parse_offset,
     parse_rotation,
     parse_rotation_cells,
-    read_arm,
     read_marks,
     refuse_options,
 )
-from cspace._cli.report import Clock, show
+from cspace._cli.report import Clock, show, using_prefix
 from cspace._support.words import Outside
 
 if TYPE_CHECKING:
@@ -49,104 +50,66 @@ if TYPE_CHECKING:
 
 
 def make(
-    workspace: Annotated[
-        Path,
-        typer.Argument(
-            metavar="WORKSPACE",
-            readable=False,
-            help="In the plane: a ROS map (.yaml), image, MovingAI .map, .geojson or .wkt. In "
-            "space: a mesh (.stl, .obj, .ply, .glb ...), OctoMap (.bt, .ot), MovingAI .3dmap or "
-            "points (.xyz, .csv, .pcd, .ply). Either: .npy.",
-        ),
-    ],
-    robot: Annotated[
-        str,
-        typer.Option(
-            metavar="SPEC",
-            help="A short text such as disc:0.3, rect:0.9x0.6 or box:0.6x0.6x0.2 (all: --robot "
-            "help), or a file with a polygon, a mesh or a URDF.",
-        ),
-    ],
-    spacing: Annotated[
-        float | None,
-        typer.Option(
-            metavar="METRES",
-            help="Side of a cell, where the file does not say: images, polygons, meshes, points.",
-        ),
-    ] = None,
-    rotations: Annotated[
-        str | None,
-        typer.Option(
-            metavar="COUNT",
-            help="For a robot that turns: how many cells of yaw, e.g. 72; or quaternions:8, in "
-            "space, for all.",
-        ),
-    ] = None,
-    bounds: Annotated[
-        str | None,
-        typer.Option(
-            metavar="LOWER,UPPER",
-            help="Box to map, metres, for polygons, meshes, points, OctoMaps: XMIN,YMIN,XMAX,YMAX, "
-            "or in space XMIN,YMIN,ZMIN,XMAX,YMAX,ZMAX  [default: that of the file].",
-        ),
-    ] = None,
-    unknown: Annotated[
-        Unknown | None,
-        typer.Option(
-            help="What unknown cells of a ROS map or an OctoMap count as  [default: occupied]."
-        ),
-    ] = None,
-    solid: SolidMesh = None,
-    robot_solid: Annotated[
-        Solid | None, typer.Option(help="The same for a robot that is a mesh  [default: auto].")
-    ] = None,
-    up: Annotated[
-        Up | None, typer.Option(help="Axis of a mesh of obstacles that points up and becomes z.")
-    ] = None,
-    robot_up: Annotated[
-        Up | None, typer.Option(help="The same for a robot that is a mesh.")
-    ] = None,
-    visuals: Visuals = False,
-    package_dirs: PackageDirs = None,
-    radius: Annotated[
-        float | None,
-        typer.Option(metavar="METRES", help="Of the ball around each point of a point cloud."),
-    ] = None,
-    drop_missing: Annotated[
-        bool, typer.Option(help="Leave out points of a cloud that are not finite.")
-    ] = False,
-    offset: Annotated[
-        str | None,
-        typer.Option(
-            metavar="X,Y[,Z]",
-            help="Metres to add to the coordinates of polygons, meshes and points, before the "
-            "bounds apply, e.g. for files in UTM.",
-        ),
-    ] = None,
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="OUT",
-            readable=False,
-            help="The map: .zarr  [default: the workspace's name with .zarr, in this folder].",
-        ),
-    ] = None,
-    outside: Annotated[Outside, typer.Option(help="What lies beyond the workspace.")] = "blocked",
-    margin: Annotated[
-        float, typer.Option(metavar="METRES", help="Grow the robot by this much.")
-    ] = 0.0,
-    tile: Annotated[
-        int | None,
-        typer.Option(
-            metavar="CELLS",
-            help="Build tile by tile, each so many cells along an axis, for maps larger than "
-            "memory; the same command goes on where it was stopped.",
-        ),
-    ] = None,
-    overwrite: Overwrite = False,
-    as_json: Json = False,
+    context: typer.Context,
+    workspace: Path = argument(
+        "WORKSPACE",
+        "In the plane: a ROS map (.yaml), image, MovingAI .map, .geojson or .wkt. In space: a mesh "
+        "(.stl, .obj, .ply, .glb ...), OctoMap (.bt, .ot), MovingAI .3dmap or points (.xyz, .csv, "
+        ".pcd, .ply). Either: .npy.",
+    ),
+    robot: str = option(
+        "SPEC",
+        "A short text such as disc:0.3, rect:0.9x0.6 or box:0.6x0.6x0.2 (all: --robot help), or a "
+        "file with a polygon, a mesh or a URDF.",
+        default=...,
+    ),
+    spacing: float | None = option(
+        "METRES",
+        "Side of a cell, where the file does not say: images, polygons, meshes, points.",
+    ),
+    rotations: str | None = option(
+        "COUNT",
+        "For a robot that turns: how many cells of yaw, e.g. 72; or quaternions:8, in space, for "
+        "all.",
+    ),
+    bounds: str | None = option(
+        "LOWER,UPPER",
+        "Box to map, metres, for polygons, meshes, points, OctoMaps: XMIN,YMIN,XMAX,YMAX, or in "
+        "space XMIN,YMIN,ZMIN,XMAX,YMAX,ZMAX  [default: that of the file].",
+    ),
+    unknown: Literal["occupied", "free"] | None = option(
+        None, "What unknown cells of a ROS map or an OctoMap count as  [default: occupied]."
+    ),
+    solid: Solid | None = SOLID,
+    robot_solid: Solid | None = option(
+        None, "The same for a robot that is a mesh  [default: auto]."
+    ),
+    up: Up | None = option(None, "Axis of a mesh of obstacles that points up and becomes z."),
+    robot_up: Up | None = option(None, "The same for a robot that is a mesh."),
+    visuals: bool = VISUALS,
+    package_dirs: list[Path] | None = PACKAGE_DIRS,
+    radius: float | None = option("METRES", "Of the ball around each point of a point cloud."),
+    drop_missing: bool = flag("--drop-missing", "Leave out points of a cloud that are not finite."),
+    offset: str | None = option(
+        "X,Y[,Z]",
+        "Metres to add to the coordinates of polygons, meshes and points, before the bounds apply, "
+        "e.g. for files in UTM.",
+    ),
+    output: Path | None = option(
+        "OUT",
+        "The map: .zarr  [default: the workspace's name with .zarr, in this folder].",
+        "--output",
+        "-o",
+    ),
+    outside: Outside = option(None, "What lies beyond the workspace.", default="blocked"),
+    margin: float = option("METRES", "Grow the robot by this much.", default=0.0),
+    tile: int | None = option(
+        "CELLS",
+        "Build tile by tile, each so many cells along an axis, for maps larger than memory; the "
+        "same command goes on where it was stopped.",
+    ),
+    overwrite: bool = OVERWRITE,
+    as_json: bool = AS_JSON,
 ) -> None:
     """Build the map of a robot in a workspace, and save it."""
     from cspace._builder import build
@@ -162,25 +125,22 @@ def make(
         prepare_store(output, overwrite)
     box = None if bounds is None else parse_box(bounds, "bounds")
     step = None if offset is None else parse_offset(offset)
-    options = drop_none(
+    options = drop_unset(
         spacing=spacing,
         unknown=unknown,
         bounds=box,
         solid=solid,
         up=up,
         radius=radius,
-        drop_missing=drop_missing or None,
+        drop_missing=drop_missing,
         offset=step,
     )
     clock = Clock()
     with clock.step("read"):
-        shape = open_robot(
-            robot,
-            solid=robot_solid,
-            up=robot_up,
-            package_dirs=package_dirs or None,
-            visuals=visuals or None,
-        )
+        with using_prefix(context, "robot_"):
+            shape = open_robot(
+                robot, solid=robot_solid, up=robot_up, package_dirs=package_dirs, visuals=visuals
+            )
         lazy = {} if tile is None else lazy_option(workspace, options)
         obstacles = Workspace.open(workspace, **options, **lazy)
     settings: dict[str, Any] = {"rotations": cells, "outside": outside, "margin": margin}
@@ -195,52 +155,32 @@ def make(
 
 
 def picture(
-    file: MapFile,
-    output: Annotated[
-        Path,
-        typer.Option(
-            "--output", "-o", metavar="PNG", readable=False, help="The picture: .png, .pdf or .svg."
-        ),
-    ],
-    path: PathFile = None,
-    start: Mark = None,
-    goal: Mark = None,
-    rotation: Annotated[
-        str | None,
-        typer.Option(
-            metavar="ROTATION",
-            help="Show the slice at this rotation, e.g. 90deg or 0,0,0,1  [default: all of them].",
-        ),
-    ] = None,
-    view: Annotated[
-        Literal["plane", "sections", "3d"] | None,
-        typer.Option(help="Of a map in space: sections or 3d  [default: sections]."),
-    ] = None,
-    center: Annotated[
-        str | None,
-        typer.Option(
-            metavar="X,Y[,Z]", help="The point of sections or of --zoom, metres  [default: chosen]."
-        ),
-    ] = None,
-    zoom: Annotated[
-        float | None,
-        typer.Option(
-            metavar="TIMES", help="Show a part only, so many times larger, around --center."
-        ),
-    ] = None,
-    cut: Annotated[
-        float | None,
-        typer.Option(
-            metavar="METRES",
-            help="Height, or angle of the third joint, above which 3d leaves cells out  "
-            "[default: above the path].",
-        ),
-    ] = None,
-    dpi: Annotated[
-        float, typer.Option(help="Pixels per inch; a picture is about 8 inches wide.")
-    ] = 150.0,
-    overwrite: Overwrite = False,
-    as_json: Json = False,
+    file: Path = MAP_FILE,
+    output: Path = option("PNG", "The picture: .png, .pdf or .svg.", "--output", "-o", default=...),
+    path: Path | None = PATH_FILE,
+    start: str | None = MARK,
+    goal: str | None = MARK,
+    rotation: str | None = option(
+        "ROTATION",
+        "Show the slice at this rotation, e.g. 90deg or 0,0,0,1  [default: all of them].",
+    ),
+    view: Literal["plane", "sections", "3d"] | None = option(
+        None, "Of a map in space: sections or 3d  [default: sections]."
+    ),
+    center: str | None = option(
+        "X,Y[,Z]", "The point of sections or of --zoom, metres  [default: chosen]."
+    ),
+    zoom: float | None = option(
+        "TIMES", "Show a part only, so many times larger, around --center."
+    ),
+    cut: float | None = option(
+        "METRES",
+        "Height, or angle of the third joint, above which 3d leaves cells out  [default: above the "
+        "path].",
+    ),
+    dpi: float = option(None, "Pixels per inch; a picture is about 8 inches wide.", default=150.0),
+    overwrite: bool = OVERWRITE,
+    as_json: bool = AS_JSON,
 ) -> None:
     """Draw a picture of a map, and of a path on it."""
     from cspace._opening import open_map
@@ -255,7 +195,7 @@ def picture(
         units = space.units
         dim = space.grid.dim
         # Parse what depends on the axes of the map.
-        options = drop_none(view=view, zoom=zoom, cut=cut)
+        options = drop_unset(view=view, zoom=zoom, cut=cut)
         options |= read_marks(start, goal, axes, units)
         if rotation is not None:
             options["rotation"] = parse_rotation(rotation, "rotation", space)
@@ -269,34 +209,22 @@ def picture(
 
 
 def export(
-    file: MapFile,
-    output: Annotated[
-        Path,
-        typer.Argument(
-            metavar="OUT",
-            readable=False,
-            help=".zarr; .npz (NumPy); .nc (netCDF); .vti for ParaView; in the plane .yaml for a "
-            "ROS map, .tif for a "
-            "GeoTIFF; in space .stl, .ply or .obj for the border of the free space.",
-        ),
-    ],
-    rotation: Annotated[
-        str | None,
-        typer.Option(
-            metavar="ROTATION", help="Only the slice at this rotation, e.g. 90deg or 0,0,0,1."
-        ),
-    ] = None,
-    window: Annotated[
-        str | None,
-        typer.Option(
-            metavar="LOWER,UPPER",
-            help="Only this box, metres: XMIN,YMIN,XMAX,YMAX, or in space "
-            "XMIN,YMIN,ZMIN,XMAX,YMAX,ZMAX; of a map in "
-            "tiles, with as much around it as the robot reaches.",
-        ),
-    ] = None,
-    overwrite: Overwrite = False,
-    as_json: Json = False,
+    file: Path = MAP_FILE,
+    output: Path = argument(
+        "OUT",
+        ".zarr; .npz (NumPy); .nc (netCDF); .vti for ParaView; in the plane .yaml for a ROS map, "
+        ".tif for a GeoTIFF; in space .stl, .ply or .obj for the border of the free space.",
+    ),
+    rotation: str | None = option(
+        "ROTATION", "Only the slice at this rotation, e.g. 90deg or 0,0,0,1."
+    ),
+    window: str | None = option(
+        "LOWER,UPPER",
+        "Only this box, metres: XMIN,YMIN,XMAX,YMAX, or in space XMIN,YMIN,ZMIN,XMAX,YMAX,ZMAX; of "
+        "a map in tiles, with as much around it as the robot reaches.",
+    ),
+    overwrite: bool = OVERWRITE,
+    as_json: bool = AS_JSON,
 ) -> None:
     """Write a saved map for other software."""
     from cspace._opening import open_map
@@ -316,62 +244,42 @@ def export(
 
 
 def view(
-    file: Annotated[
-        Path,
-        typer.Argument(
-            metavar="FILE", readable=False, help="A saved map: .zarr; or an arm: .urdf."
-        ),
-    ],
-    path: PathFile = None,
-    start: Mark = None,
-    goal: Mark = None,
-    srdf: Srdf = None,
-    solid: SolidMesh = None,
-    package_dirs: PackageDirs = None,
-    visuals: Visuals = False,
-    frame: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME", help="Frame of an arm to drag  [default: the one most joints move]."
-        ),
-    ] = None,
-    host: Annotated[
-        str,
-        typer.Option(
-            metavar="ADDRESS", help="Where to serve the page; 0.0.0.0 lets all of the network in."
-        ),
-    ] = "127.0.0.1",
-    port: Annotated[
-        int | None,
-        typer.Option(
-            metavar="NUMBER", help="0 takes any  [default: the first free one from 8080 on]."
-        ),
-    ] = None,
+    file: Path = argument("FILE", "A saved map: .zarr; or an arm: .urdf."),
+    path: Path | None = PATH_FILE,
+    start: str | None = MARK,
+    goal: str | None = MARK,
+    srdf: Path | None = SRDF,
+    solid: Solid | None = SOLID,
+    package_dirs: list[Path] | None = PACKAGE_DIRS,
+    visuals: bool = VISUALS,
+    frame: str | None = option(
+        "NAME", "Frame of an arm to drag  [default: the one most joints move]."
+    ),
+    host: str = option(
+        "ADDRESS",
+        "Where to serve the page; 0.0.0.0 lets all of the network in.",
+        default="127.0.0.1",
+    ),
+    port: int | None = option("NUMBER", "0 takes any  [default: the first free one from 8080 on]."),
 ) -> None:
     """Show a map or an arm on a page in the browser, and plan there.
 
     Ctrl-C closes it.
     """
     from cspace._opening import open_map
-    from cspace.arms import build_arm_space
+    from cspace.arms import Arm, build_arm_space
 
     # A URDF is an arm; other options than a map's are refused for a map.
     space: CSpace | TiledCSpace | ArmSpace
+    options = drop_unset(srdf=srdf, solid=solid, package_dirs=package_dirs, visuals=visuals)
     if file.suffix.lower() == ".urdf":
-        space = build_arm_space({}, read_arm(file, srdf, solid, package_dirs, visuals))
+        space = build_arm_space({}, Arm.from_urdf(file, **options))
         units = space.arm.units
     else:
-        options = drop_none(
-            srdf=srdf,
-            solid=solid,
-            package_dirs=package_dirs or None,
-            visuals=visuals or None,
-            frame=frame,
-        )
-        refuse_options(options, (), f"{file} is not a URDF")
+        refuse_options({**options, **drop_unset(frame=frame)}, (), f"{file} is not a URDF")
         space = open_map(file)
         units = space.units
-    shown: dict[str, Any] = drop_none(host=host, port=port, frame=frame)
+    shown: dict[str, Any] = drop_unset(host=host, port=port, frame=frame)
     shown |= read_marks(start, goal, space.axes, units)
     if path is not None:
         shown["path"] = read_path(path, space.axes)

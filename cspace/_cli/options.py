@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import typer
 
@@ -15,86 +14,75 @@ if TYPE_CHECKING:
     from cspace._maps import ConfigurationMap
     from cspace._robot import Robot
     from cspace._rotations import Rotations
-    from cspace.arms import Arm
 
-Unknown = Literal["occupied", "free"]
-"""State of unknown cells in a sensor map."""
 Solid = Literal["auto", "surface", "fill"]
 """Interior of a mesh."""
 Up = Literal["x", "y", "z"]
 """Axis of a mesh that points up."""
 
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON document, for machines.")]
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace existing outputs.")]
-# readable=False keeps typer from checking files before a command runs, because the library's
-# messages are better.
-MapFile = Annotated[Path, typer.Argument(metavar="MAP", readable=False, help="A saved map: .zarr.")]
 
-PathFile = Annotated[
-    Path | None,
-    typer.Option("--path", metavar="FILE", readable=False, help="A path to show: .csv or .json."),
-]
+def option(metavar: str | None, text: str = "", *names: str, default: Any = None) -> Any:
+    """Declare an option of a command, as the default of its parameter.
+
+    ``text`` is for the help. By default the option has the name of the parameter; with
+    ``default=...`` it must be given.
+    """
+    # readable=False keeps typer from checking files before a command runs, because the library's
+    # messages are better.
+    return typer.Option(default, *names, metavar=metavar, help=text, readable=False)
+
+
+def flag(name: str, text: str) -> Any:
+    """Declare an option without a value."""
+    return option(None, text, name, default=False)
+
+
+def argument(metavar: str, text: str) -> Any:
+    """Declare an argument of a command."""
+    return typer.Argument(metavar=metavar, help=text, readable=False)
+
+
 CONFIGURATION: Final = "X,Y[,Z][,ROTATION]"
 """Placeholder of a configuration in the help."""
 
-Mark = Annotated[
-    str | None,
-    typer.Option(
-        metavar=CONFIGURATION,
-        help="A configuration to mark, metres, or the joints of a map of joints  [default: an "
-        "end of the path].",
-    ),
-]
-
-SolidMesh = Annotated[
-    Solid | None,
-    typer.Option(
-        "--solid",
-        help="What has an inside in a mesh of obstacles: closed parts, nothing, or what it "
-        "encloses at this spacing  [default: auto].",
-    ),
-]
-PackageDirs = Annotated[
-    list[Path] | None,
-    typer.Option(
-        "--package-dir",
-        metavar="DIR",
-        readable=False,
-        help="Folder that holds the ROS packages of a URDF's meshes; may be repeated.",
-    ),
-]
-
-
-Srdf = Annotated[
-    Path | None,
-    typer.Option(
-        "--srdf",
-        metavar="FILE",
-        readable=False,
-        help="For an arm: which links may touch, and its groups.",
-    ),
-]
-
-
-Visuals = Annotated[
-    bool,
-    typer.Option(
-        "--visuals", help="Also take what a URDF only draws, of links with <visual> alone."
-    ),
-]
+AS_JSON: Final = flag("--json", "Print one JSON document, for machines.")
+OVERWRITE: Final = flag("--overwrite", "Replace existing outputs.")
+MAP_FILE: Final = argument("MAP", "A saved map: .zarr.")
+PATH_FILE: Final = option("FILE", "A path to show: .csv or .json.", "--path")
+MARK: Final = option(
+    CONFIGURATION,
+    "A configuration to mark, metres, or the joints of a map of joints  [default: an end of the "
+    "path].",
+)
+SOLID: Final = option(
+    None,
+    "What has an inside in a mesh of obstacles: closed parts, nothing, or what it encloses at this "
+    "spacing  [default: auto].",
+    "--solid",
+)
+PACKAGE_DIRS: Final = option(
+    "DIR",
+    "Folder that holds the ROS packages of a URDF's meshes; may be repeated.",
+    "--package-dir",
+)
+SRDF: Final = option("FILE", "For an arm: which links may touch, and its groups.", "--srdf")
+VISUALS: Final = flag(
+    "--visuals", "Also take what a URDF only draws, of links with <visual> alone."
+)
+"""Declarations that commands share."""
 
 
 def open_robot(text: str, **given: Any) -> Robot:
     """Open a robot from a short text or a file; ``footprint:`` before a file projects it.
 
-    ``given`` are options of :meth:`cspace.Robot.open`; those that are None are left out. Raises
+    ``given`` are options of :meth:`cspace.Robot.open`; those that are not set are left out. Raises
     CspaceError as :meth:`cspace.Robot.parse` and :meth:`cspace.Robot.open`; InputError if a short
     text has options.
     """
     from cspace._robot import Robot
     from cspace._shapes.primitives import is_short_text
 
-    options = drop_none(**given)
+    options = drop_unset(**given)
     # After "footprint:" come corners, a short text, or the name of a file.
     prefix, _, file = text.partition("footprint:")
     has_file = file and not file.lstrip().startswith("[") and not is_short_text(file)
@@ -107,25 +95,6 @@ def open_robot(text: str, **given: Any) -> Robot:
         rule = "it is for meshes, such as .stl" if is_for_meshes else "it is for .urdf"
         raise InputError(name, f"is {value!r} for {text}", rule, "leave it out")
     return Robot.parse(text)
-
-
-def read_arm(
-    file: Path,
-    srdf: Path | None,
-    solid: Solid | None,
-    package_dirs: list[Path] | None,
-    visuals: bool,
-) -> Arm:
-    """Read the arm of a URDF and, if given, an SRDF.
-
-    Raises CspaceError as :meth:`cspace.Arm.from_urdf`.
-    """
-    from cspace.arms import Arm
-
-    # The arm refuses "fill" by name.
-    options: dict[str, Any] = drop_none(solid=solid)
-    folders = package_dirs or ()
-    return Arm.from_urdf(file, srdf, package_dirs=folders, visuals=visuals, **options)
 
 
 def refuse_options(options: Mapping[str, object], taken: Collection[str], about: str) -> None:
@@ -172,7 +141,7 @@ def read_marks(
     start: str | None, goal: str | None, axes: Sequence[str], units: Sequence[str]
 ) -> dict[str, tuple[float, ...]]:
     """Parse ``--start`` and ``--goal``, if given, by :func:`parse_configuration`."""
-    texts = drop_none(start=start, goal=goal)
+    texts = drop_unset(start=start, goal=goal)
     return {name: parse_configuration(text, name, axes, units) for name, text in texts.items()}
 
 
@@ -263,6 +232,10 @@ def parse_angle(text: str, argument: str, name: str) -> float:
     return math.radians(value) if unit == "deg" else value
 
 
-def drop_none(**options: Any) -> dict[str, Any]:
-    """Return the options that are not None."""
-    return {name: value for name, value in options.items() if value is not None}
+def drop_unset(**options: Any) -> dict[str, Any]:
+    """Return the options that are not None, False or empty lists."""
+    return {
+        name: value
+        for name, value in options.items()
+        if value or not isinstance(value, bool | list | None)
+    }

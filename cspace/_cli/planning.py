@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import typer
 
 from cspace._cli.files import check_folder, check_outputs
 from cspace._cli.info import describe_map
 from cspace._cli.options import (
+    AS_JSON,
     CONFIGURATION,
-    Json,
-    MapFile,
-    Overwrite,
-    drop_none,
-    parse_configuration,
+    MAP_FILE,
+    OVERWRITE,
+    drop_unset,
+    flag,
+    option,
+    read_marks,
     refuse_options,
 )
 from cspace._cli.report import Clock, name_options, option_names, show, with_unit
@@ -25,95 +27,53 @@ from cspace._support.words import Drive
 if TYPE_CHECKING:
     from planners import Plan
 
-_PATH_SUFFIXES = (".csv", ".json")
-
-
-Start = Annotated[
-    str,
-    typer.Option(
-        metavar=CONFIGURATION,
-        help="Where the robot is, metres; e.g. --start=-1,2, with rotations -1,2,90deg, in "
-        "space -1,2,0.5; on a "
-        "map of joints 90deg,-0.5,0.2, each in radians, degrees or metres.",
-    ),
-]
-"""The option --start."""
-
-Goal = Annotated[
-    str,
-    typer.Option(
-        metavar=CONFIGURATION,
-        help="Where it goes; ROTATION is a yaw, e.g. 90deg, or QX,QY,QZ,QW.",
-    ),
-]
-"""The option --goal."""
+_START: Final = option(
+    CONFIGURATION,
+    "Where the robot is, metres; e.g. --start=-1,2, with rotations -1,2,90deg, in space -1,2,0.5; "
+    "on a map of joints 90deg,-0.5,0.2, each in radians, degrees or metres.",
+    default=...,
+)
+_GOAL: Final = option(
+    CONFIGURATION,
+    "Where it goes; ROTATION is a yaw, e.g. 90deg, or QX,QY,QZ,QW.",
+    default=...,
+)
 
 
 def plan(
     context: typer.Context,
-    file: MapFile,
-    start: Start,
-    goal: Goal,
-    output: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="PATH",
-            readable=False,
-            help="The path: .csv or .json; may be given again.",
-        ),
-    ] = None,
-    planner: Annotated[
-        str | None,
-        typer.Option(
-            help="Grid, Lattice, MaxClearance, or a planner of OMPL; a wrong name lists them "
-            "all  [default: Grid, or Lattice for other drives than holonomic]."
-        ),
-    ] = None,
-    time_limit: Annotated[float, typer.Option(metavar="SECONDS", help="When to give up.")] = 1.0,
-    seed: Annotated[int | None, typer.Option(help="Makes the run repeatable.")] = None,
-    simplify: Annotated[
-        bool, typer.Option("--simplify/--no-simplify", help="Shorten the path.")
-    ] = True,
-    objective: Annotated[
-        str, typer.Option(help="What to optimise: length or clearance.")
-    ] = "length",
-    exact: Annotated[
-        bool, typer.Option("--exact", help="Ask the geometry itself where the grid cannot decide.")
-    ] = False,
-    drive: Annotated[
-        Drive,
-        typer.Option("--drive", help="How a robot with a yaw moves."),
-    ] = "holonomic",
-    turning_radius: Annotated[
-        float | None,
-        typer.Option(metavar="METRES", help="Of the tightest curve, at the reference point."),
-    ] = None,
-    trajectory: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="CSV",
-            readable=False,
-            help="The path with times and velocities, within the limits that follow.",
-        ),
-    ] = None,
-    max_velocity: Annotated[float | None, typer.Option(metavar="M/S")] = None,
-    max_acceleration: Annotated[float | None, typer.Option(metavar="M/S2")] = None,
-    max_angular_velocity: Annotated[float | None, typer.Option(metavar="RAD/S")] = None,
-    max_angular_acceleration: Annotated[float | None, typer.Option(metavar="RAD/S2")] = None,
-    max_lateral_acceleration: Annotated[float | None, typer.Option(metavar="M/S2")] = None,
-    picture: Annotated[
-        Path | None, typer.Option(metavar="PNG", readable=False, help="Draw map and path.")
-    ] = None,
-    animate: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="GIF", readable=False, help="Draw the robot on its way, as a moving picture."
-        ),
-    ] = None,
-    overwrite: Overwrite = False,
-    as_json: Json = False,
+    file: Path = MAP_FILE,
+    start: str = _START,
+    goal: str = _GOAL,
+    output: list[Path] | None = option(
+        "PATH", "The path: .csv or .json; may be given again.", "--output", "-o"
+    ),
+    planner: str | None = option(
+        None,
+        "Grid, Lattice, MaxClearance, or a planner of OMPL; a wrong name lists them all  [default: "
+        "Grid, or Lattice for other drives than holonomic].",
+    ),
+    time_limit: float = option("SECONDS", "When to give up.", default=1.0),
+    seed: int | None = option(None, "Makes the run repeatable."),
+    simplify: bool = option(None, "Shorten the path.", "--simplify/--no-simplify", default=True),
+    objective: str = option(None, "What to optimise: length or clearance.", default="length"),
+    exact: bool = flag("--exact", "Ask the geometry itself where the grid cannot decide."),
+    drive: Drive = option(None, "How a robot with a yaw moves.", default="holonomic"),
+    turning_radius: float | None = option(
+        "METRES", "Of the tightest curve, at the reference point."
+    ),
+    trajectory: Path | None = option(
+        "CSV", "The path with times and velocities, within the limits that follow."
+    ),
+    max_velocity: float | None = option("M/S"),
+    max_acceleration: float | None = option("M/S2"),
+    max_angular_velocity: float | None = option("RAD/S"),
+    max_angular_acceleration: float | None = option("RAD/S2"),
+    max_lateral_acceleration: float | None = option("M/S2"),
+    picture: Path | None = option("PNG", "Draw map and path."),
+    animate: Path | None = option("GIF", "Draw the robot on its way, as a moving picture."),
+    overwrite: bool = OVERWRITE,
+    as_json: bool = AS_JSON,
 ) -> None:
     """Plan a path on a saved map. The exit code is 1 if none is found."""
     import planners
@@ -122,11 +82,11 @@ def plan(
     from cspace.plot._picture import PICTURE_SUFFIXES
 
     # Check all outputs before the search, so that no result is lost.
-    check_outputs(output or [], _PATH_SUFFIXES, overwrite)
+    check_outputs(output or [], (".csv", ".json"), overwrite)
     check_outputs([picture], PICTURE_SUFFIXES, overwrite)
     check_outputs([animate], (".gif",), overwrite)
     check_outputs([trajectory], (".csv",), overwrite)
-    limits: dict[str, Any] = drop_none(
+    limits: dict[str, Any] = drop_unset(
         max_velocity=max_velocity,
         max_acceleration=max_acceleration,
         max_angular_velocity=max_angular_velocity,
@@ -138,13 +98,12 @@ def plan(
     clock = Clock()
     with clock.step("read"):
         space: Any = open_map(file)
-    first = parse_configuration(start, "start", space.axes, space.units)
-    last = parse_configuration(goal, "goal", space.axes, space.units)
-    options: dict[str, Any] = {"planner": planner, "objective": objective, "seed": seed}
+    options: dict[str, Any] = read_marks(start, goal, space.axes, space.units)
+    options |= {"planner": planner, "objective": objective, "seed": seed}
     options |= {"exact": exact, "drive": drive, "turning_radius": turning_radius}
     options |= {"time_limit": time_limit, "simplify": simplify}
     with clock.step("plan"):
-        planned = planners.plan(space, first, last, **options)
+        planned = planners.plan(space, **options)
     # The proven distance to obstacles may take as long as the search.
     with clock.step("measure"):
         described = _describe(planned)
@@ -169,24 +128,20 @@ def plan(
     show({**described, "seconds": clock.seconds}, as_json)
     if not planned.solved:
         hint = planned.hint.replace("plan.explain()", "cspace explain")
-        hint = name_options(hint, option_names(context.command))
+        hint = name_options(hint, option_names(context.command, context.meta))
         advice = f"; try {hint}" if hint else ""
         typer.echo(f"cspace: from {start} to {goal}: {planned.status}{advice}", err=True)
         raise typer.Exit(1)
 
 
 def explain(
-    file: MapFile,
-    start: Start,
-    goal: Goal,
-    refine: Annotated[
-        bool, typer.Option("--refine", help="Build finer maps, for narrower margins.")
-    ] = False,
-    picture: Annotated[
-        Path | None, typer.Option(metavar="PNG", readable=False, help="Draw what is in the way.")
-    ] = None,
-    overwrite: Overwrite = False,
-    as_json: Json = False,
+    file: Path = MAP_FILE,
+    start: str = _START,
+    goal: str = _GOAL,
+    refine: bool = flag("--refine", "Build finer maps, for narrower margins."),
+    picture: Path | None = option("PNG", "Draw what is in the way."),
+    overwrite: bool = OVERWRITE,
+    as_json: bool = AS_JSON,
 ) -> None:
     """Explain why a path on a saved map exists, or does not."""
     from cspace._opening import open_map
@@ -196,10 +151,9 @@ def explain(
     clock = Clock()
     with clock.step("read"):
         space: Any = open_map(file)
-    first = parse_configuration(start, "start", space.axes, space.units)
-    last = parse_configuration(goal, "goal", space.axes, space.units)
+    ends = read_marks(start, goal, space.axes, space.units)
     with clock.step("explain"):
-        explanation = space.explain(first, last, refine=refine)
+        explanation = space.explain(**ends, refine=refine)
     if picture:
         with clock.step("draw"):
             save_figure(lambda: explanation.plot().figure, picture, overwrite, dpi=150.0)
@@ -215,12 +169,11 @@ def explain(
 
 
 def demo(
-    output: Annotated[
-        Path,
-        typer.Option("--output", "-o", metavar="FOLDER", readable=False, help="Where to write."),
-    ] = Path("cspace-demo"),
-    overwrite: Overwrite = False,
-    as_json: Json = False,
+    output: Path = option(
+        "FOLDER", "Where to write.", "--output", "-o", default=Path("cspace-demo")
+    ),
+    overwrite: bool = OVERWRITE,
+    as_json: bool = AS_JSON,
 ) -> None:
     """Map a floor plan, prove what can be reached, and plan.
 

@@ -142,14 +142,31 @@ Options = Mapping[str, str]
 """
 
 
-def option_names(command: Any) -> Options:
-    """Return the options of a command by the library's arguments."""
+_PREFIX: Final = "cspace.prefix"
+"""Key of the prefix of parameters in the notes of a context."""
+
+
+@contextmanager
+def using_prefix(context: typer.Context, prefix: str) -> Iterator[None]:
+    """Let messages of the block name other options, e.g. --robot-up for ``up`` with ``robot_``."""
+    context.meta[_PREFIX] = prefix
+    yield
+    del context.meta[_PREFIX]  # not after an error, which is printed later
+
+
+def option_names(command: Any, notes: Mapping[str, Any]) -> Options:
+    """Return the options of a command by the library's arguments.
+
+    ``notes`` are the ``meta`` of its context; :func:`using_prefix` writes there.
+    """
+    prefix = notes.get(_PREFIX, "")
     names = {}
     for parameter in command.params if command else []:
         long_names = [name for name in parameter.opts if name.startswith("--")]
         if long_names:
             names[str(parameter.name)] = long_names[0]
-    return names
+    with_prefix = [name for name in names if name.startswith(prefix)]
+    return names | {name.removeprefix(prefix): names[name] for name in with_prefix}
 
 
 def format_error(error: CspaceError, options: Options) -> str:
@@ -161,6 +178,12 @@ def format_error(error: CspaceError, options: Options) -> str:
     subject = f"{option}{bracket}{index}{error.gap}{error.problem}"
     clauses = subject, error.rule, name_options(error.hint, options)
     return join_lines("; ".join(filter(None, clauses)))
+
+
+def format_warning(message: str, options: Options) -> str:
+    """Return a warning as one line whose advice names options."""
+    problem, semicolon, advice = message.partition(";")
+    return join_lines(f"{problem}{semicolon}{name_options(advice, options)}")
 
 
 def name_options(hint: str, options: Options) -> str:

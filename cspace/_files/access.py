@@ -35,9 +35,6 @@ _MAX_NUMBER_BYTES: Final = 64
 _TEMPORARY_PREFIX: Final = ".cspace-"
 """Prefix of the names of outputs that are incomplete or being replaced."""
 
-_NOT_EMPTY: Final = (errno.ENOTEMPTY, errno.EEXIST)
-"""Errors of the system if a folder with entries would be replaced."""
-
 _MAX_NAMES_COMPARED: Final = 10_000
 """Maximum number of names in a folder that are compared with a misspelt one."""
 
@@ -462,7 +459,8 @@ def _move(temporary: Path, target: Path, check: Callable[[], None]) -> None:
                 temporary.rename(target)
                 return
             except OSError as error:
-                if error.errno not in _NOT_EMPTY:
+                # Other errors than of a folder with entries, which would be replaced.
+                if error.errno not in (errno.ENOTEMPTY, errno.EEXIST):
                     raise
             # Another process may have put its own folder there, or move the old one first.
             check()

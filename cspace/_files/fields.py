@@ -12,11 +12,12 @@ class Fields(NamedTuple):
     ----------
     files : str
         Suffixes or name of the format, in Markdown.
-    honoured, refused, warned : tuple of str
-        Names of fields. A field with any effect on positions, sizes or occupancy is in one of them.
+    honoured, refused, warned : str
+        Names of fields, separated by semicolons. A field with any effect on positions, sizes or
+        occupancy is in one of them.
     """
 
     files: str
-    honoured: tuple[str, ...] = ()
-    refused: tuple[str, ...] = ()
-    warned: tuple[str, ...] = ()
+    honoured: str = ""
+    refused: str = ""
+    warned: str = ""

@@ -32,9 +32,6 @@ IMAGE_FORMATS: Final = ("PNG", "PPM", "BMP", "JPEG", "TIFF")
 
 COLOUR_MODES: Final = ("P", "RGB", "RGBX", "RGBA", "RGBa", "LA", "La", "PA", "CMYK", "YCbCr", "HSV")
 
-_BYTES_PER_PIXEL: Final = 12
-"""Bytes of memory per pixel while a colour image is read."""
-
 _BOUNDED_FORMATS: Final = ("PNG", "PPM", "BMP")
 _MAX_PIXELS_PER_BYTE: Final = 8 * 1040
 """Maximum number of pixels per byte of these formats: 8 pixels of one bit, times deflate's best
@@ -56,18 +53,18 @@ FIELDS: Final = (
     Fields(
         "`.png`, `.pgm`, `.ppm`, `.pbm`, `.pnm`, `.jpg`, `.jpeg`, `.bmp`, `.tif`, `.tiff`",
         honoured=(
-            "bit depth, PGM's maximum, palette, CMYK, transparency",
-            "EXIF and TIFF orientation",
-            "TIFF: WhiteIsZero, fill order",
+            "bit depth, PGM's maximum, palette, CMYK, transparency; EXIF and TIFF orientation; "
+            "TIFF: WhiteIsZero, fill order"
         ),
         refused=(
-            "bytes after the pixels of a PBM, PGM or PPM",
-            "signed and real samples",
-            "GDAL's nodata",
+            "bytes after the pixels of a PBM, PGM or PPM; signed and real samples; GDAL's nodata"
         ),
-        warned=("further pages or frames", "gamma other than 1/2.2", "placement of a GeoTIFF"),
+        warned="further pages or frames; gamma other than 1/2.2; placement of a GeoTIFF",
     ),
-    Fields("`.map`, `.3dmap`", honoured=("header",)),
+    Fields(
+        "`.map`, `.3dmap`",
+        honoured="header",
+    ),
 )
 
 _PILLOW_LIMIT_LOCK: Final = threading.Lock()
@@ -154,7 +151,7 @@ def read_shades(path: StrPath, kind: str, *, may_turn: bool = True) -> Shades:
 
         image = _open_image(data)
         warnings.simplefilter("ignore")  # they concern metadata, which are not used
-        check_cells(path, image.size, memory=_BYTES_PER_PIXEL)
+        check_cells(path, image.size, memory=12.0)  # of colours
         pixels = math.prod(image.size)
         if image.format in _BOUNDED_FORMATS and pixels > _MAX_PIXELS_PER_BYTE * len(data):
             raise ContentError(f"declares {pixels} pixels, more than its bytes can hold")
@@ -373,11 +370,8 @@ def read_movingai_voxels(path: StrPath) -> Bools:
             if not words:
                 continue
             voxel = _parse_counts(words)
-            if not voxel:
-                rule = "'x y z' of a blocked voxel, whole numbers from 0 on"
-                raise _make_line_error(number, lines, rule)
-            if any(index >= count for index, count in zip(voxel, shape, strict=True)):
-                rule = f"a voxel inside {' x '.join(sizes)}, counted from 0"
+            if not voxel or (np.array(voxel) >= shape).any():
+                rule = f"'x y z' of a voxel inside {' x '.join(sizes)}, counted from 0"
                 raise _make_line_error(number, lines, rule)
             blocked[voxel] = True
     return blocked

@@ -81,33 +81,35 @@ _APPEARANCE_PREFIXES: Final = (
 FIELDS: Final = (
     Fields(
         "`.glb`, `.gltf`",
-        honoured=("metres", "`scene`", "`matrix`, `translation`, `rotation`, `scale` of nodes"),
+        honoured="metres; `scene`; `matrix`, `translation`, `rotation`, `scale` of nodes",
         refused=(
-            "skins and morphs",
-            "sparse, quantised or compressed numbers",
-            "extensions except of the appearance",
-            "parts without triangles",
+            "skins and morphs; sparse, quantised or compressed numbers; extensions except of the "
+            "appearance; parts without triangles"
         ),
-        warned=("y is up (`up=`)",),
+        warned="y is up (`up=`)",
     ),
     Fields(
         "`.dae`",
-        honoured=("`unit meter`", "`matrix`, `translate`, `rotate`, `scale`", "instances"),
-        refused=("parts of another unit", "`lookat`, `skew`", "controllers"),
-        warned=("`up_axis` (`up=`); by default Y_UP",),
+        honoured="`unit meter`; `matrix`, `translate`, `rotate`, `scale`; instances",
+        refused="parts of another unit; `lookat`, `skew`; controllers",
+        warned="`up_axis` (`up=`); by default Y_UP",
     ),
-    Fields("`.stl`", honoured=("text or binary",), warned=("a unit in the header",)),
+    Fields(
+        "`.stl`",
+        honoured="text or binary",
+        warned="a unit in the header",
+    ),
     Fields(
         "`.obj`",
-        honoured=("negative indices",),
-        refused=("weights", "surfaces of curves", "other files"),
-        warned=("a unit in a comment",),
+        honoured="negative indices",
+        refused="weights; surfaces of curves; other files",
+        warned="a unit in a comment",
     ),
     Fields(
         "`.ply`",
-        honoured=("`format`", "types and order of properties"),
-        refused=("lists of other elements than `face`",),
-        warned=("a unit in a comment",),
+        honoured="`format`; types and order of properties",
+        refused="lists of other elements than `face`",
+        warned="a unit in a comment",
     ),
 )
 
@@ -347,13 +349,6 @@ def _look_up(header: Json, kind: str, number: int) -> Json:
     return items[number]
 
 
-_GLB_HEADER_BYTES: Final = 12
-"""Size of the header of a GLB file: its magic number, version and length."""
-
-_GLB_CHUNK_HEADER_BYTES: Final = 8
-"""Size of the header of a chunk of a GLB file: its length and kind."""
-
-
 def _split_glb(data: bytes) -> tuple[bytes, bytes]:
     """Return the JSON header and the binary chunk of a GLB file.
 
@@ -364,10 +359,10 @@ def _split_glb(data: bytes) -> tuple[bytes, bytes]:
     if magic != b"glTF" or version != 2:
         raise ContentError("does not begin with a GLB header of version 2")
     chunks: dict[bytes, bytes] = {}
-    position = _GLB_HEADER_BYTES
+    position = 12
     while position < len(data):
         size, kind = struct.unpack_from("<I4s", data, position)
-        start = position + _GLB_CHUNK_HEADER_BYTES
+        start = position + 8
         position = start + size
         chunks.setdefault(kind, data[start:position])
     if not position == length == len(data):
@@ -708,9 +703,6 @@ _UNIT_NOTE: Final = re.compile(
 )
 """A comment of a mesh file, in lower case, with a unit other than the metre."""
 
-_NOTED_BYTES: Final = 4096
-"""Number of bytes at the start of a mesh file that are searched for a unit."""
-
 
 def warn_of_unit(path: StrPath) -> None:
     """Warn if a comment of a mesh file without units speaks of another unit than the metre."""
@@ -718,7 +710,7 @@ def warn_of_unit(path: StrPath) -> None:
     if file.suffix.lower() not in (".stl", ".obj", ".ply"):
         return
     with file.open("rb") as stream:
-        text = stream.read(_NOTED_BYTES).lower()
+        text = stream.read(4096).lower()  # where comments are
     # The first line of an STL file is a comment.
     note = _UNIT_NOTE.search(b"#" + text if file.suffix.lower() == ".stl" else text)
     if note is not None:
@@ -769,8 +761,8 @@ def read_mesh(path: StrPath, up: Up | None = "z") -> Surface:
     if up is None and declared_up != "z":
         warn_user(
             f"{os.fspath(path)}: {declared_up} points up in the file, and its axes stay as they "
-            f"are, as in ROS; pass up={declared_up!r} to from_mesh, open or cspace.Mesh.of to turn "
-            "it upright, or up='z' to keep its axes"
+            f"are, as in ROS; pass up={declared_up!r} to turn it upright, or up='z' to keep its "
+            "axes; from_mesh, open and cspace.Mesh.of take it"
         )
     return turn_upright(vertices, up or "z"), np.ascontiguousarray(faces)
 

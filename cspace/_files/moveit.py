@@ -25,9 +25,6 @@ from cspace.errors import InputError
 WORLD: Final = "world"
 """Frame of poses whose header names none, as in robowflex."""
 
-SCENE_KIND: Final = "planning scene"
-"""Kind of file, for messages."""
-
 MAX_POSITION_METRES: Final = 1e3
 """Largest coordinate of a position, metres.
 
@@ -45,27 +42,19 @@ FIELDS: Final = (
     Fields(
         "MoveIt planning scenes",
         honoured=(
-            "`frame_id`",
-            "poses",
-            "`primitives`, `meshes`",
-            "`attached_collision_objects`",
-            "`allowed_collision_matrix`",
-            "`joint_state`",
+            "`frame_id`; poses; `primitives`, `meshes`; `attached_collision_objects`; "
+            "`allowed_collision_matrix`; `joint_state`"
         ),
         refused=(
-            "several frames",
-            "transforms other than the identity",
-            "`planes`, `subframe_names`, `octomap`",
-            "`link_padding`, `link_scale`",
-            "`is_diff`",
-            "unknown fields",
+            "several frames; transforms other than the identity; `planes`, `subframe_names`, "
+            "`octomap`; `link_padding`, `link_scale`; `is_diff`; unknown fields"
         ),
-        warned=("attached objects without an arm",),
+        warned="attached objects without an arm",
     ),
     Fields(
         "MoveIt requests",
-        honoured=("`start_state`", "joint, position and orientation constraints", "tolerances"),
-        refused=("constraints of paths and visibility", "`target_point_offset`", "unknown fields"),
+        honoured="`start_state`; joint, position and orientation constraints; tolerances",
+        refused="constraints of paths and visibility; `target_point_offset`; unknown fields",
     ),
 )
 

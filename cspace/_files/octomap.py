@@ -18,8 +18,8 @@ _OCTOMAP_KIND: Final = "OctoMap"
 FIELDS: Final = (
     Fields(
         "`.bt`, `.ot`",
-        honoured=("first line, `id`", "`size`", "`res`", "unknown cells"),
-        refused=("trees but OcTree and ColorOcTree", "values that are NaN"),
+        honoured="first line, `id`; `size`; `res`; unknown cells",
+        refused="trees but OcTree and ColorOcTree; values that are NaN",
     ),
 )
 

@@ -31,8 +31,6 @@ from cspace._support.arrays import Floats, StrPath
 from cspace._support.reporting import warn_user
 from cspace.errors import GeometryError
 
-_PCD_KIND: Final = "PCD file"
-
 _PCD_KEYS: Final = (
     *("VERSION", "FIELDS", "COLUMNS", "SIZE", "TYPE", "COUNT"),
     *("WIDTH", "HEIGHT", "VIEWPOINT", "POINTS", "DATA"),
@@ -45,16 +43,20 @@ _NO_VIEWPOINT: Final = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
 FIELDS: Final = (
     Fields(
         "`.pcd`",
-        honoured=("FIELDS, SIZE, TYPE, COUNT", "WIDTH, HEIGHT, POINTS", "DATA"),
-        refused=("binary_compressed", "NaN, unless dropped"),
-        warned=("VIEWPOINT", "bytes after the points"),
+        honoured="FIELDS, SIZE, TYPE, COUNT; WIDTH, HEIGHT, POINTS; DATA",
+        refused="binary_compressed; NaN, unless dropped",
+        warned="VIEWPOINT; bytes after the points",
     ),
     Fields(
         "`.xyz`, `.txt`, `.csv`",
-        honoured=("names of columns",),
-        refused=("columns without x, y and z", "NaN, unless dropped"),
+        honoured="names of columns",
+        refused="columns without x, y and z; NaN, unless dropped",
     ),
-    Fields("`.npy`", honoured=("order, byte order, type",), refused=("objects", "other numbers")),
+    Fields(
+        "`.npy`",
+        honoured="order, byte order, type",
+        refused="objects; other numbers",
+    ),
 )
 
 
@@ -127,8 +129,6 @@ _HEADING_CHARACTERS: Final = 2**16
 
 _WORD: Final = re.compile(r"[^\s,;\"']+")
 
-_COMMENT_MARKS: Final = ("#", "//")
-
 
 def _find_rows(text: str) -> tuple[list[str], int]:
     """Return the names of a text's columns, and the number of lines before its first row.
@@ -142,7 +142,7 @@ def _find_rows(text: str) -> tuple[list[str], int]:
     for number, line in enumerate(lines):
         content = line.strip().lower()
         words = _WORD.findall(content.lstrip("#/"))
-        is_comment = content.startswith(_COMMENT_MARKS)
+        is_comment = content.startswith(("#", "//"))
         if is_comment:
             is_heading = {"x", "y", "z"} <= {word[0] for word in words}
         else:
@@ -172,7 +172,7 @@ def read_pcd(path: StrPath) -> Floats:
     ``ascii`` file within its last number cannot be detected.
     """
     # A header of text lines, then the points as text or as records.
-    content = read_bytes(path, _PCD_KIND, memory=12.0)
+    content = read_bytes(path, "PCD file", memory=12.0)
     entries, header_lines, header_end = _parse_pcd_header(content)
     encoding = " ".join(entries["DATA"])
     if encoding == "binary_compressed":

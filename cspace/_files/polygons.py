@@ -331,10 +331,6 @@ _PLY_FORMATS: Final = ("ascii", "binary_little_endian", "binary_big_endian")
 _CORNER_LISTS: Final = ("vertex_indices", "vertex_index")
 _NO_FACES: Final = np.empty(0, dtype=np.int64)
 
-_MEMORY_PER_PLY_BYTE: Final = 8.0
-"""Bytes of memory to read one byte of a PLY file."""
-
-
 _MAX_PLY_HEADER_BYTES: Final = 2**16
 """Number of bytes of a PLY file in which its header is looked for."""
 
@@ -392,7 +388,7 @@ def read_ply(path: StrPath) -> tuple[Floats, Ints, Ints]:
     surfaces of another kind.
     """
     # trimesh reads binary files, whose sizes are compared with the header afterwards.
-    content = read_bytes(path, PLY_KIND, memory=_MEMORY_PER_PLY_BYTE)
+    content = read_bytes(path, PLY_KIND, memory=8.0)
     header = _parse_ply_header(content)
     if not {"x", "y", "z"} <= {name for name, _ in header.properties["vertex"]}:
         raise ContentError("has vertices without x, y and z")

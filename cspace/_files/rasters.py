@@ -21,17 +21,17 @@ _MAX_STEP_ERROR: Final = 1e-3
 FIELDS: Final = (
     Fields(
         "xarray",
-        honoured=("coordinates, in either direction", "their order"),
+        honoured="coordinates, in either direction; their order",
         refused=(
-            *("unequal steps", "steps other than `spacing`", "`units` other than metres"),
-            *("`crs` in degrees", "y, x without coordinates"),
+            "unequal steps; steps other than `spacing`; `units` other than metres; `crs` in "
+            "degrees; y, x without coordinates"
         ),
-        warned=("other `crs`",),
+        warned="other `crs`",
     ),
     Fields(
         "`.zarr`",
-        honoured=("shape, type, chunks, `fill_value`",),
-        refused=("dimensions other than x, y (and z)", "other codecs"),
+        honoured="shape, type, chunks, `fill_value`",
+        refused="dimensions other than x, y (and z); other codecs",
     ),
 )
 

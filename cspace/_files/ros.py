@@ -62,26 +62,26 @@ FIELDS: Final = (
     Fields(
         "ROS map, `.yaml`",
         honoured=(
-            *("`image`", "`mode`", "`resolution`", "`origin` with its yaw", "`negate`"),
-            *("`occupied_thresh`", "`free_thresh`", "transparency"),
+            "`image`; `mode`; `resolution`; `origin` with its yaw; `negate`; `occupied_thresh`; "
+            "`free_thresh`; transparency"
         ),
-        refused=("`negate` in raw mode", "EXIF orientation of the image"),
+        refused="`negate` in raw mode; EXIF orientation of the image",
         warned=(
-            *("grey 205 below `free_thresh`, unknown", "yaw beyond a whole turn"),
-            *("an image outside the folder", "other keys"),
+            "grey 205 below `free_thresh`, unknown; yaw beyond a whole turn; an image outside the "
+            "folder; other keys"
         ),
     ),
     Fields(
         "`nav_msgs/OccupancyGrid`",
-        honoured=("`resolution`, of float32", "`width`, `height`", "`origin`", "-1"),
-        refused=("tilt of `origin`",),
-        warned=("values beyond -1 to 100, unknown",),
+        honoured="`resolution`, of float32; `width`, `height`; `origin`; -1",
+        refused="tilt of `origin`",
+        warned="values beyond -1 to 100, unknown",
     ),
     Fields(
         "Nav2 parameters",
-        honoured=("`footprint`", "`robot_radius`", "`footprint_padding`"),
-        refused=("numbers in quotes", "negative padding"),
-        warned=("padding, where Nav2's differs",),
+        honoured="`footprint`; `robot_radius`; `footprint_padding`",
+        refused="numbers in quotes; negative padding",
+        warned="padding, where Nav2's differs",
     ),
 )
 

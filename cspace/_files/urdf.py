@@ -23,7 +23,7 @@ import numpy as np
 
 from cspace._files.access import ContentError, decoding, read_bytes
 from cspace._files.fields import Fields
-from cspace._files.plain import check_expanded, parse_xml
+from cspace._files.plain import check_expanded, parse_finite, parse_xml
 from cspace._support.arrays import Floats
 from cspace._support.reporting import import_optional, warn_user
 from cspace.errors import AngleWarning, FileError, InputError
@@ -47,28 +47,22 @@ FIELDS: Final = (
     Fields(
         "`.urdf`",
         honoured=(
-            "`origin`",
-            "`axis`",
-            "`limit`; 0 where left out",
-            "`safety_controller` if narrower",
-            "`mimic`, except of limits",
-            "`scale` of meshes",
+            "`origin`; `axis`; `limit`; 0 where left out; `safety_controller` if narrower; "
+            "`mimic`, except of limits; `scale` of meshes"
         ),
-        refused=("xacro", "planar and floating joints below the base", "capsules"),
+        refused="xacro; planar and floating joints below the base; capsules",
         warned=(
-            "`visual` without `collision` (`visuals=True`)",
-            "angles beyond a whole turn",
-            "`limit` without lower and upper",
-            "links that move against a rigid robot",
+            "`visual` without `collision` (`visuals=True`); angles beyond a whole turn; `limit` "
+            "without lower and upper; links that move against a rigid robot"
         ),
     ),
     Fields(
         "`.srdf`",
         honoured=(
-            "`disable_collisions`, `enable_collisions`, `disable_default_collisions`",
-            "`group`, `group_state`, `end_effector`",
+            "`disable_collisions`, `enable_collisions`, `disable_default_collisions`; `group`, "
+            "`group_state`, `end_effector`"
         ),
-        warned=("names that the URDF lacks",),
+        warned="names that the URDF lacks",
     ),
 )
 
@@ -98,12 +92,6 @@ _MAX_EXPECTED_ANGLE: Final = 1.01 * math.tau
 PackageDirs: TypeAlias = "str | os.PathLike[str] | Sequence[str | os.PathLike[str]]"
 """One folder, or several, that hold the folders of packages."""
 
-
-_PACKAGE_SCHEMES: Final = ("package", "model")
-"""Schemes of mesh names that start with the name of a package."""
-
-_ANY_GEOMETRY: Final = '<geometry><box size="1 1 1"/></geometry>'
-"""Geometry in place of one that is not read."""
 
 _MAX_LISTED_MESHES: Final = 3
 """Largest number of meshes that a warning names."""
@@ -153,8 +141,9 @@ def _choose_geometry(root: Element, visuals: bool) -> None:
         for visual in link.findall("visual"):
             if visuals:
                 visual.tag = "collision"
-            else:  # no matter what it is, which yourdfpy may not know
-                visual[:] = [ElementTree.fromstring(_ANY_GEOMETRY)]
+            else:  # a box, no matter what it is, which yourdfpy may not know
+                box = '<geometry><box size="1 1 1"/></geometry>'
+                visual[:] = [ElementTree.fromstring(box)]
 
 
 def _shorten_mimic_chains(urdf: URDF) -> None:
@@ -357,7 +346,7 @@ def _check_numbers(element: Element, place: str) -> list[str]:
             text = member.get(name)
             if text is None:
                 continue
-            numbers = _parse_numbers(text)
+            numbers = parse_finite(text)
             attribute = f"{name}={text!r} at the {member.tag} of {place}"
             is_scalar = name == "scale" and len(numbers) == 1
             if len(numbers) != count and not is_scalar:
@@ -367,15 +356,6 @@ def _check_numbers(element: Element, place: str) -> list[str]:
             if name in angle_names and max(map(abs, numbers)) > _MAX_EXPECTED_ANGLE:
                 large_angles.append(attribute)
     return large_angles
-
-
-def _parse_numbers(text: str) -> list[float]:
-    """Parse finite numbers between blanks, or return an empty list."""
-    try:
-        numbers = [float(word) for word in text.split()]
-    except ValueError:
-        return []
-    return numbers if all(map(math.isfinite, numbers)) else []
 
 
 def _check_geometry(geometry: Element | None, place: str) -> None:
@@ -505,7 +485,7 @@ def _list_candidates(
     # A URI may write %20 for a blank.
     relatives = dict.fromkeys([escaped, unquote(escaped)])
     near = [*package_dirs, folder, *folder.parents]
-    if scheme not in _PACKAGE_SCHEMES:
+    if scheme not in ("package", "model"):  # these start with the name of a package
         exact = [folder / relative for relative in relatives]
         return exact, [base / relative for base in near for relative in relatives]
     ros_folders = _list_folders("ROS_PACKAGE_PATH")
@@ -761,7 +741,7 @@ def _parse_value(text: str, state: str, joint: str) -> float:
 
     Raises ContentError if it is not a finite number.
     """
-    numbers = _parse_numbers(text)
+    numbers = parse_finite(text)
     if len(numbers) != 1:
         raise ContentError(
             f"has {joint} at {text!r} in the state {state!r}",

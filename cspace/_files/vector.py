@@ -46,15 +46,15 @@ _MIN_SIZES_FROM_ORIGIN: Final = 50.0
 FIELDS: Final = (
     Fields(
         "`.geojson`, `.json`, `__geo_interface__`",
-        honoured=("type", "`crs` of a UTM zone, or null"),
-        refused=("`crs` in degrees, or web Mercator", "altitudes"),
-        warned=("other `crs`", "no `crs` and coordinates like degrees"),
+        honoured="type; `crs` of a UTM zone, or null",
+        refused="`crs` in degrees, or web Mercator; altitudes",
+        warned="other `crs`; no `crs` and coordinates like degrees",
     ),
     Fields(
         "`.wkt`, shapely",
-        honoured=("type", "SRID of a UTM zone"),
-        refused=("SRID in degrees, or web Mercator", "Z", "curves", "surfaces"),
-        warned=("other SRID",),
+        honoured="type; SRID of a UTM zone",
+        refused="SRID in degrees, or web Mercator; Z; curves; surfaces",
+        warned="other SRID",
     ),
 )
 

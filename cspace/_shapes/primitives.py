@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from numpy.typing import ArrayLike
 
+from cspace._files.plain import parse_finite
 from cspace._shapes.balls import Balls
 from cspace._shapes.mesh import Mesh
 from cspace._shapes.polygon import Polygons
@@ -242,8 +242,8 @@ def parse_short_text(text: str, argument: str = "shape") -> NamedShape:
     kind = SHORT_TEXTS[name]
     separator = "," if "," in kind.form else "x"
     sizes_text, at_sign, center_text = rest.partition("@")
-    sizes = _parse_numbers(sizes_text, separator)
-    center = _parse_numbers(center_text, ",")
+    sizes = parse_finite(sizes_text, separator)
+    center = parse_finite(center_text, ",")
     count = len(kind.form.split(separator))
     sizes_are_valid = len(sizes) == count and min(sizes) > 0.0
     if not sizes_are_valid or bool(at_sign) != bool(center):
@@ -268,12 +268,3 @@ def _parse_footprint(text: str, rest: str, argument: str) -> NamedShape:
         "for a file"
     )
     raise InputError(argument, f"is {text!r}", rule, hint)
-
-
-def _parse_numbers(text: str, separator: str) -> list[float]:
-    """Parse finite numbers, or return an empty list."""
-    try:
-        numbers = [float(word) for word in text.split(separator)]
-    except ValueError:
-        return []
-    return numbers if all(map(math.isfinite, numbers)) else []

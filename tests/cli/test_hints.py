@@ -6,6 +6,8 @@ import re
 import numpy as np
 import pytest
 import shapely
+import trimesh
+from PIL import Image
 
 from tests.helpers.commands import document, run
 
@@ -78,6 +80,74 @@ def test_following_a_hint_as_typed_avoids_the_error(command, hint, followed, roo
     assert refused.exit_code == 2 and hint in refused.stderr, refused.stderr
     result = run(followed)
     assert result.exit_code != 2, result.stderr
+
+
+URDF = (
+    '<robot name="r"><link name="base"><visual><geometry><mesh filename="package://p/tube.obj"/>'
+    "</geometry></visual></link></robot>"
+)
+
+
+@pytest.fixture
+def files(room):
+    """Write files that call for an option."""
+    cube = trimesh.creation.box((0.1, 0.2, 0.1))
+    cube.export(room / "small.glb")
+    (room / "far" / "p").mkdir(parents=True)
+    cube.export(room / "far" / "p" / "tube.obj")
+    (room / "robot.urdf").write_text(URDF)
+    header = "image: grey.png\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\n"
+    (room / "map.yaml").write_text(f"{header}occupied_thresh: 0.65\nfree_thresh: 0.25\n")
+    Image.fromarray(np.full((9, 9), 205, dtype=np.uint8)).save(room / "grey.png")
+    return room
+
+
+@pytest.mark.parametrize(
+    ("command", "hint", "followed"),
+    [
+        (
+            "map small.glb --robot ball:0.01 --spacing 0.02",
+            "pass --up='y' to turn it upright",
+            "map small.glb --robot ball:0.01 --spacing 0.02 --up='y'",
+        ),
+        (
+            "map rooms.npy --robot small.glb --spacing 0.1",
+            "or --robot-up='z' to keep its axes",
+            "map rooms.npy --robot small.glb --spacing 0.1 --robot-up='z'",
+        ),
+        (
+            "map rooms.npy --robot robot.urdf --spacing 0.1",
+            "or pass --visuals to use <visual> there",
+            "map rooms.npy --robot robot.urdf --spacing 0.1 --visuals --package-dir=far",
+        ),
+        (
+            "map rooms.npy --robot robot.urdf --spacing 0.1 --visuals",
+            "or pass --package-dir=FOLDER",
+            "map rooms.npy --robot robot.urdf --spacing 0.1 --visuals --package-dir=far",
+        ),
+        (
+            "map map.yaml --robot disc:0.01",
+            "or pass --unknown='free'",
+            "map map.yaml --robot disc:0.01 --unknown='free'",
+        ),
+        (
+            "map rooms.npy --robot open.obj --spacing 0.1",
+            "or --robot-solid='fill' to fill",
+            "map rooms.npy --robot open.obj --spacing 0.1 --robot-solid='fill'",
+        ),
+        (
+            "info robot.urdf",
+            "add <collision>, or pass --visuals",
+            "info robot.urdf --visuals --package-dir=far",
+        ),
+    ],
+)
+def test_messages_about_files_name_options_that_are_typed(command, hint, followed, files):
+    told = run(f"{command} -o a.zarr" if command.startswith("map") else command)
+    assert hint in told.stderr, told.stderr
+    result = run(f"{followed} -o b.zarr" if command.startswith("map") else followed)
+    assert result.exit_code == 0, result.stderr
+    assert hint not in result.stderr
 
 
 def test_the_configuration_of_a_message_is_a_start(room):

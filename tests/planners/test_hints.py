@@ -11,14 +11,15 @@ import pytest
 import shapely
 from ompl import base as ob
 
+import cspace
 import planners
 from cspace import ConfigurationError, InputError, Robot, Workspace, build
-from cspace.arms import Arm, build_arm_space
+from cspace.arms import Arm, PosedShape, build_arm_space
 from cspace.errors import CspaceError
 from cspace.plot import animate
 from tests.helpers.planning import ENDPOINTS, build_room
-from tests.helpers.refusals import refusals
-from tests.helpers.urdfs import planar
+from tests.helpers.refusals import check_followed, refusals
+from tests.helpers.urdfs import planar, pose_at
 
 
 def build_walls(boxes, robot, rotations=None, **options):
@@ -421,3 +422,145 @@ def test_a_tiny_map_is_planned_on_without_a_named_planner():
     with pytest.raises(InputError, match=r"or leave planner out of planners\.plan"):
         planners.plan(space, start, goal, planner="RRT")
     assert planners.plan(space, start, goal).certified
+
+
+# ---- own spaces, rows and messages ---------------------------------------------------------------
+
+
+class Bare(cspace.Space):
+    """A plane without obstacles."""
+
+    bounds = ((-2.0, -2.0), (2.0, 2.0))
+
+    def __init__(self, *axes):
+        self._axes = axes
+
+    @property
+    def axes(self):
+        return self._axes
+
+    def is_free(self, q):
+        return True
+
+    def motion_is_free(self, q0, q1):
+        return True
+
+
+def plan_bare(*axes):
+    """Plan in a plane without obstacles."""
+    return planners.plan(Bare(*axes), (0.0, 0.0), (1.0, 1.0), time_limit=0.2, seed=1)
+
+
+@cache
+def plan_none():
+    """Plan to a place that cannot be reached."""
+    walls = [(2.0, 0.0, 3.0, 4.0)]
+    return planners.plan(build_walls(walls, SQUARE), *[end[:2] for end in AHEAD])
+
+
+def read_arm_space(folder):
+    """Build the space of an arm among nothing."""
+    pytest.importorskip("yourdfpy")
+    return build_arm_space({}, Arm.from_urdf(planar(folder)))
+
+
+ARM_LIMITS = {"max_velocity": 1.0, "max_acceleration": 1.0}
+
+
+def along(space, rows):
+    """Make the trajectory of rows."""
+    return planners.Trajectory.along(space, rows, **ARM_LIMITS)
+
+
+def line(space, *poses):
+    """Follow a line of the forearm."""
+    start = (0.3, 0.5)
+    return space.follow_line(start, "fore", [space.arm.pose(q, "fore") for q in (start, *poses)])
+
+
+def blocked(space, rows):
+    """Put a box in the way of rows."""
+    space.add_obstacle("box", PosedShape(Robot.box((0.3, 0.3, 0.3)).shape, pose_at(0.3, 1.2)))
+    return rows
+
+
+@refusals(
+    "call, advised, hint",
+    (
+        lambda _: plan_bare("y", "x"),
+        lambda _: [plan_bare("x", "y"), plan_bare("a", "b")],
+        "name its axes as one of these, or as joints, e.g. a, b",
+    ),
+    (
+        lambda _: plan_bare("a", "b").plot(),
+        lambda _: np.asarray(plan_bare("a", "b").path),
+        "draw plan.path yourself",
+    ),
+    (
+        lambda _: plan_none().trajectory(**LIMITS),
+        lambda _: [p.trajectory(**LIMITS) for p in (plan_none(), plan_in("plane")) if p.solved],
+        "check plan.solved first",
+    ),
+    (
+        lambda _: planners.plan((1.0, 1.0), build_room("plane"), (2.0, 1.0)),
+        lambda _: planners.plan(build_room("plane"), *ENDPOINTS["plane"]),
+        "check the order of arguments",
+    ),
+    (
+        lambda _: planners.plan(build_room("plane"), *ENDPOINTS["plane"], drive="differential"),
+        lambda _: [
+            planners.plan(build_room("plane"), *ENDPOINTS["plane"]),
+            planners.plan(
+                build_walls([(0, 0, 0.1, 0.1)], SQUARE, 72), *AHEAD, drive="differential"
+            ),
+        ],
+        "build a map of a plane with rotations=72, or leave drive out",
+    ),
+    (
+        lambda _: planners.plan(
+            build_room("plane"), *ENDPOINTS["plane"], planner="RRTstar", objective=lambda si: 3
+        ),
+        lambda _: planners.plan(
+            build_room("plane"),
+            *ENDPOINTS["plane"],
+            planner="RRTstar",
+            objective=make_objective,
+            time_limit=0.1,
+        ),
+        "pass a function that takes the space information",
+    ),
+    (
+        lambda _: plan_in("plane").trajectory(max_velocity=(1, 2, 3), max_acceleration=1.0),
+        lambda _: plan_in("plane").trajectory(max_velocity=1.0, max_acceleration=1.0),
+        "pass e.g. 1.0",
+    ),
+    (
+        lambda f: along(space := read_arm_space(f), line(space, (0.3, 0.5), (9.0, 0.5))),
+        lambda f: along(space := read_arm_space(f), line(space, (0.35, 0.5))),
+        "check motion.certified first",
+    ),
+    (
+        lambda f: along(read_arm_space(f), (0.3, 0.5)),
+        lambda f: along(space := read_arm_space(f), line(space, (0.35, 0.5)).waypoints),
+        "pass e.g. motion.waypoints",
+    ),
+    (
+        lambda f: along(space := read_arm_space(f), blocked(space, [(0.3, 0.5), (1.6, 0.5)])),
+        lambda f: [
+            blocked(space := read_arm_space(f), None),
+            along(space, planners.plan(space, (0.3, 0.5), (1.6, -2.0), seed=1).path),
+        ],
+        "plan again",
+    ),
+    (
+        lambda f: planners.plan(read_arm_space(f), (0.3, 0.5), (0.4, 0.5)).to_path(),
+        lambda f: (
+            planners.plan(read_arm_space(f), (0.3, 0.5), (0.4, 0.5))
+            .trajectory(**ARM_LIMITS)
+            .to_joint_trajectory()
+        ),
+        "use trajectory(...).to_joint_trajectory()",
+    ),
+)
+def test_spaces_and_rows_as_the_hint_says_are_accepted(call, advised, hint, tmp_path):
+    check_followed(lambda: call(tmp_path), lambda: advised(tmp_path), hint)

@@ -71,8 +71,11 @@ def test_builds_resume_after_a_cluster_is_lost(tmp_path):
 def test_a_cluster_needs_workers_of_this_version(tmp_path, monkeypatch, workers):
     monkeypatch.setattr("cspace._tiles.work.__version__", "0.0.9")
     problem = f"workers with cspace {cspace.__version__}" if workers else "no workers"
-    with (
-        connect(workers) as client,
-        pytest.raises(InputError, match=f"client has {problem}; all must have cspace 0.0.9"),
-    ):
-        cspace.build(WORKSPACE, CAR, store=tmp_path / "m", client=client)
+    with connect(workers) as client:
+        with pytest.raises(InputError, match=f"client has {problem}; .* 0.0.9, .*start workers"):
+            cspace.build(WORKSPACE, CAR, store=tmp_path / "m", client=client)
+        # As the hint says: workers are started, and have this version.
+        monkeypatch.undo()
+        client.cluster.scale(1)
+        client.wait_for_workers(1)
+        assert cspace.build(WORKSPACE, CAR, store=tmp_path / "m", client=client).progress == 1.0

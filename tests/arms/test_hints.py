@@ -1,0 +1,572 @@
+"""Hints of arms, their maps, lines and MoveIt's messages: each is followed by code."""
+
+import math
+
+import numpy as np
+import pytest
+import shapely
+from scipy.spatial.transform import Rotation
+
+import planners
+from cspace import Robot, Workspace
+from cspace._opening import open_map
+from cspace.arms import (
+    Arm,
+    PosedShape,
+    PoseGoal,
+    build_arm_space,
+    build_joint_map,
+    read_moveit_request,
+    read_moveit_scene,
+    undecided_pairs,
+)
+from tests.helpers.refusals import check_followed, refusals
+from tests.helpers.urdfs import joint, link, planar, pose_at, posed_box, write_urdf
+
+pytest.importorskip("yourdfpy")
+
+ZERO = (0.0, 0.0)
+GROUP = (
+    '<group name="arm"><joint name="shoulder"/><joint name="elbow"/></group>'
+    '<group_state name="home" group="arm"><joint name="elbow" value="1"/></group_state>'
+)
+CONTINUOUS = {"kind": "continuous", "limits": None}
+NEAR = posed_box((0.2, 0.2, 0.2), 1.5, 0.0)
+"""A box that the outstretched arm touches."""
+
+FOOT_BOX = posed_box((0.1, 0.1, 0.1), 0.0, 0.0, -0.2)
+"""A box that the foot touches."""
+
+FAR = posed_box((0.2, 0.2, 0.2), 0.0, 1.5)
+
+
+def arm(folder, **options):
+    """Read an arm of two joints."""
+    return Arm.from_urdf(planar(folder), **options)
+
+
+def space(folder, *, near=FAR, **options):
+    """Build the space of an arm beside a box."""
+    return build_arm_space({"box": near}, arm(folder), **options)
+
+
+def with_srdf(folder, **options):
+    """Read an arm with an SRDF."""
+    (folder / "arm.srdf").write_text(f'<robot name="small">{GROUP}</robot>')
+    return arm(folder, srdf=folder / "arm.srdf", **options)
+
+
+def chain(folder, *joints):
+    """Read an arm of one more link for each joint, given by their options."""
+    bar = ((0.3, 0.1, 0.1), (0.2, 0, 0))
+    links = [link(f"l{number}", bar) for number in range(len(joints) + 1)]
+    between = [
+        joint(
+            **{"name": f"j{n}", "parent": f"l{n}", "child": f"l{n + 1}", "at": (0.5, 0, 0)} | more
+        )
+        for n, more in enumerate(joints)
+    ]
+    return write_urdf(folder, *links, *between)
+
+
+def read_chain(folder, *joints, **options):
+    """Read the arm of a chain."""
+    return Arm.from_urdf(chain(folder, *joints), **options)
+
+
+def goal_at(x, y, tolerance=(1e-3, math.inf)):
+    """Return the goal of a place of the forearm."""
+    return PoseGoal("fore", pose_at(x, y), tolerance)
+
+
+def mapped(folder, **options):
+    """Build the map of both joints."""
+    return build_joint_map(space(folder), 0.5, **options)
+
+
+def follow(folder, *poses, **options):
+    """Move the forearm along a line from a bent configuration."""
+    moved = space(folder)
+    start = (0.3, 0.5)
+    poses = [moved.arm.pose(start, "fore"), *poses] if poses else np.zeros((2, 2))
+    return moved.follow_line(start, "fore", poses, **options)
+
+
+def turned(folder, angle):
+    """Return the pose of the forearm at the start of a line, turned."""
+    pose = arm(folder).pose((0.3, 0.5), "fore").copy()
+    pose[:3, :3] = pose[:3, :3] @ Rotation.from_euler("z", angle).as_matrix()
+    return pose
+
+
+def carrying(folder):
+    """Build the space of an arm that carries a ball, which carries another one."""
+    carried = space(folder)
+    carried.attach("ball", Robot.ball(0.05).shape, "fore", pose=pose_at(1.2, 0))
+    carried.attach("tip", Robot.ball(0.01).shape, "ball", pose=pose_at(0.2, 0))
+    return carried
+
+
+TENTH = {"limits": (0.1, 0.1)}
+
+
+@pytest.mark.filterwarnings("ignore:.*only drawn:UserWarning")
+@refusals(
+    "call, advised, hint",
+    # Arms.
+    (
+        lambda f: arm(f, joints=["elbow"], tip="fore"),
+        lambda f: [arm(f, joints=["elbow"]), arm(f, tip="fore")],
+        "leave one out",
+    ),
+    (
+        lambda f: planners.plan(space(f), ZERO, goal_at(9, 0)),
+        lambda f: [
+            planners.plan(space(f), ZERO, goal)
+            for goal in (goal_at(0.9, 0.435), goal_at(9, 0, (9, math.inf)))
+        ],
+        "move the pose, or pass a larger tolerance",
+    ),
+    (
+        lambda f: arm(f).inverse("foot", pose_at(0, 0)),
+        lambda f: arm(f).inverse("fore", pose_at(1, 0)),
+        "name a frame beyond a joint",
+    ),
+    (
+        lambda f: arm(f, joints=["shoulder"]).configuration(state()),
+        lambda f: arm(f, joints=["shoulder"], held_joints=state()).configuration(state()),
+        "pass these values as held_joints= to Arm.from_urdf",
+    ),
+    (
+        lambda f: arm(f).configuration(state("elbow")),
+        lambda f: arm(f).configuration(state("elbow"), base=ZERO),
+        "pass base= with the others",
+    ),
+    (
+        lambda f: arm(f).configuration("home"),
+        lambda f: [with_srdf(f).configuration("home"), arm(f).configuration(JOINTS)],
+        "pass srdf= to Arm.from_urdf, or values by joint",
+    ),
+    (
+        lambda f: arm(f, joints="arm"),
+        lambda f: [with_srdf(f, joints="arm"), arm(f, joints=["shoulder", "elbow"])],
+        "pass srdf=, or a list of joints",
+    ),
+    (
+        lambda f: arm(f).configuration({"elbow": 10**400, "shoulder": 0.0}),
+        lambda f: arm(f).configuration({"elbow": 1.0, "shoulder": 0.0}),
+        "pass a float",
+    ),
+    (
+        lambda f: arm(f).configuration([0.0]),
+        lambda f: arm(f).configuration({"elbow": 0.0, "shoulder": 0.0}),
+        "pass e.g. {",
+    ),
+    (
+        lambda f: arm(f).attach("tool", shapely.box(0, 0, 1, 1), "fore"),
+        lambda f: arm(f).attach("tool", Robot.ball(0.1).shape, "fore"),
+        "pass a solid",
+    ),
+    (
+        lambda f: arm(f).attach("fore", Robot.ball(0.1).shape, "fore"),
+        lambda f: arm(f).attach("tool", Robot.ball(0.1).shape, "fore"),
+        "choose another one",
+    ),
+    (
+        lambda f: carrying(f).detach("ball"),
+        lambda f: [(held := carrying(f)).detach("tip"), held.detach("ball")],
+        "detach 'tip' first",
+    ),
+    (
+        lambda f: space(f).is_free((4.0, 0.0)),
+        lambda f: space(f).is_free((3.0 + 1e-6, 0.0)),
+        "stay within them; up to 1e-05 beyond is accepted",
+    ),
+    (
+        lambda f: arm(f).pose((0, 0, 0), "fore"),
+        lambda f: arm(f).pose(ZERO, "fore"),
+        "pass 2 numbers",
+    ),
+    (
+        lambda f: read_chain(f, {"kind": "floating"}),
+        lambda f: read_chain(f, {"kind": "floating"}, {}, base="l1"),
+        "or pass base='l1'",
+    ),
+    (
+        lambda f: read_chain(f, {"kind": "floating"}),
+        lambda f: read_chain(f, {"kind": "revolute"}),
+        "correct the type",
+    ),
+    (
+        lambda f: read_chain(f, {"limits": None}),
+        lambda f: read_chain(f, {"limits": (-1, 1)}),
+        "add <limit lower= upper=>",
+    ),
+    (
+        lambda f: read_chain(f, {"limits": (1, -1)}),
+        lambda f: read_chain(f, {"limits": (-1, 1)}),
+        "correct them",
+    ),
+    (
+        lambda f: read_chain(f, {"kind": "fixed", "limits": None}),
+        lambda f: read_chain(f, {}, {"kind": "fixed", "limits": None}, base="l0"),
+        "name another base, tip or joints",
+    ),
+    (
+        lambda f: arm(f, held_joints={"elbow": 9.0}, joints=["shoulder"]),
+        lambda f: arm(f, held_joints={"elbow": 1.0}, joints=["shoulder"]),
+        "stay within them",
+    ),
+    (
+        lambda f: read_chain(f, *[{}] * 70),
+        lambda f: [read_chain(f, *[{}] * 70, base="l60"), read_chain(f, *[{}] * 70, tip="l5")],
+        "name a base or a tip",
+    ),
+    (
+        lambda f: Arm.from_urdf(bare(f)),
+        lambda f: [Arm.from_urdf(bare(f), visuals=True), arm(f)],
+        "add <collision>, or pass visuals=True",
+    ),
+    (
+        lambda f: arm(f, base="upper", tip="foot"),
+        lambda f: arm(f, base="upper", tip="fore"),
+        "name a link that is",
+    ),
+    # Obstacles.
+    (
+        lambda f: build_arm_space(
+            {"box": Workspace.from_array(np.eye(3, dtype=bool), 0.1)}, arm(f)
+        ),
+        lambda f: build_arm_space(
+            {"box": Workspace.from_array(np.ones((1, 1, 1), dtype=bool), 0.1, (5, 5, 5))}, arm(f)
+        ),
+        "pass a map in space",
+    ),
+    (
+        lambda f: build_arm_space({"box": shapely.box(0, 0, 1, 1)}, arm(f)),
+        lambda f: build_arm_space({"box": Robot.box((1, 1, 1), (5, 5, 5)).shape}, arm(f)),
+        "pass a solid",
+    ),
+    (
+        lambda f: build_arm_space(Robot.ball(0.1).shape, arm(f)),
+        lambda f: build_arm_space({"table": Robot.box((1, 1, 1), (5, 5, 5)).shape}, arm(f)),
+        "pass e.g. {'table': shape}",
+    ),
+    (
+        lambda f: build_arm_space({"box": PosedShape(FAR.shape, np.ones((4, 4)))}, arm(f)),
+        lambda f: build_arm_space({"box": PosedShape(FAR.shape, rigid())}, arm(f)),
+        "take R from scipy, e.g. Rotation.from_euler('xyz', (0, 0, 0)).as_matrix()",
+    ),
+    (
+        lambda f: space(f, near=FOOT_BOX),
+        lambda f: [
+            space(f, near=FAR),
+            space(f, near=FOOT_BOX, allowed_collisions=[("foot", "box")]),
+        ],
+        "move the obstacle, or pass allowed_collisions=[('foot', 'box')]",
+    ),
+    (
+        lambda f: space(f).add_obstacle("post", FOOT_BOX),
+        lambda f: space(f).add_obstacle("post", FOOT_BOX, touch_links=["foot"]),
+        "touch_links=['foot'] of add_obstacle",
+    ),
+    (
+        lambda f: space(f).attach("box", link="fore", q=ZERO, pose=pose_at(1, 0)),
+        lambda f: [
+            space(f).attach("box", link="fore", q=ZERO),
+            space(f).attach("ball", Robot.ball(0.01).shape, "fore", pose=pose_at(1, 0)),
+        ],
+        "leave it out, or pass a shape",
+    ),
+    (
+        lambda f: space(f).attach("ball", Robot.ball(0.01).shape, "fore", q=ZERO),
+        lambda f: [
+            space(f).attach("ball", Robot.ball(0.01).shape, "fore", pose=pose_at(1, 0)),
+            space(f).attach("box", link="fore", q=ZERO),
+        ],
+        "leave out q, or the shape",
+    ),
+    (
+        lambda f: space(f).attach("box", Robot.ball(0.01).shape, "fore"),
+        lambda f: [
+            space(f).attach("box", link="fore", q=ZERO),
+            space(f).attach("ball", Robot.ball(0.01).shape, "fore", pose=pose_at(1, 0)),
+        ],
+        "leave out the shape to attach the obstacle, or choose another name",
+    ),
+    (
+        lambda f: carrying(f).detach("tip", touch_links=["fore"]),
+        lambda f: [
+            carrying(f).detach("tip"),
+            carrying(f).detach("tip", q=ZERO, touch_links=["fore"]),
+        ],
+        "pass q, or leave them out",
+    ),
+    (
+        lambda f: space(f).forbid_collisions([("fore", "box")]),
+        lambda f: (s := space(f, allowed_collisions=[("fore", "box")])).forbid_collisions(
+            [pair for pair in s.allowed_collisions if "box" in pair]
+        ),
+        "see space.allowed_collisions",
+    ),
+    (
+        lambda f: space(f).allow_collisions("fore"),
+        lambda f: build_arm_space({"table": FAR}, arm(f)).allow_collisions([("fore", "table")]),
+        "pass e.g. [('hand', 'table')]",
+    ),
+    (
+        lambda f: build_arm_space({}, read_chain(f, {})).closest([0.0]),
+        lambda f: space(f).closest(ZERO),
+        "add an obstacle",
+    ),
+    (
+        lambda f: space(f, near=NEAR).find_path(ZERO, (1.0, 0.5)),
+        lambda f: [
+            space(f, near=NEAR).find_path((1.2, 0.3), (1.0, 0.5)),
+            space(f, near=NEAR, allowed_collisions=[("fore", "box")]).find_path(ZERO, (1.0, 0.5)),
+        ],
+        "choose another, or pass allowed_collisions=[('fore', 'box')] if they may touch",
+    ),
+    (
+        lambda f: wound(f).certify_path([(0.0, 0.0), (4.0, 0.0)]),
+        lambda f: [
+            wound(f).certify_path(np.unwrap([(0.0, 0.0), (4.0, 0.0)], axis=0)),
+            wound(f).certify_path([(0.0, 0.0), (2.0, 0.0), (4.0, 0.0)]),
+        ],
+        "add whole turns to the rows (numpy.unwrap), or rows between them",
+    ),
+    (
+        lambda f: space(f).motions_are_free_around([ZERO], [ZERO], [0.1]),
+        lambda f: space(f).motions_are_free_around([ZERO], [ZERO], [0.1, 0.1]),
+        "give one for each joint",
+    ),
+    (
+        lambda f: planners.plan(space(f, near=NEAR), (1.2, 0.3), [ZERO, ZERO]),
+        lambda f: planners.plan(
+            space(f, near=NEAR, allowed_collisions=[("fore", "box")]), (1.2, 0.3), [ZERO, ZERO]
+        ),
+        "pass allowed_collisions=[('fore', 'box')] if they may touch",
+    ),
+    # Maps of joints.
+    (
+        lambda f: build_joint_map(build_arm_space({}, named_x(f, "yaw")), 0.5),
+        lambda f: build_joint_map(build_arm_space({}, named_x(f, "first")), 0.5),
+        "rename the joint in the URDF",
+    ),
+    (
+        lambda f: build_joint_map(four(f), 0.5),
+        lambda f: build_joint_map(four(f), 0.5, joints=["j0", "j1"], held_joints=[0] * 4),
+        "name them, and pass held_joints= for the others",
+    ),
+    (
+        lambda f: build_joint_map(four(f), 0.5, joints=["j0", "j1"]),
+        lambda f: build_joint_map(four(f), 0.5, joints=["j0", "j1"], held_joints=[0] * 4),
+        "pass the arm's 4 joint values",
+    ),
+    (
+        lambda f: build_joint_map(build_arm_space({}, read_chain(f, {}, TENTH)), 0.5),
+        lambda f: build_joint_map(
+            build_arm_space({}, read_chain(f, {}, TENTH, {})),
+            0.5,
+            joints=["j0", "j2"],
+            held_joints=[0, 0.1, 0],
+        ),
+        "name the other joints; held_joints= says where it is held",
+    ),
+    (
+        lambda f: mapped(f, limits={"elbow": (1.0, -1.0)}),
+        lambda f: mapped(f, limits={"elbow": (-1.0, 1.0)}),
+        "correct them",
+    ),
+    (
+        lambda f: build_joint_map(geared(f), 0.5),
+        lambda f: build_joint_map(geared(f), 0.5, limits={"j0": (-3.14, 3.14)}),
+        "pass limits={'j0': (-3.14, 3.14)}",
+    ),
+    (
+        lambda f: [mapped(f).save(f / "a.zarr"), undecided_pairs(open_map(f / "a.zarr"))],
+        lambda f: undecided_pairs(mapped(f)),
+        "pass the map that build_joint_map made",
+    ),
+    # Lines.
+    (
+        lambda f: follow(f),
+        lambda f: follow(f, turned(f, 0.0)),
+        "pass e.g. [first, second]",
+    ),
+    (
+        lambda f: follow(f, turned(f, math.pi)),
+        lambda f: follow(f, turned(f, math.pi / 2), turned(f, math.pi)),
+        "pass a pose between them",
+    ),
+    (
+        lambda f: follow(f, turned(f, 0.1), tolerance=(1e-20, 1e-20)),
+        lambda f: follow(f, turned(f, 0.1), tolerance=(1e-3, 1e-3)),
+        "pass a larger tolerance, or nearer poses",
+    ),
+    # MoveIt.
+    (
+        lambda f: with_scene(f, HELD_STATE),
+        lambda f: [
+            with_scene(f, HELD_STATE, held_joints=read_moveit_scene(scene(HELD_STATE)).robot_state),
+            with_scene(f, {}),
+        ],
+        "pass held_joints=scene.robot_state to Arm.from_urdf, or remove robot_state",
+    ),
+    (
+        lambda f: build_arm_space(read_moveit_scene(scene({}, "map")), arm(f)),
+        lambda f: build_arm_space(read_moveit_scene(scene({}, "map")), arm(f), base_pose=np.eye(4)),
+        "pass base_pose=, the pose of the arm's base in that frame",
+    ),
+    (
+        lambda f: build_arm_space(read_moveit_scene(scene({}, name="fore")), arm(f)),
+        lambda f: build_arm_space(read_moveit_scene(scene({}, name="box")), arm(f)),
+        "rename the object",
+    ),
+    (
+        lambda f: read_moveit_request(request(ELBOW)).make_goals(arm(f, joints=["shoulder"])),
+        lambda f: read_moveit_request(request(ELBOW)).make_goals(
+            arm(f, joints=["shoulder", "elbow"])
+        ),
+        "pass other joints= to Arm.from_urdf",
+    ),
+    (
+        lambda f: read_moveit_request({"goal_constraints": []}),
+        lambda f: read_moveit_request(request(ELBOW)),
+        "add them",
+    ),
+    (
+        lambda f: read_moveit_request(request(ELBOW, [PLACE])),
+        lambda f: [read_moveit_request(request(ELBOW)), read_moveit_request(request([], [PLACE]))],
+        "add or remove some",
+    ),
+    (
+        lambda f: read_moveit_request(request([], [PLACE, PLACE])),
+        lambda f: read_moveit_request(request([], [PLACE])),
+        "remove some",
+    ),
+    (
+        lambda f: read_moveit_request(request([], [], [facing(7.0)])),
+        lambda f: read_moveit_request(request([], [], [facing(0.1)])),
+        "tighten them",
+    ),
+    (
+        lambda f: read_moveit_request(request([], [], [facing(0.0)])),
+        lambda f: read_moveit_request(request([], [], [facing(1e-3)])),
+        "make it larger, e.g. 1e-3",
+    ),
+    (
+        lambda f: read_moveit_request(request([], [PLACE | {"target_point_offset": [1, 0, 0]}])),
+        lambda f: read_moveit_request(request([], [PLACE])),
+        "constrain the position of the link's origin",
+    ),
+    (
+        lambda f: read_moveit_request(
+            request([], [PLACE | {"constraint_region": {"meshes": [1]}}])
+        ),
+        lambda f: [
+            read_moveit_request(request([], [place(kind, sizes)]))
+            for kind, sizes in (("box", [1, 1, 1]), ("sphere", [1]), ("cylinder", [1, 1]))
+        ],
+        "write a box, a sphere or a cylinder",
+    ),
+    (
+        lambda f: read_moveit_request(request(ELBOW) | {"path_constraints": {"name": "a", "b": 1}}),
+        lambda f: read_moveit_request(request(ELBOW)),
+        "remove it; plans would not obey it",
+    ),
+    (
+        lambda f: read_moveit_request(
+            request(ELBOW) | {"start_state": {"attached_collision_objects": [ATTACHED]}}
+        ),
+        lambda f: read_moveit_scene(scene({"attached_collision_objects": [ATTACHED]})),
+        "write them as attached_collision_objects of the scene's robot_state",
+    ),
+)
+def test_an_arm_as_the_hint_says_is_accepted(call, advised, hint, tmp_path):
+    check_followed(lambda: call(tmp_path), lambda: advised(tmp_path), hint)
+
+
+JOINTS = {"shoulder": 0.0, "elbow": 1.0}
+THING = {"id": "box", "primitives": [{"type": 1, "dimensions": [0.1, 0.1, 0.1]}]}
+PLACED = THING | {"pose": {"position": [5.0, 5.0, 5.0], "orientation": [0, 0, 0, 1]}}
+HELD_STATE = {"joint_state": {"name": ["elbow", "shoulder"], "position": [1.0, 0.0]}}
+ATTACHED = {"link_name": "fore", "object": THING | {"id": "a", "header": {"frame_id": "fore"}}}
+ELBOW = [{"joint_name": "elbow", "position": 1.0, "tolerance_above": 0.1, "tolerance_below": 0.1}]
+
+
+def place(kind, sizes):
+    """Return the constraint of a link to a region."""
+    region = {"primitives": [{"type": kind, "dimensions": sizes}]}
+    return {"link_name": "fore", "constraint_region": region}
+
+
+PLACE = place("sphere", [0.1])
+
+
+def facing(tolerance):
+    """Return the constraint of the rotation of a link."""
+    names = [f"absolute_{axis}_axis_tolerance" for axis in "xyz"]
+    return {"link_name": "fore", **dict.fromkeys(names, tolerance)}
+
+
+def scene(state, frame="", name="box"):
+    """Return a planning scene."""
+    objects = [PLACED | {"id": name, "header": {"frame_id": frame}}]
+    return {"world": {"collision_objects": objects}, "robot_state": state}
+
+
+def request(joints=(), positions=(), orientations=()):
+    """Return a motion plan request."""
+    goal = {"joint_constraints": list(joints), "position_constraints": list(positions)}
+    return {"goal_constraints": [goal | {"orientation_constraints": list(orientations)}]}
+
+
+def with_scene(folder, state, **options):
+    """Build the space of an arm that holds its elbow, in a scene."""
+    held = arm(folder, joints=["shoulder"], **options)
+    return build_arm_space(read_moveit_scene(scene(state)), held)
+
+
+def state(*joints):
+    """Return the state of a robot, of all of its joints unless some are given."""
+    values = {name: JOINTS[name] for name in joints or JOINTS}
+    message = {"name": list(values), "position": list(values.values())}
+    return read_moveit_scene(scene({"joint_state": message})).robot_state
+
+
+def bare(folder):
+    """Write a URDF without collision geometry."""
+    path = planar(folder)
+    path.write_text(path.read_text().replace("collision>", "visual>"))
+    return path
+
+
+def rigid():
+    """Return a pose as the hint makes it."""
+    pose = pose_at(0, 1.5)
+    pose[:3, :3] = Rotation.from_euler("xyz", (0, 0, 0)).as_matrix()
+    return pose
+
+
+def wound(folder):
+    """Build the space of an arm with a shoulder that turns without end."""
+    return build_arm_space({"box": FAR}, Arm.from_urdf(planar(folder, **CONTINUOUS)))
+
+
+def named_x(folder, name):
+    """Read an arm with a joint of a name."""
+    return read_chain(folder, {"name": name}, {})
+
+
+def four(folder):
+    """Build the space of an arm of four joints."""
+    return build_arm_space(
+        {}, read_chain(folder, *[{"axis": axis} for axis in np.eye(3)[[2, 1, 2, 1]].tolist()])
+    )
+
+
+def geared(folder):
+    """Build the space of an arm whose first joint turns another one by half its angle."""
+    mimic = {"kind": "continuous", "limits": None, "extra": '<mimic joint="j0" multiplier="0.5"/>'}
+    return build_arm_space({}, read_chain(folder, CONTINUOUS, mimic, {}))

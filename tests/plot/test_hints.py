@@ -1,0 +1,108 @@
+"""Hints of pictures, pages and animations: each is followed by code."""
+
+import socket
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+import planners
+from cspace import Robot, Workspace, build
+from cspace.plot import animate, save_plot
+from tests.helpers.refusals import check_followed, refusals
+
+FLAT = build(Workspace.from_array(np.eye(9, dtype=bool), 0.1), Robot.disc(0.05))
+SPATIAL = build(Workspace.from_array(np.ones((4, 4, 4), dtype=bool), 0.1), Robot.ball(0.05))
+START, GOAL = (0.65, 0.15), (0.75, 0.25)
+PATH = [START, GOAL]
+
+
+@refusals(
+    "call, advised, hint",
+    (
+        lambda f: animate(FLAT, np.zeros((0, 2)), f / "a.gif"),
+        lambda f: animate(FLAT, planners.plan(FLAT, START, GOAL), f / "a.gif", seconds=0.1),
+        "pass one that was found",
+    ),
+    (
+        lambda f: animate(FLAT, PATH, f / "a.gif", rate=90),
+        lambda f: animate(FLAT, PATH, f / "a.gif", rate=50, seconds=0.1),
+        "lower it",
+    ),
+    (
+        lambda f: animate(FLAT, PATH, f / "a.gif", seconds=1e4),
+        lambda f: [
+            animate(FLAT, PATH, f / "a.gif", seconds=0.1),
+            animate(FLAT, PATH, f / "b.gif", seconds=10, rate=0.2),
+        ],
+        "lower it or the rate",
+    ),
+    (
+        lambda f: animate(FLAT, PATH, f / "a.png"),
+        lambda f: animate(FLAT, PATH, f / "a.gif", seconds=0.1),
+        "use one of .gif",
+    ),
+    (
+        lambda f: FLAT.plot(ax=plt),
+        lambda f: FLAT.plot(ax=plt.figure().add_subplot()),
+        "pass figure.add_subplot()",
+    ),
+    (
+        lambda f: SPATIAL.plot(view="3d", ax=plt.figure().add_subplot()),
+        lambda f: SPATIAL.plot(view="3d", ax=plt.figure().add_subplot(projection="3d")),
+        'use figure.add_subplot(projection="3d")',
+    ),
+    (lambda f: FLAT.plot(zoom=0.5), lambda f: FLAT.plot(zoom=8), "pass e.g. 8"),
+    (
+        lambda f: FLAT.plot(center=(0.1, 0.1)),
+        lambda f: [FLAT.plot(center=(0.1, 0.1), zoom=8), FLAT.plot()],
+        "add e.g. zoom=8, or omit it",
+    ),
+    (
+        lambda f: FLAT.plot(zoom=8, center=(9, 9)),
+        lambda f: FLAT.plot(zoom=8, center=FLAT.grid.lower),
+        "pass a point in it",
+    ),
+    (
+        lambda f: FLAT.plot(start=(1, 2, 3)),
+        lambda f: FLAT.plot(start=START),
+        "pass (x, y)",
+    ),
+    (
+        lambda f: SPATIAL.plot(view="3d", surface="x"),
+        lambda f: SPATIAL.plot(view="3d"),
+        "or leave it out",
+    ),
+    (
+        lambda f: save_plot(FLAT, f / "a.png", dpi=1e6),
+        lambda f: save_plot(FLAT, f / "a.png", dpi=300),
+        "pass e.g. 300",
+    ),
+    (
+        lambda f: save_plot(FLAT, f / "a.png", ax=plt.figure().add_subplot()),
+        lambda f: FLAT.plot().figure.savefig(f / "a.png"),
+        "use plot and ax.figure.savefig instead",
+    ),
+)
+def test_a_picture_as_the_hint_says_is_drawn(call, advised, hint, tmp_path):
+    check_followed(lambda: call(tmp_path), lambda: advised(tmp_path), hint)
+    plt.close("all")
+
+
+def test_a_page_at_the_port_or_the_host_that_the_hint_names_is_shown():
+    pytest.importorskip("viser")
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        number = taken.getsockname()[1]
+        for options, advised, hint in (
+            ({"port": number}, {"port": 0}, "pass another port from 1024 on, or 0 for any"),
+            (
+                {"host": "203.0.113.1", "port": 0},
+                {"host": "127.0.0.1", "port": 0},
+                'pass "127.0.0.1", or "0.0.0.0" for all addresses',
+            ),
+        ):
+            check_followed(
+                lambda options=options: FLAT.view(block=False, **options),
+                lambda advised=advised: FLAT.view(block=False, **advised).close(),
+                hint,
+            )

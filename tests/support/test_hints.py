@@ -1,0 +1,405 @@
+"""Hints about arguments, grids, batches, limits and memory: each is followed by code."""
+
+import re
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+import trimesh
+from scipy.spatial.transform import Rotation
+
+import cspace
+import planners
+from cspace import Grid, Robot, Rotations, Workspace, build
+from cspace._limits import raised_limits
+from cspace.arms import PoseGoal
+from cspace.errors import FileError, InputError
+from tests.helpers.refusals import check_followed, refusals
+
+FLOOR = Workspace.from_array(np.eye(30, 20, dtype=bool), 0.1)
+ROOM = Workspace.from_array(np.zeros((6, 5, 4), dtype=bool), 0.1)
+SPACE = build(FLOOR, Robot.rectangle(0.2, 0.1))
+TURNING = build(FLOOR, Robot.rectangle(0.2, 0.1), rotations=8)
+FLOATING = build(ROOM, Robot.ball(0.05), rotations=Rotations.quaternions(2))
+HERE = (2.5, 0.5)
+TURN = Rotation.from_euler("z", 0.1)
+MASKED = np.ma.masked_array(np.eye(3, dtype=bool), np.eye(3, dtype=bool))
+CELLS = np.eye(3, dtype=bool)
+
+
+def cells(values, **options):
+    """Make a workspace of an array."""
+    return Workspace.from_array(values, 0.1, **options)
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+@refusals(
+    "call, advised, hint",
+    # Numbers.
+    (lambda: Robot.disc(None), lambda: Robot.disc(0.3), "pass numbers, in metres or"),
+    (lambda: Robot.disc("0.3"), lambda: Robot.disc(0.3), "write the number without quotes"),
+    (
+        lambda: FLOATING.rotations.check_rotation(TURN, "rotation"),
+        lambda: FLOATING.rotations.check_rotation(TURN.as_quat(), "rotation"),
+        "pass the Rotation's as_quat()",
+    ),
+    (lambda: Robot.disc(10**400), lambda: Robot.disc(float(10)), "pass a float"),
+    (
+        lambda: SPACE.is_free((1j, 0)),
+        lambda: SPACE.is_free(np.array((1j, 0)).real),
+        "pass array.real",
+    ),
+    (
+        lambda: Robot.polygon([(0, 0), (1, 0), (np.nan, 1), (0, 1)]),
+        lambda: Robot.polygon([(0, 0), (1, 0), (0, 1)]),
+        "drop or replace such values first",
+    ),
+    (lambda: cells(MASKED), lambda: cells(MASKED.filled(True)), "array.filled(True) for occupied"),
+    (lambda: Robot.disc(0), lambda: Robot.disc(0.05), "pass it in metres, e.g. 0.05"),
+    (lambda: Robot.disc(1e200), lambda: Robot.disc(1.0), "check its unit (metres)"),
+    (
+        lambda: build(FLOOR, "disc:0.1", margin=-1),
+        lambda: build(FLOOR, "disc:0.1", margin=0),
+        "metres",
+    ),
+    (lambda: SPACE.sample_free(-1), lambda: SPACE.sample_free(100), "pass e.g. 100"),
+    # Words.
+    (
+        lambda: build(FLOOR, "disc:0.1", outside="x"),
+        lambda: [build(FLOOR, "disc:0.1", outside=word) for word in ("free", "blocked")],
+        "pass one of them",
+    ),
+    (
+        lambda: Workspace.from_mesh(trimesh.creation.box(), 0.1, solid="all"),
+        lambda: Workspace.from_mesh(trimesh.creation.box(), 0.1, solid="fill"),
+        "pass one of them",
+    ),
+    (
+        lambda: SPACE.add_obstacle("", [HERE], radius=0.1),
+        lambda: copy().add_obstacle("cart", [HERE], radius=0.1),
+        "'cart'",
+    ),
+    (
+        lambda: SPACE.sample_free(3, rng=0),
+        lambda: SPACE.sample_free(3, rng=np.random.default_rng(0)),
+        "pass numpy.random.default_rng(0)",
+    ),
+    # Points and boxes.
+    (lambda: SPACE.is_free((1, 2, 3)), lambda: SPACE.is_free([HERE]), "pass one or a batch"),
+    (lambda: Robot.disc(0.1, 3), lambda: Robot.disc(0.1, (0.5, 0.5)), "pass e.g. (0.5, 0.5)"),
+    (
+        lambda: Workspace.from_polygons([shapely.Point(0, 0)], 0.1, bounds=(0, 1)),
+        lambda: [
+            Workspace.from_polygons([shapely.Point(0, 0)], 0.1, bounds=bounds)
+            for bounds in ((-1, -1, 1, 1), ((-1, -1), (1, 1)))
+        ],
+        "pass (xmin, ymin, xmax, ymax) in metres, or the lower and the upper corner",
+    ),
+    (
+        lambda: SPACE.certify_path([HERE], [0]),
+        lambda: SPACE.certify_path([HERE, HERE], np.array([(0, 1)])),
+        "pass shapes (m, 2) and (n, size)",
+    ),
+    (
+        lambda: SPACE.certify_path([HERE], [(0, 1)]),
+        lambda: SPACE.certify_path([HERE], [(0, 0)]),
+        "pass indices from 0 to 0",
+    ),
+    (
+        lambda: SPACE.certify_path(np.zeros((0, 2))),
+        lambda: SPACE.certify_path([HERE]),
+        "pass an array of shape (n, 2)",
+    ),
+    (
+        lambda: SPACE.motion_is_free([HERE] * 2, [HERE] * 3),
+        lambda: SPACE.motion_is_free([HERE] * 2, [HERE] * 2),
+        "pass batches of equal shape",
+    ),
+    (
+        lambda: planners.plan(SPACE, [HERE], HERE),
+        lambda: planners.plan(SPACE, HERE, HERE),
+        "pass (x, y), in metres and radians",
+    ),
+    (
+        lambda: SPACE.find_path((0.05, 0.05), HERE),
+        lambda: SPACE.find_path(SPACE.nearest_free((0.05, 0.05)), HERE),
+        "ask nearest_free for one",
+    ),
+    # Cells.
+    (lambda: cells([[1], [1, 0]]), lambda: cells([[1, 0], [1, 0]]), "pad or cut them"),
+    (
+        lambda: cells([1, 0]),
+        lambda: [cells(CELLS), cells(CELLS[..., None])],
+        "pass an array indexed [x, y] or [x, y, z]",
+    ),
+    (lambda: cells(0.9 * CELLS), lambda: cells(0.9 * CELLS > 0.5), "e.g. array > 0.5"),
+    (lambda: cells(100 * CELLS), lambda: cells(100 * CELLS >= 50), "e.g. array >= 50"),
+    (
+        lambda: cells(CELLS, inner=CELLS[:2]),
+        lambda: cells(CELLS, inner=CELLS),
+        "one entry per cell",
+    ),
+    (
+        lambda: cells(CELLS, inner=~CELLS),
+        lambda: cells(CELLS | ~CELLS, inner=~CELLS),
+        "add it to outer",
+    ),
+    # Grids.
+    (lambda: Grid(0.0, 0.1, (3, 3)), lambda: Grid((0.0, 0.0), 0.1, (3, 3)), "pass e.g. (0.0, 0.0)"),
+    (
+        lambda: Grid((0, 0), 0.1, 9),
+        lambda: Grid((0, 0), 0.1, (3, 3)),
+        "pass the number of cells along each axis",
+    ),
+    (lambda: Grid((0, 0), 1, (3, 3), "xx"), lambda: Grid((0, 0), 1, (3, 3)), "leave them out"),
+    (lambda: Grid((0, 0), 1, (3, 3), None, "m"), lambda: Grid((0, 0), 1, (3, 3)), "leave them out"),
+    (
+        lambda: Workspace.from_polygons([FAR], 1e-2),
+        lambda: Workspace.from_polygons([FAR], 0.1),
+        "use a larger spacing",
+    ),
+    (
+        lambda: Workspace.from_polygons([FAR], 1e-2),
+        lambda: Workspace.from_polygons([FAR], 0.1, offset=(-1e5, 0.0)),
+        "or move the frame's origin, e.g. by offset= of the reader",
+    ),
+    # Maps.
+    (
+        lambda: SPACE.update(CELLS[None], (0, 0)),
+        lambda: copy().update(CELLS, (0, 0)),
+        "pass one entry per cell of the box",
+    ),
+    (
+        lambda: SPACE.update(CELLS, (0, 0), inner=~CELLS),
+        lambda: copy().update(CELLS | ~CELLS, (0, 0), inner=~CELLS),
+        "add it to cells",
+    ),
+    (
+        lambda: SPACE.remove_obstacle("cart"),
+        lambda: [(space := named()).remove_obstacle(*space.obstacles)],
+        "see space.obstacles for the names",
+    ),
+    (
+        lambda: Robot.polygon([HERE]),
+        lambda: Robot.polygon([(0, 0), (1, 0), (0, 1)]),
+        "pass its vertices in order",
+    ),
+    (
+        lambda: Robot.polygon(shapely.Point(0, 0)),
+        lambda: Robot.polygon(shapely.Point(0, 0).buffer(1.0)),
+        "remove other parts",
+    ),
+    (
+        lambda: Robot.polygon([shapely.Polygon()]),
+        lambda: Robot.polygon([(0, 0), (1, 0), (0, 1)]),
+        "remove it",
+    ),
+    (
+        lambda: copy().add_obstacle("a", [(0, 0), (1, 1)]),
+        lambda: [
+            copy().add_obstacle("a", [(0, 0), (1, 1)], radius=radius) for radius in (0.1, 0.0)
+        ],
+        "pass their radius, e.g. radius=0.1 in metres, 0.0 for points alone",
+    ),
+    (
+        lambda: copy().add_obstacle("a", [(0, 0), (1, 1)]),
+        lambda: copy().add_obstacle("a", [(0, 0), (1, 1), (0, 1)]),
+        "or at least 3 corners of a polygon",
+    ),
+    (
+        lambda: copy().add_obstacle("a", CELLS),
+        lambda: copy().add_obstacle("a", cspace._shapes.Voxels.of(CELLS, 0.1)),
+        "pass cspace._shapes.Voxels.of(cells, spacing), in metres",
+    ),
+    (
+        lambda: copy().add_obstacle("a", 3),
+        lambda: [
+            copy().add_obstacle("a", shapely.box(0, 0, 1, 1)),
+            build(ROOM, "ball:0.05").add_obstacle("a", trimesh.creation.box((1, 1, 1))),
+        ],
+        "pass e.g. shapely.box(0, 0, 1, 1), trimesh.creation.box((1, 1, 1)), or points",
+    ),
+    (
+        lambda: copy().add_obstacle("a", "disk:0.3"),
+        lambda: copy().add_obstacle("a", "disc:0.3"),
+        "pass disc:RADIUS",
+    ),
+    (
+        lambda: Robot.parse("footprint:x"),
+        lambda: Robot.parse("footprint:[[0.3,0.2],[-0.3,0.2],[0,-0.2]]"),
+        "write e.g. footprint:[[0.3,0.2],[-0.3,0.2],[0,-0.2]]",
+    ),
+    (lambda: Robot.parse("rect:1"), lambda: Robot.parse("rect:0.9x0.6"), "write e.g. rect:0.9x0.6"),
+    # Balls.
+    (
+        lambda: Robot.from_balls([(0, 0)], None),
+        lambda: Robot.from_balls([(0, 0)], 0.1),
+        "pass it in metres",
+    ),
+    (
+        lambda: Robot.from_balls((0, 0), 0.1),
+        lambda: Robot.from_balls([(0, 0)], 0.1),
+        "pass one row per ball",
+    ),
+    (
+        lambda: Robot.from_balls([(0, 0)], [0.1, 0.2]),
+        lambda: [Robot.from_balls([(0, 0)], radii) for radii in (0.1, [0.1])],
+        "pass one number, or one per center",
+    ),
+    (
+        lambda: Robot.from_bitmap(~CELLS & CELLS, 0.1),
+        lambda: Robot.from_bitmap(CELLS, 0.1),
+        "set the cells that it fills",
+    ),
+    (
+        lambda: Robot.open("disc.json", solid="fill") or Robot.open("a.png"),
+        lambda: Robot.disc(0.1),
+        "leave it out",
+    ),
+    (
+        lambda: Workspace.from_mesh(trimesh.creation.box(), 0.1, solid="fill", lazy=True),
+        lambda: Workspace.from_mesh(trimesh.creation.box(), 0.1, solid="auto", lazy=True),
+        "close the mesh and pass solid='auto'",
+    ),
+    (
+        lambda: Workspace.from_mesh(BEAM, 1e-3, solid="fill"),
+        lambda: [
+            Workspace.from_mesh(BEAM, spacing, solid=solid, lazy=lazy)
+            for spacing, solid, lazy in ((0.1, "fill", False), (1e-3, "surface", True))
+        ],
+        "use a larger spacing, cut the mesh to the map, or pass solid='surface'",
+    ),
+    (
+        lambda: Workspace.from_polygons([], 0.1),
+        lambda: Workspace.from_array(np.zeros((3, 3), dtype=bool), 0.1),
+        "or use Workspace.from_array for a map without obstacles",
+    ),
+    (
+        lambda: cspace.Mesh.of(flat()).project_to_plane(),
+        lambda: cspace.Mesh.of(flat((0, 2, 1))).project_to_plane(),
+        "check its axes",
+    ),
+    (
+        lambda: Robot.from_mesh(trimesh.creation.box().apply_translation((1e3, 0, 0))),
+        lambda: Robot.from_mesh(
+            trimesh.creation.box().apply_translation((1e3, 0, 0)).apply_translation((-1e3, 0, 0))
+        ),
+        "move its center there first, by (-1000, -0, -0) m",
+    ),
+    (
+        lambda: Workspace.from_shapes({"a": shapely.box(0, 0, 1, 1)}, 0.1),
+        lambda: [
+            Workspace.from_shapes([shapely.box(0, 0, 1, 1)], 0.1),
+            copy().add_obstacle("a", shapely.box(0, 0, 1, 1)),
+        ],
+        "pass a list; name shapes with space.add_obstacle(name, shape)",
+    ),
+    (
+        lambda: copy().add_obstacle("a", [(0, 0)], radius=-1.0),
+        lambda: copy().add_obstacle("a", [(0, 0)], radius=1.0),
+        "pass lengths in metres",
+    ),
+    (
+        lambda: planners.plan(SPACE, HERE, PoseGoal("fore", np.eye(4))),
+        lambda: planners.plan(SPACE, HERE, HERE),
+        "pass a configuration",
+    ),
+    (
+        lambda: Robot.from_urdf(written_urdf(), 3),
+        lambda: Robot.from_urdf(written_urdf(), ["base"]),
+        "pass a list of strings",
+    ),
+    # Limits of files.
+    (
+        lambda: raised_limits(max_cell=3).__enter__(),
+        lambda: raised_limits(max_cells=3).__enter__(),
+        "correct the name",
+    ),
+)
+def test_arguments_as_the_hint_says_are_accepted(call, advised, hint):
+    check_followed(call, advised, hint)
+
+
+FAR = shapely.box(1e5, 0, 1e5 + 8, 8)
+
+
+def copy():
+    """Build a map that may be changed."""
+    return build(FLOOR, Robot.disc(0.05))
+
+
+def named():
+    """Build a map with a named obstacle."""
+    space = copy()
+    space.add_obstacle("people", [(1.0, 0.5)], radius=0.1)
+    return space
+
+
+def written_urdf():
+    """Write a URDF of one link."""
+    file = Path(tempfile.mkdtemp()) / "r.urdf"
+    box = '<collision><geometry><box size="1 1 1"/></geometry></collision>'
+    file.write_text(f'<robot name="r"><link name="base">{box}</link></robot>')
+    return file
+
+
+def flat(axes=(0, 1, 2)):
+    """Return a triangle that stands upright, with its axes in an order."""
+    corners = np.array([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)])
+    return corners[:, axes], [(0, 1, 2)]
+
+
+def test_a_limit_that_is_raised_as_the_hint_says_lets_the_file_in(tmp_path):
+    file = tmp_path / "a.map"
+    file.write_text("type octile\nheight 2\nwidth 2\nmap\n..\n..\n")
+    with raised_limits(max_bytes=10):
+        with pytest.raises(FileError) as caught:
+            Workspace.open(file)
+        (size,) = re.findall(
+            r"raise it with cspace.raised_limits\(max_bytes=(\d+)\)", caught.value.hint
+        )
+        with cspace.raised_limits(max_bytes=int(size)):
+            Workspace.open(file)
+
+
+BEAM = trimesh.creation.box((2, 1, 1))
+WALL = shapely.box(0.0, 0.0, 1.0, 0.2)
+
+
+@refusals(
+    "make, hint",
+    (
+        lambda spacing: Workspace.from_polygons([WALL], spacing, bounds=(0, 0, 30, 30)),
+        "use a spacing of at least",
+    ),
+)
+def test_a_spacing_as_the_hint_of_memory_says_fits(make, hint, monkeypatch):
+    monkeypatch.setattr("cspace._limits.free_bytes", lambda: 2**20)
+    with pytest.raises(InputError) as caught:
+        make(0.01)
+    assert hint in caught.value.hint
+    (coarser,) = re.findall(r"at least ([\d.e-]+) m", caught.value.hint)
+    make(float(coarser))
+
+
+def test_what_does_not_fit_into_memory_is_built_in_tiles_and_smaller_windows(tmp_path, monkeypatch):
+    lazy = Workspace.from_polygons([WALL], 0.02, bounds=(0, 0, 30, 30), lazy=True)
+    with monkeypatch.context() as patch:
+        patch.setattr("cspace._limits.free_bytes", lambda: 2**20)
+        with pytest.raises(InputError, match=r"cspace\.build\(\.\.\., store='map\.zarr'\)"):
+            _ = lazy.outer
+    tiled = cspace.build(lazy, "disc:0.1", store=tmp_path / "map.zarr", tile=512)
+    with monkeypatch.context() as patch:
+        patch.setattr("cspace._limits.free_bytes", lambda: 145_000_000)
+        with pytest.raises(InputError, match="use a smaller window"):
+            tiled.window((0, 0), (30, 30))
+        assert tiled.window((0, 0), (1, 1)).grid.size
+    with pytest.raises(InputError, match="pass them in metres"):
+        tiled.window((900, 900), (1500, 1500))
+    with pytest.raises(InputError, match=r"pass e\.g\. 1024"):
+        tiled.overview(0)
+    assert tiled.overview(1024).grid.size
+    window = tiled.window(*tiled.grid.center_of([(900, 900), (1000, 1000)]))
+    assert planners.plan(window, (19.0, 19.0), (19.5, 19.5)).solved
