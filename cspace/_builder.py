@@ -215,12 +215,11 @@ def build(
     explained = _warn_of_units(workspace.grid, robot, cells, margin, outside)
     if store is not None:  # build tile by tile, into a folder
         from cspace._tiles.build import build_tiles
-        from cspace._tiles.space import TiledCSpace
 
         if counts:
             hint = "leave it out and build windows of the map with counts"
             raise InputError("counts", "is True with a store", "a store has no counts", hint)
-        folder = build_tiles(
+        tiled = build_tiles(
             workspace,
             robot,
             store,
@@ -235,7 +234,6 @@ def build(
             outside=outside,
             margin=margin,
         )
-        tiled = TiledCSpace(folder)
         if not (explained or tiled.count()[0]):
             _warn_of_nothing_free(tiled, margin)
         return tiled

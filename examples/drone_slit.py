@@ -46,4 +46,4 @@ plan = planners.plan(space, (*start, *still), (*goal, *still), exact=True, time_
 print(plan)
 up = Rotation.from_quat(plan.path[:, 3:]).apply((0.0, 0.0, 1.0))[:, 2]
 print(f"it banks by up to {np.degrees(np.arccos(np.abs(up).min())):.0f} degrees")
-save_plot(space, "drone_slit.png", True, path=plan, view="3d", camera=(28, -115), robot_every=1.3)
+save_plot(space, "drone_slit.png", True, path=plan, view="3d", camera=(28, -115))

@@ -744,14 +744,14 @@ MUTANTS = (
     # Plot, view and command line.
     Mutant(
         "cspace/plot/_surface.py",
-        "if not towards[axis] or 2 * layers >= len(shares):",
-        "if not towards[axis] or 2 * layers > len(shares):",
+        "if not side or 2 * layers >= len(shares) or (is_cut and axis == 2):",
+        "if not side or 2 * layers > len(shares) or (is_cut and axis == 2):",
         "tests/plot/test_surface.py",
     ),
     Mutant(
         "cspace/plot/_route.py",
-        "np.cumsum(equals_waypoint.any(axis=1)) - 1",
-        "np.cumsum(equals_waypoint.any(axis=1))",
+        "return not path.recheck(space if is_same else planned).all()",
+        "return not path.recheck(planned).all()",
         "tests/plot/test_picture.py",
     ),
     Mutant(
@@ -761,7 +761,7 @@ MUTANTS = (
         "tests/view/test_viewer.py",
     ),
     Mutant(
-        "cspace/view/_scene.py",
+        "cspace/plot/_surface.py",
         "is_clockwise = (up == 1) == (axis == 1)",
         "is_clockwise = up == 1",
         "tests/view/test_scene.py",

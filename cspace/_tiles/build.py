@@ -22,6 +22,7 @@ from cspace._record.save import TILES_FORMAT, read_format
 from cspace._robot import Robot
 from cspace._support.arrays import StrPath
 from cspace._tiles.folder import TileFolder, as_box, grow, make_frame, make_stamp, write_once
+from cspace._tiles.space import TiledCSpace
 from cspace._tiles.work import run_tasks
 from cspace._workspace import Workspace
 from cspace.errors import FileError, InputError
@@ -46,7 +47,7 @@ def build_tiles(
     workers: int | None,
     progress: Callable[[int, int], None] | None,
     **options: Any,
-) -> TileFolder:
+) -> TiledCSpace:
     """Build a map into a folder, tile by tile, or complete one.
 
     The caller, :func:`cspace.build`, has checked the other arguments; ``options`` are
@@ -71,11 +72,11 @@ def build_tiles(
     if folder.frame.exterior is not None:  # the map is complete, unless somebody removed tiles
         tiles = [tile for tile in tiles if not folder.tile_path(tile).exists()]
         if not tiles:
-            return folder
+            return TiledCSpace(folder)
     build = partial(build, inner=inner, method=method, workers=1 if client else workers)
     task = partial(build_tile, folder, workspace.cells, build)
     run_tasks(task, tiles, bytes_to_build(folder), client, workers, progress)
-    return folder.complete()
+    return TiledCSpace(folder.complete())
 
 
 def _open_or_create(path: Path, frame: Contents, layout: dict[str, Any]) -> TileFolder:

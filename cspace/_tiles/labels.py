@@ -32,9 +32,6 @@ if TYPE_CHECKING:
 LABEL_BYTES_PER_STATE: Final = 24
 """Memory for each state while a tile is labelled, in bytes, if every other cell is FREE."""
 
-MAX_CROSSING_DEPTH_CELLS: Final = 8.0
-"""Crossings this far from the boundary of a common face are equally good, in cells."""
-
 TileNodes = tuple[int, list[Ints]]
 """Number of nodes of a tile, and the labels of the cells of :func:`list_layers`, or -1.
 
@@ -204,7 +201,8 @@ class TiledComponents:
             common &= self._tiles.tile(tile).find_labels(cells) == label
         # Cells outside the layer count as outside the common area.
         depths = distance_transform_edt(np.pad(common, 1))[(slice(1, -1),) * common.ndim]
-        candidates = cells[depths >= min(MAX_CROSSING_DEPTH_CELLS, depths.max())]
+        # Crossings eight cells from the boundary, or more, are equally good.
+        candidates = cells[depths >= min(8.0, depths.max())]
         # Distances of positions, without the rotation, which is the first number of a cell.
         from_start = np.linalg.norm((candidates - start)[:, 1:], axis=1)
         to_goal = np.linalg.norm((candidates - goal)[:, 1:], axis=1)

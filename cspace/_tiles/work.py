@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import CancelledError
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 from cspace import __version__
 from cspace._limits import MAX_MEMORY_FRACTION, bytes_text, free_bytes
@@ -14,9 +14,6 @@ from cspace.errors import InputError
 
 if TYPE_CHECKING:
     from distributed import Client
-
-TASK_RETRIES: Final = 3
-"""Number of times that a task runs again after its worker was lost."""
 
 Task = Callable[[int], Any]
 """Function of the number of a tile."""
@@ -59,9 +56,9 @@ def _run_on_cluster(
 ) -> list[Any]:
     """Return the results of tasks that run on the workers of a cluster."""
     _check_workers(client)
-    # Every worker gets a copy and keeps it for all its tasks.
+    # Every worker gets a copy and keeps it for all its tasks. Tasks of a lost worker run again.
     copies = client.scatter(task, hash=False, broadcast=True)
-    futures = client.map(_run_task, list(tiles), task=copies, pure=False, retries=TASK_RETRIES)
+    futures = client.map(_run_task, list(tiles), task=copies, pure=False, retries=3)
     try:
         # One thread waits for the results in turn.
         return in_threads(lambda future: future.result(), futures, 1, advance)

@@ -2,28 +2,26 @@
 
 from __future__ import annotations
 
-import math
-from itertools import chain
 from typing import TYPE_CHECKING, Any, Final, TypedDict
 
 import numpy as np
 
 from cspace._files.polygons import join_surfaces, transform_surface
-from cspace._shapes.balls import Balls
-from cspace._shapes.shape import ExactShape
-from cspace._support.arrays import Bools, Floats, Surface
+from cspace._support.arrays import Floats, Surface
 from cspace.plot import _artists as artists
 from cspace.plot._route import (
     HasPath,
     check_path,
-    collect_marks,
-    find_lost_steps,
+    collect_endpoints,
     interpolate_path,
-    simplify_surface,
+    is_path_lost,
+    split_steps,
 )
-from cspace.plot._surface import SURFACES, Painting, split_steps, split_triangles
+from cspace.plot._surface import SOLIDS, Painting, make_polygons, split_surface
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from matplotlib.axes import Axes
     from numpy.typing import ArrayLike
 
@@ -31,48 +29,30 @@ GHOST_COUNT: Final = 5
 """Number of arms drawn along a path, besides the one at its end."""
 GHOST_COLOR: Final = "#c3e6da"
 """Colour of the arms along a path."""
-VIEW_MARGIN_SHARE: Final = 0.75
-"""Margin around an arm in which obstacles are drawn, as a share of the longest side of its box."""
 ARM_CAMERA: Final = (30.0, -40.0)
 """Default elevation and azimuth of the camera for an arm, degrees."""
 
 
 class ArmFigure:
-    """The surfaces of an arm and of its obstacles.
-
-    Parameters
-    ----------
-    space : ArmSpace
-    max_balls : float
-        Obstacles of more balls of one radius, such as scans, have their centers as vertices, and
-        no triangles.
+    """The surfaces of an arm.
 
     Attributes
     ----------
     links : dict of str to Surface
         Each link in its own frame.
-    obstacles : dict of str to Surface
-        Obstacles in the frame of the base.
     moving : list of str
         Links moved by a joint.
-    tip : str
-        The link that the most joints move.
     """
 
-    def __init__(self, space: Any, max_balls: float = math.inf) -> None:
-        """Make the surfaces of all links and obstacles, and find the tip."""
-        arm = space.arm
+    def __init__(self, arm: Any) -> None:
+        """Make the surfaces of all links, and find the tip."""
         self._arm = arm
         self.links = {link.name: _make_link_surface(arm, link) for link in arm.links}
-        self.obstacles = {}
-        for name, obstacle in space.obstacles.items():
-            surface = _make_surface(obstacle.shape.outer, max_balls)
-            self.obstacles[name] = transform_surface(surface, obstacle.pose)
-        joint_counts = {link.name: count_joints(arm, link.name) for link in arm.links}
+        joint_counts = {name: count_joints(arm, name) for name in self.links}
         self.moving = [name for name, count in joint_counts.items() if count]
-        self.tip = max(joint_counts, key=joint_counts.__getitem__)
-        # The mean of the tip's vertices, as homogeneous coordinates.
-        self._tip_center = np.append(self.links[self.tip][0].mean(axis=0), 1.0)
+        # The tip is the center of the link that the most joints move, as homogeneous coordinates.
+        self._tip = max(joint_counts, key=joint_counts.__getitem__)
+        self._tip_center = np.append(self.links[self._tip][0].mean(axis=0), 1.0)
 
     def pose_links(self, q: Floats) -> dict[str, Surface]:
         """Return the surfaces of the links at a configuration, by name."""
@@ -80,20 +60,20 @@ class ArmFigure:
         return {name: transform_surface(link, poses[name]) for name, link in self.links.items()}
 
     def tip_positions(self, points: Floats) -> Floats:
-        """Return the positions of the center of the :attr:`tip` at configurations, shape (n, 3)."""
-        to_base = self._arm.pose(points, self.tip)[..., :3, :]
-        return np.asarray(to_base @ self._tip_center)
+        """Return the positions of the tip at configurations, shape (n, 3)."""
+        return np.asarray(self._arm.pose(points, self._tip)[..., :3, :] @ self._tip_center)
 
-    def measure(self, configurations: Floats) -> tuple[Floats, Floats, float]:
-        """Measure the box around an arm at configurations, shape (n, dof).
+    def measure(self, configurations: Iterable[Floats]) -> tuple[Floats, Floats]:
+        """Measure the box around an arm at configurations.
 
-        Returns its lower and upper corner, and the margin in which obstacles are drawn, metres.
+        Returns its lower and upper corners, shape (2, 3), and those of the larger box in which
+        obstacles are drawn. Obstacles far away would make the arm small.
         """
-        surfaces = chain.from_iterable(self.pose_links(q).values() for q in configurations)
+        surfaces = [surface for q in configurations for surface in self.pose_links(q).values()]
         corners = np.concatenate([vertices for vertices, _ in surfaces])
-        low = corners.min(axis=0)
-        high = corners.max(axis=0)
-        return low, high, VIEW_MARGIN_SHARE * float(np.max(high - low))
+        box = np.stack([corners.min(axis=0), corners.max(axis=0)])
+        margin = 0.75 * np.max(box[1] - box[0]) * np.array([[-1.0], [1.0]])
+        return box, box + margin
 
 
 def count_joints(arm: Any, frame: str) -> int:
@@ -111,14 +91,6 @@ def _make_link_surface(arm: Any, link: Any) -> Surface:
     to_link = np.linalg.inv(arm.placements[link.name].pose)
     parts = [(part.shape.outer.surface, to_link @ part.pose) for part in link.parts]
     return join_surfaces([transform_surface(surface, pose) for surface, pose in parts])
-
-
-def _make_surface(shape: ExactShape, max_balls: float) -> Surface:
-    """Make the surface of a shape, or only centers for many balls of one radius."""
-    if isinstance(shape, Balls) and len(shape.radii) > max_balls and not np.ptp(shape.radii):
-        no_faces = np.empty((0, 3), dtype=np.int64)
-        return shape.centers, no_faces
-    return shape.surface
 
 
 class ArmPlotOptions(TypedDict, total=False):
@@ -146,70 +118,66 @@ def draw_arm(
     Besides the arm at ``q``, pale ones stand along the path, or at the start of a failed plan.
     """
     points = check_path(space, path)
-    marks = collect_marks(space, path, points, None, None)
+    endpoints = collect_endpoints(space, path, points, None, None)
     if q is None:
-        q = marks.get("goal", space.arm._rest)
+        q = endpoints.get("goal", space.arm._rest)
     main_q = space.arm._check_configuration(q, "q")
-    label = "arm along the path"
-    ghosts = np.empty((0, len(main_q)))
+    label = "arm at the start"
+    ghosts = np.array([q for name, q in endpoints.items() if name == "start" and not len(points)])
     if len(points) > 1:
+        label = "arm along the path"
         shares = np.arange(GHOST_COUNT) / GHOST_COUNT
         ghosts = interpolate_path(space.rotations, points, shares)
-    elif "start" in marks and not len(points):
-        label = "arm at the start"
-        ghosts = marks["start"][np.newaxis]
-    figure = ArmFigure(space)
-    painting = paint_arm(figure, np.vstack([main_q, ghosts]), camera, ax)
-    for surface in figure.pose_links(main_q).values():
-        painting.add(split_surface(surface, painting.size), artists.ROBOT_FILL_COLOR, "arm")
+    figure = ArmFigure(space.arm)
+    painting = paint_scene(space, figure, [main_q, *ghosts], camera, ax)
+    for name, link in figure.links.items():
+        figure.links[name] = split_surface(link, painting.size)
+    arm = figure.pose_links(main_q)
+    painting.add(make_polygons(arm.values()), artists.ROBOT_FILL_COLOR, "arm")
     for ghost in ghosts:
         links = figure.pose_links(ghost)
-        for name in figure.moving:
-            painting.add(split_surface(links[name], painting.size), GHOST_COLOR, label)
-    draw_tip_path(painting, figure, points, find_lost_steps(space, path))
+        moving = [links[name] for name in figure.moving]
+        painting.add(make_polygons(moving), GHOST_COLOR, label)
+    draw_tip_path(painting, figure, space, points, is_path_lost(space, path))
     painting.show()
-    entries = list(painting.handles.values()) if legend else []
-    artists.annotate(painting.axes, ax is None, title, space.arm.name, entries)
+    painting.annotate(ax is None, title, space.arm.name, legend)
     axes: Axes = painting.axes
     return axes
 
 
-def paint_arm(
-    figure: ArmFigure, configurations: Floats, camera: Any = None, ax: Any = None
+def paint_scene(
+    space: Any,
+    figure: ArmFigure,
+    configurations: Iterable[Floats],
+    camera: Any = None,
+    ax: Any = None,
 ) -> Painting:
-    """Paint the obstacles near an arm, with space for it at configurations (n, size)."""
-    low, high, margin = figure.measure(configurations)
-    # Obstacles far away would make the arm small.
-    low_clip, high_clip = low - margin, high + margin
-    obstacles = figure.obstacles.values()
-    near_surfaces = [_clip_surface(surface, low_clip, high_clip) for surface in obstacles]
-    corners = np.concatenate([[low, high], *(vertices for vertices, _ in near_surfaces)])
+    """Paint the obstacles near an arm, with space for it at configurations."""
+    import trimesh
+
+    box, clip = figure.measure(configurations)
+    # Surfaces are cut along the sides of a box.
+    sides = trimesh.creation.box(bounds=clip)
+    obstacles = []
+    for obstacle in space.obstacles.values():
+        surface = transform_surface(obstacle.shape.outer.surface, obstacle.pose)
+        mesh: Any = trimesh.Trimesh(*surface, process=False)
+        near = mesh.slice_plane(sides.facets_origin, -sides.facets_normal)
+        obstacles.append((np.asarray(near.vertices), np.asarray(near.faces)))
+    corners = np.concatenate([box, *(vertices for vertices, _ in obstacles)])
     box = np.stack([corners.min(axis=0), corners.max(axis=0)])
     painting = Painting(box, ax, ARM_CAMERA if camera is None else camera)
-    label, color = SURFACES["obstacles"]
-    for surface in near_surfaces:
-        painting.add(split_surface(surface, painting.size), color, label)
+    label, color = SOLIDS[artists.OBSTACLE]
+    if obstacles:
+        parts = [split_surface(surface, painting.size) for surface in obstacles]
+        painting.add(make_polygons(parts), color, label)
     return painting
 
 
-def draw_tip_path(painting: Painting, figure: ArmFigure, points: Floats, lost: Bools) -> None:
-    """Draw the path of the tip of an arm; ``lost`` steps are no longer proven free."""
+def draw_tip_path(
+    painting: Painting, figure: ArmFigure, space: Any, points: Floats, is_lost: bool
+) -> None:
+    """Draw the path of the tip of an arm."""
     if len(points) > 1:
-        rows, is_lost = split_steps(points, lost)
-        painting.add_path(figure.tip_positions(rows), is_lost)
-
-
-def split_surface(surface: Surface, size: float) -> Floats:
-    """Simplify a surface and split it into small polygons, shape (n, 4, 3)."""
-    vertices, faces = simplify_surface(surface)
-    return split_triangles(vertices[faces], size)
-
-
-def _clip_surface(surface: Surface, low: Floats, high: Floats) -> Surface:
-    """Return the part of a surface inside the box with corners ``low`` and ``high``."""
-    import trimesh
-
-    box = trimesh.creation.box(bounds=[low, high])
-    mesh = trimesh.Trimesh(*surface, process=False)
-    mesh = mesh.slice_plane(box.facets_origin, -box.facets_normal)
-    return np.asarray(mesh.vertices), np.asarray(mesh.faces)
+        curve = figure.tip_positions(split_steps(space.rotations, points))
+        painting.draw_path(curve, is_lost)

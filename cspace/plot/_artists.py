@@ -1,4 +1,4 @@
-"""Parts of a picture: cells, paths, robots, marks, frame and legend.
+"""Parts of a picture: cells, paths, robots, markers, frame and legend.
 
 Each colour has one meaning everywhere.
 """
@@ -14,25 +14,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace._grid import Grid
-from cspace._rotations import Rotations
 from cspace._support.arrays import (
-    BLOCKED,
     FREE,
-    MIXED,
-    Bools,
     Box,
     Floats,
     block_starts,
     reduce_blocks,
 )
-from cspace.plot._route import Body, MapLike, Scene, with_gaps
+from cspace.plot._route import Body, MapLike, Scene
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.image import AxesImage
     from matplotlib.patches import Patch
-    from matplotlib.path import Path
 
     from cspace._workspace import Workspace
 
@@ -52,8 +47,6 @@ CLASSES: Final = (
     ("obstacle", "#262626"),
 )
 OPEN, PARTLY, ASSUMED, HOLLOW, UNDECIDED, COLLIDES, UNSEEN, OBSTACLE = range(len(CLASSES))
-CLASS_COLORS: Final = np.array([[*bytes.fromhex(color[1:])] for _, color in CLASSES], np.uint8)
-"""Red, green and blue of each class, 0 to 255."""
 LABELS_OVER_ROTATIONS: Final = {
     OPEN: "free at every rotation",
     COLLIDES: "C-obstacle at every rotation",
@@ -62,33 +55,36 @@ LABELS_OVER_ROTATIONS: Final = {
 
 PATH_COLOR: Final = "#6a1b9a"
 """Colour of a path. Purple, even when drawn faint, is not a colour of a map."""
-LOST_COLOR: Final = "#ff1493"
-"""Colour of the edges of a path that are no longer proven free."""
 ROBOT_FILL_COLOR: Final = "#3fb795"
 """Fill colour of a robot."""
 ROBOT_EDGE_COLOR: Final = "#00614a"
-"""Colour of a robot's edge and nose."""
+"""Colour of a robot's edge and heading."""
 GOAL_COLOR: Final = "#cc79a7"
 """Colour of a goal."""
 OUTSIDE_STYLE: Final[dict[str, Any]] = {
     "facecolor": "#f2f2f2",
     "edgecolor": "#c4c4c4",
     "hatch": "////",
-    "linewidth": 0.0,
 }
 """Style of what is outside the grid."""
-LOST_STYLE: Final[dict[str, Any]] = {
-    "color": LOST_COLOR,
+PATH_STYLE: Final[dict[str, Any]] = {
+    "color": PATH_COLOR,
+    "linewidth": 1.8,
+    "zorder": 4,
+    "label": "path",
+}
+"""Line style of a path."""
+LOST_STYLE: Final[dict[str, Any]] = PATH_STYLE | {
+    "color": "#ff1493",
     "linestyle": (0, (1.8, 1.0)),
-    "linewidth": 2.6,
     "label": "path, no longer proven free",
 }
-"""Line style of the edges of a path that are no longer proven free."""
-MARK_STYLES: Final[dict[str, dict[str, Any]]] = {
+"""Line style of a path that is no longer proven free."""
+ENDPOINT_STYLES: Final[dict[str, dict[str, Any]]] = {
     "start": {"marker": "o", "markersize": 7.0, "markerfacecolor": "white"},
     "goal": {"marker": "*", "markersize": 12.0, "markerfacecolor": GOAL_COLOR},
 }
-"""Markers of start and goal."""
+"""Styles of the markers of start and goal."""
 BARRIER_STYLE: Final[dict[str, Any]] = {
     "color": "#c2002f",
     "linestyle": "none",
@@ -110,14 +106,8 @@ BOTTLENECK_STYLE: Final[dict[str, Any]] = {
     "label": "narrowest place",
 }
 """Marker of the narrowest place of a way."""
-AXES_INCHES: Final = 6.5
-"""Longer side of the axes, inches."""
 MAX_ASPECT_RATIO: Final = 20.0
 """Largest ratio of the sides of axes drawn to scale; beyond it, the axes are not to scale."""
-NOTEBOOK_DPI: Final = 100.0
-"""Pixels per inch of pictures in notebooks."""
-CURVE_POINTS: Final = 400
-"""Number of points on the curve of a path."""
 
 
 def classify_cells(space: MapLike, rotation: Floats | None, layer: tuple[Any, ...] = ()) -> Classes:
@@ -129,15 +119,17 @@ def classify_cells(space: MapLike, rotation: Floats | None, layer: tuple[Any, ..
     ground = classify_ground(space.workspace, layer)
     if not space.robot.shape.shown:
         ground = np.zeros_like(ground)  # a map of joints has no obstacles of its own
-    if rotation is not None:
-        return _merge_classes(ground, space.states_at(rotation)[layer])
     # Over all rotations, the lowest and the highest state of each cell.
-    slices = (space.states_at(center)[layer] for center in space.slice_rotations)
+    rotations = space.slice_rotations if rotation is None else [rotation]
+    slices = (space.states_at(center)[layer] for center in rotations)
     lowest = highest = next(slices)
     for states in slices:
         lowest = np.minimum(lowest, states)
         highest = np.maximum(highest, states)
-    classes = _merge_classes(ground, lowest)
+    # Obstacles show through, unless the robot is free there.
+    class_of_state = np.array([OPEN, UNDECIDED, COLLIDES], np.uint8)  # FREE, MIXED and BLOCKED
+    classes: Classes = np.maximum(ground, class_of_state[lowest])
+    classes[(ground >= UNSEEN) & (lowest == FREE)] = HOLLOW
     classes[(classes <= ASSUMED) & (highest != FREE)] = PARTLY
     return classes
 
@@ -152,55 +144,36 @@ def classify_ground(workspace: Workspace, layer: tuple[Any, ...] = ()) -> Classe
     return classes
 
 
-def _merge_classes(ground: Classes, states: NDArray[np.uint8]) -> Classes:
-    """Combine classes in the workspace with states of a slice, both of the same shape."""
-    # The class by ground (row) and state (column). Obstacles show through unless the robot is free
-    # there, and open ground shows through where it is free.
-    table = np.empty((len(CLASSES), 3), np.uint8)
-    table[:, FREE] = HOLLOW
-    table[:, MIXED] = UNDECIDED
-    table[:, BLOCKED] = COLLIDES
-    for index in (UNSEEN, OBSTACLE):
-        table[index, [MIXED, BLOCKED]] = index
-    for index in (OPEN, ASSUMED):
-        table[index, FREE] = index
-    return np.asarray(table[ground, states])
-
-
 def draw_cells(
     ax: Axes, grid: Grid, classes: Classes, window: Box, pair: Sequence[int] = (0, 1)
 ) -> AxesImage:
-    """Draw the cells of a window by class, on two axes of the grid.
+    """Draw the cells of a window by class, on two axes of the grid."""
+    from matplotlib.colors import ListedColormap
 
-    If cells are smaller than pixels, blocks of cells show their largest class, so that no obstacle
-    vanishes.
-    """
-    side = block_side(ax, classes.shape)
-    colors = color_blocks(classes, side)
+    blocks, side = merge_cells(ax, classes)
     left, bottom = (grid.lower[axis] + grid.spacing * window[axis].start for axis in pair)
     # The last blocks may reach beyond the window; the limits of the axes hide that.
-    rows, columns, _ = colors.shape
-    right = left + grid.spacing * side * columns
-    top = bottom + grid.spacing * side * rows
+    rows, columns = grid.spacing * side * np.array(blocks.shape)
     return ax.imshow(
-        colors,
-        extent=(left, right, bottom, top),
+        blocks,
+        ListedColormap([color for _, color in CLASSES]),
+        vmin=0,
+        vmax=len(CLASSES) - 1,
+        extent=(left, left + columns, bottom, bottom + rows),
         origin="lower",
         interpolation="nearest",
         aspect=ax.get_aspect(),
     )
 
 
-def block_side(ax: Axes, shape: Sequence[int]) -> int:
-    """Return the side of blocks of cells, in cells, that are no smaller than pixels."""
+def merge_cells(ax: Axes, classes: Classes) -> tuple[Classes, int]:
+    """Merge cells smaller than pixels to blocks; return an image and the side of a block in cells.
+
+    A block shows its largest class, so that no obstacle vanishes. The first row is the lowest.
+    """
     pixels = 0.8 * np.array(ax.bbox.size)  # texts may shrink the axes
-    return max(1, math.ceil(float(np.max(shape / pixels))))
-
-
-def color_blocks(classes: Classes, side: int) -> NDArray[np.uint8]:
-    """Return an image of blocks of cells, shape (rows, columns, 3), the first row lowest."""
-    blocks = reduce_blocks(classes, block_starts(classes.shape, side))
-    return np.asarray(CLASS_COLORS[blocks.T])
+    side = max(1, math.ceil(float(np.max(classes.shape / pixels))))
+    return reduce_blocks(classes, block_starts(classes.shape, side)).T, side
 
 
 def make_cell_legend(scene: Scene, classes: Sequence[Classes]) -> list[Any]:
@@ -213,102 +186,74 @@ def make_cell_legend(scene: Scene, classes: Sequence[Classes]) -> list[Any]:
             label = LABELS_OVER_ROTATIONS.get(index, label)
         entries.append(patch(label, color))
     if not scene.space.grid.contains(scene.box).all():
-        entries.append(patch("outside the grid", "#f2f2f2", "#c4c4c4", hatch="////"))
+        entries.append(patch("outside the grid", **OUTSIDE_STYLE))
     return entries
 
 
-def patch(label: str, color: str, edge: str = "#555555", **style: Any) -> Patch:
+def patch(label: str, facecolor: Any, edgecolor: str = "#555555", hatch: str = "") -> Patch:
     """Create a legend entry: a box filled with a colour."""
     from matplotlib.patches import Patch
 
-    return Patch(facecolor=color, edgecolor=edge, linewidth=0.6, label=label, **style)
+    return Patch(facecolor=facecolor, edgecolor=edgecolor, linewidth=0.6, label=label, hatch=hatch)
 
 
 def draw_path(
-    ax: Any, points: Floats, lost: Bools, pair: Sequence[int] = (0, 1), **style: Any
+    ax: Any, points: Floats, is_lost: bool, pair: Sequence[int] = (0, 1), **style: Any
 ) -> list[Any]:
-    """Draw a path, its ``lost`` steps dashed; return the legend entries.
+    """Draw a path; return its legend entry.
 
     ``pair`` are the columns of ``points`` to draw, three in space.
     """
     if len(points) < 2:
         return []
-    points = points[:, list(pair)]
-    proven = with_gaps(points, ~lost) if lost.any() else points
-    line: dict[str, Any] = {"color": PATH_COLOR, "linewidth": 1.8, "zorder": 4, **style}
-    lines: list[Any] = ax.plot(*proven.T, label="path", **line)
-    if lost.any():
-        lines += ax.plot(*with_gaps(points, lost).T, zorder=4.1, **LOST_STYLE)
-    return lines
+    line = (LOST_STYLE if is_lost else PATH_STYLE) | style
+    return list(ax.plot(*points[:, list(pair)].T, **line))
 
 
 def draw_robots(
-    ax: Axes,
-    body: Body,
-    stations: Floats,
-    pair: Sequence[int] = (0, 1),
-    opacity: float = 0.55,
-    zorder: float = 3.0,
+    ax: Any, body: Body, robots: Floats, pair: Sequence[int] = (0, 1), opacity: float = 0.55
 ) -> list[Any]:
     """Draw the robot at configurations, projected on two axes; return the legend entry.
 
-    In the plane, a nose shows its heading.
+    Seen from above, an arrow from its reference point shows its yaw, if it has one.
     """
     from matplotlib.collections import PathCollection
     from matplotlib.colors import to_rgba
-
-    if not len(stations):
-        return []
-    # One collection of all outlines, and one of all noses.
-    fill: Any = to_rgba(ROBOT_FILL_COLOR, opacity)
-    outlines = [join_rings(body.outlines(q, pair)) for q in stations]
-    noses = [join_rings(body.noses(q)) for q in stations]
-    for paths, color, width in ((outlines, fill, 0.9), (noses, ROBOT_EDGE_COLOR, 0.0)):
-        robots = PathCollection(
-            paths,
-            facecolor=color,
-            edgecolor=ROBOT_EDGE_COLOR,
-            linewidth=width,
-            transform=ax.transData,
-            zorder=zorder,
-        )
-        ax.add_collection(robots, autolim=False)
-    return [patch("robot", fill, ROBOT_EDGE_COLOR)]
-
-
-def join_rings(rings: Sequence[Floats]) -> Path:
-    """Join closed outlines into one path of matplotlib."""
     from matplotlib.path import Path
 
-    return Path.make_compound_path(*(Path(ring, closed=True) for ring in rings))
+    if not len(robots):
+        return []
+    entry = patch("robot", to_rgba(ROBOT_FILL_COLOR, opacity), ROBOT_EDGE_COLOR)
+    outlines = []
+    for q in robots:
+        rings = [Path(ring, closed=True) for ring in body.outlines(q, pair)]
+        outlines.append(Path.make_compound_path(*rings))
+    colors = {"facecolor": entry.get_facecolor(), "edgecolor": ROBOT_EDGE_COLOR}
+    drawn = PathCollection(outlines, **colors, linewidth=0.9, transform=ax.transData, zorder=3)
+    ax.add_collection(drawn, autolim=False)
+    if body.rotations._find_yaw(robots[0]) is not None and tuple(pair) == (0, 1):
+        x, y, yaws = robots[:, 0], robots[:, 1], robots[:, -1]
+        length = 0.6 * body.reach
+        arrows = length * np.cos(yaws), length * np.sin(yaws)
+        in_metres = {"angles": "xy", "scale_units": "xy", "scale": 1.0}
+        ax.quiver(x, y, *arrows, color=ROBOT_EDGE_COLOR, zorder=3, **in_metres)
+    return [entry]
 
 
-def draw_marks(
-    ax: Any,
-    marks: dict[str, Floats],
-    pair: Sequence[int] = (0, 1),
-    rotations: Rotations | None = None,
+def draw_endpoints(
+    ax: Any, endpoints: dict[str, Floats], pair: Sequence[int] = (0, 1)
 ) -> list[Any]:
-    """Draw start and goal projected on two or three axes; return their legend entries.
-
-    An arrow shows the heading, if ``rotations`` are given and define one.
-    """
+    """Draw start and goal projected on two or three axes; return their legend entries."""
     handles = []
-    for name, q in marks.items():
-        position = [[coordinate] for coordinate in q[list(pair)]]
-        # An arrow has the length of a marker, whatever the scale of the axes.
-        yaw = rotations._find_yaw(q) if rotations is not None else None
-        if yaw is not None:
-            arrow = (math.cos(yaw), math.sin(yaw))
-            ax.quiver(*position, *arrow, scale=16.0, width=0.006, pivot="tail", zorder=4.9)
+    for name, q in endpoints.items():
         handles += ax.plot(
-            *position,
+            *q[list(pair)],
             label=name,
             linestyle="none",
             markeredgecolor="black",
             clip_on=False,
             zorder=5,
-            **MARK_STYLES[name],
+            **ENDPOINT_STYLES[name],
         )
     return handles
 
@@ -320,13 +265,13 @@ def frame(ax: Axes, box: Floats, pair: Sequence[int], labels: Sequence[str]) -> 
     lengths = np.ptp(box[:, [right, up]], axis=0)
     is_to_scale = lengths.max() <= MAX_ASPECT_RATIO * lengths.min()
     ax.set_aspect("equal" if is_to_scale else "auto")
-    ax.patch.set(**OUTSIDE_STYLE)
+    ax.patch.set(**OUTSIDE_STYLE, linewidth=0.0)
 
 
 def axes_size(box: Floats) -> tuple[float, float]:
     """Choose width and height, inches, of axes for the first two axes of a box."""
     lengths = (box[1] - box[0])[:2]
-    width, height = AXES_INCHES * np.maximum(lengths / lengths.max(), 1.0 / MAX_ASPECT_RATIO)
+    width, height = 6.5 * np.maximum(lengths / lengths.max(), 1.0 / MAX_ASPECT_RATIO)
     return float(width), float(height)
 
 
@@ -376,5 +321,5 @@ def annotate(
 def figure_png(figure: Any) -> bytes:
     """Encode a figure as PNG, in the resolution for notebooks."""
     file = io.BytesIO()
-    figure.canvas.print_figure(file, format="png", dpi=NOTEBOOK_DPI)
+    figure.canvas.print_figure(file, format="png", dpi=100.0)
     return file.getvalue()

@@ -28,14 +28,11 @@ PICTURE_SUFFIXES: Final = (".png", ".pdf", ".svg", ".jpg")
 VIEWS: Final[dict[int, tuple[str, ...]]] = {2: ("plane",), 3: ("sections", "3d")}
 """Kinds of picture of a map, by its dimension."""
 VIEW_OPTIONS: Final = {
-    "surface": ("3d",),
     "cut": ("3d",),
     "camera": ("3d",),
     "ax": ("plane", "3d"),
 }
 """Kinds of picture that take an option, if not all do."""
-_MAX_DPI: Final = 2400.0
-"""Maximum pixels per inch of a saved picture."""
 
 
 class WorkspaceOptions(TypedDict, total=False):
@@ -58,8 +55,6 @@ class PlotOptions(WorkspaceOptions, total=False):
     path: ArrayLike | HasPath | None
     start: ArrayLike
     goal: ArrayLike
-    robot_every: float | None
-    surface: str
 
 
 def plot(
@@ -70,13 +65,11 @@ def plot(
     start: ArrayLike | None = None,
     goal: ArrayLike | None = None,
     ax: Axes | None = None,
-    robot_every: float | None = None,
     legend: bool = True,
     title: str | None = None,
     view: str | None = None,
     center: ArrayLike | None = None,
     zoom: float | None = None,
-    surface: str | None = None,
     cut: float | None = None,
     camera: ArrayLike | None = None,
 ) -> Axes:
@@ -101,16 +94,13 @@ def plot(
         default, colours show where the robot is free at every rotation, at some, and at none.
     path : array-like, shape (n, size), or Plan, optional
         Configurations joined by straight edges, metres and radians; or an object with a ``path``
-        attribute. Edges of a certified plan that are no longer proven free, e.g. after
-        :meth:`cspace.CSpace.add_obstacle`, are dashed in another colour.
+        attribute. A certified plan that is no longer proven free, e.g. after
+        :meth:`cspace.CSpace.add_obstacle`, is dashed in another colour.
     start, goal : array-like, shape (size,), optional
-        Configurations to mark; by default the endpoints of the path. An arrow shows a yaw.
+        Configurations to mark; by default the endpoints of the path.
     ax : matplotlib.axes.Axes, optional
         Axes to draw into; by default of a new figure without a window. ``view="3d"`` needs axes in
         three dimensions; sections always have a new figure.
-    robot_every : float, optional
-        Metres of path between two drawn robots; a rotation counts as the distance that the robot's
-        farthest point moves. ``inf`` draws robots at the endpoints only. Default: about a dozen.
     legend : bool
         Add a legend beside or below the axes.
     title : str, optional
@@ -124,9 +114,6 @@ def plot(
     zoom : float, optional
         Draw only a square or cube around ``center``, with sides ``zoom`` times shorter than the
         longest of the map. By default, draw the whole map.
-    surface : {"obstacles", "free"}, optional
-        For ``view="3d"``: draw the obstacles with the robot along the path (default), or the border
-        of the free space of the robot's reference point.
     cut : float, optional
         For ``view="3d"``: omit cells above this height, metres. Default: the highest point of the
         robot on the path; without a path, nothing is omitted.
@@ -144,9 +131,9 @@ def plot(
     Raises
     ------
     InputError
-        If the path or a configuration has the wrong shape or is not finite, ``robot_every`` is not
-        above zero, ``zoom`` is below 1, the map has no rotations but one is given, an option does
-        not fit the kind of picture, or ``ax`` is not a matplotlib axes.
+        If the path or a configuration has the wrong shape or is not finite, ``zoom`` is below 1,
+        the map has no rotations but one is given, an option does not fit the kind of picture, or
+        ``ax`` is not a matplotlib axes.
     """
     from matplotlib.axes import Axes
 
@@ -164,16 +151,14 @@ def plot(
         drawn_map = WorkspaceView(space)
     elif not space.in_memory:
         drawn_map = drawn_map.overview()
-    options: dict[str, Any] = {"surface": surface, "cut": cut, "camera": camera}
-    options |= {"ax": ax, "center": center, "zoom": zoom}
-    kind = _choose_view(drawn_map, view, options)
+    options: dict[str, Any] = {"cut": cut, "camera": camera, "ax": ax}
+    kind = _choose_view(drawn_map, view, options, center, zoom)
     scene = make_scene(
         drawn_map,
         rotation=rotation,
         path=path,
         start=start,
         goal=goal,
-        robot_every=robot_every,
         center=center,
         zoom=zoom,
     )
@@ -182,7 +167,7 @@ def plot(
     elif kind == "sections":
         axes, handles = draw_sections(scene)
     else:
-        painting = draw_surface(scene, ax, surface, cut, camera)
+        painting = draw_surface(scene, ax, cut, camera)
         painting.show()
         axes = painting.axes
         handles = list(painting.handles.values())
@@ -197,7 +182,9 @@ def title_of(space: MapLike) -> str:
     return f"{space.robot.name}, cells of {space.grid.spacing:g} {space.grid.unit}"
 
 
-def _choose_view(space: MapLike, view: str | None, options: Mapping[str, Any]) -> str:
+def _choose_view(
+    space: MapLike, view: str | None, options: Mapping[str, Any], center: Any, zoom: float | None
+) -> str:
     """Choose the kind of picture of a map, and check that the options fit it.
 
     Raises InputError if the map has no such view, or if an option other than None does not fit the
@@ -213,8 +200,8 @@ def _choose_view(space: MapLike, view: str | None, options: Mapping[str, Any]) -
             f"it must be {' or '.join(views)}, because configurations are ({axes})",
             "or omit it; loop over plot(rotation=) for several slices",
         )
-    for name, kinds in VIEW_OPTIONS.items():
-        value = options[name]
+    for name, value in options.items():
+        kinds = VIEW_OPTIONS[name]
         if value is not None and kind not in kinds:
             raise InputError(
                 name,
@@ -222,19 +209,15 @@ def _choose_view(space: MapLike, view: str | None, options: Mapping[str, Any]) -
                 f"it needs view {' or '.join(kinds)}",
                 "omit it",
             )
+    if zoom is not None and check_positive(zoom, "zoom", "a factor") < 1.0:
+        raise InputError(
+            "zoom",
+            f"is {zoom!r}",
+            "it must be at least 1 (the whole map)",
+            "pass e.g. 8",
+        )
     # Only a zoomed picture and sections have a center.
-    zoom = options["zoom"]
-    center = options["center"]
-    if zoom is not None:
-        check_positive(zoom, "zoom", "the map's longest side over that of the picture")
-        if zoom < 1.0:
-            raise InputError(
-                "zoom",
-                f"is {zoom!r}",
-                "it must be at least 1 (the whole map)",
-                "pass e.g. 8",
-            )
-    elif center is not None and kind != "sections":
+    if center is not None and zoom is None and kind != "sections":
         raise InputError(
             "center",
             "is given without zoom",
@@ -265,7 +248,7 @@ def save_plot(
     dpi : float
         Pixels per inch, at most 2400; pictures are about eight inches wide.
     **options
-        Options of :func:`plot`, except ``ax``.
+        Options of :func:`plot`; with ``ax``, the figure of these axes is saved.
 
     Returns
     -------
@@ -287,13 +270,6 @@ def save_plot(
     >>> save_plot(space, "map.png", overwrite=True).name
     'map.png'
     """
-    if "ax" in options:
-        raise InputError(
-            "ax",
-            "is given",
-            "save_plot draws a new figure",
-            "use plot and ax.figure.savefig instead",
-        )
     return save_figure(lambda: plot(space, **options).figure, file, overwrite, dpi)
 
 
@@ -309,8 +285,8 @@ def save_figure(
     target = Path(file)
     check_suffix(target, PICTURE_SUFFIXES, "the suffix says what to write", "file", is_output=True)
     dots = check_positive(dpi, "dpi", "pixels per inch")
-    if dots > _MAX_DPI:
-        rule = f"it must be at most {_MAX_DPI:,.0f} pixels per inch"  # some 20,000 pixels across
+    if dots > 2400.0:  # some 20,000 pixels across
+        rule = "it must be at most 2,400 pixels per inch"
         raise InputError("dpi", f"is {dpi!r}", rule, "pass e.g. 300")
     with replacing(target, overwrite) as temporary:
         figure: Figure = draw()

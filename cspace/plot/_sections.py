@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import math
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cspace._support.arrays import Bools, Floats
 from cspace.plot import _artists as artists
-from cspace.plot._route import Scene, interpolate_path
+from cspace.plot._route import Scene, split_steps
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-_SECTIONS_INCHES: Final = (7.0, 6.5)
-"""Maximum width and height of three sections together, inches."""
 
 
 def draw_plane(scene: Scene, ax: Axes | None) -> tuple[Axes, list[Any]]:
@@ -29,9 +25,9 @@ def draw_plane(scene: Scene, ax: Axes | None) -> tuple[Axes, list[Any]]:
     artists.frame(ax, box, (0, 1), grid.labels)
     artists.draw_cells(ax, grid, classes, scene.window)
     handles = artists.make_cell_legend(scene, [classes])
-    handles += artists.draw_path(ax, scene.points, scene.lost)
-    handles += artists.draw_robots(ax, scene.body, scene.stations)
-    return ax, handles + artists.draw_marks(ax, scene.marks, rotations=scene.space.rotations)
+    handles += artists.draw_path(ax, scene.points, scene.is_lost)
+    handles += artists.draw_robots(ax, scene.body, scene.robots)
+    return ax, handles + artists.draw_endpoints(ax, scene.endpoints)
 
 
 def draw_sections(scene: Scene) -> tuple[Axes, list[Any]]:
@@ -42,8 +38,7 @@ def draw_sections(scene: Scene) -> tuple[Axes, list[Any]]:
     # All are drawn to one scale: the plan below the front, and the side to the right of that.
     lengths = scene.box[1] - scene.box[0]
     x, y, z = np.maximum(lengths, lengths.max() / artists.MAX_ASPECT_RATIO)
-    max_width, max_height = _SECTIONS_INCHES
-    scale = min(max_width / (x + y), max_height / (y + z))
+    scale = min(7.0 / (x + y), 6.5 / (y + z))  # inches of all three together
     width = scale * (x + y) + 1.5
     height = scale * (y + z) + 2.5
     figure = artists.new_figure(max(width, 5.0), height)
@@ -79,9 +74,7 @@ def _draw_section(ax: Axes, scene: Scene, pair: tuple[int, int], across: int) ->
     trace: dict[str, Any] = {"color": "black", "linewidth": 0.7, "linestyle": "-.", "zorder": 2}
     ax.axvline(scene.center[pair[0]], **trace)
     ax.axhline(scene.center[pair[1]], **trace)
-    # The title gives the place of the section, to a tenth of a cell.
-    digits = max(0, 1 + math.ceil(-math.log10(grid.spacing)))
-    height = round(float(scene.center[across]), digits) + 0.0  # no minus sign before zero
+    height = round(float(scene.center[across]), 3) + 0.0  # no minus sign before zero
     name = grid.axes[across]
     unit = grid.units[across]
     ax.set_title(f"{name} = {height:.10g} {unit}", loc="left", fontsize=9)
@@ -90,7 +83,7 @@ def _draw_section(ax: Axes, scene: Scene, pair: tuple[int, int], across: int) ->
 
 
 def _draw_route(ax: Axes, scene: Scene, pair: tuple[int, int], across: int) -> list[Any]:
-    """Draw path, robots and marks in a section; return their legend entries.
+    """Draw path, robots, start and goal in a section; return their legend entries.
 
     ``pair`` are the axes of the section, and ``across`` is the third axis. The path is faint, and
     the robot is not drawn, where the robot does not reach the section.
@@ -103,15 +96,12 @@ def _draw_route(ax: Axes, scene: Scene, pair: tuple[int, int], across: int) -> l
         low, high = body.extents(points)[..., across].T
         return np.asarray((low <= level) & (level <= high))
 
-    handles = artists.draw_path(ax, scene.points, scene.lost, pair, alpha=0.4)
-    if len(scene.points) > 1:
+    handles = artists.draw_path(ax, scene.points, scene.is_lost, pair, alpha=0.4)
+    if handles:
         # Draw the path once more, solid, where the robot meets the section.
         handles[0].set_label("path, away from the section")
-        shares = np.linspace(0.0, 1.0, artists.CURVE_POINTS)
-        points = interpolate_path(body.rotations, scene.points, shares, body.reach)
-        near = np.where(meets(points)[:, np.newaxis], points, np.nan)  # NaN makes gaps
-        is_lost = np.zeros(len(near) - 1, np.bool_)
-        handles = artists.draw_path(ax, near, is_lost, pair) + handles
-    handles += artists.draw_robots(ax, body, scene.stations[meets(scene.stations)], pair)
-    rotations = scene.space.rotations if across == 2 else None
-    return handles + artists.draw_marks(ax, scene.marks, pair, rotations)
+        curve = split_steps(body.rotations, scene.points)
+        near = np.where(meets(curve)[:, np.newaxis], curve, np.nan)  # NaN makes gaps
+        handles = artists.draw_path(ax, near, scene.is_lost, pair) + handles
+    handles += artists.draw_robots(ax, body, scene.robots[meets(scene.robots)], pair)
+    return handles + artists.draw_endpoints(ax, scene.endpoints, pair)

@@ -3,43 +3,38 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from cspace._support.arrays import Bools, Bytes, Floats, Ints, block_starts, reduce_blocks
-from cspace._support.check import check_finite, check_word
+from cspace._support.arrays import (
+    Bools,
+    Box,
+    Bytes,
+    Floats,
+    Ints,
+    Surface,
+    block_starts,
+    reduce_blocks,
+)
+from cspace._support.check import check_finite
 from cspace.errors import InputError
 from cspace.plot import _artists as artists
-from cspace.plot._route import Scene
+from cspace.plot._route import Scene, simplify_surface, split_steps
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-SURFACES: Final = {
-    "obstacles": ("obstacle", "#7a7a7a"),
-    "free": ("border of the free space", "#ffffff"),
+SOLIDS: Final = {
+    artists.OBSTACLE: ("obstacle", "#7a7a7a"),
+    artists.UNSEEN: (artists.CLASSES[artists.UNSEEN][0], "#c9a468"),
 }
-"""Legend label and colour of each surface that can be drawn."""
-UNKNOWN_SURFACE: Final = (artists.CLASSES[artists.UNSEEN][0], "#c9a468")
-"""Legend label and colour of unknown cells that count as obstacles."""
+"""Legend label and colour of the cells that are drawn as solids, by class."""
 DEFAULT_CAMERA: Final = (40.0, -62.0)
 """Default elevation and azimuth of the camera, degrees."""
 MAX_FACES: Final = 20_000
 """Maximum number of faces of cells; cells are merged into blocks to reach it."""
-_WALL_SHARE: Final = 0.8
-"""Minimum share of solid cells in a layer of a wall in front of the map."""
-_DARKEST: Final = 0.42
-"""Smallest brightness of a face, as a share of its colour."""
-_NORMAL_BRIGHTNESS: Final = (0.2, 0.32, 0.5)
-"""Brightness added to the darkest for the components of a face's normal along x, y and z."""
-_FIGURE_INCHES: Final = (7.0, 6.0)
-"""Width and height of a new figure."""
-_PIECES: Final = 64
-"""Number of pieces of each step of a path."""
-FACE_CORNERS: Final = np.array([(0, 0), (1, 0), (1, 1), (0, 1)])
-"""Corners of a cell's face, in the plane of the face."""
 
 
 class Painting:
@@ -49,8 +44,8 @@ class Painting:
     ----------
     axes : mpl_toolkits.mplot3d.axes3d.Axes3D
         The caller's axes, or new ones.
-    towards : ndarray of float64, shape (3,)
-        Direction to the camera.
+    camera : tuple of float
+        Elevation and azimuth, degrees.
     handles : dict of str to matplotlib.artist.Artist
         Legend entries by label.
     size : float
@@ -77,54 +72,51 @@ class Painting:
                 "it must have three",
                 'use figure.add_subplot(projection="3d")',
             )
-        angles = check_camera(camera)
+        self.camera = check_camera(camera)
         if ax is None:
-            figure = artists.new_figure(*_FIGURE_INCHES, layout=None)
+            figure = artists.new_figure(7.0, 6.0, layout=None)
             place: Any = (0.0, 0.1, 1.0, 0.85)  # above the legend, below the title
             ax = figure.add_axes(place, projection="3d", computed_zorder=False)
         self.axes: Any = ax
-        self.towards = camera_direction(angles)
         self.handles: dict[str, Any] = {}
         lengths = box[1] - box[0]
         self.size = float(lengths.max())
-        self._box = box
-        # Polygons that never move, (n, 4, 3), with their colours, (n, 3).
-        self._painted: list[tuple[Floats, Floats]] = [(np.empty((0, 4, 3)), np.empty((0, 3)))]
+        # Polygons that never move, (n, 4, 3), with their colour.
+        self._painted: list[tuple[Floats, str]] = []
         self._collection: Any = None
-        ax.set(xlim=box[:, 0], ylim=box[:, 1], zlim=box[:, 2])
-        ax.set(xlabel=labels[0], ylabel=labels[1], zlabel=labels[2])
+        # Polygons on the border of the box may be outside by rounding, and would be hidden.
+        limits = (box + 1e-9 * np.array([-lengths, lengths])).T
+        ax.set(**dict(zip(("xlim", "ylim", "zlim"), limits, strict=True)))
+        ax.set(**dict(zip(("xlabel", "ylabel", "zlabel"), labels, strict=True)))
         ax.tick_params(labelsize=8)
         ax.grid(visible=False)
         ax.set_box_aspect(np.maximum(lengths, self.size / artists.MAX_ASPECT_RATIO))
         ax.set_proj_type("ortho")
-        ax.view_init(*angles)
+        ax.view_init(*self.camera)
 
     def add(self, polygons: Floats, color: str, label: str) -> None:
-        """Add polygons of one colour, (n, 4, 3), and their legend entry; skip those outside."""
-        # Polygons on the border of the box may be outside by rounding.
-        slack = 1e-9 * np.ptp(self._box, axis=0)
-        low, high = self._box
-        is_inside = (polygons >= low - slack) & (polygons <= high + slack)
-        polygons = polygons[is_inside.all(axis=(1, 2))]
-        self._painted.append((polygons, shade(polygons, color)))
+        """Add polygons of one colour, (n, 4, 3), and their legend entry."""
+        self._painted.append((polygons, color))
         self.handles.setdefault(label, artists.patch(label, color))
 
-    def add_path(self, curve: Floats, lost: Bools) -> None:
-        """Draw a path, shape (n, 3), over everything; omit what is outside the box."""
-        low, high = self._box
-        is_inside = ((curve >= low) & (curve <= high)).all(axis=1)
-        with_gaps = np.where(is_inside[:, np.newaxis], curve, np.nan)  # NaN makes gaps
-        for line in artists.draw_path(self.axes, with_gaps, lost, (0, 1, 2)):
+    def draw_path(self, curve: Floats, is_lost: bool) -> None:
+        """Draw a path, shape (n, 3), over everything; hide what is outside the box."""
+        for line in artists.draw_path(self.axes, curve, is_lost, (0, 1, 2), axlim_clip=True):
             self.handles[line.get_label()] = line
 
-    def show(self, moving: Floats | None = None) -> None:
-        """Draw all polygons, and those of a moving robot in place of the last ones."""
+    def show(self, moving: Iterable[Surface] = ()) -> None:
+        """Draw all polygons, and the surfaces of a moving robot in place of the last ones."""
+        from matplotlib.colors import LightSource, to_rgb
         from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
 
-        painted = list(self._painted)
-        if moving is not None:
-            painted.append((moving, shade(moving, artists.ROBOT_FILL_COLOR)))
-        polygons, colors = map(np.concatenate, zip(*painted, strict=True))
+        painted = [*self._painted, (make_polygons(moving), artists.ROBOT_FILL_COLOR)]
+        polygons = np.concatenate([drawn for drawn, _ in painted])
+        # Faces are lit on the side that the camera sees, so that those behind do not show through.
+        first, second, third, _ = np.moveaxis(polygons, 1, 0)
+        normals = np.cross(second - first, third - second)
+        is_away = normals @ camera_direction(self.camera) < 0.0
+        polygons[is_away] = polygons[is_away][:, [2, 1, 0, 3]]
+        colors = np.repeat([to_rgb(color) for _, color in painted], [len(p) for p, _ in painted], 0)
         if self._collection is not None:
             self._collection.remove()
         # One collection, because matplotlib does not sort the polygons of several together.
@@ -132,11 +124,19 @@ class Painting:
             polygons,
             facecolors=colors,
             edgecolors=colors,
+            shade=True,
+            lightsource=LightSource(148.0 - self.camera[1], 58.0),  # from above, and the left
             linewidths=0.8,
             rasterized=True,
             zorder=1,
+            axlim_clip=True,
         )
         self.axes.add_collection3d(self._collection, autolim=False)
+
+    def annotate(self, is_new: bool, title: str | None, default: str, legend: bool = True) -> None:
+        """Add a title and a legend; see :func:`cspace.plot._artists.annotate`."""
+        entries = list(self.handles.values()) if legend else []
+        artists.annotate(self.axes, is_new, title, default, entries)
 
 
 def check_camera(camera: ArrayLike | None) -> Floats:
@@ -154,154 +154,113 @@ def check_camera(camera: ArrayLike | None) -> Floats:
     return angles
 
 
-def camera_direction(angles: Floats) -> Floats:
-    """Return the direction to a camera, shape (3,); angles are in degrees."""
-    elevation, azimuth = np.radians(angles)
+def camera_direction(camera: Floats) -> Floats:
+    """Return the direction to a camera, shape (3,); its angles are in degrees."""
+    elevation, azimuth = np.radians(camera)
     radius = math.cos(elevation)  # of the horizontal part
     direction = [radius * math.cos(azimuth), radius * math.sin(azimuth), math.sin(elevation)]
     return np.round(direction, 12)  # zero components are exactly zero
 
 
-def shade(polygons: Floats, color: str) -> Floats:
-    """Compute the colours of faces, shape (n, 3), by their normals.
-
-    ``polygons`` has shape (n, 4, 3). A face is brighter the more it looks upwards.
-    """
-    from matplotlib.colors import to_rgb
-
-    sides = np.diff(polygons[:, :3], axis=1)
-    normals = np.abs(np.cross(sides[:, 0], sides[:, 1]))
-    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-    normals /= np.maximum(lengths, np.finfo(float).tiny)
-    brightness = np.minimum(_DARKEST + normals @ _NORMAL_BRIGHTNESS, 1.0)
-    return np.asarray(brightness[:, np.newaxis] * to_rgb(color))
-
-
 def draw_surface(
-    scene: Scene,
-    ax: Any = None,
-    surface: str | None = None,
-    cut: float | None = None,
-    camera: ArrayLike | None = None,
+    scene: Scene, ax: Any = None, cut: float | None = None, camera: ArrayLike | None = None
 ) -> Painting:
-    """Draw a map in three dimensions, but do not show it yet."""
-    surface = surface or "obstacles"
-    check_word(surface, "surface", tuple(SURFACES), "or leave it out")
+    """Draw a map in three dimensions, but do not show it yet.
+
+    Cells above the height ``cut`` are omitted; by default, those above the robot on its path.
+    """
     grid = scene.space.grid
+    body = scene.body
     painting = Painting(scene.box, ax, camera, grid.labels)
-    top = _choose_top(scene, cut)
-    # Solid are the obstacles, or all cells that are not free for the reference point.
-    shows_obstacles = surface == "obstacles"
-    if shows_obstacles:
-        classes = artists.classify_ground(scene.space.workspace, scene.window)
-        lowest = artists.UNSEEN
-    else:
-        classes = artists.classify_cells(scene.space, scene.rotation, scene.window)
-        lowest = artists.UNDECIDED
-    levels = np.where(classes >= lowest, classes, np.uint8(0))
-    first_cell = np.array([cells.start for cells in scene.window])
-    corner = np.array(grid.lower) + grid.spacing * first_cell
-    # Leave out the layers above the cut.
-    is_cut = top < grid.upper[2]
-    if is_cut:
-        layers = math.ceil((top - corner[2]) / grid.spacing - 1e-9)
-        levels = levels[..., : max(1, layers)]
-    faces, face_levels = border_faces(levels, painting.towards, is_cut=is_cut)
-    polygons = corner + grid.spacing * faces
-    # Unknown cells that count as obstacles have a colour of their own.
-    is_unknown = (face_levels == artists.UNSEEN) & shows_obstacles
-    for chosen, (label, color) in ((~is_unknown, SURFACES[surface]), (is_unknown, UNKNOWN_SURFACE)):
-        if chosen.any():
-            painting.add(polygons[chosen], color, label)
-    if shows_obstacles and len(scene.stations):
-        corners = split_triangles(scene.body.triangles, scene.body.size).reshape(-1, 3)
-        robots = scene.body.transform(corners, scene.stations).reshape(-1, 4, 3)
-        painting.add(robots, artists.ROBOT_FILL_COLOR, "robot")
-    painting.add_path(*split_steps(scene.points[:, :3], scene.lost))
-    for handle in artists.draw_marks(painting.axes, scene.marks, (0, 1, 2)):
-        painting.handles[handle.get_label()] = handle
+    top = np.inf
+    if cut is not None:
+        top = check_finite(cut, "cut").max()
+    elif len(scene.points):
+        top = body.extents(np.concatenate([scene.robots, scene.points]))[:, 1, 2].max()
+    corner = grid.lower + grid.spacing * np.array([cells.start for cells in scene.window])
+    classes = artists.classify_ground(scene.space.workspace, scene.window)
+    solids = np.where(np.isin(classes, list(SOLIDS)), classes, np.uint8(0))
+    # At least one layer is drawn.
+    layers = np.clip(np.ceil((top - corner[2]) / grid.spacing - 1e-9), 1, solids.shape[2])
+    is_cut = layers < solids.shape[2]
+    towards = camera_direction(painting.camera)
+    faces, face_classes = border_faces(solids[..., : int(layers)], towards, is_cut)
+    for number, (label, color) in SOLIDS.items():
+        chosen = faces[face_classes == number]
+        if len(chosen):
+            painting.add(corner + grid.spacing * chosen, color, label)
+    if len(scene.robots) and body.surface is not None:
+        vertices, triangles = split_surface(body.surface, body.size)
+        robots = [(body.transform(vertices, q), triangles) for q in scene.robots]
+        painting.add(make_polygons(robots), artists.ROBOT_FILL_COLOR, "robot")
+    painting.draw_path(split_steps(scene.space.rotations, scene.points)[:, :3], scene.is_lost)
+    for marker in artists.draw_endpoints(painting.axes, scene.endpoints, (0, 1, 2)):
+        painting.handles[marker.get_label()] = marker
     return painting
 
 
-def split_steps(points: Floats, lost: Bools) -> tuple[Floats, Bools]:
-    """Split each step of a path into short pieces.
+def border_faces(solids: Bytes, towards: Floats, is_cut: bool) -> tuple[Ints, Bytes]:
+    """Return the faces of solid cells towards a camera, and their classes.
 
-    A path that is cut at a box then ends close to its border. Returns the ends of the pieces, and a
-    mask of the pieces of ``lost`` steps.
-    """
-    count = len(points)
-    if count < 2:
-        return points, lost
-    places = np.arange((count - 1) * _PIECES + 1) / _PIECES  # as rows of the path
-    columns = [np.interp(places, np.arange(count), column) for column in points.T]
-    return np.column_stack(columns), np.repeat(lost, _PIECES)
-
-
-def border_faces(levels: Bytes, towards: Floats, is_cut: bool) -> tuple[Ints, Bytes]:
-    """Return the faces of solid cells towards a camera, and their levels.
-
-    Cells are solid if their level is above zero. They are merged into blocks, with the largest
-    level in each, until there are at most :data:`MAX_FACES` faces. Walls in front of the map are
+    Cells are solid if their class is above zero. They are merged into blocks, with the largest
+    class in each, until there are at most :data:`MAX_FACES` faces. Walls in front of the map are
     omitted, so that the camera sees into it; the top of a map that ``is_cut`` is no wall.
 
     Returns
     -------
     corners : ndarray of int64, shape (n, 4, 3)
         In cells.
-    levels : ndarray of uint8, shape (n,)
+    classes : ndarray of uint8, shape (n,)
     """
-    first, stop = _trim_walls(levels > 0, towards, is_cut)
-    levels = levels[tuple(map(slice, first, stop))]
-    side = math.ceil(max(levels.shape) / 200)  # smaller blocks would be invisible in a picture
+    inside = _leave_out_walls(solids > 0, towards, is_cut)
+    solids = solids[inside]
+    side = math.ceil(max(solids.shape) / 200)  # smaller blocks would be invisible in a picture
     while True:
-        blocks = reduce_blocks(levels, block_starts(levels.shape, side))
-        solid_blocks, corners = _list_visible_faces(blocks > 0, towards)
-        if len(solid_blocks) <= MAX_FACES:
+        blocks = reduce_blocks(solids, block_starts(solids.shape, side))
+        corners = []
+        classes = []
+        for axis in np.flatnonzero(towards).tolist():
+            up = int(towards[axis] > 0.0)
+            exposed = exposed_cells(blocks > 0, axis, up)
+            cells = np.argwhere(exposed)
+            corners.append(make_faces(cells, cells + 1, axis, up))
+            classes.append(blocks[exposed])
+        if sum(map(len, classes)) <= MAX_FACES:
             break
         side += max(1, side // 4)  # a quarter more, so that few rounds are needed
     # The last blocks may reach beyond the cells.
-    cell_corners = np.minimum(side * corners, levels.shape)
-    return first + cell_corners, blocks[tuple(solid_blocks.T)]
+    cell_corners = np.minimum(side * np.concatenate(corners), solids.shape)
+    return cell_corners + [cells.start for cells in inside], np.concatenate(classes)
 
 
-def _trim_walls(solid: Bools, towards: Floats, is_cut: bool) -> tuple[Ints, Ints]:
-    """Find the part of a map without the walls at the camera's side.
+def _leave_out_walls(solid: Bools, towards: Floats, is_cut: bool) -> Box:
+    """Return the part of a map without the walls at the camera's side.
 
-    A wall is mostly solid layers, fewer than half of all. Returns the first cell and the end of
-    that part along each axis, shapes (3,).
+    A wall consists of layers, fewer than half of all, of which four fifths are solid.
     """
-    first = np.zeros(3, np.int64)
-    stop = np.array(solid.shape)
-    for axis in range(2 if is_cut else 3):
-        layers_first = np.moveaxis(solid, axis, 0)
-        shares = layers_first.mean(axis=(1, 2))  # of solid cells, by layer
-        is_seen_from_above = towards[axis] > 0.0
-        if is_seen_from_above:
-            shares = shares[::-1]
-        layers = int(np.argmin(shares >= _WALL_SHARE))
-        if not towards[axis] or 2 * layers >= len(shares):
-            continue
-        if is_seen_from_above:
-            stop[axis] -= layers
-        else:
-            first[axis] += layers
-    return first, stop
+    inside = []
+    for axis, side in enumerate(towards.tolist()):
+        shares = np.moveaxis(solid, axis, 0).mean(axis=(1, 2))  # of solid cells, by layer
+        from_camera = shares[::-1] if side > 0.0 else shares
+        layers = int(np.argmin(from_camera >= 0.8))
+        if not side or 2 * layers >= len(shares) or (is_cut and axis == 2):
+            layers = 0
+        inside.append(slice(0, len(shares) - layers) if side > 0.0 else slice(layers, len(shares)))
+    return tuple(inside)
 
 
-def _list_visible_faces(solid: Bools, towards: Floats) -> tuple[Ints, Ints]:
-    """List the faces of solid cells towards the camera.
+def make_faces(low: Ints, high: Ints, axis: int, up: int) -> Ints:
+    """Return the lower (0) or upper (1) faces of boxes on an axis, shape (n, 4, 3).
 
-    Returns their cells (n, 3), and their corners (n, 4, 3).
+    Boxes lie between the corners ``low`` and ``high``, shape (n, 3). The corners of a face are
+    counterclockwise, seen from outside.
     """
-    cells = [np.empty((0, 3), np.int64)]
-    corners = [np.empty((0, 4, 3), np.int64)]
-    for axis in np.flatnonzero(towards).tolist():
-        up = int(towards[axis] > 0.0)
-        exposed = np.argwhere(exposed_cells(solid, axis, up))
-        face = np.insert(FACE_CORNERS, axis, up, axis=1)
-        cells.append(exposed)
-        corners.append(exposed[:, np.newaxis] + face)
-    return np.concatenate(cells), np.concatenate(corners)
+    face = np.insert([(0, 0), (1, 0), (1, 1), (0, 1)], axis, up, axis=1)
+    # The other axes turn counterclockwise around +x and +z, but around -y.
+    is_clockwise = (up == 1) == (axis == 1)
+    if is_clockwise:
+        face = np.flip(face, axis=0)
+    return np.asarray(low[:, np.newaxis] + (high - low)[:, np.newaxis] * face)
 
 
 def exposed_cells(solid: Bools, axis: int, up: int) -> Bools:
@@ -312,33 +271,19 @@ def exposed_cells(solid: Bools, axis: int, up: int) -> Bools:
     return solid & ~neighbors
 
 
-def _choose_top(scene: Scene, cut: float | None) -> float:
-    """Choose the height above which no cells are drawn, metres.
-
-    By default it is the highest point of the robot on the path, but at least one layer is drawn.
-    """
-    grid = scene.space.grid
-    top = grid.upper[2]
-    if cut is not None:
-        top = check_finite(cut, "cut").max()
-    elif len(scene.points):
-        extents = scene.body.extents(np.concatenate([scene.stations, scene.points]))
-        top = extents[:, 1, 2].max()
-    return float(np.clip(top, grid.lower[2] + grid.spacing, grid.upper[2]))
+def make_polygons(surfaces: Iterable[Surface]) -> Floats:
+    """Return the triangles of surfaces as polygons, shape (n, 4, 3), the last corner repeated."""
+    polygons = [vertices[faces][:, [0, 1, 2, 2]] for vertices, faces in surfaces]
+    return np.concatenate([np.empty((0, 4, 3)), *polygons])
 
 
-def split_triangles(triangles: Floats, size: float) -> Floats:
-    """Split long triangles, shape (n, 3, 3); return polygons, shape (m, 4, 3).
+def split_surface(surface: Surface, size: float) -> Surface:
+    """Simplify a surface, and split edges longer than a tenth of ``size``.
 
-    Edges longer than a tenth of ``size`` are split, because matplotlib sorts large triangles
-    wrongly. Each polygon repeats its last corner.
+    matplotlib sorts large triangles wrongly.
     """
     from trimesh.remesh import subdivide_to_size
 
-    # Each triangle has three vertices of its own.
-    corners = triangles.reshape(-1, 3)
-    faces = np.arange(len(corners)).reshape(-1, 3)
     subdivide: Any = subdivide_to_size
-    vertices, faces = subdivide(corners, faces, size / 10.0)
-    faces_of_four = faces[:, [0, 1, 2, 2]]
-    return np.asarray(vertices[faces_of_four])
+    vertices, faces = subdivide(*simplify_surface(surface), size / 10.0)
+    return vertices, faces

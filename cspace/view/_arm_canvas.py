@@ -9,24 +9,14 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from cspace._files.polygons import transform_surface
 from cspace._rotations.base import TWO_PI, wrapped
+from cspace._shapes.balls import Balls
 from cspace._support.arrays import BLOCKED, FREE, MIXED, Floats
 from cspace.errors import InputError
-from cspace.plot._arms import (
-    ARM_CAMERA,
-    GHOST_COLOR,
-    GHOST_COUNT,
-    ArmFigure,
-)
+from cspace.plot._arms import ARM_CAMERA, GHOST_COLOR, GHOST_COUNT, ArmFigure
 from cspace.plot._artists import CLASSES, COLLIDES, ROBOT_FILL_COLOR, UNDECIDED
-from cspace.view._canvas import (
-    MARKS,
-    STATES,
-    Canvas,
-    Dial,
-    farthest_pair,
-    sample_free_configurations,
-)
+from cspace.view._canvas import ENDPOINT_COLORS, STATES, Canvas, Dial, choose_endpoints
 from cspace.view._scene import KINDS, rgb, to_quaternion
 from cspace.view._tool import ToolFrame
 
@@ -41,23 +31,8 @@ STATE_COLORS: Final = {
 """Colour of the arm, by state."""
 CONTACT_COLOR: Final = "#262626"
 """Colour of the line between the closest pair."""
-UNREACHED_COLOR: Final = "#cc3311"
-"""Colour of the line from the tool frame to a pose that it does not reach."""
-MARK_OPACITY: Final = 0.35
-"""Opacity of the arms at start and goal."""
-GHOST_OPACITY: Final = 0.2
-"""Opacity of the arms along a path."""
 MAX_MESHED_BALLS: Final = 500
 """Largest number of balls that are drawn as a mesh; more are drawn as points."""
-MIN_POINT_SHARE: Final = 1e-3
-"""Smallest size of a point, as a share of the longest side of its cloud."""
-TOOL_SIZE_SHARE: Final = 0.2
-"""Length of the axes of the tool frame, as a share of the longest side of the box around the arm.
-"""
-_STEP_DEGREES: Final = 0.1
-"""Step of the slider of a revolute joint, degrees."""
-_STEP_METRES: Final = 1e-3
-_UNPROVEN: Final = "The straight motion is not proven free."
 
 
 class ArmCanvas(Canvas):
@@ -69,7 +44,7 @@ class ArmCanvas(Canvas):
     server : viser.ViserServer
     points : ndarray of float64, shape (n, size)
         A path; n is 0 without a path.
-    marks : dict of str to ndarray of float64, shape (size,)
+    endpoints : dict of str to ndarray of float64, shape (size,)
         Start and goal, if given.
     frame : str, optional
         Tool frame; see :class:`ToolFrame`.
@@ -86,23 +61,23 @@ class ArmCanvas(Canvas):
         space: Any,
         server: ViserServer,
         points: Floats,
-        marks: dict[str, Floats],
+        endpoints: dict[str, Floats],
         frame: str | None = None,
     ) -> None:
         """Draw the arm at the start, and the pale arms at start and goal."""
-        checked = {name: space.arm._check_configuration(q, name) for name, q in marks.items()}
-        if "start" in checked:
-            checked.setdefault("goal", checked["start"])  # no goal yet
-        samples = sample_free_configurations(space, space.arm._rest)
-        super().__init__(server, space, farthest_pair(samples, samples) | checked)
+        arm = space.arm
+        given = {name: arm._check_configuration(q, name) for name, q in endpoints.items()}
+        if "start" in given:
+            given.setdefault("goal", given["start"])  # no goal yet
+        super().__init__(server, space, choose_endpoints(space, arm._rest) | given)
         self._describe_panel()
         self._ghosts: list[Any] = []
-        self._marks = dict(self.endpoints)
+        self._shown_endpoints = dict(self.endpoints)
         self.robot = self.endpoints["start"]
         # One thread draws links anew while others move and colour them.
         self._links_lock = threading.RLock()
         self.invalidate()
-        self.tool = ToolFrame(space, server, TOOL_SIZE_SHARE * self._frame_scene(), frame)
+        self.tool = ToolFrame(space, server, 0.2 * self._frame_scene(), frame)
 
     def _describe_panel(self) -> None:
         """Set the title, the dials and the legend."""
@@ -112,14 +87,14 @@ class ArmCanvas(Canvas):
         counts = {"joint": arm.dof, "link": len(arm.links), "obstacle": len(space.obstacles)}
         words = [f"{n} {name}" if n == 1 else f"{n} {name}s" for name, n in counts.items()]
         self.about = ", ".join(words)
-        # Users set angles in degrees. A joint without limits has a turn, or two if it is not
-        # periodic.
+        # Users set angles in degrees, in steps of a tenth, and lengths in millimetres. A joint
+        # without limits has a turn, or two if it is not periodic.
         is_linear = np.array(arm.units) == "m"
         self._scale = np.where(is_linear, 1.0, math.degrees(1.0))
-        steps = np.where(is_linear, _STEP_METRES, _STEP_DEGREES)
+        steps = np.where(is_linear, 1e-3, 0.1)
         unlimited = np.where(space.periodic_axes, math.pi, TWO_PI)
-        lower = np.where(np.isinf(arm.lower), -unlimited, arm.lower) * self._scale
-        upper = np.where(np.isinf(arm.upper), unlimited, arm.upper) * self._scale
+        lower = np.maximum(arm.lower, -unlimited) * self._scale
+        upper = np.minimum(arm.upper, unlimited) * self._scale
         # Sliders have whole steps within the limits.
         lower = np.round(np.ceil(lower / steps - 1e-6) * steps, 3)
         upper = np.round(np.floor(upper / steps + 1e-6) * steps, 3)
@@ -128,13 +103,12 @@ class ArmCanvas(Canvas):
         for joint, unit, *numbers in zip(arm.joints, units, lower, upper, steps, strict=True):
             self.dials.append(Dial(f"{joint} ({unit})", *map(float, numbers)))
         self.legend = [
-            (STATE_COLORS[FREE], "arm, FREE"),
-            (STATE_COLORS[MIXED], "arm, undecided (MIXED)"),
-            (STATE_COLORS[BLOCKED], "arm, BLOCKED"),
-            (KINDS["obstacles"].color, "obstacle"),
-            (GHOST_COLOR, "arm along the path"),
-            (CONTACT_COLOR, "closest pair"),
-            (UNREACHED_COLOR, "from the tool frame to a pose out of reach"),
+            ("arm, FREE", STATE_COLORS[FREE]),
+            ("arm, undecided (MIXED)", STATE_COLORS[MIXED]),
+            ("arm, BLOCKED", STATE_COLORS[BLOCKED]),
+            ("obstacle", KINDS["obstacles"].color),
+            ("arm along the path", GHOST_COLOR),
+            ("closest pair", CONTACT_COLOR),
         ]
 
     # ---- configurations --------------------------------------------------------------------------
@@ -176,50 +150,66 @@ class ArmCanvas(Canvas):
         """Return as text whether the straight motion is proven free."""
         if _are_same(q0, q1):
             return "Set a goal below, or drag the tool."
-        free = self._space.motion_is_free(q0, q1)
-        return "**The straight motion is free: proven.**" if free else _UNPROVEN
+        if self._space.motion_is_free(q0, q1):
+            return "**The straight motion is free: proven.**"
+        return "The straight motion is not proven free."
 
     # ---- drawing ---------------------------------------------------------------------------------
 
     def invalidate(self) -> None:
         """Draw the obstacles, and the arm at its configuration, at the start and at the goal."""
-        space = self._space
         scene = self._server.scene
-        self._figure = figure = ArmFigure(space, MAX_MESHED_BALLS)
+        self._figure = ArmFigure(self._space.arm)
+        self._obstacle_points: list[Floats] = []
         with self._links_lock, self._server.atomic():
             # Remove what was drawn before.
-            for group in ("obstacles", "robot", *MARKS):
+            for group in ("obstacles", "robot", *ENDPOINT_COLORS):
                 scene.remove_by_name(f"/{group}")
                 scene.add_frame(f"/{group}", show_axes=False)
-            for name, (vertices, faces) in figure.obstacles.items():
-                # Surfaces without faces are the centers of many balls.
-                if len(faces):
-                    surface = (vertices, faces)
-                    self._add_mesh(f"/obstacles/{name}", surface, KINDS["obstacles"].color)
-                else:
-                    radius = float(space.obstacles[name].shape.outer.radii[0])
-                    self._add_cloud(f"/obstacles/{name}", vertices, radius)
-            self._links = {"robot": self._add_links("robot", [*figure.links], ROBOT_FILL_COLOR)}
-            for name, color in MARKS.items():
-                self._links[name] = self._add_links(name, figure.moving, color, MARK_OPACITY)
-            self._labels = {name: scene.add_label(f"/{name}/label", name) for name in MARKS}
+            for name, obstacle in self._space.obstacles.items():
+                self._add_obstacle(f"/obstacles/{name}", obstacle.shape.outer, obstacle.pose)
+            self._links = {"robot": self._add_links("robot", [*self._figure.links])}
+            for name, color in ENDPOINT_COLORS.items():
+                self._links[name] = self._add_links(name, self._figure.moving, color, 0.35)
+            names = ENDPOINT_COLORS
+            self._labels = {name: scene.add_label(f"/{name}/label", name) for name in names}
             self._pose_arm("robot", self.robot)
-            for name, q in self._marks.items():
-                self.mark(name, q)
+            for name, q in self._shown_endpoints.items():
+                self.set_endpoint(name, q)
 
     def _add_links(
-        self, arm: str, links: Sequence[str], color: str, opacity: float = 1.0
+        self, arm: str, links: Sequence[str], color: str = ROBOT_FILL_COLOR, opacity: float = 1.0
     ) -> dict[str, Any]:
         """Add links of one of the drawn arms; return their handles by name."""
-        handles = {}
-        for link in links:
-            surface = self._figure.links[link]
-            handles[link] = self._add_mesh(f"/{arm}/{link}", surface, color, opacity)
-        return handles
+        surfaces = self._figure.links
+        add = self._add_mesh
+        return {link: add(f"/{arm}/{link}", surfaces[link], color, opacity) for link in links}
+
+    def _add_obstacle(self, name: str, shape: Any, pose: Floats) -> None:
+        """Add an obstacle to the scene.
+
+        Many balls of one radius are drawn as round points, far faster than as a mesh.
+        """
+        color = KINDS["obstacles"].color
+        is_cloud = isinstance(shape, Balls) and len(shape.radii) > MAX_MESHED_BALLS
+        if not is_cloud or np.ptp(shape.radii):
+            surface = transform_surface(shape.surface, pose)
+            self._obstacle_points.append(surface[0])
+            self._add_mesh(name, surface, color)
+            return
+        centers = shape.centers @ pose[:3, :3].T + pose[:3, 3]
+        self._obstacle_points.append(centers)
+        # Points are visible from where all are in view; viser's size is a radius on the screen.
+        size = max(float(shape.radii[0]), 1e-3 * float(np.ptp(centers, axis=0).max()))
+        self._server.scene.add_point_cloud(
+            name, centers, rgb(color), point_size=size, point_shape="circle", precision="float32"
+        )
 
     def place(self, q: Floats) -> None:
         """Move the arm, and its tool frame with it."""
-        self._place_links(q)
+        self.robot = q
+        self._pose_arm("robot", q)
+        self._show_endpoints()
         self.tool.follow(q)
 
     def reach(self) -> str:
@@ -230,25 +220,14 @@ class ArmCanvas(Canvas):
         arm = self._space.arm
         near = self.robot.clip(arm.lower, arm.upper)
         q, problem = self.tool.solve(near)
-        self._place_links(q)
-        if problem:
-            reached = arm.pose(q, self.tool.name)
-            ends = np.stack([reached[:3, 3], self.tool.pose[:3, 3]])
-            self._draw_line("/gap", ends, UNREACHED_COLOR, thickness=4.0)
+        self.place(q)
         return problem
 
-    def _place_links(self, q: Floats) -> None:
-        """Move the arm without its tool frame."""
-        self.robot = q
-        self._pose_arm("robot", q)
-        self._show_marks()
-        self._server.scene.remove_by_name("/gap")
-
-    def mark(self, name: str, q: Floats) -> None:
+    def set_endpoint(self, name: str, q: Floats) -> None:
         """Move the start or the goal."""
-        self._marks[name] = q
+        self._shown_endpoints[name] = q
         self._pose_arm(name, q)
-        self._show_marks()
+        self._show_endpoints()
         self._labels[name].position = self._figure.tip_positions(q[np.newaxis])[0]
 
     def draw_path(self, points: Floats) -> None:
@@ -277,35 +256,22 @@ class ArmCanvas(Canvas):
             to_quaternion(poses),
             poses[:, :3, 3],
             batched_colors=rgb(ROBOT_FILL_COLOR),
-            opacity=GHOST_OPACITY,
+            opacity=0.2,
             flat_shading=True,
             side="double",
             cast_shadow=False,
             receive_shadow=False,
         )
 
-    def _add_cloud(self, name: str, centers: Floats, radius: float) -> None:
-        """Draw balls of one radius as round points, which browsers draw far faster than meshes."""
-        longest = float(np.ptp(centers, axis=0).max())
-        size = max(radius, MIN_POINT_SHARE * longest)
-        self._server.scene.add_point_cloud(
-            name,
-            centers,
-            rgb(KINDS["obstacles"].color),
-            point_size=size,  # viser's size is a radius on the screen
-            point_shape="circle",
-            precision="float32",
-        )
-
-    def _show_marks(self) -> None:
+    def _show_endpoints(self) -> None:
         """Show the arms at start and goal.
 
         Where the robot is they stay hidden, as they would change its colour. A goal at the start is
         no goal yet, and stays hidden too.
         """
         with self._links_lock:
-            for name, q in self._marks.items():
-                is_set = name == "start" or not _are_same(q, self._marks["start"])
+            for name, q in self._shown_endpoints.items():
+                is_set = name == "start" or not _are_same(q, self._shown_endpoints["start"])
                 is_apart = not _are_same(q, self.robot)
                 self._labels[name].visible = is_set
                 for link in self._links[name].values():
@@ -325,17 +291,14 @@ class ArmCanvas(Canvas):
 
         Return the longest side of the box around the arm, metres.
         """
-        endpoints = np.array([*self.endpoints.values()])
-        low, high, margin = self._figure.measure(endpoints)
-        obstacles = self._figure.obstacles.values()
-        clipped = [vertices.clip(low - margin, high + margin) for vertices, _ in obstacles]
-        corners = np.concatenate([[low, high], *clipped])
+        box, near = self._figure.measure(self.endpoints.values())
+        corners = np.concatenate([box, *(points.clip(*near) for points in self._obstacle_points)])
         # From the side of the pictures, looking a little down.
         _, azimuth_degrees = ARM_CAMERA
         azimuth = math.radians(azimuth_degrees)
         back = np.array([math.cos(azimuth), math.sin(azimuth), 0.6])
         self._place_camera(corners.min(axis=0), corners.max(axis=0), back)
-        return float(np.max(high - low))
+        return float(np.max(box[1] - box[0]))
 
 
 def _are_same(q0: Floats, q1: Floats) -> bool:

@@ -1,9 +1,8 @@
-"""Canvas: the base class of the drawings of configuration spaces on a page."""
+"""Canvas: what the drawings of maps and of arms on a page have in common."""
 
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Callable
 from itertools import product
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
@@ -12,7 +11,7 @@ import numpy as np
 
 from cspace._support.arrays import BLOCKED, FREE, MIXED, Floats, Surface
 from cspace.errors import ConfigurationError
-from cspace.plot._artists import CURVE_POINTS, GOAL_COLOR, PATH_COLOR
+from cspace.plot._artists import GOAL_COLOR, PATH_COLOR
 from cspace.plot._route import interpolate_path
 from cspace.view._scene import rgb
 
@@ -21,12 +20,10 @@ if TYPE_CHECKING:
 
     from cspace.view._tool import ToolFrame
 
-MARKS: Final = {"start": "#ffffff", "goal": GOAL_COLOR}
-"""Colours of the marked configurations."""
+ENDPOINT_COLORS: Final = {"start": "#ffffff", "goal": GOAL_COLOR}
+"""Colours of start and goal."""
 FIELD_OF_VIEW: Final = math.radians(40.0)
 """Vertical field of view of the camera, radians."""
-_SAMPLES: Final = 64
-"""Number of random configurations from which the first start and goal are chosen."""
 
 STATES: Final = {
     FREE: "**FREE**: proven collision-free",
@@ -53,8 +50,10 @@ class Dial(NamedTuple):
     step: float
 
 
-class Canvas(ABC):
+class Canvas:
     """Draw a space with the robot, its path, start and goal.
+
+    What a page asks of the canvas of a map and of an arm alike is in both of them.
 
     Parameters
     ----------
@@ -72,7 +71,7 @@ class Canvas(ABC):
     title, about : str
         Description of the space.
     legend : list of tuple of str
-        Colours and their meanings.
+        Meanings and their colours.
     tool : ToolFrame or None
         Frame of an arm that users drag to a pose.
     robot_reach : float
@@ -86,6 +85,7 @@ class Canvas(ABC):
     legend: list[tuple[str, str]]
     robot_reach = 0.0
     tool: ToolFrame | None = None
+    _path_positions: Callable[[Floats], Floats]
 
     def __init__(self, server: ViserServer, space: Any, endpoints: dict[str, Floats]) -> None:
         """Light the scene of a server: all around, and from two sides."""
@@ -101,41 +101,17 @@ class Canvas(ABC):
 
     # ---- configurations --------------------------------------------------------------------------
 
-    @abstractmethod
-    def dial_values(self, q: Floats) -> tuple[float, ...]:
-        """Return the values of the dials at a configuration."""
-
-    @abstractmethod
-    def configuration_of(self, numbers: tuple[float, ...]) -> Floats:
-        """Return the configuration with these values of the dials."""
-
     def interpolate(self, points: Floats, shares: Floats) -> Floats:
         """Interpolate a path at shares, 0 to 1, of its length; return shape (n, size)."""
         return interpolate_path(self._space.rotations, points, shares, self.robot_reach)
 
-    @abstractmethod
-    def describe(self, q: Floats) -> str:
-        """Return the state of a configuration and its distance from obstacles as text."""
-
-    @abstractmethod
-    def prove(self, q0: Floats, q1: Floats) -> str:
-        """Return the proofs about two configurations as text before a search."""
-
-    # ---- robot, marks and path -------------------------------------------------------------------
-
-    @abstractmethod
-    def place(self, q: Floats) -> None:
-        """Move the robot."""
+    # ---- robot, endpoints and path ---------------------------------------------------------------
 
     def reach(self) -> str:
         """Move an arm to the pose of its :attr:`tool`; return the reason if it cannot."""
         return ""
 
-    @abstractmethod
-    def mark(self, name: str, q: Floats) -> None:
-        """Move the start or the goal."""
-
-    def on_drag(self, name: str, moved: Callable[[Floats], None]) -> None:  # noqa: B027
+    def on_drag(self, name: str, moved: Callable[[Floats], None]) -> None:
         """Call ``moved`` when a user drags the start or the goal."""
 
     def draw_path(self, points: Floats) -> None:
@@ -143,7 +119,7 @@ class Canvas(ABC):
         if not len(points):
             self._server.scene.remove_by_name("/path")
             return
-        shares = np.linspace(0.0, 1.0, CURVE_POINTS)
+        shares = np.linspace(0.0, 1.0, 400)
         curve = self._path_positions(self.interpolate(points, shares))
         self._draw_line("/path", curve, PATH_COLOR, thickness=6.0)
 
@@ -154,22 +130,14 @@ class Canvas(ABC):
             name, segments, rgb(color), thickness=thickness, thickness_units="screen"
         )
 
-    @abstractmethod
-    def _path_positions(self, q: Floats) -> Floats:
-        """Return the points that represent configurations of a path, shape (n, 3)."""
-
     # ---- changes of the view and of the space ----------------------------------------------------
 
     def add_choices(self, gui: GuiApi, changed: Callable[[], None]) -> dict[str, Any]:
         """Add inputs that choose what is drawn and call ``changed``; return them by label."""
         return {}
 
-    def draw(self) -> None:  # noqa: B027
+    def draw(self) -> None:
         """Draw everything that depends on the robot's configuration."""
-
-    @abstractmethod
-    def invalidate(self) -> None:
-        """Draw everything again, now or at the next :meth:`draw`, because the space has changed."""
 
     # ---- drawing ---------------------------------------------------------------------------------
 
@@ -189,8 +157,7 @@ class Canvas(ABC):
     def _place_camera(self, lower: Floats, upper: Floats, back: Floats) -> None:
         """Place initial cameras so that a box is in view, from the direction ``back``."""
         center = (lower + upper) / 2
-        signs = np.array(list(product((-1.0, 1.0), repeat=3)))
-        corners = signs * (upper - lower) / 2  # from the center
+        corners = np.array(list(product(*np.stack([lower, upper], axis=1)))) - center
         # The axes of the camera, which looks along -back.
         back = back / np.linalg.norm(back)
         right = np.cross([0.0, 0.0, 1.0], back)
@@ -209,17 +176,16 @@ class Canvas(ABC):
         camera.position = center + distance * back
 
 
-def sample_free_configurations(space: Any, fallback: Floats) -> Floats:
-    """Return FREE configurations, the same at each call, or ``fallback``; shape (n, size)."""
-    rng = np.random.default_rng(0)
+def choose_endpoints(space: Any, fallback: Floats) -> dict[str, Floats]:
+    """Choose FREE configurations far apart as start and goal, the same at each call.
+
+    Without a FREE configuration, both are ``fallback``.
+    """
     try:
-        return np.asarray(space.sample_free(_SAMPLES, rng))
+        q = np.asarray(space.sample_free(64, np.random.default_rng(0)))
     except ConfigurationError:
-        return fallback[np.newaxis]
-
-
-def farthest_pair(q: Floats, positions: Floats) -> dict[str, Floats]:
-    """Return the configurations with the most distant positions as start and goal."""
+        q = fallback[np.newaxis]
+    positions = q[:, : space.dim]
     distances = np.linalg.norm(positions[:, np.newaxis] - positions, axis=-1)
     start, goal = np.unravel_index(int(distances.argmax()), distances.shape)
     return {"start": q[start], "goal": q[goal]}

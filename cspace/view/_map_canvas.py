@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -13,57 +13,24 @@ from scipy.spatial.transform import Rotation
 from cspace._rotations import Rotations
 from cspace._support.arrays import Floats
 from cspace.plot._artists import (
+    ASSUMED,
     CLASSES,
     COLLIDES,
     OBSTACLE,
     OPEN,
-    ROBOT_EDGE_COLOR,
     ROBOT_FILL_COLOR,
     UNDECIDED,
+    UNSEEN,
 )
 from cspace.plot._route import Body
-from cspace.view._blocks import Cells
-from cspace.view._canvas import (
-    MARKS,
-    STATES,
-    Canvas,
-    Dial,
-    farthest_pair,
-    sample_free_configurations,
-)
-from cspace.view._scene import (
-    KINDS,
-    SECTION,
-    Section,
-    Stage,
-    lift,
-    make_robot_surface,
-    to_quaternion,
-)
+from cspace.view._canvas import ENDPOINT_COLORS, STATES, Canvas, Dial, choose_endpoints
+from cspace.view._scene import KINDS, SECTION, Cells, lift, make_robot_surface, to_quaternion
 
 if TYPE_CHECKING:
     from viser import GuiApi, ViserServer
 
 ANGLES: Final = ("roll", "pitch", "yaw")
 """Rotations about the fixed axes x, then y, then z."""
-
-
-class CellsDrawing(NamedTuple):
-    """Choices on which the drawing of some cells depends.
-
-    Attributes
-    ----------
-    cell : int or None
-        Rotation cell; None if the drawing shows the workspace.
-    cut : float
-        Height above which cells are omitted, metres.
-    lid : bool
-        True if solids are closed at the cut.
-    """
-
-    cell: int | None
-    cut: float
-    lid: bool
 
 
 class MapCanvas(Canvas):
@@ -75,7 +42,7 @@ class MapCanvas(Canvas):
     server : viser.ViserServer
     points : ndarray of float64, shape (n, size)
         A path; cells above the robot on it are cut off. n is 0 without a path.
-    marks : dict of str to ndarray of float64, shape (size,)
+    endpoints : dict of str to ndarray of float64, shape (size,)
         Start and goal, if given.
 
     Attributes
@@ -90,54 +57,58 @@ class MapCanvas(Canvas):
     """
 
     def __init__(
-        self, space: Any, server: ViserServer, points: Floats, marks: dict[str, Floats]
+        self, space: Any, server: ViserServer, points: Floats, endpoints: dict[str, Floats]
     ) -> None:
         """Draw the robot, the start and the goal; cells are drawn by :meth:`draw`."""
-        canonical = {name: space.rotations._make_canonical(q, name) for name, q in marks.items()}
-        self.cells = cells = Cells(space)
-        super().__init__(server, space, _choose_endpoints(space, cells.drawn) | canonical)
-        grid = cells.drawn.grid
-        self.glyph = Body(space.robot, space.rotations)
-        self.robot_reach = self.glyph.reach
-        self.poses = Poses(space.grid.dim, space.rotations)
+        grid = space.grid
+        rotations = space.rotations
+        self.body = Body(space.robot, rotations)
+        self.robot_reach = self.body.reach
+        self.poses = Poses(grid.dim, rotations)
+        # Sizes stay visible on the page: walls half as high as the robot is long, within 0.1 % and
+        # 3 % of the map, and gizmos above 1.2 %.
+        longest = grid.spacing * max(grid.shape)
+        self._wall = float(np.clip(0.5 * self.body.size, 0.001 * longest, 0.03 * longest))
+        self._size = max(self.body.size, 0.012 * longest)
+        self.cells = Cells(space, self._wall)
+        drawn = self.cells.drawn
+        center = np.add(grid.lower, grid.upper) / 2
+        chosen = choose_endpoints(drawn, np.array([*center, *rotations._from_matrix(np.eye(3))]))
+        given = {name: rotations._make_canonical(q, name) for name, q in endpoints.items()}
+        super().__init__(server, space, chosen | given)
+        self._has_height = grid.dim == 3
         # Sliders have steps of a power of ten, at most a cell.
         self._step = 10.0 ** math.floor(math.log10(grid.spacing))
-        longest = grid.spacing * max(grid.shape)
-        # Gizmos of tiny robots stay visible.
-        self.size = max(self.glyph.size, 0.012 * longest)
-        # Walls in the plane are half as high as the robot is long, within 0.1 % and 3 % of the map.
-        wall = 0.5 * max(self.glyph.size, 0.002 * longest)
-        self.stage = stage = Stage(grid, min(wall, 0.03 * longest))
         self.kinds = [*KINDS]
-        workspace = cells.drawn.workspace
-        if workspace.unknown is None or not workspace.outer[workspace.unknown].any():
+        unknown = drawn.workspace.unknown
+        if unknown is None or not drawn.workspace.outer[unknown].any():
             self.kinds.remove("unknown")
-        hidden = {"mixed"} if stage.has_height else {"border", "mixed"}
+        hidden = {"mixed"} if self._has_height else {"border", "mixed"}
         self.shown = {*self.kinds, SECTION} - hidden
         self.cut = self._choose_cut(points)
-        self._drawn: dict[str, CellsDrawing | None] = {}
+        self._drawn: dict[str, Any] = {}
         self._drawing = threading.Lock()
-        self._surface = make_robot_surface(space.robot, stage.wall)
-        self._robot = server.scene.add_frame("/robot", show_axes=False)
-        self._add_robot("/robot", ROBOT_FILL_COLOR)
-        self._gizmos = {name: self._add_gizmo(name, color) for name, color in MARKS.items()}
-        back = np.array([-0.5, -1.0, 0.9] if stage.has_height else [0.0, -0.45, 1.0])
-        self._place_camera(stage.lower, stage.upper, back)
+        self._surface = make_robot_surface(space.robot, self._wall)
+        self._robot = server.scene.add_frame(
+            "/robot",
+            show_axes=bool(self.poses.angles),
+            axes_length=self.body.reach,
+            axes_radius=0.02 * self._size,
+        )
+        self._add_mesh("/robot/body", self._surface, ROBOT_FILL_COLOR)
+        self._gizmos = {name: self._add_gizmo(name) for name in ENDPOINT_COLORS}
+        back = np.array([-0.5, -1.0, 0.9] if self._has_height else [0.0, -0.45, 1.0])
+        self._place_camera(self.cells.lower, self.cells.upper, back)
         self._describe_panel()
 
     def _choose_cut(self, points: Floats) -> float:
         """Choose a height above the robot at start, goal and path, metres."""
-        stage = self.stage
-        highest = float(stage.upper[2])
-        if not stage.has_height:
+        highest = float(self.cells.upper[2])
+        if not self._has_height:
             return highest
-        stations = np.concatenate([[*self.endpoints.values()], points])
-        upper_corners = self.glyph.extents(stations)[:, 1]
-        top = upper_corners[:, 2].max()
-        # A whole number of steps of the slider, in the map.
-        steps: int = math.ceil(top / self._step - 1e-9)
-        lowest = float(stage.lower[2]) + stage.grid.spacing
-        return min(max(steps * self._step, lowest), highest)
+        rows = np.concatenate([[*self.endpoints.values()], points])
+        top = self.body.extents(rows)[:, 1, 2].max()
+        return float(np.clip(top, self.cells.lower[2] + self._space.grid.spacing, highest))
 
     def _describe_panel(self) -> None:
         """Set the title, the dials and the legend."""
@@ -155,12 +126,13 @@ class MapCanvas(Canvas):
         for angle in self.poses.angles:
             limit = 90.0 if angle == "pitch" else 180.0
             self.dials.append(Dial(f"{angle} (°)", -limit, limit, 1.0))
-        self.legend = []
-        for number in (OPEN, COLLIDES, UNDECIDED, OBSTACLE):
-            label, color = CLASSES[number]
-            self.legend.append((color, label))
-        self.legend.append((KINDS["obstacles"].color, "obstacle, in the light"))
-        self.legend.append((ROBOT_FILL_COLOR, "robot"))
+        shown = [OPEN, COLLIDES, UNDECIDED, OBSTACLE]
+        unknown = self.cells.drawn.workspace.unknown
+        if unknown is not None and unknown.any():
+            shown.append(UNSEEN if "unknown" in self.kinds else ASSUMED)
+        self.legend = [CLASSES[number] for number in shown]
+        self.legend.append(("obstacle, in the light", KINDS["obstacles"].color))
+        self.legend.append(("robot", ROBOT_FILL_COLOR))
 
     # ---- configurations --------------------------------------------------------------------------
 
@@ -190,14 +162,14 @@ class MapCanvas(Canvas):
             return "**No path exists: proven.**"
         return "Whether a path exists is undecided at this resolution."
 
-    # ---- robot, marks and path -------------------------------------------------------------------
+    # ---- robot, endpoints and path --------------------------------------------------------------
 
     def place(self, q: Floats) -> None:
         """Move the robot."""
         self.robot = q
         self._robot.position, self._robot.wxyz = self.poses.pose(q)
 
-    def mark(self, name: str, q: Floats) -> None:
+    def set_endpoint(self, name: str, q: Floats) -> None:
         """Move the start or the goal."""
         gizmo = self._gizmos[name]
         gizmo.position, gizmo.wxyz = self.poses.pose(q)
@@ -212,14 +184,14 @@ class MapCanvas(Canvas):
             # A user can rotate the gizmo in ways that the robot cannot; correct it, but only after
             # the drag.
             if event.phase == "end":
-                self.mark(name, q)
+                self.set_endpoint(name, q)
 
         self._gizmos[name].on_update(drag)
 
     def _path_positions(self, q: Floats) -> Floats:
         """Return the positions at which a path is drawn."""
         dim = self._space.grid.dim
-        positions = np.full((len(q), 3), 0.6 * self.stage.wall)  # the height in the plane
+        positions = np.full((len(q), 3), 0.6 * self._wall)  # the height in the plane
         positions[:, :dim] = q[:, :dim]
         return positions
 
@@ -231,26 +203,21 @@ class MapCanvas(Canvas):
         They call ``changed`` when a user sets them. Returns them by label.
         """
         added: dict[str, Any] = {}
-        stage = self.stage
-        grid = self._space.grid
-        if stage.has_height:
-            label = f"cut at {grid.labels[2]}"
-            low = round(float(stage.lower[2] + grid.spacing), 9)
-            high = round(float(stage.upper[2]), 9)
-            cut = gui.add_slider(label, low, high, round(self._step, 9), round(self.cut, 9))
-            added[label] = cut
+        if self._has_height:
+            label = f"cut at {self._space.grid.labels[2]}"
+            low = self.cells.lower[2] + self._space.grid.spacing
+            numbers = np.round([low, self.cells.upper[2], self._step, self.cut], 9)
+            cut = added[label] = gui.add_slider(label, *numbers.tolist())
         labels = {name: KINDS[name].label for name in self.kinds}
-        labels[SECTION] = "section" if stage.has_height else "ground"
-        boxes = {}
+        labels[SECTION] = "section" if self._has_height else "ground"
         for name, label in labels.items():
-            boxes[name] = gui.add_checkbox(label, name in self.shown)
-            added[label] = boxes[name]
+            added[label] = gui.add_checkbox(label, name in self.shown)
 
         def choose(_: Any) -> None:
             """Take the choices over, and draw them."""
-            if stage.has_height:
+            if self._has_height:
                 self.cut = float(cut.value)
-            self.shown = {name for name, box in boxes.items() if box.value}
+            self.shown = {name for name, label in labels.items() if added[label].value}
             changed()
 
         for handle in added.values():
@@ -260,33 +227,44 @@ class MapCanvas(Canvas):
     def draw(self) -> None:
         """Draw the cells; send only those parts that changed."""
         cell = int(self._space.rotations._find_cells(self.robot))
-        lid = not (self.stage.has_height and SECTION in self.shown)
-        with self._drawing:
+        with self._drawing, self._server.atomic():
             for name in (*self.kinds, SECTION):
-                rotates = name == SECTION or KINDS[name].rotates
-                wanted: CellsDrawing | None = None
+                # What the drawing depends on.
+                wanted = None
                 if name in self.shown:
-                    wanted = CellsDrawing(cell if rotates else None, self.cut, lid)
+                    rotates = name == SECTION or KINDS[name].rotates
+                    wanted = cell if rotates else None, self.cut
                 never_drawn = name not in self._drawn
                 if never_drawn or self._drawn[name] != wanted:
-                    self._draw_cells(name, wanted)
+                    self._server.scene.remove_by_name(f"/{name}")
+                    if wanted is not None:
+                        self._draw_cells(name, *wanted)
                     self._drawn[name] = wanted
 
-    def _draw_cells(self, name: str, wanted: CellsDrawing | None) -> None:
-        """Draw the section, or the cells of a kind; remove the drawing if there is nothing."""
-        if wanted is None:
-            self._server.scene.remove_by_name(f"/{name}")
+    def _draw_cells(self, name: str, cell: Any, cut: float) -> None:
+        """Draw the section, or the cells of a kind."""
+        if name != SECTION:
+            kind = KINDS[name]
+            vertices, triangles = self.cells.make_solid(cell, kind, cut)
+            if len(triangles):
+                self._add_mesh(f"/{name}", (vertices, triangles), kind.color, kind.opacity)
             return
-        blocks = self.cells.make_blocks(wanted.cell)
-        if name == SECTION:
-            self._add_image(f"/{name}", self.stage.make_section(blocks, wanted.cut))
-            return
-        kind = KINDS[name]
-        vertices, triangles = self.stage.make_solid(blocks, kind, wanted.cut, wanted.lid)
-        if len(triangles):
-            self._add_mesh(f"/{name}", (vertices, triangles), kind.color, kind.opacity)
-        else:
-            self._server.scene.remove_by_name(f"/{name}")
+        section = self.cells.make_section(cell, cut)
+        # The section lies on top of the solids that it cuts.
+        height = cut + 1e-3 * self._size if self._has_height else 0.0
+        width, depth = section.upper - section.lower
+        center = (section.lower + section.upper) / 2
+        self._server.scene.add_image(
+            f"/{name}",
+            section.image,
+            float(width),
+            float(depth),
+            format="png",
+            wxyz=(0.0, 1.0, 0.0, 0.0),  # turned about x, because y points down in viser's images
+            position=lift(center.tolist(), height),
+            cast_shadow=False,
+            receive_shadow=False,
+        )
 
     def invalidate(self) -> None:
         """Make :meth:`draw` redraw everything, because the map has changed."""
@@ -294,48 +272,21 @@ class MapCanvas(Canvas):
             self.cells.invalidate()
             self._drawn.clear()
 
-    def _add_image(self, name: str, section: Section) -> None:
-        """Add a section of the map to the scene."""
-        width, depth = section.upper - section.lower
-        center = (section.lower + section.upper) / 2
-        self._server.scene.add_image(
-            name,
-            section.image,
-            float(width),
-            float(depth),
-            format="png",
-            wxyz=(0.0, 1.0, 0.0, 0.0),  # turned about x, because y points down in viser's images
-            position=lift(center.tolist(), section.height),
-            cast_shadow=False,
-            receive_shadow=False,
-        )
-
-    def _add_gizmo(self, name: str, color: str) -> Any:
+    def _add_gizmo(self, name: str) -> Any:
         """Add a robot that can be dragged, with its name above it."""
-        controls = self._server.scene.add_transform_controls(
+        scene = self._server.scene
+        controls = scene.add_transform_controls(
             f"/{name}",
-            scale=1.2 * self.size,
+            scale=1.2 * self._size,
             line_width=3.0,
-            active_axes=(True, True, self.stage.has_height),
+            active_axes=(True, True, self._has_height),
             disable_rotations=not self.poses.angles,
             depth_test=False,
         )
-        self._add_robot(f"/{name}", color)
-        above = (0.0, 0.0, self.stage.wall + 0.5 * self.size)
-        self._server.scene.add_label(f"/{name}/label", name, position=above)
+        self._add_mesh(f"/{name}/body", self._surface, ENDPOINT_COLORS[name])
+        above = (0.0, 0.0, self._wall + 0.5 * self._size)
+        scene.add_label(f"/{name}/label", name, position=above)
         return controls
-
-    def _add_robot(self, name: str, color: str) -> None:
-        """Add the robot to a node of the scene.
-
-        In the plane, a nose shows its heading, if it has one.
-        """
-        self._add_mesh(f"{name}/figure", self._surface, color)
-        if len(self.glyph.nose) and self.poses.angles:
-            above = np.full(3, 1.01 * self.stage.wall)
-            corners = np.column_stack([self.glyph.nose[:3], above])
-            triangle = np.array([[0, 1, 2]])
-            self._add_mesh(f"{name}/nose", (corners, triangle), ROBOT_EDGE_COLOR)
 
 
 class Poses:
@@ -351,25 +302,21 @@ class Poses:
         """Find out by which angles a robot of a dimension can rotate."""
         self.dim = dim
         self._rotations = rotations
-        q = np.array([*np.zeros(dim), *rotations._from_matrix(np.eye(3))])
-        # Steps between configurations have an entry for each degree of freedom.
-        degrees_of_freedom = rotations._steps_between(q, q).shape[-1] - dim
-        self._first_angle = len(ANGLES) - degrees_of_freedom  # a yaw is the last one
+        # A rotation has no number, its yaw, or a quaternion.
+        self._first_angle = {0: 3, 1: 2, 4: 0}[len(rotations.names)]
         self.angles = ANGLES[self._first_angle :]
 
     def dial_values(self, q: Floats) -> tuple[float, ...]:
         """Return the position, metres, and the :attr:`angles`, degrees."""
         degrees = Rotation.from_matrix(self._matrix(q)).as_euler("xyz", degrees=True)
-        angles = np.round(degrees[self._first_angle :], 6)
-        angles += 0.0  # no minus sign before zero
+        angles = np.round(degrees[self._first_angle :], 6) + 0.0  # no minus sign before zero
         return (*q[: self.dim].tolist(), *angles.tolist())
 
     def configuration_of(self, numbers: tuple[float, ...]) -> Floats:
         """Return the configuration with these :meth:`dial_values`."""
         degrees = np.zeros(3)
         degrees[self._first_angle :] = numbers[self.dim :]
-        matrix = Rotation.from_euler("xyz", degrees, degrees=True).as_matrix()
-        return np.array([*numbers[: self.dim], *self._rotations._from_matrix(matrix)])
+        return self._make_configuration(numbers, Rotation.from_euler("xyz", degrees, degrees=True))
 
     def pose(self, q: Floats) -> tuple[Floats, Floats]:
         """Return position and quaternion w, x, y, z of the robot in space."""
@@ -377,29 +324,15 @@ class Poses:
 
     def nearest_configuration(self, position: Floats, wxyz: Floats) -> Floats:
         """Return the configuration nearest to a pose in space."""
-        matrix = Rotation.from_quat(wxyz, scalar_first=True).as_matrix()
-        return np.array([*position[: self.dim], *self._rotations._from_matrix(matrix)])
+        return self._make_configuration(position, Rotation.from_quat(wxyz, scalar_first=True))
+
+    def _make_configuration(self, position: Any, rotation: Rotation) -> Floats:
+        """Return the configuration of a position, whose first numbers count, and a rotation."""
+        q = self._rotations._from_matrix(rotation.as_matrix())
+        return np.array([*position[: self.dim], *q])
 
     def _matrix(self, q: Floats) -> Floats:
         """Return the rotation of a configuration, shape (3, 3); in the plane about z."""
         matrix = np.eye(3)
         matrix[: self.dim, : self.dim] = self._rotations._rotation_matrices(q)
         return matrix
-
-
-def _choose_endpoints(space: Any, sampled: Any) -> dict[str, Floats]:
-    """Choose FREE configurations of ``sampled`` far apart, upright if possible, as start and goal.
-
-    Without a FREE cell, both are the center of the grid.
-    """
-    dim = space.grid.dim
-    upright = space.rotations._from_matrix(np.eye(3))
-    center = np.add(space.grid.lower, space.grid.upper) / 2
-    samples = sample_free_configurations(sampled, np.array([*center, *upright]))
-    # Prefer upright robots at the same positions, if any is free.
-    upright_samples = samples.copy()
-    upright_samples[:, dim:] = upright
-    is_free = np.asarray(sampled.is_free(upright_samples))
-    if is_free.any():
-        samples = upright_samples[is_free]
-    return farthest_pair(samples, samples[:, :dim])

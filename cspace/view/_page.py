@@ -11,32 +11,30 @@ import math
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
+from queue import Full, Queue
 from typing import TYPE_CHECKING, Any, Final, cast
 
 import numpy as np
 
 from cspace._support.arrays import Floats
 from cspace.errors import CspaceError, InputError
-from cspace.view._canvas import MARKS, Canvas
+from cspace.view._canvas import ENDPOINT_COLORS
 
 if TYPE_CHECKING:
     from viser import GuiApi, ViserServer
 
     from cspace.arms import PoseGoal
+    from cspace.view._arm_canvas import ArmCanvas
+    from cspace.view._map_canvas import MapCanvas
     from cspace.view._tool import ToolFrame
     from planners import Choices, Plan, Trajectory
 
 LOGGER: Final = logging.getLogger(__name__)
 
-PLAY_SECONDS: Final = 8.0
-"""Duration of playing a path without times, seconds."""
 FRAME_RATE: Final = 25.0
 """Number of frames per second when a path is played."""
-MAX_ACCELERATION: Final = 2.0
-"""Limit of the acceleration of joints, rad/s^2 and m/s^2."""
-MAX_VELOCITY: Final = 1.0
-"""Limit of the velocity of joints for which the URDF has none, rad/s and m/s."""
 AUTOMATIC: Final = "automatic"
 """Label of the default planner."""
 
@@ -49,7 +47,7 @@ class Panel:
     Parameters
     ----------
     gui : viser.GuiApi
-    canvas : Canvas
+    canvas : ArmCanvas or MapCanvas
     choices : planners.Choices
         Planners and drives.
     changed : callable
@@ -59,7 +57,7 @@ class Panel:
     ----------
     planner, drive : GuiDropdownHandle
     turning_radius, time_limit : GuiInputHandle of float
-        Metres, visible if the drive needs it; seconds.
+        Metres, for drives along curves; seconds.
     exact : GuiInputHandle of bool
         Check the exact geometry in MIXED cells.
     plan : GuiButtonHandle
@@ -69,28 +67,29 @@ class Panel:
         Position of the robot on the path, percent of its length, or of the duration of a
         trajectory.
     play : GuiButtonHandle
-    tool_frame : GuiDropdownHandle
-        Frame of an arm that users drag.
-    position_only : GuiInputHandle of bool
-        Drag the frame to a position, with any rotation.
     tool : GuiMarkdownHandle
         Whether the arm reaches the pose to which its frame was dragged.
     sliders : list of GuiSliderHandle of float
         Robot's coordinates, one for each of :attr:`Canvas.dials`.
     state : GuiMarkdownHandle
         State of the robot's configuration.
-    mark_robot : GuiButtonGroupHandle
+    set_endpoint : GuiButtonGroupHandle
         Set start or goal to the robot's configuration.
     shown : dict of str to GuiInputHandle
         Choices of what is drawn, by label.
     """
 
     def __init__(
-        self, gui: GuiApi, canvas: Canvas, choices: Choices, changed: Callable[[], None]
+        self,
+        gui: GuiApi,
+        canvas: ArmCanvas | MapCanvas,
+        choices: Choices,
+        changed: Callable[[], None],
     ) -> None:
         """Add all inputs and messages to a page, folder by folder."""
         self._gui = gui
         self._canvas = canvas
+        self._choices = choices
         gui.configure_theme(
             show_logo=False,
             show_share_button=False,
@@ -102,8 +101,8 @@ class Panel:
         with gui.add_folder("Plan"):
             self._add_plan_inputs(choices)
         if canvas.tool is not None:
-            with gui.add_folder("Tool"):
-                self._add_tool_inputs(canvas.tool)
+            with gui.add_folder(f"Tool: {canvas.tool.name}"):
+                self.tool = gui.add_markdown("Drag the frame: release it to plan there.")
         with gui.add_folder("Path"):
             self.share: Any = gui.add_slider("along it (%)", 0.0, 100.0, 0.1, 0.0)
             self.play = gui.add_button("Play")
@@ -113,11 +112,10 @@ class Panel:
                 for dial in canvas.dials
             ]
             self.state = gui.add_markdown("")
-            self.mark_robot = gui.add_button_group("make it the", tuple(canvas.endpoints))
+            self.set_endpoint = gui.add_button_group("make it the", tuple(canvas.endpoints))
         with gui.add_folder("Show"):
             self.shown = canvas.add_choices(gui, changed)
-            marks = [(color, name) for name, color in MARKS.items()]
-            gui.add_html(_make_legend_html([*canvas.legend, *marks]))
+            gui.add_html(_make_legend_html([*canvas.legend, *ENDPOINT_COLORS.items()]))
 
     def _add_plan_inputs(self, choices: Choices) -> None:
         """Add the inputs and messages of a search; ``choices`` are the planners and drives."""
@@ -132,7 +130,7 @@ class Panel:
             "drive", choices.drives, hint="How the robot moves.", visible=len(choices.drives) > 1
         )
         self.turning_radius = gui.add_number(
-            "turning radius (m)", 1.0, min=0.01, step=0.05, visible=False
+            "turning radius (m)", 1.0, min=0.01, step=0.05, visible=bool(choices.curves)
         )
         self.time_limit = gui.add_number("time limit (s)", 1.0, min=0.1, max=3600.0, step=0.5)
         self.exact = gui.add_checkbox(
@@ -145,36 +143,17 @@ class Panel:
         self.proof = gui.add_markdown("")
         self.answer = gui.add_markdown("")
 
-        def show_turning_radius(_: Any) -> None:
-            """Show the radius only for drives along curves."""
-            self.turning_radius.visible = self.drive.value in choices.curves
-
-        self.drive.on_update(show_turning_radius)
-
-    def _add_tool_inputs(self, tool: ToolFrame) -> None:
-        """Add the inputs and the message of the tool frame."""
-        gui = self._gui
-        self.tool_frame: Any = gui.add_dropdown(
-            "frame",
-            tool.frames,
-            initial_value=tool.name,
-            hint="Drag its axes and arcs in the scene.",
-        )
-        self.position_only: Any = gui.add_checkbox(
-            "position only", tool.position_only, hint="The frame may have any rotation."
-        )
-        self.tool = gui.add_markdown("Drag the frame: release it to plan there.")
-
     def read_options(self) -> dict[str, Any]:
         """Return the inputs of a search as options of :func:`planners.plan`."""
         planner = self.planner.value
-        radius = self.turning_radius
+        drive = self.drive.value
+        is_curved = drive in self._choices.curves
         return {
             "planner": None if planner == AUTOMATIC else planner,
             "time_limit": float(self.time_limit.value),
             "exact": bool(self.exact.value),
-            "drive": self.drive.value,
-            "turning_radius": float(radius.value) if radius.visible else None,
+            "drive": drive,
+            "turning_radius": float(self.turning_radius.value) if is_curved else None,
         }
 
     def show_robot(self, numbers: tuple[float, ...]) -> None:
@@ -190,17 +169,17 @@ class Page:
     ----------
     server : viser.ViserServer
     space : ConfigurationSpace
-    canvas : Canvas
+    canvas : ArmCanvas or MapCanvas
     path : ndarray of float64, shape (n, size)
         Path to show; n is 0 without a path.
-    source : planners.Plan or planners.Trajectory, optional
+    source : object
         Where the path is from. Trajectories, and plans of arms, are played at true speed.
 
     Attributes
     ----------
     panel : Panel
         Inputs and messages.
-    marks : dict of str to ndarray of float64, shape (size,)
+    endpoints : dict of str to ndarray of float64, shape (size,)
         Start and goal.
     plan : planners.Plan or None
         Result of the last search.
@@ -212,9 +191,9 @@ class Page:
         self,
         server: ViserServer,
         space: Any,
-        canvas: Canvas,
+        canvas: ArmCanvas | MapCanvas,
         path: Floats,
-        source: Plan | Trajectory | None = None,
+        source: object,
     ) -> None:
         """Add the panel, connect it to workers, and show the path and the robot at the start."""
         import planners
@@ -222,7 +201,7 @@ class Page:
         self._server = server
         self._space = space
         self._canvas = canvas
-        self.marks = dict(canvas.endpoints)
+        self.endpoints = dict(canvas.endpoints)
         self.plan: Plan | None = None
         self.trajectory: Trajectory | None = None
         self._path = path
@@ -239,7 +218,7 @@ class Page:
         self.panel = Panel(server.gui, canvas, planners.choices(space), self._shower.request)
         self._connect()
         for name, q in canvas.endpoints.items():
-            self.mark(name, q)
+            self.set_endpoint(name, q)
         self._show_path(path, source)
         self.move(canvas.endpoints["start"])
 
@@ -262,43 +241,18 @@ class Page:
                 self._playing.clear()
                 self.go(panel.share.value / 100.0)
 
-        for name in self.marks:
-            canvas.on_drag(name, partial(self._record_mark, name))
+        for name in self.endpoints:
+            canvas.on_drag(name, partial(self._record_endpoint, name))
         for slider in panel.sliders:
             slider.on_update(slide_robot)
         panel.share.on_update(slide_along_path)
         panel.plan.on_click(lambda _: self.search())
         panel.play.on_click(lambda _: self._play_or_stop())
-        panel.mark_robot.on_click(lambda event: self.mark(event.target.value, canvas.robot))
+        panel.set_endpoint.on_click(
+            lambda event: self.set_endpoint(event.target.value, canvas.robot)
+        )
         if canvas.tool is not None:
-            self._connect_tool(canvas.tool)
-
-    def _connect_tool(self, tool: ToolFrame) -> None:
-        """Connect the tool frame of an arm to actions."""
-        panel = self.panel
-
-        def drag(phase: str) -> None:
-            """Let the arm follow a drag, and plan at its end."""
-            if phase == "end":
-                self.release()
-            else:
-                self._follow_tool(tool)
-
-        def choose_frame(event: Any) -> None:
-            """Choose the frame to drag, and draw its path."""
-            tool.choose(event.target.value)
-            panel.position_only.value = tool.position_only
-            self._canvas.draw_path(self._path)
-            self._canvas.place(self._canvas.robot)
-
-        def choose_position_only(event: Any) -> None:
-            """Choose whether the rotation of the frame matters."""
-            tool.choose(tool.name, event.target.value)
-            self._canvas.place(self._canvas.robot)
-
-        tool.on_drag(drag)
-        panel.tool_frame.on_update(choose_frame)
-        panel.position_only.on_update(choose_position_only)
+            canvas.tool.on_drag(self._follow_tool, self.release)
 
     # ---- actions for programs --------------------------------------------------------------------
 
@@ -339,7 +293,7 @@ class Page:
             self._playing.clear()
             # A strayed arm stands where no plan has brought it, so its start stays.
             if not self._strays:
-                self.mark("start", self._canvas.robot)
+                self.set_endpoint("start", self._canvas.robot)
             no_path = np.empty((0, self._space.size))
             self._show_path(no_path)
             tool.is_held = True
@@ -354,14 +308,14 @@ class Page:
             self._goal = tool.goal
             self._planner.request()
 
-    def mark(self, name: str, q: Floats) -> None:
+    def set_endpoint(self, name: str, q: Floats) -> None:
         """Move the start or the goal to a configuration."""
-        self._canvas.mark(name, q)
-        self._record_mark(name, q)
+        self._canvas.set_endpoint(name, q)
+        self._record_endpoint(name, q)
 
-    def _record_mark(self, name: str, q: Floats) -> None:
+    def _record_endpoint(self, name: str, q: Floats) -> None:
         """Record a new start or goal."""
-        self.marks[name] = q
+        self.endpoints[name] = q
         self.panel.answer.content = ""  # it concerned other endpoints
         self._prover.request()
 
@@ -409,14 +363,16 @@ class Page:
 
     def _prove(self) -> None:
         """Show the proofs about start and goal."""
-        self.panel.proof.content = self._canvas.prove(self.marks["start"], self.marks["goal"])
+        self.panel.proof.content = self._canvas.prove(
+            self.endpoints["start"], self.endpoints["goal"]
+        )
 
     def _reach(self) -> None:
         """Move the arm to its dragged tool frame, and show the outcome."""
         problem = self._canvas.reach()
         q = self._canvas.robot
         self.panel.show_robot(self._canvas.dial_values(q))
-        self.mark("goal", q)
+        self.set_endpoint("goal", q)
         self.panel.tool.content = self._describe_reach(q, problem)
         self._shower.request()
 
@@ -436,12 +392,12 @@ class Page:
         pose = self._goal
         self._goal = None
         self._solver.wait()  # the arm has come to a pose before it is moved along the plan
-        goal = self.marks["goal"] if pose is None else pose
+        goal = self.endpoints["goal"] if pose is None else pose
         panel.answer.content = "Planning …"
         panel.plan.disabled = True
         try:
             options = panel.read_options()
-            self.plan = plan = planners.plan(self._space, self.marks["start"], goal, **options)
+            self.plan = plan = planners.plan(self._space, self.endpoints["start"], goal, **options)
         finally:
             panel.plan.disabled = False
         self._prover.request()
@@ -457,7 +413,7 @@ class Page:
         """Show a plan to a released tool frame from its end, unless users hold the frame again."""
         tool = self._canvas.tool
         if tool is not None and not tool.is_held:
-            self.mark("goal", plan.goal)
+            self.set_endpoint("goal", plan.goal)
             self._show_path(plan.path, plan)
             self.panel.share.value = 100.0
             self.go(1.0)
@@ -469,7 +425,7 @@ class Page:
         # Go on from the current place; at the end, begin again.
         at_end = panel.share.value >= 100.0
         share = 0.0 if at_end else panel.share.value / 100.0
-        seconds = PLAY_SECONDS
+        seconds = 8.0
         if self.trajectory is not None:
             seconds = max(self.trajectory.duration, 1.0 / FRAME_RATE)
         began = time.perf_counter() - share * seconds
@@ -483,7 +439,7 @@ class Page:
             self._playing.clear()
             panel.play.label = "Play"
 
-    def _show_path(self, path: Floats, source: Plan | Trajectory | None = None) -> None:
+    def _show_path(self, path: Floats, source: object = None) -> None:
         """Show a path, from its start."""
         self._playing.clear()
         self._path = path
@@ -501,13 +457,10 @@ class Page:
         is_arm = self._canvas.tool is not None
         if not hasattr(source, "trajectory") or not is_arm or not len(self._path):
             return None
-        # Joints without a limit in the URDF get one.
-        limits = self._space.max_velocity
-        unlimited = [joint for joint, limit in limits.items() if math.isinf(limit)]
-        max_velocity = dict.fromkeys(unlimited, MAX_VELOCITY)
-        motion: Trajectory = source.trajectory(
-            max_velocity=max_velocity, max_acceleration=MAX_ACCELERATION
-        )
+        # Joints without a limit in the URDF get one, rad/s and m/s.
+        limits = self._space.max_velocity.items()
+        max_velocity = {joint: 1.0 for joint, limit in limits if math.isinf(limit)}
+        motion: Trajectory = source.trajectory(max_velocity=max_velocity, max_acceleration=2.0)
         return motion
 
     def _report_error(self, error: Exception) -> None:
@@ -540,13 +493,13 @@ def _capitalize(text: str) -> str:
 
 
 def _make_legend_html(rows: list[tuple[str, str]]) -> str:
-    """Make a legend as HTML from rows of a colour and its meaning."""
+    """Make a legend as HTML from rows of a meaning and its colour."""
     square = (
         "display:inline-block;width:0.9em;height:0.9em;margin-right:0.5em;border:1px solid "
         "#777;background:"
     )
     items = []
-    for color, name in rows:
+    for name, color in rows:
         sample = f'<span style="{square}{color}"></span>'
         items.append(f'<div style="margin:0.15em 0">{sample}{html.escape(name)}</div>')
     return f'<div style="font-size:0.8em;padding:0.4em 0.8em">{"".join(items)}</div>'
@@ -561,47 +514,37 @@ class Worker:
 
     def __init__(self, task: Callable[[], None], report: Callable[[Exception], None]) -> None:
         """Start the thread, which waits for a request."""
-        self._task = task
-        self._report = report
-        self._changed = threading.Condition()
-        self._requested = False
-        self._busy = False
+        # One request waits at most, while the task runs.
+        self._requests: Queue[None] = Queue(1)
         self._open = True
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
+        threading.Thread(target=self._run, args=(task, report), daemon=True).start()
 
     def request(self) -> None:
         """Request a run, after the current one."""
-        with self._changed:
-            self._requested = True
-            self._changed.notify_all()
+        with suppress(Full):
+            self._requests.put_nowait(None)
 
     def wait(self, seconds: float | None = None) -> bool:
         """Wait until all requested runs are done; return False after a timeout."""
-        with self._changed:
-            return self._changed.wait_for(lambda: not (self._requested or self._busy), seconds)
+        requests = self._requests
+        with requests.all_tasks_done:
+            return requests.all_tasks_done.wait_for(lambda: not requests.unfinished_tasks, seconds)
 
     def close(self) -> None:
         """Stop the thread after the current run."""
-        with self._changed:
-            self._open = False
-            self._requested = False
-            self._changed.notify_all()
+        self._open = False
+        self.request()
 
-    def _run(self) -> None:
+    def _run(self, task: Callable[[], None], report: Callable[[Exception], None]) -> None:
         """Run the task whenever it was requested, until closed."""
         while True:
-            # Take a request, or wait for one; the task runs without the lock.
-            with self._changed:
-                self._busy = False
-                self._changed.notify_all()
-                self._changed.wait_for(lambda: self._requested or not self._open)
+            self._requests.get()
+            try:
                 if not self._open:
                     return
-                self._requested = False
-                self._busy = True
-            try:
-                self._task()
+                task()
             except Exception as error:  # the page must stay usable
                 if self._open:
-                    self._report(error)
+                    report(error)
+            finally:
+                self._requests.task_done()

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 from itertools import product
-from typing import Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from cspace._grid import Grid
 from cspace._raster.bitmaps import merge_into_rectangles
 from cspace._robot import Robot
-from cspace._support.arrays import Bools, Floats, Ints, Surface
+from cspace._space import CSpace
+from cspace._support.arrays import Bools, Floats, Ints, Surface, block_starts, reduce_blocks
 from cspace.plot._artists import (
     CLASSES,
     COLLIDES,
@@ -23,11 +24,16 @@ from cspace.plot._artists import (
     UNDECIDED,
     UNSEEN,
     Classes,
+    classify_cells,
+    classify_ground,
 )
-from cspace.plot._surface import FACE_CORNERS, SURFACES, UNKNOWN_SURFACE, exposed_cells
-from cspace.view._blocks import Blocks
+from cspace.plot._surface import SOLIDS, exposed_cells, make_faces
 
-Color = tuple[int, int, int]
+if TYPE_CHECKING:
+    from cspace._tiles.space import TiledCSpace
+
+MAX_BLOCKS: Final = 2**21
+"""Maximum number of blocks of a map, roughly."""
 
 
 class SolidKind(NamedTuple):
@@ -53,26 +59,17 @@ class SolidKind(NamedTuple):
     has_boundary: bool
 
 
+_IN_THE_WAY: Final = (UNDECIDED, COLLIDES, UNSEEN, OBSTACLE)
+
 KINDS: Final = {
-    "obstacles": SolidKind(*SURFACES["obstacles"], 1.0, (OBSTACLE,), False, True),
-    "unknown": SolidKind(*UNKNOWN_SURFACE, 1.0, (UNSEEN,), False, True),
-    "border": SolidKind(
-        "C-obstacle",
-        CLASSES[COLLIDES][1],
-        0.5,
-        (UNDECIDED, COLLIDES, UNSEEN, OBSTACLE),
-        True,
-        False,
-    ),
-    "mixed": SolidKind("undecided (MIXED)", CLASSES[UNDECIDED][1], 0.7, (UNDECIDED,), True, True),
+    "obstacles": SolidKind(*SOLIDS[OBSTACLE], 1.0, (OBSTACLE,), False, True),
+    "unknown": SolidKind(*SOLIDS[UNSEEN], 1.0, (UNSEEN,), False, True),
+    "border": SolidKind("C-obstacle", CLASSES[COLLIDES][1], 0.5, _IN_THE_WAY, True, False),
+    "mixed": SolidKind(*CLASSES[UNDECIDED], 0.7, (UNDECIDED,), True, True),
 }
 """Solids by name."""
 SECTION: Final = "section"
 """Name of the section: the cells cut by a height, or the ground of a plane map."""
-
-MIN_SECTION_PIXELS: Final = 1024
-"""Minimum number of pixels along the longer side of a section, so that the borders of cells are
-sharp."""
 
 
 class Section(NamedTuple):
@@ -84,121 +81,134 @@ class Section(NamedTuple):
         Red, green, blue and opacity, the top row first.
     lower, upper : ndarray of float64, shape (2,)
         Corners, metres.
-    height : float
-        Coordinate z, metres.
     """
 
     image: NDArray[np.uint8]
     lower: Floats
     upper: Floats
-    height: float
 
 
-class Stage:
-    """Geometry of the cells of a grid in space.
+class Cells:
+    """Solids and sections of the cells of a map; of a tiled map, of an overview.
 
-    Plane cells are low walls on the ground.
+    Cells are merged to blocks with the largest, most important class in each, few enough for a
+    browser. Those of a plane map are low walls on the ground.
 
     Parameters
     ----------
-    grid : Grid
+    space : CSpace or TiledCSpace
     wall : float
         Height of the walls, metres.
 
     Attributes
     ----------
+    drawn : CSpace
+        The map that is drawn.
+    side : int
+        Cells along each axis of a block; blocks at the upper border of the map may be smaller.
     lower, upper : ndarray of float64, shape (3,)
         Corners of the scene, metres.
+    make_blocks : callable
+        Return the classes of the blocks at a rotation cell, or those of the workspace if it is
+        None, shape (nx, ny, nz).
     """
 
-    def __init__(self, grid: Grid, wall: float) -> None:
-        """Give the cells of a grid three axes, and each class of cells a colour."""
-        self.grid = grid
-        self.has_height = grid.dim == 3
-        self.wall = wall
-        self.shape = np.ones(3, dtype=np.int64)
-        self.shape[: grid.dim] = grid.shape
-        self.lower = lift(grid.lower, 0.0)
+    def __init__(self, space: CSpace | TiledCSpace, wall: float) -> None:
+        """Choose the map to draw; blocks are made when they are first needed, and cached."""
+        self._space = space
+        self.make_blocks = lru_cache(24)(self._merge_cells)
+        self.invalidate()
+        grid = self.drawn.grid
+        self.side = math.ceil((grid.size / MAX_BLOCKS) ** (1.0 / grid.dim))
+        self._shape = np.ones(3, dtype=np.int64)
+        self._shape[: grid.dim] = grid.shape
         self._cell = lift([grid.spacing] * grid.dim, wall)
-        self.upper = self.lower + self._cell * self.shape
-        opaque = 255
-        self._colors = np.array([(*rgb(color), opaque) for _, color in CLASSES], dtype=np.uint8)
-        if self.has_height:
-            self._colors[: PARTLY + 1, 3] = 0  # free cells of a section are transparent
+        self.lower = lift(grid.lower, 0.0)
+        self.upper = self.lower + self._cell * self._shape
 
-    def make_solid(self, blocks: Blocks, kind: SolidKind, cut: float, lid: bool = True) -> Surface:
+    def invalidate(self) -> None:
+        """Clear the cache, because the map has changed."""
+        self.make_blocks.cache_clear()
+        if isinstance(self._space, CSpace):
+            self.drawn = self._space
+        else:
+            # An overview has at most about as many cells as the page has blocks.
+            grid = self._space.grid
+            share = (MAX_BLOCKS / grid.size) ** (1.0 / grid.dim)
+            self.drawn = self._space.overview(max(1, math.floor(share * max(grid.shape))))
+
+    def _merge_cells(self, cell: int | None) -> Classes:
+        """Merge the cells at a rotation cell to blocks; without one, those of the workspace."""
+        space = self.drawn
+        if cell is None:
+            classes = classify_ground(space.workspace)
+        else:
+            classes = classify_cells(space, space.rotations.centers[cell])
+        starts = block_starts(classes.shape, self.side)
+        return np.atleast_3d(reduce_blocks(classes, starts))
+
+    def make_solid(
+        self, cell: int | None, kind: SolidKind, cut: float, lid: bool = True
+    ) -> Surface:
         """Return the border of the blocks of a kind below the height ``cut``, metres.
 
         Without a ``lid``, the border is open at the cut, where a section closes it.
         """
-        solid = np.isin(self._classes_below(blocks, cut), kind.classes)
+        solid = np.isin(self._blocks_below(cell, cut), kind.classes)
         # Corners of rectangles in cells; the last blocks may reach beyond the map.
-        corners = blocks.side * extract_border(solid, kind.has_boundary, lid)
-        lattice = np.minimum(corners, self.shape).reshape(-1, 3)
+        corners = self.side * extract_border(solid, kind.has_boundary)
+        lattice = np.minimum(corners, self._shape).reshape(-1, 3)
         vertices = self.lower + self._cell * lattice
         vertices[:, 2] = np.minimum(vertices[:, 2], cut)
         # Each rectangle becomes two triangles.
         rectangles = np.arange(len(vertices)).reshape(-1, 4)
-        triangles = rectangles[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
-        return vertices, triangles
+        return vertices, rectangles[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
 
-    def make_section(self, blocks: Blocks, cut: float) -> Section:
+    def make_section(self, cell: int, cut: float) -> Section:
         """Return a picture of a horizontal cut through the map.
 
         In space, it shows the blocks at the height ``cut``, metres; in the plane, all blocks.
         """
-        highest = -1
-        layer = self._classes_below(blocks, cut)[..., highest]
+        *_, layer = np.moveaxis(self._blocks_below(cell, cut), 2, 0)
         lower = self.lower[:2]
-        size = self.grid.spacing * blocks.side * np.array(layer.shape)
-        upper = np.minimum(lower + size, self.upper[:2])
-        image = self._colors[layer]  # [x, y, channel]
+        size = self._cell[:2] * self.side * layer.shape
+        colors = np.array([(*rgb(color), 255) for _, color in CLASSES], dtype=np.uint8)
+        if self.drawn.grid.dim == 3:
+            colors[: PARTLY + 1, 3] = 0  # free cells of a section are transparent
         # Images are indexed [row, column], and their first row is the one with the largest y.
-        image = np.flipud(image.transpose(1, 0, 2))
+        image = np.flipud(colors[layer].transpose(1, 0, 2))
         # Browsers blur enlarged images, so each block gets several pixels along each side.
-        repeat = max(1, MIN_SECTION_PIXELS // max(layer.shape))
+        repeat = max(1, 1024 // max(layer.shape))
         image = image.repeat(repeat, axis=0).repeat(repeat, axis=1)
-        return Section(image, lower, upper, cut if self.has_height else 0.0)
+        return Section(image, lower, np.minimum(lower + size, self.upper[:2]))
 
-    def _classes_below(self, blocks: Blocks, cut: float) -> Classes:
+    def _blocks_below(self, cell: int | None, cut: float) -> Classes:
         """Return the classes of the blocks that begin below a height, shape (nx, ny, nz)."""
-        classes = np.atleast_3d(blocks.classes)
         height = min(cut, self.upper[2]) - self.lower[2]
-        cell_height = self._cell[2]
         # Rounding adds no layer, and at least one is drawn.
-        layers = math.ceil(height / cell_height / blocks.side - 1e-9)
-        return classes[..., : max(1, layers)]
+        layers = math.ceil(height / self._cell[2] / self.side - 1e-9)
+        return self.make_blocks(cell)[..., : max(1, layers)]
 
 
-def extract_border(solid: Bools, has_boundary: bool = True, lid: bool = True) -> Ints:
+def extract_border(solid: Bools, has_boundary: bool = True) -> Ints:
     """Return the border of solid cells as few rectangles, shape (n, 4, 3), in cells.
 
     Corners are counterclockwise seen from outside. Squares in a row are merged into a rectangle,
     and rows of equal length into a larger one. The mesh is for display only, because corners may
     lie inside edges of other rectangles.
 
-    Without ``has_boundary``, the border is open at the ends of the array; without ``lid``, only
-    above its top layer.
+    Without ``has_boundary``, the border is open at the ends of the array.
     """
     rectangles = []
     for axis, up in product(range(3), (0, 1)):
-        others = [other for other in range(3) if other != axis]
-        # Here and below, the axis of the normal comes first.
-        exposed = np.moveaxis(exposed_cells(solid, axis, up), axis, 0)
-        is_lid = axis == 2 and up == 1
-        if not has_boundary or (is_lid and not lid):
-            exposed[-1 if up else 0] = False
-        low, high = merge_into_rectangles(exposed)
-        sides = high - low
-        sides[:, 0] = 1
-        face = np.insert(FACE_CORNERS, 0, up, axis=1)
-        corners = low[:, np.newaxis] + sides[:, np.newaxis] * face
-        # The other axes turn counterclockwise around +x and +z, but around -y.
-        is_clockwise = (up == 1) == (axis == 1)
-        if is_clockwise:
-            corners = np.flip(corners, axis=1)
-        to_xyz = np.argsort([axis, *others])
-        rectangles.append(corners[..., to_xyz])
+        # The axis of the normal comes first, and each layer has rectangles of its own.
+        layers = np.moveaxis(exposed_cells(solid, axis, up), axis, 0)
+        if not has_boundary:
+            layers[-up] = False
+        low, high = merge_into_rectangles(layers)
+        high[:, 0] = low[:, 0] + 1
+        order = np.insert([1, 2], axis, 0)
+        rectangles.append(make_faces(low[:, order], high[:, order], axis, up))
     return np.concatenate(rectangles)
 
 
@@ -222,10 +232,10 @@ def make_robot_surface(robot: Robot, height: float) -> Surface:
 
 def lift(values: Sequence[float], third: float) -> Floats:
     """Return values along x and y with a third one along z; three values stay as they are."""
-    return np.array(values if len(values) == 3 else [*values, third])
+    return np.array([*values, third][:3])
 
 
-def rgb(color: str) -> Color:
+def rgb(color: str) -> tuple[int, int, int]:
     """Return red, green and blue, 0 to 255, e.g. of ``"#0072b2"``."""
     red, green, blue = bytes.fromhex(color[1:])
     return red, green, blue

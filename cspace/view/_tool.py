@@ -21,10 +21,7 @@ if TYPE_CHECKING:
     from viser import ViserServer
 
 MIN_POSE_JOINTS: Final = 6
-"""Number of joints that reach every pose nearby; if fewer move a frame, only its position is asked
-for at first."""
-MAX_POSE_CANDIDATES: Final = 8
-"""Number of configurations at a pose among which a FREE one is sought."""
+"""Number of joints that reach every pose nearby; if fewer move a frame, users drag its position."""
 
 
 class ToolFrame:
@@ -42,12 +39,10 @@ class ToolFrame:
 
     Attributes
     ----------
-    frames : tuple of str
-        Frames that a joint moves.
     name : str
-        The frame that users drag, one of :attr:`frames`.
+        The frame that users drag.
     position_only : bool
-        True if the rotation of the frame does not matter.
+        True if the rotation of the frame does not matter, because few joints move it.
     pose : ndarray of float64, shape (4, 4)
         Where the frame shall be, in the frame of the base.
     is_held : bool
@@ -68,17 +63,20 @@ class ToolFrame:
         self.is_held = False
         self.pose = np.eye(4)
         joint_counts = {frame: count_joints(arm, frame) for frame in arm.frames}
-        self.frames = tuple(frame for frame, count in joint_counts.items() if count)
+        moved = [frame for frame, count in joint_counts.items() if count]
         if name is None:
-            candidates = [frame for frame in self.frames if frame not in arm.carriers]
+            candidates = [frame for frame in moved if frame not in arm.carriers]
             # The last frame wins a tie.
-            self.name = max(reversed(candidates), key=joint_counts.__getitem__)
-        else:
-            self.name = check_known(name, "frame", self.frames)
+            name = max(reversed(candidates), key=joint_counts.__getitem__)
+        self.name = check_known(name, "frame", moved)
+        self.position_only = joint_counts[self.name] < MIN_POSE_JOINTS
         self._gizmo = server.scene.add_transform_controls(
-            "/tool", scale=size, line_width=3.0, depth_test=False
+            "/tool",
+            scale=size,
+            line_width=3.0,
+            depth_test=False,
+            disable_rotations=self.position_only,
         )
-        self.choose(self.name)
 
     @property
     def goal(self) -> PoseGoal:
@@ -88,17 +86,6 @@ class ToolFrame:
             metres, _ = goal.tolerance
             goal = PoseGoal(self.name, self.pose, (metres, math.inf))
         return goal
-
-    def choose(self, name: str, position_only: bool | None = None) -> None:
-        """Choose the frame that users drag.
-
-        By default only its position matters if fewer than six joints move it.
-        """
-        if position_only is None:
-            position_only = count_joints(self._space.arm, name) < MIN_POSE_JOINTS
-        self.name = name
-        self.position_only = position_only
-        self._gizmo.disable_rotations = self.position_only
 
     def follow(self, q: Floats) -> None:
         """Move the gizmo to the frame at a configuration, except during a drag."""
@@ -111,8 +98,8 @@ class ToolFrame:
         self._gizmo.position = pose[:3, 3]
         self._gizmo.wxyz = to_quaternion(pose)
 
-    def on_drag(self, dragged: Callable[[str], None]) -> None:
-        """Call ``dragged`` with "start", "update" or "end" when users drag the frame."""
+    def on_drag(self, moved: Callable[[ToolFrame], None], released: Callable[[], None]) -> None:
+        """Call ``moved`` while users drag the frame, and ``released`` at the end."""
 
         async def drag(event: Any) -> None:  # async keeps the order of phases
             """Take over the pose to which the axes were dragged."""
@@ -120,7 +107,10 @@ class ToolFrame:
             self.pose = np.eye(4)
             self.pose[:3, :3] = rotation.as_matrix()
             self.pose[:3, 3] = event.target.position
-            dragged(event.phase)
+            if event.phase == "end":
+                released()
+            else:
+                moved(self)
 
         self._gizmo.on_update(drag)
 
@@ -139,7 +129,7 @@ class ToolFrame:
         try:
             candidates = np.asarray(inverse(max_solutions=1))
             if not self._space.is_free(candidates[0]):
-                candidates = np.asarray(inverse(max_solutions=MAX_POSE_CANDIDATES))
+                candidates = np.asarray(inverse(max_solutions=8))
         except ConfigurationError as error:
             return np.array(error.nearest), str(error)
         first_free = np.argmax(self._space.is_free(candidates))  # 0 if none is free

@@ -16,7 +16,7 @@ from cspace._support.check import check_count
 from cspace._support.reporting import import_optional
 from cspace.arms import ArmSpace
 from cspace.errors import InputError
-from cspace.plot._route import HasAxes, check_path, collect_marks
+from cspace.plot._route import HasAxes, check_path, collect_endpoints
 from cspace.view._arm_canvas import ArmCanvas
 from cspace.view._map_canvas import MapCanvas
 
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from viser import ViserServer
 
     from cspace.plot._route import HasPath
-    from cspace.view._canvas import Canvas
     from planners import Plan
 
 
@@ -64,7 +63,7 @@ class Viewer:
         The server; programs may add to its scene.
     page : cspace.view._page.Page
         The actions of the page: move the robot, set start and goal, drag a tool, plan, play.
-    canvas : cspace.view._canvas.Canvas
+    canvas : ArmCanvas or MapCanvas
         The drawing.
     """
 
@@ -91,18 +90,16 @@ class Viewer:
                 "leave it out",
             )
         points = check_path(space, path)
-        marks = collect_marks(space, path, points, start, goal)
+        endpoints = collect_endpoints(space, path, points, start, goal)
         self.server = serve(host, port)
         self._closed = threading.Event()
         try:
-            self.canvas: Canvas
+            self.canvas: ArmCanvas | MapCanvas
             if is_arm:
-                self.canvas = ArmCanvas(space, self.server, points, marks, frame)
+                self.canvas = ArmCanvas(space, self.server, points, endpoints, frame)
             else:
-                self.canvas = MapCanvas(space, self.server, points, marks)
-            has_times = hasattr(path, "sample") or hasattr(path, "trajectory")
-            source: Any = path if has_times else None
-            self.page = Page(self.server, space, self.canvas, points, source)
+                self.canvas = MapCanvas(space, self.server, points, endpoints)
+            self.page = Page(self.server, space, self.canvas, points, path)
         except BaseException:
             stop(self.server)
             raise

@@ -8,12 +8,12 @@ from matplotlib.figure import Figure
 import cspace
 from cspace.errors import InputError
 from cspace.plot._arms import GHOST_COLOR
-from cspace.plot._artists import PATH_COLOR, ROBOT_FILL_COLOR
-from cspace.plot._surface import SURFACES
+from cspace.plot._artists import OBSTACLE, PATH_COLOR, ROBOT_FILL_COLOR
+from cspace.plot._surface import SOLIDS
 from tests.helpers.urdfs import planar, posed_box
 
 pytest.importorskip("yourdfpy")
-OBSTACLE_COLOR = SURFACES["obstacles"][1]
+_, OBSTACLE_COLOR = SOLIDS[OBSTACLE]
 
 
 @pytest.fixture(scope="module")
@@ -51,6 +51,13 @@ def test_links_and_obstacles_are_drawn_where_they_are(space):
         np.testing.assert_allclose(extents, [lower, upper], atol=1e-9)
     assert not len(collect_corners(ax, GHOST_COLOR))
     assert ax.get_figure().get_suptitle() == "small"
+
+
+def test_faces_that_look_away_have_the_shade_of_those_before_them(space):
+    (collection,) = space.plot().collections
+    shades = collection._facecolor3d[:, :3]
+    grey = shades[np.ptp(shades, axis=1) < 1e-9]
+    assert len(np.unique(grey[:, 0].round(6))) == 3  # the six faces of the block
 
 
 def test_a_path_is_drawn_as_pale_arms_and_a_line(space):

@@ -19,6 +19,7 @@ import cspace
 import planners
 from cspace import FREE, Robot, Workspace, build
 from cspace.plot import plot
+from cspace.plot._artists import OBSTACLE
 from tests.helpers.pictures import (
     COLORS,
     check_cells,
@@ -87,18 +88,17 @@ def collect_lines(ax):
     return {line.get_label(): line.get_xydata().tolist() for line in ax.lines}
 
 
-def test_edges_that_an_update_blocks_are_dashed():
+def test_a_path_that_an_update_blocks_is_dashed():
     wall = shapely.box(1.9, 0.0, 2.1, 1.6)
     workspace = Workspace.from_polygons([wall], 0.05, (0.0, 0.0, 4.0, 3.0))
     space = build(workspace, Robot.disc(0.2))
     plan = planners.plan(space, (0.5, 0.5), (3.5, 0.5), planner="Grid")
+    assert {"path", "start", "goal"} == set(collect_lines(plot(space, path=plan)))
+    other = build(workspace, Robot.disc(0.2))
     space.add_obstacle("cart", shapely.box(0.9, 0.7, 1.4, 1.2))
-    (lost_edges,) = np.nonzero(~plan.recheck())
-    assert 0 < len(lost_edges) < len(plan.waypoints) - 1
-    lost = np.array(collect_lines(plot(space, path=plan))["path, no longer proven free"])
-    drawn = lost[np.isfinite(lost).all(axis=1)]
-    np.testing.assert_array_equal(drawn[0], plan.waypoints[lost_edges[0]])
-    np.testing.assert_array_equal(drawn[-1], plan.waypoints[lost_edges[-1] + 1])
+    lost = collect_lines(plot(space, path=plan))["path, no longer proven free"]
+    np.testing.assert_array_equal(lost, plan.path)
+    assert "path" in collect_lines(plot(other, path=plan))  # which has no cart
 
 
 def collect_boxes(ax):
@@ -108,16 +108,19 @@ def collect_boxes(ax):
 
 
 def test_robots_are_drawn_along_the_path_and_turned(flat, turning):
-    path = [(1, 1), (1, 4), (7, 4)]
-    boxes = collect_boxes(plot(flat, path=path, robot_every=1.0))
-    between = [(1, 2), (1, 3), (1, 4), (2, 4), (3, 4), (4, 4), (5, 4), (6, 4)]
+    boxes = collect_boxes(plot(flat, path=[(1, 1), (1, 4), (7, 4)]))
+    upwards = [(1.0, 1.0 + 0.9 * k) for k in range(1, 4)]
+    between = [*upwards, *((1.6 + 0.9 * k, 4.0) for k in range(6))]
     expected = np.array([*between, (1, 1), (7, 4)])
     np.testing.assert_allclose(boxes, np.hstack([expected - 0.32, expected + 0.32]), atol=1e-9)
     # The reference point is 0.3 m behind the center; the robots at the endpoints come last.
-    path = [(2, 1, math.pi / 2), (2, 4, math.pi / 2)]
-    boxes = collect_boxes(plot(turning, path=path, robot_every=1.0))
+    ax = plot(turning, path=[(2, 1, math.pi / 2), (2, 4, math.pi / 2)])
     rows = [(1.8, y - 0.3, 2.2, y + 0.9) for y in (2.0, 3.0, 1.0, 4.0)]
-    np.testing.assert_allclose(boxes, rows, atol=1e-9)
+    np.testing.assert_allclose(collect_boxes(ax), rows, atol=1e-9)
+    # Arrows show the yaw.
+    arrows = ax.collections[1]
+    np.testing.assert_allclose(arrows.U, 0.0, atol=1e-9)
+    assert (arrows.V > 0.3).all()
 
 
 @pytest.mark.parametrize("shape", [(3000, 2000), (5000, 7)])
@@ -129,7 +132,7 @@ def test_no_obstacle_vanishes_from_a_picture_of_a_large_map(shape):
     (image,) = ax.images
     pixels = np.asarray(image.get_array())
     assert len(pixels) < ax.bbox.height + 7 and len(pixels[0]) < ax.bbox.width
-    (dark,) = np.argwhere((pixels == COLORS["obstacle"]).all(axis=-1))
+    (dark,) = np.argwhere(pixels == OBSTACLE)
     left, right, bottom, top = image.get_extent()
     size = np.array([right - left, top - bottom]) / pixels.shape[1::-1]
     corner = np.array([left, bottom]) + dark[::-1] * size

@@ -8,8 +8,6 @@ from cspace.plot import animate, plot, save_plot
 from tests.helpers.pictures import TURNING_PATH
 from tests.helpers.refusals import refusals
 
-SOLID = {"view": "3d"}
-
 
 @pytest.fixture(scope="module")
 def maps(flat, turning, hall):
@@ -33,7 +31,11 @@ def check_refusal(folder, message, draw, *arguments, **options):
     ("flat", {"cut": 1.0}, "cut is given with view plane; it needs view 3d"),
     ("flat", {"file": "map.xyz"}, "use one of .png, .pdf, .svg, .jpg"),
     ("turning", {"rotation": [0.0, 1.0]}, "rotation has shape (2,); a rotation is given by yaw"),
-    ("hall", {**SOLID, "surface": "walls"}, "surface is 'walls'; it must be 'obstacles' or 'free'"),
+    (
+        "hall",
+        {"view": "3d", "camera": (30, 120, 3)},
+        "camera is (30, 120, 3); it must be (elevation",
+    ),
 )
 def test_save_plot_refuses_invalid_options(maps, tmp_path, name, options, message):
     options = dict(options)

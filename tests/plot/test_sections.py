@@ -47,7 +47,7 @@ def test_path_and_robots_are_drawn_where_they_meet_sections(hall):
     """Draw the path faintly outside the robot's reach."""
     center = np.array([3.0, 1.2, 1.0])
     half = np.array([0.25, 0.2, 0.15])
-    ax = plot(hall, path=SECTION_PATH, center=center, robot_every=0.5)
+    ax = plot(hall, path=SECTION_PATH, center=center)
     shares = np.linspace(0.0, 1.0, 400)[:, None]
     steps = pairwise(SECTION_PATH)
     points = np.concatenate([start + shares * (end - start) for start, end in steps])

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 
 import cspace
 from cspace.plot._artists import OPEN, classify_cells
-from cspace.view import _blocks as blocks
-from cspace.view._blocks import Cells
+from cspace.view import _scene as scene
+from cspace.view._scene import Cells
 
 
 @pytest.fixture(
@@ -28,10 +26,11 @@ def parts(request):
 
 def reduce_by_brute_force(classes, side):
     """Return the largest class in each block."""
-    largest = np.empty([math.ceil(n / side) for n in classes.shape], dtype=np.uint8)
+    sides = np.broadcast_to(side, classes.ndim)
+    largest = np.empty(-(-np.array(classes.shape) // sides), dtype=np.uint8)
     for index in np.ndindex(largest.shape):
-        first = side * np.array(index)
-        largest[index] = classes[*map(slice, first, first + side)].max()
+        first = sides * np.array(index)
+        largest[index] = classes[*map(slice, first, first + sides)].max()
     return largest
 
 
@@ -39,31 +38,30 @@ def reduce_by_brute_force(classes, side):
 def test_blocks_show_the_largest_class_until_they_are_invalidated(parts, side, monkeypatch):
     workspace, robot, rotations = parts
     space = cspace.build(workspace, robot, rotations=rotations)
-    monkeypatch.setattr(blocks, "MAX_BLOCKS", space.grid.size // side**space.grid.dim + 1)
-    cells = Cells(space)
+    monkeypatch.setattr(scene, "MAX_BLOCKS", space.grid.size // side**space.grid.dim + 1)
+    cells = Cells(space, 1.0)
     last = len(space.rotations) - 1
     at_last = classify_cells(space, space.rotations.centers[last])
     for cell, classes in ((last, at_last), (None, 7 * workspace.outer)):
-        assert cells.make_blocks(cell).side == side
-        np.testing.assert_array_equal(
-            cells.make_blocks(cell).classes, reduce_by_brute_force(classes, side)
-        )
-    before = cells.make_blocks(last).classes
+        assert cells.side == side
+        expected = np.atleast_3d(reduce_by_brute_force(classes, side))
+        np.testing.assert_array_equal(cells.make_blocks(cell), expected)
+    before = cells.make_blocks(last)
     space.update(np.ones((1,) * space.grid.dim, dtype=bool), np.argwhere(at_last == OPEN)[0])
-    assert cells.make_blocks(last).classes is before
+    assert cells.make_blocks(last) is before
     cells.invalidate()
-    assert (cells.make_blocks(last).classes != before).any()
+    assert (cells.make_blocks(last) != before).any()
 
 
 def test_a_tiled_map_is_drawn_as_an_overview(parts, tmp_path, monkeypatch):
     workspace, robot, rotations = parts
     space = cspace.build(workspace, robot, rotations=rotations)
     tiled = cspace.build(workspace, robot, rotations=rotations, store=tmp_path / "m", tile=8)
-    exact = Cells(space).make_blocks(0).classes
-    np.testing.assert_array_equal(Cells(tiled).make_blocks(0).classes, exact)
-    monkeypatch.setattr(blocks, "MAX_BLOCKS", space.grid.size // 2**space.grid.dim)
-    coarse = Cells(tiled)
+    exact = Cells(space, 1.0).make_blocks(0)
+    np.testing.assert_array_equal(Cells(tiled, 1.0).make_blocks(0), exact)
+    monkeypatch.setattr(scene, "MAX_BLOCKS", space.grid.size // 2**space.grid.dim)
+    coarse = Cells(tiled, 1.0)
     side = round(coarse.drawn.grid.spacing / space.grid.spacing)
     assert side > 1
-    is_open = reduce_by_brute_force(exact, side) == OPEN
-    assert (coarse.make_blocks(0).classes[~is_open] != OPEN).all()
+    is_open = reduce_by_brute_force(exact, np.where(np.array(exact.shape) > 1, side, 1)) == OPEN
+    assert (coarse.make_blocks(0)[~is_open] != OPEN).all()

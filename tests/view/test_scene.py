@@ -15,9 +15,8 @@ from scipy.spatial.transform import Rotation
 import cspace
 from cspace._rotations import Rotations
 from cspace.plot._artists import CLASSES, OBSTACLE
-from cspace.view._blocks import Cells
 from cspace.view._map_canvas import Poses
-from cspace.view._scene import KINDS, Stage, extract_border, make_robot_surface, rgb
+from cspace.view._scene import KINDS, Cells, extract_border, make_robot_surface, rgb
 from tests.helpers.handmade import fill_boxes
 
 
@@ -33,7 +32,7 @@ def count_squares(rectangles, shape):
     return counts
 
 
-def find_squares(solid, has_boundary, lid):
+def find_squares(solid, has_boundary):
     """Find the unit squares between solid cells and others, one cell at a time."""
     counts = np.zeros((3, 2, *np.add(solid.shape, 1)), dtype=np.int64)
     for cell, axis, up in itertools.product(np.argwhere(solid), range(3), (0, 1)):
@@ -42,7 +41,7 @@ def find_squares(solid, has_boundary, lid):
         if 0 <= other[axis] < solid.shape[axis]:
             is_border = not solid[tuple(other)]
         else:
-            is_border = has_boundary and (lid or (axis, up) != (2, 1))
+            is_border = has_boundary
         cell = cell.copy()
         cell[axis] += up
         counts[axis, up, *cell] += is_border
@@ -53,12 +52,11 @@ def find_squares(solid, has_boundary, lid):
     seed=st.integers(0, 2**16),
     share=st.sampled_from([0.0, 0.3, 0.8, 1.0]),
     has_boundary=st.booleans(),
-    lid=st.booleans(),
 )
-def test_rectangles_cover_the_border_once(seed, share, has_boundary, lid):
+def test_rectangles_cover_the_border_once(seed, share, has_boundary):
     solid = np.random.default_rng(seed).random((5, 3, 4)) < share
-    actual = count_squares(extract_border(solid, has_boundary, lid), solid.shape)
-    np.testing.assert_array_equal(actual, find_squares(solid, has_boundary, lid))
+    actual = count_squares(extract_border(solid, has_boundary), solid.shape)
+    np.testing.assert_array_equal(actual, find_squares(solid, has_boundary))
 
 
 @pytest.mark.parametrize("cut", [0.6, 1.75, 4.5, 9.0])
@@ -66,13 +64,10 @@ def test_solids_end_at_the_cut(cut):
     occupied = fill_boxes((12, 10, 8), np.s_[:, :, 0], np.s_[3, 4:6, :])
     workspace = cspace.Workspace.from_array(occupied, 0.5, lower=(-1.0, 2.0, 0.5))
     room = cspace.build(workspace, cspace.Robot.ball(0.4))
-    stage = Stage(room.grid, 1.0)
-    blocks = Cells(room).make_blocks(None)
-    mesh = trimesh.Trimesh(*stage.make_solid(blocks, KINDS["obstacles"], cut))
+    mesh = trimesh.Trimesh(*Cells(room, 1.0).make_solid(None, KINDS["obstacles"], cut))
     assert mesh.bounds[1, 2] == pytest.approx(min(cut, 4.5))
     heights = np.clip((cut - 0.5) / 0.5 - np.arange(8), 0.0, 1.0)
     assert mesh.volume == pytest.approx(0.5**3 * (occupied * heights).sum())
-    assert stage.make_section(blocks, cut).height == cut
 
 
 def read_pixel(section, x, y):
@@ -87,18 +82,15 @@ def test_sections_show_cells_at_their_positions():
     occupied = fill_boxes((9, 6, 4), np.s_[7, 1, 2])
     flat = cspace.Workspace.from_array(occupied[:, :, 2], 0.1)
     space = cspace.build(flat, cspace.Robot.disc(0.05))
-    section = Stage(space.grid, 0.2).make_section(Cells(space).make_blocks(0), 0.2)
-    assert section.height == 0.0
+    section = Cells(space, 0.2).make_section(0, 0.2)
     assert read_pixel(section, 0.75, 0.15) == obstacle
     assert read_pixel(section, 0.15, 0.45) == (255, 255, 255, 255)
     high = cspace.Workspace.from_array(occupied, 0.1)
     space = cspace.build(high, cspace.Robot.ball(0.05), outside="free")
-    stage = Stage(space.grid, 0.2)
-    blocks = Cells(space).make_blocks(0)
-    assert read_pixel(stage.make_section(blocks, 0.25), 0.75, 0.15) == obstacle
-    assert (
-        read_pixel(stage.make_section(blocks, 0.05), 0.75, 0.15)[3] == 0
-    )  # free cells are transparent
+    cells = Cells(space, 0.2)
+    assert read_pixel(cells.make_section(0, 0.25), 0.75, 0.15) == obstacle
+    *_, opacity = read_pixel(cells.make_section(0, 0.05), 0.75, 0.15)
+    assert opacity == 0  # free cells are transparent
 
 
 def test_a_plane_robot_becomes_a_slab():

@@ -58,6 +58,8 @@ def test_unknown_cells_are_obstacles_of_the_page_only_if_they_are_occupied(taken
     space = cspace.build(workspace, cspace.Robot.disc(0.1))
     with space.view(block=False, port=0) as viewer:
         assert ("unknown" in viewer.canvas.kinds) != taken_as_free
+        labels = [label for label, _ in viewer.canvas.legend if "unknown" in label]
+        assert labels == [f"unknown, taken as {'free' if taken_as_free else 'obstacle'}"]
 
 
 def test_the_scene_follows_the_robot_and_the_choices(viewed):
@@ -87,7 +89,7 @@ def test_the_scene_follows_the_robot_and_the_choices(viewed):
 def test_a_page_shows_plans_proofs_and_errors(viewed):
     _, space, viewer = viewed
     page = viewer.page
-    goal = page.marks["goal"]
+    goal = page.endpoints["goal"]
     page.search()
     assert page.wait(60.0)
     assert page.panel.proof.content == "**A path exists: proven.**"
@@ -97,7 +99,7 @@ def test_a_page_shows_plans_proofs_and_errors(viewed):
     page.go(1.0)
     steps = space.rotations._steps_between(viewer.canvas.robot, goal)
     np.testing.assert_allclose(steps, 0.0, atol=1e-6)
-    page.mark("goal", np.array([1e3, *goal[1:]]))
+    page.set_endpoint("goal", np.array([1e3, *goal[1:]]))
     page.search()
     assert page.wait(60.0)
     assert "lies outside the map" in page.panel.answer.content
@@ -176,7 +178,7 @@ def test_the_command_opens_a_page(tmp_path, monkeypatch, capfd):
     assert seen[0].url.startswith("http://127.0.0.1:")
     assert printed.stdout == f"{seen[0].url}  Ctrl-C closes it\n"
     assert "viser" not in "".join(capfd.readouterr())
-    np.testing.assert_allclose(seen[0].page.marks["goal"], (1.75, 0.5))
+    np.testing.assert_allclose(seen[0].page.endpoints["goal"], (1.75, 0.5))
 
 
 # ---- refusals ------------------------------------------------------------------------------------
