@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 import threading
 from collections.abc import Callable, Sequence
@@ -706,17 +705,25 @@ class CSpace(ConfigurationMap):
         of a move is multiplied by those of its cells, and ``cost`` is that of an edge.
         """
         from cspace._queries.guide import NO_FACTORS
-        from cspace._queries.paths import in_time, pulled_straight, waypoints
-        from cspace._queries.search import find_chain
+        from cspace._queries.paths import (
+            are_free,
+            in_time,
+            pull_taut_in_plane,
+            pulled_straight,
+            waypoints,
+        )
+        from cspace._queries.search import WEIGHT, WEIGHT_OF_TAUT_PATHS, find_chain
 
         # If components are known already, they save a search that cannot succeed.
-        if self.is_labelled and not self.is_connected(*endpoints):
+        start, goal = map(tuple, endpoints.tolist())
+        if self.is_labelled and not self.is_connected(start, goal):
             return self._no_path()
         rotations = self.rotations
         turns = rotations._neighbors, self._turn_costs
         until = clock() + seconds
         first, last = self._cells_of(endpoints)
         factors = NO_FACTORS if factors is None else factors
+        is_pulled_taut = straight and cost is None and self.size == 2
         cells = find_chain(
             self._seen,
             self._slice_of,
@@ -725,29 +732,28 @@ class CSpace(ConfigurationMap):
             last,
             until,
             factors,
-            lambda: bool(self.is_connected(*endpoints)),
+            lambda: self.is_connected(start, goal),
+            WEIGHT_OF_TAUT_PATHS if is_pulled_taut else WEIGHT,
         )
         if not len(cells):
             return self._no_path()
         path = waypoints(self.grid, rotations, endpoints, cells)
+        check = self.edge_checker()
+        if is_pulled_taut:
+            taut = pull_taut_in_plane(self._seen[0], self.grid, path, check)
+            if len(taut):
+                return taut
         start_rotation, goal_rotation = endpoints[:, self.grid.dim :]
         rotation_cells = cells[:, 0]
         stays_in_cell = (rotation_cells == rotation_cells[0]).all()
-        check = self.edge_checker()
-
-        def is_free(path: Floats) -> bool:
-            """Return True if all edges of a path are FREE."""
-            edges = itertools.pairwise(path.tolist())
-            return all(check(*start, *end) for start, end in edges)
-
         if stays_in_cell and (start_rotation == goal_rotation).all():
             # Do not turn to the center of the rotation cell and back, unless the rotation is on the
             # border of a rotation cell that is not FREE.
             still = path.copy()
             still[:, self.grid.dim :] = start_rotation
-            path = still if is_free(still) else path
+            path = still if are_free(still, check) else path
         # Only the edges to the first and from the last center may fail, beside cells not FREE.
-        if not is_free(path):
+        if not are_free(path, check):
             return self._no_path()
         if not straight:
             return path

@@ -391,9 +391,21 @@ MUTANTS = (
     ),
     Mutant(
         "cspace/_queries/guide.py",
-        "v = j - directions.moves[direction, move, 1]",
-        "v = j + directions.moves[direction, move, 1]",
+        "v -= directions.moves[direction, option, 1]",
+        "v += directions.moves[direction, option, 1]",
         "tests/queries/test_guide.py",
+    ),
+    Mutant(
+        "cspace/_queries/taut.py",
+        "kept.pop()",
+        "kept.append(number)",
+        "tests/queries/test_taut.py",
+    ),
+    Mutant(
+        "cspace/_queries/taut.py",
+        "while len(own) == 1 and len(other) > 1 and side",
+        "while len(own) == 1 and len(other) > 2 and side",
+        "tests/queries/test_taut.py",
     ),
     Mutant(
         "cspace/_queries/guide.py",

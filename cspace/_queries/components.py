@@ -8,6 +8,7 @@ neighbouring rotation cells are joined where their runs overlap.
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,9 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cspace._queries.callbacks import bind_kernel
 from cspace._support.arrays import FREE, MIXED, Bools, Ints, States
-from cspace._support.compiling import inlined, kernel
+from cspace._support.compiling import kernel
 from cspace._support.threads import cores, in_threads
 
 
@@ -126,32 +126,6 @@ class Runs(NamedTuple):
         )
 
 
-class NodeTable(NamedTuple):
-    """Nodes of runs at all rotation cells, for kernels.
-
-    Attributes
-    ----------
-    runs : Runs
-        Labelled runs of all slices, in the order of their cells.
-    first_of_line : ndarray of int64, shape (lines + 1,)
-        First run of each line of cells along the last axis.
-    slice_of : ndarray of int64, shape (rotations,)
-    first_node : ndarray of int64, shape (rotations,)
-        Node of label 0 at each rotation cell, as if the rotation cell had all labels.
-    components : ndarray of int64, shape (nodes,)
-        Component of each node.
-    cells_of_slice, cells_of_line : int
-    """
-
-    runs: Runs
-    first_of_line: Ints
-    slice_of: Ints
-    first_node: Ints
-    components: Ints
-    cells_of_slice: int
-    cells_of_line: int
-
-
 @dataclass(frozen=True)
 class JoinedCells:
     """Cells of one kind with their components.
@@ -160,14 +134,23 @@ class JoinedCells:
     ----------
     shape : tuple of int
         Slices, and cells along each axis.
-    table : NodeTable
+    runs : Runs
+        Labelled runs of all slices, in the order of their cells.
+    slice_of : ndarray of int64, shape (rotations,)
+    first_node : ndarray of int64, shape (rotations,)
+        Node of label 0 at each rotation cell, as if the rotation cell had all labels.
+    components : ndarray of int64, shape (nodes,)
+        Component of each node.
     outside : ndarray of int64, shape (rotations,)
         Component of all space outside the grid at each rotation cell, or -1.
     label_of_node : ndarray of int64, shape (nodes,)
     """
 
     shape: tuple[int, ...]
-    table: NodeTable
+    runs: Runs
+    slice_of: Ints
+    first_node: Ints
+    components: Ints
     outside: Ints
     label_of_node: Ints
 
@@ -214,21 +197,43 @@ class JoinedCells:
             join_nodes(nodes, np.full_like(nodes, outside[rotation]), parents)
         components, components_outside = np.split(number_components(parents), [number_of_nodes])
         components_outside[~is_open] = -1
-        lines = np.arange(math.prod(shape[:-1]) + 1)
-        first_of_line = np.searchsorted(runs.starts, shape[-1] * lines)
-        table = NodeTable(runs, first_of_line, slice_of, first_node, components, size, shape[-1])
         label_of_node = np.arange(number_of_nodes) - np.repeat(first_node, label_counts)
-        return cls(shape, table, components_outside, label_of_node)
+        return cls(shape, runs, slice_of, first_node, components, components_outside, label_of_node)
 
     @cached_property
     def count(self) -> int:
         """Number above all components."""
-        return int(max(self.table.components.max(initial=-1), self.outside.max(initial=-1))) + 1
+        return int(max(self.components.max(initial=-1), self.outside.max(initial=-1))) + 1
 
     @cached_property
     def component_at(self) -> Callable[[int], int]:
         """Look-up of the component of a cell by its index over all rotation cells; -1 without."""
-        return bind_kernel(component_at, (self.table,), 0)
+        *lines, cells_of_line = self.shape
+        cells_of_slice = math.prod(self.shape[1:])
+        first_cells = cells_of_line * np.arange(math.prod(lines) + 1)
+        # Entries of views are plain integers, several times faster than those of arrays.
+        first_runs = np.searchsorted(self.runs.starts, first_cells).data
+        starts = self.runs.starts.data
+        stops = self.runs.stops.data
+        labels = self.runs.labels.data
+        slice_of = self.slice_of.data
+        first_node = self.first_node.data
+        components = self.components.data
+
+        def look_up(place: int) -> int:
+            """Return the component of a cell, or -1."""
+            rotation, position = divmod(place, cells_of_slice)
+            cell = slice_of[rotation] * cells_of_slice + position
+            line = cell // cells_of_line
+            end = first_runs[line + 1]
+            # The first run of the line that stops after the cell.
+            run = bisect_right(stops, cell, first_runs[line], end)
+            if run == end or starts[run] > cell:
+                return -1
+            component: int = components[first_node[rotation] + labels[run]]
+            return component
+
+        return look_up
 
     def component_of(self, cells: Ints) -> Ints:
         """Return the component of each cell ``(rotation, x, ...)``; -1 without one."""
@@ -239,21 +244,20 @@ class JoinedCells:
         components = np.array(self.outside[rotations])
         components[is_inside] = -1
         # Find the first run that stops after each cell of the grid.
-        table = self.table
-        coordinates = (table.slice_of[rotations], *np.moveaxis(positions, -1, 0))
+        coordinates = (self.slice_of[rotations], *np.moveaxis(positions, -1, 0))
         places = np.ravel_multi_index(coordinates, self.shape, mode="clip")
-        runs = np.searchsorted(table.runs.stops, places, side="right")
-        starts = np.append(table.runs.starts, math.prod(self.shape))  # after the last run, no cell
+        runs = np.searchsorted(self.runs.stops, places, side="right")
+        starts = np.append(self.runs.starts, math.prod(self.shape))  # after the last run, no cell
         is_member = is_inside & (starts[runs] <= places)
-        nodes = table.first_node[rotations[is_member]] + table.runs.labels[runs[is_member]]
-        components[is_member] = table.components[nodes]
+        nodes = self.first_node[rotations[is_member]] + self.runs.labels[runs[is_member]]
+        components[is_member] = self.components[nodes]
         return components
 
     @cached_property
     def boxes(self) -> Ints:
         """First and last cell of each component, shape (components, 2, d)."""
         # Find the box of each label.
-        runs = self.table.runs
+        runs = self.runs
         dim = len(self.shape) - 1
         number_of_labels = int(runs.labels.max(initial=-1)) + 1
         label_low = np.full((number_of_labels, dim), max(self.shape))
@@ -264,8 +268,8 @@ class JoinedCells:
         # The box of a component contains the boxes of its labels at all rotation cells.
         lowest = np.full((self.count, dim), max(self.shape))
         highest = np.full((self.count, dim), -1)
-        np.minimum.at(lowest, self.table.components, label_low[self.label_of_node])
-        np.maximum.at(highest, self.table.components, label_high[self.label_of_node])
+        np.minimum.at(lowest, self.components, label_low[self.label_of_node])
+        np.maximum.at(highest, self.components, label_high[self.label_of_node])
         return np.stack([lowest, highest], axis=1)
 
 
@@ -279,12 +283,14 @@ def list_runs(states: States, highest: int) -> Runs:
 
     def list_slice(number: int) -> Ints:
         """Return the starts and stops of a slice's runs, shape (2, n)."""
-        # Every other cell may be a run of its own.
-        capacity = rows.shape[1] * (-(-shape[-1] // 2))
-        borders = np.empty((2, capacity), dtype=np.int64)
-        count = find_runs(rows[number], highest, borders)
-        slice_borders: Ints = borders[:, :count] + number * rows[number].size
-        return slice_borders
+        lines, length = rows[number].shape
+        # One cell that is no member precedes and follows each line.
+        is_member = np.zeros(1 + lines * (length + 1), dtype=np.bool_)
+        members = is_member[1:].reshape(lines, length + 1)[:, :length]
+        np.less_equal(rows[number], highest, out=members)
+        borders = np.flatnonzero(is_member[1:] != is_member[:-1]).reshape(-1, 2).T
+        first_cell: Ints = number * lines * length - borders[0] // (length + 1)
+        return borders + first_cell
 
     parts = in_threads(list_slice, range(number_of_slices), cores())
     starts, stops = np.concatenate([np.empty((2, 0), dtype=np.int64), *parts], axis=1)
@@ -339,33 +345,19 @@ def touch_border(runs: Runs, shape: tuple[int, ...]) -> Bools:
     return np.asarray(((low == 0) | is_last).any(axis=1))
 
 
-@kernel
-def find_runs(rows: States, highest: int, borders: Ints) -> int:
-    """Write the starts and stops of runs to ``borders``, shape (2, n); return their number.
-
-    ``rows``, shape (lines, cells), are the states of a slice.
-    """
-    lines, length = rows.shape
-    count = 0
-    for line in range(lines):
-        is_member = False
-        for k in range(length):
-            if (rows[line, k] <= highest) != is_member:
-                is_member = not is_member
-                if is_member:
-                    borders[0, count] = line * length + k
-                else:
-                    borders[1, count] = line * length + k
-                    count += 1
-        if is_member:
-            borders[1, count] = (line + 1) * length
-            count += 1
-    return count
+def join_nodes(first: Ints, second: Ints, parents: Ints) -> None:
+    """Join pairs of nodes."""
+    places = np.arange(len(first))
+    join_overlaps(Runs(places, places + 1, first), Runs(places, places + 1, second), parents)
 
 
 @kernel
 def join_overlaps(first: Runs, second: Runs, parents: Ints) -> None:
-    """Join the nodes of runs that have a common cell; the runs of each record are in order."""
+    """Join the nodes of runs that have a common cell; the runs of each record are in order.
+
+    The parent of a node is never above it. Two trees are joined on the way to their roots, whose
+    nodes change trees, by M. Rem's algorithm (E. Dijkstra, "A discipline of programming", 1976).
+    """
     next_of_second = 0
     for i in range(len(first.starts)):
         # Skip runs that end before this one, and thus before all later ones.
@@ -374,53 +366,13 @@ def join_overlaps(first: Runs, second: Runs, parents: Ints) -> None:
             next_of_second += 1
         k = next_of_second
         while k < len(second.starts) and second.starts[k] < first.stops[i]:
-            join(first.labels[i], second.labels[k], parents)
+            a = first.labels[i]
+            b = second.labels[k]
+            while parents[a] != parents[b]:
+                if parents[a] < parents[b]:
+                    a, b = b, a
+                # The parent of a is above that of b, which takes its place.
+                above = parents[a]
+                parents[a] = parents[b]
+                a = above
             k += 1
-
-
-@kernel
-def join_nodes(first: Ints, second: Ints, parents: Ints) -> None:
-    """Join pairs of nodes."""
-    for i in range(len(first)):
-        join(first[i], second[i], parents)
-
-
-@inlined
-def join(first: int, second: int, parents: Ints) -> None:
-    """Join the trees of two nodes; the lower root becomes the root of both."""
-    a = find_root(first, parents)
-    b = find_root(second, parents)
-    if a < b:
-        parents[b] = a
-    else:
-        parents[a] = b
-
-
-@inlined
-def find_root(node: int, parents: Ints) -> int:
-    """Return the root of a node's tree, and shorten the way to it."""
-    while parents[node] != node:
-        parents[node] = parents[parents[node]]
-        node = parents[node]
-    return node
-
-
-@kernel
-def component_at(table: NodeTable, place: int) -> int:
-    """Return the component of a cell, given by its index over all rotation cells, or -1."""
-    rotation, position = divmod(place, table.cells_of_slice)
-    cell = table.slice_of[rotation] * table.cells_of_slice + position
-    line = cell // table.cells_of_line
-    # Find the first run of the line that stops after the cell.
-    low = table.first_of_line[line]
-    end = table.first_of_line[line + 1]
-    high = end
-    while low < high:
-        middle = (low + high) // 2
-        if table.runs.stops[middle] <= cell:
-            low = middle + 1
-        else:
-            high = middle
-    if low == end or table.runs.starts[low] > cell:
-        return -1
-    return int(table.components[table.first_node[rotation] + table.runs.labels[low]])

@@ -252,20 +252,20 @@ def pop_best(estimate: Estimate, progress: Progress) -> int:
     nx, ny, nz = estimate.shape
     while progress.length[0] > 0:
         node: int = progress.queue[0]
-        if progress.closed[node]:
-            pop_first(progress)
-            continue
         w = node % nz
         v = node // nz % ny
         u = node // (nz * ny) % nx
         rotation = node // (nz * ny * nx)
-        if not is_known(estimate, 0, u, v, w):
+        is_closed = progress.closed[node]
+        if not is_closed and not is_known(estimate, 0, u, v, w):
             return UNKNOWN
+        former_key = progress.keys[0]
+        pop_first(progress)
+        if is_closed:
+            continue
         # The guide may have reached the block since the node was queued.
         key = expected_cost(estimate, progress, node, rotation, u, v, w)
-        is_outdated = key > progress.keys[0]
-        pop_first(progress)
-        if not is_outdated:
+        if key <= former_key:
             return node
         push(progress, key, node)
     return NO_NODE
@@ -374,11 +374,10 @@ def push(progress: Progress, key: float, cell: int) -> None:
 
 
 @internal
-def pop_first(progress: Progress) -> int:
-    """Remove the cell of the lowest key from the heap, and return it."""
+def pop_first(progress: Progress) -> None:
+    """Remove the cell of the lowest key from the heap."""
     keys = progress.keys
     queue = progress.queue
-    first: int = queue[0]
     progress.length[0] -= 1
     count = progress.length[0]
     # The last entry sinks from the root.
@@ -397,4 +396,3 @@ def pop_first(progress: Progress) -> int:
         child = 2 * position + 1
     keys[position] = key
     queue[position] = cell
-    return first

@@ -349,27 +349,28 @@ def expand_blocks(
         j = state // nz % ny
         i = state // (nz * ny) % nx
         direction = state // (nz * ny * nx)
-        # The search runs backwards: the robot makes each move from the block behind to this one.
-        for move in range(n_moves):
-            u = i - directions.moves[direction, move, 0]
-            v = j - directions.moves[direction, move, 1]
-            w = k - directions.moves[direction, move, 2]
-            if 0 <= u < nx and 0 <= v < ny and 0 <= w < nz:
-                price = price_of(blocks, directions.slices, direction, u, v, w)
-                cost = price * directions.move_costs[direction, move]
-                reached = ((direction * nx + u) * ny + v) * nz + w
-                is_useful = is_cheaper(progress, reached, progress.cost[state] + cost)
-                if is_useful and has_one_rotation:
-                    number = directions.slices[direction, 0]
-                    is_useful = are_joined(blocks, number, (i, j, k), (u, v, w))
-                if is_useful:
-                    reach_cell(to_start, progress, state, direction, u, v, w, cost)
-        for turn in range(n_turns):
-            other = directions.neighbors[direction, turn]
-            price = price_of(blocks, directions.slices, other, i, j, k)
-            if price < math.inf:
-                cost = price * directions.turn_costs[direction, turn] / blocks.side
-                reach_cell(to_start, progress, state, other, i, j, k, cost)
+        for option in range(n_moves + n_turns):
+            other, u, v, w = direction, i, j, k
+            if option < n_moves:
+                # The search runs backwards: the robot moves from the block behind to this one.
+                u -= directions.moves[direction, option, 0]
+                v -= directions.moves[direction, option, 1]
+                w -= directions.moves[direction, option, 2]
+                length = directions.move_costs[direction, option]
+                if not (0 <= u < nx and 0 <= v < ny and 0 <= w < nz):
+                    continue
+            else:
+                other = directions.neighbors[direction, option - n_moves]
+                length = directions.turn_costs[direction, option - n_moves] / blocks.side
+            cost = length * price_of(blocks, directions.slices, other, u, v, w)
+            reached = ((other * nx + u) * ny + v) * nz + w
+            if not is_cheaper(progress, reached, progress.cost[state] + cost):
+                continue
+            if has_one_rotation and option < n_moves:
+                number = directions.slices[direction, 0]
+                if not are_joined(blocks, number, (i, j, k), (u, v, w)):
+                    continue
+            reach_cell(to_start, progress, state, other, u, v, w, cost)
     return GOES_ON
 
 

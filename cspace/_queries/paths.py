@@ -10,9 +10,10 @@ from typing import Final
 import numpy as np
 
 from cspace._grid import Grid
+from cspace._queries.taut import pull_taut
 from cspace._rotations import Rotations
 from cspace._rotations.base import METRES_PER_RADIAN, wrapped
-from cspace._support.arrays import Floats, Ints
+from cspace._support.arrays import Floats, Ints, States
 from cspace._support.compiling import clock
 
 Check = Callable[..., bool]
@@ -74,6 +75,32 @@ def pulled_straight(
         if total > (1.0 - MIN_GAIN_SHARE) * before:
             break
     return np.ascontiguousarray(path)
+
+
+def pull_taut_in_plane(states: States, grid: Grid, path: Floats, check: Check) -> Floats:
+    """Return a short path along a chain of cells; without rows if an edge fails ``check``.
+
+    ``states``, shape (nx, ny), are those of the cells, and ``path`` has shape (n, 2).
+    """
+    ends = path[[0, -1]]
+    taut = path[:0]
+    is_shorter = True
+    while is_shorter:
+        cells = pull_taut(states, (path - grid.lower) / grid.spacing)
+        path = np.asarray(grid.lower) + grid.spacing * cells
+        path[[0, -1]] = ends
+        if not are_free(path, check):
+            break
+        taut = path
+        # An edge may pass obstacles on another side.
+        path = _skip_points_both_ways(taut, check)
+        is_shorter = len(path) < len(taut)
+    return taut
+
+
+def are_free(path: Floats, check: Check) -> bool:
+    """Return True if all edges of a path pass ``check``."""
+    return all(check(*start, *end) for start, end in itertools.pairwise(path.tolist()))
 
 
 def edge_costs(path: Floats, cost: Cost) -> Floats:

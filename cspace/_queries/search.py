@@ -59,6 +59,10 @@ longer."""
 BLOCK_SIDE: Final = 4
 """Cells along each side of the blocks of the guide."""
 
+WEIGHT_OF_TAUT_PATHS: Final = 2.0
+"""Weight of the estimate if the path is pulled taut afterwards, so that the chain only has to pass
+obstacles on the side that the guide chose."""
+
 WEIGHT_OF_ONE_ROTATION: Final = 1.02
 """Weight of the guide's own estimate for robots that only translate: it chooses the way around each
 obstacle, and the guide is exact enough for shorter ways."""
@@ -100,6 +104,7 @@ def find_chain(
     until: float,
     factors: Costs = NO_FACTORS,
     may_exist: Callable[[], bool] | None = None,
+    weight: float = WEIGHT,
 ) -> Ints:
     """Find a short chain of passable cells from start to goal.
 
@@ -118,6 +123,8 @@ def find_chain(
         Factor, 1 or above, of the cost of moves in each cell.
     may_exist : callable, optional
         Returns False if no chain exists. It is asked once, if the search takes long.
+    weight : float
+        Weight of the estimate.
 
     Returns
     -------
@@ -145,7 +152,7 @@ def find_chain(
     cells_shape = (len(slice_of), *states.shape[1:])
     start_cell = int(np.ravel_multi_index(tuple(start), cells_shape))
     goal_cell = int(np.ravel_multi_index(tuple(goal), cells_shape))
-    progress = _search_guided(graph, start_cell, goal_cell, until, may_exist)
+    progress = _search_guided(graph, start_cell, goal_cell, until, may_exist, weight)
     if not progress.closed[goal_cell]:
         return np.empty((0, 1 + dim), dtype=np.int64)
     # Follow the chain back from the goal; the cells before are stored plus 1.
@@ -179,7 +186,12 @@ def _locate(index: int, shape: Cell) -> Cell:
 
 
 def _search_guided(
-    graph: Graph, start: int, goal: int, until: float, may_exist: Callable[[], bool] | None
+    graph: Graph,
+    start: int,
+    goal: int,
+    until: float,
+    may_exist: Callable[[], bool] | None,
+    weight: float,
 ) -> Progress:
     """Search from start to goal, indices of cells over all rotation cells.
 
@@ -205,7 +217,7 @@ def _search_guided(
     if not guide.is_reached(start_cell):
         return begin_at(start, len(graph.slice_of) * size)
     rotations = measure_turns(graph.neighbors, graph.turns, goal_rotation)
-    estimate = guide.estimate._replace(weight=WEIGHT, rotations=rotations)
+    estimate = guide.estimate._replace(weight=weight, rotations=rotations)
 
     def reach_block(node: int) -> None:
         guide.reach(0, _locate(node % size, shape), until)
@@ -271,27 +283,29 @@ def expand_cells(graph: Graph, estimate: Estimate, progress: Progress, goal: int
         rotation = cell // (nz * ny * nx)
         here = graph.slice_of[rotation]
         factor = factor_at(graph.factors, here, i, j, k)
-        # Move to near cells of the slice, if all cells on the way are passable.
         passable = passable_near(graph, here, i, j, k)
-        for move in range(n_moves):
-            needed = graph.moves.needed[move]
-            if passable & needed == needed:
-                u = i + steps[move, 0]
-                v = j + steps[move, 1]
-                w = k + steps[move, 2]
-                mean = 0.5 * (factor + factor_at(graph.factors, here, u, v, w))
-                cost = mean * graph.moves.lengths[move]
-                reach_cell(estimate, progress, cell, rotation, u, v, w, cost)
-        # Rotate to neighbouring rotation cells at the same position.
-        for column in range(n_neighbors):
-            other = graph.neighbors[rotation, column]
-            if other < 0:
-                continue
-            there = graph.slice_of[other]
-            if graph.states[there, i, j, k] == FREE:
-                mean = 0.5 * (factor + factor_at(graph.factors, there, i, j, k))
-                cost = mean * graph.turns[rotation, column]
-                reach_cell(estimate, progress, cell, other, i, j, k, cost)
+        for option in range(n_moves + n_neighbors):
+            other, there, u, v, w = rotation, here, i, j, k
+            if option < n_moves:
+                # Move to a near cell of the slice, if all cells on the way are passable.
+                needed = graph.moves.needed[option]
+                if passable & needed != needed:
+                    continue
+                u += steps[option, 0]
+                v += steps[option, 1]
+                w += steps[option, 2]
+                length = graph.moves.lengths[option]
+            else:
+                # Rotate to a neighbouring rotation cell at the same position.
+                other = graph.neighbors[rotation, option - n_moves]
+                if other < 0:
+                    continue
+                there = graph.slice_of[other]
+                if graph.states[there, i, j, k] != FREE:
+                    continue
+                length = graph.turns[rotation, option - n_moves]
+            mean = 0.5 * (factor + factor_at(graph.factors, there, u, v, w))
+            reach_cell(estimate, progress, cell, other, u, v, w, mean * length)
     return GOES_ON
 
 

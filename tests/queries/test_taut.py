@@ -1,0 +1,95 @@
+"""Paths in the plane that are pulled taut, against visibility graphs."""
+
+import itertools
+
+import numpy as np
+import pytest
+import shapely
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
+
+from cspace import BLOCKED, FREE
+from cspace._queries.taut import MARGIN, pull_taut
+from tests.helpers.handmade import map_of
+from tests.helpers.oracles import path_length
+
+
+def carve_maze(rng, count, cell):
+    """Return True for the walls of a maze without loops, with corridors of some cells."""
+    size = 1 + count * (cell + 1)
+    walls = np.ones((size, size), dtype=bool)
+
+    def carve(rooms):
+        """Open a row or column of rooms, and the walls between them."""
+        (i, j), (u, v) = min(rooms), max(rooms)
+        step = cell + 1
+        walls[1 + step * i : step * (u + 1), 1 + step * j : step * (v + 1)] = False
+
+    seen = {(0, 0)}
+    stack = [(0, 0)]
+    carve([(0, 0)])
+    while stack:
+        i, j = stack[-1]
+        near = {(i + 1, j), (i - 1, j), (i, j + 1), (i, j - 1)} - seen
+        near = sorted(room for room in near if min(room) >= 0 and max(room) < count)
+        if not near:
+            stack.pop()
+            continue
+        room = near[rng.integers(len(near))]
+        carve([(i, j), room])
+        seen.add(room)
+        stack.append(room)
+    return walls
+
+
+def measure_shortest(walls, start, goal):
+    """Return the length of the shortest path that keeps the margin, by a visibility graph."""
+    boxes = [shapely.box(i, j, i + 1, j + 1) for i, j in np.argwhere(walls)]
+    grown = [box.buffer(MARGIN, join_style="mitre") for box in boxes]
+    obstacle = shapely.union_all(grown)
+    corners = shapely.get_coordinates(obstacle)
+    points = np.unique(np.vstack([start, goal, corners]), axis=0)
+    pairs = np.array(list(itertools.combinations(range(len(points)), 2)))
+    inside = obstacle.buffer(-1e-9)
+    shapely.prepare(inside)
+    sees = ~shapely.intersects(inside, shapely.linestrings(points[pairs]))
+    lengths = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)
+    graph = csr_array((lengths[sees], pairs[sees].T), shape=(len(points),) * 2)
+    ends = [int(np.argmin(np.linalg.norm(points - end, axis=1))) for end in (start, goal)]
+    return dijkstra(graph, directed=False, indices=ends[0])[ends[1]]
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_paths_in_mazes_are_the_shortest(seed):
+    """Pull any path taut, in mazes in which all paths pass obstacles on the same sides."""
+    rng = np.random.default_rng(seed)
+    walls = carve_maze(rng, 5, int(rng.integers(1, 4)))
+    states = np.where(walls, BLOCKED, FREE).astype(np.uint8)
+    rooms = np.argwhere(~walls)
+    start, goal = rooms[rng.choice(len(rooms), 2, replace=False)] + rng.uniform(0.1, 0.9, (2, 2))
+    # A walk that strays, so that it also returns by the way it came.
+    via = rooms[rng.integers(len(rooms))] + 0.5
+    ways = [walk(walls, first, last) for first, last in ((start, via), (via, goal))]
+    path = np.vstack([start, *ways, goal])
+    taut = pull_taut(states, path)
+    assert taut[0] == pytest.approx(start)
+    assert taut[-1] == pytest.approx(goal)
+    assert path_length(taut) == pytest.approx(measure_shortest(walls, start, goal), rel=1e-9)
+    # The map proves the path, even rounded to 32 bits.
+    assert map_of(states, spacing=1.0).certify_path(taut.astype(np.float32)).all()
+
+
+def walk(walls, first, last):
+    """Return the centers of cells of a walk along sides of cells."""
+    cells = [tuple(np.floor(end).astype(int)) for end in (first, last)]
+    before = {cells[0]: None}
+    queue = [cells[0]]
+    for i, j in queue:
+        for near in ((i + 1, j), (i - 1, j), (i, j + 1), (i, j - 1)):
+            if not walls[near] and near not in before:
+                before[near] = (i, j)
+                queue.append(near)
+    way = [cells[1]]
+    while before[way[-1]] is not None:
+        way.append(before[way[-1]])
+    return np.array(way[::-1]) + 0.5
