@@ -63,7 +63,7 @@ def check_yaws(space, occupied, bar, position, rng):
 
 def test_tiled_maps_give_the_same_yaws(tmp_path):
     rng = np.random.default_rng(3)
-    space, occupied, bar = build_with_yaw(rng)
+    space, _, bar = build_with_yaw(rng)
     tiled = cspace.build(
         space.workspace, bar, rotations=space.rotations, store=tmp_path / "map", tile=8
     )
