@@ -20,6 +20,7 @@ from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple, cast
 
 import numpy as np
+import shapely
 
 from cspace._interface import Endpoint
 from cspace._queries.edges import edge_is_free
@@ -42,6 +43,7 @@ from cspace._queries.paths import MAX_SHORTENING_SECONDS, pulled_straight
 from cspace._queries.points import position_in_plane
 from cspace._record.cells import Map
 from cspace._rotations.base import METRES_PER_RADIAN, TWO_PI, wrapped
+from cspace._space import CSpace
 from cspace._support.arrays import FREE, MIXED, Bools, Floats, Ints
 from cspace._support.compiling import clock, internal, kernel
 from planners._car_curves import (
@@ -57,6 +59,10 @@ from planners._local_planner import Endpoints, LocalPlanner
 
 MAX_BLOCK_SIDE: Final = 8
 """Largest number of cells along each side of the blocks of the guide."""
+
+SHIFT_PER_METRE: Final = 0.5
+"""Half the metres by which a point moves, a metre from the reference point, as the robot turns from
+one direction of the guide to the next, deviations from both included."""
 
 NARROW_CAR_PRICE: Final = 0.3
 """Share by which blocks are dearer for a car where it passes at few rotations; it need not turn
@@ -139,7 +145,7 @@ ARC_ERROR: Final = MAX_GAP * (1.0 + TWO_PI) + POINT_ERROR
 COST_PER_EDGE: Final = 1e-6
 """Cost of an edge when a path is shortened, metres; it makes collinear drives one edge."""
 
-SPOT_ROUNDS: Final = 2
+SPOT_ROUNDS: Final = 3
 """Number of times that paths of robots that turn on the spot are shortened."""
 
 MAX_SHORTCUTS: Final = 24
@@ -337,17 +343,28 @@ def _make_guide(edges: LocalPlanner, endpoints: Endpoints, is_backwards: bool) -
     start, goal = (
         (direction, (0, i, j)) for direction, (i, j) in zip(nearest, cells.tolist(), strict=True)
     )
-    # No chain leads across a wall of blocks, because an obstacle blocks two radii of the robot.
-    cells_per_radius = int(edges.cells.robot.inscribed_radius / grid.spacing)
     return Guide(
         edges.cells._kernel_map.states,
         _list_directions(edges, is_backwards),
         start,
         goal,
-        min(max(cells_per_radius, 1), MAX_BLOCK_SIDE),
+        _measure_block_side(edges.cells),
         narrow_price=NARROW_PRICE if edges.turning_radius is None else NARROW_CAR_PRICE,
         worst_state=_find_worst_state(edges),
     )
+
+
+def _measure_block_side(space: CSpace) -> int:
+    """Measure the cells along each side of the blocks of the guide.
+
+    No chain leads across a wall of blocks, because an obstacle blocks two radii of a circle in the
+    robot. A circle away from the reference point moves as the robot turns, so it counts for less.
+    """
+    robot = space.robot
+    circle = shapely.maximum_inscribed_circle(robot.geometry)  # a line from its center
+    radius = circle.length - SHIFT_PER_METRE * math.hypot(*circle.coords[0])
+    cells_per_radius = int(max(radius, robot.inscribed_radius) / space.grid.spacing)
+    return min(max(cells_per_radius, 1), MAX_BLOCK_SIDE)
 
 
 def _list_directions(edges: LocalPlanner, is_backwards: bool) -> Directions:
@@ -650,21 +667,26 @@ def _skip_waypoints(
     By dynamic programming, each waypoint is joined to an earlier one, and at least to the one
     before, whose edge belongs to the path.
     """
+    rows = path.tolist()
     previous = np.arange(-1, len(path) - 1)
     total = np.zeros(len(path))
     offsets = np.unique(np.geomspace(1, len(path), MAX_SHORTCUTS).astype(np.int64))
     for k in range(1, len(path)):
         if clock() >= until:
             break  # the remaining waypoints keep the waypoints before them
+        total[k] = math.inf
         earlier = k - offsets[offsets <= k]
-        lengths = edges.edge_lengths(path[earlier], np.tile(path[k], (len(earlier), 1)))
-        costs = total[earlier] + lengths + COST_PER_EDGE
-        for rank in np.argsort(costs, kind="stable").tolist():
-            candidate = earlier[rank]
-            if candidate == k - 1 or is_free(*path[candidate].tolist(), *path[k].tolist()):
+        # No edge is shorter than the straight line between its ends.
+        bounds = total[earlier] + np.hypot(*(path[earlier, :2] - path[k, :2]).T)
+        order = np.argsort(bounds, kind="stable")
+        for candidate, bound in zip(earlier[order].tolist(), bounds[order].tolist(), strict=True):
+            if bound >= total[k]:
+                break  # so are those of all other candidates
+            edge = *rows[candidate], *rows[k]
+            cost = total[candidate] + edges.edge_length(*edge) + COST_PER_EDGE
+            if cost < total[k] and (candidate == k - 1 or is_free(*edge)):
                 previous[k] = candidate
-                total[k] = costs[rank]
-                break
+                total[k] = cost
     kept = [len(path) - 1]
     while kept[-1] > 0:
         kept.append(int(previous[kept[-1]]))

@@ -15,7 +15,7 @@ import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple, cast, get_args
 
 import numpy as np
@@ -495,6 +495,12 @@ class CarCurves(LocalPlanner):
         prove = self.edge_checker()
         return lambda *q: prove(*q, *q)
 
+    @cached_property
+    def bound_proof(self) -> Callable[..., float]:
+        """:func:`prove_length` of a map in memory, whose updates it follows."""
+        fixed = (self.bounded_map(), self.kind, self.radius)
+        return bind_kernel(prove_length, fixed, self.geometry(), *[0.0] * 6)
+
     def edge_checker(self) -> Callable[..., bool]:
         """Make ``check(*q0, *q1)``, which proves the shortest curves free."""
         prove = self.length_prover()
@@ -526,8 +532,7 @@ class CarCurves(LocalPlanner):
         It returns -1 unless the curve is proven free.
         """
         if self.space.in_memory:
-            fixed = (self.bounded_map(), self.kind, self.radius)
-            prove = bind_kernel(prove_length, fixed, self.geometry(), *[0.0] * 6)
+            prove = self.bound_proof
             if not self.exact:
                 return partial(prove, None)
             is_free = self.space.point_checker()
@@ -564,9 +569,15 @@ class CarCurves(LocalPlanner):
 
     def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
         """Return the metres of the shortest curves, shape (n,)."""
-        edges = zip(map(tuple, starts.tolist()), map(tuple, ends.tolist()), strict=True)
-        words = [find_shortest_words(self.kind, self.radius, *ends, 0.0) for ends in edges]
-        return self.radius * np.array([word.shortest for word in words])
+        edges = zip(starts.tolist(), ends.tolist(), strict=True)
+        return np.array([self.edge_length(*first, *last) for first, last in edges])
+
+    def edge_length(self, *ends: float) -> float:
+        """Return the metres of the shortest curve."""
+        x0, y0, yaw0, x1, y1, yaw1 = ends
+        start = (x0, y0, yaw0)
+        goal = (x1, y1, yaw1)
+        return self.radius * find_shortest_words(self.kind, self.radius, start, goal, 0.0).shortest
 
     def measure(self, path: Floats) -> tuple[float, float]:
         """Measure ``length`` and ``total_rotation`` of a path, as of :class:`planners.Plan`."""

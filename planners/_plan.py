@@ -42,6 +42,7 @@ from planners._local_planner import (
     CURVES,
     DRIVES,
     HOLONOMIC,
+    MAX_RADIANS,
     ON_THE_SPOT,
     REVERSING,
     Endpoints,
@@ -77,6 +78,10 @@ MIXED cells: a search through many such cells may not end."""
 
 GAP_TIME_SHARE: Final = 0.1
 """Share of the time limit for the part of a previous plan that is blocked; then all is searched."""
+
+SHARES_BESIDE: Final = [sign * step / 64 for step in range(1, 33) for sign in (1.0, -1.0)]
+"""Distances beside a way that are tried for a detour, as shares of its length; positive to the
+left."""
 
 TRIAL_SHARE: Final = 0.1
 """Share of the time limit of a failed plan for each search that tries what it may advise."""
@@ -621,39 +626,62 @@ def _follow_previous(task: Task) -> SearchResult:
     began = clock()
     edges = task.edges
     start, goal = np.array(task.endpoints[:2])
-    way = np.vstack([task.previous, goal])
+    way = edges.insert_breakpoints(np.vstack([task.previous, goal]))
     blocked = np.flatnonzero(~edges.edges_are_free(way))
     tail = way[blocked[-1] + 1 :] if len(blocked) else way
     path = _join_way(edges, start, tail)
     if not len(path) and len(blocked):
-        path = _bridge_gap(task, way[: blocked[0] + 1], tail)
+        head = _join_way(edges, start, way[: blocked[0] + 1])
+        # If no free edge leads to the way before, the detour begins at the start.
+        head = head if len(head) else start[np.newaxis]
+        detour = _find_detour(task, head[-1], way[blocked[0] : blocked[-1] + 2])
+        path = np.concatenate([head, detour, tail]) if len(detour) else detour
     if len(path):
         path = find_state_kind(edges.space).unwind(path)
         differs_from_next = (path[1:] != path[:-1]).any(axis=1)
         path = path[np.append(differs_from_next, True)]
-        if task.simplify and task.objective == LENGTH:
+        if task.simplify:
             path = shorten(edges, path, began + task.time_limit)
     return SearchResult(path, "along the previous plan", clock() - began)
 
 
-def _bridge_gap(task: Task, head: Floats, tail: Floats) -> Floats:
-    """Search from the end of a free way to the beginning of another one, shapes (n, size).
+def _find_detour(task: Task, start: Floats, way: Floats) -> Floats:
+    """Find a path from a configuration to the end of a blocked way; both have shape (n, size).
 
-    Returns the path from the start along both, or no row if the search finds none in its time. It
-    leads straight to the second way if no free edge joins the start to the first one.
+    A way past the middle of the blocked part is tried first. Otherwise there is a search, and no
+    row if it takes too long.
     """
-    start = np.array(task.endpoints[0])
-    before = _join_way(task.edges, start, head)
-    if not len(before):
-        before = start[np.newaxis]
+    edges = task.edges
+    if edges.space.has_cells and edges.space.dim == 2:
+        for beside in _list_ways_beside(edges, way):
+            if edges.are_free(np.vstack([start, beside, way[-1]])):
+                return beside
     gap_task = replace(
         task,
-        endpoints=(tuple(before[-1].tolist()), tuple(tail[0].tolist())),
-        time_limit=GAP_TIME_SHARE * task.time_limit,
+        endpoints=(tuple(start.tolist()), tuple(way[-1].tolist())),
+        time_limit=min(GAP_TIME_SHARE * task.time_limit, MAX_TRIAL_SECONDS),
         simplify=False,  # the whole path is shortened later
     )
-    gap = _run_planner(gap_task, is_certain).path
-    return np.concatenate([before[:-1], gap, tail[1:]]) if len(gap) else gap
+    return _run_planner(gap_task, is_certain).path
+
+
+def _list_ways_beside(edges: LocalPlanner, way: Floats) -> Iterator[Floats]:
+    """Yield ways past what blocks a way in the plane, near ones first, shapes (3, 3).
+
+    Each begins and ends on the way, as far from the blocked part as that is long.
+    """
+    rows = edges.split_path(way, 2.0 * edges.space.resolution, MAX_RADIANS).points
+    blocked = np.flatnonzero(~np.asarray(edges.space.is_free(rows, exact=edges.exact)))
+    if len(blocked):
+        first, last = blocked[[0, -1]].tolist()
+        count = last - first + 1
+        places = np.clip([first - count, (first + last) // 2, last + count], 0, len(rows) - 1)
+        beside = rows[places]
+        x, y = beside[2, :2] - beside[0, :2]
+        middle = beside[1, :2].copy()
+        for share in SHARES_BESIDE:
+            beside[1, :2] = middle + share * np.array([-y, x])
+            yield beside.copy()
 
 
 def _join_way(edges: LocalPlanner, start: Floats, way: Floats) -> Floats:

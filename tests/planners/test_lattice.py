@@ -14,6 +14,7 @@ from ompl import base as ob
 import planners
 from benchmarks.inputs import CAR, PARKING_BOUNDS, make_parallel_slot, make_perpendicular_slot
 from cspace import Robot, Workspace, build
+from planners._lattice import _measure_block_side
 from tests.helpers.handmade import fill_boxes
 from tests.helpers.planning import ENDPOINTS, build_room, interpolate_poses, make_poses
 from tests.helpers.regions import place_polygon
@@ -210,3 +211,17 @@ def test_lattice_passes_a_crate_close_to_a_wall_in_little_time(drive):
     plan = planners.plan(space, *ends, time_limit=0.3, **options)
     assert plan.certified
     assert plan.length < 12.0
+
+
+@pytest.mark.parametrize(
+    ("center", "side"), [((0.0, 0.0), 5), ((0.15, 0.0), 4), ((0.35, 0.0), 2), ((0.6, 0.0), 1)]
+)
+def test_blocks_of_the_guide_are_as_large_as_the_robot_lets_walls_be(center, side):
+    occupied = np.zeros((120, 100), dtype=bool)
+    occupied[60, :70] = True  # a wall of one cell
+    workspace = Workspace.from_array(occupied, 0.05)
+    space = build(workspace, Robot.rectangle(0.6, 0.6, center), rotations=24)
+    assert _measure_block_side(space) == side
+    start, goal = (1.5, 1.5, 0.5 * math.pi), (4.5, 1.5, -0.5 * math.pi)
+    plan = planners.plan(space, start, goal, drive="differential", time_limit=30.0)
+    assert plan.certified

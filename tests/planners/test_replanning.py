@@ -1,5 +1,6 @@
 """Plans that go on from a previous one, and the quick search with which default plans begin."""
 
+import importlib
 import itertools
 import math
 
@@ -124,6 +125,20 @@ def test_only_the_blocked_part_of_a_previous_plan_changes(drive):
     assert again.status.endswith("previous plan")
     fresh = planners.plan(space, start, goal, **options)
     assert weighted_length(again) < 1.05 * weighted_length(fresh)
+
+
+@pytest.mark.parametrize("drive", ["holonomic", "differential", "reeds-shepp"])
+def test_a_crate_on_a_previous_plan_is_passed_beside_without_a_search(drive, monkeypatch):
+    space = build_corridor()
+    start, goal = (1.0, 1.0, 0.0), (39.0, 5.0, 0.0)
+    options = options_for(drive)
+    before = planners.plan(space, start, goal, **options)
+    x, y = np.median(before.path[:, :2], axis=0)
+    space.add_obstacle("crate", box(x - 0.2, y - 0.2, x + 0.2, y + 0.2))
+    monkeypatch.setattr(importlib.import_module("planners.plan"), "_run_planner", None)
+    again = planners.plan(space, start, goal, previous=before, **options)
+    check(space, again, start, goal)
+    assert weighted_length(again) < 1.02 * weighted_length(before)
 
 
 @pytest.mark.parametrize("blocked", [1.0, 39.0], ids=["at the start", "at the goal"])
