@@ -5,14 +5,13 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
-from functools import partial
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from cspace._interface import Space
 from cspace._rotations import Rotations
-from cspace._rotations.base import shorter, wrapped
+from cspace._rotations.base import wrapped
 from cspace._support.arrays import Bools, Floats, Ints
 from planners._local_planner import LocalPlanner
 
@@ -29,11 +28,20 @@ CUTS_OF_ARMS: Final = 4
 CUT_LEVELS: Final = 3
 """Number of sizes of pieces."""
 
+MAX_PIECES: Final = 1000
+"""Largest number of pieces into which a curve is cut at first."""
+
 BOX_SLACK_CELLS: Final = 1e-9
 """Distance in cells by which boxes grow, for rounding."""
 
 ROUNDING: Final = 1e-12
 """Radians, metres of joints, or relative rates by which bounds grow, for rounding."""
+
+MIN_AHEAD: Final = 1e-30
+"""Smallest rate along the mean direction of a curve at which its direction has bounds."""
+
+UNBOUNDED: Final = 1e100
+"""Bound of a derivative that has none."""
 
 MAX_EDGE_TURN: Final = 3.0
 """Largest turn of an edge that is proven as a whole, radians; at pi rounding decides its side."""
@@ -76,6 +84,19 @@ def make_lines(starts: Floats, rates: Floats, lengths: Floats, ends: Floats) -> 
 def join_segments(parts: list[Segments]) -> Segments:
     """Join segments that follow each other."""
     return Segments._make(np.concatenate(columns) for columns in zip(*parts, strict=True))
+
+
+def measure_sizes(rows: Floats, rotations: Rotations) -> Floats:
+    """Return the largest coordinates of a path, shape (k,); 1 radian for rotations.
+
+    The translation of a robot that rotates has one size, because its axes mix.
+    """
+    dim = rows.shape[1] - len(rotations.names)
+    sizes = np.abs(rows[:, :dim]).max(axis=0)
+    if not rotations.names:
+        return np.asarray(sizes)
+    angles = rotations._steps_between(rows[:1], rows[:1])[0, dim:]
+    return np.concatenate([np.full(dim, sizes.max()), np.ones(len(angles))])
 
 
 def align_quaternions(rows: Floats, rotations: Rotations) -> Floats:
@@ -131,6 +152,52 @@ def place_along(
     return q, first, second
 
 
+def bound_derivatives(
+    segments: Segments, rotations: Rotations, begins: Floats, widths: Floats
+) -> tuple[Floats, Floats]:
+    """Return bounds of the first and second derivatives on intervals of segments, shape (m, k).
+
+    A polynomial of degree 2 or 3 deviates from its chord by at most 1/8 of the squared width times
+    its largest second derivative. The bounds of an arc are those of its tangent.
+    """
+    straight = segments._replace(curvatures=np.zeros(len(widths)))
+    _, begin_rates, begin_bends = place_along(straight, rotations, begins)
+    _, end_rates, end_bends = place_along(straight, rotations, begins + widths)
+    eighths = widths[:, np.newaxis] ** 2 / 8.0
+    rates = np.maximum(np.abs(begin_rates), np.abs(end_rates)) + eighths * np.abs(segments.twists)
+    bends = np.maximum(np.abs(begin_bends), np.abs(end_bends))
+    driven = np.flatnonzero(segments.drives)
+    if not len(driven):
+        return rates, bends
+    # The yaw rate is c / s, where c is the cross product of the first and the second derivative,
+    # and s the square of the first one. So its derivative is c' / s - c s' / s^2.
+    twists = segments.twists[driven, :2]
+    both_rates = np.stack([begin_rates[driven, :2], end_rates[driven, :2]])
+    both_bends = np.stack([begin_bends[driven, :2], end_bends[driven, :2]])
+    eighths = eighths[driven, 0]
+    twist = np.linalg.norm(twists, axis=1)
+    bend = np.linalg.norm(both_bends, axis=2).max(axis=0)
+    crosses = np.abs(_cross(both_rates, both_bends)).max(axis=0)
+    crosses += eighths * np.abs(_cross(both_bends[0], twists))
+    cross_slopes = np.abs(_cross(both_rates, twists)).max(axis=0)
+    half_slopes = np.abs((both_rates * both_bends).sum(axis=2)).max(axis=0)
+    half_slopes += 3.0 * eighths * bend * twist
+    # The first derivative is at least as long as its part along the mean direction.
+    mean = both_rates.sum(axis=0)
+    mean /= np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), MIN_AHEAD)
+    ahead = (both_rates * mean).sum(axis=2).min(axis=0) - eighths * twist
+    squares = np.maximum(ahead, MIN_AHEAD) ** 2
+    yaw_bends = cross_slopes / squares + 2.0 * crosses * half_slopes / squares**2
+    rates[driven, 2] = np.where(ahead > MIN_AHEAD, crosses / squares, UNBOUNDED)
+    bends[driven, 2] = np.where(ahead > MIN_AHEAD, yaw_bends, UNBOUNDED)
+    return rates, bends
+
+
+def _cross(first: Floats, second: Floats) -> Floats:
+    """Return the cross products of plane vectors, shape (...)."""
+    return np.asarray(first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0])
+
+
 def turn_left(vectors: Floats, angles: Floats) -> Floats:
     """Turn plane vectors, shape (n, 2), left by angles."""
     cos = np.cos(angles)
@@ -182,39 +249,35 @@ def _prove_curves(space: Any, curves: Segments) -> Bools:
     curves that contain a point which is not free. The proof of a curve does not depend on the
     others.
     """
-    test: Callable[..., Bools] = _test_boxes
-    test_points: Callable[[Floats], Bools] = space.is_free
-    cuts = CUTS_ON_MAPS
     counts = np.ones(len(curves.lengths), dtype=np.int64)
+    test: Callable[..., Bools] = _test_motions
+    cuts = CUTS_OF_ARMS
     if hasattr(space, "is_free_around"):
-        # The test of boxes is compiled anyway, and tests points, too.
-        test_points = partial(space.is_free_around, distance=0.0)
-        reach = 2.0 * MAX_BOX_CELLS * 2.0 * space.resolution
-        metres = np.linalg.norm(curves.rates[:, : space.dim], axis=1) * curves.lengths
-        counts += (metres / reach).astype(np.int64)
-    else:
-        test = _test_motions
-        cuts = CUTS_OF_ARMS
+        test = _test_boxes
+        cuts = CUTS_ON_MAPS
+        rates, _ = bound_derivatives(curves, space.rotations, 0.0 * curves.lengths, curves.lengths)
+        moved = rates * curves.lengths[:, np.newaxis]
+        boxes = moved[:, : space.dim].max(axis=1) / (2.0 * MAX_BOX_CELLS * 2.0 * space.resolution)
+        turns = np.linalg.norm(moved[:, space.dim :], axis=1) / (2.0 * MAX_BOX_RADIANS)
+        counts += np.minimum(np.maximum(boxes, turns), MAX_PIECES).astype(np.int64)
     owners = np.repeat(np.arange(len(counts)), counts)
-    firsts = np.cumsum(counts) - counts
     widths = (curves.lengths / counts)[owners]
-    begins = (np.arange(len(owners)) - firsts[owners]) * widths
+    begins = (np.arange(len(owners)) - (np.cumsum(counts) - counts)[owners]) * widths
     proven = np.ones(len(counts), dtype=np.bool_)
     for level in range(CUT_LEVELS):
         if level:
             points = place_along(curves.select(owners), space.rotations, begins + 0.5 * widths)[0]
-            proven[owners[~test_points(points)]] = False
+            if not hasattr(space, "is_free_around"):
+                # Arms refuse configurations beyond their limits, which the proof finds anyway.
+                within = np.clip(points, *space.check_bounds())
+                points = np.where(space.periodic_axes, points, within)
+            proven[owners[~space.is_free(points)]] = False
             left = proven[owners]
             owners = np.repeat(owners[left], cuts)
             widths = np.repeat(widths[left], cuts) / cuts
-            begins = np.repeat(begins[left], cuts)
-            begins += np.arange(len(begins)) % cuts * widths
-        free = test(space, curves.select(owners), begins, widths, level)
-        owners = owners[~free]
-        widths = widths[~free]
-        begins = begins[~free]
-        if not len(owners):
-            break
+            begins = np.repeat(begins[left], cuts) + np.arange(len(owners)) % cuts * widths
+        left = ~test(space, curves.select(owners), begins, widths, level)
+        owners, widths, begins = owners[left], widths[left], begins[left]
     proven[owners] = False
     return proven
 
@@ -222,30 +285,14 @@ def _prove_curves(space: Any, curves: Segments) -> Bools:
 def _test_boxes(space: Any, curves: Segments, begins: Floats, widths: Floats, level: int) -> Bools:
     """Return whether pieces lie in boxes of FREE cells, shape (n,).
 
-    On a piece of width w, the derivative is a quadratic Bezier curve, in the convex hull of three
-    vectors. So each coordinate stays within w / 2 times the largest of these of the middle. The
-    direction of driving stays in the cone of the three vectors.
+    Each coordinate stays within half the width times its largest rate of the middle.
     """
     rotations = space.rotations
     dim = space.dim
-    half = 0.5 * widths[:, np.newaxis]
-    begin = begins[:, np.newaxis]
-    begin_bends = curves.bends + begin * curves.twists
-    begin_rates = curves.rates + 0.5 * begin * (curves.bends + begin_bends)
-    control_rates = begin_rates + half * begin_bends
-    end_rates = control_rates + half * (begin_bends + 2.0 * half * curves.twists)
-    hull = np.stack([begin_rates, control_rates, end_rates])
-    spreads = half * np.abs(hull).max(axis=0)
+    rates, _ = bound_derivatives(curves, rotations, begins, widths)
+    spreads = 0.5 * widths[:, np.newaxis] * rates
     middles, _, _ = place_along(curves, rotations, begins + 0.5 * widths)
     turns = np.linalg.norm(spreads[:, dim:], axis=1)
-    driven = np.flatnonzero(curves.drives)
-    if len(driven):
-        yaws = np.arctan2(hull[:, driven, 1], hull[:, driven, 0])
-        in_reverse = curves.drives[driven] < 0
-        headings = middles[driven, 2] + np.where(in_reverse, np.pi, 0.0)
-        angles = np.abs(shorter(yaws - headings)).max(axis=0)
-        is_zero = ~hull[:, driven, :2].any(axis=2).all(axis=0)
-        turns[driven] = np.where(is_zero, np.inf, angles)
     cell = 2.0 * space.resolution
     size = float(CUTS_ON_MAPS) ** -level
     distance = MAX_BOX_CELLS * cell * size
@@ -263,19 +310,23 @@ def _test_motions(
 ) -> Bools:
     """Return whether pieces are near motions that are free with that deviation, shape (n,).
 
-    On a piece of width w, each joint deviates from its even motion by at most w^2 / 8 times its
-    largest second derivative, which is at an end because it is linear.
+    Each joint deviates from its even motion by at most 1/8 of the squared width times its largest
+    second derivative.
     """
     rotations = space.rotations
-    firsts, _, begin_bends = place_along(curves, rotations, begins)
-    lasts, _, end_bends = place_along(curves, rotations, begins + widths)
-    bends = np.maximum(np.abs(begin_bends), np.abs(end_bends))
+    firsts, _, _ = place_along(curves, rotations, begins)
+    lasts, _, _ = place_along(curves, rotations, begins + widths)
+    _, bends = bound_derivatives(curves, rotations, begins, widths)
     deviations = bends * widths[:, np.newaxis] ** 2 / 8.0
+    lower, upper = space.check_bounds()
+    lowest = np.minimum(firsts, lasts) - deviations + ROUNDING
+    highest = np.maximum(firsts, lasts) + deviations - ROUNDING
+    is_inside = (lowest >= lower) & (highest <= upper) | np.array(space.periodic_axes)
     # A few sizes are quicker than many, and do not depend on the other pieces.
     sizes = np.exp2(np.ceil(np.log2(deviations.max(axis=1) + ROUNDING)))
     free = np.zeros(len(sizes), dtype=np.bool_)
     for size in np.unique(sizes).tolist():
-        same = sizes == size
+        same = (sizes == size) & is_inside.all(axis=1)
         reach = np.full_like(deviations[0], size)
         free[same] = space.motions_are_free_around(firsts[same], lasts[same], reach)
     return free

@@ -36,28 +36,18 @@ from planners._segments import (
     align_quaternions,
     can_prove_curves,
     make_lines,
+    measure_sizes,
     place_along,
     prove_segments,
 )
-from planners._smoothing import (
-    PEG_CELLS,
-    ROUNDING,
-    Layout,
-    LimitRates,
-    Smoother,
-    find_course,
-    find_driven_course,
-    measure_sizes,
-    smooth_path,
-)
+from planners._smoothing import VIA_CELLS, make_polyline, smooth_path
 from planners._timing import (
     MAX_ERROR,
+    LimitRates,
     MotionBounds,
     Phases,
-    find_passes,
     find_phases,
     is_motion,
-    obey_limits,
     slow_down,
 )
 
@@ -67,6 +57,9 @@ if TYPE_CHECKING:
 
 Limits = ArrayLike | Mapping[str, float] | None
 """A limit: one number, or one for each axis."""
+
+ROUNDING: Final = 1e-13
+"""Largest step that is a rounding error, relative to the coordinates of the path, or radians."""
 
 MAX_ROWS: Final = 10**6
 """Largest number of rows of a trajectory."""
@@ -248,7 +241,7 @@ class Trajectory:
                 f"the trajectory has {', '.join(self.axes)}",
                 "pass a map of the same robot",
             )
-        if route.blend:
+        if self._segments.is_curve.any():
             return prove_segments(space, route.exact, self._segments)
         return edges.edges_are_free(route.waypoints)
 
@@ -565,7 +558,22 @@ def make_trajectory(
     """Make the fastest trajectory along a path; see :meth:`planners.Plan.trajectory`."""
     rotations = rotations_of(() if path.moves_joints else path.axes)
     bounds = _check_bounds(path, len(path.axes) - len(rotations.names), limits)
-    path, segments, phases = _find_motion(path, rotations, bounds, duration)
+    split = _split_curves if path.drive in CURVES else _split_edges
+    segments = split(path, rotations, bounds.velocity)
+    phases = find_phases(segments, rotations, bounds)
+    smooth = _smooth(path, segments, rotations, bounds)
+    if smooth is not None:
+        smooth_phases = find_phases(smooth, rotations, bounds)
+        if smooth_phases.times[-1] <= phases.times[-1]:
+            segments, phases = smooth, smooth_phases
+    phases = _stretch(phases, duration)
+    if not is_motion(path.waypoints, segments, rotations, phases, bounds):
+        raise InputError(
+            "limits",
+            "differ so much that rounding exceeds them",
+            "a motion goes from start to goal within its limits at every instant",
+            "pass limits and a duration nearer to each other",
+        )
     times = _row_times(phases, check_positive(time_step, "time_step", "seconds"))
     positions, velocities, accelerations = _evaluate(segments, phases, rotations, times)
     made = Trajectory(
@@ -575,73 +583,30 @@ def make_trajectory(
         accelerations=frozen(accelerations),
         axes=path.axes,
         units=path.units,
-        certified=path.certified or path.blend,  # smooth paths have just been proven
+        certified=path.certified,
         _route=path._replace(space=None),
         _rotations=rotations,
         _segments=segments,
         _phases=phases,
     )
-    if path.space is None or path.blend:
+    if path.space is None:
         return made
     return replace(made, certified=bool(made.recheck(path.space).all()))
 
 
-def _find_motion(
-    path: DrivenPath, rotations: Rotations, bounds: MotionBounds, duration: float | None
-) -> tuple[DrivenPath, Segments, Phases]:
-    """Return the fastest motion along a path, and the path with ``blend`` if it has curves.
-
-    The steering of a car, and so its yaw rate, may jump unless its angular acceleration has a
-    limit.
-    """
-    is_curved = path.drive in CURVES
-    segments = (_split_curves if is_curved else _split_edges)(path, rotations, bounds.velocity)
-    bounds = bounds.limit_ramps(segments)
-    passes = find_passes(segments, rotations, bounds)
-    on_edges = find_phases(segments, rotations, passes, bounds)
-    motions = [(path._replace(blend=False), segments, passes, on_edges)]
-    layout = _smooth(path, rotations, bounds)
-    if layout is not None:
-        passes = find_passes(layout.segments, rotations, bounds)
-        blended = find_phases(layout.segments, rotations, passes, bounds)
-        motions.insert(0, (path, layout.segments, passes, blended))
-    longest = on_edges.times[-1] * (1.0 + MAX_ERROR)
-    for taken, segments, passes, fastest in motions:
-        phases = obey_limits(segments, rotations, fastest, bounds)
-        if phases.times[-1] <= longest:
-            phases = _stretch(phases, duration)
-            if is_motion(path.waypoints, segments, rotations, passes, phases, bounds):
-                return taken, segments, phases
-    raise InputError(
-        "limits",
-        "differ so much that rounding exceeds them",
-        "a motion goes from start to goal within its limits at every instant",
-        "pass limits and a duration nearer to each other",
-    )
-
-
-def _smooth(path: DrivenPath, rotations: Rotations, bounds: MotionBounds) -> Layout | None:
+def _smooth(
+    path: DrivenPath, edges: Segments, rotations: Rotations, bounds: MotionBounds
+) -> Segments | None:
     """Return a proven smooth version of a path; None if it keeps its edges."""
     space = path.space
     if not path.blend or path.drive in CURVES or space is None or not can_prove_curves(space):
         return None
-    if path.drive in ON_THE_SPOT:
-        course = find_driven_course(path.waypoints, rotations)
-    else:
-        course = find_course(path.waypoints, rotations)
-    if course.stops.all():
-        return None
-    lower, upper = space.check_bounds()
-    is_periodic = np.array(space.periodic_axes)[: space.dim]
-    smoother = Smoother.of(
-        course,
-        rotations,
-        bounds.velocity,
-        bounds.acceleration,
-        (np.where(is_periodic, -np.inf, lower), np.where(is_periodic, np.inf, upper)),
-        PEG_CELLS * 2.0 * space.resolution if space.has_cells else 0.0,
+    gap = VIA_CELLS * 2.0 * space.resolution if space.has_cells else 0.0
+    drives = path.drive in ON_THE_SPOT
+    polyline = make_polyline(edges, rotations, bounds, drives, gap)
+    return smooth_path(
+        edges, polyline, rotations, lambda parts: prove_segments(space, path.exact, parts)
     )
-    return smooth_path(smoother, lambda parts: prove_segments(space, path.exact, parts))
 
 
 def _check_bounds(path: DrivenPath, dim: int, limits: MotionLimits) -> MotionBounds:
@@ -735,7 +700,9 @@ def _make_segments(
     ``points`` have shape (m + 1, size). Each segment is as long as its seconds at full speed.
     ``radians`` turn the direction of motion.
     """
-    kept = (np.abs(steps) > ROUNDING * measure_sizes(points, rotations)).any(axis=1)
+    moves = np.abs(steps) > ROUNDING * measure_sizes(points, rotations)
+    steps = np.where(moves, steps, 0.0)
+    kept = moves.any(axis=1)
     if not kept.any():  # a plan without motion becomes a segment without length
         return make_lines(points[:1], np.eye(1, steps.shape[1]), np.zeros(1), points[:1])
     lengths = 1.0 / velocity.largest(steps[kept])

@@ -18,8 +18,9 @@ import shapely
 import cspace
 import planners
 from cspace import InputError
+from cspace._interface import rotations_of
 from cspace.arms import Arm, build_arm_space
-from planners._segments import Segments, place_along, prove_segments
+from planners._segments import Segments, bound_derivatives, place_along, prove_segments
 from tests.helpers.regions import place_polygon
 from tests.helpers.urdfs import (
     joint,
@@ -251,21 +252,29 @@ def test_curves_that_bounds_stop_at_a_corner_are_motions(
     assert np.abs(np.diff(velocities, axis=0)).max() < (1.0 + 1e-6) * (t[1] - t[0])
 
 
-@pytest.mark.parametrize("pushes", [math.nan, 1e9])
-def test_pegs_that_contradict_each_other_lead_to_stops(
-    monkeypatch: pytest.MonkeyPatch, pushes: float
-) -> None:
-    def solve(matrix: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, float]:
-        if math.isnan(pushes):
-            raise RuntimeError("Maximum number of iterations reached.")
-        return np.full(len(target), pushes), 0.0
-
+def test_curves_without_a_proof_become_stops(monkeypatch: pytest.MonkeyPatch) -> None:
     plan = build_plan(1, "holonomic", None)
     stopping = plan.trajectory(**LIMITS, blend=False)
-    monkeypatch.setattr("scipy.optimize.nnls", solve)
+    monkeypatch.setattr(cspace.CSpace, "is_free_around", lambda _, q, *__: np.zeros(len(q), bool))
     trajectory = plan.trajectory(**LIMITS)
     assert trajectory.certified
     np.testing.assert_array_equal(trajectory.positions, stopping.positions)
+
+
+def test_curve_passes_outside_a_corner_that_touches_an_obstacle() -> None:
+    block = shapely.box(2.0, 0.0, 4.0, 4.0)
+    workspace = cspace.Workspace.from_shapes([block], SPACING, (0.0, 0.0, 10.0, 10.0))
+    space = cspace.build(workspace, cspace.Robot.disc(0.3))
+    corner = np.array([1.65, 4.35])
+    rows = np.array([(1.0, 1.0), corner, (8.0, 5.0)])
+    plan = planners.plan(space, rows[0], rows[-1])
+    plan = dataclasses.replace(plan, path=rows, waypoints=rows)
+    trajectory = plan.trajectory(max_velocity=1.0, max_acceleration=0.5)
+    t = np.linspace(0.0, trajectory.duration, 2001)
+    positions, velocities, _ = trajectory.sample(t)
+    nearest = np.linalg.norm(positions - corner, axis=1).argmin()
+    assert 0.0 < (positions[nearest] - corner) @ (-1.0, 1.0) < 0.05
+    assert np.linalg.norm(velocities[nearest]) > 0.3
 
 
 def test_small_lateral_limit_slows_a_differential_drive() -> None:
@@ -319,6 +328,54 @@ def test_invalid_arguments_are_refused() -> None:
     for value in (0.0, math.nan, -1.0):
         with pytest.raises(InputError, match="max_acceleration"):
             plan.trajectory(max_velocity=1.0, max_acceleration=value)
+
+
+def draw_curves(rng: np.random.Generator, count: int, drives: int) -> Segments:
+    """Draw cubic curves in the plane, with a free yaw or with that of driving."""
+    yaws = rng.uniform(-math.pi, math.pi, count)
+    none = np.zeros(count)
+    rates = np.column_stack([np.cos(yaws), np.sin(yaws), rng.uniform(-1.0, 1.0, count)])
+    bends = rng.uniform(-1.5, 1.5, (count, 3))
+    twists = rng.uniform(-2.0, 2.0, (count, 3))
+    if drives:
+        for coefficients in (rates, bends, twists):
+            coefficients[:, 2] = 0.0
+    starts = np.zeros((count, 3))
+    ones = none + 1.0
+    return Segments(starts, rates, bends, twists, none, np.full(count, drives), ones, starts)
+
+
+@pytest.mark.parametrize("drives", [0, 1, -1], ids=["free yaw", "ahead", "reverse"])
+def test_bounds_of_derivatives_contain_all_derivatives(drives: int) -> None:
+    rng = np.random.default_rng(3)
+    curves = draw_curves(rng, 3000, drives)
+    rotations = rotations_of(("x", "y", "yaw"))
+    begins = rng.uniform(0.0, 1.0, 3000)
+    widths = rng.choice([0.01, 0.1, 0.5], 3000)
+    rates, bends = bound_derivatives(curves, rotations, begins, widths)
+    most_rates = np.zeros_like(rates)
+    most_bends = np.zeros_like(bends)
+    for share in np.linspace(0.0, 1.0, 201):
+        _, rate, bend = place_along(curves, rotations, begins + share * widths)
+        most_rates = np.maximum(most_rates, np.abs(rate))
+        most_bends = np.maximum(most_bends, np.abs(bend))
+    assert (most_rates <= rates * (1.0 + 1e-9)).all()
+    assert (most_bends <= bends * (1.0 + 1e-9)).all()
+    narrow = widths == 0.01
+    assert np.median(rates[narrow] / most_rates[narrow]) < 1.001
+    assert np.median(bends[narrow] / most_bends[narrow]) < 1.1
+
+
+def test_direction_of_a_curve_that_turns_back_has_no_bounds() -> None:
+    # Its derivative passes zero in the middle, where the yaw jumps by half a turn.
+    none = np.zeros(1)
+    rates = np.array([[1.0, 0.0, 0.0]])
+    starts = np.zeros((1, 3))
+    curve = Segments(
+        starts, rates, -2.0 * rates, 0.0 * rates, none, np.ones(1, dtype=np.int64), none + 1, starts
+    )
+    bounds, _ = bound_derivatives(curve, rotations_of(("x", "y", "yaw")), none, none + 1.0)
+    assert bounds[0, 2] > 1e50
 
 
 def find_free_curves(space: cspace.CSpace, curves: Segments) -> np.ndarray:

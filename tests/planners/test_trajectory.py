@@ -22,6 +22,7 @@ import planners
 from cspace import InputError
 from cspace._files import ros as messages
 from cspace.arms import Arm, build_arm_space
+from planners._timing import LimitRates, MotionBounds, is_motion
 from tests.helpers.planning import ENDPOINTS, build_open_map, build_room, make_poses, turn_between
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import seeds
@@ -439,6 +440,56 @@ def test_poses_of_the_path_message_are_stamped():
         trajectory.sample(math.nan)
     with pytest.raises(InputError, match=r"plan has no path: .*a trajectory follows a path"):
         replace(plan, solved=False).trajectory(**TRANSLATION_LIMITS)
+
+
+def test_limits_that_numbers_do_not_resolve_together_are_refused():
+    # Beside the years of the drive, a second of turning is a rounding error.
+    rows = [(0.0, 0.0, 0.0), (0.7, 0.1, 0.0), (0.7, 0.1, 0.3), (0.1, 0.7, 0.3)]
+    limits = {"max_velocity": 1e-11, "max_acceleration": 1.0, **ROTATION_LIMITS}
+    with pytest.raises(InputError, match="limits differ so much that rounding exceeds them"):
+        plan_along("turning", rows).trajectory(**limits)
+
+
+def test_a_corner_at_speed_is_refused(monkeypatch):
+    pass_all = lambda segments, *_: np.ones(len(segments.lengths) - 1, dtype=bool)  # noqa: E731
+    monkeypatch.setattr("planners._timing.find_passes", pass_all)
+    with pytest.raises(InputError, match="limits differ"):
+        plan_along("plane", [(0.0, 0.0), (2.0, 0.0), (2.0, 3.0)]).trajectory(**TRANSLATION_LIMITS)
+
+
+def shift(column, row, by):
+    """Return a function that changes one number of some phases."""
+
+    def change(phases):
+        values = getattr(phases, column).copy()
+        values[row] += by
+        return phases._replace(**{column: values})
+
+    return change
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        pytest.param(shift("positions", 0, 1e-4), id="another start"),
+        pytest.param(shift("positions", 1, 1e-4), id="a jump ahead"),
+        pytest.param(shift("speeds", 0, 0.01), id="a speed at the start"),
+        pytest.param(shift("speeds", 2, 0.01), id="a jump of the speed"),
+        pytest.param(shift("accelerations", 1, math.nan), id="nan"),
+        pytest.param(shift("times", 1, 100.0), id="times that fall"),
+        pytest.param(shift("times", -1, 1e-3), id="beyond the goal"),
+        pytest.param(lambda phases: type(phases)(*(column[:4] for column in phases)), id="no goal"),
+    ],
+)
+def test_what_is_no_motion_from_start_to_goal_is_found(change):
+    rows = np.array([(0.0, 0.0), (2.0, 0.0), (2.0, 3.0)])
+    trajectory = plan_along("plane", rows).trajectory(**TRANSLATION_LIMITS)
+    rates = (LimitRates(np.asarray(limit), None, 2) for limit in TRANSLATION_LIMITS.values())
+    bounds = MotionBounds(*rates, lateral=1.0, gap=1e-9)
+    path = rows, trajectory._segments, trajectory._rotations
+    assert is_motion(*path, trajectory._phases, bounds)
+    with np.errstate(invalid="ignore"):
+        assert not is_motion(*path, change(trajectory._phases), bounds)
 
 
 @refusals(
