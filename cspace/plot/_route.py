@@ -210,9 +210,9 @@ def make_scene(
     """
     grid = space.grid
     dim = grid.dim
-    drawn_rotation = space.rotations.only_rotation
+    drawn_rotation = space.rotations._only_rotation
     if rotation is not None:
-        drawn_rotation = space.rotations.check_rotation(rotation)
+        drawn_rotation = space.rotations._check_rotation(rotation)
     points = check_path(space, path)
     endpoints = collect_endpoints(space, path, points, start, goal)
     body = Body(space.robot, space.rotations)

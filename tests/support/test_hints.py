@@ -41,8 +41,8 @@ def cells(values, **options):
     (lambda: Robot.disc(None), lambda: Robot.disc(0.3), "pass numbers, in metres or"),
     (lambda: Robot.disc("0.3"), lambda: Robot.disc(0.3), "write the number without quotes"),
     (
-        lambda: FLOATING.rotations.check_rotation(TURN, "rotation"),
-        lambda: FLOATING.rotations.check_rotation(TURN.as_quat(), "rotation"),
+        lambda: FLOATING.rotations._check_rotation(TURN, "rotation"),
+        lambda: FLOATING.rotations._check_rotation(TURN.as_quat(), "rotation"),
         "pass the Rotation's as_quat()",
     ),
     (lambda: Robot.disc(10**400), lambda: Robot.disc(float(10)), "pass a float"),
