@@ -281,7 +281,7 @@ def plan(
         Quantity to minimise. "clearance" is :class:`planners.ClearanceObjective` with its defaults,
         by "Grid" if no planner is named; the robot must then be holonomic. A callable takes the
         space information and returns an ``ompl.base.OptimizationObjective``, for example ``lambda
-        si: planners.OverlapObjective(si, space, field)``. The length counts a radian of rotation as
+        si: planners.WeightedLength(si, space, costs)``. The length counts a radian of rotation as
         half a metre, except along curves; see :attr:`Plan.total_rotation`.
 
         Objectives other than the length are for BITstar, InformedRRTstar, RRTstar and SORRTstar.
@@ -484,7 +484,7 @@ def _check_options(task: Task) -> None:
             "objective",
             f"is {objective!r}",
             f"it must be {LENGTH!r}, {CLEARANCE!r}, or a function that makes OMPL's objective",
-            "for overlaps, pass lambda si: planners.OverlapObjective(si, space, field)",
+            "for costs of your own, pass lambda si: planners.WeightedLength(si, space, costs)",
         )
     for option, (is_refused, rule) in _list_refusals(task).items():
         if is_refused:
