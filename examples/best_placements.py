@@ -22,15 +22,15 @@ pocket = affinity.translate(
 hole = shapely.Point(0.75, 0.2).buffer(0.12)
 sheet = shapely.box(0, 0, 1, 0.6) - pocket - hole
 
-# %% The score is the overlap with what is free, less ten times the overlap with the material, both
-# in discs.
+# %% The score is the overlap with what is free, less a hundred times the overlap with the material,
+# both in discs.
 
 free = shapely.union_all([pocket, hole])
 part, open_space, material = (
     decompose(shape, kind="inner", number=number)
     for shape, number in ((bracket, 48), (free, 96), (sheet, 256))
 )
-best = best_placements(part, open_space, 36, n=3, avoid=material, penalty=10.0)
+best = best_placements(part, open_space, 36, n=3, avoid=material)
 
 # %%
 # The scores order the placements; shapely tells what they are worth.

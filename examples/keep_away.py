@@ -3,18 +3,17 @@ Paths that keep away
 ====================
 
 The shortest path runs along the border of the C-obstacle. Three others leave room: one weighs the
-clearance in the map against length, one the overlap of swollen balls in place of robot and
-obstacles, which is smooth, and the widest path has the largest clearance possible. The overlap
-needs ``pip install "cspace[spectral]"``.
+clearance in the map against length, one avoids costs of your own on the cells, here a floor that is
+slippery around the pillar, and the widest path has the largest clearance possible.
 """
 
 import matplotlib.pyplot as plt
+import numpy as np
 import shapely
 
 import cspace
 import planners
 from cspace.plot import save_plot
-from cspace.spectral import FourierOverlap, OverlapField, decompose
 
 # %%
 # A shelf, a pillar, and a cart that does not rotate.
@@ -26,28 +25,26 @@ workspace = cspace.Workspace.from_polygons([shelf, pillar], spacing=0.05, bounds
 space = cspace.build(workspace, cspace.Robot.polygon(cart))
 
 # %%
-# The overlap is a field beside the map; the map still decides which cells are FREE.
+# Costs are an array beside the map, with a value for each cell; the map still decides which cells
+# are FREE.
 
-balls = [
-    decompose(shape, kind="outer", number=48)
-    for shape in (cart, shapely.union_all([shelf, pillar]))
-]
-field = OverlapField.of(space, FourierOverlap.of_shapes(*balls, swell=0.3))
+x, y = np.meshgrid(space.grid.centers(0), space.grid.centers(1), indexing="ij")
+costs = np.exp(-((x - 6.2) ** 2 + (y - 3.6) ** 2) / 0.8)
 
 
-def by_overlap(si):
-    return planners.OverlapObjective(si, space, field)
+def by_costs(si):
+    return planners.WeightedLength(si, space, costs)
 
 
-# %% The map's own search takes milliseconds. The overlap is for OMPL's planners that optimise,
+# %% The map's own search takes milliseconds. Costs of your own are for OMPL's planners that optimise,
 # which use their whole time limit.
 
 start, goal = (1.0, 4.3), (7.3, 0.6)
 plans = {
     "length": planners.plan(space, start, goal),
     "clearance": planners.plan(space, start, goal, objective="clearance"),
-    "overlap": planners.plan(
-        space, start, goal, planner="RRTstar", objective=by_overlap, time_limit=2, seed=1
+    "costs": planners.plan(
+        space, start, goal, planner="RRTstar", objective=by_costs, time_limit=2, seed=1
     ),
     "widest": planners.plan(space, start, goal, planner="MaxClearance"),
 }

@@ -20,7 +20,7 @@ except ImportError as error:
 
 from planners._callbacks import FreeStateSampler, MotionValidator, StateValidityChecker
 from planners._catalogue import planner_names
-from planners._objectives import ClearanceObjective, OverlapObjective, WeightedLength
+from planners._objectives import ClearanceObjective, WeightedLength
 from planners._plan import Choices, choices, plan
 from planners._result import Plan, Times
 from planners._setup import simple_setup, state_space
@@ -31,7 +31,6 @@ __all__ = [
     "ClearanceObjective",
     "FreeStateSampler",
     "MotionValidator",
-    "OverlapObjective",
     "Plan",
     "StateValidityChecker",
     "Times",

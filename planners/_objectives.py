@@ -1,11 +1,11 @@
-"""Objectives of OMPL that weight length by clearance or overlap."""
+"""Objectives of OMPL that weight length by clearance, or by any values on the cells of a map."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 from functools import cached_property
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 from ompl import base as ob
@@ -13,16 +13,13 @@ from ompl import base as ob
 from cspace._interface import Space
 from cspace._queries.distance import Distances
 from cspace._space import CSpace
-from cspace._support.arrays import FREE, Floats
+from cspace._support.arrays import Floats
 from cspace._support.check import check_not_negative, check_positive
 from cspace._support.words import Drive
 from cspace.errors import InputError
 from planners._integrals import CostDensity, Field
 from planners._local_planner import HOLONOMIC, Endpoints, LocalPlanner, local_planner
 from planners._states import check_information, find_state_kind
-
-if TYPE_CHECKING:
-    from cspace.spectral import OverlapField
 
 LENGTH: Final = "length"
 CLEARANCE: Final = "clearance"
@@ -169,65 +166,6 @@ class ClearanceObjective(WeightedLength):
             space._distances,
             offset=1.0,
             slope=-1.0 / threshold,
-            weight=weight,
-            drive=drive,
-            turning_radius=turning_radius,
-        )
-
-
-class OverlapObjective(WeightedLength):
-    """Length whose metres cost more at larger overlap.
-
-    The objective pushes paths smoothly away from obstacles. A metre of path at overlap c costs ``1
-    + weight * (c / saturation)**2``. The overlap is the field's, between balls of robot and
-    obstacles. Grown balls overlap before the shapes touch.
-
-    Parameters
-    ----------
-    si, space, weight, drive, turning_radius
-        As for :class:`WeightedLength`; the penalty is one at overlap ``saturation``.
-    field : cspace.spectral.OverlapField
-        Field of the same map. The objective keeps its values when the map is updated.
-    saturation : float, optional
-        Overlap, in square or cubic metres. The default is the largest overlap in a FREE cell.
-
-    Raises
-    ------
-    InputError
-        If ``field`` is no field of this map, or ``saturation`` is not above zero; and as
-        :class:`WeightedLength`.
-    """
-
-    def __init__(
-        self,
-        si: ob.SpaceInformation,
-        space: CSpace,
-        field: OverlapField,
-        *,
-        weight: float = DEFAULT_WEIGHT,
-        saturation: float | None = None,
-        drive: Drive = HOLONOMIC,
-        turning_radius: float | None = None,
-    ) -> None:
-        """Choose the saturation; the penalty is the overlap divided by it."""
-        check_information(si, space)
-        if getattr(field, "space", None) is not space:
-            raise InputError(
-                "field",
-                "is no overlap field of this map",
-                "field and objective must share a map",
-                "pass OverlapField.of(space, overlap)",
-            )
-        if saturation is None:
-            states = space._kernel_map.states
-            overlaps = field.cells.reshape(states.shape)[states == FREE]
-            saturation = float(overlaps.max(initial=0.0)) or 1.0
-        saturation = check_positive(saturation, "saturation", "metres to the power of d")
-        super().__init__(
-            si,
-            space,
-            field.cells,
-            slope=1.0 / saturation,
             weight=weight,
             drive=drive,
             turning_radius=turning_radius,

@@ -402,7 +402,7 @@ def _check_options(task: Task) -> None:
             "objective",
             f"is {objective!r}",
             f"it must be {LENGTH!r}, {CLEARANCE!r}, or a function that makes OMPL's objective",
-            "for overlaps, pass lambda si: planners.OverlapObjective(si, space, field)",
+            "for costs of your own, pass lambda si: planners.WeightedLength(si, space, costs)",
         )
     for option, (is_refused, rule) in _list_refusals(task).items():
         if is_refused:
@@ -671,7 +671,7 @@ def _list_ways_beside(edges: LocalPlanner, way: Floats) -> Iterator[Floats]:
     Each begins and ends on the way, as far from the blocked part as that is long.
     """
     rows = edges.split_path(way, 2.0 * edges.space.resolution, MAX_RADIANS).points
-    blocked = np.flatnonzero(~np.asarray(edges.space.is_free(rows, exact=edges.exact)))
+    blocked = np.flatnonzero(~edges.cells.is_free(rows, exact=edges.exact))
     if len(blocked):
         first, last = blocked[[0, -1]].tolist()
         count = last - first + 1

@@ -657,21 +657,21 @@ MUTANTS = (
         "tests/spectral/test_contacts.py",
     ),
     Mutant(
-        "cspace/spectral/_bands.py",
-        "(np.append(remaining, 0.0) + tail + np.append(0.0, summed))",
-        "(np.append(remaining, 0.0) + np.append(0.0, summed))",
-        "tests/spectral/test_bands.py",
+        "cspace/spectral/_early.py",
+        "+ placing + tail_a * tail_b",
+        "+ placing",
+        "tests/spectral/test_overlap.py",
     ),
     Mutant(
-        "cspace/spectral/_bump.py",
-        "share = (b - a) / distance",
-        "share = (a - b) / distance",
-        "tests/spectral/test_bump.py",
+        "cspace/spectral/_balls.py",
+        'largest = np.unique(np.quantile(balls.radii, shares, method="higher"))',
+        'largest = np.unique(np.quantile(balls.radii, shares, method="lower"))',
+        "tests/spectral/test_overlap.py",
     ),
     Mutant(
         "cspace/spectral/_overlap.py",
-        "matrix @ self.pair.rotation",
-        "self.pair.rotation @ matrix",
+        "matrix = rotation_matrix(rotation, self.dim) @ self._rotation",
+        "matrix = self._rotation @ rotation_matrix(rotation, self.dim)",
         "tests/spectral/test_overlap.py",
     ),
     Mutant(
@@ -687,16 +687,10 @@ MUTANTS = (
         "tests/spectral/test_decompose.py",
     ),
     Mutant(
-        "cspace/spectral/_descriptors.py",
-        "np.where(pairs > 0.5,",
-        "np.where(pairs > 0.0,",
-        "tests/spectral/test_descriptors.py",
-    ),
-    Mutant(
         "planners/_integrals.py",
         "place = min(max(place, 0.0), count - 1.0)",
         "place = min(max(place, 0.0), count - 1.5)",
-        "tests/spectral/test_field.py",
+        "tests/planners/test_objectives.py",
     ),
     # Tiles.
     Mutant(

@@ -12,6 +12,7 @@ import numpy as np
 import trimesh
 from numba import njit, prange
 from numpy.typing import NDArray
+from scipy.fft import irfftn, next_fast_len, rfftn
 from scipy.signal import convolve2d, fftconvolve
 from scipy.spatial.transform import Rotation
 
@@ -20,20 +21,16 @@ from benchmarks.timing import interleave, once
 from cspace import Grid, Mesh, Workspace, suggest
 from cspace._support.arrays import Floats, Ints
 from cspace.spectral import (
-    BallDescriptor,
     Bump,
-    Descriptor,
+    ContactTest,
     FourierOverlap,
     Verdict,
     ball_spectrum,
     best_placements,
     decompose,
-    indicator,
-    minkowski_sum,
-    superlevel,
 )
+from cspace.spectral._bump import radial_table
 from tests.helpers import solids
-from tests.soak.frequency import compute_overlap, draw_part
 
 Complexes = NDArray[np.complex128]
 
@@ -53,12 +50,6 @@ MAX_DIRECT_PAIRS = 2**30
 
 TABLE_STEP = 2.0**-10
 """Step of the table of a bump's spectrum; cubic interpolation errs by less than 1e-10 of F(0)."""
-
-DESCRIPTOR_CELLS = 1024
-KERNEL_CELLS = (9, 33)
-"""Cells along each side of the smaller descriptors of Minkowski sums."""
-
-MIN_MINKOWSKI_RATIO = 100.0
 
 PLACEMENT_COUNT = 100_000
 MIN_VALUES_RATIO = 20.0
@@ -110,8 +101,6 @@ MEMORY_CELLS = 64
 def run(report: Report, seed: int) -> None:
     """Compare Minkowski sums, spectra, values at placements, best placements, and verdicts."""
     rng = np.random.default_rng(seed)
-    for name, make in (("indicators", _flags), ("bumps of balls", _bumps)):
-        _minkowski(report, name, make, rng)
     for dim in (2, 3):
         _spectra(report, dim, rng)
         _values(report, seed, dim, rng)
@@ -172,7 +161,7 @@ def _direct_sum(centers: Floats, radii: Floats, count: int) -> Callable[[Ints], 
             float(sizes[-1]) * math.sqrt(dim) * (count // 2) / PERIOD_IN_SIDES / TABLE_STEP + 4.0,
         )
     )
-    table = Bump(2.0).table(dim, float(nodes.max()), 1e-13)(nodes)
+    table = radial_table(Bump(2.0), dim, float(nodes.max()))(nodes)
     balls = (
         np.pad(centers[order], ((0, 0), (0, 3 - dim))),
         np.append(starts, len(order)),
@@ -221,84 +210,16 @@ def _spectra(report: Report, dim: int, rng: np.random.Generator) -> None:
 # ---- Minkowski sums ------------------------------------------------------------------------------
 
 
-@njit(cache=True, parallel=True)
-def _convolution(f: Floats, g: Floats) -> Floats:
-    """Convolve two arrays of the plane, product by product."""
-    out = np.zeros((f.shape[0] + g.shape[0] - 1, f.shape[1] + g.shape[1] - 1))
-    for row in prange(len(out)):
-        for i in range(max(0, row - len(f) + 1), min(len(g), row + 1)):
-            for j in range(g.shape[1]):
-                times = g[i, j]
-                for k in range(f.shape[1]):
-                    out[row, j + k] += times * f[row - i, k]
-    return out
-
-
-def _flags(cells: int, rng: np.random.Generator) -> Descriptor:
-    return indicator(rng.random((cells, cells)) < 0.06, Grid((0.0, 0.0), 1.0, (cells, cells)))
-
-
-def _bumps(cells: int, rng: np.random.Generator) -> Descriptor:
-    number = max(1, cells // 8)
-    centers, radii = (
-        rng.uniform(0.2, 0.8, (number, 2)) * cells,
-        rng.uniform(0.02, 0.2, number) * cells,
-    )
-    return BallDescriptor(centers, radii, Bump(2.0)).sample(Grid((0.0, 0.0), 1.0, (cells, cells)))
-
-
-def _minkowski(
-    report: Report, name: str, make: Callable[..., Descriptor], rng: np.random.Generator
-) -> None:
-    """Compare sums by FFT with direct sums, extrapolated for equal sizes."""
-    cells = DESCRIPTOR_CELLS // 4 if report.quick else DESCRIPTOR_CELLS
-    f = make(cells, rng)
-    _convolution(f.values[:2], f.values[:2])  # compiles it
-    for across in KERNEL_CELLS:
-        g = make(across, rng)
-        report.section(f"Minkowski sum of {name}: {cells} x {cells} and {across} x {across} cells")
-        fft = interleave({"": partial(minkowski_sum, f, g)}, 3)[""]
-        report.timing("ours, fft", fft)
-        direct = {
-            "scipy, direct": once(partial(convolve2d, f.values, g.values)),
-            "compiled sums": once(partial(_convolution, f.values, g.values)),
-        }
-        for call, timing in direct.items():
-            report.timing(call, timing)
-            report.ratio(f"{call} / ours, fft", timing, fft)
-        sums = direct["scipy, direct"].value, direct["compiled sums"].value
-        largest = float(sums[1].max())
-        off = max(float(np.abs(fft.value.values - each).max()) for each in sums)
-        report.check(
-            off <= 1e-12 * largest, f"all sums: equal within {off / largest:.1g} of the largest"
-        )
-        # Products of tiny values near the boundary of a bump may underflow; products of booleans do
-        # not.
-        shape = (
-            _convolution(superlevel(f).astype(np.float64), superlevel(g).astype(np.float64)) > 0.5
-        )
-        same = bool((superlevel(fft.value) == shape).all())
-        report.check(same, "above zero just where some product is")
-    g = make(cells, rng)
-    report.section(f"Minkowski sum of {name}: {cells} x {cells} cells both")
-    fft = interleave({"": partial(minkowski_sum, f, g)}, 3)[""]
-    report.timing("ours, fft", fft)
-    for call, timing in direct.items():
-        more = timing.per((across / cells) ** 2)
-        report.timing(f"{call}, extrapolated from {across} x {across} cells", more)
-        report.ratio(f"{call} / ours, fft", more, fft, least=MIN_MINKOWSKI_RATIO)
-
-
 def _minkowski_crossover(report: Report, rng: np.random.Generator) -> None:
     """Report the size of bitmaps from which sums by FFT take less CPU time than direct sums."""
     report.section("Minkowski sums of bitmaps, n x n and n x n cells: CPU times")
     sizes = CROSSOVER_CELLS[::2] if report.quick else CROSSOVER_CELLS
     times = []
     for cells in sizes:
-        f, g = (_flags(cells, rng) for _ in range(2))
+        f, g = ((rng.random((cells, cells)) < 0.06).astype(np.float64) for _ in range(2))
         calls = {
-            "direct": partial(convolve2d, f.values, g.values),
-            "FFT": partial(minkowski_sum, f, g),
+            "direct": partial(convolve2d, f, g),
+            "FFT": lambda f=f, g=g: np.rint(fftconvolve(f, g)),
         }
         times.append(_cpu_times(report, f"{cells} x {cells} cells", calls))
     _report_crossover(report, "direct", "FFT", sizes, times)
@@ -327,7 +248,7 @@ def _sampling(report: Report, tolerance: float, rng: np.random.Generator) -> Non
 
     def sample(cells: int, centers: Floats) -> Complexes:
         grid = Grid((0.0, 0.0), 1.0 / cells, (cells, cells))
-        values = BallDescriptor(centers, radius, bump).sample(grid).values
+        values = _sample(centers, np.full(len(centers), radius), bump, grid)
         kept = k.astype(int) % cells
         shift = np.exp(-1j * math.pi * k / cells) / cells
         spectrum = np.fft.fft2(values)[np.ix_(kept, kept)]
@@ -373,6 +294,18 @@ def _sampling(report: Report, tolerance: float, rng: np.random.Generator) -> Non
         _report_crossover(report, slow, fast, numbers, times)
 
 
+def _sample(centers: Floats, radii: Floats, bump: Bump, grid: Grid) -> Floats:
+    """Sum the bumps of balls at the centers of cells, each in a window around the ball."""
+    values = np.zeros(grid.shape)
+    axes = [grid.centers(axis) for axis in range(grid.dim)]
+    for center, radius in zip(centers, radii, strict=True):
+        near = [np.flatnonzero(np.abs(x - c) < radius) for x, c in zip(axes, center, strict=True)]
+        steps = [(x[n] - c) / radius for x, n, c in zip(axes, near, center, strict=True)]
+        squares = sum(step**2 for step in np.meshgrid(*steps, indexing="ij", sparse=True))
+        values[np.ix_(*near)] += bump.profile(np.sqrt(squares))
+    return values
+
+
 def _cpu_times(report: Report, case: str, calls: dict[str, Callable[[], Any]]) -> dict[str, float]:
     """Report and return the CPU times of calls, seconds, each repeated for some milliseconds."""
     times = {}
@@ -412,9 +345,7 @@ def _bounds(report: Report, rng: np.random.Generator) -> None:
     the products of the moduli. Frequencies beyond the band count for neither.
     """
     a, b = (
-        BallDescriptor(
-            rng.uniform(-0.5, 0.5, (40, 2)) * side, rng.choice([0.08, 0.1, 0.15], 40), Bump(2.0)
-        )
+        (rng.uniform(-0.5, 0.5, (40, 2)) * side, rng.choice([0.08, 0.1, 0.15], 40))
         for side in (0.8, 2.0)
     )
     period, count = 4.0, 128
@@ -422,8 +353,7 @@ def _bounds(report: Report, rng: np.random.Generator) -> None:
     waves = np.stack(np.meshgrid(k, k, indexing="ij"), axis=-1).reshape(-1, 2)
     order = np.argsort(np.linalg.norm(waves, axis=1), kind="stable")
     spectra = [
-        ball_spectrum(each.centers, each.radii, each.bump, period, count, 1e-9).ravel()[order]
-        for each in (a, b)
+        ball_spectrum(*each, Bump(2.0), period, count, 1e-9).ravel()[order] for each in (a, b)
     ]
     products = np.abs(spectra[0]) * np.abs(spectra[1]) / period**2
     ours = products.sum() - np.cumsum(products)
@@ -432,12 +362,18 @@ def _bounds(report: Report, rng: np.random.Generator) -> None:
     theirs = norms[0] * norms[1]
     places = rng.uniform(-1.8, 1.8, (200 if report.quick else 2000, 2))
     needed: dict[str, list[float]] = {"Lysenko's bound": [], "our bound": []}
+    needed["our bound, largest first"] = []
+    largest_first = np.argsort(-products, kind="stable")
+    left = products.sum() - np.cumsum(products[largest_first])
     threshold = 1e-3
     for place in places:
         phases = np.exp(2j * math.pi * (waves[order] @ place))
-        sums = np.cumsum((spectra[1] * np.conj(spectra[0]) * phases).real) / period**2
-        for name, rest in zip(needed, (theirs, ours), strict=True):
-            decided = np.flatnonzero(np.abs(sums - threshold) > rest)
+        terms = (spectra[1] * np.conj(spectra[0]) * phases).real / period**2
+        sums = np.cumsum(terms)
+        others = np.cumsum(terms[largest_first])
+        cases = (sums, theirs), (sums, ours), (others, left)
+        for name, (total, rest) in zip(needed, cases, strict=True):
+            decided = np.flatnonzero(np.abs(total - threshold) > rest)
             needed[name].append(float(decided[0]) + 1.0 if len(decided) else math.inf)
     report.section(
         f"frequencies that decide about an overlap of {threshold:g} m2, {count**2} in all"
@@ -474,15 +410,8 @@ def _memory(report: Report) -> None:
 def _values(report: Report, seed: int, dim: int, rng: np.random.Generator) -> None:
     """Compare overlaps and gradients in a batch with single calls."""
     tolerance = 0.1 if report.quick else 1e-3
-    overlap = compute_overlap(
-        draw_part(seed, 0, dim),
-        [draw_part(seed, 1, dim)],
-        0.5,
-        8,
-        Bump(2.0),
-        tolerance,
-        inner=False,
-    )
+    a, b = ((rng.uniform(-0.5, 0.5, (30, dim)), rng.choice([0.15, 0.2, 0.3], 30)) for _ in range(2))
+    overlap = FourierOverlap(a, b, tolerance=tolerance)
     number = PLACEMENT_COUNT // 10 if report.quick else PLACEMENT_COUNT
     single = min(number, SINGLE_PLACEMENTS[dim] // 20 if report.quick else SINGLE_PLACEMENTS[dim])
     where = "in the plane" if dim == 2 else "in space"
@@ -513,11 +442,7 @@ def _placements(report: Report, dim: int, rng: np.random.Generator) -> None:
     few, many = (number // (4 if report.quick else 1) for number in SEARCH_BALLS)
     count = SEARCH_ROTATIONS[dim] // (6 if report.quick else 1)
     a, b = (
-        BallDescriptor(
-            rng.uniform(-0.5, 0.5, (number, dim)) * side,
-            rng.choice([0.08, 0.1, 0.15], number),
-            Bump(2.0),
-        )
+        (rng.uniform(-0.5, 0.5, (number, dim)) * side, rng.choice([0.08, 0.1, 0.15], number))
         for number, side in ((few, 0.8), (many, 2.0))
     )
     angles = 2.0 * math.pi * np.arange(count) / count
@@ -527,20 +452,23 @@ def _placements(report: Report, dim: int, rng: np.random.Generator) -> None:
         else Rotation.random(count, random_state=0)
     )
     matrices = turns.as_matrix()[:, :dim, :dim]
-    spacing = float(a.radii.min()) / RASTER_CELLS_PER_RADIUS
+    spacing = float(a[1].min()) / RASTER_CELLS_PER_RADIUS
 
-    def raster(balls: BallDescriptor) -> Floats:
-        lower, upper = balls.bounds
-        return balls.sample(
-            Grid(lower, spacing, np.ceil((upper - lower) / spacing).astype(int))
-        ).values
+    def raster(centers: Floats, radii: Floats) -> Floats:
+        lower = (centers - radii[:, None]).min(axis=0)
+        upper = (centers + radii[:, None]).max(axis=0)
+        grid = Grid(lower, spacing, np.ceil((upper - lower) / spacing).astype(int))
+        return _sample(centers, radii, Bump(2.0), grid)
 
     def correlate() -> float:
-        fixed = raster(b)
-        moved = (
-            raster(BallDescriptor(a.centers @ matrix.T, a.radii, a.bump)) for matrix in matrices
-        )
-        return max(float(fftconvolve(fixed, np.flip(each)).max()) for each in moved) * spacing**dim
+        """Correlate at each rotation; the spectrum of the fixed raster is kept."""
+        fixed = raster(*b)
+        moved = [raster(a[0] @ matrix.T, a[1]) for matrix in matrices]
+        largest = np.max([each.shape for each in moved], axis=0)
+        shape = [next_fast_len(int(n), real=True) for n in np.add(fixed.shape, largest) - 1]
+        spectrum = rfftn(fixed, shape)
+        sums = (irfftn(spectrum * rfftn(np.flip(each), shape), shape) for each in moved)
+        return max(float(each.max()) for each in sums) * spacing**dim
 
     report.section(
         f"best of all positions at {count} rotations, {few} and {many} balls, {'plane' if dim == 2 else 'space'}"
@@ -550,7 +478,7 @@ def _placements(report: Report, dim: int, rng: np.random.Generator) -> None:
             a, b, matrices, 10, refine_rotations=False
         ),
         "best_placements, rotations refined": lambda: best_placements(a, b, matrices, 10),
-        f"rasters of {spacing:g} m, scipy's fftconvolve": correlate,
+        f"rasters of {spacing:g} m, scipy's FFTs": correlate,
     }
     timings = interleave(calls, 1 if report.quick else 3)
     report.timings(timings)
@@ -577,7 +505,7 @@ def _verdicts(report: Report, rng: np.random.Generator) -> None:
         for kind in ("outer", "inner")
         for body in bodies
     ]
-    overlap = FourierOverlap.of_shapes(*sets)
+    overlap = ContactTest(*sets)
     ts = rng.uniform(-0.5, 0.5, (VERDICT_PLACEMENTS, 3)) * VERDICT_SIDE
     moved, fixed = (solids.surface(*body) for body in bodies)
 
@@ -607,7 +535,7 @@ def _verdicts(report: Report, rng: np.random.Generator) -> None:
             f"{name} / FCL collide", timings[name], timings["FCL collide"], most=MAX_COLLIDE_RATIO
         )
         report.ratio(f"FCL distance / {name}", timings["FCL distance"], timings[name], least=1.0)
-    verdicts, collides = timings["separated(ts)"].value.verdict, timings["FCL collide"].value
+    verdicts, collides = timings["separated(ts)"].value, timings["FCL collide"].value
     report.figure("clear placements", 100.0 * float((~collides).mean()), "%")
     decided = 100.0 * float((verdicts != Verdict.UNDECIDED).mean())
     report.figure("decided", decided, "%", least=None if report.quick else MIN_DECIDED_PERCENT)

@@ -16,7 +16,7 @@ from cspace.errors import InputError
 
 if TYPE_CHECKING:
     from cspace.spectral import Bump
-    from cspace.spectral._descriptors import BallsLike
+    from cspace.spectral._balls import BallsLike
 
 
 class ArmPenetration:
@@ -54,29 +54,26 @@ class ArmPenetration:
     ) -> None:
         """Put the balls of all links into the frames of their bodies; check all arguments."""
         from cspace.spectral import BallPenetration
-        from cspace.spectral._descriptors import as_balls, check_same_dim, common_bump
+        from cspace.spectral._balls import as_balls
 
         if not links:
             raise InputError("links", "is empty", "there must be one", "pass e.g. {'hand': balls}")
-        kind = common_bump(bump, obstacles, *links.values())
         bodies = []
         centers = []
         radii = []
         for name, source in links.items():
             body, pose = arm.placements[check_known(name, "links", arm.placements)]
-            balls = as_balls(source, name, kind)
-            check_same_dim(name, balls.dim, 3)
+            balls = as_balls(source, name, 3)
             bodies.append(np.full(len(balls.radii), body))
             centers.append(balls.centers @ pose[:3, :3].T + pose[:3, 3])
             radii.append(balls.radii)
-        obstacle_balls = as_balls(obstacles, "obstacles", kind)
-        check_same_dim("obstacles", obstacle_balls.dim, 3)
+        obstacle_balls = as_balls(obstacles, "obstacles", 3)
         self.arm = arm
         # The body of each ball, shape (n,), and its center on that body, shape (n, 3).
         self._bodies = np.concatenate(bodies)
         self._centers = np.concatenate(centers)
         self._field = BallPenetration(
-            np.concatenate(radii), obstacle_balls, bump=kind, band=band, tolerance=tolerance
+            np.concatenate(radii), obstacle_balls, bump=bump, band=band, tolerance=tolerance
         )
 
     def value_and_gradient(self, q: ArrayLike) -> tuple[Floats, Floats]:

@@ -1,6 +1,7 @@
 """Decomposition of shapes into balls that fill or cover them.
 
-The balls are chosen greedily by the lattice cells that they add. Lengths in this module are in
+Few balls are arranged (:mod:`cspace.spectral._arrange`); more are chosen greedily by the lattice
+cells that they add. Lengths in this module are in
 sides of a cell, unless they say metres. A ball contains a cell if ``sum (|cell_center - center| +
 half)^2 <= reach^2`` over the axes. With ``half`` zero it contains the cell's center, otherwise the
 whole cell. An *open* cell lies in no chosen ball.
@@ -22,6 +23,7 @@ from cspace._support.arrays import Floats, Ints, frozen
 from cspace._support.check import check_count, check_positive, check_word
 from cspace._support.compiling import allocating, internal, kernel
 from cspace.errors import GeometryError, InputError
+from cspace.spectral._arrange import MAX_ARRANGED_BALLS, MAX_REPLACED_BALLS, Arrangement
 from cspace.spectral._regions import (
     Lattice,
     PieceTree,
@@ -123,9 +125,10 @@ def decompose(
 ) -> BallDecomposition:
     """Decompose a shape into balls.
 
-    The balls fill the shape or cover it. A greedy choice takes the ball that adds most cells of a
-    lattice (V. Chvatal, "A greedy heuristic for the set-covering problem", 1979). Candidates have
-    their centers along the medial axis. The results are proven, not sampled: an "inner" ball is no
+    The balls fill the shape or cover it. Up to 64 balls are arranged by alternating assignment. For
+    more, a greedy choice takes the ball that adds most cells of a lattice (V. Chvatal, "A greedy
+    heuristic for the set-covering problem", 1979); candidates have their centers along the medial
+    axis. The results are proven, not sampled: an "inner" ball is no
     larger than the distance of its center from the boundary. For "outer", cells cover the shape,
     and each cell lies entirely in one ball.
 
@@ -189,6 +192,8 @@ def decompose(
         lattice = Lattice.for_tolerance(region, length or 0.0)
     choose_balls = _fill_shape if kind == "inner" else _cover_shape
     centers, radii, gap = choose_balls(lattice, count, length)
+    if length is not None and len(radii) <= MAX_REPLACED_BALLS:
+        centers, radii, gap = _arrange_fewer(lattice, kind, length, (centers, radii, gap))
     largest_first = np.argsort(-radii, kind="stable")
     centers = frozen(centers[largest_first])
     radii = frozen(radii[largest_first])
@@ -217,7 +222,8 @@ def _fill_shape(
         # Try balls that add most cells, and balls that come near to all cells.
         count = number or UNLIMITED_BALLS
         cover, _ = _cover_with(lattice, candidates, count)
-        centers, radii, _ = _select_nearest(lattice, _fill_greedily(lattice, count), cover)
+        greedy = _fill_greedily(lattice, count)
+        centers, radii, _ = _select_nearest(lattice, count, "inner", greedy, cover)
     is_inside = radii > 0.0
     centers = centers[is_inside]
     radii = radii[is_inside]
@@ -274,29 +280,71 @@ def _cover_shape(
         # Covering whole cells takes more than covering the shape, so only the centers are kept;
         # each ball around them grows as the shape needs. Balls that fill the shape are nearer where
         # it is smooth, so they are tried too.
-        centers, depths, growths = _select_nearest(lattice, _fill_greedily(lattice, number), balls)
-        radii = (depths + growths) * (1.0 + 2.0**-40)  # above the sum in spite of rounding
-        is_needed = radii > 0.0
-        centers = centers[is_needed]
-        radii = radii[is_needed]
+        choices = [balls]
+        if lattice.region.inner.measure[1] > 0.0:
+            choices.append(_fill_greedily(lattice, number))
+        return _grow(lattice, *_select_nearest(lattice, number, "outer", *choices))
     return centers, radii, bound_balls_to_shape(lattice.region, centers, radii)
 
 
-def _select_nearest(lattice: Lattice, *choices: LatticeBalls) -> tuple[Floats, Floats, Floats]:
+def _grow(
+    lattice: Lattice, centers: Floats, depths: Floats, growths: Floats
+) -> tuple[Floats, Floats, Gap]:
+    """Grow the largest balls in the shape as far as their parts of the shape need.
+
+    Balls without a part are dropped.
+    """
+    radii = (depths + growths) * (1.0 + 2.0**-40)  # above the sum in spite of rounding
+    is_needed = radii > 0.0
+    centers = centers[is_needed]
+    radii = radii[is_needed]
+    return centers, radii, bound_balls_to_shape(lattice.region, centers, radii)
+
+
+def _arrange_fewer(
+    lattice: Lattice, kind: Kind, tolerance: float, balls: tuple[Floats, Floats, Gap]
+) -> tuple[Floats, Floats, Gap]:
+    """Replace balls within a tolerance, in metres, by fewer ones that are arranged, if found."""
+    arrangement = Arrangement(lattice, inside=kind == "inner")
+    too_few = 0
+    number = len(balls[1])
+    while number - too_few > 1:
+        middle = (number + too_few) // 2
+        centers = arrangement.place(middle)
+        low, high = 0.0, math.inf
+        if len(centers):
+            depths = lattice.region.depths(centers)
+            low, high, growths = bound_shape_to_balls(lattice, centers, depths)
+        if high > tolerance:
+            too_few = middle
+            continue
+        number = middle
+        balls = centers, depths, (low, high)
+        if kind == "outer":
+            balls = _grow(lattice, centers, depths, growths)
+    return balls
+
+
+def _select_nearest(
+    lattice: Lattice, number: int, kind: Kind, *choices: LatticeBalls
+) -> tuple[Floats, Floats, Floats]:
     """Select the set of balls with the smallest distance from the shape.
 
-    Each choice gives the centers; the balls are the largest balls in the shape around them. Returns
-    centers (n, d) and radii (n,) in metres, negative outside the shape, and the growth of each ball
-    with which all cover the shape (n,). Without any choice, n is 0.
+    Each choice gives the centers, and few balls are arranged, too; the balls are the largest balls
+    in the shape around them. Returns centers (n, d) and radii (n,) in metres, negative outside the
+    shape, and the growth of each ball with which all cover the shape (n,). Without any choice, n is
+    0.
     """
+    places = [lattice.to_metres(choice.centers) for choice in choices]
+    if number <= MAX_ARRANGED_BALLS:
+        places.append(Arrangement(lattice, inside=kind == "inner").place(number, *places))
     smallest = math.inf
     no_lengths = np.empty(0)
     no_centers = np.empty((0, lattice.region.dim))
     best: tuple[Floats, Floats, Floats] = no_centers, no_lengths, no_lengths
-    for choice in choices:
-        if not len(choice.centers):
+    for centers in places:
+        if not len(centers):
             continue
-        centers = lattice.to_metres(choice.centers)
         depths = lattice.region.depths(centers)
         _, distance, growths = bound_shape_to_balls(lattice, centers, depths)
         if distance < smallest:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace._rotations import Rotations
+from cspace._shapes import Balls
 from cspace._support.arrays import Floats
 from cspace._support.check import (
     check_count,
@@ -24,54 +25,43 @@ from cspace._support.check import (
 )
 from cspace._support.threads import cores
 from cspace.errors import InputError
-from cspace.spectral._bump import Bump
-from cspace.spectral._descriptors import (
-    PLACEMENT_ROUNDING,
-    SMALLEST_NORMAL,
-    BallDescriptor,
+from cspace.spectral._balls import (
     BallsLike,
+    Rotates,
     as_balls,
-    check_same_dim,
-    common_bump,
-    union,
+    as_matrices,
+    find_center,
+    rotation_matrix,
+    round_radii,
 )
-from cspace.spectral._overlap import FourierOverlap, as_matrices, rotation_matrix
-from cspace.spectral._pairs import norm_square, sum_pairs
-from cspace.spectral._spectra import (
-    Complexes,
-    FrequencyLattice,
-    ball_spectrum,
-    frequency_indices,
-    radial_terms,
-    sum_terms,
-)
+from cspace.spectral._bump import Bump, check_bump
+from cspace.spectral._overlap import MAX_RADII, FourierOverlap
+from cspace.spectral._spectra import Complexes, FrequencyLattice, RadialFactors
 
 if TYPE_CHECKING:
     from scipy.interpolate import NdBSpline
-    from scipy.spatial.transform import Rotation
 
-MAX_SEARCH_FREQUENCIES: Final = 2**18
-"""Largest number of frequencies, opposite ones counted once, of a search band chosen automatically.
-"""
+MAX_SEARCH_FREQUENCIES: Final = 2**19
+"""Largest number of frequencies of a search band chosen automatically."""
 
 SEARCH_ACCURACY: Final = 1e-5
-"""Accuracy of the spectra of a search, relative to their largest values; the scores returned do not
-depend on it."""
+"""Accuracy of the spectra of a search, relative to their largest values."""
 
 ASCENT_LENGTHS: Final = (1e-3, 2.0)
 """Length of the last steps and of the longest steps of an ascent, in spacings of the lattice."""
+
+SMALLEST_LENGTH: Final = float(np.finfo(np.float64).tiny)
+"""Smallest length that others are divided by."""
 
 
 class Placements(NamedTuple):
     """Placements of a ball set A and their scores, best first.
 
     A point p of A lies at ``rotations[k] @ p + translations[k]``: matrices (n, d, d), and metres
-    (n, d). ``scores``, shape (n,), are in square or cubic metres, and ``bounds`` their largest
-    differences from the ideal scores.
+    (n, d). ``scores``, shape (n,), are in square or cubic metres.
     """
 
     scores: Floats
-    bounds: Floats
     translations: Floats
     rotations: Floats
 
@@ -91,11 +81,11 @@ class Placements(NamedTuple):
 def best_placements(
     a: BallsLike,
     b: BallsLike,
-    rotations: int | Rotations | Rotation | ArrayLike,
+    rotations: int | Rotations | Rotates,
     n: int = 10,
     *,
     avoid: BallsLike | None = None,
-    penalty: float = 10.0,
+    penalty: float = 100.0,
     separation: float | None = None,
     refine_rotations: bool = True,
     bump: Bump | None = None,
@@ -109,7 +99,7 @@ def best_placements(
     all translations of a lattice, the rotational search of docking (Chen and Weng, 2002; Kozakov
     and others, 2006). The highest peaks then climb along the gradient with respect to translation
     and rotation. A peak narrower than the steps of the lattice and of ``rotations`` may be missed;
-    the scores returned do not depend on either.
+    scores are those of the search.
 
     Parameters
     ----------
@@ -134,16 +124,15 @@ def best_placements(
     bump : Bump, optional
         As for :class:`FourierOverlap`.
     band : float, optional
-        Highest frequency of the search along each axis, cycles per metre. By default, the search
-        errs by about ``tolerance`` times the overlap of A with itself. At most about 260,000
-        frequencies are used.
+        Highest frequency of the search along each axis, cycles per metre. By default, scores err
+        by about ``tolerance`` times the summed overlaps of the balls of A with themselves. At most
+        about 520,000 frequencies are used.
     tolerance : float
 
     Returns
     -------
     Placements
-        Scores are sums over pairs of balls, whose error is bounded. There are fewer than ``n``
-        placements if the search found fewer with positive scores.
+        Fewer than ``n`` if the search found fewer with scores above its error.
 
     Memory is that of one rotation and the best placements so far. Raises InputError if a value is
     not as stated. Raises MissingPackageError if finufft is not installed.
@@ -157,94 +146,83 @@ def best_placements(
     >>> best.translations.shape, best.rotations.shape
     ((1, 2), (1, 2, 2))
     """
-    sources = {"a": a, "b": b}
-    if avoid is not None:
-        sources["avoid"] = avoid
-    shared_bump = common_bump(bump, *sources.values())
-    body, target, *avoided = (as_balls(balls, name, shared_bump) for name, balls in sources.items())
+    body = as_balls(a, "a")
+    target = as_balls(b, "b", body.dim)
     number = check_count(n, "n", 1, hint="pass e.g. 10")
-    cost = check_not_negative(penalty, "penalty", "pass e.g. 10")
+    cost = check_not_negative(penalty, "penalty", "pass e.g. 100")
     check_flag(refine_rotations, "refine_rotations")
-    for balls in avoided:
-        check_same_dim("avoid", balls.dim, target.dim)
     # Both targets are one set of balls, with negative weights for those to avoid.
-    targets = union(target, *avoided)
+    sets = [round_radii(target, MAX_RADII // 2, grow=False)]
+    if avoid is not None:
+        avoided = as_balls(avoid, "avoid", body.dim)
+        sets.append(round_radii(avoided, MAX_RADII // 2, grow=False))
+    targets = Balls(
+        np.concatenate([balls.centers for balls in sets]),
+        np.concatenate([balls.radii for balls in sets]),
+    )
     weights = np.full(len(targets.radii), -cost)
     weights[: len(target.radii)] = 1.0
-    score = _Score(body, targets, weights, band, tolerance)
+    part = round_radii(body, MAX_RADII, grow=False)
+    score = _Score(part, targets, weights, check_bump(bump), band, tolerance)
     matrices = _make_rotation_matrices(rotations, body.dim)
     gap = 0.5 * score.gyration if separation is None else check_positive(separation, "separation")
     # More placements are refined than returned, and closer ones, because some climb to one peak.
     most = 2 * number + 8
     poses = _Poses.none(body.dim)
     for matrix in matrices:
-        floor = 0.0
+        floor = score.error
         if len(poses.scores) == most:
             floor = float(poses.scores[-1])
         peaks = score.find_peaks(matrix, floor, most)
         poses = poses.append(peaks).select_distinct(score.root, 0.5 * gap, most)
     poses = score.climb(poses, refine_rotations).select_distinct(score.root, gap, number)
-    # Scores of the search are approximate; sums over pairs of balls have proven bounds.
-    scores, bounds = score.sum_pairs(poses)
-    best = np.argsort(-scores, kind="stable")
-    best = best[scores[best] > bounds[best]]
     translations = poses.centers - poses.rotations @ score.centroid
-    return Placements(scores[best], bounds[best], translations[best], poses.rotations[best])
+    return Placements(poses.scores, translations, poses.rotations)
 
 
 class Correlation:
     """Overlaps of a body's balls with weighted target balls, from spectra.
 
-    Spectra are those of :class:`FourierOverlap`, with ``lengths`` and ``counts`` as there. Inverse
-    FFTs give the overlaps at the steps of a lattice, ``shape`` of them in a period. Cubic splines
-    of the fields that the target makes, one for each term of the balls, give them elsewhere.
+    Inverse FFTs give the overlaps at the steps of a lattice, ``shape`` of them in a period. Cubic
+    splines of the fields that the target makes, one for each radius of the body, give them
+    elsewhere.
     """
 
     def __init__(
         self,
-        body: BallDescriptor,
-        target: BallDescriptor,
-        lengths: tuple[float, ...],
+        overlap: FourierOverlap,
         counts: tuple[int, ...],
         weights: Floats | None = None,
     ) -> None:
         """Choose a lattice for FFTs, and compute the spectrum of the target."""
         from scipy.fft import next_fast_len
 
-        self.body = body
-        self.target = target
-        self.lengths = np.array(lengths)
+        self.body = overlap.a
+        self.lattice = FrequencyLattice(overlap.lattice.periods, counts)
         self.shape = tuple(next_fast_len(count, real=True) for count in counts)
-        self.cells_per_metre = self.shape / self.lengths
-        self.lattice = FrequencyLattice(self.lengths, counts)
-        self.terms = list(radial_terms(self.lattice, body.bump, body.radii, SEARCH_ACCURACY))
-        self.spectrum = ball_spectrum(
-            target.centers - target.center,
-            target.radii,
-            target.bump,
-            lengths,
-            counts,
-            SEARCH_ACCURACY,
-            weights=weights,
+        self.cells_per_metre = self.shape / self.lattice.periods
+        self.center = find_center(overlap.b)
+        self.factors = RadialFactors(self.lattice, overlap.bump, self.body.radii)
+        self.spectrum = RadialFactors(self.lattice, overlap.bump, overlap.b.radii).spectrum(
+            overlap.b.centers - self.center, SEARCH_ACCURACY, weights
         )
 
-    def overlaps(self, matrix: Floats) -> Floats:
-        """Return the overlaps with the body rotated, at all steps of the lattice.
+    def overlaps(self, centers: Floats) -> Floats:
+        """Return the overlaps of the body around centers, at all steps of the lattice.
 
-        At the first step, the centers of body and target coincide.
+        ``centers``, shape (k, d), are relative to a point that lies at the target's center at the
+        first step.
         """
-        rotated = (self.body.centers - self.body.center) @ matrix.T
-        body_spectrum = sum_terms(self.lattice, rotated, self.terms, SEARCH_ACCURACY)
-        return self.invert(self.spectrum * body_spectrum.conj())
+        body_spectrum = self.factors.spectrum(centers, SEARCH_ACCURACY)
+        return self._invert(self.spectrum * body_spectrum.conj())
 
-    def invert(self, spectrum: Complexes) -> Floats:
+    def _invert(self, spectrum: Complexes) -> Floats:
         """Return the values of a spectrum of a real function on the lattice, by an inverse FFT."""
         from scipy.fft import irfftn
 
         padded = np.zeros(self.shape, dtype=np.complex128)
         # Negative frequencies count from the end.
-        places = np.ix_(*map(frequency_indices, self.lattice.counts))
-        padded[places] = spectrum
+        padded[np.ix_(*(k.astype(np.intp) for k in self.lattice.indices))] = spectrum
         # Half of the frequencies suffice, because opposite ones have conjugate values.
         half = padded[..., : self.shape[-1] // 2 + 1]
         values = irfftn(half, s=self.shape, workers=cores())
@@ -252,15 +230,14 @@ class Correlation:
 
     @cached_property
     def splines(self) -> list[NdBSpline]:
-        """Spline of the field of each term, at places in cells, from 0 to the period."""
+        """Spline of the field of each radius, at places in cells, from 0 to the period."""
         from scipy.interpolate import NdBSpline
         from scipy.ndimage import spline_filter
 
         knots = tuple(np.arange(count + 7) - 3.0 for count in self.shape)
         splines = []
-        for term in self.terms:
-            field = self.invert(self.spectrum * self.lattice.spread(term.factor))
-            coefficients = spline_filter(field, mode="grid-wrap")
+        for _, factor in self.factors.groups:
+            coefficients = spline_filter(self._invert(self.spectrum * factor), mode="grid-wrap")
             # The splines are periodic: one cell before and two cells after the period.
             periodic = np.pad(coefficients, (1, 2), mode="wrap")
             splines.append(NdBSpline(knots, periodic, 3))
@@ -273,13 +250,12 @@ class Correlation:
         repeat with the period.
         """
         dim = len(self.shape)
-        places = (centers - self.target.center) * self.cells_per_metre % self.shape
+        places = (centers - self.center) * self.cells_per_metre % self.shape
         orders = np.eye(1 + dim, dtype=np.int64)[:, 1:]  # the value, and each derivative
         sums = np.zeros((*centers.shape[:2], 1 + dim))
-        for term, spline in zip(self.terms, self.splines, strict=True):
+        for (members, _), spline in zip(self.factors.groups, self.splines, strict=True):
             for column, order in enumerate(orders):
-                values = spline(places[:, term.members], nu=tuple(order))
-                sums[:, term.members, column] += term.strengths * values
+                sums[:, members, column] = spline(places[:, members], nu=tuple(order))
         sums[..., 1:] *= self.cells_per_metre
         return sums
 
@@ -323,13 +299,13 @@ class BallPenetration:
         tolerance: float = 0.01,
     ) -> None:
         """Check all balls, and compute the spectrum of the fixed ones."""
-        balls = as_balls(fixed, "fixed", common_bump(bump, fixed))
+        balls = as_balls(fixed, "fixed")
         sizes = np.atleast_1d(check_finite(radii, "radii"))
         # Only the radii of the moving balls matter, so all stand at the origin.
-        moving = BallDescriptor(np.zeros((len(sizes), balls.dim)), sizes, balls.bump)
-        overlap = FourierOverlap(moving, balls, band=band, tolerance=tolerance)
+        moving = np.zeros((len(sizes), balls.dim)), sizes
+        overlap = FourierOverlap(moving, balls, bump=bump, band=band, tolerance=tolerance)
         self._lower, self._upper = overlap.domain
-        self._fields = Correlation(moving, balls, overlap.lengths, overlap.counts)
+        self._fields = Correlation(overlap, overlap.lattice.counts)
 
     def value_and_gradient(self, centers: ArrayLike) -> tuple[Floats, Floats]:
         """Compute the summed overlap and its derivatives by the centers.
@@ -408,28 +384,28 @@ class _Score:
 
     def __init__(
         self,
-        body: BallDescriptor,
-        target: BallDescriptor,
+        body: Balls,
+        target: Balls,
         weights: Floats,
+        bump: Bump,
         band: float | None,
         tolerance: float,
     ) -> None:
         """Choose the band of the search, and measure how the balls of A spread."""
+        within = check_positive(tolerance, "tolerance", "parts")
+        volume = float((body.radii**body.dim).sum())
+        self.error = within * bump.energy(body.dim) * volume
+        # An overlap refers its tolerance to one ball. What costs more must be more accurate.
+        smaller = float(min(np.median(body.radii), np.median(target.radii)))
+        within *= volume / smaller**body.dim / max(1.0, float(np.abs(weights).max()))
         self.body = body
-        self.target = target
-        self.weights = weights
         self.dim = body.dim
-        # The overlap of A with itself is the largest that it can have with its like.
-        self_overlap, _ = norm_square(body)
-        overlap = FourierOverlap(
-            body, target, bump=body.bump, threshold=self_overlap, band=band, tolerance=tolerance
-        )
-        counts = overlap.counts
+        overlap = FourierOverlap(body, target, bump=bump, band=band, tolerance=within)
+        counts = overlap.lattice.counts
         if band is None:
-            shrink = min(1.0, (MAX_SEARCH_FREQUENCIES / overlap.frequencies) ** (1.0 / self.dim))
-            halves = (max(1, math.floor(shrink * (count // 2))) for count in counts)
-            counts = tuple(2 * half + 1 for half in halves)
-        self.correlation = Correlation(body, target, overlap.lengths, counts, weights)
+            shrink = min(1.0, (MAX_SEARCH_FREQUENCIES / math.prod(counts)) ** (1.0 / self.dim))
+            counts = tuple(2 * max(1, math.floor(shrink * (count // 2))) + 1 for count in counts)
+        self.correlation = Correlation(overlap, counts, weights)
         self.centroid = body.centers.mean(axis=0)
         # Centers relative to the centroid, their covariance and its square root.
         self.arms = body.centers - self.centroid
@@ -445,7 +421,7 @@ class _Score:
         """
         from scipy.ndimage import maximum_filter
 
-        scores = self.correlation.overlaps(matrix)
+        scores = self.correlation.overlaps(self.arms @ matrix.T)
         if scores.max() <= floor:
             return _Poses.none(self.dim)
         is_peak = (scores > floor) & (scores == maximum_filter(scores, 3, mode="wrap"))
@@ -456,9 +432,9 @@ class _Score:
             peaks = peaks[order[:most]]
         steps = np.stack(np.unravel_index(peaks, scores.shape), axis=1)
         shares = steps / scores.shape  # of the period
-        # Take the nearest of all periods, and go from the center of A to its centroid.
-        centers = (shares - np.round(shares)) * self.correlation.lengths + self.target.center
-        centers += matrix @ (self.centroid - self.body.center)
+        # Take the nearest of all periods.
+        periods = self.correlation.lattice.periods
+        centers = (shares - np.round(shares)) * periods + self.correlation.center
         rotations = np.broadcast_to(matrix, (len(peaks), *matrix.shape))
         return _Poses(flat_scores[peaks], centers, rotations)
 
@@ -469,14 +445,14 @@ class _Score:
         of gyration.
         """
         poses, slopes = self._score_poses(poses, turn)
-        spacing = float((self.correlation.lengths / self.correlation.lattice.counts).min())
+        spacing = float((1.0 / self.correlation.cells_per_metre).min())
         last_length, max_length = spacing * np.array(ASCENT_LENGTHS)
         trust = np.full(len(slopes), 0.5 * spacing)  # largest length of the next step
-        sizes = np.maximum(np.linalg.norm(slopes, axis=1), SMALLEST_NORMAL)
+        sizes = np.maximum(np.linalg.norm(slopes, axis=1), SMALLEST_LENGTH)
         inverse = np.eye(slopes.shape[1]) * (trust / sizes)[:, None, None]
         for _ in range(40):
             steps = np.einsum("nij,nj->ni", inverse, slopes)
-            lengths = np.maximum(np.linalg.norm(steps, axis=1), SMALLEST_NORMAL)
+            lengths = np.maximum(np.linalg.norm(steps, axis=1), SMALLEST_LENGTH)
             if (lengths <= last_length).all():
                 break
             steps *= np.minimum(1.0, trust / lengths)[:, None]
@@ -523,18 +499,6 @@ class _Score:
         scored = _Poses(sums[..., 0].sum(axis=1), poses.centers.copy(), poses.rotations.copy())
         return scored, slopes
 
-    def sum_pairs(self, poses: _Poses) -> tuple[Floats, Floats]:
-        """Compute ideal scores of poses and bounds of their errors, shapes (n,)."""
-        # Rounding of a distance grows with the coordinates.
-        farthest = float(np.abs(poses.centers).max(initial=0.0))
-        slack = 4.0 * PLACEMENT_ROUNDING * (self.body.span + self.target.span + farthest)
-        moved = (
-            self.arms @ matrix.T + center
-            for center, matrix in zip(poses.centers, poses.rotations, strict=True)
-        )
-        fixed = self.target.centers, self.target.radii, self.weights
-        return sum_pairs(self.body.bump, moved, self.body.radii, fixed, slack)
-
 
 def _update_inverse(inverse: Floats, steps: Floats, changes: Floats) -> Floats:
     """Update negated inverse Hessians (n, k, k) by the formula of BFGS.
@@ -552,7 +516,7 @@ def _update_inverse(inverse: Floats, steps: Floats, changes: Floats) -> Floats:
     return np.asarray(left @ inverse @ np.swapaxes(left, 1, 2) + squares)
 
 
-def _make_rotation_matrices(rotations: int | Rotations | Rotation | ArrayLike, dim: int) -> Floats:
+def _make_rotation_matrices(rotations: int | Rotations | Rotates, dim: int) -> Floats:
     """Convert rotations to matrices (m, d, d).
 
     They are a number of yaws, rotation cells, a scipy Rotation, or an array of angles or matrices.

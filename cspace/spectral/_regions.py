@@ -433,10 +433,10 @@ def bound_shape_to_balls(
         relevant = np.flatnonzero((near > low) | (far > np.minimum(growths[owners], high)))
         radius = half * math.sqrt(dim) * (1.0 + 1e-9) + error  # of a ball around a box
         cap = 1.01 * radius + 2.0 * region.outer.error
-        is_inside = region.depths(box_centers[relevant], cap) > 0.0
-        is_near = region.gaps(box_centers[relevant], cap) <= radius
-        low = max(low, float(near[relevant[is_inside]].max(initial=0.0)))
-        relevant = relevant[is_near]
+        relevant = relevant[region.gaps(box_centers[relevant], cap) <= radius]
+        farther = relevant[near[relevant] > low]
+        is_inside = region.depths(box_centers[farther], cap) > 0.0
+        low = max(low, float(near[farther[is_inside]].max(initial=0.0)))
         box_centers = box_centers[relevant]
         far = far[relevant]
         owners = owners[relevant]

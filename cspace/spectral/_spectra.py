@@ -2,19 +2,16 @@
 
 A ball of radius r around p has the spectrum ``r^dim psi^(r |w|) exp(-2 pi i w.p)``. So the balls of
 one radius have that radial factor times the spectrum of their centers, which one non-uniform FFT of
-type 1 computes (Dutt and Rokhlin, 1993; Barnett, Magland and af Klinteberg, 2019). For a radius of
-few balls, their terms are summed as products of one factor per axis; for many radii, a few
-transforms serve all (:func:`radius_basis`).
+type 1 computes (Dutt and Rokhlin, 1993; Barnett, Magland and af Klinteberg, 2019), or for few balls
+a sum of products of one factor per axis.
 
 *Error.* All bumps are non-negative, so the spectrum is largest at frequency 0, where it is the
-integral of the descriptor; tolerances are relative to that value. Half of a tolerance is for the
-table of ``psi^``, half for the transforms.
+integral of the descriptor; tolerances are relative to that value.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -25,25 +22,14 @@ from cspace._support.check import check_finite
 from cspace._support.reporting import import_optional
 from cspace._support.threads import cores
 from cspace.errors import InputError
-from cspace.spectral._bump import (
-    MIN_TOLERANCE,
-    TABLE_HALF_WIDTH,
-    Bump,
-    RadialTable,
-    chebyshev_coefficients,
-    chebyshev_nodes,
-    check_bump,
-    check_tolerance,
-    count_nodes,
-    table_points,
-)
-from cspace.spectral._descriptors import check_solid_balls
+from cspace.spectral._balls import as_balls
+from cspace.spectral._bump import Bump, check_bump, radial_table
 
 Complexes = NDArray[np.complex128]
 """Array of complex numbers."""
 
 MIN_SPECTRUM_TOLERANCE: Final = 1e-12
-"""Smallest tolerance of a spectrum; non-uniform transforms round more than tables."""
+"""Smallest tolerance of a spectrum, because of the rounding of non-uniform transforms."""
 
 TRANSFORM_TOLERANCE_SHARE: Final = 0.015
 """Share of the tolerance of a spectrum that its transforms must meet.
@@ -62,18 +48,12 @@ MAX_SUMMED_BALLS: Final = {2: 48, 3: 96}
 """Number of balls of one radius up to which sums of products are faster than a transform, by
 dimension."""
 
-MIN_RADII_FOR_BASIS: Final = 8
-"""Number of different radii up to which a basis saves no transform."""
+MAX_SMALL_PRODUCT: Final = 2**16 - 1
+"""Largest number of multiplications of a matrix product that linear algebra leaves to one thread.
+"""
 
 MAX_FREQUENCIES: Final = 2**26
 """Largest number of frequencies of a spectrum, whose values take a gigabyte."""
-
-BASIS_TOLERANCE_SHARE: Final = 0.02
-"""Share of the tolerance for each source of error of a basis: spectra, nodes, decomposition and
-tables.
-
-The first three errors grow by the Lebesgue constant of the nodes, below 6 for a thousand nodes.
-"""
 
 
 def ball_spectrum(
@@ -117,22 +97,19 @@ def ball_spectrum(
     more than 2^26 frequencies. Raises MissingPackageError if finufft is needed, for many balls of
     one radius, and is not installed.
     """
-    points, sizes = check_solid_balls(centers, radii)
+    balls = as_balls((centers, radii), "radii")
     kind = check_bump(bump)
-    dim = points.shape[1]
     within = check_tolerance(tolerance, MIN_SPECTRUM_TOLERANCE)
-    lattice = FrequencyLattice(_check_lengths(lengths, dim), _check_counts(counts, dim))
-    factors = np.ones_like(sizes) if weights is None else check_finite(weights, "weights")
-    if factors.shape != sizes.shape:
+    lattice = FrequencyLattice.of(lengths, counts, balls.dim)
+    factors = np.ones_like(balls.radii) if weights is None else check_finite(weights, "weights")
+    if factors.shape != balls.radii.shape:
         raise InputError(
             "weights",
             f"has shape {factors.shape}",
-            f"there must be one for each of {len(sizes)} balls",
+            f"there must be one for each of {len(balls.radii)} balls",
             "pass numbers",
         )
-    lower = (points - sizes[:, None]).min(axis=0)
-    upper = (points + sizes[:, None]).max(axis=0)
-    extent = upper - lower
+    extent = np.ptp(balls.bounds, axis=0)
     # 1e-9 allows for rounding; larger balls would overlap their copies.
     if (extent > lattice.periods * (1.0 + 1e-9)).any():
         axis = int(np.argmax(extent / lattice.periods))
@@ -143,14 +120,20 @@ def ball_spectrum(
             "they must fit into one period",
             "pass a longer period",
         )
-    terms = [
-        term._replace(strengths=term.strengths * factors[term.members])
-        for term in radial_terms(lattice, kind, sizes, within)
-    ]
-    return sum_terms(lattice, points, terms, within)
+    return RadialFactors(lattice, kind, balls.radii).spectrum(balls.centers, within, factors)
 
 
-# ---- terms ---------------------------------------------------------------------------------------
+def check_tolerance(tolerance: Any, smallest: float) -> float:
+    """Return a tolerance from ``smallest`` to 0.1, or raise InputError."""
+    value = check_finite(tolerance, "tolerance")
+    if value.ndim or not smallest <= value <= 0.1:
+        raise InputError(
+            "tolerance",
+            f"is {tolerance!r}",
+            f"it must be one number from {smallest:g} to 0.1, relative to the largest value",
+            "pass e.g. 1e-9",
+        )
+    return float(value)
 
 
 class FrequencyLattice(NamedTuple):
@@ -163,138 +146,94 @@ class FrequencyLattice(NamedTuple):
     periods: Floats
     counts: tuple[int, ...]
 
+    @classmethod
+    def of(cls, lengths: ArrayLike, counts: ArrayLike, dim: int) -> FrequencyLattice:
+        """Create a lattice from periods and counts along each axis, or along all of them.
+
+        Raises InputError if a value is not usable, or there are too many frequencies.
+        """
+        periods = check_finite(lengths, "lengths")
+        if periods.shape not in {(), (dim,)} or (periods <= 0.0).any():
+            raise InputError(
+                "lengths",
+                f"is {lengths!r}",
+                f"it must be one number above zero or {dim} of them, in metres",
+                "pass the period along each axis",
+            )
+        numbers = np.asarray(counts)
+        is_whole = numbers.dtype.kind in "iu"
+        if numbers.shape not in {(), (dim,)} or not is_whole or (numbers <= 0).any():
+            raise InputError(
+                "counts",
+                f"is {counts!r}",
+                f"it must be one whole number above zero or {dim} of them",
+                "pass e.g. 256",
+            )
+        shape = tuple(np.broadcast_to(numbers, dim).tolist())
+        if math.prod(shape) > MAX_FREQUENCIES:
+            raise InputError(
+                "counts",
+                f"is {counts!r}",
+                f"at most {MAX_FREQUENCIES} frequencies are computed",
+                "pass smaller counts",
+            )
+        return cls(np.broadcast_to(periods, dim).copy(), shape)
+
+    @property
+    def indices(self) -> list[NDArray[Any]]:
+        """Whole numbers k along each axis."""
+        return [np.asarray(np.fft.fftfreq(count, 1.0 / count)) for count in self.counts]
+
+    @property
+    def waves(self) -> list[Floats]:
+        """Frequencies along each axis, cycles per metre, to be broadcast against each other."""
+        axes = [k / period for k, period in zip(self.indices, self.periods, strict=True)]
+        return list(np.meshgrid(*axes, indexing="ij", sparse=True))
+
     @property
     def moduli(self) -> Floats:
-        """Moduli of the frequencies without negative parts, cycles per metre."""
-        axes = [np.arange(count // 2 + 1) for count in self.counts]
-        indices = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-        return np.asarray(np.linalg.norm(indices / self.periods, axis=-1))
-
-    def spread(self, values: Floats) -> Floats:
-        """Copy values of :attr:`moduli` to all frequencies of these moduli."""
-        sources = [np.abs(frequency_indices(count)) for count in self.counts]
-        return values[np.ix_(*sources)]
+        """Moduli of the frequencies, shape ``counts``, cycles per metre."""
+        return np.asarray(np.sqrt(sum(wave**2 for wave in self.waves)))
 
 
-class Term(NamedTuple):
-    """Waves around points, times a radial factor.
+class RadialFactors:
+    """Spectra of balls of given radii, around any centers.
 
-    ``members``, shape (n,), are the indices of the points, ``strengths``, shape (n,), the factors
-    of their waves, and ``factor`` is the factor of each of the moduli of a
-    :class:`FrequencyLattice`.
+    ``groups`` are the different radii: the indices of the balls of each, and their radial factor
+    ``r^dim psi^(r |w|)`` at all frequencies. ``radii``, shape (n,), are those of all balls.
     """
 
-    members: NDArray[np.intp]
-    strengths: Floats
-    factor: Floats
+    def __init__(self, lattice: FrequencyLattice, bump: Bump, radii: Floats) -> None:
+        """Compute the radial factor of each radius."""
+        self.lattice = lattice
+        self.radii = radii
+        self.groups = []
+        dim = len(lattice.counts)
+        # Frequencies of one modulus share a value: those without negative parts have all moduli.
+        corner = tuple(slice(0, count // 2 + 1) for count in lattice.counts)
+        places = np.ix_(*(np.abs(k).astype(np.intp) for k in lattice.indices))
+        moduli = lattice.moduli[corner]
+        table = radial_table(bump, dim, float(radii.max() * moduli.max()))
+        for radius in np.unique(radii).tolist():
+            factor = radius**dim * table(radius * moduli)
+            self.groups.append((np.flatnonzero(radii == radius), factor[places]))
 
-
-def radial_terms(
-    lattice: FrequencyLattice, bump: Bump, radii: Floats, tolerance: float
-) -> Iterator[Term]:
-    """Return terms that describe balls of given radii, shape (n,), around any centers.
-
-    Few radii have a term each; many share a basis.
-    """
-    moduli = lattice.moduli
-    dim = len(lattice.counts)
-    radius_count = len(np.unique(radii))
-    terms = None
-    if radius_count > MIN_RADII_FOR_BASIS:
-        terms = radius_basis(bump, radii, moduli, dim, tolerance, radius_count)
-    if terms is None:
-        terms = _terms_by_radius(bump, radii, moduli, dim, tolerance)
-    return terms
-
-
-def _terms_by_radius(
-    bump: Bump, radii: Floats, moduli: Floats, dim: int, tolerance: float
-) -> Iterator[Term]:
-    """Yield one term for each different radius, which has all balls of that radius."""
-    table = bump.table(dim, float(radii.max() * moduli.max()), 0.5 * tolerance)
-    for radius in np.unique(radii).tolist():
-        members = np.flatnonzero(radii == radius)
-        strengths = np.full(len(members), radius**dim)
-        yield Term(members, strengths, table(radius * moduli))
-
-
-def radius_basis(
-    bump: Bump, radii: Floats, moduli: Floats, dim: int, tolerance: float, max_terms: int
-) -> Iterator[Term] | None:
-    """Return a few terms that represent balls of all radii.
-
-    Returns None unless there are fewer than ``max_terms`` terms. As a function of the radius,
-    ``psi^(r |w|)`` is a mixture of exponentials whose phase is at most ``2 pi |w| r``. So it is
-    interpolated between Chebyshev nodes in the radius with the same proven error as in the
-    frequency (:class:`RadialTable`). A singular value decomposition of the spectra at the nodes
-    leaves as many combinations as the tolerance needs. The strength of a ball in each combination
-    depends on its radius.
-    """
-    # Chebyshev nodes between the smallest and the largest radius.
-    max_modulus = float(moduli.max())
-    max_radius = float(radii.max())
-    min_radius = float(radii.min())
-    within = BASIS_TOLERANCE_SHARE * tolerance
-    center = 0.5 * (min_radius + max_radius)
-    half = 0.5 * (max_radius - min_radius)
-    highest = max_radius * max_modulus
-    count = count_nodes(within, 2.0 * math.pi * max_modulus * half)
-    if count > 6 * max_terms:  # finding the basis would take longer than it saves
-        return None
-    spectrum = bump.table(dim, highest + 2.0 * TABLE_HALF_WIDTH, max(MIN_TOLERANCE, within))
-    nodes = center + half * chebyshev_nodes(count)
-    samples = max_modulus * np.linspace(0.0, 1.0, 4 * count)
-    # Columns of ``left`` are combinations of the radii at the nodes, the largest first.
-    left, sizes, _ = np.linalg.svd(spectrum(np.outer(nodes, samples)), full_matrices=False)
-    rank = int(np.count_nonzero(sizes > within * spectrum(np.zeros(1))[0]))
-    if rank >= max_terms:
-        return None
-    combinations = left[:, :rank]
-    # Tables need unit band limit, so frequencies are in cycles per largest radius.
-    points = table_points(highest, within / math.sqrt(count))
-    values = spectrum(np.multiply.outer(nodes / max_radius, points))
-    # The share of each ball in each combination, from its radius.
-    positions = np.clip((radii - center) / half, -1.0, 1.0)
-    shares = np.polynomial.chebyshev.chebval(positions, chebyshev_coefficients(combinations))
-    strengths = shares * radii**dim
-    all_balls = np.arange(len(radii))
-    frequencies = max_radius * moduli
-
-    def make_terms() -> Iterator[Term]:
-        """Yield the term of each combination."""
-        for combination, row in zip(combinations.T, strengths, strict=True):
-            table = RadialTable(np.tensordot(combination, values, axes=1), highest)
-            yield Term(all_balls, row, table(frequencies))
-
-    return make_terms()
-
-
-# ---- non-uniform transforms ----------------------------------------------------------------------
-
-
-def finufft_module() -> Any:
-    """Import finufft; raises MissingPackageError if it is not installed."""
-    return import_optional(
-        "finufft", "spectra at centers that lie on no lattice need it", "spectral"
-    )
-
-
-def sum_terms(
-    lattice: FrequencyLattice, points: Floats, terms: Iterable[Term], tolerance: float
-) -> Complexes:
-    """Compute the spectrum of terms around points (n, d), shape ``lattice.counts``."""
-    # Places as shares of a period, which repeat with it.
-    shares = points / lattice.periods
-    shares -= np.round(shares)
-    total = np.zeros(lattice.counts, dtype=np.complex128)
-    for term in terms:
-        sum_waves = _transform
-        if len(term.members) <= MAX_SUMMED_BALLS[len(lattice.counts)]:
-            sum_waves = _sum_products
-        waves = sum_waves(lattice, shares[term.members], term.strengths, tolerance)
-        waves *= lattice.spread(term.factor)
-        total += waves
-    return total
+    def spectrum(
+        self, centers: Floats, tolerance: float, weights: Floats | None = None
+    ) -> Complexes:
+        """Compute the spectrum of balls around centers (n, d), times weights (n,)."""
+        # Places as shares of a period, which repeat with it.
+        shares = centers / self.lattice.periods
+        shares -= np.round(shares)
+        strengths = np.ones(len(centers)) if weights is None else weights
+        total = np.zeros(self.lattice.counts, dtype=np.complex128)
+        for members, factor in self.groups:
+            sum_waves = _transform
+            if len(members) <= MAX_SUMMED_BALLS[len(self.lattice.counts)]:
+                sum_waves = _sum_products
+            waves = sum_waves(self.lattice, shares[members], strengths[members], tolerance)
+            total += waves * factor
+        return total
 
 
 def _transform(
@@ -305,7 +244,7 @@ def _transform(
     ``shares``, shape (n, d), are the places of the points in a period.
     """
     demanded = max(MIN_TRANSFORM_TOLERANCE, TRANSFORM_TOLERANCE_SHARE * tolerance)
-    transform = getattr(finufft_module(), f"nufft{shares.shape[1]}d1")
+    transform = getattr(_import_finufft(), f"nufft{shares.shape[1]}d1")
     angles = 2.0 * math.pi * shares.T.copy()
     options = _transform_options(demanded, math.prod(lattice.counts))
     waves: Complexes = transform(
@@ -321,15 +260,21 @@ def _sum_products(
 
     ``shares``, shape (n, d), are the places of the points in a period. The tolerance is met anyway.
     """
-    # Factors have shape (frequencies, points); those of all axes but the first are merged.
     first, *others = (
-        np.exp(-2j * math.pi * np.outer(frequency_indices(count), column))
-        for count, column in zip(lattice.counts, shares.T, strict=True)
+        np.exp(-2j * math.pi * np.outer(k, column))
+        for k, column in zip(lattice.indices, shares.T, strict=True)
     )
-    merged = others[0]
+    rows = first * strengths
     if len(others) == 2:
-        merged = (merged[:, None] * others[1]).reshape(-1, len(strengths))
-    return np.asarray(((first * strengths) @ merged.T).reshape(lattice.counts))
+        rows = (rows[:, None] * others[0]).reshape(-1, len(strengths))
+    columns = others[-1].T
+    total = np.empty((len(rows), columns.shape[1]), dtype=np.complex128)
+    # One large product would wake all threads of the linear algebra, which takes longer than many
+    # small ones.
+    size = max(2, MAX_SMALL_PRODUCT // columns.size)
+    for start in range(0, len(rows), size):
+        np.matmul(rows[start : start + size], columns, out=total[start : start + size])
+    return total.reshape(lattice.counts)
 
 
 def evaluate_real_series(points: Floats, spectra: Complexes, tolerance: float) -> Floats:
@@ -339,10 +284,17 @@ def evaluate_real_series(points: Floats, spectra: Complexes, tolerance: float) -
     the order of numpy.fft; the result has shape (m, n). The tolerance is relative to the 2-norm of
     the coefficients of a series.
     """
-    transform = getattr(finufft_module(), f"nufft{points.shape[1]}d2")
+    transform = getattr(_import_finufft(), f"nufft{points.shape[1]}d2")
     options = _transform_options(tolerance, spectra.size + len(points))
     series = transform(*points.T.copy(), spectra, isign=1, **options)
     return np.asarray(np.atleast_2d(series).real)
+
+
+def _import_finufft() -> Any:
+    """Import finufft; raises MissingPackageError if it is not installed."""
+    return import_optional(
+        "finufft", "spectra at centers that lie on no lattice need it", "spectral"
+    )
 
 
 def _transform_options(tolerance: float, samples: int) -> dict[str, Any]:
@@ -352,49 +304,3 @@ def _transform_options(tolerance: float, samples: int) -> dict[str, Any]:
         upsampling = 1.5 if tolerance >= 1e-11 else 2.0
     threads = cores() if samples >= MIN_SAMPLES_FOR_THREADS else 1
     return {"eps": tolerance, "modeord": 1, "nthreads": threads, "upsampfac": upsampling}
-
-
-def frequency_indices(count: int) -> NDArray[np.intp]:
-    """Return integer frequencies in the order of numpy.fft."""
-    return np.fft.fftfreq(count, 1.0 / count).astype(np.intp)
-
-
-# ---- arguments -----------------------------------------------------------------------------------
-
-
-def _check_lengths(lengths: ArrayLike, dim: int) -> Floats:
-    """Check period lengths and return one per axis, shape (dim,)."""
-    periods = check_finite(lengths, "lengths")
-    if periods.shape not in {(), (dim,)} or (periods <= 0.0).any():
-        raise InputError(
-            "lengths",
-            f"is {lengths!r}",
-            f"it must be one number above zero or {dim} of them, in metres",
-            "pass the period along each axis",
-        )
-    return np.broadcast_to(periods, dim).copy()
-
-
-def _check_counts(counts: ArrayLike, dim: int) -> tuple[int, ...]:
-    """Return the number of frequencies along each axis.
-
-    Raises InputError for anything else, or for too many frequencies.
-    """
-    numbers = np.asarray(counts)
-    is_whole = numbers.dtype.kind in "iu"
-    if numbers.shape not in {(), (dim,)} or not is_whole or (numbers <= 0).any():
-        raise InputError(
-            "counts",
-            f"is {counts!r}",
-            f"it must be one whole number above zero or {dim} of them",
-            "pass e.g. 256",
-        )
-    shape = tuple(np.broadcast_to(numbers, dim).tolist())
-    if math.prod(shape) > MAX_FREQUENCIES:
-        raise InputError(
-            "counts",
-            f"is {counts!r}",
-            f"at most {MAX_FREQUENCIES} frequencies are computed",
-            "pass smaller counts",
-        )
-    return shape

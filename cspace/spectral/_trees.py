@@ -1,4 +1,4 @@
-"""Trees of balls, which prove that ball sets are apart or overlap.
+"""Proofs, by trees of balls, that bodies are apart or overlap.
 
 A tree is an array of nodes, shape (2 n - 1, 5), for n balls: the center (z = 0 in the plane) and
 the radius of a ball that contains all balls of the node, and their number. A leaf is a ball. The
@@ -7,20 +7,37 @@ children of node k, which has m balls, are k + 1 and k + 2 * (m // 2).
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+import copy
+import math
+from enum import IntEnum
+from typing import Final
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from cspace._shapes import Balls
 from cspace._support.arrays import Bytes, Floats, Ints
+from cspace._support.check import check_points
 from cspace._support.compiling import allocating, internal
 from cspace._support.threads import in_chunks
+from cspace.errors import InputError
+from cspace.spectral._balls import (
+    PLACEMENT_ROUNDING,
+    BallsLike,
+    Rotates,
+    as_balls,
+    find_center,
+    rotation_matrix,
+)
 
 RADIUS, BALL_COUNT = 3, 4
 """Columns of a tree's nodes after the three coordinates of the center."""
 
 MISS, HIT, UNDECIDED = range(3)
-"""Values of :class:`cspace.spectral.Verdict`: balls are apart, open balls overlap, or neither is
-proven."""
+"""Values of :class:`Verdict`, for kernels: bodies are apart, they overlap, or neither is proven."""
+
+NO_TREE: Final = np.empty((0, 5))
+"""Tree of no balls."""
 
 MAX_PENDING_NODE_PAIRS: Final = 256
 """Capacity of the stack of pairs of nodes: four times the summed depth of two trees over 2^30
@@ -113,38 +130,153 @@ def compare_placed(
     return result
 
 
-class ContactTest(NamedTuple):
-    """Ball trees that decide whether two bodies touch.
+class Verdict(IntEnum):
+    """What is proven about two bodies, or about an overlap; ``bool(verdict)`` raises."""
 
-    The balls of ``outer_a`` and ``outer_b`` cover bodies a and b; they prove that the bodies are
-    apart. The balls of ``inner_a`` and ``inner_b`` prove that they overlap: balls inside them, the
-    outer balls again, or none. The trees are relative to the centers of a and b. ``half_sides``,
-    shape (3,), metres, are the largest absolute coordinates of center a relative to center b at
-    which the bodies can touch. ``slack`` bounds the rounding of the distance between two centers
-    there.
+    MISS = MISS
+    HIT = HIT
+    UNDECIDED = UNDECIDED
+
+    def __bool__(self) -> bool:
+        """Raise InputError, because UNDECIDED is neither true nor false."""
+        raise InputError(
+            "verdict",
+            f"is {self.name}",
+            "a verdict is neither true nor false",
+            "compare it, e.g. verdict == Verdict.MISS",
+        )
+
+
+class ContactTest:
+    """Proofs that two shapes, given by balls, are apart or meet, at any placement of the first.
+
+    *MISS* proves that the closed shapes have no common point: no two outer balls touch. *HIT*
+    proves that they have one: an inner ball of A and one of B overlap. Other placements are
+    *UNDECIDED*. ``docs/explanation/certificate_frequency.md`` has the proofs. For bodies that are
+    balls, pass the same balls as outer and as inner ones.
+
+    Parameters
+    ----------
+    outer_a, outer_b : object with ``centers`` and ``radii``, or (centers, radii)
+        Balls whose union covers A, in its own frame, and B; both in the plane or in space; metres.
+        For example a result of :func:`cspace.spectral.decompose`, or a :class:`cspace.Robot` of
+        balls.
+    inner_a, inner_b : the same, optional
+        Balls that lie in A, and B; without them there is no HIT.
+
+    Raises InputError if a value is not as stated, or only one inner set is given.
+
+    Examples
+    --------
+    >>> import shapely
+    >>> from cspace.spectral import ContactTest, decompose
+    >>> a, b = (decompose(shapely.box(0, 0, 2, 1), kind="outer", number=8) for _ in range(2))
+    >>> ContactTest(a, b).separated((5.0, 0.0)).name
+    'MISS'
     """
 
-    outer_a: Floats
-    outer_b: Floats
-    inner_a: Floats
-    inner_b: Floats
-    half_sides: Floats
-    slack: float
+    def __init__(
+        self,
+        outer_a: BallsLike,
+        outer_b: BallsLike,
+        inner_a: BallsLike | None = None,
+        inner_b: BallsLike | None = None,
+    ) -> None:
+        """Build the trees of all balls, each relative to the center of its body."""
+        if (inner_a is None) is not (inner_b is None):
+            raise InputError(
+                "inner_a", "or inner_b is missing", "a HIT needs both", "pass both or neither"
+            )
+        sources = {"outer_a": outer_a, "outer_b": outer_b, "inner_a": inner_a, "inner_b": inner_b}
+        sets: dict[str, Balls] = {}
+        for name, source in sources.items():
+            if source is not None:
+                _check_kind(source, name)
+                dim = sets["outer_a"].dim if sets else None
+                sets[name] = as_balls(source, name, dim)
+        self.dim = sets["outer_a"].dim
+        self._span = math.sqrt(self.dim) * sum(balls.span for balls in sets.values())
+        self._center_a = find_center(sets["outer_a"])
+        self._center_b = find_center(sets["outer_b"])
+        self._trees = [NO_TREE] * 4
+        for number, (name, balls) in enumerate(sets.items()):
+            center = self._center_a if name.endswith("a") else self._center_b
+            self._trees[number] = build_tree(balls.centers - center, balls.radii)
+        # Centers farther apart than this, along an axis, belong to bodies that are apart.
+        reaches = [np.linalg.norm(tree[0, :3]) + tree[0, RADIUS] for tree in self._trees[:2]]
+        self._reach = float(sum(reaches)) * (1.0 + 2.0**-40)
+        self._place(np.eye(self.dim))
 
-    def test(self, relative: Floats) -> Bytes:
-        """Return the verdicts of placements, MISS, HIT or UNDECIDED, shape (n,).
+    def _place(self, rotation: Floats) -> None:
+        """Rotate the trees of A by a matrix."""
+        self._rotation = rotation
+        outer_a, outer_b, inner_a, inner_b = self._trees
+        self._placed = (
+            rotate_tree(outer_a, rotation),
+            outer_b,
+            rotate_tree(inner_a, rotation),
+            inner_b,
+        )
+        self._shift = rotation @ self._center_a - self._center_b
+        # Bounds the rounding of the distance between two centers.
+        largest = float(np.abs(self._shift).max()) + self._reach + self._span
+        self._slack = 4.0 * PLACEMENT_ROUNDING * largest
 
-        ``relative``, shape (n, 3), are the placements of center a relative to center b, metres.
+    @property
+    def domain(self) -> tuple[Floats, Floats]:
+        """Lower and upper corner of a box of the placements that are not apart."""
+        return -self._shift - self._reach, -self._shift + self._reach
+
+    def rotated(self, rotation: Rotates) -> ContactTest:
+        """Return the test with A rotated about the origin of its frame.
+
+        ``rotation`` is an angle in the plane, radians, a matrix of shape (d, d), or a scipy
+        Rotation; raises InputError for anything else.
         """
-        out = np.empty(len(relative), dtype=np.uint8)
+        rotated = copy.copy(self)
+        # Rotate the original balls, so that rounding does not accumulate over repeated rotations.
+        matrix = rotation_matrix(rotation, self.dim) @ self._rotation
+        rotated._place(rotation_matrix(matrix, self.dim))
+        return rotated
+
+    def separated(self, t: ArrayLike) -> Verdict | Bytes:
+        """Decide whether A, moved by t, and B are apart.
+
+        ``t``, shape (..., d), is in metres. Returns a Verdict for one placement, and values of
+        :class:`Verdict` as uint8 of shape (...) for more.
+        """
+        placements = check_points(t, "t", self.dim)
+        relative = placements.reshape(-1, self.dim) + self._shift
+        spatial = np.pad(relative, ((0, 0), (0, 3 - self.dim)))
+        verdicts = np.empty(len(spatial), dtype=np.uint8)
 
         def test_chunk(start: int, stop: int) -> int:
             """Write the verdicts of some placements; -1 means that none is invalid."""
-            test_placements(*self, relative[start:stop], out[start:stop])
+            chunk = slice(start, stop)
+            reach_and_slack = self._reach, self._slack
+            test_placements(*self._placed, *reach_and_slack, spatial[chunk], verdicts[chunk])
             return -1
 
-        in_chunks(test_chunk, len(relative), MIN_PLACEMENTS_PER_THREAD)
-        return out
+        in_chunks(test_chunk, len(spatial), MIN_PLACEMENTS_PER_THREAD)
+        if placements.ndim == 1:
+            return Verdict(int(verdicts[0]))
+        return verdicts.reshape(placements.shape[:-1])
+
+
+def _check_kind(source: BallsLike, name: str) -> None:
+    """Raise InputError for inner balls in place of outer ones, or the reverse.
+
+    Decompositions know their kind.
+    """
+    needed, _, _ = name.partition("_")
+    kind = getattr(source, "kind", needed)
+    if kind in ("inner", "outer") and kind != needed:
+        raise InputError(
+            name,
+            f"is of kind {kind!r}",
+            f"it must be {needed!r}",
+            "decompose the shape with that kind",
+        )
 
 
 @allocating
@@ -153,22 +285,22 @@ def test_placements(
     outer_b: Floats,
     inner_a: Floats,
     inner_b: Floats,
-    half_sides: Floats,
+    reach: float,
     slack: float,
     relative: Floats,
     out: Bytes,
 ) -> None:
-    """Write the verdicts of placements (n, 3) to ``out``.
+    """Write the verdicts of placements (n, 3) of center A relative to center B to ``out``.
 
-    The outer trees decide first, then the inner ones. The other arguments are those of
-    :class:`ContactTest`.
+    The trees are relative to the centers. ``reach`` is the largest distance along an axis at which
+    bodies can touch, and ``slack`` bounds the rounding of the distance between two centers; metres.
     """
     pending = np.empty((MAX_PENDING_NODE_PAIRS, 2), dtype=np.int64)
     for n in range(len(relative)):
         x, y, z = relative[n]
         out[n] = MISS
         # Bodies this far apart cannot touch.
-        if not (abs(x) <= half_sides[0] and abs(y) <= half_sides[1] and abs(z) <= half_sides[2]):
+        if not (abs(x) <= reach and abs(y) <= reach and abs(z) <= reach):
             continue
         if compare_placed(outer_a, outer_b, x, y, z, slack, pending) == MISS:
             continue

@@ -30,7 +30,6 @@ import cspace
 import cspace.arms
 import planners
 from cspace.plot import animate
-from cspace.spectral import minkowski_sum
 
 FREE, MIXED, BLOCKED = "#ffffff", "#d55e00", "#a6d3ee"
 OBSTACLE, ROBOT, PATH, PALE = "#262626", "#009e73", "#6a1b9a", "#c3e6da"
@@ -112,7 +111,9 @@ def draw_states() -> Figure:
     """Draw the states around an obstacle at two spacings, with the exact border of the C-obstacle."""
     obstacle = shapely.Polygon([(1.6, 1.1), (3.3, 1.4), (2.9, 2.6), (1.9, 2.3)])
     robot = shapely.box(-0.45, -0.3, 0.45, 0.3)
-    exact = minkowski_sum(obstacle, affinity.scale(robot, -1.0, -1.0, origin=(0, 0)))[0]
+    # The Minkowski sum of convex polygons is the hull of the sums of their corners.
+    corners = shapely.get_coordinates(obstacle)[:, None] - shapely.get_coordinates(robot)
+    exact = shapely.convex_hull(shapely.MultiPoint(corners.reshape(-1, 2)))
     figure, axes = plt.subplots(1, 2, figsize=(9.6, 4.0), layout="constrained")
     for ax, spacing in zip(axes, (0.2, 0.1), strict=True):
         workspace = cspace.Workspace.from_polygons(

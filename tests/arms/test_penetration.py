@@ -5,10 +5,9 @@ import pytest
 
 from cspace import Arm, InputError
 from cspace.arms import ArmPenetration
-from cspace.spectral import Bump
-from cspace.spectral._bump import pair_integrals
 from tests.helpers.refusals import refusals
 from tests.helpers.urdfs import random_arm
+from tests.spectral.balls import integrate_pairs
 
 FIXED = np.random.default_rng(1).uniform(-0.6, 0.6, (12, 3)), np.full(12, 0.25)
 BALLS = np.array([[0.1, 0.0, 0.0], [0.4, 0.05, 0.0]]), np.array([0.15, 0.1])
@@ -31,8 +30,7 @@ def test_penetration_is_the_sum_over_pairs_and_its_gradient_that_of_differences(
             centers = BALLS[0] @ pose[:3, :3].T + pose[:3, 3]
             gaps = np.linalg.norm(centers[:, None] - FIXED[0], axis=2)
             i, j = np.nonzero(gaps < BALLS[1][:, None] + FIXED[1])
-            overlaps, _ = pair_integrals(Bump(2.0), BALLS[1][i], FIXED[1][j], gaps[i, j], 3)
-            expected[row] += overlaps.sum()
+            expected[row] += integrate_pairs(2.0, BALLS[1][i], FIXED[1][j], gaps[i, j], 3).sum()
     assert values.max() > 1e-3
     np.testing.assert_allclose(values, expected, atol=0.01 * values.max())
     assert (np.abs(gradient).max(axis=(0, 1)) > 1e-4).all()

@@ -218,7 +218,12 @@ def make_objective(si):
     ("plane", {"planner": "lattice"}, {"planner": None}, "leave planner out"),
     ("turning", {"planner": "Lattice"}, {"planner": "Grid"}, "use planner='Grid', or"),
     ("turning", {"planner": "Lattice"}, {"drive": "differential"}, "pass drive='differential'"),
-    ("plane", {"objective": "overlap"}, {"objective": "length"}, "for overlaps, pass lambda"),
+    (
+        "plane",
+        {"objective": "overlap"},
+        {"objective": "length"},
+        "for costs of your own, pass lambda",
+    ),
     ("plane", {"planner": "RRTConect"}, {"planner": "RRTConnect"}, "did you mean RRTConnect?"),
     ("plane", {"planner": "A"}, {"planner": "RRT"}, "choose one of "),
     ("turning", CAR | {"planner": "BKPIECE1"}, {"planner": "RRT"}, "e.g. planner='RRT'"),

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.interpolate import RegularGridInterpolator
 
 import planners
 from cspace import InputError
@@ -63,6 +64,33 @@ def test_the_cost_of_an_edge_is_the_integral_along_it(name, curve):
                 assert objective.motionCost(last, first).value() == pytest.approx(cost)
     assert np.median(np.abs(np.array(ratios) - 1.0)) < 0.03
     assert objective.motionCost(first, first).value() == 0.0
+
+
+@pytest.mark.parametrize("name", ["plane", "turning", "space"])
+def test_costs_on_cells_are_linear_between_cell_centers(name):
+    """Draw values, some of them below zero, and positions that reach the border of the grid."""
+    space = build_room(name)
+    grid = space.grid
+    rng = np.random.default_rng(1)
+    costs = rng.uniform(-0.2, 1.0, space.kernel_map.states.shape)
+    positions = rng.uniform(grid.lower, grid.upper, (100, grid.dim))
+    border = rng.random(positions.shape) < 0.1
+    positions[border] = np.broadcast_to(grid.lower, positions.shape)[border] + 0.01 * grid.spacing
+    turns = rng.uniform(-3.0, 3.0, (100, space.size - grid.dim))
+    configurations = np.column_stack([positions, turns])
+    axes = [grid.centers(axis) for axis in range(grid.dim)]
+    inside = positions.clip([axis[0] for axis in axes], [axis[-1] for axis in axes])
+    slices = space.slice_of[space.rotations.find_cells(configurations)]
+    values = costs.reshape(-1, *grid.shape)
+    expected = [
+        max(0.0, RegularGridInterpolator(axes, values[number])(position)[0])
+        for number, position in zip(slices, inside, strict=True)
+    ]
+    si = planners.simple_setup(space).getSpaceInformation()
+    objective = planners.WeightedLength(si, space, costs, slope=2.0, weight=4.0)
+    states = [make_state(space, si, q) for q in configurations]
+    found = [objective.stateCost(state).value() for state in states]
+    assert found == pytest.approx(1.0 + 4.0 * (2.0 * np.array(expected)) ** 2)
 
 
 # ---- lower bounds --------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""Proofs from frequencies, against exact geometry."""
+"""Proofs from trees of balls, against exact geometry."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from benchmarks.report import Report
 from cspace._shapes.mesh import Mesh
 from cspace._support.arrays import Floats
 from cspace.errors import InputError
-from cspace.spectral import Bump, FourierOverlap, Verdict, decompose
+from cspace.spectral import ContactTest, Verdict, decompose
 from tests.helpers.regions import Body, Flat
 from tests.soak.scenes import Rng, Scale, draw_polygon, draw_solid
 from tests.soak.tally import Tally, draw_until
@@ -23,13 +23,10 @@ SOLIDS = ("boxes", "hull", "stars")
 BALLS_PER_BODY = {2: (10, 60), 3: (10, 50)}
 """Range of the number of balls per body, by dimension."""
 
-TOLERANCES = {2: (0.01, 0.1), 3: (0.1, 0.5)}
-"""Tolerances of the bands, by dimension; low bands decide less, but faster."""
-
 POOL = 16
 """Number of bodies decomposed per dimension and seed.
 
-Pairs are scaled, rotated and translated copies; the balls grow by far more than this rounds.
+Pairs are scaled, rotated and translated copies.
 """
 
 ROTATIONS_PER_PAIR = 4
@@ -96,8 +93,8 @@ def unite(parts: list[Part]) -> Any:
     return Body.join(shapes) if isinstance(shapes[0], np.ndarray) else Flat(shapes)
 
 
-def draw_pair(seed: int, number: int, dim: int) -> tuple[FourierOverlap, Any, Any]:
-    """Draw an overlap, and the exact regions of its moving and its fixed bodies."""
+def draw_pair(seed: int, number: int, dim: int) -> tuple[ContactTest, Any, Any]:
+    """Draw a contact test, and the exact regions of its moving and its fixed bodies."""
     rng = np.random.default_rng([seed, number, 30 + dim])
     size = float(10.0 ** rng.uniform(-2.0, 2.0))
     away = size * rng.choice([0.0, 3.0]) * rng.normal(size=dim)
@@ -111,27 +108,16 @@ def draw_pair(seed: int, number: int, dim: int) -> tuple[FourierOverlap, Any, An
         )
         for _ in range(int(rng.integers(1, 4)))
     ]
-    bump, tolerance = Bump(float(rng.choice([1.0, 2.0, 3.0, 4.0]))), rng.choice(TOLERANCES[dim])
-    share, classes = float(rng.uniform(0.3, 1.2)), int(rng.integers(1, 9))
     inner = bool(rng.random() < 0.9)
-    overlap = compute_overlap(a, b, share, classes, bump, float(tolerance), inner)
-    return overlap, unite([a]), unite(b)
+    return make_contact_test(a, b, inner), unite([a]), unite(b)
 
 
-def compute_overlap(
-    a: Part, b: list[Part], share: float, classes: int, bump: Bump, tolerance: float, inner: bool
-) -> FourierOverlap:
-    """Return the overlap of bodies of growing balls.
-
-    Balls grow by a share of the smaller median radius.
-    """
+def make_contact_test(a: Part, b: list[Part], inner: bool) -> ContactTest:
+    """Return the contact test of bodies."""
     sets = [a.outer, _join([each.outer for each in b])]
     if inner and a.inner is not None and all(each.inner is not None for each in b):
         sets += [a.inner, _join([each.inner for each in b])]
-    swell = share * float(min(np.median(radii) for _, radii in sets[:2]))
-    return FourierOverlap.of_shapes(
-        *sets, swell=swell, classes=classes, bump=bump, tolerance=tolerance
-    )
+    return ContactTest(*sets)
 
 
 def _join(balls: list[Any]) -> Balls:
@@ -148,21 +134,21 @@ def check(report: Report, seed: int, wanted: int) -> None:
 
         def check_case(tally: Tally, number: int, dim: int = dim) -> None:
             rng = np.random.default_rng([seed, number, 40 + dim])
-            overlap, a, b = draw_pair(seed, number, dim)
+            test, a, b = draw_pair(seed, number, dim)
             for _ in range(ROTATIONS_PER_PAIR):
-                _check_pose(tally, f"draw_pair({seed}, {number}, {dim})", overlap, a, b, rng)
+                _check_pose(tally, f"draw_pair({seed}, {number}, {dim})", test, a, b, rng)
 
-        title = f"verdicts from frequencies in {dim} dimensions"
+        title = f"verdicts from balls in {dim} dimensions"
         draw_until(report, title, seed, lambda tally: tally.checks["placed"] >= wanted, check_case)
 
 
-def _check_pose(tally: Tally, name: str, overlap: FourierOverlap, a: Any, b: Any, rng: Rng) -> None:
+def _check_pose(tally: Tally, name: str, test: ContactTest, a: Any, b: Any, rng: Rng) -> None:
     """Check verdicts at one rotation."""
-    yaw, dim = float(rng.uniform(-np.pi, np.pi)), overlap.dim
+    yaw, dim = float(rng.uniform(-np.pi, np.pi)), test.dim
     vector = yaw * np.array([0.0, 0.0, 1.0]) if dim == 2 else rng.normal(size=3)
     turn = Rotation.from_rotvec(vector)
     rotation = [yaw] if dim == 2 else turn.as_quat()
-    rotated = overlap.rotated(turn.as_matrix()[:2, :2] if dim == 2 else turn)
+    rotated = test.rotated(turn.as_matrix()[:2, :2] if dim == 2 else turn)
 
     def collide(ts: Floats) -> Any:
         q = np.column_stack([ts, np.tile(rotation, (len(ts), 1))])
@@ -173,7 +159,7 @@ def _check_pose(tally: Tally, name: str, overlap: FourierOverlap, a: Any, b: Any
     ts[:: PLACEMENTS_PER_ROTATION // 10] += rng.choice([-1.0, 1.0]) * (high - low)
     contacts = _draw_contacts(rotated, collide, ts, rng)
     ts[len(ts) - len(contacts) :] = contacts
-    meets, verdicts = collide(ts), rotated.separated(ts).verdict
+    meets, verdicts = collide(ts), rotated.separated(ts)
     name = f"{name} at rotation {rotation}"
     tally.add("placed", name, ts, np.zeros(len(ts), dtype=bool), verdicts == Verdict.UNDECIDED)
     for verdict, wrong in ((Verdict.MISS, meets), (Verdict.HIT, ~meets)):
@@ -181,12 +167,12 @@ def _check_pose(tally: Tally, name: str, overlap: FourierOverlap, a: Any, b: Any
         tally.add(verdict.name, name, ts[claimed], wrong[claimed])
 
 
-def _draw_contacts(overlap: FourierOverlap, collide: Any, ts: Floats, rng: Rng) -> Floats:
+def _draw_contacts(test: ContactTest, collide: Any, ts: Floats, rng: Rng) -> Floats:
     """Draw placements near contact, a third of ``ts``."""
     touching = ts[collide(ts)]
     if not len(touching):
         return ts[:0]
-    low, high = overlap.domain
+    low, high = test.domain
     size, number = float(np.linalg.norm(high - low)), len(ts) // 3
     starts = touching[rng.integers(len(touching), size=number // 5)]
     directions = rng.normal(size=starts.shape)

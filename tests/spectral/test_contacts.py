@@ -8,8 +8,9 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cspace import InputError
-from cspace.spectral import FourierOverlap, Verdict, decompose
+from cspace import InputError, Robot
+from cspace.spectral import ContactTest, Verdict, decompose
+from tests.helpers.refusals import refusals
 from tests.helpers.strategies import seeds
 from tests.spectral.balls import draw_rotations
 
@@ -56,9 +57,9 @@ def compute_exact_depth(a, b, t):
 def test_verdicts_about_balls_are_proofs(seed, dim):
     rng = np.random.default_rng(seed)
     a, b = draw_sets(rng, dim)
-    overlap = FourierOverlap(a, b, band=1.0)
     placements = draw_contacts(rng, a, b, 12)
-    for t, verdict in zip(placements, overlap.separated(placements).verdict, strict=True):
+    verdicts = ContactTest(a, b, a, b).separated(placements)
+    for t, verdict in zip(placements, verdicts, strict=True):
         depth = compute_exact_depth(a, b, t)
         assert verdict != Verdict.MISS or depth < 0
         assert verdict != Verdict.HIT or depth > 0
@@ -71,19 +72,21 @@ def rotate(balls, matrix):
 
 
 @settings(max_examples=25)
-@given(seeds, dims, st.floats(0.0, 0.2), st.integers(1, 4))
-def test_outer_balls_prove_misses_and_inner_balls_hits(seed, dim, swell, classes):
+@given(seeds, dims)
+def test_outer_balls_prove_misses_and_inner_balls_hits(seed, dim):
     rng = np.random.default_rng(seed)
     a, b = draw_sets(rng, dim)
     inner_a, inner_b = (a[0], 0.5 * a[1]), (b[0], 0.5 * b[1])
-    (matrix,) = draw_rotations(rng, 1, dim)
-    options = {"swell": swell, "classes": classes, "tolerance": 0.3}
-    overlap = FourierOverlap.of_shapes(a, b, inner_a, inner_b, **options).rotated(matrix)
-    without_inner = FourierOverlap.of_shapes(a, b, **options).rotated(matrix)
+    first, second = draw_rotations(rng, 2, dim)
+    matrix = second @ first
+    test, blind_test = (
+        ContactTest(*sets).rotated(first).rotated(second)
+        for sets in ((a, b, inner_a, inner_b), (a, b))
+    )
     a, inner_a = rotate(a, matrix), rotate(inner_a, matrix)
     placements = np.vstack([draw_contacts(rng, a, b, 6), draw_contacts(rng, inner_a, inner_b, 6)])
-    verdicts = overlap.separated(placements).verdict
-    blind_verdicts = without_inner.separated(placements).verdict
+    verdicts = test.separated(placements)
+    blind_verdicts = blind_test.separated(placements)
     for t, verdict, blind in zip(placements, verdicts, blind_verdicts, strict=True):
         # Rotated centers round.
         outer_depth = compute_exact_depth(a, b, t)
@@ -100,16 +103,17 @@ def test_verdicts_about_polygons_agree_with_shapely():
     room = shapely.box(0.0, 0.0, 2.0, 1.6) - shapely.box(0.2, 0.2, 1.8, 1.4)
     outer = [decompose(shape, kind="outer", number=60) for shape in (robot, room)]
     inner = [decompose(shape, kind="inner", number=60) for shape in (robot, room)]
-    overlap = FourierOverlap.of_shapes(*outer, *inner, swell=0.05, tolerance=0.1)
+    test = ContactTest(*outer, *inner)
     rng = np.random.default_rng(0)
     counts = np.zeros(3, dtype=int)
     for angle in (0.0, 1.0, -2.5):
-        turned = overlap.rotated(angle)
+        turned = test.rotated(angle)
         shape = shapely.affinity.rotate(robot, angle, origin=(0, 0), use_radians=True)
-        placements = rng.uniform(*turned.domain, (200, 2))
-        verdicts = turned.separated(placements).verdict
+        placements = rng.uniform((-0.6, -0.6), (2.6, 2.2), (200, 2))
+        verdicts = turned.separated(placements)
         moved = [shapely.affinity.translate(shape, *t) for t in placements]
         collides = shapely.intersects(moved, room)
+        assert turned.separated(placements[0].tolist()) == Verdict(verdicts[0])
         assert not collides[verdicts == Verdict.MISS].any()
         assert collides[verdicts == Verdict.HIT].all()
         counts += np.bincount(verdicts, minlength=3)
@@ -120,3 +124,20 @@ def test_verdicts_are_neither_true_nor_false():
     for verdict in Verdict:
         with pytest.raises(InputError, match="neither true nor false; compare it"):
             bool(verdict)
+
+
+ONE = ([[0.0, 0.0]], 0.2)
+INNER = decompose([(0, 0), (1, 0), (0, 1)], number=1)
+
+
+@refusals(
+    "call, message",
+    (lambda: ContactTest(ONE, ONE, ONE), "both"),
+    (lambda: ContactTest(INNER, ONE), "outer_a is of kind 'inner'"),
+    (lambda: ContactTest(ONE, ([[0.0, 0.0, 0.0]], 0.2)), "outer_b has 3 dimensions"),
+    (lambda: ContactTest(ONE, Robot.rectangle(1.0, 1.0)), "decompose"),
+    (lambda: ContactTest(ONE, ([[0.0, 0.0]], 0.0)), "above zero"),
+)
+def test_contact_test_refuses_invalid_arguments(call, message):
+    with pytest.raises(InputError, match=message):
+        call()

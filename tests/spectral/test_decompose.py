@@ -95,6 +95,21 @@ def test_balls_fill_or_cover_plane_shapes(name, kind):
     check_plane(balls, shape, rng)
 
 
+@pytest.mark.parametrize(
+    ("shape", "options", "most", "distance"),
+    [
+        (shapely.box(0, 0, 1, 1), {"number": 4}, 4, 0.11),
+        (shapely.box(0, 0, 2, 0.4), {"number": 2}, 2, 0.36),
+        (trimesh.creation.box((2.0, 1.0, 1.0)), {"tolerance": 0.4}, 3, 0.4),
+    ],
+    ids=["square", "bar", "box"],
+)
+def test_few_balls_are_arranged_well(shape, options, most, distance):
+    balls = decompose(shape, kind="outer", **options)
+    assert len(balls) <= most
+    assert balls.hausdorff.upper <= distance
+
+
 @settings(max_examples=30)
 @given(
     st.lists(st.tuples(st.floats(-1, 1), st.floats(-1, 1)), min_size=3, max_size=3) | stars(),

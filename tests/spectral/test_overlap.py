@@ -1,9 +1,7 @@
 """Values, slopes and thresholds of overlaps, against sums over pairs of balls."""
 
 import math
-import pickle
 import sys
-from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -12,7 +10,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from cspace import InputError, MissingPackageError, Robot
-from cspace.spectral import BallDescriptor, Bump, FourierOverlap, Separation, Verdict, decompose
+from cspace.spectral import Bump, EarlyTest, FourierOverlap, Verdict
+from cspace.spectral._balls import as_balls, round_radii
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import seeds
 from tests.spectral.balls import draw_rotations, sum_pairs
@@ -20,6 +19,8 @@ from tests.spectral.balls import draw_rotations, sum_pairs
 pytest.importorskip("finufft")
 
 dims = st.sampled_from([2, 3])
+QUADRATURE_ERRORS = {1.0: 1e-3, 2.0: 1e-7, 4.0: 1e-7, math.inf: 1e-9}
+"""Relative errors of sums over pairs, by alpha; bumps with alpha 1 have a cusp."""
 
 
 def draw_ball_sets(rng, dim):
@@ -45,25 +46,25 @@ def draw_near_placements(rng, a, b, number):
 def test_values_are_within_their_bound_of_the_sum_over_pairs(seed, dim, alpha):
     rng = np.random.default_rng(seed)
     a, b = draw_ball_sets(rng, dim)
-    bump = Bump(alpha)
     first, second = draw_rotations(rng, 2, dim)
     matrix = second @ first
-    overlap = FourierOverlap(a, b, bump=bump, band=30.0 if dim == 2 else 9.0)
+    overlap = FourierOverlap(a, b, bump=Bump(alpha), band=30.0 if dim == 2 else 9.0)
     overlap = overlap.rotated(first).rotated(second)
     turned_a = a[0] @ matrix.T, a[1]
     placements = draw_near_placements(rng, turned_a, b, 36)
-    expected, error = sum_pairs(turned_a, b, bump, placements)
+    expected = sum_pairs(turned_a, b, alpha, placements)
     assert expected.max() > 0.0
     values = overlap.value(placements.reshape(6, 6, dim)).ravel()
-    slack = error + 1e-8 * expected.max()
-    assert np.abs(values - expected).max() <= overlap.bound + slack
+    slack = QUADRATURE_ERRORS[alpha] * expected.max()
+    bound = EarlyTest(overlap, 1.0).bound
+    assert np.abs(values - expected).max() <= bound + slack
     # Few placements are summed one by one, many by a transform; both sum the same terms.
     alone = [overlap.value(t) for t in placements[:5]]
     assert alone == pytest.approx(values[:5], abs=1e-8 * values.max())
-    if alpha == 2.0:
-        assert overlap.bound < 0.2 * expected.max()
+    if alpha == 2.0 and dim == 2:
+        assert bound < 0.2 * expected.max()
     upper = overlap.domain[1]
-    outside = np.array([upper + 0.5 * np.array(overlap.lengths), upper + 1e6])
+    outside = np.array([upper + 0.5 * overlap.lattice.periods, upper + 1e6])
     assert not overlap.value(outside).any()
     assert not overlap.gradient(outside).any()
 
@@ -101,30 +102,36 @@ def test_gradients_agree_with_finite_differences(seed, dim):
     assert gradient == pytest.approx(gradients[0], abs=1e-7 * scale)
 
 
-@pytest.mark.parametrize("max_pairs", [-1, 2**22], ids=["bands", "pairs"])
-@settings(max_examples=4)
-@given(seeds, dims, st.sampled_from([1.0, 2.0, 4.0, math.inf]), st.sampled_from([0.5, 0.05]))
-def test_verdicts_are_right_about_the_ideal_overlap(max_pairs, seed, dim, alpha, tolerance):
+@settings(max_examples=8)
+@given(seeds, dims, st.sampled_from([1.0, 2.0, 4.0, math.inf]), st.sampled_from([0.5, 0.01]))
+def test_early_verdicts_are_right_about_the_ideal_overlap(seed, dim, alpha, tolerance):
     rng = np.random.default_rng(seed)
     a, b = draw_ball_sets(rng, dim)
-    bump = Bump(alpha)
     placements = draw_near_placements(rng, a, b, 12)
-    expected, error = sum_pairs(a, b, bump, placements)
-    threshold = float(np.median(expected))
-    overlap = FourierOverlap(a, b, bump=bump, threshold=threshold, tolerance=tolerance)
-    with patch("cspace.spectral._overlap.MAX_SUMMED_PAIRS", max_pairs):
-        answers = overlap.separated(placements)
-        alone = pickle.loads(pickle.dumps(overlap)).separated(placements[0].tolist())
-    assert (expected[answers.verdict == Verdict.MISS] < threshold + error).all()
-    assert (expected[answers.verdict == Verdict.HIT] > threshold - error).all()
-    assert (np.abs(answers.overlap - expected) <= answers.bound + error).all()
-    if max_pairs > 0:
-        is_clear = np.abs(expected - threshold) > 1e-5 * threshold
-        assert (answers.verdict[is_clear] != Verdict.UNDECIDED).all()
-    assert (answers.frequencies <= 1.2 * overlap.frequencies).all()
-    if max_pairs < 0:
-        columns = answers.verdict, answers.frequencies, answers.overlap, answers.bound
-        assert alone == Separation(*(column[0] for column in columns))
+    placements[0] += 1e3
+    expected = sum_pairs(a, b, alpha, placements)
+    error = QUADRATURE_ERRORS[alpha] * expected.max()
+    threshold = max(float(np.median(expected)), error)
+    overlap = FourierOverlap(a, b, bump=Bump(alpha), tolerance=tolerance)
+    test = EarlyTest(overlap, threshold)
+    verdict, frequencies, sums, bounds = test.compare(placements.reshape(3, 4, dim))
+    assert (expected[verdict.ravel() == Verdict.MISS] < threshold + error).all()
+    assert (expected[verdict.ravel() == Verdict.HIT] > threshold - error).all()
+    assert (np.abs(sums.ravel() - expected) <= bounds.ravel() + error).all()
+    is_clear = np.abs(expected - threshold) > 2.0 * test.bound + error
+    assert (verdict.ravel()[is_clear] != Verdict.UNDECIDED).all()
+    assert (frequencies <= overlap.frequencies).all() and frequencies[0, 0] == 0
+    single = test.compare(placements[1])
+    assert single.overlap.shape == () and single.overlap == sums[0, 1]
+
+
+def test_smooth_bumps_decide_early():
+    rng = np.random.default_rng(0)
+    a, b = (rng.uniform(0.0, 1.0, (20, 2)), 0.1), (rng.uniform(0.0, 3.0, (60, 2)), 0.15)
+    overlap = FourierOverlap(a, b, tolerance=1e-4)
+    verdict, frequencies, _, _ = EarlyTest(overlap, 1e-2).compare(rng.uniform(-1, 3, (500, 2)))
+    assert (verdict != Verdict.UNDECIDED).mean() > 0.98
+    assert np.median(frequencies) < 0.1 * overlap.frequencies
 
 
 def test_bound_holds_far_from_the_origin():
@@ -137,25 +144,36 @@ def test_bound_holds_far_from_the_origin():
     step = np.array([0.0, -2.0 * far])
     placements = np.random.default_rng(0).uniform(-0.4, 0.4, (100, 2)) + step
     differences = overlap.value(placements[:30]) - near.value(placements[:30] - step)
-    assert np.abs(differences).max() <= overlap.bound + near.bound
-    assert overlap.bound > 1e3 * near.bound
+    bound, near_bound = (EarlyTest(each, 1.0).bound for each in (overlap, near))
+    assert np.abs(differences).max() <= bound + near_bound
+    assert bound > 1e3 * near_bound
+
+
+@given(seeds, dims, st.integers(1, 9))
+def test_radii_grow_to_few_sizes(seed, dim, number):
+    rng = np.random.default_rng(seed)
+    balls = as_balls((rng.normal(size=(30, dim)), rng.uniform(0.1, 1.0, 30)), "balls")
+    grown, kept = (round_radii(balls, number, grow=grow) for grow in (True, False))
+    assert len(np.unique(grown.radii)) <= number and len(np.unique(kept.radii)) <= number
+    assert (grown.radii >= balls.radii).all() and grown.radii.max() == balls.radii.max()
+    assert (kept.radii**dim).sum() == pytest.approx((balls.radii**dim).sum())
 
 
 ONE = ([[0.0, 0.0]], 0.2)
 SPACE = ([[0.0, 0.0, 0.0]], 0.2)
-INNER = decompose([(0, 0), (1, 0), (0, 1)], number=1)
+SMALL = ([[0.0, 0.0]], 1e-120)
 
 
 @refusals(
     "call, message",
-    (lambda: FourierOverlap(ONE, SPACE), "all in space"),
-    (lambda: FourierOverlap(([[0.0, 0.0]], 1e-120), ([[0.0, 0.0]], 1e-120)), "underflow"),
-    (lambda: FourierOverlap(BallDescriptor(*ONE), BallDescriptor(*ONE, Bump(3.0))), "pass bump="),
+    (lambda: FourierOverlap(ONE, SPACE), "all in the plane or all in space"),
+    (lambda: FourierOverlap(SMALL, SMALL), "check the units"),
     (lambda: FourierOverlap(Robot.rectangle(1.0, 1.0), ONE), "decompose"),
-    (lambda: FourierOverlap.of_shapes(ONE, ONE, ONE), "both"),
-    (lambda: FourierOverlap.of_shapes(INNER, ONE), "outer_a is of kind 'inner'"),
     (lambda: FourierOverlap(ONE, ONE, band=9.0).rotated(np.diag([1.0, -1.0])), "rotation matrix"),
     (lambda: FourierOverlap(SPACE, SPACE, band=9.0).rotated(0.5), "Rotation"),
+    (lambda: FourierOverlap(ONE, ONE, band=1e9), "pass a lower one"),
+    (lambda: EarlyTest(FourierOverlap(ONE, ONE, band=9.0), 0.0), "threshold"),
+    (lambda: EarlyTest(ONE, 1.0), "must be a FourierOverlap"),
 )
 def test_overlap_refuses_invalid_arguments(call, message):
     with pytest.raises(InputError, match=message):

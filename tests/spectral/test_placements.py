@@ -34,8 +34,7 @@ def turn_plane(yaws):
 
 def score_of(a, b, t, matrix, bump=BUMP):
     """Return the overlap of a placed set of balls with another."""
-    values, _ = sum_pairs(move(a, t, matrix), b, bump, np.zeros((1, len(t))))
-    return values[0]
+    return sum_pairs(move(a, t, matrix), b, bump.alpha, np.zeros((1, len(t))))[0]
 
 
 @settings(max_examples=6)
@@ -55,8 +54,10 @@ def test_no_placement_of_brute_force_is_better_in_the_plane(seed, few, more, sep
     for matrix in turn_plane(2.0 * math.pi * np.arange(12) / 12):
         turned = move(a, 0.0, matrix)
         steps = (b[0] - turned[0][:, None]).reshape(-1, 2)
-        highest = max(highest, sum_pairs(turned, b, Bump(math.inf), steps)[0].max())
-    assert best.scores[0] >= highest * (1.0 - 5e-3)
+        highest = max(highest, sum_pairs(turned, b, math.inf, steps).max())
+    assert score_of(a, b, best.translations[0], best.rotations[0], Bump(math.inf)) >= highest * (
+        1.0 - 0.01
+    )
 
 
 @settings(max_examples=6)
@@ -74,7 +75,7 @@ def test_a_copy_among_decoys_is_found_at_its_pose(dim, seed):
     near = matrix @ Rotation.from_rotvec(0.1 * axis).as_matrix()[:dim, :dim]
     best = best_placements(a, among, near, n=1)
     # By Cauchy and Schwarz no score of a copy is above the integral of the squared descriptor.
-    assert best.scores[0] == pytest.approx(score_of(a, b, t, matrix), rel=5e-3)
+    assert best.scores[0] == pytest.approx(score_of(a, b, t, matrix), rel=0.08)
     assert move(a, best.translations[0], best.rotations[0])[0] == pytest.approx(b[0], abs=0.01)
 
 
@@ -86,10 +87,11 @@ def test_scores_are_overlaps_less_the_penalty(seed, dim, alpha, penalty):
     options = {"avoid": avoid, "penalty": penalty, "bump": Bump(alpha)}
     best = best_placements(a, b, draw_rotations(rng, 4, dim), n=4, **options)
     assert (np.diff(best.scores) <= 0.0).all()
-    rows = zip(best.scores, best.bounds, best.translations, best.rotations, strict=True)
-    for score, bound, t, matrix in rows:
+    scale = score_of(a, a, np.zeros(dim), np.eye(dim), Bump(alpha))
+    for score, t, matrix in zip(best.scores, best.translations, best.rotations, strict=True):
         expected, avoided = (score_of(a, balls, t, matrix, Bump(alpha)) for balls in (b, avoid))
-        assert score == pytest.approx(expected - penalty * avoided, rel=1e-6, abs=bound)
+        error = 0.03 * scale * (1.0 + penalty)
+        assert score == pytest.approx(expected - penalty * avoided, abs=error)
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -124,7 +126,7 @@ def test_configurations_hold_a_yaw_or_a_quaternion(dim, rotations):
 def test_nothing_is_returned_if_no_score_is_positive():
     disc = ([[0.0, 0.0]], [0.3])
     best = best_placements(disc, disc, [0.0, 1.0], avoid=disc)
-    assert best.scores.shape == best.bounds.shape == (0,)
+    assert best.scores.shape == (0,)
     assert best.configurations.shape == (0, 3)
 
 

@@ -1,0 +1,118 @@
+"""Sets of balls: conversion, rounding of radii, and rotations."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cspace._shapes import Balls, BallSet
+from cspace._support.arrays import Floats
+from cspace._support.check import check_finite
+from cspace.errors import InputError
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
+
+    from cspace._robot import Robot
+
+BallsLike: TypeAlias = "BallSet | Robot | tuple[ArrayLike, ArrayLike]"
+"""Types that give balls: an object with ``centers`` and ``radii``, a robot of balls, or a pair of
+arrays."""
+
+Rotates: TypeAlias = "ArrayLike | Rotation"
+"""Types of a rotation: an angle in the plane, radians, a matrix (d, d), or a scipy Rotation."""
+
+PLACEMENT_ROUNDING: Final = 2.0**-50
+"""Upper bound of the relative error of rotating and translating a coordinate."""
+
+
+def as_balls(source: BallsLike, name: str, dim: int | None = None) -> Balls:
+    """Convert anything that gives balls to balls with volume, in ``dim`` dimensions if given.
+
+    Raises InputError, which names the argument ``name``, for anything else.
+    """
+    pair: Any = source
+    if not isinstance(source, tuple):
+        for balls in (source, getattr(source, "shape", None)):  # a robot's shape has its balls
+            if isinstance(balls, BallSet):
+                pair = (balls.centers, balls.radii)
+                break
+    if not isinstance(pair, tuple | list) or len(pair) != 2:
+        raise InputError(
+            name,
+            f"is a {type(source).__name__}",
+            "it must have centers and radii, or be a pair of them",
+            "decompose other shapes first",
+        )
+    balls = Balls.of(*pair)
+    if (balls.radii <= 0.0).any():
+        raise InputError(
+            name,
+            f"has a radius of {balls.radii.min():g}",
+            "each must be above zero",
+            "drop balls that have no volume",
+        )
+    if dim and balls.dim != dim:
+        raise InputError(
+            name,
+            f"has {balls.dim} dimensions, its counterpart has {dim}",
+            "they must agree",
+            "pass all in the plane or all in space",
+        )
+    return balls
+
+
+def find_center(balls: Balls) -> Floats:
+    """Return the center of the bounding box of the centers, metres."""
+    return np.asarray((balls.centers.min(axis=0) + balls.centers.max(axis=0)) / 2)
+
+
+def round_radii(balls: Balls, number: int, *, grow: bool = True) -> Balls:
+    """Round radii to at most ``number`` sizes, each for about equally many balls.
+
+    Radii grow to the largest one of their size, or become the mean that keeps the summed volume.
+    """
+    if len(np.unique(balls.radii)) <= number:
+        return balls
+    shares = 1.0 - np.arange(number) / number
+    largest = np.unique(np.quantile(balls.radii, shares, method="higher"))
+    size = np.searchsorted(largest, balls.radii)
+    if grow:
+        return Balls(balls.centers, largest[size])
+    volumes = np.bincount(size, balls.radii**balls.dim) / np.bincount(size)
+    return Balls(balls.centers, volumes[size] ** (1.0 / balls.dim))
+
+
+def as_matrices(rotations: Rotates) -> ArrayLike:
+    """Convert a scipy Rotation to matrices; return anything else unchanged."""
+    converted: ArrayLike = rotations.as_matrix() if hasattr(rotations, "as_matrix") else rotations
+    return converted
+
+
+def rotation_matrix(rotation: Rotates, dim: int) -> Floats:
+    """Return the rotation matrix nearest to an angle, matrix or Rotation.
+
+    Raises InputError for anything else.
+    """
+    values = check_finite(as_matrices(rotation), "rotation")
+    if dim == 2 and values.ndim == 0:
+        sine = math.sin(float(values))
+        cosine = math.cos(float(values))
+        return np.array([[cosine, -sine], [sine, cosine]])
+    if values.shape == (dim, dim):
+        # By a singular value decomposition, whose singular values are 1 for a rotation.
+        left, stretch, right = np.linalg.svd(values)
+        if np.abs(stretch - 1.0).max() <= 1e-6 and np.linalg.det(values) > 0.0:
+            return np.asarray(left @ right)
+    form, example = "a Rotation", "Rotation.identity()"
+    if dim == 2:
+        form, example = "an angle in radians", "1.57"
+    raise InputError(
+        "rotation",
+        f"is {rotation!r}",
+        f"it must be {form} or a rotation matrix of shape {dim, dim}",
+        f"pass e.g. {example}",
+    )
