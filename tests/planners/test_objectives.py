@@ -80,7 +80,7 @@ def test_costs_on_cells_are_linear_between_cell_centers(name):
     configurations = np.column_stack([positions, turns])
     axes = [grid.centers(axis) for axis in range(grid.dim)]
     inside = positions.clip([axis[0] for axis in axes], [axis[-1] for axis in axes])
-    slices = space.slice_of[space.rotations.find_cells(configurations)]
+    slices = space.slice_of[space.rotations._find_cells(configurations)]
     values = costs.reshape(-1, *grid.shape)
     expected = [
         max(0.0, RegularGridInterpolator(axes, values[number])(position)[0])
