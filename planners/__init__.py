@@ -6,6 +6,8 @@ inside functions.
 
 from importlib import import_module
 
+import lazy_loader
+
 from cspace.errors import MissingPackageError
 
 try:
@@ -18,27 +20,4 @@ except ImportError as error:
         "run: pip install ompl",
     ) from error
 
-from planners._callbacks import FreeStateSampler, MotionValidator, StateValidityChecker
-from planners._catalogue import planner_names
-from planners._objectives import ClearanceObjective, WeightedLength
-from planners._plan import Choices, choices, plan
-from planners._result import Plan, Times
-from planners._setup import simple_setup, state_space
-from planners._trajectory import Trajectory
-
-__all__ = [
-    "Choices",
-    "ClearanceObjective",
-    "FreeStateSampler",
-    "MotionValidator",
-    "Plan",
-    "StateValidityChecker",
-    "Times",
-    "Trajectory",
-    "WeightedLength",
-    "choices",
-    "plan",
-    "planner_names",
-    "simple_setup",
-    "state_space",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -17,7 +17,8 @@ from cspace._support.arrays import Floats
 from cspace._support.check import check_flag, check_rng
 from cspace._support.words import Drive
 from cspace.errors import InputError
-from planners._local_planner import HOLONOMIC, local_planner
+from planners._drives import local_planner
+from planners._local_planner import HOLONOMIC
 from planners._states import check_information, find_state_kind
 
 _DRAWS_PER_BATCH: Final = 256

@@ -14,36 +14,25 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 from ompl import base as ob
 
-from cspace._exact.proofs import make_scratch
 from cspace._interface import Endpoint, Space
-from cspace._queries.callbacks import bind_kernel
 from cspace._record.cells import Map
 from cspace._rotations.base import ANGLE_SLACK, METRES_PER_RADIAN, TWO_PI
 from cspace._space import CSpace
 from cspace._support.arrays import MIXED, Bools, Floats
-from cspace._support.check import check_flag, check_positive, check_word
 from cspace._support.words import Drive
-from cspace.errors import InputError
-from planners._car_curves import (
-    Geometry,
-    advance,
-    curve_cost,
-    find_shortest_words,
-    prove_length,
-)
 from planners._integrals import CostDensity, Field, bind_cost, integrate_straight_edge
-from planners._states import check_space, find_state_kind, with_wrapped_angles
+from planners._states import find_state_kind, with_wrapped_angles
 
 if TYPE_CHECKING:
     from cspace._tiles.space import TiledCSpace
+    from planners._car_curves import Geometry
 
 Endpoints = tuple[Endpoint, ...]
 """A start and its alternative goals. Only arms have several goals."""
@@ -51,13 +40,10 @@ Endpoints = tuple[Endpoint, ...]
 MAX_RADIANS: Final = math.radians(5.0)
 """Largest rotation between rows of a resampled path, and of a piece of a path, radians."""
 
-CAR_AXES: Final = ("x", "y", "yaw")
-"""Axes of the maps for drives other than the holonomic one."""
-
 HOLONOMIC: Final = "holonomic"
 """Drive that moves in any direction and turns while moving."""
 
-_CURVE_SPACES: Final[dict[Drive, Callable[[float], ob.StateSpace]]] = {
+CURVE_SPACES: Final[dict[Drive, Callable[[float], ob.StateSpace]]] = {
     "dubins": ob.DubinsStateSpace,
     "reeds-shepp": ob.ReedsSheppStateSpace,
     "differential": ob.DubinsStateSpace,
@@ -68,7 +54,7 @@ _CURVE_SPACES: Final[dict[Drive, Callable[[float], ob.StateSpace]]] = {
 CURVES: Final[tuple[Drive, ...]] = ("dubins", "reeds-shepp")
 """Drives of cars, which follow curves; kernels use their indices."""
 
-ON_THE_SPOT: Final[tuple[Drive, ...]] = tuple(name for name in _CURVE_SPACES if name not in CURVES)
+ON_THE_SPOT: Final[tuple[Drive, ...]] = tuple(name for name in CURVE_SPACES if name not in CURVES)
 """Drives that turn on the spot; OMPL's lengths count only metres."""
 
 DRIVES: Final[tuple[Drive, ...]] = get_args(Drive)
@@ -86,13 +72,6 @@ LENGTH_ROUNDING_SHARE: Final = 1e-12
 MAX_TURN: Final = 0.499 * TWO_PI
 """Largest turn of a joint along an edge, radians; below half a turn, so that rounding does not
 decide its direction."""
-
-MIN_SEGMENT_RADII: Final = 1e-9
-"""Length, in turning radii, up to which a segment of a curve is only a rounding error."""
-
-MIN_RADIUS_CELLS: Final = 1e-3
-MAX_RADIUS_CELLS: Final = 1e3
-"""Smallest and largest turning radius, in cells, for which rounding errors stay small."""
 
 PIVOT_RADIUS_PER_SIDE: Final = 1e-9
 """OMPL's pivot radius, as a share of the map's longest side.
@@ -161,6 +140,8 @@ class LocalPlanner:
         """Return the geometry that decides MIXED cells for kernels; None unless exact."""
         if not self.exact:
             return None
+        from cspace._exact.proofs import make_scratch
+
         return self.cells._boundary_proofs().boundaries, make_scratch().node_pairs
 
     def make_states(self) -> ob.StateSpace:
@@ -377,7 +358,7 @@ class TurnDriveTurn(LocalPlanner):
         """Make OMPL's state space of curves with a tiny turning radius."""
         grid = self.cells.grid
         longest_side = grid.spacing * max(grid.shape)
-        return _CURVE_SPACES[self.drive](PIVOT_RADIUS_PER_SIDE * longest_side)
+        return CURVE_SPACES[self.drive](PIVOT_RADIUS_PER_SIDE * longest_side)
 
     def edge_checker(self) -> Callable[..., bool]:
         """Make ``check(*q0, *q1)``, which proves both turns and the drive free."""
@@ -458,241 +439,6 @@ class TurnDriveTurn(LocalPlanner):
             if check(*before, *arrival) and check(*arrival, *after):
                 rows[k] = arrival
         return np.array(rows).reshape(-1, 3)
-
-
-class CarCurves(LocalPlanner):
-    """Edges along the shortest curve of a car.
-
-    The map has the axes x, y, yaw. Each edge is proven along the curve itself, which is split into
-    pieces. All cells that meet the box around a piece must be FREE, or with ``exact`` the geometry
-    proves the piece (:mod:`planners._car_curves`). A curve that leaves the grid is not proven. If
-    several curves are equally short, OMPL may drive any of these, so all are proven.
-    """
-
-    rotation_weight = 0.0
-
-    @property
-    def radius(self) -> float:
-        """Turning radius in metres."""
-        return float(self.turning_radius or math.nan)
-
-    @property
-    def kind(self) -> int:
-        """Index of the drive in :data:`CURVES`."""
-        return CURVES.index(self.drive)
-
-    def make_states(self) -> ob.StateSpace:
-        """Make OMPL's state space of the curves, without bounds."""
-        return _CURVE_SPACES[self.drive](self.radius)
-
-    def point_checker(self) -> Callable[..., bool]:
-        """Make ``check(*q)``, which proves a configuration free, exactly as a curve without length.
-
-        So proofs of straight edges need not be compiled.
-        """
-        if not self.exact:
-            return super().point_checker()
-        prove = self.edge_checker()
-        return lambda *q: prove(*q, *q)
-
-    @cached_property
-    def bound_proof(self) -> Callable[..., float]:
-        """:func:`prove_length` of a map in memory, whose updates it follows."""
-        fixed = (self.bounded_map(), self.kind, self.radius)
-        return bind_kernel(prove_length, fixed, self.geometry(), *[0.0] * 6)
-
-    def edge_checker(self) -> Callable[..., bool]:
-        """Make ``check(*q0, *q1)``, which proves the shortest curves free."""
-        prove = self.length_prover()
-        return lambda *q: prove(*q) >= 0.0
-
-    def edge_cost(self, field: Field, density: CostDensity) -> Callable[..., float]:
-        """Make ``cost(*q0, *q1)``, the cost of the shortest curve."""
-        return bind_cost(curve_cost, self.cells, field, density, (self.kind, self.radius))
-
-    def motion_checker(self) -> Callable[[ob.State, ob.State], bool]:
-        """Make ``check(first, second)``, which proves a curve between OMPL states free.
-
-        OMPL's curve must be as short as ours, because only the shortest curves are proven.
-        """
-        prove = find_state_kind(self.space).of_states(self.length_prover())
-        states = self.make_states()
-        tolerance = 1e-6 * self.radius
-
-        def check(first: ob.State, second: ob.State) -> bool:
-            """Prove our shortest curves free, and OMPL's curve as short as those."""
-            length = prove(first, second)
-            return length >= 0.0 and bool(states.distance(first, second) <= length + tolerance)
-
-        return check
-
-    def length_prover(self) -> Callable[..., float]:
-        """Make ``prove(*q0, *q1)``, the metres of the shortest curve.
-
-        It returns -1 unless the curve is proven free.
-        """
-        if self.space.in_memory:
-            prove = self.bound_proof
-            if not self.exact:
-                return partial(prove, None)
-            is_free = self.space.point_checker()
-
-            def prove_exactly(*q: float) -> float:
-                """Prove a curve among the present obstacles.
-
-                No boundaries meet along the curve, so that its start decides containment.
-                """
-                length: float = prove(self.geometry(), *q)
-                start = q[:3]
-                if length < 0.0 or is_free(*start):
-                    return length
-                return length if self.cells._boundary_proofs().is_outside(*start) else -1.0
-
-            return prove_exactly
-
-        # A map in tiles has no array for kernels, so each edge opens the part around it.
-        def prove_in_window(*ends: float) -> float:
-            """Prove a curve in a part of the map, in memory."""
-            window = self._window_around(np.reshape(ends, (2, 3)))
-            return window.length_prover()(*ends)
-
-        return prove_in_window
-
-    def _window_around(self, edge: Floats) -> CarCurves:
-        """Return the curves in a part of the map around an edge, in memory."""
-        spacing = self.tiles.grid.spacing
-        centers = self.split_path(edge, spacing, MAX_RADIANS).points
-        positions = np.concatenate([edge, centers])[:, :2]
-        lower = positions.min(axis=0) - 2.0 * spacing
-        upper = positions.max(axis=0) + 2.0 * spacing
-        return replace(self, space=self.tiles.window(lower, upper))
-
-    def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
-        """Return the metres of the shortest curves, shape (n,)."""
-        edges = zip(starts.tolist(), ends.tolist(), strict=True)
-        return np.array([self.edge_length(*first, *last) for first, last in edges])
-
-    def edge_length(self, *ends: float) -> float:
-        """Return the metres of the shortest curve."""
-        x0, y0, yaw0, x1, y1, yaw1 = ends
-        start = (x0, y0, yaw0)
-        goal = (x1, y1, yaw1)
-        return self.radius * find_shortest_words(self.kind, self.radius, start, goal, 0.0).shortest
-
-    def measure(self, path: Floats) -> tuple[float, float]:
-        """Measure ``length`` and ``total_rotation`` of a path, as of :class:`planners.Plan`."""
-        pieces = self.split_path(path, math.inf, math.inf)
-        return math.fsum(pieces.lengths), math.fsum(pieces.rotations)
-
-    def split_edge(
-        self, first: Floats, last: Floats, step: float, rotation: float, share: float
-    ) -> Pieces:
-        """Split a curve into pieces of at most ``step`` and ``rotation``.
-
-        Segments that are only rounding errors are left out, but a curve has at least one piece.
-        """
-        start = tuple(first.tolist())
-        goal = tuple(last.tolist())
-        # The first word is the shortest; its lengths are in turning radii.
-        words = find_shortest_words(self.kind, self.radius, start, goal, 0.0)
-        word = words.lengths[0]
-        longest_segment = int(np.argmax(np.abs(word)))
-        segments = zip(words.steering[0].tolist(), word.tolist(), strict=True)
-        x0, y0, yaw0 = start
-        pose = (0.0, 0.0, yaw0)
-        points = []
-        lengths = []
-        rotations = []
-        for k, (steer, length) in enumerate(segments):
-            if k == longest_segment or abs(length) > MIN_SEGMENT_RADII:
-                longest_piece = step / self.radius
-                if steer:
-                    longest_piece = min(longest_piece, rotation)
-                count = max(math.ceil(abs(length) / longest_piece), 1)
-                for index in range(count):
-                    u, v, yaw = advance(pose, steer, length * (index + share) / count)
-                    points.append((x0 + self.radius * u, y0 + self.radius * v, yaw))
-                lengths += [self.radius * length / count] * count
-                rotations += [steer * length / count] * count
-            pose = advance(pose, steer, length)
-        return Pieces(np.array(points), np.array(lengths), np.array(rotations))
-
-
-def local_planner(
-    space: Space,
-    exact: bool = False,
-    drive: Drive = HOLONOMIC,
-    turning_radius: float | None = None,
-    bidirectional: bool = False,
-) -> LocalPlanner:
-    """Make the local planner of a space from :class:`LocalPlanner` options.
-
-    Raises InputError if ``space`` is no :class:`cspace.Space`; the drive is unknown, or given for a
-    space other than a map of x, y, yaw; or the turning radius is missing, given without a curve, or
-    out of range.
-    """
-    check_space(space)
-    check_flag(exact, "exact")
-    exact = bool(exact) or not space.has_cells
-    radius = _check_drive(space, drive, turning_radius)
-    kind = LocalPlanner
-    if drive in ON_THE_SPOT:
-        kind = TurnDriveTurn
-    elif drive in CURVES:
-        kind = CarCurves
-    return kind(space, exact, drive, radius, bidirectional)
-
-
-def has_drives(space: Space) -> bool:
-    """Return True if drives other than the holonomic one are for the space."""
-    return space.has_cells and space.axes == CAR_AXES
-
-
-def _check_drive(space: Space, drive: Drive, turning_radius: float | None) -> float | None:
-    """Check a drive and its turning radius; return the radius, metres, or None without curves.
-
-    Raises InputError if the drive is not for the space, or the radius does not fit the drive.
-    """
-    check_word(drive, "drive", DRIVES)
-    if drive != HOLONOMIC and not has_drives(space):
-        raise InputError(
-            "drive",
-            f"is {drive!r} and the axes are ({', '.join(space.axes)})",
-            "it is for the axes (x, y, yaw) of a map",
-            "build a map of a plane with rotations=72, or leave drive out",
-        )
-    if drive not in CURVES:
-        if turning_radius is not None:
-            raise InputError(
-                "turning_radius",
-                f"is {turning_radius!r} and drive is {drive!r}",
-                "a radius is for curves",
-                "add drive='dubins' or drive='reeds-shepp', or leave the radius out",
-            )
-        return None
-    if turning_radius is None:
-        raise InputError(
-            "turning_radius",
-            "is missing",
-            f"drive={drive!r} needs the radius of its tightest curve",
-            "pass it in metres, e.g. 0.5",
-        )
-    radius = check_positive(turning_radius, "turning_radius")
-    # Rounding errors of curves grow with the radius in cells, and with its inverse.
-    spacing = 2.0 * space.resolution
-    lowest = MIN_RADIUS_CELLS * spacing
-    highest = MAX_RADIUS_CELLS * spacing
-    if not lowest <= radius <= highest:
-        hint = "check its unit (metres)"
-        if radius < lowest:
-            hint = "if the robot turns on the spot, pass drive='differential' without a radius"
-        raise InputError(
-            "turning_radius",
-            f"is {radius!r}",
-            f"it must be {lowest:g} to {highest:g} m, to keep rounding errors small",
-            hint,
-        )
-    return radius
 
 
 def _wrap_yaw(yaw: float) -> float:

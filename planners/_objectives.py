@@ -17,8 +17,9 @@ from cspace._support.arrays import Floats
 from cspace._support.check import check_not_negative, check_positive
 from cspace._support.words import Drive
 from cspace.errors import InputError
+from planners._drives import local_planner
 from planners._integrals import CostDensity, Field
-from planners._local_planner import HOLONOMIC, Endpoints, LocalPlanner, local_planner
+from planners._local_planner import HOLONOMIC, Endpoints, LocalPlanner
 from planners._states import check_information, find_state_kind
 
 LENGTH: Final = "length"

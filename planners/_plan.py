@@ -37,7 +37,7 @@ from planners._catalogue import (
     planner_named,
     planner_names,
 )
-from planners._lattice import find_lattice_path
+from planners._drives import has_drives, local_planner
 from planners._local_planner import (
     CURVES,
     DRIVES,
@@ -47,8 +47,6 @@ from planners._local_planner import (
     REVERSING,
     Endpoints,
     LocalPlanner,
-    has_drives,
-    local_planner,
 )
 from planners._objectives import CLEARANCE, LENGTH, check_has_cells, find_clear_path
 from planners._result import Plan, Times
@@ -723,6 +721,8 @@ def _find_path(task: Task, may_exist: Callable[[], bool]) -> tuple[Floats, str]:
     edges = task.edges
     seconds = task.time_limit
     if task.planner == LATTICE:
+        from planners._lattice import find_lattice_path
+
         return find_lattice_path(edges, task.endpoints, task.simplify, seconds, may_exist)
     if task.planner == GRID and task.objective == CLEARANCE:
         return find_clear_path(edges, task.endpoints, task.simplify, seconds), ""

@@ -20,8 +20,8 @@ from cspace._support.check import check_flag
 from cspace._support.words import Drive
 from cspace.errors import InputError
 from planners._catalogue import PlannerName
-from planners._local_planner import CURVES, HOLONOMIC, LocalPlanner, local_planner
-from planners._trajectory import DrivenPath, MotionLimits, Trajectory, make_trajectory, write_csv
+from planners._drives import local_planner
+from planners._local_planner import CURVES, HOLONOMIC, LocalPlanner
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from cspace.plot._animation import AnimationOptions
     from cspace.plot._picture import PlotOptions
     from cspace.reasons import Explanation
+    from planners._trajectory import Trajectory
 
 
 @dataclass(frozen=True, slots=True)
@@ -564,6 +565,8 @@ class Plan:
         >>> trajectory.duration, trajectory.sample(2.0)[0].tolist()
         (5.0, [1.5, 1.5])
         """
+        from planners._trajectory import DrivenPath, MotionLimits, make_trajectory
+
         self._check_solved("a trajectory follows a path")
         limits = MotionLimits(
             max_velocity,
@@ -616,6 +619,8 @@ class Plan:
         FileError
             If the file exists and may not be replaced, or cannot be written.
         """
+        from planners._trajectory import write_csv
+
         names = self.axes
         rows = self.path.tolist()
         if self.direction is not None:

@@ -31,7 +31,6 @@ from planners._catalogue import (
     make_planner,
     planner_named,
 )
-from planners._lattice import shorten_path
 from planners._local_planner import HOLONOMIC, MAX_TURN, ON_THE_SPOT, Endpoints, LocalPlanner
 from planners._objectives import LENGTH, ClearanceObjective, WeightedLength
 from planners._setup import MakeObjective, make_setup
@@ -201,6 +200,8 @@ def run_ompl(task: Task, may_exist: Callable[[], bool]) -> SearchResult:
 def shorten(edges: LocalPlanner, path: Floats, until: float) -> Floats:
     """Shorten a path, shape (n, size), by proven edges, until a reading of the clock."""
     if edges.drive != HOLONOMIC:
+        from planners._lattice import shorten_path
+
         return shorten_path(edges, path, until)
     check = edges.edge_checker()
     size = edges.space.size

@@ -15,7 +15,8 @@ from cspace._support.check import check_rng
 from cspace._support.words import Drive
 from cspace.errors import InputError
 from planners._callbacks import FreeStateSampler, MotionValidator, StateValidityChecker
-from planners._local_planner import HOLONOMIC, LocalPlanner, local_planner
+from planners._drives import local_planner
+from planners._local_planner import HOLONOMIC, LocalPlanner
 from planners._states import find_state_kind
 
 MakeObjective = Callable[[ob.SpaceInformation], ob.OptimizationObjective]

@@ -23,14 +23,9 @@ from cspace._support.check import check_finite, check_positive
 from cspace._support.words import Drive
 from cspace.errors import InputError
 from planners._car_curves import MAX_GAP
-from planners._local_planner import (
-    CURVES,
-    HOLONOMIC,
-    ON_THE_SPOT,
-    CarCurves,
-    Pieces,
-    local_planner,
-)
+from planners._cars import CarCurves
+from planners._drives import local_planner
+from planners._local_planner import CURVES, HOLONOMIC, ON_THE_SPOT, Pieces
 from planners._segments import (
     Segments,
     align_quaternions,

@@ -372,8 +372,8 @@ MUTANTS = (
         "tests/planners/test_car_curves.py",
     ),
     Mutant(
-        "planners/_local_planner.py",
-        "return length if self.cells.boundary_proofs().is_outside(*start) else -1.0",
+        "planners/_cars.py",
+        "return length if self.cells._boundary_proofs().is_outside(*start) else -1.0",
         "return length",
         "tests/planners/test_car_curves.py",
     ),

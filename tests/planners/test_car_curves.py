@@ -10,7 +10,9 @@ from ompl import base as ob
 
 import planners
 from cspace import Robot, Workspace, build
-from planners._local_planner import CURVES, CarCurves, local_planner
+from planners._cars import CarCurves
+from planners._drives import local_planner
+from planners._local_planner import CURVES
 from tests.helpers.planning import (
     build_room,
     interpolate_poses,

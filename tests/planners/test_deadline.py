@@ -8,7 +8,8 @@ import pytest
 import planners
 from cspace import MIXED, Robot, Workspace, build
 from cspace._support.compiling import clock
-from planners._local_planner import CarCurves, TurnDriveTurn
+from planners._cars import CarCurves
+from planners._local_planner import TurnDriveTurn
 from planners._search import GRACE_SECONDS, Deadline, OutOfTime
 from tests.helpers.planning import (
     ENDPOINTS,

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 
 import planners
 from cspace import Robot, Workspace, build
-from planners._local_planner import local_planner
+from planners._drives import local_planner
 from tests.helpers.placements import collides
 from tests.helpers.planning import (
     ENDPOINTS,

@@ -11,7 +11,7 @@ from scipy.interpolate import RegularGridInterpolator
 
 import planners
 from cspace import InputError
-from planners._local_planner import local_planner
+from planners._drives import local_planner
 from planners._states import find_state_kind
 from tests.helpers.planning import (
     ENDPOINTS,

@@ -18,7 +18,8 @@ from hypothesis import strategies as st
 import planners
 from cspace import BLOCKED, FREE, MIXED, FileError, Robot, Workspace, build
 from cspace.errors import InputError
-from planners._local_planner import HOLONOMIC, local_planner
+from planners._drives import local_planner
+from planners._local_planner import HOLONOMIC
 from tests.helpers.handmade import make_map
 from tests.helpers.planning import (
     ENDPOINTS,

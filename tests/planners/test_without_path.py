@@ -11,7 +11,8 @@ from ompl import geometric as og
 
 import planners
 from cspace import BLOCKED, FREE, MIXED
-from planners._local_planner import CURVES, DRIVES, local_planner
+from planners._drives import local_planner
+from planners._local_planner import CURVES, DRIVES
 from tests.helpers.handmade import (
     MAP_KINDS,
     components,

@@ -9,7 +9,8 @@ import numpy as np
 from benchmarks.report import Report
 from cspace import FREE
 from cspace._support.arrays import Floats
-from planners._local_planner import CURVES, local_planner
+from planners._drives import local_planner
+from planners._local_planner import CURVES
 from tests.helpers.placements import draw_near_mixed, turn_between
 from tests.helpers.planning import make_poses, points_along, shortest_word
 from tests.soak.maps import POINTS_PER_EDGE

@@ -1,0 +1,16 @@
+# Public names. Each is imported at its first use.
+
+from ._callbacks import FreeStateSampler as FreeStateSampler
+from ._callbacks import MotionValidator as MotionValidator
+from ._callbacks import StateValidityChecker as StateValidityChecker
+from ._catalogue import planner_names as planner_names
+from ._objectives import ClearanceObjective as ClearanceObjective
+from ._objectives import WeightedLength as WeightedLength
+from ._plan import Choices as Choices
+from ._plan import choices as choices
+from ._plan import plan as plan
+from ._result import Plan as Plan
+from ._result import Times as Times
+from ._setup import simple_setup as simple_setup
+from ._setup import state_space as state_space
+from ._trajectory import Trajectory as Trajectory

@@ -1,0 +1,105 @@
+"""Choice of the edges of a drive, and checks of its options."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from cspace._interface import Space
+from cspace._support.check import check_flag, check_positive, check_word
+from cspace._support.words import Drive
+from cspace.errors import InputError
+from planners._local_planner import (
+    CURVES,
+    DRIVES,
+    HOLONOMIC,
+    ON_THE_SPOT,
+    LocalPlanner,
+    TurnDriveTurn,
+)
+from planners._states import check_space
+
+CAR_AXES: Final = ("x", "y", "yaw")
+"""Axes of the maps for drives other than the holonomic one."""
+
+MIN_RADIUS_CELLS: Final = 1e-3
+MAX_RADIUS_CELLS: Final = 1e3
+"""Smallest and largest turning radius, in cells, for which rounding errors stay small."""
+
+
+def local_planner(
+    space: Space,
+    exact: bool = False,
+    drive: Drive = HOLONOMIC,
+    turning_radius: float | None = None,
+    bidirectional: bool = False,
+) -> LocalPlanner:
+    """Make the local planner of a space from :class:`LocalPlanner` options.
+
+    Raises InputError if ``space`` is no :class:`cspace.Space`; the drive is unknown, or given for a
+    space other than a map of x, y, yaw; or the turning radius is missing, given without a curve, or
+    out of range.
+    """
+    check_space(space)
+    check_flag(exact, "exact")
+    exact = bool(exact) or not space.has_cells
+    radius = _check_drive(space, drive, turning_radius)
+    kind = LocalPlanner
+    if drive in ON_THE_SPOT:
+        kind = TurnDriveTurn
+    elif drive in CURVES:
+        from planners._cars import CarCurves
+
+        kind = CarCurves
+    return kind(space, exact, drive, radius, bidirectional)
+
+
+def has_drives(space: Space) -> bool:
+    """Return True if drives other than the holonomic one are for the space."""
+    return space.has_cells and space.axes == CAR_AXES
+
+
+def _check_drive(space: Space, drive: Drive, turning_radius: float | None) -> float | None:
+    """Check a drive and its turning radius; return the radius, metres, or None without curves.
+
+    Raises InputError if the drive is not for the space, or the radius does not fit the drive.
+    """
+    check_word(drive, "drive", DRIVES)
+    if drive != HOLONOMIC and not has_drives(space):
+        raise InputError(
+            "drive",
+            f"is {drive!r} and the axes are ({', '.join(space.axes)})",
+            "it is for the axes (x, y, yaw) of a map",
+            "build a map of a plane with rotations=72, or leave drive out",
+        )
+    if drive not in CURVES:
+        if turning_radius is not None:
+            raise InputError(
+                "turning_radius",
+                f"is {turning_radius!r} and drive is {drive!r}",
+                "a radius is for curves",
+                "add drive='dubins' or drive='reeds-shepp', or leave the radius out",
+            )
+        return None
+    if turning_radius is None:
+        raise InputError(
+            "turning_radius",
+            "is missing",
+            f"drive={drive!r} needs the radius of its tightest curve",
+            "pass it in metres, e.g. 0.5",
+        )
+    radius = check_positive(turning_radius, "turning_radius")
+    # Rounding errors of curves grow with the radius in cells, and with its inverse.
+    spacing = 2.0 * space.resolution
+    lowest = MIN_RADIUS_CELLS * spacing
+    highest = MAX_RADIUS_CELLS * spacing
+    if not lowest <= radius <= highest:
+        hint = "check its unit (metres)"
+        if radius < lowest:
+            hint = "if the robot turns on the spot, pass drive='differential' without a radius"
+        raise InputError(
+            "turning_radius",
+            f"is {radius!r}",
+            f"it must be {lowest:g} to {highest:g} m, to keep rounding errors small",
+            hint,
+        )
+    return radius
