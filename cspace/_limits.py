@@ -48,7 +48,7 @@ _MIN_CHECKED_BYTES: Final = 2**18
 """
 
 
-class Limits(NamedTuple):
+class FileLimits(NamedTuple):
     """Maximum size of one file.
 
     Attributes
@@ -73,7 +73,7 @@ SizeLimit = Literal["max_bytes", "max_text_bytes", "max_description_bytes"]
 """Names of the limits that are sizes of files."""
 
 
-_LIMITS: Final = ContextVar("limits", default=Limits())  # noqa: B039 - it cannot be changed
+_LIMITS: Final = ContextVar("limits", default=FileLimits())  # noqa: B039 - it cannot be changed
 
 
 def map_bytes(shape: Sequence[int], slices: int = 1, overlap: bool = False) -> int:
@@ -119,8 +119,8 @@ def raised_limits(**limits: int) -> Iterator[None]:
     ...     pass  # e.g. workspace = cspace.Workspace.open("city.png", spacing=0.05)
     """
     for name, value in limits.items():
-        if name not in Limits._fields:
-            rule = f"the limits are {', '.join(Limits._fields)}"
+        if name not in FileLimits._fields:
+            rule = f"the limits are {', '.join(FileLimits._fields)}"
             raise InputError(name, f"is {value}", rule, "correct the name")
     token = _LIMITS.set(_LIMITS.get()._replace(**limits))
     try:

@@ -36,7 +36,7 @@ MAX_TRIED_CELLS: Final = 2**20
 """Number of workspace cells up to which messages try what they advise."""
 
 
-class Components(Protocol):
+class HasComponents(Protocol):
     """Connected components of cells that share sides."""
 
     def of(self, cells: Ints, mixed: bool = False) -> Ints:
@@ -508,7 +508,7 @@ class ConfigurationMap(ConfigurationSpace):
 
     @property
     @abstractmethod
-    def _components(self) -> Components:
+    def _components(self) -> HasComponents:
         """Connected components of cells that share sides."""
 
     def _cells_of(self, points: Floats) -> Ints:

@@ -194,7 +194,7 @@ class Target(NamedTuple):
     estimate: Estimate
 
 
-class Limits(NamedTuple):
+class SearchLimits(NamedTuple):
     """Limits of a search."""
 
     min_stalled: int  # nodes before which it does not count as stalled
@@ -202,7 +202,7 @@ class Limits(NamedTuple):
     until: float  # reading of the clock
 
 
-class Nodes(NamedTuple):
+class LatticeNodes(NamedTuple):
     """Configurations reached, and their queue.
 
     ``progress`` holds the cost of each node, the node before it, and whether it is closed. It is
@@ -266,7 +266,7 @@ def _search_levels(
     min_stalled = MIN_STALLED_NODES
     while True:
         for motions, max_nodes in levels:
-            limits = Limits(min_stalled, max_nodes, until)
+            limits = SearchLimits(min_stalled, max_nodes, until)
             path, reason, vain = _search(edges, motions, guide, endpoints, limits, may_exist)
             if len(path) and edges.are_free(path[::-1] if is_backwards else path):
                 return path, ""
@@ -510,7 +510,7 @@ def _search(
     motions: Motions,
     guide: Guide,
     endpoints: Endpoints,
-    limits: Limits,
+    limits: SearchLimits,
     may_exist: Callable[[], bool],
 ) -> tuple[Floats, str, Bools | None]:
     """Search from the start for a path to the goal, shape (n, 3).
@@ -552,9 +552,9 @@ def _search(
     return np.empty((0, 3)), reason, None
 
 
-def _make_nodes(capacity: int) -> Nodes:
+def _make_nodes(capacity: int) -> LatticeNodes:
     """Make arrays for a number of nodes, a power of 2."""
-    return Nodes(
+    return LatticeNodes(
         progress=make_progress(capacity, capacity),
         poses=np.empty((capacity, 3)),
         motions=np.empty((capacity, 2), dtype=np.int64),
@@ -565,7 +565,7 @@ def _make_nodes(capacity: int) -> Nodes:
     )
 
 
-def _enlarge(nodes: Nodes) -> Nodes:
+def _enlarge(nodes: LatticeNodes) -> LatticeNodes:
     """Copy nodes into arrays for twice as many."""
     progress = nodes.progress
     larger = nodes._replace(
@@ -585,7 +585,7 @@ def _enlarge(nodes: Nodes) -> Nodes:
     return larger
 
 
-def _find_vain_blocks(map_: Map, motions: Motions, target: Target, nodes: Nodes) -> Bools:
+def _find_vain_blocks(map_: Map, motions: Motions, target: Target, nodes: LatticeNodes) -> Bools:
     """Find blocks that a stalled search has not entered, shape (1, x, y).
 
     These are near the node that the guide takes for the nearest to the goal. There are none if that
@@ -609,7 +609,7 @@ def _find_vain_blocks(map_: Map, motions: Motions, target: Target, nodes: Nodes)
     return vain
 
 
-def _trace_path(nodes: Nodes, node: int, endpoints: Endpoints, merges: bool) -> Floats:
+def _trace_path(nodes: LatticeNodes, node: int, endpoints: Endpoints, merges: bool) -> Floats:
     """Trace the path from the start by a node to the goal, shape (n, 3).
 
     If ``merges``, successive drives along one heading become one.
@@ -696,7 +696,7 @@ def _skip_waypoints(
 
 @kernel
 def expand_nodes(
-    map_: Map, motions: Motions, radius: float | None, target: Target, nodes: Nodes
+    map_: Map, motions: Motions, radius: float | None, target: Target, nodes: LatticeNodes
 ) -> int:
     """Expand nodes until one may see the goal, and return it.
 
@@ -768,7 +768,7 @@ def add_node(
     motions: Motions,
     radius: float | None,
     target: Target,
-    nodes: Nodes,
+    nodes: LatticeNodes,
     q: Pose,
     heading: int,
     cost: float,
@@ -809,7 +809,7 @@ def add_node(
 
 
 @kernel
-def fill_table(nodes: Nodes) -> None:
+def fill_table(nodes: LatticeNodes) -> None:
     """Enter the last node of each cell and heading in the empty hash table."""
     for node in range(nodes.counts[0]):
         nodes.table[find_slot(nodes, nodes.keys[node])] = node + 1
@@ -825,7 +825,7 @@ def make_key(map_: Map, motions: Motions, q: Pose, heading: int) -> int:
 
 
 @internal
-def find_slot(nodes: Nodes, key: int) -> int:
+def find_slot(nodes: LatticeNodes, key: int) -> int:
     """Return the slot of the hash table that holds a key, or the free slot for it."""
     mask = len(nodes.table) - 1
     slot = (key * HASH_FACTOR >> HASH_SHIFT) & mask
@@ -836,7 +836,13 @@ def find_slot(nodes: Nodes, key: int) -> int:
 
 @internal
 def motion_is_free(
-    map_: Map, motions: Motions, radius: float | None, nodes: Nodes, parent: int, move: int, q: Pose
+    map_: Map,
+    motions: Motions,
+    radius: float | None,
+    nodes: LatticeNodes,
+    parent: int,
+    move: int,
+    q: Pose,
 ) -> bool:
     """Return True if a motion from a node to `q` is proven free."""
     x, y, yaw = nodes.poses[parent, 0], nodes.poses[parent, 1], nodes.poses[parent, 2]

@@ -53,8 +53,8 @@ from planners._result import Plan, Times
 from planners._search import (
     NO_SEARCH,
     QUICK_ITERATIONS,
+    PlanTask,
     SearchResult,
-    Task,
     is_certain,
     repeat_draws,
     run_ompl,
@@ -263,7 +263,7 @@ def plan(
     began = time.process_time()
     check_flag(simplify, "simplify")
     edges = local_planner(space, exact, drive, turning_radius)
-    task = Task(
+    task = PlanTask(
         edges=edges,
         planner=planner_named(planner, drive, space.searches),
         objective=objective,
@@ -285,7 +285,7 @@ def plan(
     return _make_plan(task, result, exists, began)
 
 
-def _check_previous(task: Task, previous: Plan) -> Floats:
+def _check_previous(task: PlanTask, previous: Plan) -> Floats:
     """Return the waypoints of the previous plan, shape (n, size); n is 0 if there are none."""
     space = task.edges.space
     if not isinstance(previous, Plan):
@@ -312,7 +312,7 @@ def _check_previous(task: Task, previous: Plan) -> Floats:
     return previous.waypoints
 
 
-def _choose_searches(task: Task) -> Task:
+def _choose_searches(task: PlanTask) -> PlanTask:
     """Choose a planner if none is named, and a fallback; check the options of the planner."""
     space = task.edges.space
     default = task.planner
@@ -329,7 +329,7 @@ def _choose_searches(task: Task) -> Task:
     return task
 
 
-def _set_endpoints(task: Task, start: ArrayLike, goal: GoalLike) -> Task:
+def _set_endpoints(task: PlanTask, start: ArrayLike, goal: GoalLike) -> PlanTask:
     """Check start and goals."""
     edges = task.edges
     name = task.planner
@@ -345,7 +345,7 @@ def _set_endpoints(task: Task, start: ArrayLike, goal: GoalLike) -> Task:
     return replace(task, endpoints=(checked, *goals))
 
 
-def _choose_planner(task: Task) -> PlannerName:
+def _choose_planner(task: PlanTask) -> PlannerName:
     """Choose the planner of a plan that names none.
 
     Raises InputError for a function, which no default planner minimises.
@@ -369,7 +369,7 @@ def _choose_planner(task: Task) -> PlannerName:
     return GRID if edges.drive == HOLONOMIC else LATTICE
 
 
-def _check_planner(task: Task) -> None:
+def _check_planner(task: PlanTask) -> None:
     """Raise InputError if a built-in search is not for the space or the drive."""
     name = task.planner
     edges = task.edges
@@ -390,7 +390,7 @@ def _check_planner(task: Task) -> None:
         )
 
 
-def _check_options(task: Task) -> None:
+def _check_options(task: PlanTask) -> None:
     """Raise InputError if the planner does not support an option."""
     objective = task.objective
     if objective == CLEARANCE:
@@ -407,7 +407,7 @@ def _check_options(task: Task) -> None:
             _refuse_option(task, option, rule)
 
 
-def _list_refusals(task: Task) -> dict[str, tuple[bool, str]]:
+def _list_refusals(task: PlanTask) -> dict[str, tuple[bool, str]]:
     """Return for each option whether the planner refuses it, and why."""
     edges = task.edges
     name = task.planner
@@ -435,7 +435,7 @@ def _list_refusals(task: Task) -> dict[str, tuple[bool, str]]:
     }
 
 
-def _refuse_option(task: Task, option: str, rule: str) -> NoReturn:
+def _refuse_option(task: PlanTask, option: str, rule: str) -> NoReturn:
     """Raise InputError for an option that the planner does not support."""
     name = task.planner
     owner = task if hasattr(task, option) else task.edges
@@ -450,7 +450,7 @@ def _refuse_option(task: Task, option: str, rule: str) -> NoReturn:
     )
 
 
-def _list_subproblems(task: Task) -> Sequence[Subproblem]:
+def _list_subproblems(task: PlanTask) -> Sequence[Subproblem]:
     """Split a tiled map into the tiles on the way; other spaces are one part."""
     space = task.edges.space
     start, goal = task.endpoints[:2]
@@ -459,7 +459,7 @@ def _list_subproblems(task: Task) -> Sequence[Subproblem]:
     return task.edges.tiles._subproblems(start, goal)
 
 
-def _search_tile_by_tile(task: Task, may_exist: Callable[[], bool]) -> SearchResult:
+def _search_tile_by_tile(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
     """Search tile by tile, join the paths, prove the edges.
 
     The first part without a proven path ends the search. There are no parts if a path is known not
@@ -524,7 +524,7 @@ def _skip_waypoints(edges: LocalPlanner, path: Floats) -> Floats:
     return path[kept]
 
 
-def _search(task: Task, may_exist: Callable[[], bool]) -> SearchResult:
+def _search(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
     """Search for a path in a space in memory; of several, take the shortest."""
     start, *goals = task.endpoints
     if start in goals:
@@ -548,12 +548,12 @@ def _search(task: Task, may_exist: Callable[[], bool]) -> SearchResult:
     return _choose_shortest(task, results)
 
 
-def _begins_quickly(task: Task) -> bool:
+def _begins_quickly(task: PlanTask) -> bool:
     """Return True if a plan begins with a quick search, because the robot rotates."""
     return task.fallback == QUICK_PLANNER and bool(task.edges.space.rotations.names)
 
 
-def _search_quickly(task: Task) -> SearchResult:
+def _search_quickly(task: PlanTask) -> SearchResult:
     """Search for a first path; without a seed, draw the same numbers each time."""
     task = replace(
         task,
@@ -565,7 +565,7 @@ def _search_quickly(task: Task) -> SearchResult:
         return _run_planner(task, is_certain)
 
 
-def _fall_back(task: Task, used: float, may_exist: Callable[[], bool]) -> list[SearchResult]:
+def _fall_back(task: PlanTask, used: float, may_exist: Callable[[], bool]) -> list[SearchResult]:
     """Search by the fallback, if time is left after ``used`` seconds and a path may exist."""
     name = task.fallback
     if name == GRID:
@@ -585,7 +585,7 @@ def _add_planning(results: Sequence[SearchResult]) -> float:
     return sum(result.planning for result in results)
 
 
-def _run_planner(task: Task, may_exist: Callable[[], bool]) -> SearchResult:
+def _run_planner(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
     """Search by the planner of a task alone."""
     result = SearchResult(np.empty((0, task.edges.space.size)))
     if task.planner not in _list_searches(task.edges.space):
@@ -595,7 +595,7 @@ def _run_planner(task: Task, may_exist: Callable[[], bool]) -> SearchResult:
     return replace(result, planner=task.planner)
 
 
-def _choose_shortest(task: Task, results: Sequence[SearchResult]) -> SearchResult:
+def _choose_shortest(task: PlanTask, results: Sequence[SearchResult]) -> SearchResult:
     """Choose the shortest path of several searches; its times are those of all."""
 
     def measure(result: SearchResult) -> tuple[float, bool]:
@@ -619,7 +619,7 @@ def _choose_shortest(task: Task, results: Sequence[SearchResult]) -> SearchResul
     )
 
 
-def _follow_previous(task: Task) -> SearchResult:
+def _follow_previous(task: PlanTask) -> SearchResult:
     """Go along the previous plan; search only around the part that is blocked."""
     began = clock()
     edges = task.edges
@@ -643,7 +643,7 @@ def _follow_previous(task: Task) -> SearchResult:
     return SearchResult(path, "along the previous plan", clock() - began)
 
 
-def _find_detour(task: Task, start: Floats, way: Floats) -> Floats:
+def _find_detour(task: PlanTask, start: Floats, way: Floats) -> Floats:
     """Find a path from a configuration to the end of a blocked way; both have shape (n, size).
 
     A way past the middle of the blocked part is tried first. Otherwise there is a search, and no
@@ -697,7 +697,7 @@ def _join_way(edges: LocalPlanner, start: Floats, way: Floats) -> Floats:
     return way[:0]
 
 
-def _search_built_in(task: Task, may_exist: Callable[[], bool]) -> SearchResult:
+def _search_built_in(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
     """Run a built-in search."""
     is_by_length = task.planner in (GRID, LATTICE) and task.objective == LENGTH
     if task.edges.space.has_cells and not is_by_length:
@@ -712,7 +712,7 @@ def _search_built_in(task: Task, may_exist: Callable[[], bool]) -> SearchResult:
     return SearchResult(path, note, planning, lattice=proof)
 
 
-def _find_path(task: Task, may_exist: Callable[[], bool]) -> tuple[Floats, str]:
+def _find_path(task: PlanTask, may_exist: Callable[[], bool]) -> tuple[Floats, str]:
     """Find a path by a built-in search.
 
     Returns its waypoints, shape (n, size), and what a lattice proves, in words. If no path is
@@ -730,7 +730,7 @@ def _find_path(task: Task, may_exist: Callable[[], bool]) -> tuple[Floats, str]:
     return edges.space.search(task.planner, task.endpoints, options), ""
 
 
-def _describe_outcome(task: Task, result: SearchResult, exists: bool | None) -> tuple[str, str]:
+def _describe_outcome(task: PlanTask, result: SearchResult, exists: bool | None) -> tuple[str, str]:
     """Return a plan's status, and a hint if a search failed."""
     edges = task.edges
     if len(result.path):
@@ -755,7 +755,7 @@ def _describe_outcome(task: Task, result: SearchResult, exists: bool | None) -> 
     return "; ".join(filter(None, [failure, result.lattice, existence, *limits])), hint
 
 
-def _list_hints(task: Task, exists: bool | None, is_late: bool) -> list[str]:
+def _list_hints(task: PlanTask, exists: bool | None, is_late: bool) -> list[str]:
     """List hints for a failed search, which the time limit ended if ``is_late``."""
     edges = task.edges
     more = f"more time (time_limit={10 * task.time_limit:g})"
@@ -779,7 +779,7 @@ def _list_hints(task: Task, exists: bool | None, is_late: bool) -> list[str]:
     return hints
 
 
-def _list_drive_hints(task: Task) -> list[str]:
+def _list_drive_hints(task: PlanTask) -> list[str]:
     """List hints, except more time, for a drive that is not holonomic."""
     hints = [_name_finer(task.edges.space), *_list_exact_hints(task)]
     if task.edges.drive in CURVES:
@@ -789,7 +789,7 @@ def _list_drive_hints(task: Task) -> list[str]:
     return hints
 
 
-def _list_undecided_hints(task: Task, more: str) -> list[str]:
+def _list_undecided_hints(task: PlanTask, more: str) -> list[str]:
     """List hints if the map does not decide whether a path exists; ``more`` extends the search."""
     edges = task.edges
     smaller = "a smaller robot"
@@ -808,7 +808,7 @@ def _name_finer(space: Space) -> str:
     return "a finer spacing" + (" or more rotations" if space.rotations.names else "")
 
 
-def _try_options(task: Task, exists: bool | None) -> str:
+def _try_options(task: PlanTask, exists: bool | None) -> str:
     """Return options with which a short search finds a path; an empty text if none does."""
     for trial, hint in _list_trials(task, exists):
         with suppress(InputError):  # options may not go together
@@ -817,7 +817,7 @@ def _try_options(task: Task, exists: bool | None) -> str:
     return ""
 
 
-def _list_trials(task: Task, exists: bool | None) -> Iterator[tuple[Task, str]]:
+def _list_trials(task: PlanTask, exists: bool | None) -> Iterator[tuple[PlanTask, str]]:
     """Yield short searches of a map with other options, and hints that name these."""
     edges = task.edges
     space = edges.space
@@ -848,7 +848,7 @@ def _list_trials(task: Task, exists: bool | None) -> Iterator[tuple[Task, str]]:
         yield replace(trial, planner=default, is_named=False), " with ".join(changes)
 
 
-def _list_exact_hints(task: Task) -> list[str]:
+def _list_exact_hints(task: PlanTask) -> list[str]:
     """List the hint to let the geometry decide, if it can and was not tried."""
     edges = task.edges
     if edges.exact or edges.cells.tries_exact or task.objective != LENGTH:
@@ -885,7 +885,7 @@ def _describe_free_yaws(edges: LocalPlanner, endpoints: Endpoints) -> list[str]:
     return limits
 
 
-def _make_plan(task: Task, result: SearchResult, exists: bool | None, began: float) -> Plan:
+def _make_plan(task: PlanTask, result: SearchResult, exists: bool | None, began: float) -> Plan:
     """Make the plan of a search, and measure its path.
 
     ``began`` is a reading of ``time.process_time`` before all checks.

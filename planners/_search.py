@@ -125,7 +125,7 @@ class SearchResult:
 
 
 @dataclass(frozen=True, slots=True)
-class Task:
+class PlanTask:
     """The checked arguments of a plan, or of its search in a part of a space."""
 
     edges: LocalPlanner
@@ -141,7 +141,7 @@ class Task:
     endpoints: Endpoints = ()  # start and goals as OMPL holds them, the nearest goal first
 
 
-def make_objective(task: Task) -> MakeObjective | None:
+def make_objective(task: PlanTask) -> MakeObjective | None:
     """Return the maker of OMPL's objective; None for OMPL's length."""
     edges = task.edges
     if task.planner in THREADED_PLANNERS:
@@ -177,7 +177,7 @@ def is_certain() -> bool:
     return True
 
 
-def run_ompl(task: Task, may_exist: Callable[[], bool]) -> SearchResult:
+def run_ompl(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
     """Search by OMPL for a path from start to goal.
 
     The path leads from the first configuration to any other. A long search asks once whether a path
@@ -219,7 +219,7 @@ def shorten(edges: LocalPlanner, path: Floats, until: float) -> Floats:
 class _Run:
     """OMPL's objects for one search, and its deadline."""
 
-    def __init__(self, task: Task, may_exist: Callable[[], bool]) -> None:
+    def __init__(self, task: PlanTask, may_exist: Callable[[], bool]) -> None:
         self._task = task
         self._may_exist = may_exist
         self._edges = task.edges

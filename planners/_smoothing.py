@@ -145,7 +145,7 @@ def make_polyline(
 
 
 @dataclass(slots=True)
-class Section:
+class CurveSection:
     """A part of a polyline between two stops, whose edges become one curve of n spans.
 
     Attributes
@@ -170,7 +170,7 @@ class Section:
     tries: int = 0
 
     @classmethod
-    def between(cls, polyline: Polyline, first: int, last: int) -> Section:
+    def between(cls, polyline: Polyline, first: int, last: int) -> CurveSection:
         """Sample the control points of a section."""
         times = polyline.times[first : last + 1]
         ramps = polyline.ramps[first:last]
@@ -227,7 +227,7 @@ class Section:
         self.smoothing = np.where(is_near, LESS * self.smoothing, self.smoothing)
         self.tries += 1
 
-    def split(self, polyline: Polyline, proven: Bools) -> list[Section]:
+    def split(self, polyline: Polyline, proven: Bools) -> list[CurveSection]:
         """Return the parts between stops at the corners beside unproven spans."""
         middles = np.flatnonzero(~proven) + 0.5
         corners = np.arange(self.first + 1, self.last)
@@ -237,10 +237,10 @@ class Section:
         return _make_sections(polyline, stops)
 
 
-def _make_sections(polyline: Polyline, stops: list[int]) -> list[Section]:
+def _make_sections(polyline: Polyline, stops: list[int]) -> list[CurveSection]:
     """Return the sections between stops that have a corner."""
     pairs = itertools.pairwise(stops)
-    return [Section.between(polyline, *pair) for pair in pairs if pair[1] > pair[0] + 1]
+    return [CurveSection.between(polyline, *pair) for pair in pairs if pair[1] > pair[0] + 1]
 
 
 def _combine(rows: Floats, values: Floats) -> Floats:
@@ -264,7 +264,7 @@ def _add_rows(
 
 
 def make_curves(
-    polyline: Polyline, rotations: Rotations, section: Section, points: Floats
+    polyline: Polyline, rotations: Rotations, section: CurveSection, points: Floats
 ) -> Segments:
     """Make the spans of the B-spline with given control points."""
     count = len(points) - 3
@@ -303,7 +303,7 @@ def smooth_path(
         ]
         ends = np.cumsum([len(curve.lengths) for curve in curves])
         parts = np.split(prove(join_segments(curves)), ends[:-1])
-        unproven: list[Section] = []
+        unproven: list[CurveSection] = []
         for section, curve, proven in zip(waiting, curves, parts, strict=True):
             if proven.all():
                 proven_curves[section.first] = section.last, curve

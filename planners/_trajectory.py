@@ -60,7 +60,7 @@ MAX_ROWS: Final = 10**6
 """Largest number of rows of a trajectory."""
 
 
-class Line(Protocol):
+class LinearMotion(Protocol):
     """A motion along straight lines, as :meth:`cspace.ArmSpace.follow_line` makes it."""
 
     waypoints: Floats
@@ -106,7 +106,7 @@ class Trajectory:
     def along(
         cls,
         space: ConfigurationSpace,
-        path: Line | ArrayLike,
+        path: LinearMotion | ArrayLike,
         *,
         max_velocity: Limits = None,
         max_acceleration: ArrayLike | Mapping[str, float],

@@ -7,7 +7,7 @@ import pytest
 
 import cspace
 from cspace import Robot, UnitWarning, Workspace
-from cspace._shapes import Point
+from cspace._shapes import OriginPoint
 
 PLANE = Workspace.from_array(np.zeros((100, 80), dtype=bool), 0.1)
 SHELF = Workspace.from_array(np.zeros((20, 20, 4), dtype=bool), 0.1)
@@ -78,7 +78,7 @@ def test_a_robot_too_large_has_no_free_cell():
 
 
 USUAL_ROBOTS = {
-    "point": (PLANE, Robot("point", Point.at_origin(2)), {}),
+    "point": (PLANE, Robot("point", OriginPoint.at_origin(2)), {}),
     "as long, but for rounding": (PLANE, Robot.rectangle(10 + 2e-15, 0.4), {}),
     "a car on its axle": (PLANE, Robot.rectangle(4.5, 1.8, (1.3, 0)), {"rotations": 4}),
 }

@@ -7,7 +7,7 @@ import tempfile
 from pathlib import Path
 
 from cspace._cli.options import AS_JSON
-from cspace._cli.report import Clock, show
+from cspace._cli.report import Stopwatch, show
 from cspace.errors import InputError
 
 
@@ -29,7 +29,7 @@ def compile_ahead(as_json: bool = AS_JSON) -> None:
         raise InputError("NUMBA_CACHE_DIR", problem, rule, hint)
     level = compiling.LOGGER.level
     compiling.LOGGER.setLevel(logging.ERROR)  # a long wait is what this command is for
-    clock = Clock()
+    clock = Stopwatch()
     try:
         with tempfile.TemporaryDirectory() as inputs:
             write_inputs(Path(inputs))

@@ -40,7 +40,7 @@ from cspace._cli.options import (
     read_marks,
     refuse_options,
 )
-from cspace._cli.report import Clock, show, using_prefix
+from cspace._cli.report import Stopwatch, show, using_prefix
 from cspace._support.words import Outside
 
 if TYPE_CHECKING:
@@ -135,7 +135,7 @@ def make(
         drop_missing=drop_missing,
         offset=step,
     )
-    clock = Clock()
+    clock = Stopwatch()
     with clock.step("read"):
         with using_prefix(context, "robot_"):
             shape = open_robot(
@@ -188,7 +188,7 @@ def picture(
     from cspace.plot._picture import PICTURE_SUFFIXES
 
     check_outputs([output], PICTURE_SUFFIXES, overwrite)
-    clock = Clock()
+    clock = Stopwatch()
     with clock.step("read"):
         space = open_map(file)
         axes = space.axes
@@ -231,7 +231,7 @@ def export(
     from cspace.export._maps import EXPORT_FORMATS
 
     check_outputs([output], EXPORT_FORMATS, overwrite)
-    clock = Clock()
+    clock = Stopwatch()
     with clock.step("read"):
         box = None if window is None else parse_box(window, "window")
         space = select_window(open_map(file), box)

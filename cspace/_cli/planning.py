@@ -21,7 +21,7 @@ from cspace._cli.options import (
     read_marks,
     refuse_options,
 )
-from cspace._cli.report import Clock, name_options, option_names, show, with_unit
+from cspace._cli.report import Stopwatch, name_options, option_names, show, with_unit
 from cspace._support.words import Drive
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ def plan(
     )
     if trajectory is None:
         refuse_options(limits, (), "no --trajectory is")
-    clock = Clock()
+    clock = Stopwatch()
     with clock.step("read"):
         space: Any = open_map(file)
     options: dict[str, Any] = read_marks(start, goal, space.axes, space.units)
@@ -148,7 +148,7 @@ def explain(
     from cspace.plot._picture import PICTURE_SUFFIXES, save_figure
 
     check_outputs([picture], PICTURE_SUFFIXES, overwrite)
-    clock = Clock()
+    clock = Stopwatch()
     with clock.step("read"):
         space: Any = open_map(file)
     ends = read_marks(start, goal, space.axes, space.units)
@@ -195,7 +195,7 @@ def demo(
     }
     if output.exists():
         check_outputs(files.values(), {file.suffix for file in files.values()}, overwrite)
-    clock = Clock()
+    clock = Stopwatch()
     with clock.step("draw_floor_plan"):
         workspace = flat.demo_workspace()
     with clock.step("build_map") as progress:

@@ -28,7 +28,7 @@ _LOWER_BOUND_LABELS: Final = ("obstacle distance", "clearance")
 """Labels of proven lower bounds; zero means only that nothing was proven."""
 
 
-class Clock:
+class Stopwatch:
     """Durations of named steps, seconds."""
 
     def __init__(self) -> None:

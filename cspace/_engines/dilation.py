@@ -62,7 +62,7 @@ class Block(NamedTuple):
     stop_row: int
 
 
-class Task(NamedTuple):
+class RowTask(NamedTuple):
     """A block of the results of one raster.
 
     Attributes
@@ -112,7 +112,7 @@ def collide(
     if not used_rasters:
         return
     bits = PaddedBits(occupied.reshape(shape), results, used_rasters, outside)
-    tasks: list[Task] = []
+    tasks: list[RowTask] = []
     for table, result in zip(used_runs, used_outputs, strict=True):
         tasks += bits.make_tasks(table, result)
     word_runs = bits.words.size * sum(map(len, used_runs))
@@ -262,7 +262,7 @@ class PaddedBits:
         padded = padded[first_layer:, first_row : first_row + rows]
         padded[:, :, first_byte : first_byte + row_bytes] = packed
 
-    def make_tasks(self, runs: Ints, out: Cells) -> list[Task]:
+    def make_tasks(self, runs: Ints, out: Cells) -> list[RowTask]:
         """Return the tasks of one raster, by its runs from :class:`ClippedRuns`."""
         layer_bits = self.padding.rows * self.padding.cells
         strides = np.array([layer_bits, self.padding.cells, 1])
@@ -270,7 +270,7 @@ class PaddedBits:
         distances = (runs[:, :3] + self.padding.before) @ strides
         lengths = np.ascontiguousarray(runs[:, 3])
         blocks = self._split_results(int(distances.max()) // WORD_BITS)
-        return [Task(lengths, distances, block, out) for block in blocks]
+        return [RowTask(lengths, distances, block, out) for block in blocks]
 
     def _split_results(self, reach: int) -> list[Block]:
         """Split the results into blocks that begin at a word.
@@ -289,7 +289,7 @@ class PaddedBits:
         corners = itertools.product(range(layers), range(0, rows, step))
         return [Block(layer, layer + 1, row, min(row + step, rows)) for layer, row in corners]
 
-    def dilate_blocks(self, add: bool, tasks: Sequence[Task]) -> None:
+    def dilate_blocks(self, add: bool, tasks: Sequence[RowTask]) -> None:
         """Dilate blocks, and write their results, or add them to ``out``."""
         row_bits = self.padding.cells
         scratch = np.empty((3, 0), dtype=np.uint64)

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from cspace._files.access import suggest_file
 from cspace._shapes.balls import Balls as Balls
 from cspace._shapes.balls import BallSet as BallSet
-from cspace._shapes.balls import Point as Point
+from cspace._shapes.balls import OriginPoint as OriginPoint
 from cspace._shapes.balls import check_balls as check_balls
 from cspace._shapes.mesh import Mesh as Mesh
 from cspace._shapes.mesh import MeshLike as MeshLike

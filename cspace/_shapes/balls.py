@@ -203,7 +203,7 @@ class Balls(ExactShape):
         return cls.of(spec["centers"], spec["radii"])
 
 
-class Point(Balls):
+class OriginPoint(Balls):
     """The origin, the robot in the joint space of an arm.
 
     A point inside a cell touches no other cell. So the workspace must mark every cell that
@@ -215,7 +215,7 @@ class Point(Balls):
     shown = False
 
     @classmethod
-    def at_origin(cls, dim: int) -> Point:
+    def at_origin(cls, dim: int) -> OriginPoint:
         """Make the origin of the plane or of space."""
         return cls(np.zeros((1, dim)), np.zeros(1))
 
@@ -243,7 +243,7 @@ class Point(Balls):
         return {"kind": self.kind, "dim": self.dim}
 
     @classmethod
-    def from_spec(cls, spec: Mapping[str, Any]) -> Point:
+    def from_spec(cls, spec: Mapping[str, Any]) -> OriginPoint:
         """Make the point of a :attr:`spec`."""
         return cls.at_origin(int(spec["dim"]))
 

@@ -18,7 +18,7 @@ It is relative to the sum of the absolute volumes of the tetrahedra that are add
 
 
 @dataclass(frozen=True, eq=False)
-class Body:
+class MeshBody:
     """Triangles of a mesh that are connected through shared edges.
 
     Attributes
@@ -41,7 +41,7 @@ class Body:
     volume: float
 
 
-def find_bodies(vertices: Floats, faces: Ints) -> tuple[Body, ...]:
+def find_bodies(vertices: Floats, faces: Ints) -> tuple[MeshBody, ...]:
     """Find the bodies of a mesh, ordered by first triangle.
 
     Bitwise equal vertices count as one. A triangle with two equal corners bounds nothing and
@@ -70,8 +70,8 @@ def find_bodies(vertices: Floats, faces: Ints) -> tuple[Body, ...]:
     has_distinct_corners = (corners != np.roll(corners, 1, axis=1)).all(axis=1)
     a, b, c = np.moveaxis(vertices[faces], 1, 0)
     has_no_area = has_distinct_corners & (np.cross(b - a, c - a) == 0.0).all(axis=1)
-    closed: list[Body] = []
-    open_bodies: list[Body] = []
+    closed: list[MeshBody] = []
+    open_bodies: list[MeshBody] = []
     remaining = np.flatnonzero(has_distinct_corners & ~has_no_area)
     no_triangles = np.empty(0, dtype=np.int64)
     # The triangles that each pass adds, and how many triangles may share an edge that joins them.
@@ -113,7 +113,7 @@ def component_labels(first: Ints, second: Ints, count: int) -> Ints:
     return np.asarray(labels, dtype=np.int64)
 
 
-def _split_bodies(triangles: Floats, corners: Ints, max_shared: int) -> list[Body]:
+def _split_bodies(triangles: Floats, corners: Ints, max_shared: int) -> list[MeshBody]:
     """Group triangles into bodies, and orient them.
 
     ``triangles`` has shape (n, 3, 3), metres; ``corners``, shape (n, 3), has vertex indices.
@@ -172,12 +172,12 @@ def _split_bodies(triangles: Floats, corners: Ints, max_shared: int) -> list[Bod
     stops = np.cumsum(np.bincount(body, minlength=count))
     members_of_bodies = np.split(by_body, stops[:-1])
     return [
-        Body(members, multiplicity[members], bool(closed[number]), float(volume[number]))
+        MeshBody(members, multiplicity[members], bool(closed[number]), float(volume[number]))
         for number, members in enumerate(members_of_bodies)
     ]
 
 
-def _orient_outward(vertices: Floats, faces: Ints, bodies: list[Body]) -> list[Body]:
+def _orient_outward(vertices: Floats, faces: Ints, bodies: list[MeshBody]) -> list[MeshBody]:
     """Reverse closed bodies that face inward, except cavities.
 
     ``vertices`` has shape (V, 3), ``faces`` (F, 3). A cavity has all of its corners in bodies that

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from cspace._grid import Grid
 from cspace._raster import Raster
 from cspace._rotations import NO_ROTATION, RotationCell
-from cspace._shapes.bodies import Body, find_bodies
+from cspace._shapes.bodies import MeshBody, find_bodies
 from cspace._shapes.polygon import Polygons
 from cspace._shapes.shape import BoundedShape, ExactShape, RoundedSimplices, Shape, unique_rows
 from cspace._support.arrays import Bools, Floats, Ints, Surface, frozen
@@ -215,7 +215,7 @@ class Mesh(ExactShape):
         return used_vertices.min(axis=0), used_vertices.max(axis=0)
 
     @cached_property
-    def bodies(self) -> tuple[Body, ...]:
+    def bodies(self) -> tuple[MeshBody, ...]:
         """Parts that are connected through shared edges."""
         return find_bodies(self.vertices, self.faces)
 

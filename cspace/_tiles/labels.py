@@ -67,7 +67,7 @@ def label_tile(folder: TileFolder, tile: int) -> list[TileNodes]:
     return nodes
 
 
-class Nodes:
+class MapNodes:
     """Nodes of all tiles, for FREE cells or for open cells.
 
     The nodes of a tile have consecutive numbers. The last node is the exterior, as if it were a
@@ -141,7 +141,10 @@ class TiledComponents:
         task = partial(label_tile, folder)
         labels = run_tasks(task, range(len(folder)), needed, client, None, progress)
         free, passable = zip(*labels, strict=True)
-        self._nodes = [Nodes(folder, free, mixed=False), Nodes(folder, passable, mixed=True)]
+        self._nodes = [
+            MapNodes(folder, free, mixed=False),
+            MapNodes(folder, passable, mixed=True),
+        ]
 
     def of(self, cells: Ints, mixed: bool = False) -> Ints:
         """Return the components of cells, inside the grid or not, or -1.

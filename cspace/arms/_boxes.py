@@ -55,7 +55,7 @@ from cspace.arms._proofs import (
     FIRST_SURFACE,
     NO_MOTION,
     PIECE_STACK,
-    Scene,
+    ArmScene,
     SceneScratch,
     Solids,
     bound_slack,
@@ -154,7 +154,7 @@ def make_pending(block: Ints, cells: JointCells, pairs: int) -> PendingBlocks:
 class InnerScene(NamedTuple):
     """Inner shapes of solids, and balls inside them, to prove BLOCKED."""
 
-    scene: Scene
+    scene: ArmScene
     balls: InnerBalls
 
 
@@ -174,7 +174,7 @@ class CellStates(NamedTuple):
 
 @kernel
 def classify_block(
-    scene: Scene,
+    scene: ArmScene,
     inside: InnerScene,
     cells: JointCells,
     pending: PendingBlocks,
@@ -211,7 +211,7 @@ def classify_block(
 
 @internal
 def prove_block(
-    scene: Scene,
+    scene: ArmScene,
     inside: InnerScene,
     cells: JointCells,
     pending: PendingBlocks,
@@ -275,7 +275,7 @@ def set_box(cells: JointCells, pending: PendingBlocks, row: int) -> bool:
 
 @internal
 def refine_cell(
-    scene: Scene,
+    scene: ArmScene,
     inside: InnerScene,
     cells: JointCells,
     pending: PendingBlocks,

@@ -1,7 +1,7 @@
 """Certified maps of two or three joints of an arm among obstacles.
 
 In the space of its joints an arm is a point, and its obstacles are the cells that are not FREE. So
-the map is a :class:`cspace.CSpace` of a point (:class:`cspace._shapes.Point`) whose workspace
+the map is a :class:`cspace.CSpace` of a point (:class:`cspace._shapes.OriginPoint`) whose workspace
 consists of these cells.
 """
 
@@ -29,7 +29,7 @@ from cspace._record.contents import Contents
 from cspace._record.exterior import Exterior
 from cspace._robot import Robot
 from cspace._rotations import Rotations
-from cspace._shapes import Point
+from cspace._shapes import OriginPoint
 from cspace._space import CSpace
 from cspace._support.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, States
 from cspace._support.check import check_finite, check_known, check_positive
@@ -47,7 +47,7 @@ from cspace.arms._boxes import (
 from cspace.arms._chain import FIXED, REVOLUTE
 from cspace.arms._model import Arm
 from cspace.arms._proofs import (
-    Scene,
+    ArmScene,
     Solids,
     make_scene_scratch,
     nearest_triangle,
@@ -173,7 +173,7 @@ def build_joint_map(
     # In joint space the arm is a point, and its obstacles are the cells that are not FREE.
     workspace = Workspace(grid, states != FREE, states == BLOCKED, source=repr(space))
     rotations = Rotations.of(None)
-    robot = Robot(arm.name, Point.at_origin(len(names)))
+    robot = Robot(arm.name, OriginPoint.at_origin(len(names)))
     slices = rotations._assign_slices(robot.shape)
     mixed_cells = np.flatnonzero(deciding_pairs >= 0)
     pairs = deciding_pairs.ravel()[mixed_cells]
@@ -400,7 +400,7 @@ def undecided_pairs(joint_map: CSpace, q: ArrayLike | None = None) -> dict[tuple
 
 
 def _classify_block(
-    scene: Scene,
+    scene: ArmScene,
     inside: InnerScene,
     cells: JointCells,
     block: Ints,

@@ -50,7 +50,7 @@ from cspace.arms._inverse import (
     make_pose_problem,
     make_pose_scratch,
 )
-from cspace.arms._proofs import Scene, are_free
+from cspace.arms._proofs import ArmScene, are_free
 from cspace.arms._snapshots import Snapshot
 from cspace.arms._solids import check_rigid
 from cspace.errors import InputError
@@ -83,7 +83,7 @@ REACHED, OUT_OF_REACH, JUMP, COLLISION = range(4)
 """Why a motion along a line ends: at the line's end, or because a step fails."""
 
 
-class Line(NamedTuple):
+class PoseLine(NamedTuple):
     """A straight line between poses, with parameters from 0 to 1.
 
     Attributes
@@ -140,7 +140,7 @@ class LineProblem(NamedTuple):
         Largest coordinate of the frame and of the line, metres.
     """
 
-    line: Line
+    line: PoseLine
     pose: PoseProblem
     scratch: PoseScratch
     joints: Ints
@@ -276,7 +276,7 @@ def check_corners(poses: ArrayLike) -> Floats:
     return corners
 
 
-def make_lines(corners: Floats) -> list[Line]:
+def make_lines(corners: Floats) -> list[PoseLine]:
     """Return the lines between poses, shape (m + 1, 4, 4).
 
     Raises
@@ -301,7 +301,7 @@ def make_lines(corners: Floats) -> list[Line]:
                 "both ways round are as short",
                 "pass a pose between them",
             )
-        lines.append(Line(first_position, last[:3, 3] - first_position, first_rotation, turn))
+        lines.append(PoseLine(first_position, last[:3, 3] - first_position, first_rotation, turn))
     return lines
 
 
@@ -310,7 +310,7 @@ def follow_lines(
     start: Floats,
     frame: str,
     corners: Floats,
-    lines: Sequence[Line],
+    lines: Sequence[PoseLine],
     tolerance: Floats,
 ) -> LineMotion:
     """Follow lines one after the other from a FREE configuration, shape (dof,).
@@ -371,7 +371,7 @@ def follow_lines(
     )
 
 
-def _measure_fraction(lines: Sequence[Line], parameter: float) -> float:
+def _measure_fraction(lines: Sequence[PoseLine], parameter: float) -> float:
     """Return the share, below 1, of the length of all lines that lies before a parameter.
 
     Line k has the parameters from k to k + 1.
@@ -384,7 +384,7 @@ def _measure_fraction(lines: Sequence[Line], parameter: float) -> float:
 
 
 def _follow_line(
-    scene: Scene, problem: LineProblem, waypoints: list[Waypoint]
+    scene: ArmScene, problem: LineProblem, waypoints: list[Waypoint]
 ) -> tuple[int, Floats]:
     """Follow one line from the last waypoint, and add the new ones.
 

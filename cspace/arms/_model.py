@@ -27,7 +27,7 @@ from cspace._support.check import (
 from cspace._support.reporting import warn_user
 from cspace.arms._chain import FIXED, MAX_BODIES, PRISMATIC, REVOLUTE, Chain, compute_poses
 from cspace.arms._inverse import DEFAULT_TOLERANCE, Branch, PoseGoal, branch_to, solve_pose
-from cspace.arms._proofs import Scene, are_free
+from cspace.arms._proofs import ArmScene, are_free
 from cspace.arms._scenes import make_scene
 from cspace.arms._solids import PosedShape, Solid, check_rigid
 from cspace.errors import ConfigurationError, InputError
@@ -688,7 +688,7 @@ class Arm:
                 reasons[pair] = reason
         return reasons
 
-    def _moving_pairs(self) -> dict[Names, Scene]:
+    def _moving_pairs(self) -> dict[Names, ArmScene]:
         """Return a scene of each two links that move against each other, by their names."""
         links = self.links
         # Kernels expect that the second body of a pair comes first in the chain.
@@ -1198,7 +1198,7 @@ def _find_rest_value(joint: Joint) -> float:
     return min(max(0.0, joint.lower), joint.upper)
 
 
-def always_touch(scene: Scene, points: Floats) -> bool:
+def always_touch(scene: ArmScene, points: Floats) -> bool:
     """Return True if a scene is proven free at none of several configurations, shape (n, dof)."""
     # Most pairs are apart in one of the first, which saves testing the others.
     first, others = np.split(points, [_FIRST_SAMPLES])

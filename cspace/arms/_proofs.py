@@ -148,7 +148,7 @@ class Solids(NamedTuple):
         return int(first_part + roots_before.argmax())
 
 
-class Scene(NamedTuple):
+class ArmScene(NamedTuple):
     """An arm among obstacles.
 
     Attributes
@@ -172,7 +172,7 @@ class Scene(NamedTuple):
     max_coordinate: float
     required: float
 
-    def select_pairs(self, which: Ints | Bools | slice) -> Scene:
+    def select_pairs(self, which: Ints | Bools | slice) -> ArmScene:
         """Return the scene with some of its pairs."""
         return self._replace(pairs=self.pairs[which], padding=self.padding[which])
 
@@ -218,7 +218,7 @@ class SceneScratch(NamedTuple):
     nodes: Ints
 
 
-def make_scene_scratch(scene: Scene) -> SceneScratch:
+def make_scene_scratch(scene: ArmScene) -> SceneScratch:
     """Allocate scratch memory for one thread."""
     bodies = len(scene.chain.parents)
     pairs = len(scene.pairs)
@@ -236,7 +236,7 @@ def make_scene_scratch(scene: Scene) -> SceneScratch:
     )
 
 
-def are_free(scene: Scene, firsts: Floats, lasts: Floats) -> Bools:
+def are_free(scene: ArmScene, firsts: Floats, lasts: Floats) -> Bools:
     """Return whether each motion is proven free.
 
     Motions lead from ``firsts`` to ``lasts``, shapes (n, dof). One thread computes the result,
@@ -249,7 +249,7 @@ def are_free(scene: Scene, firsts: Floats, lasts: Floats) -> Bools:
 
 @kernel
 def motions_are_free(
-    scene: Scene, firsts: Floats, lasts: Floats, out: Bools, scratch: SceneScratch
+    scene: ArmScene, firsts: Floats, lasts: Floats, out: Bools, scratch: SceneScratch
 ) -> None:
     """Fill ``out`` with whether motions, shapes (n, dof), are proven free.
 
@@ -260,7 +260,7 @@ def motions_are_free(
 
 
 @internal
-def find_required_distance(scene: Scene, q0: Floats, q1: Floats) -> float:
+def find_required_distance(scene: ArmScene, q0: Floats, q1: Floats) -> float:
     """Return the distance that proves a pair apart on a motion from ``q0`` to ``q1``.
 
     It includes the rounding of joint values, shapes (dof,); metres.
@@ -277,7 +277,7 @@ def find_required_distance(scene: Scene, q0: Floats, q1: Floats) -> float:
 
 
 @kernel
-def motion_is_free(scene: Scene, q0: Floats, q1: Floats, scratch: SceneScratch) -> bool:
+def motion_is_free(scene: ArmScene, q0: Floats, q1: Floats, scratch: SceneScratch) -> bool:
     """Return True if a motion from ``q0`` to ``q1``, shapes (dof,), is proven free.
 
     Equal endpoints mean a point. The motion is halved until all pairs are proven apart in each
@@ -330,7 +330,7 @@ def motion_is_free(scene: Scene, q0: Floats, q1: Floats, scratch: SceneScratch) 
 
 
 @internal
-def bound_pairs(scene: Scene, q0: Floats, q1: Floats, scratch: SceneScratch) -> None:
+def bound_pairs(scene: ArmScene, q0: Floats, q1: Floats, scratch: SceneScratch) -> None:
     """Write the bounds of all pairs on a motion."""
     solids = scene.solids
     for n in range(len(scene.pairs)):
@@ -347,7 +347,7 @@ def bound_pairs(scene: Scene, q0: Floats, q1: Floats, scratch: SceneScratch) -> 
 
 @internal
 def test_part(
-    scene: Scene, is_open: Bools, half: float, required: float, scratch: SceneScratch
+    scene: ArmScene, is_open: Bools, half: float, required: float, scratch: SceneScratch
 ) -> int:
     """Return FREE if all open pairs of a part of a motion are proven apart, and close them.
 
@@ -385,7 +385,7 @@ def test_part(
 
 @internal
 def bound_slack(
-    scene: Scene,
+    scene: ArmScene,
     n: int,
     bounds: tuple[float, float, float],
     axes: Floats,
@@ -439,7 +439,7 @@ def bound_slack(
 
 
 @internal
-def is_nested(scene: Scene, n: int, scratch: SceneScratch, min_depth: float) -> bool:
+def is_nested(scene: ArmScene, n: int, scratch: SceneScratch, min_depth: float) -> bool:
     """Return True if one solid of pair n provably contains a part of the other.
 
     If no boundaries meet, a connected part lies entirely inside or outside a closed surface. So one
@@ -612,7 +612,7 @@ def nearest_triangle(
 
 @internal
 def boundaries_cross(
-    scene: Scene, n: int, axes: Floats, required: float, scratch: SceneScratch
+    scene: ArmScene, n: int, axes: Floats, required: float, scratch: SceneScratch
 ) -> bool:
     """Return True if in pair n, the first boundary provably crosses the second solid.
 
@@ -681,7 +681,7 @@ def parts_cross(trees: Trees, motion: Motion, axes: Floats, required: float, nod
 
 @kernel
 def bound_distances(
-    scene: Scene, points: Floats, out: Floats, nearest: Ints, scratch: SceneScratch
+    scene: ArmScene, points: Floats, out: Floats, nearest: Ints, scratch: SceneScratch
 ) -> None:
     """Write lower bounds of the smallest distance of any pair at configurations, shape (n, dof).
 
@@ -716,7 +716,7 @@ def bound_distances(
 
 
 @kernel
-def are_blocked(scene: Scene, points: Floats, out: Bools, scratch: SceneScratch) -> None:
+def are_blocked(scene: ArmScene, points: Floats, out: Bools, scratch: SceneScratch) -> None:
     """Write whether configurations, shape (n, dof), are proven BLOCKED, beyond rounding.
 
     The proof is a pair whose boundaries cross, or a pair in which one shape encloses a point of the

@@ -12,7 +12,7 @@ from cspace._bodies.hulls import FIRST_CORNER, STOP_CORNER, Hulls, join_roots
 from cspace._bodies.triangles import NO_TREE, SurfaceTree, join_trees
 from cspace._support.arrays import Floats, Ints
 from cspace.arms._chain import Chain
-from cspace.arms._proofs import FIRST_PART, Scene, Solids
+from cspace.arms._proofs import FIRST_PART, ArmScene, Solids
 from cspace.arms._solids import PosedShape, Solid
 
 _NO_SURFACE: Final = SurfaceTree(
@@ -27,7 +27,7 @@ def make_scene(
     pairs: Sequence[tuple[int, int]],
     padding: Floats | None = None,
     margin: float = 0.0,
-) -> Scene:
+) -> ArmScene:
     """Make the scene of outer shapes, which proves FREE.
 
     Pairs of solids, given by their indices, must be farther apart than the margin and their
@@ -40,10 +40,10 @@ def make_scene(
     required = margin + 2.0 * DISTANCE_ROUNDING * max_coordinate
     pair_indices = np.array(pairs, dtype=np.int64).reshape(-1, 2)
     extra = np.zeros(len(pair_indices)) if padding is None else padding
-    return Scene(chain, packed, pair_indices, extra, max_coordinate, required)
+    return ArmScene(chain, packed, pair_indices, extra, max_coordinate, required)
 
 
-def make_inner_scene(scene: Scene, solids: Sequence[Solid]) -> Scene:
+def make_inner_scene(scene: ArmScene, solids: Sequence[Solid]) -> ArmScene:
     """Make the scene of inner shapes, which proves BLOCKED, from that of outer shapes.
 
     Distances must exceed ``2 DISTANCE_ROUNDING max_coordinate`` for the positions of points, and as
@@ -63,7 +63,7 @@ def make_inner_scene(scene: Scene, solids: Sequence[Solid]) -> Scene:
         packed = _pack(solids, parts, probes, hulls, roots, part_roots)
     max_coordinate = _find_max_coordinate(scene.chain, packed)
     required = 4.0 * DISTANCE_ROUNDING * max_coordinate
-    return Scene(
+    return ArmScene(
         scene.chain, packed, scene.pairs, np.zeros(len(scene.pairs)), max_coordinate, required
     )
 

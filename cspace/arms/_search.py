@@ -13,7 +13,7 @@ import numpy as np
 
 from cspace._support.arrays import Floats, Ints
 from cspace._support.compiling import clock, internal, kernel
-from cspace.arms._proofs import Scene, SceneScratch, make_scene_scratch, motion_is_free
+from cspace.arms._proofs import ArmScene, SceneScratch, make_scene_scratch, motion_is_free
 
 MAX_STRIDE: Final = 1.0
 """Longest motion by which a tree grows, radians or metres."""
@@ -76,7 +76,7 @@ class Forest(NamedTuple):
 
 @internal
 def extend(
-    scene: Scene, forest: Forest, side: int, q: Floats, reaches: float, scratch: SceneScratch
+    scene: ArmScene, forest: Forest, side: int, q: Floats, reaches: float, scratch: SceneScratch
 ) -> tuple[int, bool]:
     """Grow tree ``side`` by at most a stride towards a configuration ``q``, shape (dof,).
 
@@ -124,7 +124,7 @@ def find_nearest(nodes: Floats, count: int, q: Floats) -> tuple[int, float]:
 
 @kernel
 def grow_trees(
-    scene: Scene, forest: Forest, samples: Floats, scratch: SceneScratch
+    scene: ArmScene, forest: Forest, samples: Floats, scratch: SceneScratch
 ) -> tuple[int, int]:
     """Grow the smaller tree towards each sample, shape (n, dof), and the other one towards it.
 
@@ -154,7 +154,7 @@ def grow_trees(
 
 
 @kernel
-def path_is_free(scene: Scene, path: Floats, scratch: SceneScratch) -> bool:
+def path_is_free(scene: ArmScene, path: Floats, scratch: SceneScratch) -> bool:
     """Return True if the motions of a path, shape (n, dof), between free ends are proven free."""
     # Waypoints come first, because most colliding motions end in a collision.
     for k in range(1, len(path) - 1):
@@ -186,7 +186,7 @@ class PathSearch:
 
     def __init__(
         self,
-        scene: Scene,
+        scene: ArmScene,
         bounds: tuple[Floats, Floats],
         start: Floats,
         goals: Floats,

@@ -23,7 +23,7 @@ from cspace._support.threads import in_chunks
 from cspace.arms._chain import FIXED, REVOLUTE, compute_poses
 from cspace.arms._model import CONTACT_SAMPLES, Arm, Names, always_touch, sort_pair
 from cspace.arms._proofs import (
-    Scene,
+    ArmScene,
     are_blocked,
     bound_distances,
     make_scene_scratch,
@@ -105,8 +105,8 @@ class Snapshot:
     reach: float
     static: Mapping[str, Solid]
     groups: tuple[Group, ...]
-    outer: Scene
-    inner: Scene
+    outer: ArmScene
+    inner: ArmScene
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle what the snapshot is made from."""
@@ -117,7 +117,7 @@ class Snapshot:
         """Names of links with geometry, attached objects and obstacles."""
         return [*(link.name for link in self.arm.links), *self.obstacles]
 
-    def are_free(self, firsts: Floats, lasts: Floats, scene: Scene | None = None) -> Bools:
+    def are_free(self, firsts: Floats, lasts: Floats, scene: ArmScene | None = None) -> Bools:
         """Return whether motions, shapes (n, dof), are proven free, shape (n,).
 
         ``scene`` is the outer scene, or one with more padding.
@@ -156,7 +156,7 @@ class Snapshot:
         _run_in_threads(are_blocked, self.inner, as_contiguous(points), blocked)
         return blocked
 
-    def distances(self, points: Floats, scene: Scene | None = None) -> tuple[Floats, Ints]:
+    def distances(self, points: Floats, scene: ArmScene | None = None) -> tuple[Floats, Ints]:
         """Return the smallest distance at each configuration, shape (n, dof), and its pair.
 
         The distances, shape (n,), are in metres, zero if not proven positive. The second array,
@@ -168,7 +168,7 @@ class Snapshot:
         _run_in_threads(bound_distances, scene or self.outer, as_contiguous(points), out, nearest)
         return np.where(out > 0.0, out + self.margin, 0.0), nearest
 
-    def contact(self, scene: Scene, points: Floats) -> Contact:
+    def contact(self, scene: ArmScene, points: Floats) -> Contact:
         """Find the two solids nearest to touching at one configuration, shape (1, dof).
 
         ``scene`` is the outer scene, or one with some of its pairs.
@@ -216,7 +216,7 @@ class Snapshot:
         link_part, other_part = map(self.outer.solids.part_at, pair.tolist(), nodes)
         return names[link_part], names[other_part]
 
-    def always_touching(self, scene: Scene) -> Iterator[tuple[str, str]]:
+    def always_touching(self, scene: ArmScene) -> Iterator[tuple[str, str]]:
         """Yield the names of a scene's pairs that touch in all random configurations."""
         points = self.arm._contact_samples
         for number in range(len(scene.pairs)):
@@ -371,7 +371,7 @@ def _pad_pairs(groups: Sequence[Group], pairs: Sequence[tuple[int, int]]) -> Flo
     return total
 
 
-def _refuse_fixed(snapshot: Snapshot, scene: Scene) -> None:
+def _refuse_fixed(snapshot: Snapshot, scene: ArmScene) -> None:
     """Raise ConfigurationError if a fixed link touches an obstacle.
 
     ``scene`` has the pairs of such links, which no joint moves.
@@ -414,7 +414,7 @@ def _refuse_always(snapshot: Snapshot) -> None:
         )
 
 
-def _run_in_threads(kernel: Callable[..., None], scene: Scene, *arrays: NDArray[Any]) -> None:
+def _run_in_threads(kernel: Callable[..., None], scene: ArmScene, *arrays: NDArray[Any]) -> None:
     """Call ``kernel(scene, *arrays, scratch)`` on slices of contiguous arrays, in threads."""
 
     def run_slice(first: int, stop: int) -> int:

@@ -21,7 +21,7 @@ from cspace._support.arrays import (
     block_starts,
     reduce_blocks,
 )
-from cspace.plot._route import Body, MapLike, Scene
+from cspace.plot._route import DrawnRobot, MapLike, PictureContent
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -176,7 +176,7 @@ def merge_cells(ax: Axes, classes: Classes) -> tuple[Classes, int]:
     return reduce_blocks(classes, block_starts(classes.shape, side)).T, side
 
 
-def make_cell_legend(scene: Scene, classes: Sequence[Classes]) -> list[Any]:
+def make_cell_legend(scene: PictureContent, classes: Sequence[Classes]) -> list[Any]:
     """Create legend entries of classes, obstacles first, and of the exterior."""
     entries = []
     present = np.unique(np.concatenate([np.unique(section) for section in classes]))
@@ -211,7 +211,7 @@ def draw_path(
 
 
 def draw_robots(
-    ax: Any, body: Body, robots: Floats, pair: Sequence[int] = (0, 1), opacity: float = 0.55
+    ax: Any, body: DrawnRobot, robots: Floats, pair: Sequence[int] = (0, 1), opacity: float = 0.55
 ) -> list[Any]:
     """Draw the robot at configurations, projected on two axes; return the legend entry.
 

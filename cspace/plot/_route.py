@@ -61,7 +61,7 @@ HasAxes: TypeAlias = "ConfigurationSpace | MapLike"
 """A space whose configurations have named coordinates."""
 
 
-class Body:
+class DrawnRobot:
     """A robot to draw: outlines in the plane, a surface in space.
 
     Attributes
@@ -157,7 +157,7 @@ def split_steps(rotations: Rotations, points: Floats) -> Floats:
 
 
 @dataclass(frozen=True)
-class Scene:
+class PictureContent:
     """What a picture shows.
 
     Attributes
@@ -187,7 +187,7 @@ class Scene:
     window: Box
     box: Floats
     center: Floats
-    body: Body
+    body: DrawnRobot
     points: Floats
     is_lost: bool
     endpoints: dict[str, Floats]
@@ -203,7 +203,7 @@ def make_scene(
     goal: ArrayLike | None = None,
     center: ArrayLike | None = None,
     zoom: float | None = None,
-) -> Scene:
+) -> PictureContent:
     """Check the arguments of :func:`cspace.plot.plot` and return what to draw.
 
     Raises InputError if an argument has the wrong shape or value.
@@ -215,7 +215,7 @@ def make_scene(
         drawn_rotation = space.rotations._check_rotation(rotation)
     points = check_path(space, path)
     endpoints = collect_endpoints(space, path, points, start, goal)
-    body = Body(space.robot, space.rotations)
+    body = DrawnRobot(space.robot, space.rotations)
     point = _choose_center(space, center, body, points, endpoints)
     # Robots stand along the path, at the start and at the goal.
     between = _choose_robots(body, points, zoom or 1.0)
@@ -239,7 +239,7 @@ def make_scene(
         endpoints = {name: q for name, q in endpoints.items() if is_inside[name].all()}
     window = tuple(map(slice, first.tolist(), stop.tolist()))
     is_lost = is_path_lost(space, path)
-    return Scene(
+    return PictureContent(
         space, drawn_rotation, window, box, point, body, points, is_lost, endpoints, robots
     )
 
@@ -301,7 +301,7 @@ def collect_endpoints(
     return endpoints
 
 
-def _choose_robots(body: Body, points: Floats, zoom: float) -> Floats:
+def _choose_robots(body: DrawnRobot, points: Floats, zoom: float) -> Floats:
     """Choose the configurations along a path, shape (m, size), at which to draw the robot.
 
     They are a dozen in a picture, or fewer if these would overlap. A path of one point is one.
@@ -316,7 +316,7 @@ def _choose_robots(body: Body, points: Floats, zoom: float) -> Floats:
 
 
 def _choose_center(
-    space: MapLike, center: Any, body: Body, points: Floats, endpoints: dict[str, Floats]
+    space: MapLike, center: Any, body: DrawnRobot, points: Floats, endpoints: dict[str, Floats]
 ) -> Floats:
     """Choose the point of the grid, shape (d,), through which sections are cut.
 

@@ -8,13 +8,13 @@ import numpy as np
 
 from cspace._support.arrays import Bools, Floats
 from cspace.plot import _artists as artists
-from cspace.plot._route import Scene, split_steps
+from cspace.plot._route import PictureContent, split_steps
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-def draw_plane(scene: Scene, ax: Axes | None) -> tuple[Axes, list[Any]]:
+def draw_plane(scene: PictureContent, ax: Axes | None) -> tuple[Axes, list[Any]]:
     """Draw a plane map; return the axes and the legend entries."""
     grid = scene.space.grid
     box = scene.box
@@ -30,7 +30,7 @@ def draw_plane(scene: Scene, ax: Axes | None) -> tuple[Axes, list[Any]]:
     return ax, handles + artists.draw_endpoints(ax, scene.endpoints)
 
 
-def draw_sections(scene: Scene) -> tuple[Axes, list[Any]]:
+def draw_sections(scene: PictureContent) -> tuple[Axes, list[Any]]:
     """Draw three sections of a map in space, seen from above, the front and the right.
 
     Returns the axes seen from above, and the legend entries.
@@ -59,7 +59,9 @@ def draw_sections(scene: Scene) -> tuple[Axes, list[Any]]:
     return plan, artists.make_cell_legend(scene, classes) + list(entries.values())
 
 
-def _draw_section(ax: Axes, scene: Scene, pair: tuple[int, int], across: int) -> artists.Classes:
+def _draw_section(
+    ax: Axes, scene: PictureContent, pair: tuple[int, int], across: int
+) -> artists.Classes:
     """Draw the cells of a section and lines where the others cut it; return the classes.
 
     ``pair`` are the axes of the section, and ``across`` is the third axis.
@@ -82,7 +84,7 @@ def _draw_section(ax: Axes, scene: Scene, pair: tuple[int, int], across: int) ->
     return classes
 
 
-def _draw_route(ax: Axes, scene: Scene, pair: tuple[int, int], across: int) -> list[Any]:
+def _draw_route(ax: Axes, scene: PictureContent, pair: tuple[int, int], across: int) -> list[Any]:
     """Draw path, robots, start and goal in a section; return their legend entries.
 
     ``pair`` are the axes of the section, and ``across`` is the third axis. The path is faint, and

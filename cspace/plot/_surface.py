@@ -21,7 +21,7 @@ from cspace._support.arrays import (
 from cspace._support.check import check_finite
 from cspace.errors import InputError
 from cspace.plot import _artists as artists
-from cspace.plot._route import Scene, simplify_surface, split_steps
+from cspace.plot._route import PictureContent, simplify_surface, split_steps
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -163,7 +163,7 @@ def camera_direction(camera: Floats) -> Floats:
 
 
 def draw_surface(
-    scene: Scene, ax: Any = None, cut: float | None = None, camera: ArrayLike | None = None
+    scene: PictureContent, ax: Any = None, cut: float | None = None, camera: ArrayLike | None = None
 ) -> Painting:
     """Draw a map in three dimensions, but do not show it yet.
 

@@ -168,7 +168,7 @@ def best_placements(
     gap = 0.5 * score.gyration if separation is None else check_positive(separation, "separation")
     # More placements are refined than returned, and closer ones, because some climb to one peak.
     most = 2 * number + 8
-    poses = _Poses.none(body.dim)
+    poses = _PlacedBalls.none(body.dim)
     for matrix in matrices:
         floor = score.error
         if len(poses.scores) == most:
@@ -333,7 +333,7 @@ class BallPenetration:
         return sums[..., 0].sum(axis=-1), sums[..., 1:]
 
 
-class _Poses(NamedTuple):
+class _PlacedBalls(NamedTuple):
     """Poses of A: scores (n,), centroids of its balls (n, d), and matrices (n, d, d)."""
 
     scores: Floats
@@ -341,20 +341,20 @@ class _Poses(NamedTuple):
     rotations: Floats
 
     @classmethod
-    def none(cls, dim: int) -> _Poses:
+    def none(cls, dim: int) -> _PlacedBalls:
         """Create an empty set of poses."""
         return cls(np.empty(0), np.empty((0, dim)), np.empty((0, dim, dim)))
 
-    def select(self, chosen: NDArray[Any]) -> _Poses:
+    def select(self, chosen: NDArray[Any]) -> _PlacedBalls:
         """Select poses by a mask or by indices."""
-        return _Poses(*(column[chosen] for column in self))
+        return _PlacedBalls(*(column[chosen] for column in self))
 
-    def append(self, other: _Poses) -> _Poses:
+    def append(self, other: _PlacedBalls) -> _PlacedBalls:
         """Return these poses followed by others."""
         columns = zip(self, other, strict=True)
-        return _Poses(*map(np.concatenate, columns))
+        return _PlacedBalls(*map(np.concatenate, columns))
 
-    def select_distinct(self, root: Floats, min_displacement: float, most: int) -> _Poses:
+    def select_distinct(self, root: Floats, min_displacement: float, most: int) -> _PlacedBalls:
         """Select at most ``most`` best poses, none within ``min_displacement`` of a better one.
 
         The displacement is the root mean square over the balls of A. ``root`` is the square root
@@ -414,7 +414,7 @@ class _Score:
         self.root = axes * np.sqrt(np.maximum(variances, 0.0)) @ axes.T
         self.gyration = math.sqrt(float(variances.sum() + (body.radii**2).mean()))
 
-    def find_peaks(self, matrix: Floats, floor: float, most: int) -> _Poses:
+    def find_peaks(self, matrix: Floats, floor: float, most: int) -> _PlacedBalls:
         """Find the highest local maxima on the lattice, above a score.
 
         A is rotated by ``matrix``, shape (d, d); at most ``most`` are returned.
@@ -423,7 +423,7 @@ class _Score:
 
         scores = self.correlation.overlaps(self.arms @ matrix.T)
         if scores.max() <= floor:
-            return _Poses.none(self.dim)
+            return _PlacedBalls.none(self.dim)
         is_peak = (scores > floor) & (scores == maximum_filter(scores, 3, mode="wrap"))
         peaks = np.flatnonzero(is_peak)
         flat_scores = scores.ravel()
@@ -436,9 +436,9 @@ class _Score:
         periods = self.correlation.lattice.periods
         centers = (shares - np.round(shares)) * periods + self.correlation.center
         rotations = np.broadcast_to(matrix, (len(peaks), *matrix.shape))
-        return _Poses(flat_scores[peaks], centers, rotations)
+        return _PlacedBalls(flat_scores[peaks], centers, rotations)
 
-    def climb(self, poses: _Poses, turn: bool) -> _Poses:
+    def climb(self, poses: _PlacedBalls, turn: bool) -> _PlacedBalls:
         """Move poses along the gradient to near maxima, by BFGS.
 
         Steps are in metres: along the axes, and for rotations, if ``turn``, the arc at the radius
@@ -468,7 +468,7 @@ class _Score:
                 column[is_better] = moved_column[is_better]
         return poses
 
-    def _move_poses(self, poses: _Poses, steps: Floats) -> _Poses:
+    def _move_poses(self, poses: _PlacedBalls, steps: Floats) -> _PlacedBalls:
         """Move poses by steps, shape (n, d + rotations): translations, then turns of A."""
         from scipy.spatial.transform import Rotation
 
@@ -478,9 +478,9 @@ class _Score:
             vectors = np.pad(turns, ((0, 0), (3 - turns.shape[1], 0)))  # about z in the plane
             matrices = Rotation.from_rotvec(vectors).as_matrix()
             rotations = matrices[:, : self.dim, : self.dim] @ rotations
-        return _Poses(poses.scores, poses.centers + steps[:, : self.dim], rotations)
+        return _PlacedBalls(poses.scores, poses.centers + steps[:, : self.dim], rotations)
 
-    def _score_poses(self, poses: _Poses, turn: bool) -> tuple[_Poses, Floats]:
+    def _score_poses(self, poses: _PlacedBalls, turn: bool) -> tuple[_PlacedBalls, Floats]:
         """Score poses, and compute the derivatives by steps, shape (n, d), or with turns.
 
         The derivative by the center of a ball is a force on it.
@@ -496,7 +496,9 @@ class _Score:
             if self.dim == 2:
                 twists = twists[:, 2:]
             slopes = np.column_stack([slopes, twists / self.gyration])
-        scored = _Poses(sums[..., 0].sum(axis=1), poses.centers.copy(), poses.rotations.copy())
+        scored = _PlacedBalls(
+            sums[..., 0].sum(axis=1), poses.centers.copy(), poses.rotations.copy()
+        )
         return scored, slopes
 
 

@@ -22,7 +22,7 @@ from cspace.plot._artists import (
     UNDECIDED,
     UNSEEN,
 )
-from cspace.plot._route import Body
+from cspace.plot._route import DrawnRobot
 from cspace.view._canvas import ENDPOINT_COLORS, STATES, Canvas, Dial, choose_endpoints
 from cspace.view._scene import KINDS, SECTION, Cells, lift, make_robot_surface, to_quaternion
 
@@ -62,9 +62,9 @@ class MapCanvas(Canvas):
         """Draw the robot, the start and the goal; cells are drawn by :meth:`draw`."""
         grid = space.grid
         rotations = space.rotations
-        self.body = Body(space.robot, rotations)
+        self.body = DrawnRobot(space.robot, rotations)
         self.robot_reach = self.body.reach
-        self.poses = Poses(grid.dim, rotations)
+        self.poses = PoseDials(grid.dim, rotations)
         # Sizes stay visible on the page: walls half as high as the robot is long, within 0.1 % and
         # 3 % of the map, and gizmos above 1.2 %.
         longest = grid.spacing * max(grid.shape)
@@ -289,7 +289,7 @@ class MapCanvas(Canvas):
         return controls
 
 
-class Poses:
+class PoseDials:
     """Conversion of configurations to and from the values of dials, and poses in space.
 
     Attributes

@@ -72,7 +72,7 @@ SECTION: Final = "section"
 """Name of the section: the cells cut by a height, or the ground of a plane map."""
 
 
-class Section(NamedTuple):
+class MapSection(NamedTuple):
     """A horizontal picture of cells.
 
     Attributes
@@ -164,7 +164,7 @@ class Cells:
         rectangles = np.arange(len(vertices)).reshape(-1, 4)
         return vertices, rectangles[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
 
-    def make_section(self, cell: int, cut: float) -> Section:
+    def make_section(self, cell: int, cut: float) -> MapSection:
         """Return a picture of a horizontal cut through the map.
 
         In space, it shows the blocks at the height ``cut``, metres; in the plane, all blocks.
@@ -180,7 +180,7 @@ class Cells:
         # Browsers blur enlarged images, so each block gets several pixels along each side.
         repeat = max(1, 1024 // max(layer.shape))
         image = image.repeat(repeat, axis=0).repeat(repeat, axis=1)
-        return Section(image, lower, np.minimum(lower + size, self.upper[:2]))
+        return MapSection(image, lower, np.minimum(lower + size, self.upper[:2]))
 
     def _blocks_below(self, cell: int | None, cut: float) -> Classes:
         """Return the classes of the blocks that begin below a height, shape (nx, ny, nz)."""

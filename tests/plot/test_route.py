@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from cspace import Robot
 from cspace._rotations import Rotations
-from cspace.plot._route import Body
+from cspace.plot._route import DrawnRobot
 from tests.helpers.regions import rotations_of
 from tests.helpers.strategies import seeds
 
@@ -21,7 +21,7 @@ def test_bodies_are_placed_as_scipy_rotates_them(rotations, seed, pair):
     q = np.random.default_rng(seed).uniform(-5.0, 5.0, 3 + len(cells.names))
     if len(cells.names) == 4:
         q[3:] /= np.linalg.norm(q[3:])
-    body = Body(BOX, cells)
+    body = DrawnRobot(BOX, cells)
     corners = rotations_of(q[np.newaxis], 3).apply(body.points) + q[:3]
     np.testing.assert_allclose(body.transform(body.points, q), corners, atol=1e-12)
     extents = [corners.min(axis=0), corners.max(axis=0)]

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 import cspace
 from cspace._rotations import Rotations
 from cspace.plot._artists import CLASSES, OBSTACLE
-from cspace.view._map_canvas import Poses
+from cspace.view._map_canvas import PoseDials
 from cspace.view._scene import KINDS, Cells, extract_border, make_robot_surface, rgb
 from tests.helpers.handmade import fill_boxes
 
@@ -114,7 +114,7 @@ def test_a_plane_robot_becomes_a_slab():
 def test_poses_and_dials_give_back_the_configuration(dim, cells, angles):
     rotations = Rotations.of(cells)
     rng = np.random.default_rng(0)
-    poses = Poses(dim, rotations)
+    poses = PoseDials(dim, rotations)
     assert poses.angles == angles
     for _ in range(20):
         q = np.concatenate([rng.normal(size=dim), rotations._sample(np.array([0]), 0.0, rng)[0]])
