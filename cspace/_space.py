@@ -740,7 +740,7 @@ class CSpace(ConfigurationMap):
         path = waypoints(self.grid, rotations, endpoints, cells)
         check = self.edge_checker()
         if is_pulled_taut:
-            taut = pull_taut_in_plane(self._seen[0], self.grid, path, check)
+            taut = pull_taut_in_plane(self._seen[0], self.grid, path, in_time(check, until))
             if len(taut):
                 return taut
         start_rotation, goal_rotation = endpoints[:, self.grid.dim :]

@@ -84,17 +84,21 @@ def pull_taut_in_plane(states: States, grid: Grid, path: Floats, check: Check) -
     """
     ends = path[[0, -1]]
     taut = path[:0]
-    is_shorter = True
-    while is_shorter:
+    shortest = math.inf
+    while True:
         cells = pull_taut(states, (path - grid.lower) / grid.spacing)
         path = np.asarray(grid.lower) + grid.spacing * cells
         path[[0, -1]] = ends
-        if not are_free(path, check):
+        length = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
+        if length >= shortest or not are_free(path, check):
             break
+        gains_little = length > (1.0 - MIN_GAIN_SHARE) * shortest
         taut = path
+        shortest = length
+        if gains_little:
+            break
         # An edge may pass obstacles on another side.
         path = _skip_points_both_ways(taut, check)
-        is_shorter = len(path) < len(taut)
     return taut
 
 
