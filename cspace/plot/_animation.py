@@ -144,7 +144,11 @@ def _plan_frames(seconds: float, rate: float) -> tuple[int, int]:
     """
     duration = check_positive(seconds, "seconds", "seconds")
     frequency = check_positive(rate, "rate", "frames per second")
-    pause = 10 * max(2, round(100.0 / frequency))  # viewers play no more than 50 a second
+    if frequency > 50.0:  # viewers play no more
+        raise InputError(
+            "rate", f"is {rate!r}", "it must be at most 50 frames per second", "lower it"
+        )
+    pause = 10 * round(100.0 / frequency)
     count = round(1000.0 * duration / pause) + 1
     if count > _MAX_FRAMES:
         raise InputError(

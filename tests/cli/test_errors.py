@@ -98,7 +98,7 @@ def test_invalid_input_is_refused_in_one_line(command, room):
     [f"{MAP} --rotations 0", f"{MAP} --bounds here", f"{MAP} -o plane.zarr", f"{PLAN} -o p.txt"],
 )
 def test_options_are_checked_before_any_work(room, monkeypatch, command):
-    for function in ("opening.open_map", "workspace.Workspace.open"):
+    for function in ("_opening.open_map", "_workspace.Workspace.open"):
         monkeypatch.setattr(f"cspace.{function}", None)
     assert run(command).exit_code == 2
 

@@ -63,7 +63,7 @@ def test_sharing_slices_changes_no_state(robot, rotations, slices, monkeypatch):
     shared = cspace.build(workspace, robot, rotations=rotations, counts=True)
     monkeypatch.setattr(Shape, "symmetry", property(lambda self: 1))
     monkeypatch.setattr(Shape, "symmetries", property(lambda self: [np.eye(3)]))
-    monkeypatch.setattr(type(shared.rotations), "find_images", Rotations._find_images)
+    monkeypatch.setattr(type(shared.rotations), "_find_images", Rotations._find_images)
     alone = cspace.build(workspace, robot, rotations=rotations, counts=True)
     assert len(shared.overlap_counts) == slices
     assert len(alone.overlap_counts) == len(alone.rotations)

@@ -70,12 +70,12 @@ def test_built_in_searches_keep_the_time_limit():
     ],
 )
 def test_shortening_a_path_of_the_lattice_keeps_the_time_limit(options, owner, monkeypatch):
-    # Only the costs of edges take time, 20 ms for each waypoint.
+    # Only the costs of edges take time, 80 ms for each waypoint.
     now = [0.0]
     edge_lengths = owner.edge_lengths
 
     def measure_slowly(*args):
-        now[0] += 0.02
+        now[0] += 0.08
         return edge_lengths(*args)
 
     monkeypatch.setattr(owner, "edge_lengths", measure_slowly)

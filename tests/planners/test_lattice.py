@@ -152,7 +152,7 @@ def test_the_lattice_leaves_a_dead_end_as_the_drive_may(dead_end, options):
 
 def test_ompl_takes_over_when_the_lattice_finds_nothing(monkeypatch):
     monkeypatch.setattr(
-        sys.modules["planners.plan"],
+        sys.modules["planners._lattice"],
         "find_lattice_path",
         lambda *_: (np.empty((0, 3)), "the lattice gave up"),
     )

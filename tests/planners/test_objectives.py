@@ -72,7 +72,7 @@ def test_costs_on_cells_are_linear_between_cell_centers(name):
     space = build_room(name)
     grid = space.grid
     rng = np.random.default_rng(1)
-    costs = rng.uniform(-0.2, 1.0, space.kernel_map.states.shape)
+    costs = rng.uniform(-0.2, 1.0, space._kernel_map.states.shape)
     positions = rng.uniform(grid.lower, grid.upper, (100, grid.dim))
     border = rng.random(positions.shape) < 0.1
     positions[border] = np.broadcast_to(grid.lower, positions.shape)[border] + 0.01 * grid.spacing

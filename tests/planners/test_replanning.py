@@ -135,7 +135,7 @@ def test_a_crate_on_a_previous_plan_is_passed_beside_without_a_search(drive, mon
     before = planners.plan(space, start, goal, **options)
     x, y = np.median(before.path[:, :2], axis=0)
     space.add_obstacle("crate", box(x - 0.2, y - 0.2, x + 0.2, y + 0.2))
-    monkeypatch.setattr(importlib.import_module("planners.plan"), "_run_planner", None)
+    monkeypatch.setattr(importlib.import_module("planners._plan"), "_run_planner", None)
     again = planners.plan(space, start, goal, previous=before, **options)
     check(space, again, start, goal)
     assert weighted_length(again) < 1.02 * weighted_length(before)

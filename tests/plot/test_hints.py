@@ -69,19 +69,9 @@ PATH = [START, GOAL]
         "pass (x, y)",
     ),
     (
-        lambda f: SPATIAL.plot(view="3d", surface="x"),
-        lambda f: SPATIAL.plot(view="3d"),
-        "or leave it out",
-    ),
-    (
         lambda f: save_plot(FLAT, f / "a.png", dpi=1e6),
         lambda f: save_plot(FLAT, f / "a.png", dpi=300),
         "pass e.g. 300",
-    ),
-    (
-        lambda f: save_plot(FLAT, f / "a.png", ax=plt.figure().add_subplot()),
-        lambda f: FLAT.plot().figure.savefig(f / "a.png"),
-        "use plot and ax.figure.savefig instead",
     ),
 )
 def test_a_picture_as_the_hint_says_is_drawn(call, advised, hint, tmp_path):

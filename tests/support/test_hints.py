@@ -210,8 +210,8 @@ def cells(values, **options):
     ),
     (
         lambda: copy().add_obstacle("a", CELLS),
-        lambda: copy().add_obstacle("a", cspace._shapes.Voxels.of(CELLS, 0.1)),
-        "pass cspace._shapes.Voxels.of(cells, spacing), in metres",
+        lambda: copy().add_obstacle("a", cspace.Robot.from_bitmap(CELLS, 0.1)),
+        "pass cspace.Robot.from_bitmap(cells, spacing), in metres",
     ),
     (
         lambda: copy().add_obstacle("a", 3),
