@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from cspace.plot import plot, surface
+from cspace.plot import _surface as surface
+from cspace.plot import plot
 from cspace.plot._surface import border_faces
 from tests.helpers.pictures import labels
 
