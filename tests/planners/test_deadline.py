@@ -66,7 +66,7 @@ def test_built_in_searches_keep_the_time_limit():
     ("options", "owner", "seconds"),
     [
         ({"drive": "reeds-shepp", "turning_radius": 0.1}, CarCurves, 0.0003),
-        ({"drive": "differential"}, TurnDriveTurn, 0.002),
+        ({"drive": "differential"}, TurnDriveTurn, 0.001),
     ],
 )
 def test_shortening_a_path_of_the_lattice_keeps_the_time_limit(
