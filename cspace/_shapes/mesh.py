@@ -263,13 +263,13 @@ class Mesh(ExactShape):
     def rasters(
         self, spacing: float, margin: float = 0.0, rotation: RotationCell = NO_ROTATION
     ) -> tuple[Raster, Raster]:
-        """Compute the outer and inner raster; see :meth:`Shape.rasters`."""
+        """Compute the outer and inner raster; see ``Shape.rasters``."""
         from cspace._raster.surfaces import surface_rasters
 
         return surface_rasters(self._solid, spacing, margin, rotation)
 
     def cells(self, grid: Grid) -> tuple[Bools, Bools]:
-        """Compute the outer and inner cells; see :meth:`Shape.cells`."""
+        """Compute the outer and inner cells; see ``Shape.cells``."""
         from cspace._raster.surfaces import surface_cells
 
         return surface_cells(self._solid, grid)
@@ -327,7 +327,7 @@ class Mesh(ExactShape):
         return BoundedShape(Polygons.of(outer), Polygons.of(inner))
 
     def check_origin(self, warn: bool = False) -> None:
-        """Refuse a mesh far from its origin; see :meth:`Shape.check_origin`."""
+        """Refuse a mesh far from its origin; see ``Shape.check_origin``."""
         lower, upper = self.bounds
         size = float(np.linalg.norm(upper - lower))
         gaps = np.maximum(np.maximum(lower, -upper), 0.0)  # from the origin, along each axis

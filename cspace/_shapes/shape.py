@@ -450,13 +450,13 @@ class BoundedShape(Shape):
     def rasters(
         self, spacing: float, margin: float = 0.0, rotation: RotationCell = NO_ROTATION
     ) -> tuple[Raster, Raster]:
-        """Compute the outer and inner raster; see :meth:`Shape.rasters`."""
+        """Compute the outer and inner raster; see ``Shape.rasters``."""
         outer, _ = self.outer.rasters(spacing, margin, rotation)
         _, inner = self.inner.rasters(spacing, 0.0, rotation)
         return outer, inner
 
     def cells(self, grid: Grid) -> tuple[Bools, Bools]:
-        """Compute the outer and inner cells; see :meth:`Shape.cells`."""
+        """Compute the outer and inner cells; see ``Shape.cells``."""
         outer, _ = self.outer.cells(grid)
         _, inner = self.inner.cells(grid)
         return outer, inner
