@@ -405,7 +405,7 @@ KINDS: dict[str, tuple[int, Callable[[int, Path], Job]]] = {
     "add n obstacles": (16, add_obstacles),
     "label the components of n cells": (24**2, label_components),
     "measure a clearance among n cells": (16**2, measure_clearance),
-    "plan among n cells": (20**2, plan_through_floor),
+    "plan among n cells": (40**2, plan_through_floor),
     "measure the distance to n triangles": (100, measure_mesh_distance),
     "check a plan of n waypoints": (8, recheck_plan),
     "explain among n obstacles": (4, explain_obstacles),
@@ -421,7 +421,7 @@ KINDS: dict[str, tuple[int, Callable[[int, Path], Job]]] = {
     "read a MoveIt scene of n objects": (16, read_scene),
     "read a chain of n links": (64, read_fixed_chain),
     "read n allowed pairs": (64, read_allowed_pairs),
-    "set up an arm of n triangles": (200, set_up_meshes),
+    "set up an arm of n triangles": (800, set_up_meshes),
 }
 """Smallest n, and the job of each n, by kind."""
 
