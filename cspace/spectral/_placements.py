@@ -284,7 +284,7 @@ class BallPenetration:
     --------
     >>> from cspace.spectral import BallPenetration
     >>> field = BallPenetration([0.2, 0.1], ([[0.0, 0.0]], 0.5))
-    >>> value, gradient = field.value_and_gradient([[0.6, 0.0], [0.0, 0.9]])
+    >>> value, gradient = field.value_and_gradient([[0.4, 0.0], [0.0, 0.9]])
     >>> bool(value > 0.0), bool(gradient[0, 0] < 0.0), gradient[1].tolist()
     (True, True, [0.0, 0.0])
     """
