@@ -664,9 +664,10 @@ def _find_detour(task: PlanTask, start: Floats, way: Floats) -> Floats:
 
 
 def _list_ways_beside(edges: LocalPlanner, way: Floats) -> Iterator[Floats]:
-    """Yield ways past what blocks a way in the plane, near ones first, shapes (3, 3).
+    """Yield detours around the blocked part of a way in the plane, near ones first.
 
-    Each begins and ends on the way, as far from the blocked part as that is long.
+    Each has three rows, shape (3, size). It begins and ends on the way, as far from the blocked
+    part as that is long.
     """
     rows = edges.split_path(way, 2.0 * edges.space.resolution, MAX_RADIANS).points
     blocked = np.flatnonzero(~edges.cells.is_free(rows, exact=edges.exact))
