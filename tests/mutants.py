@@ -397,6 +397,12 @@ MUTANTS = (
     ),
     Mutant(
         "cspace/_queries/taut.py",
+        "gates[0, 0] = limit(gates[0, 0], start)",
+        "gates[0, 0] = limit(gates[0, 0], goal)",
+        "tests/queries/test_taut.py",
+    ),
+    Mutant(
+        "cspace/_queries/taut.py",
         "kept.pop()",
         "kept.append(number)",
         "tests/queries/test_taut.py",

@@ -37,6 +37,7 @@ def pull_taut(states: States, path: Floats) -> Floats:
     window = states[first[0] : last[0] + 1, first[1] : last[1] + 1]
     start, goal = (path[[0, -1]] - first).tolist()
     gates = list_gates(window, *list_crossings(path - first, window.shape))
+    keep_ends_outside(gates, start[0], goal[0])
     taut: Floats = first + np.array(pass_gates(tuple(start), tuple(goal), gates.tolist()))
     return taut
 
@@ -83,6 +84,19 @@ def list_gates(states: States, columns: Ints, rows: Ints) -> Floats:
     border = np.maximum(before, after)
     gates = [(border + side * MARGIN * (after - before), left, right) for side in (-1, 1)]
     return np.array(gates).transpose(2, 0, 1).reshape(-1, 3)
+
+
+def keep_ends_outside(gates: Floats, start: float, goal: float) -> None:
+    """Move the outer gates if the path begins or ends between a gate and its border.
+
+    ``start`` and ``goal`` are along x; ``gates``, shape (m, 3), come in pairs around a border.
+    """
+    if not len(gates):
+        return
+    limit = np.maximum if gates[1, 0] > gates[0, 0] else np.minimum
+    gates[0, 0] = limit(gates[0, 0], start)
+    limit = np.minimum if gates[-1, 0] > gates[-2, 0] else np.maximum
+    gates[-1, 0] = limit(gates[-1, 0], goal)
 
 
 def skip_returns(before: Sequence[int], after: Sequence[int]) -> list[int]:
