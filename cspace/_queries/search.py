@@ -59,6 +59,10 @@ longer."""
 BLOCK_SIDE: Final = 4
 """Cells along each side of the blocks of the guide."""
 
+MAX_POSITIONS_WITHOUT_BLOCKS: Final = 2**14
+"""Largest number of cells of a map without rotations whose guide examines each cell, in a few
+milliseconds. Blocks of cells may hide which way around an obstacle is shorter."""
+
 WEIGHT_OF_TAUT_PATHS: Final = 2.0
 """Weight of the estimate if the path is pulled taut afterwards, so that the chain only has to pass
 obstacles on the side that the guide chose."""
@@ -208,7 +212,7 @@ def _search_guided(
         any_direction(graph.states),
         (0, start_cell),
         (0, goal_cell),
-        BLOCK_SIDE,
+        BLOCK_SIDE if turns or size > MAX_POSITIONS_WITHOUT_BLOCKS else 1,
         narrow_price=NARROW_PRICE if turns else 0.0,
         weight=POSITIONS_WEIGHT if turns else WEIGHT_OF_ONE_ROTATION,
         factors=graph.factors,

@@ -45,6 +45,7 @@ def test_paths_and_bounds_are_near_the_shortest_length(seed, share, block):
     assert math.isinf(expected) == math.isinf(bound) == (len(path) == 0)
     if len(path):
         assert bound >= expected / 1.03 - 3.0
-        assert path_length(path) <= 1.15 * expected + 0.5
+        # Chains of cells begin and end at centers, up to 0.71 cells from the ends, there and back.
+        assert path_length(path) <= 1.15 * expected + 2.0 * math.sqrt(2.0)
         assert (path[[0, -1]] == [start, goal]).all()
         assert space.certify_path(0.25 * path).all()
