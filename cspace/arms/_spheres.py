@@ -79,10 +79,10 @@ class SphereModel:
         Parameters
         ----------
         path : path-like
-            ``.urdf``: the template, with balls as collision geometry. ``.srdf``: the template, with
+            ``.urdf``: the template, with balls as collision geometry, as VAMP reads it. ``.srdf``: the template, with
             ``link_sphere_approximation``. ``.yaml`` or ``.yml``: ``collision_spheres`` of cuRobo.
-            ``.json``: ``spheres`` of foam by link, of which VAMP makes its robots; ``mean``,
-            ``best`` and ``worst`` are the proven distance.
+            ``.json``: ``spheres`` of foam by link, whose ``mean``, ``best`` and ``worst`` are the
+            proven distance.
         template : path-like, optional
             The URDF that the arm was read from, which ``.urdf`` needs; or an SRDF.
         overwrite : bool
@@ -229,12 +229,10 @@ def find_spheres(
                 shape, kind=kind, number=numbers[link.name], tolerance=tolerance
             )
         except InputError as error:
-            argument, problem = error.argument, error.problem
-            if argument == "shape":
-                argument = f"link {link.name!r}"
-            else:
-                problem = f"{problem}, for link {link.name!r}"
-            raise type(error)(argument, problem, error.rule, error.hint) from error
+            if error.argument == "shape":
+                place = f"link {link.name!r}"
+                raise type(error)(place, error.problem, error.rule, error.hint) from error
+            raise
     if not links:
         raise GeometryError(
             "kind", "is 'inner', but no link has an inside", "", "pass kind='outer'"
