@@ -45,7 +45,7 @@ from cspace._support.words import Outside
 
 if TYPE_CHECKING:
     from cspace._space import CSpace
-    from cspace._tiles.space import TiledCSpace
+    from cspace._tiles.tiled_space import TiledCSpace
     from cspace.arms import ArmSpace
 
 
@@ -228,7 +228,7 @@ def export(
 ) -> None:
     """Write a saved map for other software."""
     from cspace._opening import open_map
-    from cspace.export._maps import EXPORT_FORMATS
+    from cspace.export._writers import EXPORT_FORMATS
 
     check_outputs([output], EXPORT_FORMATS, overwrite)
     clock = Stopwatch()

@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 
 from cspace._files import meshes, ros, vector
 from cspace._files.access import check_suffix
-from cspace._files.arrays import read_npy
+from cspace._files.lazy_arrays import read_npy
 from cspace._files.polygons import read_ply_header
 from cspace._support.arrays import StrPath
 
