@@ -53,9 +53,8 @@ def make(
     context: typer.Context,
     workspace: Path = argument(
         "WORKSPACE",
-        "In the plane: a ROS map (.yaml), image, MovingAI .map, .geojson or .wkt. In space: a mesh "
-        "(.stl, .obj, .ply, .glb ...), OctoMap (.bt, .ot), MovingAI .3dmap or points (.xyz, .csv, "
-        ".pcd, .ply). Either: .npy.",
+        "In the plane: a ROS map, an image, a MovingAI map or polygons. In space: a mesh, an "
+        "OctoMap, voxels or points. Either: an array. The message of an unknown suffix lists all.",
     ),
     robot: str = option(
         "SPEC",
