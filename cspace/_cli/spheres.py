@@ -50,7 +50,7 @@ def spheres(
 ) -> None:
     """Cover the links of a robot by spheres, and prove it."""
     from cspace.arms import Arm
-    from cspace.arms._spheres import check_target
+    from cspace.arms._sphere_models import check_target
 
     # Refuse the output before the work.
     template = None
