@@ -68,7 +68,8 @@ class SphereModel:
             if math.isfinite(balls.volume_ratio):
                 ratio = f"{balls.volume_ratio:.2f}"
             length = f"{1000.0 * balls.hausdorff.upper:.1f} mm"
-            lines.append(f"{name:{width}}  {len(balls):7}  {'proven':>7}  {length:>11}  {ratio:>12}")
+            values = f"{len(balls):7}  {'proven':>7}  {length:>11}  {ratio:>12}"
+            lines.append(f"{name:{width}}  {values}")
         return "\n".join(lines)
 
     def save(
@@ -79,10 +80,10 @@ class SphereModel:
         Parameters
         ----------
         path : path-like
-            ``.urdf``: the template, with balls as collision geometry, as VAMP reads it. ``.srdf``: the template, with
-            ``link_sphere_approximation``. ``.yaml`` or ``.yml``: ``collision_spheres`` of cuRobo.
-            ``.json``: ``spheres`` of foam by link, whose ``mean``, ``best`` and ``worst`` are the
-            proven distance.
+            ``.urdf``: the template, with balls as collision geometry; VAMP reads it, too.
+            ``.srdf``: the template, with ``link_sphere_approximation``. ``.yaml`` or ``.yml``:
+            ``collision_spheres`` of cuRobo. ``.json``: ``spheres`` of foam by link, whose ``mean``,
+            ``best`` and ``worst`` are the proven distance.
         template : path-like, optional
             The URDF that the arm was read from, which ``.urdf`` needs; or an SRDF.
         overwrite : bool
@@ -214,20 +215,15 @@ def find_spheres(
     """Find the balls of each link; see :meth:`cspace.Arm.spheres`."""
     from cspace.spectral import decompose
 
-    numbers = number
-    if not isinstance(number, Mapping):
-        numbers = {link.name: number for link in arm.links}
     links = {}
     for link in arm.links:
-        check_known(link.name, "number", numbers, "lacks")
+        count = _find_number(number, link.name) if isinstance(number, Mapping) else number
         shape = _join_parts(arm, link)
         if kind == "inner" and not shape.inner.encloses:
             warn_user(f"link {link.name!r} has no inside, so it gets no balls")
             continue
         try:
-            links[link.name] = decompose(
-                shape, kind=kind, number=numbers[link.name], tolerance=tolerance
-            )
+            links[link.name] = decompose(shape, kind=kind, number=count, tolerance=tolerance)
         except InputError as error:
             if error.argument == "shape":
                 place = f"link {link.name!r}"
@@ -235,9 +231,21 @@ def find_spheres(
             raise
     if not links:
         raise GeometryError(
-            "kind", "is 'inner', but no link has an inside", "", "pass kind='outer'"
+            "kind",
+            "is 'inner', but no link has an inside",
+            "inner balls need one",
+            "pass kind='outer'",
         )
     return SphereModel(arm.name, kind, links)
+
+
+def _find_number(numbers: Mapping[str, int], link: str) -> int:
+    """Return the number of balls of a link; raise InputError if it has none."""
+    if link not in numbers:
+        raise InputError(
+            "number", f"lacks {link!r}", "each link with geometry needs one", "add that link"
+        )
+    return numbers[link]
 
 
 def _join_parts(arm: Arm, link: Solid) -> Shape:
