@@ -530,8 +530,8 @@ MUTANTS = (
     ),
     Mutant(
         "cspace/arms/_snapshots.py",
-        "padding = self.outer.padding + self._bound_displacements(deviation)",
-        "padding = self.outer.padding",
+        "paddings = self.outer.padding + self._bound_displacements(deviations)",
+        "paddings = self.outer.padding",
         "tests/planners/test_smoothing.py",
     ),
     Mutant(
