@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple, cast, get_args
 
@@ -169,16 +169,20 @@ class LocalPlanner:
 
         A path of one configuration counts as one edge from it to itself.
         """
+        return np.fromiter(self._check_edges(path), dtype=np.bool_)
+
+    def are_free(self, path: Floats) -> bool:
+        """Return True if every edge is proven free; no edge after an unproven one is tested."""
+        return all(self._check_edges(path))
+
+    def _check_edges(self, path: Floats) -> Iterator[bool]:
+        """Yield whether each edge is proven free."""
         check = self.edge_checker()
         rows = path.tolist()
         if len(rows) == 1:
             rows *= 2
-        edges = itertools.pairwise(rows)
-        return np.array([check(*first, *last) for first, last in edges], dtype=np.bool_)
-
-    def are_free(self, path: Floats) -> bool:
-        """Return True if every edge is proven free."""
-        return bool(self.edges_are_free(path).all())
+        for first, last in itertools.pairwise(rows):
+            yield check(*first, *last)
 
     def edge_cost(self, field: Field, density: CostDensity) -> Callable[..., float]:
         """Make ``cost(*q0, *q1)``, the cost of the edge on a map."""
