@@ -47,11 +47,12 @@ from cspace._files.polygons import (
     triangulate,
     unsupported_part,
 )
+from cspace._files.unit_notes import warn_of_units
 from cspace._limits import check_bytes
 from cspace._support.arrays import Floats, Ints, StrPath, Surface
 from cspace._support.check import check_finite, check_word
 from cspace._support.reporting import warn_user
-from cspace.errors import GeometryError, InputError, UnitWarning
+from cspace.errors import GeometryError, InputError
 
 Json = dict[str, Any]
 """An object of a glTF header."""
@@ -277,7 +278,7 @@ def _place_gltf_meshes(header: Json) -> Iterator[tuple[int, Floats]]:
         raise unsupported_part(problem, "export one scene")
     if not scenes:
         return
-    scene = _look_up(header, "scenes", header.get("scene", 0))
+    scene = _refuse_extensions(_look_up(header, "scenes", header.get("scene", 0)))
     # Nodes to visit, each with the transform of the node above it.
     pending = [(number, np.eye(4)) for number in scene.get("nodes", [])]
     seen: set[int] = set()
@@ -383,7 +384,7 @@ def _parse_gltf_header(data: bytes) -> Json:
         raise ContentError(f"is of version {version}; only glTF 2 is read")
     required = dict.fromkeys(header.get("extensionsRequired", []))
     _refuse_extensions({"extensions": required})
-    return header
+    return _refuse_extensions(header)
 
 
 _SHAPELESS_CHILDREN: Final = frozenset(
@@ -696,35 +697,6 @@ _FACET: Final = re.compile(
 _SOLIDS: Final = re.compile(rb"^[ \t]*(end)?solid\b[^\n]*", re.MULTILINE)
 """A line of a text STL file that begins or ends a solid."""
 
-_UNIT_NOTE: Final = re.compile(
-    rb"^(?:#|comment|obj_info)[^\n]*?"
-    rb"\b(millimet\w+|centimet\w+|inch(?:es)?|feet|units?\W{1,4}(?:mm|cm|in|ft))\b",
-    re.MULTILINE,
-)
-"""A comment of a mesh file, in lower case, with a unit other than the metre."""
-
-
-def warn_of_unit(path: StrPath) -> None:
-    """Warn if a comment of a mesh file without units speaks of another unit than the metre."""
-    file = Path(path)
-    if file.suffix.lower() not in (".stl", ".obj", ".ply"):
-        return
-    with file.open("rb") as stream:
-        text = stream.read(4096).lower()  # where comments are
-    # The first line of an STL file is a comment.
-    note = _UNIT_NOTE.search(b"#" + text if file.suffix.lower() == ".stl" else text)
-    if note is not None:
-        _warn_of_units(os.fspath(path), note[1].decode("latin-1"))
-
-
-def _warn_of_units(name: str, units: str) -> None:
-    """Warn that a mesh in other units is taken as metres."""
-    warn_user(
-        f"{name}: says {units!r}, and its coordinates are taken as metres; scale it first, e.g. "
-        "load it with trimesh and call apply_scale(0.001) for millimetres",
-        UnitWarning,
-    )
-
 
 def read_mesh(path: StrPath, up: Up | None = "z") -> Surface:
     """Read the vertices and triangles of a mesh file.
@@ -857,7 +829,7 @@ def flatten_trimesh(shape: Any, name: str) -> Surface:
     import trimesh
 
     if getattr(shape, "units", None) not in (None, *_METRES):
-        _warn_of_units(name, f"units = {shape.units}")
+        warn_of_units(name, f"units = {shape.units}")
     if isinstance(shape, trimesh.Scene):
         placed = map(shape.graph.get, shape.graph.nodes_geometry)
         parts = [(shape.geometry[mesh], transform) for transform, mesh in placed]

@@ -97,6 +97,8 @@ def test_nodes_of_gltf_place_meshes(tmp_path):
     (lambda h, add: h["meshes"][0].update(extensions={"VENDOR_bend": {}}), "VENDOR_bend"),
     (lambda h, add: h["accessors"][0].update(extensions={"VENDOR_scale": {}}), "VENDOR_scale"),
     (lambda h, add: h.update(extensionsRequired=["KHR_mesh_quantization"]), "KHR_mesh_quant"),
+    (lambda h, add: h.update(extensions={"VENDOR_units": {}}), "VENDOR_units"),
+    (lambda h, add: h["scenes"][0].update(extensions={"VENDOR_units": {}}), "VENDOR_units"),
     (
         lambda h, add: h["nodes"][0].update(
             matrix=[1, 0, 0, 0.5, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
@@ -263,7 +265,7 @@ def test_a_z_up_file_is_read_without_a_warning(tmp_path):
 NOTES = {
     "obj": [("# File units = millimeters\n", True), ("# units: mm\n", True), ("o inches\n", False)],
     "ply": [("comment exported in inches\n", True), ("comment unit: metre\n", False)],
-    "stl": [("units=mm", True), ("made in min", False)],
+    "stl": [("units=mm", True), ("part (mm)", True), ("made in min", False)],
 }
 
 
