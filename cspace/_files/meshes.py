@@ -272,10 +272,9 @@ def _place_gltf_meshes(header: Json) -> Iterator[tuple[int, Floats]]:
     scenes = header.get("scenes", [])
     nodes = header.get("nodes", [])
     if not scenes and header.get("meshes"):
-        raise unsupported_part("meshes in no scene", "export it again with its scene")
+        raise unsupported_part("meshes in no scene")
     if len(scenes) > 1 and "scene" not in header:
-        problem = f"{len(scenes)} scenes of which none is the default"
-        raise unsupported_part(problem, "export one scene")
+        raise unsupported_part(f"{len(scenes)} scenes of which none is the default")
     if not scenes:
         return
     scene = _refuse_extensions(_look_up(header, "scenes", header.get("scene", 0)))
@@ -320,11 +319,10 @@ def _make_affine(linear: Floats, offset: ArrayLike = 0.0) -> Floats:
 def _refuse_moved_mesh(node: Json, mesh: Json) -> None:
     """Refuse a mesh that a skin or a morph moves."""
     if "skin" in node:
-        hint = "apply its pose and export it without the skin"
-        raise unsupported_part("a mesh that a skin moves", hint)
+        raise unsupported_part("a mesh that a skin moves")
     weights = node.get("weights") or mesh.get("weights") or []
     if any(weights):
-        raise unsupported_part("a mesh that a morph moves", "apply the morph before exporting")
+        raise unsupported_part("a mesh that a morph moves")
 
 
 def _refuse_extensions(element: Json) -> Json:
@@ -428,8 +426,7 @@ class _Collada(NamedTuple):
         """
         url = reference.get(attribute, "")
         if not url.startswith("#"):
-            problem = f"a {reference.tag} of another file ({url!r})"
-            raise unsupported_part(problem, "export it again as one file")
+            raise unsupported_part(f"a {reference.tag} of another file ({url!r})")
         target = self.named.get(url[1:])
         if target is None:
             raise ContentError(f"names {url!r}, which is missing or repeated")
@@ -536,7 +533,7 @@ def _read_asset(root: Element, tag: str, read_value: Callable[[Element], str | N
     elements = [element for asset in root.iter("asset") for element in asset.findall(tag)]
     values = {(read_value(element) or "").strip() for element in elements}
     if len(values) > 1:
-        raise ContentError(f"has parts of another {tag}", "it must have one", "export it with one")
+        raise unsupported_part(f"parts of another {tag}")
     return next(iter(values), None)
 
 
@@ -544,7 +541,7 @@ def _find_scene(collada: _Collada) -> Element:
     """Return the scene of a COLLADA file."""
     instance = collada.root.find("scene/instance_visual_scene")
     if instance is None:
-        raise unsupported_part("geometries in no scene", "export it again with its scene")
+        raise unsupported_part("geometries in no scene")
     scene = collada.resolve(instance, "url")
     if scene.tag != "visual_scene":
         raise ContentError(f"names {scene.tag} as its scene")

@@ -217,7 +217,8 @@ def measure(mesh):
 def test_a_file_whose_y_or_x_is_up_is_warned_of_and_turned_on_demand(tmp_path, form, axis):
     path = write_plate(tmp_path, form)
     with pytest.warns(
-        UserWarning, match=f"{axis} points up in the file.*; pass up='{axis}'"
+        UserWarning,
+        match=f"{axis} points up in the file, and its axes stay as they are, as in ROS; pass up=",
     ) as heard:
         kept = Mesh.of(path)
     assert len(heard) == 1 and heard[0].filename == __file__

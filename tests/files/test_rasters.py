@@ -143,7 +143,10 @@ def test_dimensions_of_zarr_arrays_are_read(tmp_path, names):
     (lambda raster: raster.astype("u1").assign_attrs(_FillValue=1), "occupied has scale_factor"),
     (lambda raster: raster.astype("u1").assign_attrs(add_offset=-1), "occupied has scale_factor"),
     (lambda raster: raster.to_dataset(name="walls"), "is a Dataset; its labels are not read"),
-    (lambda raster: raster.to_pandas(), "is a DataFrame; its labels are not read"),
+    (
+        lambda raster: raster.to_pandas(),
+        "DataFrame.*; pass one array, indexed by ascending x and y",
+    ),
     (lambda raster: raster.assign_coords(map=MERIDIANS), "system latitude_longitude"),
 )
 def test_attributes_that_change_the_numbers_are_refused(change, message):
