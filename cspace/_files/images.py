@@ -153,8 +153,10 @@ def _is_ros_map(image: Shades) -> bool:
     """Return True if an image has unknown cells and no other shades than ROS's map savers write."""
     if image.white_level != _WHITE_8_BIT:
         return False
-    counts = np.bincount(image.levels.reshape(-1), minlength=image.white_level + 1)
-    return bool(counts[_UNKNOWN_LEVEL]) and counts[list(_ROS_LEVELS)].sum() == counts.sum()
+    other_levels = np.ones(image.white_level + 1, dtype=np.bool_)
+    other_levels[list(_ROS_LEVELS)] = False
+    has_unknown = (image.levels == _UNKNOWN_LEVEL).any()
+    return bool(has_unknown) and not image.select(other_levels).any()
 
 
 def read_shades(path: StrPath, kind: str, *, may_turn: bool = True) -> Shades:
