@@ -67,17 +67,7 @@ def place_raster(array: Any, spacing: float, name: str = "occupied") -> tuple[An
     lower = np.zeros(len(axes))
     for index, axis in enumerate(axes):
         label = f"{name}.{axis}"
-        attributes = array[axis].attrs
-        units = str(attributes.get("units", attributes.get("unit", "")))
-        _check_decoded(array[axis], label)
-        if attributes.get("positive") == "down":
-            hint = f"turn it, e.g. array.assign_coords({axis}=-array.{axis}.values)"
-            raise InputError(label, "is positive downwards", "z must point up", hint)
-        if units not in _METRES:
-            hint = f"scale it, e.g. array.assign_coords({axis}=0.01 * array.{axis}.values) for cm"
-            if units.startswith("deg"):
-                hint = "project it, e.g. by array.rio.reproject of rioxarray"
-            raise InputError(label, f"is in {units!r:.40}", "it must be in metres", hint)
+        _check_axis(array[axis], axis, label)
         centers = check_finite(array[axis].values, label)
         if centers[0] > centers[-1]:
             array = array.isel({axis: slice(None, None, -1)})
@@ -90,6 +80,21 @@ def place_raster(array: Any, spacing: float, name: str = "occupied") -> tuple[An
             raise InputError(label, problem, f"they must be the spacing, {spacing:g} m", hint)
         lower[index] = centers[0] - 0.5 * spacing
     return array.drop_vars(axes), lower
+
+
+def _check_axis(coordinate: Any, axis: str, label: str) -> None:
+    """Raise InputError unless a coordinate of an xarray is in metres, upwards."""
+    attributes = coordinate.attrs
+    units = str(attributes.get("units", attributes.get("unit", "")))
+    _check_decoded(coordinate, label)
+    if attributes.get("positive") == "down":
+        hint = f"turn it, e.g. array.assign_coords({axis}=-array.{axis}.values)"
+        raise InputError(label, "is positive downwards", "z must point up", hint)
+    if units not in _METRES:
+        hint = f"scale it, e.g. array.assign_coords({axis}=0.01 * array.{axis}.values) for cm"
+        if units.startswith("deg"):
+            hint = "project it, e.g. by array.rio.reproject of rioxarray"
+        raise InputError(label, f"is in {units!r:.40}", "it must be in metres", hint)
 
 
 def _check_decoded(array: Any, name: str) -> None:
