@@ -555,8 +555,8 @@ MUTANTS = (
     ),
     Mutant(
         "cspace/_files/images.py",
-        'elif image.mode == "I" or (decoder',
-        "elif False or (decoder",
+        'elif image.mode == "I" or maximum',
+        "elif False or maximum",
         "tests/files/test_image.py",
     ),
     Mutant(
