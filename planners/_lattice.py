@@ -39,7 +39,11 @@ from cspace._queries.frontier import (
 )
 from cspace._queries.guide import NARROW_PRICE, Directions, Guide
 from cspace._queries.moves import list_moves
-from cspace._queries.paths import MAX_SHORTENING_SECONDS, pulled_straight
+from cspace._queries.paths import (
+    MAX_SHORTENING_SECONDS,
+    find_cheapest_subpath,
+    pulled_straight,
+)
 from cspace._queries.points import position_in_plane
 from cspace._record.cells import Map
 from cspace._rotations.base import METRES_PER_RADIAN, TWO_PI, wrapped
@@ -179,6 +183,7 @@ class Motions(NamedTuple):
     steering: Ints  # (m,), 1 to the left, -1 to the right, 0 straight on or on the spot
     lengths: Floats  # (h, m), negative in reverse, zero on the spot
     unit: float  # of the lengths, metres: the turning radius of a car, otherwise 1
+    radius: float | None  # turning radius of a car
     costs: Floats  # (h, m)
     side: float  # of the cells that hold one configuration for each heading
     switch_cost: float  # of a change between driving ahead and in reverse
@@ -312,18 +317,18 @@ def _list_headings(endpoints: Endpoints, count: int) -> tuple[Floats, Floats]:
     each to the next there are ``count`` steps; at headings between, the robot comes close to a
     wall. Lengths are in cells.
     """
-    steps = list_moves(2).steps[:, 1:]
-    yaws = wrapped(np.arctan2(steps[:, 1], steps[:, 0]))
+    yaws, _, move_lengths = _list_moves_by_yaw()
     own_yaws = np.unique([q[2] for q in endpoints])
     is_new = np.abs(wrapped(yaws - own_yaws[:, None])).min(axis=1) > 1e-9
-    all_yaws = np.concatenate([yaws, own_yaws[is_new]])
+    all_yaws = np.concatenate([wrapped(yaws), own_yaws[is_new]])
     order = np.argsort(all_yaws)
     first = all_yaws[order]
     gaps = np.diff(first, append=first[0] + TWO_PI)
     shares = np.arange(count) / count
     # A drive as long as a cell's diagonal leaves the cell.
     lengths = np.full((len(order), count), math.sqrt(2.0))
-    lengths[order < len(yaws), 0] = np.hypot(*steps[order[order < len(yaws)]].T)
+    is_move = order < len(yaws)
+    lengths[is_move, 0] = move_lengths[order[is_move]]
     return wrapped(first[:, None] + np.outer(gaps, shares)).ravel(), lengths.ravel()
 
 
@@ -454,6 +459,7 @@ def _list_spot_motions(edges: LocalPlanner, endpoints: Endpoints, count: int) ->
         steering=np.zeros(len(turns), dtype=np.int64),
         lengths=lengths,
         unit=1.0,
+        radius=None,
         costs=METRES_PER_RADIAN * radians + np.abs(lengths),
         side=spacing,
         switch_cost=0.0,
@@ -496,6 +502,7 @@ def _list_car_motions(
         steering=steering,
         lengths=np.tile(lengths, (count, 1)),
         unit=radius,
+        radius=radius,
         costs=np.tile(costs, (count, 1)),
         side=side,
         switch_cost=SWITCH_RADII * radius,
@@ -522,14 +529,13 @@ def _search(
     map_ = edges.bounded_map()
     nodes = _make_nodes(INITIAL_CAPACITY)
     target = Target(goal, guide.estimate)
-    radius = edges.turning_radius
     heading = int(np.abs(wrapped(motions.headings - start[2])).argmin())
-    add_node(map_, motions, radius, target, nodes, start, heading, 0.0, NO_NODE, 0)
+    add_node(map_, motions, target, nodes, start, heading, 0.0, NO_NODE, 0)
     is_free = edges.edge_checker()
     until = limits.until
     reason = f"the lattice search ended at its limit of {limits.max_nodes:,} nodes"
     while nodes.counts[0] < limits.max_nodes:
-        node = expand_nodes(map_, motions, radius, target, nodes)
+        node = expand_nodes(map_, motions, target, nodes)
         check_deadline(until)
         if node == UNKNOWN:
             direction, i, j = nodes.place.tolist()
@@ -548,7 +554,7 @@ def _search(
                 break
             until += clock() - began
         elif is_free(*nodes.poses[node].tolist(), *goal):
-            return _trace_path(nodes, node, endpoints, radius is None), "", None
+            return _trace_path(nodes, node, endpoints, motions.radius is None), "", None
     return np.empty((0, 3)), reason, None
 
 
@@ -566,21 +572,10 @@ def _make_nodes(capacity: int) -> LatticeNodes:
 
 
 def _enlarge(nodes: LatticeNodes) -> LatticeNodes:
-    """Copy nodes into arrays for twice as many."""
-    progress = nodes.progress
-    larger = nodes._replace(
-        progress=progress._replace(
-            cost=double(progress.cost),
-            previous=double(progress.previous),
-            closed=double(progress.closed),
-            keys=double(progress.keys),
-            queue=double(progress.queue),
-        ),
-        poses=double(nodes.poses),
-        motions=double(nodes.motions),
-        keys=double(nodes.keys),
-        table=np.zeros(2 * len(nodes.table), dtype=np.int64),
-    )
+    """Copy nodes into arrays twice as long; those of counts are none the worse for it."""
+    progress = Progress._make(map(double, nodes.progress))
+    larger = LatticeNodes(progress, *map(double, nodes[1:]))
+    larger.table[:] = 0
     fill_table(larger)
     return larger
 
@@ -649,7 +644,8 @@ def _shorten_once(edges: LocalPlanner, path: Floats, until: float) -> Floats:
     def measure(*q: float) -> float:
         return edges.edge_length(*q) + COST_PER_EDGE
 
-    paths = [path, _skip_waypoints(edges, path, is_free, until)]
+    strides = np.unique(np.geomspace(1, len(path), MAX_SHORTCUTS).astype(np.int64)).tolist()
+    paths = [path, find_cheapest_subpath(path, 2, is_free, measure, strides, until)]
     # A part of a curve need not be a shortest curve.
     if edges.turning_radius is None and clock() < until:
         paths.append(pulled_straight(paths[-1], edges.space.rotations, is_free, measure))
@@ -659,45 +655,8 @@ def _shorten_once(edges: LocalPlanner, path: Floats, until: float) -> Floats:
     return next(filter(edges.are_free, paths), path)
 
 
-def _skip_waypoints(
-    edges: LocalPlanner, path: Floats, is_free: Callable[..., bool], until: float
-) -> Floats:
-    """Skip waypoints of a path, shape (n, 3), by free edges, for the shortest path.
-
-    By dynamic programming, each waypoint is joined to an earlier one, and at least to the one
-    before, whose edge belongs to the path.
-    """
-    rows = path.tolist()
-    previous = np.arange(-1, len(path) - 1)
-    total = np.zeros(len(path))
-    offsets = np.unique(np.geomspace(1, len(path), MAX_SHORTCUTS).astype(np.int64))
-    for k in range(1, len(path)):
-        if clock() >= until:
-            break  # the remaining waypoints keep the waypoints before them
-        total[k] = math.inf
-        earlier = k - offsets[offsets <= k]
-        # No edge is shorter than the straight line between its ends.
-        bounds = total[earlier] + np.hypot(*(path[earlier, :2] - path[k, :2]).T)
-        order = np.argsort(bounds, kind="stable")
-        for candidate, bound in zip(earlier[order].tolist(), bounds[order].tolist(), strict=True):
-            if bound >= total[k]:
-                break  # so are those of all other candidates
-            edge = *rows[candidate], *rows[k]
-            cost = total[candidate] + edges.edge_length(*edge) + COST_PER_EDGE
-            if cost < total[k] and (candidate == k - 1 or is_free(*edge)):
-                previous[k] = candidate
-                total[k] = cost
-    kept = [len(path) - 1]
-    while kept[-1] > 0:
-        kept.append(int(previous[kept[-1]]))
-    kept.reverse()
-    return path[kept]
-
-
 @kernel
-def expand_nodes(
-    map_: Map, motions: Motions, radius: float | None, target: Target, nodes: LatticeNodes
-) -> int:
+def expand_nodes(map_: Map, motions: Motions, target: Target, nodes: LatticeNodes) -> int:
     """Expand nodes until one may see the goal, and return it.
 
     Return :data:`NO_NODE` if none is left, and :data:`TIME_CHECK` after many nodes; the next call
@@ -755,7 +714,7 @@ def expand_nodes(
             is_inside_y = map_.lower[2] <= next_y <= map_.upper[2]
             if is_inside_x and is_inside_y:
                 q = (next_x, next_y, motions.headings[after])
-                add_node(map_, motions, radius, target, nodes, q, after, total, node, move)
+                add_node(map_, motions, target, nodes, q, after, total, node, move)
         is_near = math.hypot(x - goal[0], y - goal[1]) < motions.near
         if is_near or nodes.counts[1] % NODES_PER_GOAL_EDGE == 0:
             return node
@@ -766,7 +725,6 @@ def expand_nodes(
 def add_node(
     map_: Map,
     motions: Motions,
-    radius: float | None,
     target: Target,
     nodes: LatticeNodes,
     q: Pose,
@@ -791,7 +749,7 @@ def add_node(
     if not bound < math.inf:
         return
     # The proof comes last, because it takes the most time.
-    if parent >= 0 and not motion_is_free(map_, motions, radius, nodes, parent, move, q):
+    if parent >= 0 and not motion_is_free(map_, motions, motions.radius, nodes, parent, move, q):
         return
     if known >= 0:
         progress.closed[known] = True

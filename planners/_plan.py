@@ -28,12 +28,19 @@ from cspace._support.words import Drive
 from cspace.errors import InputError
 from planners._catalogue import (
     BUILT_IN_SEARCHES,
+    CLEARANCE,
+    FUNCTION,
     GRID,
     LATTICE,
+    LENGTH,
     MAX_CLEARANCE,
-    PLANNERS_WITHOUT_OBJECTIVE,
-    THREADED_PLANNERS,
+    NUMBER,
+    OWN_SEARCH,
+    REFUSALS,
+    SEVERAL,
     PlannerName,
+    Refusal,
+    default_planner,
     planner_named,
     planner_names,
 )
@@ -48,7 +55,7 @@ from planners._local_planner import (
     Endpoints,
     LocalPlanner,
 )
-from planners._objectives import CLEARANCE, LENGTH, check_has_cells, find_clear_path
+from planners._objectives import check_has_cells, find_clear_path
 from planners._result import Plan, Times
 from planners._search import (
     NO_SEARCH,
@@ -90,23 +97,11 @@ MAX_TRIAL_SECONDS: Final = 0.5
 LATE_SHARE: Final = 0.95
 """Share of the time limit after which a search counts as ended by it."""
 
-Subproblem = tuple[Callable[[], Space], Floats, Floats]
-"""A function that opens a part of a space in memory, and the two configurations to join in it."""
-
 MAX_SKIPPED_WAYPOINTS: Final = 32
 """Number of next waypoints that an edge of a path through tiles may lead to."""
 
 NO_CHAIN: Final = "no chain of FREE cells joins start and goal"
 """Status of a plan whose every path would follow such a chain."""
-
-NO_SECOND_THREAD: Final = "cannot call Python from its second thread"
-"""What planners with threads must not do: it would wait for the first thread for ever."""
-
-_WHY_ONE_GOAL: Final = {
-    **dict.fromkeys(THREADED_PLANNERS, NO_SECOND_THREAD),
-    "BFMT": "of OMPL 2.0.1 may end the process if it has several",
-}
-"""Planners that take one goal, with the reason."""
 
 
 class Choices(NamedTuple):
@@ -263,9 +258,10 @@ def plan(
     began = time.process_time()
     check_flag(simplify, "simplify")
     edges = local_planner(space, exact, drive, turning_radius)
+    name = default_planner(drive) if planner is None else planner_named(planner, space.searches)
     task = PlanTask(
         edges=edges,
-        planner=planner_named(planner, drive, space.searches),
+        planner=name,
         objective=objective,
         time_limit=check_positive(time_limit, "time_limit", "seconds"),
         iterations=None if iterations is None else check_count(iterations, "iterations", 1, 2**62),
@@ -276,11 +272,13 @@ def plan(
     )
     if previous is not None:
         task = replace(task, previous=_check_previous(task, previous))
-    task = _set_endpoints(_choose_searches(task), start, goal)
+    task = _choose_searches(task)
+    task = replace(task, endpoints=_check_endpoints(task, start, goal))
+    _check_options(task)
     if task.seed is not None:
         set_seed(task.seed)
     path_exists = cache(lambda: space.path_exists(*task.endpoints[:2]))
-    result = _search_tile_by_tile(task, lambda: edges.may_join(path_exists()))
+    result = _search_and_prove(task, lambda: edges.may_join(path_exists()))
     exists = True if space.has_cells and result.proven else path_exists()
     return _make_plan(task, result, exists, began)
 
@@ -318,31 +316,31 @@ def _choose_searches(task: PlanTask) -> PlanTask:
     default = task.planner
     if not task.is_named:
         task = replace(task, planner=_choose_planner(task))
-    _check_planner(task)
-    if task.planner not in _list_searches(space):
+    searches = _list_searches(space)
+    name = task.planner
+    if name in BUILT_IN_SEARCHES and name not in searches:
+        raise InputError(
+            "planner",
+            f"is {name!r} and space is {space!r}",
+            f"its built-in searches are {', '.join(searches) or 'none'}",
+            "leave planner out",
+        )
+    _check_options(task)
+    if name not in searches:
         make_bounded_states(task.edges)  # refuses spaces that are too small for OMPL
-    if task.planner != default and task.objective == LENGTH and space.has_cells:
+    if name != default and task.objective == LENGTH and space.has_cells:
         with suppress(InputError):  # the space may be too small for OMPL
             make_bounded_states(task.edges)
             task = replace(task, fallback=default)
-    _check_options(task)
     return task
 
 
-def _set_endpoints(task: PlanTask, start: ArrayLike, goal: GoalLike) -> PlanTask:
-    """Check start and goals."""
-    edges = task.edges
-    name = task.planner
-    checked = edges.space.check_endpoint(start, "start", edges.exact)
-    goals = edges.space.find_goals(goal, checked, task.seed, edges.exact)
-    if name in _WHY_ONE_GOAL and len(goals) > 1:
-        raise InputError(
-            "goal",
-            f"has {len(goals)} configurations and planner is {name!r}",
-            f"{name} {_WHY_ONE_GOAL[name]}",
-            "pass one configuration or choose another planner",
-        )
-    return replace(task, endpoints=(checked, *goals))
+def _check_endpoints(task: PlanTask, start: ArrayLike, goal: GoalLike) -> Endpoints:
+    """Return the checked start and goals, the nearest goal first."""
+    space = task.edges.space
+    exact = task.edges.exact
+    checked = space.check_endpoint(start, "start", exact)
+    return checked, *space.find_goals(goal, checked, task.seed, exact)
 
 
 def _choose_planner(task: PlanTask) -> PlannerName:
@@ -369,142 +367,103 @@ def _choose_planner(task: PlanTask) -> PlannerName:
     return GRID if edges.drive == HOLONOMIC else LATTICE
 
 
-def _check_planner(task: PlanTask) -> None:
-    """Raise InputError if a built-in search is not for the space or the drive."""
-    name = task.planner
-    edges = task.edges
-    searches = _list_searches(task.edges.space)
-    if name in BUILT_IN_SEARCHES and name not in searches:
-        raise InputError(
-            "planner",
-            f"is {name!r} and space is {edges.space!r}",
-            f"its built-in searches are {', '.join(searches) or 'none'}",
-            "leave planner out",
-        )
-    if name == LATTICE and edges.drive == HOLONOMIC:
-        raise InputError(
-            "planner",
-            f"is {name!r} and drive is {HOLONOMIC!r}",
-            f"{name} is for all other drives",
-            "use planner='Grid', or pass drive='differential'",
-        )
-
-
 def _check_options(task: PlanTask) -> None:
-    """Raise InputError if the planner does not support an option."""
-    objective = task.objective
-    if objective == CLEARANCE:
-        check_has_cells(task.edges.space)
-    elif objective != LENGTH and not callable(objective):
+    """Raise InputError if the planner does not support an option, by :data:`REFUSALS`."""
+    edges = task.edges
+    if task.objective == CLEARANCE:
+        check_has_cells(edges.space)
+    elif task.objective != LENGTH and not callable(task.objective):
         raise InputError(
             "objective",
-            f"is {objective!r}",
+            f"is {task.objective!r}",
             f"it must be {LENGTH!r}, {CLEARANCE!r}, or a function that makes OMPL's objective",
             "for costs of your own, pass lambda si: planners.WeightedLength(si, space, costs)",
         )
-    for option, (is_refused, rule) in _list_refusals(task).items():
-        if is_refused:
-            _refuse_option(task, option, rule)
-
-
-def _list_refusals(task: PlanTask) -> dict[str, tuple[bool, str]]:
-    """Return for each option whether the planner refuses it, and why."""
-    edges = task.edges
-    name = task.planner
-    has_objective = task.objective != LENGTH
-    has_iterations = task.iterations is not None
-    if name in THREADED_PLANNERS:
-        return {
-            "iterations": (has_iterations, NO_SECOND_THREAD),
-            "objective": (has_objective, NO_SECOND_THREAD),
-        }
-    if name not in _list_searches(edges.space):
-        is_refused = name in PLANNERS_WITHOUT_OBJECTIVE and has_objective
-        return {"objective": (is_refused, "ignores objectives")}
-    is_map = edges.space.has_cells
-    aims = "length or clearance" if name == GRID else "the length"
-    keeps_away = name == GRID and task.objective == CLEARANCE
-    scope = f" for objective={CLEARANCE!r}" if keeps_away else ""
-    decides_all = name == GRID or (name == LATTICE and edges.drive in CURVES)
-    needs_free = is_map and (keeps_away or not decides_all)
-    return {
-        "objective": (has_objective and not keeps_away, f"minimises {aims}"),
-        "drive": (name != LATTICE and edges.drive != HOLONOMIC, "is for holonomic robots"),
-        "exact": (edges.exact and needs_free, f"uses FREE cells{scope}"),
-        "iterations": (has_iterations and is_map, "counts none"),
+    is_own = task.planner in edges.space.searches and task.planner not in BUILT_IN_SEARCHES
+    values = {
+        "planner": OWN_SEARCH if is_own else task.planner,
+        "objective": FUNCTION if callable(task.objective) else task.objective,
+        "drive": edges.drive,
+        "exact": edges.exact,
+        "iterations": None if task.iterations is None else NUMBER,
+        "goal": SEVERAL if len(task.endpoints) > 2 else None,
     }
+    for refusal in REFUSALS:
+        if all(values[option] in refused for option, refused in refusal.options.items()):
+            _refuse(task, refusal)
 
 
-def _refuse_option(task: PlanTask, option: str, rule: str) -> NoReturn:
-    """Raise InputError for an option that the planner does not support."""
-    name = task.planner
-    owner = task if hasattr(task, option) else task.edges
-    value = getattr(owner, option)
-    other = planner_named(None, task.edges.drive) if task.objective == LENGTH else "RRTstar"
-    chosen = "" if task.is_named else f", the default for objective={task.objective!r}"
+def _refuse(task: PlanTask, refusal: Refusal) -> NoReturn:
+    """Raise InputError about the first option of a refusal."""
+    option, *others = refusal.options
+    problem = f"has {len(task.endpoints) - 1} configurations"
+    if option != "goal":
+        owner = task if hasattr(task, option) else task.edges
+        problem = f"is {getattr(owner, option)!r}"
+    if option != "planner":
+        problem += f" and planner is {task.planner!r}"
+    elif others:
+        problem += f" and drive is {task.edges.drive!r}"
+    if not task.is_named:
+        problem += f", the default for objective={task.objective!r}"
+    other = default_planner(task.edges.drive) if task.objective == LENGTH else "RRTstar"
     raise InputError(
         option,
-        f"is {value!r} and planner is {name!r}{chosen}",
-        f"{name} {rule}",
-        f"leave {option} out, or use planner={other!r}",
+        problem,
+        f"{task.planner} {refusal.reason}",
+        refusal.hint or f"leave {option} out, or use planner={other!r}",
     )
 
 
-def _list_subproblems(task: PlanTask) -> Sequence[Subproblem]:
-    """Split a tiled map into the tiles on the way; other spaces are one part."""
+def _search_and_prove(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
+    """Search for a path and prove its edges; a map in tiles is searched tile by tile."""
     space = task.edges.space
-    start, goal = task.endpoints[:2]
-    if space.in_memory:
-        return [(lambda: space, np.array(start), np.array(goal))]
-    return task.edges.tiles._subproblems(start, goal)
+    # A proven path saves labelling the cells of a map, so a search goes first then.
+    if space.is_labelled and not may_exist():
+        return SearchResult(np.empty((0, space.size)))
+    if not space.in_memory:
+        return _search_tiles(task, may_exist)
+    result = _search(task, may_exist)
+    path = task.edges.insert_breakpoints(space.rotations._make_canonical(result.path))
+    return replace(result, path=path, proven=len(path) > 0 and task.edges.are_free(path))
 
 
-def _search_tile_by_tile(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
-    """Search tile by tile, join the paths, prove the edges.
+def _search_tiles(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
+    """Search the tiles on the way, and join their paths; a tile without one ends the search.
 
-    The first part without a proven path ends the search. There are no parts if a path is known not
-    to exist.
+    Grid takes over in a tile where a planner of OMPL finds no path of a holonomic robot.
     """
     edges = task.edges
-    path = np.empty((0, edges.space.size))
-    subproblems: Sequence[Subproblem] = []
-    # A proven path saves labelling the cells of a map, so a search goes first then.
-    if not edges.space.is_labelled or may_exist():
-        subproblems = _list_subproblems(task)
-    if not subproblems:
-        return SearchResult(path)
-    is_tiled = len(subproblems) > 1
-    planning = 0.0
-    simplification = 0.0
-    for open_part, first, last in subproblems:
+    is_holonomic = edges.drive == HOLONOMIC
+    parts = edges.tiles._subproblems(*task.endpoints[:2])
+    paths: list[Floats] = []
+    results: list[SearchResult] = []
+    for open_part, *ends in parts:
         part = replace(edges, space=open_part())
-        start = tuple(first.tolist())
-        goal = tuple(last.tolist())
-        part_task = replace(task, edges=part, endpoints=(start, goal, *task.endpoints[2:]))
-        if is_tiled and edges.drive == HOLONOMIC and task.planner not in part.space.searches:
-            part_task = replace(part_task, fallback=GRID)
-        result = _search(part_task, may_exist)
-        planning += result.planning
-        simplification += result.simplification
-        rows = edges.insert_breakpoints(edges.space.rotations._make_canonical(result.path))
-        result = replace(
-            result,
-            path=rows,
-            planning=planning,
-            simplification=simplification,
-            proven=len(rows) > 0 and part.are_free(rows),
-        )
-        if not is_tiled:
-            return result
-        if not result.proven:
+        start, goal = (tuple(q.tolist()) for q in ends)
+        part_task = replace(task, edges=part, endpoints=(start, goal))
+        results.append(_search_and_prove(part_task, may_exist))
+        if not results[-1].proven and is_holonomic and task.planner not in part.space.searches:
+            results.append(_search_and_prove(replace(part_task, planner=GRID), may_exist))
+        paths.append(results[-1].path if not paths else results[-1].path[1:])
+        if len(parts) == 1:
+            return _sum_times(results[-1], results)
+        if not results[-1].proven:
             where = f" from {format_configuration(start)} to {format_configuration(goal)}"
-            return replace(result, where=where)
-        path = np.concatenate([path[:-1], rows])
+            return replace(_sum_times(results[-1], results), where=where)
     began = clock()
-    if task.simplify and task.objective == LENGTH and edges.drive == HOLONOMIC:
+    path = np.concatenate(paths)
+    if task.simplify and task.objective == LENGTH and is_holonomic:
         path = _skip_waypoints(edges, path)
-    note = f"through {len(subproblems)} tiles"
-    return SearchResult(path, note, planning, simplification + clock() - began, True)
+    total = _sum_times(results[-1], results)
+    seconds = total.simplification + clock() - began
+    return SearchResult(path, f"through {len(parts)} tiles", total.planning, seconds, True)
+
+
+def _sum_times(result: SearchResult, results: Sequence[SearchResult]) -> SearchResult:
+    """Return a result with the times of several."""
+    simplification = sum(each.simplification for each in results)
+    return replace(result, planning=_sum_planning(results), simplification=simplification)
 
 
 def _skip_waypoints(edges: LocalPlanner, path: Floats) -> Floats:
@@ -532,25 +491,22 @@ def _search(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
     results: list[SearchResult] = []
     if len(task.previous):
         results.append(_follow_previous(task))
-        if _list_found(results):
+        if len(results[0].path):
             return results[0]
-    if _begins_quickly(task):
+    if task.fallback == QUICK_PLANNER and task.edges.space.rotations.names:
         results.append(_search_quickly(task))
-    if _list_found(results):
-        may_exist = is_certain  # a quick path saves labelling the cells
-    seconds_left = task.time_limit - _add_planning(results)
-    if seconds_left > 0.0:
-        if task.edges.exact and task.fallback is not None:
-            seconds_left *= EXACT_TIME_SHARE
-        results.append(_run_planner(replace(task, time_limit=seconds_left), may_exist))
-    if not _list_found(results):
-        results += _fall_back(task, _add_planning(results), may_exist)
+        if len(results[-1].path):
+            may_exist = is_certain  # a quick path saves labelling the cells
+    share = EXACT_TIME_SHARE if task.edges.exact and task.fallback is not None else 1.0
+    seconds = share * (task.time_limit - _sum_planning(results))
+    if seconds > 0.0:
+        results.append(_run_planner(replace(task, time_limit=seconds), may_exist))
+    seconds = task.time_limit - _sum_planning(results)
+    is_found = any(len(result.path) for result in results)
+    if task.fallback is not None and seconds > 0.0 and not is_found and may_exist():
+        last_task = replace(task, planner=task.fallback, time_limit=seconds)
+        results.append(_run_planner(last_task, may_exist))
     return _choose_shortest(task, results)
-
-
-def _begins_quickly(task: PlanTask) -> bool:
-    """Return True if a plan begins with a quick search, because the robot rotates."""
-    return task.fallback == QUICK_PLANNER and bool(task.edges.space.rotations.names)
 
 
 def _search_quickly(task: PlanTask) -> SearchResult:
@@ -565,22 +521,7 @@ def _search_quickly(task: PlanTask) -> SearchResult:
         return _run_planner(task, is_certain)
 
 
-def _fall_back(task: PlanTask, used: float, may_exist: Callable[[], bool]) -> list[SearchResult]:
-    """Search by the fallback, if time is left after ``used`` seconds and a path may exist."""
-    name = task.fallback
-    if name == GRID:
-        used = 0.0  # a planner that fails in a tile leaves all the time to the grid
-    if name is None or used >= task.time_limit or not may_exist():
-        return []
-    return [_run_planner(replace(task, planner=name, time_limit=task.time_limit - used), may_exist)]
-
-
-def _list_found(results: Sequence[SearchResult]) -> list[SearchResult]:
-    """List the results of searches that found a path."""
-    return [result for result in results if len(result.path)]
-
-
-def _add_planning(results: Sequence[SearchResult]) -> float:
+def _sum_planning(results: Sequence[SearchResult]) -> float:
     """Return the seconds of several searches."""
     return sum(result.planning for result in results)
 
@@ -604,19 +545,14 @@ def _choose_shortest(task: PlanTask, results: Sequence[SearchResult]) -> SearchR
         length = task.edges.edge_lengths(rows[:-1], rows[1:]).sum()
         return float(length), result.planner != task.planner
 
-    found = _list_found(results)
+    found = [result for result in results if len(result.path)]
     best = min(found, key=measure, default=results[-1])
     note = best.note
     if found and best.planner != task.planner:
         others = "found a longer one" if len(found) > 1 else "found none"
         note = f"by {best.planner}, as {task.planner} {others}"
-    return replace(
-        best,
-        note=note,
-        planning=_add_planning(results),
-        simplification=sum(result.simplification for result in results),
-        lattice="".join(result.lattice for result in results),
-    )
+    lattice = "".join(result.lattice for result in results)
+    return _sum_times(replace(best, note=note, lattice=lattice), results)
 
 
 def _follow_previous(task: PlanTask) -> SearchResult:
@@ -813,7 +749,7 @@ def _try_options(task: PlanTask, exists: bool | None) -> str:
     """Return options with which a short search finds a path; an empty text if none does."""
     for trial, hint in _list_trials(task, exists):
         with suppress(InputError):  # options may not go together
-            if _search_tile_by_tile(_choose_searches(trial), is_certain).proven:
+            if _search_and_prove(_choose_searches(trial), is_certain).proven:
                 return hint
     return ""
 
@@ -845,8 +781,7 @@ def _list_trials(task: PlanTask, exists: bool | None) -> Iterator[tuple[PlanTask
         if task.is_named:
             yield trial, " with ".join(changes)
             changes.append("the default planner")
-        default = planner_named(None, drive, space.searches)
-        yield replace(trial, planner=default, is_named=False), " with ".join(changes)
+        yield replace(trial, planner=default_planner(drive), is_named=False), " with ".join(changes)
 
 
 def _list_exact_hints(task: PlanTask) -> list[str]:
