@@ -28,7 +28,7 @@ from ._support.arrays import FREE as FREE
 from ._support.arrays import MIXED as MIXED
 from ._support.headers import get_cmake_dir as get_cmake_dir
 from ._support.headers import get_include as get_include
-from ._tiles.space import TiledCSpace as TiledCSpace
+from ._tiles.tiled_space import TiledCSpace as TiledCSpace
 from ._workspace import LazyWorkspace as LazyWorkspace
 from ._workspace import Workspace as Workspace
 from .arms import Arm as Arm

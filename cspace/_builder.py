@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 
     from cspace._shapes import ShapeLike
     from cspace._shapes.shape import Shape
-    from cspace._tiles.space import TiledCSpace
+    from cspace._tiles.tiled_space import TiledCSpace
 
 MAX_OPEN_SIZE_RATIO: Final = 10.0
 """Longest side of a robot over that of a workspace without walls, above which a unit is wrong."""

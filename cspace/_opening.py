@@ -11,7 +11,7 @@ from cspace._support.arrays import StrPath
 from cspace.errors import FileError
 
 if TYPE_CHECKING:
-    from cspace._tiles.space import TiledCSpace
+    from cspace._tiles.tiled_space import TiledCSpace
 
 
 def open_map(path: StrPath) -> CSpace | TiledCSpace:
@@ -45,7 +45,7 @@ def open_map(path: StrPath) -> CSpace | TiledCSpace:
     """
     _check_folder(path)
     if read_format(path) == TILES_FORMAT:
-        from cspace._tiles.space import TiledCSpace
+        from cspace._tiles.tiled_space import TiledCSpace
 
         return TiledCSpace.open(path)
     contents, _ = read_map_and_attributes(path)

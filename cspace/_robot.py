@@ -354,7 +354,7 @@ class Robot:
         GeometryError
             If the corners make no polygon.
         """
-        from cspace._files.ros import read_nav2
+        from cspace._files.ros_maps import read_nav2
 
         base = read_nav2(path, costmap)
         if base.corners:
@@ -415,7 +415,7 @@ class Robot:
         MissingPackageError
             If yourdfpy is not installed.
         """
-        from cspace._shapes.scenes import read_urdf
+        from cspace._shapes.link_shapes import read_urdf
 
         surfaces = read_urdf(path, link, package_dirs, solid != "surface", visuals)
         name = Path(path).name

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any, Literal, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cspace._configuration_map import ConfigurationMap
 from cspace._engines.slices import slice_rasters
 from cspace._interface import Endpoint, SearchOptions
 from cspace._limits import check_memory
-from cspace._maps import ConfigurationMap
 from cspace._queries.batches import (
     MIN_EDGES_PER_THREAD,
     Configuration,
@@ -1315,7 +1315,7 @@ class CSpace(ConfigurationMap):
 
         See :func:`cspace.export.to_xarray`. It needs the extra ``xarray``.
         """
-        from cspace.export._maps import to_xarray
+        from cspace.export._writers import to_xarray
 
         return to_xarray(self._contents)
 
@@ -1369,7 +1369,7 @@ class CSpace(ConfigurationMap):
         also have the border of the FREE cells (``.ply``, ``.obj``, ``.stl``). Formats of one slice
         need its ``rotation`` if the robot rotates; ``.vti`` and ``.nc`` hold one slice or all.
         """
-        from cspace.export._maps import export
+        from cspace.export._writers import export
 
         self._write(partial(export, path=path, overwrite=overwrite, rotation=rotation))
 

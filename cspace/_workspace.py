@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
     from cspace._files.meshes import Up
-    from cspace._files.ros import GridMessage
+    from cspace._files.ros_maps import GridMessage
     from cspace._files.urdf import PackageDirs
     from cspace._obstacles import Source
     from cspace._shapes.balls import BallSet
@@ -214,7 +214,7 @@ class Workspace:
         source = "array"
         array = occupied
         if isinstance(array, str | os.PathLike):
-            from cspace._files.arrays import read_npy, read_zarr_array
+            from cspace._files.lazy_arrays import read_npy, read_zarr_array
 
             source = str(array)
             if Path(array).suffix.lower() == ".zarr":
@@ -261,7 +261,7 @@ class Workspace:
         FileError
             If the YAML or its image is missing or malformed.
         """
-        from cspace._files.ros import read_ros_map
+        from cspace._files.ros_maps import read_ros_map
         from cspace._raster.bitmaps import align_image
 
         check_word(unknown, "unknown", UNKNOWNS)
@@ -303,7 +303,7 @@ class Workspace:
         FileError
             If a rotated map has more cells than the limit, or than fit into memory.
         """
-        from cspace._files.ros import read_occupancy_grid
+        from cspace._files.ros_maps import read_occupancy_grid
         from cspace._raster.bitmaps import align_image
 
         check_word(unknown, "unknown", UNKNOWNS)
@@ -695,7 +695,7 @@ class Workspace:
         FileError
             If the file is missing, truncated or malformed.
         """
-        from cspace._files.points import read_points
+        from cspace._files.point_clouds import read_points
 
         if isinstance(points, str | os.PathLike):
             check_extent(spacing, bounds, 3)
@@ -792,7 +792,7 @@ class Workspace:
         --------
         cspace.arms.read_moveit_scene : The same obstacles for an arm.
         """
-        from cspace._shapes.scenes import read_scene
+        from cspace._shapes.link_shapes import read_scene
 
         check_extent(spacing, bounds, 3)
         scene = read_scene(source, package_dirs)

@@ -1,6 +1,6 @@
 """ROS maps, footprints of Nav2, and messages as plain records."""
 
-from cspace._files.ros import (
+from cspace._files.ros_maps import (
     Costmap,
     JointTrajectory,
     OccupancyGrid,

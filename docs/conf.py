@@ -38,7 +38,7 @@ toc_object_entries_show_parents = "hide"
 nitpicky = True
 nitpick_ignore_regex = [
     ("py:attr", ".*"),  # the page of a record describes its fields, which are no targets
-    ("py:.*", r"cspace\.ros\..*"),  # the API shows these by their module, cspace._files.ros
+    ("py:.*", r"cspace\.ros\..*"),  # the API shows these by their module, cspace._files.ros_maps
 ]
 suppress_warnings = ["config.cache"]  # the two functions below are not kept between builds
 

@@ -10,7 +10,7 @@ from typing import Any
 import cspace._files
 from cspace._files.formats import ROBOT_FORMATS, WORKSPACE_FORMATS
 from cspace._shapes.primitives import SHORT_TEXTS
-from cspace.export._maps import EXPORT_FORMATS
+from cspace.export._writers import EXPORT_FORMATS
 
 DOCS = Path(__file__).parent
 MARKED = re.compile(r"(<!-- list: (.+?) -->\n).*?(<!-- end of list -->)", re.DOTALL)

@@ -1,11 +1,11 @@
 # Public names. Each is imported at its first use.
 
-from ._callbacks import FreeStateSampler as FreeStateSampler
-from ._callbacks import MotionValidator as MotionValidator
-from ._callbacks import StateValidityChecker as StateValidityChecker
 from ._catalogue import planner_names as planner_names
 from ._objectives import ClearanceObjective as ClearanceObjective
 from ._objectives import WeightedLength as WeightedLength
+from ._ompl_callbacks import FreeStateSampler as FreeStateSampler
+from ._ompl_callbacks import MotionValidator as MotionValidator
+from ._ompl_callbacks import StateValidityChecker as StateValidityChecker
 from ._plan import Choices as Choices
 from ._plan import choices as choices
 from ._plan import plan as plan

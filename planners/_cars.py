@@ -21,7 +21,7 @@ from planners._car_curves import (
 )
 from planners._integrals import CostDensity, Field, bind_cost
 from planners._local_planner import CURVE_SPACES, CURVES, MAX_RADIANS, LocalPlanner, Pieces
-from planners._states import find_state_kind
+from planners._ompl_states import find_state_kind
 
 MIN_SEGMENT_RADII: Final = 1e-9
 """Length, in turning radii, up to which a segment of a curve is only a rounding error."""

@@ -16,7 +16,7 @@ from planners._local_planner import (
     LocalPlanner,
     TurnDriveTurn,
 )
-from planners._states import check_space
+from planners._ompl_states import check_space
 
 CAR_AXES: Final = ("x", "y", "yaw")
 """Axes of the maps for drives other than the holonomic one."""

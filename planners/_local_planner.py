@@ -28,10 +28,10 @@ from cspace._space import CSpace
 from cspace._support.arrays import MIXED, Bools, Floats
 from cspace._support.words import Drive
 from planners._integrals import CostDensity, Field, bind_cost, integrate_straight_edge
-from planners._states import find_state_kind, with_wrapped_angles
+from planners._ompl_states import find_state_kind, with_wrapped_angles
 
 if TYPE_CHECKING:
-    from cspace._tiles.space import TiledCSpace
+    from cspace._tiles.tiled_space import TiledCSpace
     from planners._car_curves import Geometry
 
 Endpoints = tuple[Endpoint, ...]

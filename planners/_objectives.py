@@ -20,7 +20,7 @@ from cspace.errors import InputError
 from planners._drives import local_planner
 from planners._integrals import CostDensity, Field
 from planners._local_planner import HOLONOMIC, Endpoints, LocalPlanner
-from planners._states import check_information, find_state_kind
+from planners._ompl_states import check_information, find_state_kind
 
 DEFAULT_WEIGHT: Final = 10.0
 """Extra metres that a metre of path costs by default where the penalty is one."""

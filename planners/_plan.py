@@ -56,8 +56,7 @@ from planners._local_planner import (
     LocalPlanner,
 )
 from planners._objectives import check_has_cells, find_clear_path
-from planners._result import Plan, Times
-from planners._search import (
+from planners._ompl_search import (
     NO_SEARCH,
     QUICK_ITERATIONS,
     PlanTask,
@@ -68,8 +67,9 @@ from planners._search import (
     set_seed,
     shorten,
 )
+from planners._ompl_states import check_space, find_state_kind
+from planners._result import Plan, Times
 from planners._setup import MakeObjective, make_bounded_states
-from planners._states import check_space, find_state_kind
 
 MAX_SEED: Final = 2**32 - 2
 """Largest seed: OMPL's generator takes 32 bits, and refuses zero."""

@@ -26,7 +26,7 @@ from planners._local_planner import CURVES, HOLONOMIC, LocalPlanner
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from cspace._tiles.space import TiledCSpace
+    from cspace._tiles.tiled_space import TiledCSpace
     from cspace.plot._animation import AnimationOptions
     from cspace.plot._picture import PlotOptions
     from cspace.reasons import Explanation
@@ -486,7 +486,7 @@ class Plan:
         InputError
             If the plan has no path or moves joints, or the message lacks a field.
         """
-        from cspace._files.ros import Path
+        from cspace._files.ros_maps import Path
         from cspace.export._messages import fill_path
 
         if self._moves_joints:

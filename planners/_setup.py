@@ -14,10 +14,10 @@ from cspace._interface import Space
 from cspace._support.check import check_rng
 from cspace._support.words import Drive
 from cspace.errors import InputError
-from planners._callbacks import FreeStateSampler, MotionValidator, StateValidityChecker
 from planners._drives import local_planner
 from planners._local_planner import HOLONOMIC, LocalPlanner
-from planners._states import find_state_kind
+from planners._ompl_callbacks import FreeStateSampler, MotionValidator, StateValidityChecker
+from planners._ompl_states import find_state_kind
 
 MakeObjective = Callable[[ob.SpaceInformation], ob.OptimizationObjective]
 MakeSampler = Callable[[ob.SpaceInformation], ob.ValidStateSampler]

@@ -418,7 +418,7 @@ class Trajectory:
         The stamp of each pose is the message's stamp plus the time of the row. Parameters, result
         and errors are as for :meth:`planners.Plan.to_path`.
         """
-        from cspace._files.ros import Path
+        from cspace._files.ros_maps import Path
         from cspace.export._messages import fill_path
 
         if self._route.moves_joints:
@@ -447,7 +447,7 @@ class Trajectory:
         InputError
             If the plan moves no joints, or the message lacks a field.
         """
-        from cspace._files.ros import JointTrajectory
+        from cspace._files.ros_maps import JointTrajectory
         from cspace.export._messages import fill_joint_trajectory
 
         if not self._route.moves_joints:
@@ -477,7 +477,7 @@ class Trajectory:
         InputError
             If the robot does not drive, or a message lacks a field.
         """
-        from cspace._files.ros import Twist
+        from cspace._files.ros_maps import Twist
         from cspace.export._messages import make_twists
 
         return make_twists(make or Twist, self.v, self.omega)

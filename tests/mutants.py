@@ -82,19 +82,19 @@ MUTANTS = (
     ),
     # Rasters.
     Mutant(
-        "cspace/_raster/boxes.py",
+        "cspace/_raster/rounded_boxes.py",
         "k_last = min(last_z, math.floor(high_z + half_chord - b0))",
         "k_last = min(last_z, math.floor(high_z + half_chord - b0)) - 1",
         "tests/raster/test_boxes.py",
     ),
     Mutant(
-        "cspace/_raster/boxes.py",
+        "cspace/_raster/rounded_boxes.py",
         "grown = RoundedBoxes(boxes.lows - SLACK, boxes.highs + SLACK, radii)",
         "grown = RoundedBoxes(boxes.lows + SLACK, boxes.highs - SLACK, radii)",
         "tests/raster/test_boxes.py",
     ),
     Mutant(
-        "cspace/_raster/segments.py",
+        "cspace/_raster/rounded_segments.py",
         "mark_touched(near_boundary, segments, growth, 0.0, 0.0, SLACK)",
         "mark_touched(near_boundary, segments, 0.8 * growth, 0.0, 0.0, SLACK)",
         "tests/raster/test_turns.py",
@@ -244,13 +244,13 @@ MUTANTS = (
     ),
     # Shapes and bodies.
     Mutant(
-        "cspace/_bodies/triangles.py",
+        "cspace/_bodies/triangle_proofs.py",
         "gap_below = min(a1, a2, 0.0) - max(b0, b1, b2)",
         "gap_below = min(a1, a2, 0.0) - max(b0, b1)",
         "tests/bodies/test_triangles.py",
     ),
     Mutant(
-        "cspace/_bodies/triangles.py",
+        "cspace/_bodies/triangle_proofs.py",
         "        and _side_of_plane(p, (q, b[2], b[0]), tolerance) == turn\n",
         "",
         "tests/bodies/test_triangles.py",
@@ -456,7 +456,7 @@ MUTANTS = (
         "tests/planners/test_result.py",
     ),
     Mutant(
-        "planners/_search.py",
+        "planners/_ompl_search.py",
         "return seconds_late < 0.0",
         "return seconds_late < GRACE_SECONDS",
         "tests/planners/test_deadline.py",
@@ -566,7 +566,7 @@ MUTANTS = (
         "tests/files/test_rasters.py",
     ),
     Mutant(
-        "cspace/_files/ros.py",
+        "cspace/_files/ros_maps.py",
         "free_levels &= ~doubtful_levels",
         "free_levels &= free_levels",
         "tests/files/test_rosmap.py",
@@ -578,19 +578,19 @@ MUTANTS = (
         "tests/files/test_octomap.py",
     ),
     Mutant(
-        "cspace/_files/ros.py",
+        "cspace/_files/ros_maps.py",
         "percent = values.reshape(height, width).T",
         "percent = values.reshape(width, height)",
         "tests/files/test_messages.py",
     ),
     Mutant(
-        "cspace/_files/ros.py",
+        "cspace/_files/ros_maps.py",
         "free_levels = probability < header.free_thresh",
         "free_levels = probability <= header.free_thresh",
         "tests/files/test_rosmap.py",
     ),
     Mutant(
-        "cspace/_files/ros.py",
+        "cspace/_files/ros_maps.py",
         "return 2.0 * math.atan2(z, w)",
         "return -2.0 * math.atan2(z, w)",
         "tests/files/test_messages.py",
@@ -626,7 +626,7 @@ MUTANTS = (
         "tests/files/test_octomap.py",
     ),
     Mutant(
-        "cspace/_files/points.py",
+        "cspace/_files/point_clouds.py",
         "columns = [sum(counts[:field]) for field in fields]",
         "columns = fields",
         "tests/files/test_points.py",
@@ -638,7 +638,7 @@ MUTANTS = (
         "tests/files/test_zarr_folders.py",
     ),
     Mutant(
-        "cspace/export/_images.py",
+        "cspace/export/_plane_images.py",
         "(1025, 1),",
         "(1025, 2),",
         "tests/export/test_exports.py",
@@ -669,7 +669,7 @@ MUTANTS = (
         "tests/spectral/test_overlap.py",
     ),
     Mutant(
-        "cspace/spectral/_balls.py",
+        "cspace/spectral/_ball_sets.py",
         'largest = np.unique(np.quantile(balls.radii, shares, method="higher"))',
         'largest = np.unique(np.quantile(balls.radii, shares, method="lower"))',
         "tests/spectral/test_overlap.py",
@@ -718,25 +718,25 @@ MUTANTS = (
         "tests/tiles/test_queries.py",
     ),
     Mutant(
-        "cspace/_tiles/parts.py",
+        "cspace/_tiles/open_tiles.py",
         "remaining = np.flatnonzero(out & (inside == is_inside))",
         "remaining = np.flatnonzero(out & inside)",
         "tests/tiles/test_queries.py",
     ),
     Mutant(
-        "cspace/_tiles/parts.py",
+        "cspace/_tiles/open_tiles.py",
         "space, rows in self.parts_near(first_cells, self.folder.halo, is_inside)",
         "space, rows in self.parts_near(first_cells, 1, is_inside)",
         "tests/tiles/test_queries.py",
     ),
     Mutant(
-        "cspace/_tiles/parts.py",
+        "cspace/_tiles/open_tiles.py",
         "mixed = np.reshape(mixed_cells, (2, -1)) + ONE_MORE - first",
         "mixed = np.reshape(mixed_cells, (2, -1)) - first",
         "tests/tiles/test_queries.py",
     ),
     Mutant(
-        "cspace/_tiles/parts.py",
+        "cspace/_tiles/open_tiles.py",
         "seen[np.ix_(slices, *coarse)] |= ",
         "seen[np.ix_(slices, *coarse)] = ",
         "tests/tiles/test_window.py",

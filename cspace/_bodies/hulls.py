@@ -34,7 +34,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace._bodies.triangles import (
+from cspace._bodies.triangle_proofs import (
     CENTER,
     CHORD,
     HALF_SIDES,
@@ -285,8 +285,8 @@ def _are_balls(rows: Floats) -> Bools:
 def _list_row_corners(rows: Floats) -> tuple[Floats, Ints]:
     """List the corners of all rows of a tree, and where those of each row begin.
 
-    ``rows``, shape (n, 10), are :attr:`cspace._bodies.triangles.Trees.triangles`. Triangles have
-    three corners, balls one, boxes eight, and axis-aligned boxes none.
+    ``rows``, shape (n, 10), are :attr:`cspace._bodies.triangle_proofs.Trees.triangles`. Triangles
+    have three corners, balls one, boxes eight, and axis-aligned boxes none.
     """
     is_box = rows[:, RADIUS] < 0.0
     is_ball = _are_balls(rows)
@@ -441,9 +441,9 @@ def tree_slack(
 
     The bound is capped at ``enough``. The motion is the first tree's, as seen from the second. For
     a box of configurations, ``axes`` are the joints that move the first tree
-    (:func:`cspace._bodies.triangles.joint_displacement`), and the motion has ``half_time`` 0; a
-    motion has none. The result is negative if a pair of nodes is not proven to stay apart, and -inf
-    if a pair is not apart at the central moment. That pair becomes row 0 of ``scratch``, shape
+    (:func:`cspace._bodies.triangle_proofs.joint_displacement`), and the motion has ``half_time`` 0;
+    a motion has none. The result is negative if a pair of nodes is not proven to stay apart, and
+    -inf if a pair is not apart at the central moment. That pair becomes row 0 of ``scratch``, shape
     (MAX_PENDING_PAIRS, 2). The pair given there is tested after the roots; -1 means none. Row 1
     then starts with 1 if pieces of connected parts were proven apart separately. ``direction`` is
     that of :func:`hull_slack`, for each pair of hulls in turn.
@@ -513,7 +513,7 @@ def is_final(
 
     The nodes are leaves, or the motion is too long for their children. ``apart`` and ``slack`` are
     those of their hulls; ``axes``, shape (k, 8), are those of
-    :func:`cspace._bodies.triangles.joint_displacement`.
+    :func:`cspace._bodies.triangle_proofs.joint_displacement`.
     """
     if not (has_hull(hulls, a) and has_hull(hulls, b)):
         return False

@@ -22,7 +22,7 @@ from cspace._cli.options import (
 from cspace._cli.report import ByName, show, with_unit
 
 if TYPE_CHECKING:
-    from cspace._maps import ConfigurationMap
+    from cspace._configuration_map import ConfigurationMap
     from cspace._robot import Robot
     from cspace._workspace import Workspace
     from cspace.arms import Arm
@@ -212,7 +212,7 @@ def _measure_shapes(kind: str, path: Path, solid: Solid = "auto") -> tuple[Any, 
     import numpy as np
     import shapely
 
-    from cspace._files.points import read_points
+    from cspace._files.point_clouds import read_points
     from cspace._files.vector import read_shapes
     from cspace._shapes import Mesh
 

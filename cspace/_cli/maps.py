@@ -45,7 +45,7 @@ from cspace._support.words import Outside
 
 if TYPE_CHECKING:
     from cspace._space import CSpace
-    from cspace._tiles.space import TiledCSpace
+    from cspace._tiles.tiled_space import TiledCSpace
     from cspace.arms import ArmSpace
 
 
@@ -53,9 +53,8 @@ def make(
     context: typer.Context,
     workspace: Path = argument(
         "WORKSPACE",
-        "In the plane: a ROS map (.yaml), image, MovingAI .map, .geojson or .wkt. In space: a mesh "
-        "(.stl, .obj, .ply, .glb ...), OctoMap (.bt, .ot), MovingAI .3dmap or points (.xyz, .csv, "
-        ".pcd, .ply). Either: .npy.",
+        "In the plane: a ROS map, an image, a MovingAI map or polygons. In space: a mesh, an "
+        "OctoMap, voxels or points. Either: an array. The message of an unknown suffix lists all.",
     ),
     robot: str = option(
         "SPEC",
@@ -228,7 +227,7 @@ def export(
 ) -> None:
     """Write a saved map for other software."""
     from cspace._opening import open_map
-    from cspace.export._maps import EXPORT_FORMATS
+    from cspace.export._writers import EXPORT_FORMATS
 
     check_outputs([output], EXPORT_FORMATS, overwrite)
     clock = Stopwatch()

@@ -11,7 +11,7 @@ import typer
 from cspace.errors import InputError
 
 if TYPE_CHECKING:
-    from cspace._maps import ConfigurationMap
+    from cspace._configuration_map import ConfigurationMap
     from cspace._robot import Robot
     from cspace._rotations import Rotations
 

@@ -13,5 +13,5 @@ line, points move by less. The plane is embedded in space.
 (1e-12) times the largest coordinates of the map, the robot and the configurations. The first term
 covers yaws that wrapping has rounded. The second term covers placing a point (relative 2^-53 a
 step) and measuring a distance, with a factor of fifty to spare. Distances are proven by projections
-onto lines (``cspace/_bodies/triangles.py``).
+onto lines (``cspace/_bodies/triangle_proofs.py``).
 """

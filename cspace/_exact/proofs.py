@@ -14,7 +14,7 @@ import numpy as np
 
 from cspace._bodies import ADVANCE_FACTOR, DISTANCE_ROUNDING, MAX_DISTANCES_PER_EDGE, MIN_ADVANCE
 from cspace._bodies.parts import as_triangles, connected_parts, part_anchors
-from cspace._bodies.triangles import (
+from cspace._bodies.triangle_proofs import (
     LEVER,
     MAX_PENDING_PAIRS,
     Motion,
@@ -442,7 +442,7 @@ class Scratch(NamedTuple):
     parts : ndarray of float64, shape (MAX_PENDING_PARTS, 2)
         Stack of unproven parts: where each begins and ends, from 0 to 1.
     node_pairs : ndarray of int64, shape (MAX_PENDING_PAIRS, 2)
-        See :func:`cspace._bodies.triangles.free_fraction`.
+        See :func:`cspace._bodies.triangle_proofs.free_fraction`.
     measured : ndarray of int64, shape (1,)
         Number of distances measured along the edge.
     """

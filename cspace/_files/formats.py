@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Final, NamedTuple
 
-from cspace._files import meshes, ros, vector
+from cspace._files import meshes, ros_maps, vector
 from cspace._files.access import check_suffix
-from cspace._files.arrays import read_npy
+from cspace._files.lazy_arrays import read_npy
 from cspace._files.polygons import read_ply_header
 from cspace._support.arrays import StrPath
 
@@ -47,7 +47,7 @@ _IMAGE_SUFFIXES: Final = (
 
 WORKSPACE_FORMATS: Final[dict[str, Format]] = {
     **dict.fromkeys(
-        ros.YAML_SUFFIXES,
+        ros_maps.YAML_SUFFIXES,
         Format(
             "from_ros_map", 2, "a ROS map with its PGM or PNG, all three modes, turned origins too"
         ),
@@ -90,7 +90,7 @@ ROBOT_FORMATS: Final[dict[str, Format]] = {
         options=("solid", "package_dirs", "visuals"),
     ),
     **dict.fromkeys(
-        ros.YAML_SUFFIXES,
+        ros_maps.YAML_SUFFIXES,
         Format(
             "from_nav2", 2, "the footprint in Nav2's parameters, or that of `FILE.yaml#COSTMAP`"
         ),

@@ -15,13 +15,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace._grid import SLACK, Grid
 from cspace._limits import check_cells
-from cspace._raster.segments import outline_cells
+from cspace._raster.rounded_segments import outline_cells
 from cspace._support.arrays import Bools, Floats, Ints
 
 if TYPE_CHECKING:
     from shapely.geometry import Polygon
 
-    from cspace._files.ros import MapInfo
+    from cspace._files.ros_maps import MapInfo
 
 
 _QUAD_TRIANGLES: Final = (0, 1, 2, 0, 2, 3)

@@ -116,7 +116,7 @@ class Balls(ExactShape):
         self, spacing: float, margin: float = 0.0, rotation: RotationCell = NO_ROTATION
     ) -> tuple[Raster, Raster]:
         """Compute the outer and inner raster; see ``Shape.rasters``."""
-        from cspace._raster.boxes import RoundedBoxes, rounded_rasters
+        from cspace._raster.rounded_boxes import RoundedBoxes, rounded_rasters
 
         growth = rotation.displacement(self.centers)
         centers = rotation.apply(self.centers)
@@ -125,7 +125,7 @@ class Balls(ExactShape):
 
     def cells(self, grid: Grid) -> tuple[Bools, Bools]:
         """Compute the outer and inner cells; see ``Shape.cells``."""
-        from cspace._raster.boxes import RoundedBoxes, rounded_cells
+        from cspace._raster.rounded_boxes import RoundedBoxes, rounded_cells
 
         return rounded_cells(RoundedBoxes(self.centers, self.centers, self.radii), grid)
 

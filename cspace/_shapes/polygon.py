@@ -120,13 +120,13 @@ class Polygons(ExactShape):
         self, spacing: float, margin: float = 0.0, rotation: RotationCell = NO_ROTATION
     ) -> tuple[Raster, Raster]:
         """Compute the outer and inner raster; see ``Shape.rasters``."""
-        from cspace._raster.segments import outline_rasters
+        from cspace._raster.rounded_segments import outline_rasters
 
         return outline_rasters(self.parts, spacing, margin, rotation)
 
     def cells(self, grid: Grid) -> tuple[Bools, Bools]:
         """Compute the outer and inner cells; see ``Shape.cells``."""
-        from cspace._raster.segments import outline_cells
+        from cspace._raster.rounded_segments import outline_cells
 
         return outline_cells(self._find_parts_near(grid), grid)
 

@@ -112,7 +112,7 @@ def footprint(corners: str | ArrayLike, padding: float = 0.0) -> NamedShape:
 
     `corners` may be the text of Nav2, ``"[[0.3, 0.2], ...]"``.
     """
-    from cspace._files.ros import parse_footprint
+    from cspace._files.ros_maps import parse_footprint
 
     points = parse_footprint(corners)
     polygon = Polygons.of(points)

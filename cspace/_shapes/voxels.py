@@ -31,7 +31,7 @@ from cspace.errors import GeometryError
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
-    from cspace._raster.boxes import RoundedBoxes
+    from cspace._raster.rounded_boxes import RoundedBoxes
     from cspace._raster.surfaces import SolidSurface
 
 _UNIT_CORNERS, _FACES, _WINDINGS = boundary_mesh(np.array([[[True]]]), 1.0, np.zeros(3))
@@ -93,14 +93,14 @@ class Box(ExactShape):
             windings = np.ones(len(triangles), dtype=np.int64)
             solid = SolidSurface(triangles, triangles, windings, source="box")
             return surface_rasters(solid, spacing, margin, rotation)
-        from cspace._raster.boxes import RoundedBoxes, rounded_rasters
+        from cspace._raster.rounded_boxes import RoundedBoxes, rounded_rasters
 
         box = RoundedBoxes(self.lower[None], self.upper[None], np.zeros(1))
         return rounded_rasters(box, spacing, np.full(1, margin), np.zeros(1))
 
     def cells(self, grid: Grid) -> tuple[Bools, Bools]:
         """Compute the outer and inner cells; see :meth:`Shape.cells`."""
-        from cspace._raster.boxes import RoundedBoxes, rounded_cells
+        from cspace._raster.rounded_boxes import RoundedBoxes, rounded_cells
 
         return rounded_cells(RoundedBoxes(self.lower[None], self.upper[None], np.zeros(1)), grid)
 
@@ -206,14 +206,14 @@ class Voxels(ExactShape):
     ) -> tuple[Raster, Raster]:
         """Compute the outer and inner raster; see :meth:`Shape.rasters`."""
         if self.dim == 2:
-            from cspace._raster.segments import outline_rasters
+            from cspace._raster.rounded_segments import outline_rasters
 
             return outline_rasters([(self._segments, True)], spacing, margin, rotation)
         if rotation.matrix is not None:
             from cspace._raster.surfaces import surface_rasters
 
             return surface_rasters(self._solid, spacing, margin, rotation)
-        from cspace._raster.boxes import rounded_rasters
+        from cspace._raster.rounded_boxes import rounded_rasters
 
         boxes = self._boxes
         # The boxes give the outer cells. The inner ones are cells within the union, not one box.
@@ -232,7 +232,7 @@ class Voxels(ExactShape):
 
     def cells(self, grid: Grid) -> tuple[Bools, Bools]:
         """Compute the outer and inner cells; see :meth:`Shape.cells`."""
-        from cspace._raster.boxes import rounded_cells
+        from cspace._raster.rounded_boxes import rounded_cells
 
         outer, _ = rounded_cells(self._boxes, grid)
         starts = [
@@ -283,7 +283,7 @@ class Voxels(ExactShape):
     @cached_property
     def _boxes(self) -> RoundedBoxes:
         """Boxes that cover the occupied cells."""
-        from cspace._raster.boxes import RoundedBoxes
+        from cspace._raster.rounded_boxes import RoundedBoxes
 
         lows, highs = cover_with_boxes(self.occupied, self.side, self.lower)
         return RoundedBoxes(lows, highs, np.zeros(len(lows)))

@@ -1,1 +1,1 @@
-"""Foundations of all rooms: arrays, checks, compiling, threads and vectors."""
+"""Foundations of all packages: arrays, checks, compiling, threads and vectors."""

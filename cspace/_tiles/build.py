@@ -22,7 +22,7 @@ from cspace._record.save import TILES_FORMAT, read_format
 from cspace._robot import Robot
 from cspace._support.arrays import StrPath
 from cspace._tiles.folder import TileFolder, as_box, grow, make_frame, make_stamp, write_once
-from cspace._tiles.space import TiledCSpace
+from cspace._tiles.tiled_space import TiledCSpace
 from cspace._tiles.work import run_tasks
 from cspace._workspace import Workspace
 from cspace.errors import FileError, InputError

@@ -23,7 +23,7 @@ from scipy.sparse import coo_array, csgraph
 
 from cspace._support.arrays import Ints
 from cspace._tiles.folder import TileFolder
-from cspace._tiles.parts import OpenTiles, open_tile
+from cspace._tiles.open_tiles import OpenTiles, open_tile
 from cspace._tiles.work import Progress, run_tasks
 
 if TYPE_CHECKING:

@@ -1,5 +1,6 @@
 """Arms: robots with joints, whose configurations and motions are proven free of collisions."""
 
+from cspace.arms._arm_space import ArmSpace, build_arm_space
 from cspace.arms._inverse import PoseGoal
 from cspace.arms._joint_map import JointMap, build_joint_map, undecided_pairs
 from cspace.arms._lines import LineMotion
@@ -15,7 +16,6 @@ from cspace.arms._moveit import (
 from cspace.arms._penetration import ArmPenetration
 from cspace.arms._snapshots import Contact
 from cspace.arms._solids import PosedShape
-from cspace.arms._space import ArmSpace, build_arm_space
 
 __all__ = [
     "Arm",

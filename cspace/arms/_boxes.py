@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace._bodies import ADVANCE_FACTOR
-from cspace._bodies.triangles import (
+from cspace._bodies.triangle_proofs import (
     AXIS_POINT,
     CENTER,
     CHORD,
@@ -50,7 +50,7 @@ from cspace.arms._chain import (
     relative_pose,
     rotation_rows,
 )
-from cspace.arms._proofs import (
+from cspace.arms._motion_proofs import (
     FIRST_PART,
     FIRST_SURFACE,
     NO_MOTION,
@@ -358,8 +358,8 @@ def write_axes(
 
     ``halves``, shape (dof,), are the half sides of the box of configurations. Returns the number of
     rows written to ``scratch.axes``. They are those of
-    :func:`cspace._bodies.triangles.joint_displacement`, in the frame of b, and include the rounding
-    of points, ``required``.
+    :func:`cspace._bodies.triangle_proofs.joint_displacement`, in the frame of b, and include the
+    rounding of points, ``required``.
     """
     between = chain.between[a, b]
     base_pose = scratch.poses[b]

@@ -18,7 +18,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace._bodies.triangles import MAX_PENDING_PAIRS, SurfaceTree
+from cspace._bodies.triangle_proofs import MAX_PENDING_PAIRS, SurfaceTree
 from cspace._engines.slices import Progress
 from cspace._exact.boundaries import Problem, Proofs
 from cspace._exact.proofs import BoundaryProofs, ExactQueries
@@ -36,6 +36,7 @@ from cspace._support.check import check_finite, check_known, check_positive
 from cspace._support.derived import lazy
 from cspace._support.threads import cores, in_threads
 from cspace._workspace import Workspace
+from cspace.arms._arm_space import ArmSpace
 from cspace.arms._boxes import (
     CellStates,
     InnerBalls,
@@ -46,7 +47,7 @@ from cspace.arms._boxes import (
 )
 from cspace.arms._chain import FIXED, REVOLUTE
 from cspace.arms._model import Arm
-from cspace.arms._proofs import (
+from cspace.arms._motion_proofs import (
     ArmScene,
     Solids,
     make_scene_scratch,
@@ -54,7 +55,6 @@ from cspace.arms._proofs import (
     winding_number,
 )
 from cspace.arms._snapshots import Snapshot
-from cspace.arms._space import ArmSpace
 from cspace.errors import ConfigurationError, InputError
 
 _BYTES_PER_JOINT_CELL: Final = 5

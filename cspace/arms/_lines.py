@@ -50,7 +50,7 @@ from cspace.arms._inverse import (
     make_pose_problem,
     make_pose_scratch,
 )
-from cspace.arms._proofs import ArmScene, are_free
+from cspace.arms._motion_proofs import ArmScene, are_free
 from cspace.arms._snapshots import Snapshot
 from cspace.arms._solids import check_rigid
 from cspace.errors import InputError

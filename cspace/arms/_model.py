@@ -27,7 +27,7 @@ from cspace._support.check import (
 from cspace._support.reporting import warn_user
 from cspace.arms._chain import FIXED, MAX_BODIES, PRISMATIC, REVOLUTE, Chain, compute_poses
 from cspace.arms._inverse import DEFAULT_TOLERANCE, Branch, PoseGoal, branch_to, solve_pose
-from cspace.arms._proofs import ArmScene, are_free
+from cspace.arms._motion_proofs import ArmScene, are_free
 from cspace.arms._scenes import make_scene
 from cspace.arms._solids import PosedShape, Solid, check_rigid
 from cspace.errors import ConfigurationError, InputError
@@ -1112,7 +1112,7 @@ class _ArmBuilder:
     ) -> Iterable[Solid]:
         """Read the links with collision geometry, each on its body."""
         from cspace._files.urdf import find_meshes, warn_of_visuals
-        from cspace._shapes.scenes import link_shapes
+        from cspace._shapes.link_shapes import link_shapes
 
         warn_of_visuals(self._urdf, placements, self._file)
         meshes = find_meshes(self._urdf, placements, self._file, package_dirs)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace._files.access import ContentError
-from cspace._files.moveit import (
+from cspace._files.moveit_messages import (
     HEADER,
     STATE,
     WORLD,
@@ -235,7 +235,7 @@ def read_moveit_scene(source: object, *, package_dirs: PackageDirs = ()) -> Plan
         As :meth:`cspace.Workspace.from_moveit_scene`. Also if the state of the robot moves its
         base, or only changes another state.
     """
-    from cspace._shapes.scenes import read_scene
+    from cspace._shapes.link_shapes import read_scene
 
     content = read_scene(source, package_dirs)
     obstacles = {}

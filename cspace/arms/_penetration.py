@@ -16,7 +16,7 @@ from cspace.errors import InputError
 
 if TYPE_CHECKING:
     from cspace.spectral import Bump
-    from cspace.spectral._balls import BallsLike
+    from cspace.spectral._ball_sets import BallsLike
 
 
 class ArmPenetration:
@@ -54,7 +54,7 @@ class ArmPenetration:
     ) -> None:
         """Put the balls of all links into the frames of their bodies; check all arguments."""
         from cspace.spectral import BallPenetration
-        from cspace.spectral._balls import as_balls
+        from cspace.spectral._ball_sets import as_balls
 
         if not links:
             raise InputError("links", "is empty", "there must be one", "pass e.g. {'hand': balls}")

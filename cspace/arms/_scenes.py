@@ -9,10 +9,10 @@ import numpy as np
 
 from cspace._bodies import DISTANCE_ROUNDING
 from cspace._bodies.hulls import FIRST_CORNER, STOP_CORNER, Hulls, join_roots
-from cspace._bodies.triangles import NO_TREE, SurfaceTree, join_trees
+from cspace._bodies.triangle_proofs import NO_TREE, SurfaceTree, join_trees
 from cspace._support.arrays import Floats, Ints
 from cspace.arms._chain import Chain
-from cspace.arms._proofs import FIRST_PART, ArmScene, Solids
+from cspace.arms._motion_proofs import FIRST_PART, ArmScene, Solids
 from cspace.arms._solids import PosedShape, Solid
 
 _NO_SURFACE: Final = SurfaceTree(

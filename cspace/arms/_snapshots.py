@@ -22,7 +22,7 @@ from cspace._support.arrays import Bools, Floats, Ints
 from cspace._support.threads import in_chunks
 from cspace.arms._chain import FIXED, REVOLUTE, compute_poses
 from cspace.arms._model import CONTACT_SAMPLES, Arm, Names, always_touch, sort_pair
-from cspace.arms._proofs import (
+from cspace.arms._motion_proofs import (
     ArmScene,
     are_blocked,
     bound_distances,

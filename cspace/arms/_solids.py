@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from cspace._bodies.hulls import Hulls, build_hulls
 from cspace._bodies.parts import as_triangles, part_anchors
-from cspace._bodies.triangles import (
+from cspace._bodies.triangle_proofs import (
     SurfaceTree,
     Trees,
     build_boxes,

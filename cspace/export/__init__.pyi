@@ -1,4 +1,4 @@
 # The public names. Each is imported at its first use.
 
-from ._maps import export as export
-from ._maps import to_xarray as to_xarray
+from ._writers import export as export
+from ._writers import to_xarray as to_xarray

@@ -1,6 +1,6 @@
 """Filled ROS messages without ROS: occupancy grids, costmaps, paths and joint trajectories.
 
-A message is any object with the right fields, such as those of :mod:`cspace._files.ros`.
+A message is any object with the right fields, such as those of :mod:`cspace._files.ros_maps`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace._files.ros import (
+from cspace._files.ros_maps import (
     Costmap,
     JointTrajectoryPoint,
     OccupancyGrid,

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import ArrayLike
 
-    from cspace._maps import ConfigurationMap
+    from cspace._configuration_map import ConfigurationMap
 
 PICTURE_SUFFIXES: Final = (".png", ".pdf", ".svg", ".jpg")
 """Suffixes of the picture formats that can be written."""

@@ -13,7 +13,7 @@ from cspace._support.arrays import Bytes, Floats, Ints
 from cspace._support.check import check_points, check_positive
 from cspace._support.compiling import allocating
 from cspace.errors import InputError
-from cspace.spectral._balls import PLACEMENT_ROUNDING
+from cspace.spectral._ball_sets import PLACEMENT_ROUNDING
 from cspace.spectral._bump import TRANSFORM_ERROR
 from cspace.spectral._overlap import FourierOverlap
 from cspace.spectral._spectra import MIN_SPECTRUM_TOLERANCE, Complexes, RadialFactors

@@ -14,7 +14,7 @@ from cspace._shapes import Balls
 from cspace._support.arrays import Floats
 from cspace._support.check import check_points, check_positive
 from cspace.errors import InputError
-from cspace.spectral._balls import (
+from cspace.spectral._ball_sets import (
     PLACEMENT_ROUNDING,
     BallsLike,
     Rotates,

@@ -25,7 +25,7 @@ from cspace._support.check import (
 )
 from cspace._support.threads import cores
 from cspace.errors import InputError
-from cspace.spectral._balls import (
+from cspace.spectral._ball_sets import (
     BallsLike,
     Rotates,
     as_balls,

@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace._bodies.triangles import RADIUS, build_trees
+from cspace._bodies.triangle_proofs import RADIUS, build_trees
 from cspace._grid import Grid
 from cspace._limits import check_memory
 from cspace._shapes import Balls, ExactShape, Polygons, RoundedSimplices, Shape
@@ -300,7 +300,7 @@ class PieceTree(NamedTuple):
     ``pieces``, shape (n, 3, 3), are triangles or, unless ``spatial``, segments between their first
     two corners. ``errors``, shape (n,), bound how much the distances to them may be too small.
     ``boxes`` and ``spans``, shapes (m, 7) and (m, 2), are as in
-    :class:`cspace._bodies.triangles.Trees`.
+    :class:`cspace._bodies.triangle_proofs.Trees`.
     """
 
     pieces: Floats

@@ -22,7 +22,7 @@ from cspace._support.check import check_finite
 from cspace._support.reporting import import_optional
 from cspace._support.threads import cores
 from cspace.errors import InputError
-from cspace.spectral._balls import as_balls
+from cspace.spectral._ball_sets import as_balls
 from cspace.spectral._bump import Bump, check_bump, radial_table
 
 Complexes = NDArray[np.complex128]

@@ -21,7 +21,7 @@ from cspace._support.check import check_points
 from cspace._support.compiling import allocating, internal
 from cspace._support.threads import in_chunks
 from cspace.errors import InputError
-from cspace.spectral._balls import (
+from cspace.spectral._ball_sets import (
     PLACEMENT_ROUNDING,
     BallsLike,
     Rotates,

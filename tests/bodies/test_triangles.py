@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from cspace._bodies.triangles import (
+from cspace._bodies.triangle_proofs import (
     MAX_PENDING_PAIRS,
     Motion,
     build_trees,

@@ -18,7 +18,7 @@ from vtkmodules.vtkIOXML import vtkXMLImageDataReader
 
 import cspace
 from cspace.errors import InputError, MissingPackageError
-from cspace.export._boundaries import WRITERS, free_boundary
+from cspace.export._free_boundary import WRITERS, free_boundary
 from tests.helpers.maps import MAP_BUILDERS
 from tests.helpers.refusals import refusals
 

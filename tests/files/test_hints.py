@@ -17,7 +17,7 @@ from zarr.codecs import BloscCodec
 
 import cspace
 from cspace import Robot, Workspace, build
-from cspace._files.ros import OccupancyGrid
+from cspace._files.ros_maps import OccupancyGrid
 from cspace._shapes import MeshWarning
 from cspace.arms import Arm, read_moveit_scene
 from cspace.errors import CspaceError

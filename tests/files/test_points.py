@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cspace import Workspace
-from cspace._files.points import read_points
+from cspace._files.point_clouds import read_points
 from cspace.errors import FileError, GeometryError, InputError
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import seeds

@@ -14,7 +14,7 @@ from PIL import Image
 
 from cspace import BLOCKED, FREE, MIXED, Grid, Workspace
 from cspace.errors import AngleWarning, FileError, InputError
-from cspace.export._images import write_ros_map
+from cspace.export._plane_images import write_ros_map
 from tests.helpers.commands import run
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import seeds

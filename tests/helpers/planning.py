@@ -17,7 +17,7 @@ import planners
 from cspace import BLOCKED, FREE, Robot, Rotations, Workspace, build
 from planners._car_curves import advance, find_shortest_words
 from planners._local_planner import CURVES
-from planners._states import find_state_kind
+from planners._ompl_states import find_state_kind
 from tests.helpers.handmade import fill_boxes, map_of
 from tests.helpers.placements import sample_edges, turn_between
 

@@ -1,8 +1,9 @@
-"""Order of imports: acyclic, and from upper to lower packages only."""
+"""Imports: without circles, and no wing is loaded with the core."""
 
 import ast
 import subprocess
 import sys
+from collections import Counter
 from graphlib import TopologicalSorter
 from typing import NamedTuple
 
@@ -10,44 +11,11 @@ import pytest
 
 from tests.helpers.repository import SOURCES
 
-ORDER = [
-    "cspace cspace.ros",  # the public names
-    "cspace.__main__ cspace._cli",
-    "cspace.view",
-    "planners",
-    "cspace.reasons",
-    "cspace.plot",
-    "cspace.arms",
-    "cspace.spectral",
-    "cspace._builder cspace._opening",
-    "cspace._tiles",
-    "cspace.export",
-    "cspace._space",
-    "cspace._maps",
-    "cspace._interface",
-    "cspace._exact",
-    "cspace._bodies",
-    "cspace._queries",
-    "cspace._record",
-    "cspace._engines",
-    "cspace._robot cspace._workspace cspace._obstacles",
-    "cspace._shapes",
-    "cspace._raster",
-    "cspace._rotations",
-    "cspace._files",
-    "cspace._limits",
-    "cspace._grid",
-    "cspace._support cspace.errors",
-]
-"""Rooms from top to bottom: folders or modules; rooms on one line may import each other."""
-
-ROOM_LEVELS = {room: level for level, rooms in enumerate(ORDER) for room in rooms.split()}
-
 UPWARD_METHODS = {
     *("plot", "view", "explain", "removals"),
     *("export", "to_xarray", "to_occupancy_grid", "to_costmap"),
 }
-"""The methods of classes whose bodies may import upper rooms: one import and one call."""
+"""Methods of classes that hand their object to a wing: one import and one call."""
 
 WINGS = "cspace.arms cspace._cli cspace.export cspace.plot cspace.reasons cspace.spectral cspace._tiles cspace.view"
 """Folders that a plan does not load."""
@@ -59,15 +27,6 @@ class Import(NamedTuple):
     module: str
     line: int
     imported: str
-
-
-def room(module):
-    """Return the folder or module of the order that contains a module."""
-    return (
-        module.partition(".")[0]
-        if module.startswith("planners")
-        else ".".join(module.split(".")[:2])
-    )
 
 
 def walk(node):
@@ -105,30 +64,32 @@ def test_imports_are_acyclic():
     assert len(list(TopologicalSorter(graph).static_order())) == len(SOURCES)
 
 
-def test_each_package_has_one_position_in_the_order():
-    assert {room(module) for module in SOURCES} == ROOM_LEVELS.keys()
-    assert len(ROOM_LEVELS) == sum(len(rooms.split()) for rooms in ORDER)
-
-
-def test_imports_between_packages_point_down():
-    upward = [
-        found
-        for module in SOURCES
-        for found in imports(module)
-        if ROOM_LEVELS[room(found.imported)] < ROOM_LEVELS[room(module)]
+def test_files_and_classes_have_names_of_their_own():
+    files = [path.stem.lstrip("_") for path in SOURCES.values() if path.stem[:2] != "__"]
+    classes = [
+        node.name
+        for path in SOURCES.values()
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ClassDef)
     ]
-    assert not upward, "\n".join(
-        f"{SOURCES[i.module]}:{i.line} imports {i.imported}" for i in upward
-    )
+    counts = Counter(files) | Counter(classes)
+    assert [name for name, count in counts.items() if count > 1] == []
 
 
 def test_upward_methods_hold_one_import_and_one_statement():
-    for module in ("_space", "_maps", "_workspace", "_interface", "arms._space"):
-        path = SOURCES[f"cspace.{module}"]
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.FunctionDef) and node.name in UPWARD_METHODS:
-                _, *statements = map(type, node.body)  # the first one is the docstring
-                assert statements[0] == ast.ImportFrom and len(statements) == 2, node.name
+    core = [path for name, path in SOURCES.items() if not name.startswith(tuple(WINGS.split()))]
+    methods = [
+        node
+        for path in core
+        for owner in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(owner, ast.ClassDef)
+        for node in owner.body
+        if isinstance(node, ast.FunctionDef) and node.name in UPWARD_METHODS
+    ]
+    assert {method.name for method in methods} == UPWARD_METHODS
+    for method in methods:
+        _, *statements = map(type, method.body)  # the first one is the docstring
+        assert statements == [ast.ImportFrom, statements[-1]], method.name
 
 
 def run_python(code):

@@ -15,7 +15,7 @@ import yaml
 import cspace
 import planners
 from cspace import InputError, Robot, Workspace
-from cspace._files import points
+from cspace._files import point_clouds
 from cspace._files.formats import ROBOT_FORMATS, WORKSPACE_FORMATS
 from cspace._record.save import MAP_SUFFIXES
 from cspace._shapes import primitives
@@ -58,7 +58,7 @@ def test_every_reader_of_points_has_a_format():
     by_points = {
         suffix for suffix, known in WORKSPACE_FORMATS.items() if known.method == "from_points"
     }
-    assert by_points | {".npy", ".ply"} == set(points.CLOUD_READERS)
+    assert by_points | {".npy", ".ply"} == set(point_clouds.CLOUD_READERS)
 
 
 def test_every_reader_of_a_file_has_a_format():

@@ -8,7 +8,7 @@ import planners
 from cspace import InputError
 from cspace.arms import Arm, build_arm_space, build_joint_map
 from planners import Trajectory
-from planners._states import find_state_kind
+from planners._ompl_states import find_state_kind
 from tests.arms.test_joint_map import CONTINUOUS, build_plane_arm
 from tests.helpers.refusals import refusals
 from tests.helpers.urdfs import joint, link, planar, planar_arm_meets, posed_box, post, write_urdf

@@ -10,7 +10,7 @@ from cspace import MIXED, Robot, Workspace, build
 from cspace._support.compiling import clock
 from planners._cars import CarCurves
 from planners._local_planner import TurnDriveTurn
-from planners._search import GRACE_SECONDS, Deadline, OutOfTime
+from planners._ompl_search import GRACE_SECONDS, Deadline, OutOfTime
 from tests.helpers.planning import (
     ENDPOINTS,
     build_halves,

@@ -12,7 +12,7 @@ from scipy.interpolate import RegularGridInterpolator
 import planners
 from cspace import InputError
 from planners._drives import local_planner
-from planners._states import find_state_kind
+from planners._ompl_states import find_state_kind
 from tests.helpers.planning import (
     ENDPOINTS,
     SPACES_WITH_CURVES,

@@ -11,7 +11,7 @@ import pytest
 
 import planners
 from cspace import InputError
-from cspace._files import ros as messages
+from cspace._files import ros_maps as messages
 from cspace.arms import Arm, build_arm_space
 from tests.helpers.planning import ENDPOINTS, SPACES, build_room
 from tests.helpers.urdfs import planar

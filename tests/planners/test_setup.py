@@ -9,7 +9,7 @@ import planners
 from cspace import InputError
 from planners._catalogue import make_planner, planner_named
 from planners._local_planner import DRIVES
-from planners._states import find_state_kind
+from planners._ompl_states import find_state_kind
 from tests.helpers.missing import output_without
 from tests.helpers.planning import (
     SPACES,

@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 
 import planners
 from cspace import InputError
-from cspace._files import ros as messages
+from cspace._files import ros_maps as messages
 from cspace.arms import Arm, build_arm_space
 from planners._timing import LimitRates, MotionBounds, is_motion
 from tests.helpers.planning import ENDPOINTS, build_open_map, build_room, make_poses, turn_between

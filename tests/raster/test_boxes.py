@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from cspace import Grid, InputError, Mesh
 from cspace._grid import SLACK
-from cspace._raster.boxes import RoundedBoxes, rounded_rasters
+from cspace._raster.rounded_boxes import RoundedBoxes, rounded_rasters
 from cspace._rotations import RotationCell
 from cspace._shapes import Balls, Box, Polygons, Voxels
 from tests.helpers.mesh_files import make_box

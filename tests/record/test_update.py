@@ -14,7 +14,7 @@ import cspace
 import planners
 from cspace import FREE, InputError, Robot, Workspace
 from cspace._record import update
-from cspace.export import _images as images
+from cspace.export import _plane_images as images
 from tests.helpers.handmade import fill_boxes
 from tests.helpers.maps import proven_paths
 from tests.helpers.refusals import refusals

@@ -7,6 +7,7 @@ refused. A "forged" map has digests that agree with the change, as an attacker w
 
 from __future__ import annotations
 
+import inspect
 import json
 import multiprocessing
 import re
@@ -27,6 +28,7 @@ import shapely
 
 import cspace
 from cspace import CspaceError, Robot, Workspace
+from cspace._files.formats import WORKSPACE_FORMATS
 from cspace._record.save import write_folder
 from cspace.arms import read_moveit_request, read_moveit_scene
 from tests.helpers.mesh_files import make_collada
@@ -192,7 +194,10 @@ def open_file(path: Path) -> object:
     if path.stem in OPENERS:
         return OPENERS[path.stem](path)
     path = path.with_name("map.yaml") if path.name == "map.pgm" else path
-    options: dict[str, Any] = {} if path.suffix in (".yaml", ".bt", ".ot") else {"spacing": 0.5}
+    reader = getattr(Workspace, WORKSPACE_FORMATS[path.suffix].method)
+    options: dict[str, Any] = {}
+    if "spacing" in inspect.signature(reader).parameters:
+        options["spacing"] = 0.5
     if path.suffix in (".glb", ".gltf", ".dae"):
         options["up"] = "y"
     return Workspace.open(path, **options).outer

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from cspace import InputError, MissingPackageError, Robot
 from cspace.spectral import Bump, EarlyTest, FourierOverlap, Verdict
-from cspace.spectral._balls import as_balls, round_radii
+from cspace.spectral._ball_sets import as_balls, round_radii
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import seeds
 from tests.spectral.balls import draw_rotations, sum_pairs

@@ -44,9 +44,8 @@ from cspace.arms._lines import (
     make_lines,
 )
 from cspace.arms._model import CONTACT_SAMPLES, LIMIT_SLACK, Arm, Names, sort_pair
+from cspace.arms._motion_proofs import make_scene_scratch, motion_is_free
 from cspace.arms._moveit import PlanningScene, find_base_pose
-from cspace.arms._proofs import make_scene_scratch, motion_is_free
-from cspace.arms._search import PathSearch
 from cspace.arms._snapshots import Contact, Snapshot, make_snapshot
 from cspace.arms._solids import (
     PosedShape,
@@ -55,6 +54,7 @@ from cspace.arms._solids import (
     place_obstacle,
     place_shape,
 )
+from cspace.arms._two_trees import PathSearch
 from cspace.errors import ConfigurationError, InputError
 
 if TYPE_CHECKING:

@@ -24,8 +24,8 @@ from cspace._files.access import (
     read_columns,
     read_text,
 )
-from cspace._files.arrays import read_npy
 from cspace._files.fields import Fields
+from cspace._files.lazy_arrays import read_npy
 from cspace._files.polygons import read_ply
 from cspace._support.arrays import Floats, StrPath
 from cspace._support.reporting import warn_user

@@ -13,7 +13,7 @@ import numpy as np
 
 from cspace._support.arrays import Floats, Ints
 from cspace._support.compiling import clock, internal, kernel
-from cspace.arms._proofs import ArmScene, SceneScratch, make_scene_scratch, motion_is_free
+from cspace.arms._motion_proofs import ArmScene, SceneScratch, make_scene_scratch, motion_is_free
 
 MAX_STRIDE: Final = 1.0
 """Longest motion by which a tree grows, radians or metres."""

@@ -19,7 +19,7 @@ from cspace._support.words import Drive
 from cspace.errors import InputError
 from planners._drives import local_planner
 from planners._local_planner import HOLONOMIC
-from planners._states import check_information, find_state_kind
+from planners._ompl_states import check_information, find_state_kind
 
 _DRAWS_PER_BATCH: Final = 256
 """Random draws per call of numpy."""

@@ -21,7 +21,7 @@ import numpy as np
 
 from cspace._bodies import ADVANCE_FACTOR, DISTANCE_ROUNDING, MAX_DISTANCES_PER_EDGE, MIN_ADVANCE
 from cspace._bodies.hulls import Hulls, RelativeMotion, tree_slack
-from cspace._bodies.triangles import (
+from cspace._bodies.triangle_proofs import (
     CENTER,
     FIRST_ITEM,
     HALF_SIDES,
@@ -202,7 +202,7 @@ class SceneScratch(NamedTuple):
         Pair that last was not apart, which is tested first.
     axes : ndarray of float64, shape (b, 8)
         Joints that move a pair in a box of configurations; see
-        :func:`cspace._bodies.triangles.joint_displacement`.
+        :func:`cspace._bodies.triangle_proofs.joint_displacement`.
     nodes : ndarray of int64, shape (MAX_PENDING_PAIRS, 2)
     """
 
@@ -618,7 +618,7 @@ def boundaries_cross(
 
     It crosses a triangle, or enters a box or ball. ``required`` must be at least four times the
     rounding of a point. With ``axes``, shape (k, 8), the proof holds in a whole box of
-    configurations; see :func:`cspace._bodies.triangles.joint_displacement`.
+    configurations; see :func:`cspace._bodies.triangle_proofs.joint_displacement`.
     """
     solids = scene.solids
     starts = solids.starts

@@ -18,8 +18,8 @@ from cspace._record.save import MAP_SUFFIXES, save
 from cspace._support.arrays import BLOCKED, FREE, MIXED, Ints, StrPath, frozen
 from cspace._support.reporting import import_optional
 from cspace.errors import InputError
-from cspace.export._boundaries import WRITERS, write_boundary
-from cspace.export._images import write_geotiff, write_ros_map
+from cspace.export._free_boundary import WRITERS, write_boundary
+from cspace.export._plane_images import write_geotiff, write_ros_map
 from cspace.export._vti import write_vti
 
 if TYPE_CHECKING:

@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cspace._configuration_map import ConfigurationMap
 from cspace._grid import Grid
-from cspace._maps import ConfigurationMap
 from cspace._record.contents import Contents
 from cspace._space import CSpace
 from cspace._support.arrays import STATE_NAMES, Bools, Floats, Ints, States, StrPath
 from cspace._support.check import check_count
 from cspace._tiles.folder import ONE_MORE, TileFolder, grow
 from cspace._tiles.labels import TiledComponents
-from cspace._tiles.parts import OpenTiles
+from cspace._tiles.open_tiles import OpenTiles
 from cspace.errors import ConfigurationError, FileError, InputError
 
 if TYPE_CHECKING:

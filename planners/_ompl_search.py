@@ -34,8 +34,8 @@ from planners._catalogue import (
 )
 from planners._local_planner import HOLONOMIC, MAX_TURN, ON_THE_SPOT, Endpoints, LocalPlanner
 from planners._objectives import ClearanceObjective, WeightedLength
+from planners._ompl_states import find_state_kind
 from planners._setup import MakeObjective, make_setup
-from planners._states import find_state_kind
 
 GRACE_SECONDS: Final = 0.1
 """Seconds from a deadline until callbacks raise an exception."""

@@ -42,7 +42,7 @@ import numpy as np
 
 from cspace._grid import SLACK, Grid, check_reach
 from cspace._raster import Raster, allocate_bitmap, in_slabs, index_boxes
-from cspace._raster.segments import OBSTACLE_REACH
+from cspace._raster.rounded_segments import OBSTACLE_REACH
 from cspace._support.arrays import Bools, Floats, Ints
 from cspace._support.compiling import kernel
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from cspace._files.access import ContentError
 from cspace._files.meshes import read_mesh, warn_of_unit
-from cspace._files.moveit import (
+from cspace._files.moveit_messages import (
     SCENE,
     WORLD,
     Contacts,
