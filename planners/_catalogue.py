@@ -217,6 +217,40 @@ def planner_named(name: str, searches: Sequence[str] = ()) -> PlannerName:
     return cast(PlannerName, known[name.lower()])
 
 
+def check_options(values: Mapping[str, object], is_named: bool, n_goals: int = 1) -> None:
+    """Raise InputError if options do not go together, by :data:`REFUSALS`.
+
+    ``values`` are those of planner, objective, drive, exact and iterations; ``is_named`` tells
+    whether the user chose the planner.
+    """
+    planner = values["planner"]
+    kinds = {**values, "goal": SEVERAL if n_goals > 1 else None}
+    if planner not in (*_list_planners(), *BUILT_IN_SEARCHES):
+        kinds["planner"] = OWN_SEARCH
+    if callable(values["objective"]):
+        kinds["objective"] = FUNCTION
+    if values["iterations"] is not None:
+        kinds["iterations"] = NUMBER
+    for options, reason, hint in REFUSALS:
+        if not all(kinds[option] in refused for option, refused in options.items()):
+            continue
+        option, *others = options
+        problem = f"has {n_goals} configurations" if option == "goal" else f"is {values[option]!r}"
+        if others:
+            problem += f" and {others[0]} is {values[others[0]]!r}"
+        if not is_named:
+            problem += f", the default for objective={values['objective']!r}"
+        other = "RRTstar"
+        if values["objective"] == LENGTH:
+            other = default_planner(cast(Drive, values["drive"]))
+        raise InputError(
+            option,
+            problem,
+            f"{planner} {reason}",
+            hint or f"leave {option} out, or use planner={other!r}",
+        )
+
+
 def make_planner(name: str, si: ob.SpaceInformation) -> ob.Planner:
     """Create an OMPL planner by name, with settings that keep its steps short."""
     planner = getattr(og, name)(si)

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import replace
 from functools import cache
-from typing import Final, NamedTuple, NoReturn, cast
+from typing import Final, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,17 +29,12 @@ from cspace.errors import InputError
 from planners._catalogue import (
     BUILT_IN_SEARCHES,
     CLEARANCE,
-    FUNCTION,
     GRID,
     LATTICE,
     LENGTH,
     MAX_CLEARANCE,
-    NUMBER,
-    OWN_SEARCH,
-    REFUSALS,
-    SEVERAL,
     PlannerName,
-    Refusal,
+    check_options,
     default_planner,
     planner_named,
     planner_names,
@@ -71,9 +66,6 @@ from planners._ompl_states import check_space, find_state_kind
 from planners._result import Plan, Times
 from planners._setup import MakeObjective, make_bounded_states
 
-MAX_SEED: Final = 2**32 - 2
-"""Largest seed: OMPL's generator takes 32 bits, and refuses zero."""
-
 QUICK_PLANNER: Final[PlannerName] = "RRTConnect"
 """Planner of the first path of robots that rotate, except along Dubins curves."""
 
@@ -81,27 +73,13 @@ EXACT_TIME_SHARE: Final = 0.5
 """Share of the time left for the quick search, and then for the built-in one, if geometry decides
 MIXED cells: a search through many such cells may not end."""
 
-GAP_TIME_SHARE: Final = 0.1
-"""Share of the time limit for the part of a previous plan that is blocked; then all is searched."""
-
 SHARES_BESIDE: Final = [sign * step / 64 for step in range(1, 33) for sign in (1.0, -1.0)]
 """Distances beside a way that are tried for a detour, as shares of its length; positive to the
 left."""
 
-TRIAL_SHARE: Final = 0.1
-"""Share of the time limit of a failed plan for each search that tries what it may advise."""
-
 MAX_TRIAL_SECONDS: Final = 0.5
-"""Largest time limit of such a search."""
-
-LATE_SHARE: Final = 0.95
-"""Share of the time limit after which a search counts as ended by it."""
-
-MAX_SKIPPED_WAYPOINTS: Final = 32
-"""Number of next waypoints that an edge of a path through tiles may lead to."""
-
-NO_CHAIN: Final = "no chain of FREE cells joins start and goal"
-"""Status of a plan whose every path would follow such a chain."""
+"""Largest time limit of a search around a blocked part of a previous plan, and of one that tries
+what a failed plan may advise; both have a tenth of the plan's time."""
 
 
 class Choices(NamedTuple):
@@ -266,7 +244,7 @@ def plan(
         time_limit=check_positive(time_limit, "time_limit", "seconds"),
         iterations=None if iterations is None else check_count(iterations, "iterations", 1, 2**62),
         simplify=simplify,
-        seed=None if seed is None else check_count(seed, "seed", 0, MAX_SEED),
+        seed=None if seed is None else check_count(seed, "seed", 0, 2**32 - 2),
         is_named=planner is not None,
         previous=np.empty((0, space.size)),
     )
@@ -368,7 +346,7 @@ def _choose_planner(task: PlanTask) -> PlannerName:
 
 
 def _check_options(task: PlanTask) -> None:
-    """Raise InputError if the planner does not support an option, by :data:`REFUSALS`."""
+    """Raise InputError if the objective is unknown, or options do not go together."""
     edges = task.edges
     if task.objective == CLEARANCE:
         check_has_cells(edges.space)
@@ -379,40 +357,14 @@ def _check_options(task: PlanTask) -> None:
             f"it must be {LENGTH!r}, {CLEARANCE!r}, or a function that makes OMPL's objective",
             "for costs of your own, pass lambda si: planners.WeightedLength(si, space, costs)",
         )
-    is_own = task.planner in edges.space.searches and task.planner not in BUILT_IN_SEARCHES
     values = {
-        "planner": OWN_SEARCH if is_own else task.planner,
-        "objective": FUNCTION if callable(task.objective) else task.objective,
+        "planner": task.planner,
+        "objective": task.objective,
         "drive": edges.drive,
         "exact": edges.exact,
-        "iterations": None if task.iterations is None else NUMBER,
-        "goal": SEVERAL if len(task.endpoints) > 2 else None,
+        "iterations": task.iterations,
     }
-    for refusal in REFUSALS:
-        if all(values[option] in refused for option, refused in refusal.options.items()):
-            _refuse(task, refusal)
-
-
-def _refuse(task: PlanTask, refusal: Refusal) -> NoReturn:
-    """Raise InputError about the first option of a refusal."""
-    option, *others = refusal.options
-    problem = f"has {len(task.endpoints) - 1} configurations"
-    if option != "goal":
-        owner = task if hasattr(task, option) else task.edges
-        problem = f"is {getattr(owner, option)!r}"
-    if option != "planner":
-        problem += f" and planner is {task.planner!r}"
-    elif others:
-        problem += f" and drive is {task.edges.drive!r}"
-    if not task.is_named:
-        problem += f", the default for objective={task.objective!r}"
-    other = default_planner(task.edges.drive) if task.objective == LENGTH else "RRTstar"
-    raise InputError(
-        option,
-        problem,
-        f"{task.planner} {refusal.reason}",
-        refusal.hint or f"leave {option} out, or use planner={other!r}",
-    )
+    check_options(values, task.is_named, len(task.endpoints) - 1)
 
 
 def _search_and_prove(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
@@ -469,13 +421,13 @@ def _sum_times(result: SearchResult, results: Sequence[SearchResult]) -> SearchR
 def _skip_waypoints(edges: LocalPlanner, path: Floats) -> Floats:
     """Skip waypoints, shape (n, size), by free edges.
 
-    From each waypoint, the path takes the free edge to the farthest of the next ones. Edges are
+    From each waypoint, the path takes the free edge to the farthest of the next 32. Edges are
     proven in one batch, because a single look-up in tiles takes as long.
     """
     kept = [0]
     while kept[-1] < len(path) - 1:
         current = kept[-1]
-        following = path[current + 1 : current + 1 + MAX_SKIPPED_WAYPOINTS]
+        following = path[current + 1 : current + 33]
         free = np.asarray(edges.tiles.motion_is_free(path[current], following))
         free[0] = True  # the edge of the path itself
         farthest = int(np.flatnonzero(free)[-1])
@@ -593,7 +545,7 @@ def _find_detour(task: PlanTask, start: Floats, way: Floats) -> Floats:
     gap_task = replace(
         task,
         endpoints=(tuple(start.tolist()), tuple(way[-1].tolist())),
-        time_limit=min(GAP_TIME_SHARE * task.time_limit, MAX_TRIAL_SECONDS),
+        time_limit=min(0.1 * task.time_limit, MAX_TRIAL_SECONDS),
         simplify=False,  # the whole path is shortened later
     )
     return _run_planner(gap_task, is_certain).path
@@ -680,11 +632,11 @@ def _describe_outcome(task: PlanTask, result: SearchResult, exists: bool | None)
         limits = _describe_free_yaws(edges, task.endpoints)
         if exists:
             existence = "one exists for a robot that also moves sideways"
-    is_late = result.planning >= LATE_SHARE * task.time_limit
+    is_late = result.planning >= 0.95 * task.time_limit
     *hints, last_hint = _list_hints(task, exists, is_late)
     hint = ", or ".join(filter(None, [", ".join(hints), last_hint]))
     if not edges.may_join(exists):
-        return f"{NO_CHAIN}; {existence}", hint
+        return f"no chain of FREE cells joins start and goal; {existence}", hint
     reason = result.note or "the planner gave up"
     failure = f"no path found: {reason} after {result.planning:.2g} s{result.where}"
     if is_late:
@@ -774,7 +726,7 @@ def _list_trials(task: PlanTask, exists: bool | None) -> Iterator[tuple[PlanTask
             task,
             edges=other,
             fallback=None,
-            time_limit=min(TRIAL_SHARE * task.time_limit, MAX_TRIAL_SECONDS),
+            time_limit=min(0.1 * task.time_limit, MAX_TRIAL_SECONDS),
             simplify=False,
             previous=task.previous[:0],
         )
@@ -830,11 +782,9 @@ def _make_plan(task: PlanTask, result: SearchResult, exists: bool | None, began:
     status, hint = _describe_outcome(task, result, exists)
     edges = task.edges
     waypoints = result.path
-    solved = len(waypoints) > 0
     reached = 0
-    length = math.nan
-    rotation = math.nan
-    if solved:
+    length = rotation = math.nan
+    if len(waypoints):
         reached = find_state_kind(edges.space).reached_goal(waypoints, task.endpoints)
         length, rotation = edges.measure(waypoints)
     path = edges.resample(waypoints)
@@ -851,7 +801,7 @@ def _make_plan(task: PlanTask, result: SearchResult, exists: bool | None, began:
         length_unit=length_unit,
         distance_unit=length_unit if edges.space.has_cells else "m",
         direction=None if direction is None else frozen(direction),
-        solved=solved,
+        solved=len(waypoints) > 0,
         certified=reached > 0 and result.proven,
         status=status,
         hint=hint,
