@@ -16,7 +16,7 @@ path planning for autonomous driving", 2008.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Final, NamedTuple, cast
 
 import numpy as np
@@ -557,11 +557,11 @@ def _trace_path(nodes: LatticeNodes, node: int, endpoints: Endpoints, merges: bo
 
     If ``merges``, successive drives along one heading become one.
     """
-    rows: list[Sequence[float]] = []
+    chain: list[int] = []
     while node != NO_NODE:
-        rows.append(nodes.poses[node].tolist())
+        chain.append(node)
         node = int(nodes.progress.previous[node])
-    path: Floats = np.array(list(reversed(rows)))
+    path = nodes.poses[chain[::-1]]
     if merges and len(path) > 2:
         turns = np.diff(path[:, 2]) != 0.0
         is_corner = turns[:-1] | turns[1:]

@@ -193,8 +193,7 @@ class LocalPlanner:
 
     def edge_length(self, *ends: float) -> float:
         """Return the length of an edge, given by the numbers of both ends."""
-        start, end = np.reshape(ends, (2, 1, -1))
-        return float(self.edge_lengths(start, end)[0])
+        return float(self.space.distance(*np.reshape(ends, (2, -1))))
 
     def insert_breakpoints(self, path: Floats) -> Floats:
         """Insert the configurations at which the motion changes, and split wide turns of joints.

@@ -159,32 +159,28 @@ def plan(
 
     Any geometric planner of OMPL may search, or a search of our own. Every edge of the path is
     proven free by the map, or for an arm by the geometry. The page on planning describes defaults,
-    time, previous plans, tiled maps and repeatable runs.
+    time, refused options, previous plans, tiled maps and repeatable runs.
 
     Parameters
     ----------
     space : Space
     start, goal : array-like, shape (size,)
-        Configurations. An arm has one number for each joint, a map ``(x, y)``, ``(x, y, yaw)``,
-        ``(x, y, z)``, ``(x, y, z, yaw)`` or ``(x, y, z, qx, qy, qz, qw)`` in metres; yaw in
-        radians, wrapped. The goal of an arm may also be a :class:`cspace.PoseGoal`, or several
+        Configurations by the axes of the space, such as ``(x, y, yaw)`` in metres and radians, or a
+        number for each joint. The goal of an arm may also be a :class:`cspace.PoseGoal`, or several
         goals: configurations, shape (n, size), or a list with pose goals.
     planner : str, optional
         Name, in upper or lower case, of a planner of OMPL (:func:`planners.planner_names`) or of a
-        built-in search: "Grid", "MaxClearance" and "Lattice" on maps, "BiRRT" for arms. By default,
-        a robot that rotates gets a first path from RRTConnect; then "Grid", "Lattice" or "BiRRT"
-        searches for a shorter one.
+        built-in search: "Grid", "MaxClearance" and "Lattice" on maps, "BiRRT" for arms.
     time_limit : float
         Seconds of the process's CPU time after which the search ends; of the clock for PRM and
         PRMstar. Simplification then has another 0.1 s. Work that a map does once is not limited.
     iterations : int, optional
-        Largest number of iterations of the planner, or of BiRRT's further searches. Not for PRM,
-        PRMstar and the built-in searches of maps.
+        Largest number of iterations of a planner of OMPL, or of BiRRT's further searches.
     simplify : bool
         Whether to shorten the path.
     seed : int, optional
         From 0 to 2^32 - 2. The same call with the same seed gives the same path, unless the clock
-        ends the search. Grid, MaxClearance and Lattice need none.
+        ends the search.
     objective : {"length", "clearance"} or callable
         Quantity to minimise. "clearance" is :class:`planners.ClearanceObjective` with its defaults.
         A callable takes the space information and returns an ``ompl.base.OptimizationObjective``.
@@ -194,10 +190,9 @@ def plan(
         little wider than the robot; slower. Not for tiled maps.
     drive : {"holonomic", "differential", "differential-reverse", "dubins", "reeds-shepp"}
         Motion along an edge, which is proven along that motion. All but the first are for maps of
-        (x, y, yaw), with the reference point in the middle of the axle that does not steer. A
-        differential drive turns on the spot and drives straight ahead; cars follow curves.
+        (x, y, yaw), with the reference point in the middle of the axle that does not steer.
     turning_radius : float, optional
-        Smallest turning radius of the car, in metres; needed by curves alone.
+        Smallest turning radius of a car ("dubins", "reeds-shepp"), in metres.
     previous : Plan, optional
         The last plan for a space with these axes, in memory. The path joins it and follows it; only
         a blocked part of it is searched anew. Not for other objectives than the length.
@@ -480,12 +475,24 @@ def _sum_planning(results: Sequence[SearchResult]) -> float:
 
 def _run_planner(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
     """Search by the planner of a task alone."""
-    result = SearchResult(np.empty((0, task.edges.space.size)))
-    if task.planner not in _list_searches(task.edges.space):
-        result = run_ompl(task, may_exist)
-    elif (task.planner in (GRID, LATTICE) and not task.edges.exact) or may_exist():
-        result = _search_built_in(task, may_exist)
-    return replace(result, planner=task.planner)
+    edges = task.edges
+    name = task.planner
+    if name not in _list_searches(edges.space):
+        return replace(run_ompl(task, may_exist), planner=name)
+    is_quick = name in (GRID, LATTICE)
+    if (edges.exact or not is_quick) and not may_exist():
+        return SearchResult(np.empty((0, edges.space.size)), planner=name)
+    is_by_length = is_quick and task.objective == LENGTH
+    if edges.space.has_cells and not is_by_length:
+        # A search from the start to itself fills the caches of the map, which the time limit leaves
+        # out.
+        start = task.endpoints[0]
+        _find_path(replace(task, endpoints=(start, start), simplify=False), may_exist)
+    began = clock()
+    path, proof = _find_path(task, may_exist)
+    planning = clock() - began
+    note = NO_SEARCH if len(path) == 2 and is_by_length else ""
+    return SearchResult(path, note, planning, lattice=proof, planner=name)
 
 
 def _choose_shortest(task: PlanTask, results: Sequence[SearchResult]) -> SearchResult:
@@ -584,21 +591,6 @@ def _join_way(edges: LocalPlanner, start: Floats, way: Floats) -> Floats:
         if is_free(*start.tolist(), *way[k].tolist()):
             return np.vstack([start, way[k:]])
     return way[:0]
-
-
-def _search_built_in(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
-    """Run a built-in search."""
-    is_by_length = task.planner in (GRID, LATTICE) and task.objective == LENGTH
-    if task.edges.space.has_cells and not is_by_length:
-        # A search from the start to itself fills the caches of the map, which the time limit leaves
-        # out.
-        start = task.endpoints[0]
-        _find_path(replace(task, endpoints=(start, start), simplify=False), may_exist)
-    began = clock()
-    path, proof = _find_path(task, may_exist)
-    planning = clock() - began
-    note = NO_SEARCH if len(path) == 2 and is_by_length else ""
-    return SearchResult(path, note, planning, lattice=proof)
 
 
 def _find_path(task: PlanTask, may_exist: Callable[[], bool]) -> tuple[Floats, str]:
@@ -710,9 +702,7 @@ def _list_trials(task: PlanTask, exists: bool | None) -> Iterator[tuple[PlanTask
     """Yield short searches of a map with other options, and hints that name these."""
     edges = task.edges
     space = edges.space
-    proofs = [edges.exact]
-    if not edges.exact and edges.cells.tries_exact:
-        proofs.append(True)
+    proofs = dict.fromkeys([edges.exact, edges.exact or edges.cells.tries_exact])
     drives = dict.fromkeys([edges.drive, REVERSING.get(edges.drive, edges.drive)])
     for exact, drive in itertools.product(proofs, drives if space.in_memory else ()):
         other = local_planner(space, exact, drive, edges.turning_radius)
