@@ -516,9 +516,15 @@ def _make_nodes(capacity: int) -> LatticeNodes:
 
 def _enlarge(nodes: LatticeNodes) -> LatticeNodes:
     """Copy nodes into arrays for twice as many."""
-    *arrays, length = nodes.progress
+    progress = nodes.progress
     larger = nodes._replace(
-        progress=Progress(*map(double, arrays), length),
+        progress=progress._replace(
+            cost=double(progress.cost),
+            previous=double(progress.previous),
+            closed=double(progress.closed),
+            keys=double(progress.keys),
+            queue=double(progress.queue),
+        ),
         poses=double(nodes.poses),
         motions=double(nodes.motions),
         keys=double(nodes.keys),
