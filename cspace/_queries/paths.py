@@ -203,7 +203,7 @@ def find_cheapest_subpath(
             break
         least[here] = math.inf
         earlier = here - np.array([stride for stride in strides if stride <= here])
-        bounds = least[earlier] + np.linalg.norm(positions[earlier] - positions[here], axis=1)
+        bounds = least[earlier] + np.hypot.reduce(positions[earlier] - positions[here], axis=1)
         order = np.argsort(bounds, kind="stable")
         for before, bound in zip(earlier[order].tolist(), bounds[order].tolist(), strict=True):
             if bound >= least[here]:
