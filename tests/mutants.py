@@ -439,8 +439,8 @@ MUTANTS = (
     ),
     Mutant(
         "planners/_plan.py",
-        "proven=len(rows) > 0 and part.are_free(rows)",
-        "proven=len(rows) > 0",
+        "proven=len(path) > 0 and task.edges.are_free(path)",
+        "proven=len(path) > 0",
         "tests/planners/test_plan.py",
     ),
     Mutant(
