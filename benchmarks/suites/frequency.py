@@ -70,6 +70,9 @@ MIN_DECIDED_PERCENT = 98.0
 MAX_COLLIDE_RATIO = 3.0
 """Largest time of a verdict over FCL's time to test the meshes for collision."""
 
+UPDATED_BALLS = 2000
+"""Balls of a set, of which one of a hundred move."""
+
 SEARCH_BALLS = 40, 200
 """Balls of the body that moves and of the other one, for best placements."""
 
@@ -104,6 +107,7 @@ def run(report: Report, seed: int) -> None:
     for dim in (2, 3):
         _spectra(report, dim, rng)
         _values(report, seed, dim, rng)
+        _updates(report, dim, rng)
         _placements(report, dim, rng)
     _verdicts(report, rng)
     _minkowski_crossover(report, rng)
@@ -435,6 +439,32 @@ def _values(report: Report, seed: int, dim: int, rng: np.random.Generator) -> No
             off <= 1e-8 * largest,
             f"{name}(ts): within {off / largest:.1g} of one by one, of the largest",
         )
+
+
+def _updates(report: Report, dim: int, rng: np.random.Generator) -> None:
+    """Compare steps of a few balls of a set with new overlaps."""
+    count = UPDATED_BALLS // (10 if report.quick else 1)
+    a = rng.uniform(-0.3, 0.3, (20, dim)), rng.choice([0.08, 0.1, 0.15], 20)
+    centers, radii = rng.uniform(-1.0, 1.0, (count, dim)), rng.choice([0.08, 0.1, 0.15], count)
+    overlap = FourierOverlap(a, (centers, radii), tolerance=0.01)
+    inner = np.argsort(np.abs(centers).max(axis=1))[: count // 100]
+    step = np.full(dim, 0.3)
+    stepped = centers.copy()
+    stepped[inner] += step
+    report.section(
+        f"{len(inner)} of {count} balls move, {'plane' if dim == 2 else 'space'}, "
+        f"{overlap.frequencies} frequencies"
+    )
+    calls: dict[str, Callable[[], Any]] = {
+        "a new overlap": lambda: FourierOverlap(a, (stepped, radii), tolerance=0.01).spectrum_b,
+        "moved": lambda: overlap.moved(inner, step).spectrum_b,
+    }
+    timings = interleave(calls, 3)
+    report.timings(timings)
+    anew, moved = timings.values()
+    report.ratio("a new overlap / moved", anew, moved, least=10.0)
+    off = float(np.abs(anew.value - moved.value).max()) / float(anew.value.flat[0].real)
+    report.check(off <= 1e-11, f"moved: within {off:.1g} of F(0) of a new one")
 
 
 def _placements(report: Report, dim: int, rng: np.random.Generator) -> None:
