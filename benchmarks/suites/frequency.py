@@ -114,14 +114,14 @@ def run(report: Report, seed: int) -> None:
     for dim in (2, 3):
         _spectra(report, dim, rng)
         _values(report, seed, dim, rng)
-        _updates(report, dim, rng)
+        _updates(report, dim, np.random.default_rng(seed))
         _placements(report, dim, rng)
     _verdicts(report, rng)
     _minkowski_crossover(report, rng)
     for tolerance in EQUAL_ERRORS:
         _sampling(report, tolerance, rng)
     for height in (1.0, 0.25):
-        _bounds(report, height, rng)
+        _bounds(report, height, np.random.default_rng(seed))
     _engines(report, rng)
     _radii(report, rng)
     _medial_balls(report)
