@@ -681,6 +681,12 @@ MUTANTS = (
         "tests/spectral/test_overlap.py",
     ),
     Mutant(
+        "cspace/spectral/_overlap.py",
+        "(moved._part[1] - part)",
+        "moved._part[1]",
+        "tests/spectral/test_overlap.py",
+    ),
+    Mutant(
         "cspace/spectral/_decompose.py",
         "stop = math.floor(center + length + 0.5)",
         "stop = math.ceil(center + length + 0.5)",

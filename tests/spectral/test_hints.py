@@ -102,6 +102,16 @@ def spectrum(lengths=1.0, counts=8, **options):
         ],
         "pass both or neither",
     ),
+    (
+        lambda: overlap().moved([3], (0.0, 0.0)),
+        lambda: overlap().moved([0], (0.0, 0.0)),
+        "pass e.g. [0]",
+    ),
+    (
+        lambda: overlap().moved([0], (1.0, 0.0)),
+        lambda: overlap(PAIR, ([(1.0, 0.0)], [0.1])),
+        "pass the moved balls to a new FourierOverlap",
+    ),
     (lambda: overlap(band=1e9), lambda: overlap(band=10.0), "pass a lower one"),
     (
         lambda: best_placements(PAIR, PAIR, 4, n=0),
