@@ -196,7 +196,7 @@ class Explanation:
         matplotlib.axes.Axes
         """
         from cspace.plot import plot
-        from cspace.plot._artists import BARRIER_STYLE, BOTTLENECK_STYLE, legend_below
+        from cspace.plot._artists import BARRIER_STYLE, BOTTLENECK_STYLE, add_legend_below
 
         space = self.space
         way = self.bottleneck[np.newaxis]
@@ -210,7 +210,7 @@ class Explanation:
         figure: Any = axes.figure
         (legend,) = figure.legends
         legend.remove()
-        legend_below(figure, [*legend.legend_handles, *handles])
+        add_legend_below(figure, [*legend.legend_handles, *handles])
         return axes
 
 

@@ -27,7 +27,7 @@ from cspace.plot._artists import (
     classify_cells,
     classify_ground,
 )
-from cspace.plot._surface import SOLIDS, exposed_cells, make_faces
+from cspace.plot._surface import SOLIDS, find_exposed_cells, make_faces
 
 if TYPE_CHECKING:
     from cspace._tiles.tiled_space import TiledCSpace
@@ -202,7 +202,7 @@ def extract_border(solid: Bools, has_boundary: bool = True) -> Ints:
     rectangles = []
     for axis, up in product(range(3), (0, 1)):
         # The axis of the normal comes first, and each layer has rectangles of its own.
-        layers = np.moveaxis(exposed_cells(solid, axis, up), axis, 0)
+        layers = np.moveaxis(find_exposed_cells(solid, axis, up), axis, 0)
         if not has_boundary:
             layers[-up] = False  # the first layer (0) if faces point down, the last (-1) if up
         low, high = merge_into_rectangles(layers)
