@@ -51,7 +51,7 @@ MUTANTS = (
     ),
     Mutant(
         "cspace/reasons/_windows.py",
-        "if _is_solid(space) and finer.is_disconnected(start, goal)",
+        "if _has_known_solids(space) and finer.is_disconnected(start, goal)",
         "if finer.is_disconnected(start, goal)",
         "tests/reasons/test_explain.py",
     ),
