@@ -1403,9 +1403,9 @@ class CSpace(ConfigurationMap):
             If the map is in space, the message lacks a field, or the map does not have the
             ``rotation``.
         """
-        from cspace.export._messages import occupancy_grid_of
+        from cspace.export._messages import fill_occupancy_grid
 
-        return occupancy_grid_of(self, msg, rotation, frame_id)
+        return fill_occupancy_grid(self, msg, rotation, frame_id)
 
     def to_costmap(
         self,
@@ -1451,9 +1451,9 @@ class CSpace(ConfigurationMap):
         InputError
             If the map is in space, the message lacks a field, or an argument is not usable.
         """
-        from cspace.export._messages import costmap_of
+        from cspace.export._messages import fill_costmap
 
-        return costmap_of(
+        return fill_costmap(
             self,
             self._clearances_of_cells,
             msg,

@@ -27,11 +27,12 @@ if TYPE_CHECKING:
 
 
 def _select_layers(contents: Contents, cells: Sequence[int]) -> dict[str, NDArray[Any]]:
-    """Return the arrays of some rotation cells of a map.
+    """Return the arrays of a map by name, with one array per rotation cell.
 
-    The arrays of a single cell keep their names; otherwise the index of the cell is appended.
+    ``cells`` are the indices of the rotation cells. The arrays of a single cell keep their names;
+    otherwise the index of the cell is appended.
     """
-    # Names have equally many digits, so that they sort in the order of the cells.
+    # All indices have as many digits as the last one, so that names sort in the order of the cells.
     arrays = arrays_of(contents)
     digits = len(str(cells[-1]))
     layers: dict[str, NDArray[Any]] = {}
@@ -48,14 +49,14 @@ def _select_layers(contents: Contents, cells: Sequence[int]) -> dict[str, NDArra
 
 
 def _write_vti(contents: Contents, cells: Sequence[int], path: StrPath, overwrite: bool) -> None:
-    """Write the states at some rotation cells as VTI."""
+    """Write the states at rotation cells as VTI."""
     rotations = contents.rotations
     centers = dict(zip(rotations.names, rotations.centers[cells].T, strict=True))
     write_vti(_select_layers(contents, cells), contents.grid, path, overwrite, centers)
 
 
 def _write_netcdf(contents: Contents, cells: Sequence[int], path: StrPath, overwrite: bool) -> None:
-    """Write a map, or one rotation cell, as netCDF-3.
+    """Write a map, or one rotation cell of it, as netCDF-3.
 
     Arrays are indexed ``[rotation, z, y, x]``.
     """
@@ -87,18 +88,18 @@ def write_npz(contents: Contents, path: StrPath, overwrite: bool = False) -> Non
 
 
 class ExportFormat(NamedTuple):
-    """Writer and description of the exports of one suffix.
+    """A format of exported files.
 
     Attributes
     ----------
     write : callable
-        Writes the map, ``write(contents, path, overwrite)``, if ``rotations`` is "all";
-        some rotation cells, ``write(contents, cells, path, overwrite)``, if "all or one"; one
-        slice, ``write(state, grid, path, overwrite)``, if "one".
+        Its arguments depend on ``rotations``. For "all", ``write(contents, path, overwrite)``
+        writes the map. For "all or one", ``write(contents, cells, path, overwrite)`` writes these
+        rotation cells. For "one", ``write(state, grid, path, overwrite)`` writes a slice.
     rotations : {"all", "all or one", "one"}
         Rotations that a file holds.
     dimension : int or None
-        2 if it holds only maps of the plane, 3 if only maps in space.
+        2 if files hold only maps of the plane, 3 if only maps in space.
     summary : str
         Content of such a file, for the documentation.
     """
@@ -181,7 +182,6 @@ def export(
     MissingPackageError
         If netCDF is asked for, and xarray is not installed.
     """
-    # What the format holds: any dimension or one; all rotations, all or one, or one.
     suffix = check_suffix(path, EXPORT_FORMATS, "the suffix selects the format", is_output=True)
     form = EXPORT_FORMATS[suffix]
     if form.dimension not in (None, contents.grid.dim):
@@ -207,9 +207,7 @@ def export(
 
 
 def to_xarray(contents: Contents) -> xarray.Dataset:
-    """Return a map as a complete xarray Dataset.
-
-    The map can be rebuilt from it.
+    """Return a map as an xarray Dataset from which it can be rebuilt.
 
     Parameters
     ----------
@@ -262,14 +260,14 @@ def to_xarray(contents: Contents) -> xarray.Dataset:
     coordinate_names = (*AXES, *contents.rotations._COORDINATES, "slice_of")
     variables: dict[str, Any] = {}
     coordinates: dict[str, Any] = {}
-    contents = replace(contents, exterior=None)  # it labels no cells
+    contents = replace(contents, exterior=None)  # a Dataset holds only cells of the grid
     arrays = {"inner": contents.workspace.inner} | arrays_of(contents)
     for name, array in arrays.items():
         axes = axes_of(name, dim)
         if axes[0] == "slice":
             stack = _expand_slices(np.asarray(array), contents.slice_of)
             array = stack.reshape(*rotation_shape, *contents.grid.shape)
-            # A robot that does not turn has no axis of rotations.
+            # Without rotations, the array has no leading axis, and "rotation" is cut off.
             axes = ("rotation", *axes[1:])[-array.ndim :]
         if "rotation" in axes and not rotation_shape:
             continue
@@ -283,9 +281,9 @@ def to_xarray(contents: Contents) -> xarray.Dataset:
 
 
 def _expand_slices(stack: NDArray[Any], slice_of: Ints) -> NDArray[Any]:
-    """Return the slice of each rotation cell, shape (cells, *grid).
+    """Return the slice of each rotation cell, shape (cells, ...).
 
-    `stack` has shape (slices, *grid). Slices are copied only if some, but not all, cells share one.
+    `stack` has shape (slices, ...). Slices are copied only if some, but not all, cells share one.
     """
     if len(stack) == len(slice_of):
         return stack
