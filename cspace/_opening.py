@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from cspace._files.access import inspect_path, suggest_file
-from cspace._record.save import TILES_FORMAT, making_map, read_format, read_map_and_attributes
+from cspace._record.save import TILES_FORMAT, read_format, read_map_and_attributes, reporting_damage
 from cspace._space import CSpace
 from cspace._support.arrays import StrPath
 from cspace.errors import FileError
@@ -49,7 +49,7 @@ def open_map(path: StrPath) -> CSpace | TiledCSpace:
 
         return TiledCSpace.open(path)
     contents, _ = read_map_and_attributes(path)
-    with making_map(path):
+    with reporting_damage(path):
         return CSpace(contents)
 
 

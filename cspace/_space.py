@@ -153,7 +153,7 @@ class CSpace(ConfigurationMap):
         counts = self._contents.overlap_counts
         if counts is None:
             return None
-        return read_only(counts).reshape(self._contents.leading(len(counts)))
+        return read_only(counts).reshape(self._contents.stack_shape(len(counts)))
 
     @property
     def cell_states(self) -> NDArray[np.uint8]:
@@ -170,7 +170,7 @@ class CSpace(ConfigurationMap):
         states = self._seen
         if len(states) < len(self._slice_of):
             states = read_only(states[self._slice_of])
-        return states.reshape(self._contents.leading(len(states)))
+        return states.reshape(self._contents.stack_shape(len(states)))
 
     def states_at(self, rotation: ArrayLike = ()) -> NDArray[np.uint8]:
         """Return the state of each cell at a rotation.

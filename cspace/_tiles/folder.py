@@ -30,15 +30,15 @@ from cspace._files.access import discard_leftovers, replacing
 from cspace._grid import Grid
 from cspace._raster import Raster
 from cspace._record.contents import Contents
-from cspace._record.description import FORMAT, arrays_of, metadata_of
+from cspace._record.description import FORMAT, collect_arrays, make_metadata
 from cspace._record.exterior import UNKNOWN, Exterior
 from cspace._record.save import (
     TILES_FORMAT,
-    making_map,
     map_error,
     read_format,
     read_map_and_attributes,
     read_root,
+    reporting_damage,
     write_map,
 )
 from cspace._record.states import count_states
@@ -247,7 +247,7 @@ class TileFolder:
         root = Path(path).absolute()  # workers have other working folders
         frame_path = root / FRAME if (root / FRAME).exists() else root
         frame, attributes = read_map_and_attributes(frame_path, TILES_FORMAT)
-        with making_map(root):
+        with reporting_damage(root):
             folder = cls(root, attributes["tiles"], frame)
             folder._check_layout()
             return folder
@@ -281,7 +281,7 @@ class TileFolder:
             path = self.tile_path(tile)
             summary, _ = read_root(path, FORMAT)
             self._check_stamp(tile, summary)
-            with making_map(path):
+            with reporting_damage(path):
                 cells = self.sub_grid(self.locate_interior(tile)).size
                 counts += _check_counts(summary["counts"], cells * len(frame.slice_of))
                 corners += np.reshape(summary["obstacles"] or [], (-1, len(shape))).tolist()
@@ -325,7 +325,7 @@ def make_frame(
 
 def _describe(contents: Contents) -> dict[str, Any]:
     """Return the metadata of a map, except those of the file and the version it came from."""
-    return {**metadata_of(contents), "workspace_source": "", "library_version": ""}
+    return {**make_metadata(contents), "workspace_source": "", "library_version": ""}
 
 
 def _check_counts(counts: Any, total: int) -> Ints:
@@ -339,7 +339,7 @@ def _check_counts(counts: Any, total: int) -> Ints:
 def make_stamp(frame: Contents, *others: Any) -> str:
     """Return a digest of a frame and of other values, on which a tiled map depends."""
     digest = hashlib.sha256(json.dumps([_describe(frame), *others], sort_keys=True).encode())
-    for array in arrays_of(frame).values():
+    for array in collect_arrays(frame).values():
         digest.update(array.tobytes())
     return digest.hexdigest()
 

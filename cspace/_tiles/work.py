@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from cspace import __version__
 from cspace._limits import MAX_MEMORY_FRACTION, bytes_text, free_bytes
-from cspace._support.threads import cores, in_threads
+from cspace._support.threads import count_cores, map_in_threads
 from cspace.errors import InputError
 
 if TYPE_CHECKING:
@@ -47,8 +47,8 @@ def run_tasks(
         problem = f"is so large that a task needs {bytes_text(needed)}"
         rule = f"{bytes_text(available)} are available"
         raise InputError("tile", problem, rule, "use a smaller tile or fewer rotations")
-    threads = min(workers or cores(), int(available // needed))
-    return in_threads(task, tiles, threads, advance)
+    threads = min(workers or count_cores(), int(available // needed))
+    return map_in_threads(task, tiles, threads, advance)
 
 
 def _run_on_cluster(
@@ -61,7 +61,7 @@ def _run_on_cluster(
     futures = client.map(_run_task, list(tiles), task=copies, pure=False, retries=3)
     try:
         # One thread waits for the results in turn.
-        return in_threads(lambda future: future.result(), futures, 1, advance)
+        return map_in_threads(lambda future: future.result(), futures, 1, advance)
     except (CancelledError, TimeoutError) as error:
         problem = f"lost its scheduler or its workers ({type(error).__name__}: {error})"
         hint = "restart it and repeat the call: finished tiles are kept"

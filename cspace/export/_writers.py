@@ -13,7 +13,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace._files.access import check_suffix, replacing
 from cspace._record.contents import Contents
-from cspace._record.description import AXES, STACKED, arrays_of, attributes_of, axes_of, metadata_of
+from cspace._record.description import (
+    AXES,
+    STACKED,
+    collect_arrays,
+    list_axes,
+    make_attributes,
+    make_metadata,
+)
 from cspace._record.save import MAP_SUFFIXES, save
 from cspace._support.arrays import BLOCKED, FREE, MIXED, Ints, StrPath, frozen
 from cspace._support.reporting import import_optional
@@ -33,7 +40,7 @@ def _select_layers(contents: Contents, cells: Sequence[int]) -> dict[str, NDArra
     otherwise the index of the cell is appended.
     """
     # All indices have as many digits as the last one, so that names sort in the order of the cells.
-    arrays = arrays_of(contents)
+    arrays = collect_arrays(contents)
     digits = len(str(cells[-1]))
     layers: dict[str, NDArray[Any]] = {}
     for name in STACKED:
@@ -76,11 +83,11 @@ def write_npz(contents: Contents, path: StrPath, overwrite: bool = False) -> Non
 
     Raises FileError if the file exists and may not be replaced, or cannot be written.
     """
-    arrays = arrays_of(replace(contents, exterior=None))
+    arrays = collect_arrays(replace(contents, exterior=None))
     members: dict[str, Any] = {name: np.asarray(array) for name, array in arrays.items()}
     members["lower"] = np.array(contents.grid.lower)
     members["spacing"] = np.array(contents.grid.spacing)
-    members["metadata"] = json.dumps(metadata_of(contents), sort_keys=True)
+    members["metadata"] = json.dumps(make_metadata(contents), sort_keys=True)
     # Pass an open file, because np.savez appends a suffix to names that do not end in lower-case
     # ".npz".
     with replacing(path, overwrite) as temporary, temporary.open("wb") as file:
@@ -261,9 +268,9 @@ def to_xarray(contents: Contents) -> xarray.Dataset:
     variables: dict[str, Any] = {}
     coordinates: dict[str, Any] = {}
     contents = replace(contents, exterior=None)  # a Dataset holds only cells of the grid
-    arrays = {"inner": contents.workspace.inner} | arrays_of(contents)
+    arrays = {"inner": contents.workspace.inner} | collect_arrays(contents)
     for name, array in arrays.items():
-        axes = axes_of(name, dim)
+        axes = list_axes(name, dim)
         if axes[0] == "slice":
             stack = _expand_slices(np.asarray(array), contents.slice_of)
             array = stack.reshape(*rotation_shape, *contents.grid.shape)
@@ -272,10 +279,10 @@ def to_xarray(contents: Contents) -> xarray.Dataset:
         if "rotation" in axes and not rotation_shape:
             continue
         group = coordinates if name in coordinate_names else variables
-        group[name] = (axes, array, attributes_of(name, contents.grid))
+        group[name] = (axes, array, make_attributes(name, contents.grid))
     axis_names = dict(zip(AXES, contents.grid.axes, strict=False))
     dataset: xarray.Dataset = package.Dataset(
-        variables, coords=coordinates, attrs=metadata_of(contents)
+        variables, coords=coordinates, attrs=make_metadata(contents)
     )
     return dataset.rename(axis_names)
 
