@@ -731,7 +731,7 @@ MUTANTS = (
     ),
     Mutant(
         "cspace/_tiles/open_tiles.py",
-        "mixed = np.reshape(mixed_cells, (2, -1)) + ONE_MORE - first",
+        "mixed = np.reshape(mixed_cells, (2, -1)) + LAST_TO_STOP - first",
         "mixed = np.reshape(mixed_cells, (2, -1)) - first",
         "tests/tiles/test_queries.py",
     ),
