@@ -1,4 +1,4 @@
-"""Opening of saved maps: as a map in memory, or as a tiled map."""
+"""``open_map``, which opens a saved map in memory or as a tiled map."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ open = open_map  # noqa: A001 - its public name, cspace.open
 
 
 def _check_folder(path: StrPath) -> None:
-    """Raise FileError if there is no folder at a path."""
+    """Raise FileError unless a path is a folder."""
     file, what = inspect_path(path, "saved map")
     if what == "a folder":
         return

@@ -197,9 +197,8 @@ class TiledCSpace(ConfigurationMap):
 
     def _write_free_around(self, distance: float, angle: float, rows: Floats, out: Bools) -> int:
         query = partial(CSpace.is_free_around, distance=distance, angle=angle)
-        return self._query_parts(
-            query, rows, out, reach=math.ceil(distance / self.grid.spacing) + 1
-        )
+        reach = math.ceil(distance / self.grid.spacing) + 1  # cells
+        return self._query_parts(query, rows, out, reach)
 
     def _write_clearances(self, rows: Floats, out: Floats) -> int:
         # Cells beyond the halo of a tile count as not FREE, and a clearance may be two cells too
