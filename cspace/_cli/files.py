@@ -33,8 +33,7 @@ def check_outputs(paths: Iterable[Path | None], suffixes: Collection[str], overw
             check_output(path.with_suffix(".pgm"), overwrite)
     if len({path.resolve() for path in outputs}) < len(outputs):
         names = ", ".join(map(str, outputs))
-        hint = "choose another name"
-        raise InputError(names, "name a file twice", "they must differ", hint)
+        raise InputError(names, "name a file twice", "they must differ", "choose another name")
 
 
 def check_folder(folder: Path) -> None:

@@ -115,8 +115,7 @@ def check_not_negative(value: Any, name: str, hint: str = "pass it in metres") -
     """
     array = check_finite(value, name)
     if array.ndim or array < 0.0:
-        rule = "it must be one number, zero or above"
-        raise InputError(name, f"is {value!r}", rule, hint)
+        raise InputError(name, f"is {value!r}", "it must be one number, zero or above", hint)
     return float(array)
 
 
@@ -143,8 +142,7 @@ def check_count(
         span = "above zero"
     else:
         span = f"from {minimum} on"
-    rule = f"it must be a whole number {span}"
-    raise InputError(name, f"is {value!r}", rule, hint)
+    raise InputError(name, f"is {value!r}", f"it must be a whole number {span}", hint)
 
 
 def check_word(
@@ -198,8 +196,7 @@ def check_text(value: object, name: str, example: str) -> str:
 def check_flag(value: object, name: str) -> None:
     """Raise InputError for a value that is neither True nor False."""
     if not isinstance(value, bool | np.bool_):
-        rule = "it must be True or False"
-        raise InputError(name, f"is {value!r}", rule, "pass one of them")
+        raise InputError(name, f"is {value!r}", "it must be True or False", "pass one of them")
 
 
 def check_rng(rng: object) -> np.random.Generator:

@@ -85,8 +85,9 @@ def fill_costmap(
     grid = space.grid
     workspace = space.workspace
     if grid.dim == 3:
-        hint = "build a map of the plane"
-        raise InputError("the map", "is one in space", "a costmap is plane", hint)
+        raise InputError(
+            "the map", "is one in space", "a costmap is plane", "build a map of the plane"
+        )
     slice_number = None  # without a rotation, costs are those of the best rotation of each cell
     if rotation is not None:
         cell = space.rotations._find_cells(space.rotations._check_rotation(rotation))
