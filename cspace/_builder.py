@@ -390,7 +390,7 @@ def _warn_of_units(
 
 
 def _warn_of_nothing_free(space: CSpace | TiledCSpace, margin: float) -> None:
-    """Warn that a map has no FREE cell; give the reason if it is known."""
+    """Warn that a map has no FREE cell, with the reason if known."""
     _, mixed, blocked = space.count()
     reason = "the robot, with its margin, fits nowhere between the obstacles"
     hint = "use a smaller robot or margin, and check the units (metres)"
@@ -597,7 +597,9 @@ def _measure_robot(shape: Shape, rotations: str) -> tuple[float, float]:
 
 
 def _choose_rotations(turn_axes: int, chord: float) -> Rotations:
-    """Return the fewest rotation cells within which a point moves by at most a chord.
+    """Return the fewest rotation cells that limit a point's displacement.
+
+    Within a cell, a point at distance 1 from the axis of rotation moves by at most ``chord``.
 
     The point is at distance 1 from the axis of rotation.
     """

@@ -181,7 +181,7 @@ def check_file_memory(path: StrPath, declared: str, needed: float) -> None:
 
 
 class PlannedGrid(NamedTuple):
-    """Number and side of the cells of a grid, to check its memory before it is created."""
+    """Number and side of the cells of a grid to be created."""
 
     shape: Sequence[int]
     spacing: float
@@ -232,7 +232,7 @@ def _memory_parts(description: str, needed: float, free: float) -> tuple[str, st
 
 
 def bytes_text(size: float) -> str:
-    """Format a number of bytes with three digits and a unit, e.g. "1.5 GB"."""
+    """Format a number of bytes with a unit, e.g. "1.5 GB"."""
     units = ["TB", "GB", "MB", "kB", "bytes"]
     while size >= 999.5 and len(units) > 1:  # 999.5 would be rounded to 1000
         size /= 1000

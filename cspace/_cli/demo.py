@@ -75,7 +75,7 @@ def floor_plan() -> list[BaseGeometry]:
 
 
 def write_inputs(folder: Path) -> dict[str, Path]:
-    """Write the floor plan and a house with two rooms as files; return their paths.
+    """Write the floor plan and a house as files; return their paths.
 
     The folder must exist; existing files are replaced. ``floor_plan`` is GeoJSON, 16 m by 10 m, and
     ``house`` is STL, 6 m by 4 m by 2.5 m.

@@ -93,7 +93,9 @@ def _read_table(file: Path, axes: Sequence[str]) -> tuple[list[str], Any]:
 
 
 def prepare_store(output: Path, overwrite: bool) -> None:
-    """Check that a store can be created or resumed; with ``overwrite``, remove an old one.
+    """Check that a store can be created or resumed.
+
+    With ``overwrite``, remove an old one.
 
     Raises InputError if the suffix is not .zarr; FileError if something else exists, or if the path
     is not writable.

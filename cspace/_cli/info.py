@@ -78,7 +78,10 @@ def info(
 
 
 def _guess_kind(file: str) -> FileKind:
-    """Guess the kind of object from a file's name; a URDF is read for its joints."""
+    """Guess the kind of object in a file from its name.
+
+    A URDF is read, because its joints decide between an arm and a robot.
+    """
     path = Path(file)
     suffix = path.suffix.lower()
     if suffix in (".zarr", ".npz") or path.is_dir():

@@ -78,7 +78,7 @@ def plan_for_arm(folder: Path) -> planners.Plan:
 
 
 def query_maps(folder: Path) -> None:
-    """Query and update a map in the plane, one with a yaw and one in space."""
+    """Query and update maps in the plane, with a yaw and in space."""
     square = shapely.box(6, 4, 6.5, 4.5)
     cube = Robot.box((0.5, 0.5, 0.5)).shape
     file = folder / "map.zarr"

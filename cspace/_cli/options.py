@@ -73,7 +73,9 @@ VISUALS: Final = flag(
 
 
 def open_robot(text: str, **given: Any) -> Robot:
-    """Open a robot from a short text or a file; ``footprint:`` before a file projects it.
+    """Open a robot from a short text or a file.
+
+    ``footprint:`` before a file projects the robot into the plane.
 
     ``given`` are options of :meth:`cspace.Robot.open`; unset ones are omitted. Raises
     CspaceError as :meth:`cspace.Robot.parse` and :meth:`cspace.Robot.open`; InputError if a short
@@ -195,7 +197,7 @@ def parse_offset(text: str) -> tuple[float, ...]:
 
 
 def parse_box(text: str, argument: str) -> tuple[float, ...]:
-    """Parse the lower and upper corner of a box, metres, in an argument such as ``bounds``.
+    """Parse the corners of a box, metres, in an argument such as ``bounds``.
 
     Raises InputError if the text is not four numbers, or six in space, or if the box is empty.
     """

@@ -122,7 +122,10 @@ def _list_rows(document: dict[str, Any], indent: str = "") -> Iterator[tuple[str
 
 
 def _format_unit(unit: str) -> str:
-    """Format the unit of a name to follow a number, e.g. " rad² m" for "rad2_m"."""
+    """Format the unit of a name for a table.
+
+    The unit follows a number, e.g. " rad² m" for "rad2_m".
+    """
     if unit == "deg":
         return "°"
     return " " + unit.translate(_UNIT_CHARACTERS)

@@ -142,7 +142,7 @@ def describe_arrays() -> dict[str, StoredArray]:
 
 
 def list_axes(name: str, dim: int) -> tuple[str, ...]:
-    """Return the names of the axes of an array, on a grid of ``dim`` dimensions."""
+    """Return the names of an array's axes, in ``dim`` dimensions."""
     # "cells" stands for the axes of the grid.
     axes: list[str] = []
     for axis in describe_arrays()[name].axes:
@@ -158,7 +158,10 @@ def make_grid(metadata: Mapping[str, Any]) -> Grid:
 
 
 def make_attributes(name: str, grid: Grid) -> dict[str, Any]:
-    """Return the attributes of an array; an axis gets its name and unit in the grid."""
+    """Return the attributes of an array on a grid.
+
+    The centers along an axis get the name and unit of the axis.
+    """
     attributes = dict(describe_arrays()[name].attributes)
     if name in AXES:
         number = AXES.index(name)

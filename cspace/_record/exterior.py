@@ -53,7 +53,7 @@ class Exterior:
     def around(
         cls, shape: Sequence[int], box: Ints, rasters: Sequence[tuple[Raster, Raster]], policy: str
     ) -> Exterior:
-        """Compute the exterior from the shape of a grid and the box of its obstacles.
+        """Compute the exterior from a grid's shape and its obstacles' box.
 
         ``box``, shape (2, d), has the first and last obstacle cell; only policy "free" reads it.
         Other arguments are as for :meth:`of`.
@@ -80,7 +80,7 @@ class Exterior:
         return cls(np.array(rows, dtype=np.int64))
 
     def is_all_blocked(self, shape: tuple[int, ...]) -> Bools:
-        """Return a mask of the slices, all of whose cells outside the grid are BLOCKED.
+        """Return a mask of the slices with only BLOCKED cells outside.
 
         ``shape`` is that of the grid.
         """

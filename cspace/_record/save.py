@@ -172,8 +172,8 @@ def read_root(path: StrPath, form: str) -> tuple[dict[str, Any], Any]:
 
 
 def _replace_digest(root: bytes, old: str, new: str) -> bytes:
-    """Replace the digest in the text of the attributes, of which it is the first."""
-    return root.replace(old.encode(), new.encode(), 1)
+    """Replace the digest in the text of the attributes."""
+    return root.replace(old.encode(), new.encode(), 1)  # the digest is the first attribute
 
 
 def _add_file(digest: Any, name: str, content: bytes) -> None:
@@ -183,7 +183,7 @@ def _add_file(digest: Any, name: str, content: bytes) -> None:
 
 
 def read_format(path: StrPath) -> str:
-    """Return the format that a folder declares, or "" if it is no saved map."""
+    """Return the format that a folder declares, or "" for no map."""
     try:
         root = json.loads(read_bytes(Path(path, ROOT_FILE), _KIND, memory=8.0))
         form = root["attributes"]["format"]
@@ -319,7 +319,10 @@ def _expect_layouts(attributes: Mapping[str, Any], grid: Grid) -> dict[str, Layo
 def _read_arrays(
     path: StrPath, names: Sequence[str], layouts: Mapping[str, Layout], digest: Any
 ) -> dict[str, NDArray[Any]]:
-    """Read the arrays that have a layout; update the digest with the files of all arrays."""
+    """Read arrays, and update the digest with their files.
+
+    Arrays without a layout only update the digest.
+    """
 
     def read(name: str) -> bytes:
         """Read a file of the map, and update the digest with it."""
@@ -353,7 +356,10 @@ def _read_arrays(
 def _make_contents(
     attributes: Mapping[str, Any], grid: Grid, arrays: Mapping[str, NDArray[Any]]
 ) -> Contents:
-    """Return the map that attributes and arrays describe; raise any error if they are invalid."""
+    """Return the map that attributes and arrays describe.
+
+    Raises any error if they are invalid.
+    """
     # The digest is right, but the files may be forged, so each part is checked before its use.
     if not _UNITS.issuperset(grid.units):
         raise ValueError(f"its units are {grid.units}")
@@ -390,14 +396,14 @@ def _make_contents(
 
 @lru_cache(maxsize=4)
 def _read_robot(text: str) -> Robot:
-    """Return the robot of a JSON text; cached, because all tiles of a map have one robot."""
+    """Return the robot of a JSON text, cached for all tiles."""
     return Robot.from_spec(json.loads(text))
 
 
 def _check_rotations(
     attributes: Mapping[str, Any], grid: Grid, robot: Robot, arrays: Mapping[str, NDArray[Any]]
 ) -> tuple[Rotations, Ints]:
-    """Return the rotation cells of a map, and the slice of each cell for its robot.
+    """Return the rotation cells of a map, and their slices.
 
     Raises ValueError if a stored array differs from what grid, rotation cells and robot determine.
     """

@@ -233,7 +233,10 @@ class Updater:
         return bool((gaps >= self._raster_size).any())
 
     def _copy_layers(self, layers: ObstacleLayers, boxes: Sequence[CellBox]) -> Update:
-        """Copy boxes of cells, and the shapes, from the layers to the workspace; update the map."""
+        """Copy boxes of cells from the layers to the workspace; update the map.
+
+        The workspace also gets the shapes of the layers.
+        """
         self._set_shapes(layers.obstacles)
         return self._write_all(
             [Patch(tuple(first.tolist()), *layers.cells(first, stop)) for first, stop in boxes]
@@ -301,7 +304,10 @@ class Updater:
         return first, np.maximum(stop, first)
 
     def _compute(self, patch: Patch, first: Ints, stop: Ints) -> Bytes:
-        """Compute the states of the box of cells from ``first`` to ``stop``, with the patch."""
+        """Compute the states of a box of cells after a patch.
+
+        The box is from cell ``first`` to before cell ``stop``.
+        """
         lowest_offset, highest_offset = self._offset_range
         begin = np.maximum(first + lowest_offset, 0)
         end = np.minimum(stop + highest_offset, self._grid.shape)
@@ -328,13 +334,16 @@ class Updater:
         return outer, inner
 
     def _stay_equal(self, patch: Patch) -> bool:
-        """Return True if inner and outer cells are one array, and stay so with the patch."""
+        """Return True if a patch keeps inner and outer cells one array."""
         if self._workspace.inner is not self._workspace.outer:
             return False
         return patch.inner is patch.outer or np.array_equal(patch.inner, patch.outer)
 
     def _write_cells(self, patch: Patch) -> None:
-        """Write a patch into the workspace, whose inner and outer cells may be one array."""
+        """Write a patch into the workspace.
+
+        Its inner and outer cells may be one array, as long as they are equal.
+        """
         old = self._workspace
         window = patch.window
         if old.inner is not old.outer:
@@ -370,7 +379,9 @@ def _make_layers(workspace: Workspace) -> ObstacleLayers:
 
 
 def _measure_offsets(groups: RasterGroups, shape: Sequence[int], is_blocked: bool) -> Ints:
-    """Return the range of offsets from a cell to the workspace cells that decide its state.
+    """Return the range of offsets that decide the state of a cell.
+
+    Offsets lead from the cell to workspace cells.
 
     The result, shape (2, d), has the minimum and the maximum along each axis. ``is_blocked`` says
     whether the space outside the workspace is blocked.

@@ -69,7 +69,9 @@ def check_finite(values: ArrayLike, name: str) -> Floats:
 
 
 def _first_wrong_entry(array: NDArray[Any], name: str, wrong: Bools) -> tuple[str, Any]:
-    """Return the name, such as ``points[2, 0]``, and the value of the first wrong entry.
+    """Return the name and the value of the first wrong entry.
+
+    A name is, for example, ``points[2, 0]``.
 
     ``wrong`` is a mask with at least one entry set.
     """

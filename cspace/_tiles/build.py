@@ -80,7 +80,7 @@ def build_tiles(
 
 
 def _open_or_create(path: Path, frame: Contents, layout: dict[str, Any]) -> TileFolder:
-    """Open the folder of an interrupted build of the same map, or create a new one.
+    """Open the folder of a build to resume, or create one.
 
     Raises FileError if the folder holds another map.
     """

@@ -123,7 +123,7 @@ class TileFolder:
 
     @cached_property
     def reach(self) -> int:
-        """Distance, in cells along an axis, up to which the robot may touch a cell."""
+        """Reach of the robot along an axis, in cells, rounded up."""
         frame = self.frame
         farthest_corner = np.abs(frame.robot.shape.outer.bounds).max(axis=0)
         radius = float(np.linalg.norm(farthest_corner))
@@ -151,13 +151,13 @@ class TileFolder:
         return np.arange(len(self)).reshape(self.counts)
 
     def locate_interior(self, tile: int) -> Ints:
-        """Return the corners of a tile without its halo, shape (2, d), in cells of the map."""
+        """Return the corners of a tile without its halo, shape (2, d)."""
         index = np.unravel_index(tile, self.counts)
         first = np.multiply(index, self.tile)
         return self.clip(np.stack([first, first + self.tile]))
 
     def locate_tile(self, tile: int) -> Ints:
-        """Return the corners of a tile with its halo, shape (2, d), in cells of the map."""
+        """Return the corners of a tile with its halo, shape (2, d)."""
         return self.clip(grow_box(self.locate_interior(tile), self.halo))
 
     def locate_interior_in_tile(self, tile: int) -> Box:
@@ -300,7 +300,7 @@ class TileFolder:
 
 
 def grow_box(corners: Ints, cells: int) -> Ints:
-    """Return a box, shape (2, d), extended by a number of cells on every side."""
+    """Extend a box, shape (2, d), by ``cells`` on every side."""
     first, stop = corners
     return np.stack([first - cells, stop + cells])
 
@@ -313,7 +313,10 @@ def to_slices(corners: Ints) -> Box:
 def make_frame(
     workspace: Workspace, robot: Robot, rotations: Rotations, **options: Any
 ) -> Contents:
-    """Return a map of the first cell of a workspace, which holds what all tiles share."""
+    """Make the frame of a tiled map: a map of its first cell.
+
+    It has the robot, the rotation cells and the obstacles as shapes.
+    """
     whole = workspace.grid
     one_cell = (1,) * whole.dim
     grid = Grid(whole.lower, whole.spacing, one_cell, whole.axes, whole.units)
@@ -326,7 +329,7 @@ def make_frame(
 
 
 def _describe(contents: Contents) -> dict[str, Any]:
-    """Return the metadata of a map that do not depend on its source or cspace's version."""
+    """Return a map's metadata without its source and cspace's version."""
     return {**make_metadata(contents), "workspace_source": "", "library_version": ""}
 
 

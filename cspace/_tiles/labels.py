@@ -41,7 +41,7 @@ The label of a cell is the index of its node in the tile, or -1 for a cell witho
 
 
 def list_layers(folder: TileFolder, tile: int) -> list[Ints]:
-    """Return the layers of cells that a tile shares with adjacent tiles or the exterior.
+    """Return the layers of cells that a tile shares with its neighbours.
 
     There is an array for each axis, shape (2, rotations, other axes, 1 + d). It has the first layer
     of the interior, then the first layer beyond the interior. At the end of the grid, where no
@@ -59,7 +59,7 @@ def list_layers(folder: TileFolder, tile: int) -> list[Ints]:
 
 
 def label_tile(folder: TileFolder, tile: int) -> list[TileNodes]:
-    """Label the FREE cells, then the open cells, of the layers that a tile shares."""
+    """Label the FREE cells, then the open cells, of shared layers."""
     opened = open_tile(folder, tile)
     layers = list_layers(folder, tile)
     nodes = []
@@ -70,7 +70,7 @@ def label_tile(folder: TileFolder, tile: int) -> list[TileNodes]:
 
 
 class MapNodes:
-    """The graph of the nodes of all tiles, for FREE cells or for open cells.
+    """The graph of all nodes of FREE cells, or of open cells.
 
     The nodes of a tile have consecutive numbers. The last node is the exterior, as if it were a
     tile with one node, label 0.
@@ -125,7 +125,7 @@ class MapNodes:
 
 
 def _pair_up(first: Ints, second: Ints) -> Ints:
-    """Return the distinct pairs of labels at the same places of two arrays, shape (n, 2).
+    """Return the distinct pairs of labels of two arrays, shape (n, 2).
 
     Pairs with -1, which means no label, are omitted.
     """
@@ -160,7 +160,10 @@ class TiledComponents:
         return self._nodes[mixed].roots[self._find_nodes(cells, mixed)]
 
     def _find_nodes(self, cells: Ints, mixed: bool) -> Ints:
-        """Return the node of each cell, shape (n, 1 + d), or -1 for none."""
+        """Return the node of each cell, or -1 for none.
+
+        Cells have shape (n, 1 + d).
+        """
         folder = self._folder
         positions = cells[:, 1:]
         all_nodes = self._nodes[mixed]

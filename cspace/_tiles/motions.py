@@ -80,7 +80,7 @@ def cut_motions(
     motions = motion_of_arc[arc_of_piece]
 
     def interpolate(cuts: Ints) -> Floats:
-        """Return the configuration at a cut of the arc of each piece, shape (m, size)."""
+        """Return the configuration of each piece at a cut of its arc."""
         shares = cuts / counts[arc_of_piece]
         return rotations._add_steps(starts[motions], steps[arc_of_piece] * shares[:, np.newaxis])
 

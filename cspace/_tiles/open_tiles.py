@@ -65,7 +65,7 @@ def open_tile(folder: TileFolder, number: int) -> OpenTile:
 
 
 class OpenTiles:
-    """The tiles of a map, read when they are needed and kept while memory allows.
+    """A cache of the tiles of a map, read when needed.
 
     Parameters
     ----------
@@ -88,7 +88,9 @@ class OpenTiles:
         self.frame = CSpace(folder.frame)
 
     def window(self, corners: Ints, exterior: Exterior | None = None) -> CSpace:
-        """Return a box of cells, in the grid or not, as a map in memory.
+        """Return a box of cells as a map in memory.
+
+        The box may extend beyond the grid.
 
         ``corners``, shape (2, d), are the first cell and the cell after the last one. Cells outside
         the box are MIXED, unless their states are given by ``exterior``. Raises InputError if the
@@ -128,7 +130,7 @@ class OpenTiles:
         )
 
     def _shapes_in(self, corners: Ints) -> tuple[Shape, ...] | None:
-        """Return the shapes of the obstacles in a window; None if they differ from its cells."""
+        """Return the shapes of a window's obstacles, if they describe its cells."""
         folder = self.folder
         shapes = folder.frame.workspace.shapes
         if not shapes or np.array_equal(folder.clip(corners), corners):
@@ -177,7 +179,7 @@ class OpenTiles:
     def parts_near(
         self, cells: Ints, reach: int, is_inside: bool = False
     ) -> Iterator[tuple[CSpace, Ints]]:
-        """Yield maps in memory that answer queries near cells, with the rows of their cells.
+        """Yield maps in memory for queries near cells, with their rows.
 
         ``cells`` have shape (n, d). A map has all cells within ``reach`` of its rows, or only those
         in the grid if ``is_inside``. It is a tile, a window if cells beyond the tile are within
@@ -223,7 +225,7 @@ class OpenTiles:
                 out[rows] = self._prove_motions(starts[rows], ends[rows], is_inside)
 
     def _prove_motions(self, starts: Floats, ends: Floats, is_inside: bool) -> Bools:
-        """Return a mask of the motions that the tiles they cross prove free, shape (n,).
+        """Return a mask of the motions that tiles prove free, shape (n,).
 
         ``starts`` and ``ends`` have the shape (n, size). If ``is_inside``, all motions lie in the
         closed grid, and ignore the cells outside as in a map in memory. Otherwise all leave it.

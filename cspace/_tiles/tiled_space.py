@@ -81,7 +81,9 @@ class TiledCSpace(ConfigurationMap):
         return TiledCSpace.open, (self.path, self._cache_bytes)
 
     def _at_one_moment(self) -> AbstractContextManager[Any]:
-        """Return the lock of the map, because one thread at a time opens and closes tiles.
+        """Return the lock of a complete map, held while tiles are read.
+
+        One thread at a time opens and closes tiles.
 
         Raises FileError if the map is not complete.
         """
@@ -151,10 +153,11 @@ class TiledCSpace(ConfigurationMap):
     def _query_parts(
         self, query: Callable[[CSpace, Floats], Any], rows: Floats, out: NDArray[Any], reach: int
     ) -> int:
-        """Query parts of the map in memory, and write the results into ``out``, shape (n,).
+        """Query parts of the map in memory, and write the results.
 
-        ``rows`` are configurations, shape (n, size). Each is queried in a part with all cells
-        within ``reach``, a number of cells. Returns the index of the first unusable row, or -1.
+        ``rows`` are configurations, shape (n, size), and ``out`` has shape (n,). Each row is
+        queried in a part with all cells within ``reach``, a number of cells. Returns the index of
+        the first unusable row, or -1.
         """
         with self._at_one_moment():
             bad = self._find_unusable(rows)

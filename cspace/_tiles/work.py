@@ -73,7 +73,10 @@ def _run_on_cluster(
 
 
 def _run_task(tile: int, task: Task) -> Any:
-    """Run a task on a worker, with the task as a keyword argument, as ``map`` needs it."""
+    """Run a task on a worker.
+
+    Its arguments are in the order that ``client.map`` needs.
+    """
     return task(tile)
 
 

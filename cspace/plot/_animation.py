@@ -183,7 +183,7 @@ def _render_image(figure: Any, palette: Any = None) -> Any:
 def _draw_map(
     space: Any, points: Floats, title: str | None, camera: ArrayLike | None
 ) -> tuple[Any, Move, float]:
-    """Draw a map; return its axes, a function that moves the robot, and its reach.
+    """Draw a map; return axes, a function that moves the robot, its reach.
 
     The robot will move along ``points``, shape (n, size). In the plane, the slice of the map at the
     robot's rotation is drawn.

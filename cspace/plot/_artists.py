@@ -300,7 +300,10 @@ def add_legend_below(figure: Figure, handles: Sequence[Any]) -> None:
 def annotate(
     ax: Any, is_new: bool, title: str | None, default: str, handles: Sequence[Any]
 ) -> None:
-    """Add a title, and a legend if there are handles: below a new figure, or beside the axes."""
+    """Add a title, and a legend if there are handles.
+
+    The legend is below a new figure, or beside the caller's axes.
+    """
     heading = default if title is None else title
     if is_new:
         # A title may be wider than narrow axes, so new figures have it above all axes.

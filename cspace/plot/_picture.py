@@ -178,14 +178,14 @@ def plot(
 
 
 def make_title(space: MapLike) -> str:
-    """Return the default title of a map: the robot and the side of a cell."""
+    """Return the default title: the robot and the side of a cell."""
     return f"{space.robot.name}, cells of {space.grid.spacing:g} {space.grid.unit}"
 
 
 def _choose_view(
     space: MapLike, view: str | None, options: Mapping[str, Any], center: Any, zoom: float | None
 ) -> str:
-    """Choose the kind of picture of a map, and check that the options fit it.
+    """Choose the kind of picture, and check the options for it.
 
     Raises InputError if the map has no such view, or if an option other than None does not fit the
     view.

@@ -136,9 +136,9 @@ def path_lengths(rotations: Rotations, points: Floats, reach: float = 0.0) -> Fl
 def interpolate_path(
     rotations: Rotations, points: Floats, shares: Floats, reach: float = 0.0
 ) -> Floats:
-    """Interpolate a path at shares, 0 to 1, of its length; return shape (n, size).
+    """Interpolate a path at shares, 0 to 1, of its length.
 
-    ``reach`` is as for :func:`path_lengths`.
+    ``reach`` is as for :func:`path_lengths`. The result has shape (n, size).
     """
     lengths = path_lengths(rotations, points, reach)
     places = np.interp(shares * lengths[-1], lengths, np.arange(len(points)))
@@ -146,7 +146,10 @@ def interpolate_path(
 
 
 def interpolate_rows(rotations: Rotations, points: Floats, places: Floats) -> Floats:
-    """Interpolate a path at fractional row indices; 1.5 is halfway from row 1 to 2."""
+    """Interpolate a path at fractional indices of its rows.
+
+    Index 1.5 is halfway from row 1 to row 2. The result has shape (n, size).
+    """
     before = places.astype(np.int64)
     after = np.minimum(before + 1, len(points) - 1)
     steps = rotations._steps_between(points[before], points[after])
@@ -155,7 +158,7 @@ def interpolate_rows(rotations: Rotations, points: Floats, places: Floats) -> Fl
 
 
 def split_steps(rotations: Rotations, points: Floats) -> Floats:
-    """Split each edge of a path into 64 pieces; return their ends, shape (m, size)."""
+    """Split each edge of a path into 64 pieces; return their ends."""
     if len(points) < 2:
         return points
     # The stop lies one piece beyond the last row, because arange omits it.
@@ -259,7 +262,10 @@ def extract_rings(geometry: Any) -> list[Floats]:
 
 
 def check_path(space: HasAxes, path: Any) -> Floats:
-    """Return a path or a plan's path as an array of shape (n, size), or raise InputError."""
+    """Return a path or a plan's path as an array, shape (n, size).
+
+    Raises InputError if it is no path in the space.
+    """
     values = getattr(path, "path", path)
     points = np.empty(0) if values is None else check_finite(values, "path")
     if points.shape == (0,):  # no path, or an empty list

@@ -31,7 +31,9 @@ def draw_plane(scene: PictureContent, ax: Axes | None) -> tuple[Axes, list[Any]]
 
 
 def draw_sections(scene: PictureContent) -> tuple[Axes, list[Any]]:
-    """Draw three sections of a map in space, seen from above, the front and the right.
+    """Draw three sections of a map in space through a point.
+
+    They are seen from above, the front and the right.
 
     Returns the axes seen from above, and the legend entries.
     """

@@ -105,7 +105,10 @@ class Painting:
             self.handles[line.get_label()] = line
 
     def show(self, moving: Iterable[Surface] = ()) -> None:
-        """Draw all polygons, and the surfaces of a moving robot in place of the last ones."""
+        """Draw all polygons and the surfaces of a moving robot.
+
+        They replace the polygons of the previous call.
+        """
         from matplotlib.colors import LightSource, to_rgb
         from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
 
@@ -252,7 +255,9 @@ def _find_inside(solid: Bools, towards: Floats, is_cut: bool) -> Box:
 
 
 def make_faces(low: Ints, high: Ints, axis: int, up: int) -> Ints:
-    """Return the lower (0) or upper (1) faces of boxes on an axis, shape (n, 4, 3).
+    """Return the lower (0) or upper (1) faces of boxes on an axis.
+
+    Faces have shape (n, 4, 3).
 
     Boxes lie between the corners ``low`` and ``high``, shape (n, 3). The corners of a face are
     counterclockwise, seen from outside.

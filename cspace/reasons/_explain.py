@@ -54,7 +54,7 @@ MAX_NAMED_OBSTACLES: Final = 3
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """The reason why a path between two configurations exists or not, and what would change it.
+    """The reason why a path between two configurations exists, or does not.
 
     Attributes
     ----------
@@ -166,7 +166,7 @@ class Explanation:
         return f"Undecided: {self._place_text} {cells} on the way, beside {self._obstacles_text}."
 
     def _describe_margin(self) -> list[str]:
-        """Return at most one sentence, on how far the robot may grow or must shrink."""
+        """Return at most one sentence, on the margin of the robot."""
         low, high = self.margin
         if low >= 0.0:
             more = "" if math.isinf(high) else f", but not by {high:.3g} m"
@@ -334,7 +334,10 @@ def find_touched_cells(space: CSpace, cells: Ints, proven: bool) -> Bools:
 
 
 def _passes_if_turning(space: CSpace, cells: Ints) -> bool:
-    """Return True if cells that are FREE at any yaw connect two cells, shape (2, 1 + d)."""
+    """Return True if cells that are FREE at any yaw connect two cells.
+
+    ``cells`` have shape (2, 1 + d).
+    """
     is_free_at_some = (states_of_slices(space) == FREE).any(axis=0)
     pieces, _ = ndimage.label(is_free_at_some)
     start, goal = pieces[tuple(cells[:, 1:].T)]

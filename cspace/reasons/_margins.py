@@ -66,7 +66,9 @@ BLOCKED_COST: Final = 4.0
 
 
 class Way(NamedTuple):
-    """A chain of cells from start to goal, for the largest robot that has one.
+    """The widest chain of cells from start to goal.
+
+    It is that of the largest resized robot that has one.
 
     Attributes
     ----------
@@ -94,7 +96,7 @@ class Way(NamedTuple):
 
 
 def states_of_slices(space: CSpace) -> States:
-    """Return the states of a map, shape (slices, x, y) or (slices, x, y, z)."""
+    """Return the states of a map, shape (slices, x, y(, z))."""
     states = space._kernel_map.states
     return states.reshape(len(states), *space.grid.shape)
 
@@ -114,24 +116,24 @@ def copy_with_ends(space: CSpace, start: ArrayLike, goal: ArrayLike) -> tuple[CS
 
 
 def find_cells(space: CSpace, points: Floats) -> Ints:
-    """Return the cells ``(rotation, x, ...)`` of configurations in the grid, shape (n, 1 + d)."""
+    """Return the cells ``(rotation, x, ...)`` of configurations, shape (n, 1 + d)."""
     positions = space.grid.cell_of(points[:, : space.dim])
     return np.column_stack([space.rotations._find_cells(points), positions])
 
 
 def find_way(space: CSpace, points: Floats) -> Way:
-    """Find a way from start to goal for the largest robot, and what bars the way.
+    """Find the widest way from start to goal, and its barrier.
 
     ``points``, shape (2, size), are start and goal.
     """
     robot = ResizedRobot(space)
 
     def joins(margin: float) -> bool:
-        """Return True if FREE cells of the robot with a margin join start and goal."""
+        """Return True if start and goal are connected with a margin."""
         return bool(robot.make_free_map(margin).is_connected(*points))
 
     def is_open(margin: float) -> bool:
-        """Return True if the robot with a margin is not proven to have no path."""
+        """Return True unless start and goal are proven disconnected with a margin."""
         return not robot.make_blocked_map(margin).is_disconnected(*points)
 
     # The largest proven margin is at least the map's own if the map connects the points. Otherwise
@@ -262,7 +264,7 @@ class ResizedRobot:
         return low, high
 
     def find_free(self, margin: float) -> Bools:
-        """Return a mask of the FREE cells of each slice for the robot with a margin."""
+        """Return a mask of the FREE cells with a margin, by slice."""
         space = self.space
         own, rest = self._split_margin(margin)
         if margin >= 0.0:
@@ -322,7 +324,7 @@ class ResizedRobot:
         )
 
     def _collide(self, occupied: Bools, rasters: Sequence[Raster], outside: bool) -> Bools:
-        """Return a mask of the cells of each slice at which its raster meets occupied cells.
+        """Return a mask of cells whose raster meets occupied cells, by slice.
 
         With ``outside``, all space outside the grid is occupied too.
         """
@@ -386,7 +388,7 @@ class ResizedRobot:
         ]
 
     def _measure_levels(self, added: int) -> list[Floats]:
-        """Return the margin from which on each offset lies in the grown robot, by slice.
+        """Return the margins at which offsets enter the grown robot, by slice.
 
         Tables have the shapes of the inner rasters with ``added`` offsets on each side.
         """
@@ -419,7 +421,9 @@ class ResizedRobot:
 
 
 def bound_depths(planes: Planes, raster: Raster, cell: RotationCell, spacing: float) -> Floats:
-    """Return upper bounds of the depth of a shape in the boxes of outer offsets, metres.
+    """Return upper bounds of a shape's depth at outer offsets, metres.
+
+    A bound holds in the whole box around an offset.
 
     The bounds hold at all rotations of the cell, and have the shape of the raster's cells.
     """
@@ -496,7 +500,7 @@ def distance_to_simplex(points: Floats, simplex: Floats) -> Floats:
 
 
 def _distance_to_segment(points: Floats, first: Floats, last: Floats) -> Floats:
-    """Return the distance of points, shape (n, d), to the segment from first to last."""
+    """Return the distance of points, shape (n, d), to a segment."""
     direction = last - first
     square = float(direction @ direction)
     along = np.zeros(len(points))

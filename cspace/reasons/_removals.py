@@ -125,7 +125,10 @@ def remove_obstacles(space: CSpace, names: Sequence[str]) -> CSpace:
 
 
 def _find_sufficient(regions: Regions, start: int, goal: int, n_names: int) -> list[int]:
-    """Find obstacles, as bit numbers, whose removal gives a path, without a spare one."""
+    """Find a minimal set of obstacles whose removal gives a path.
+
+    Obstacles are bit numbers. Each is needed, but a smaller set may exist.
+    """
     kept = list(range(n_names))
     for bit in reversed(range(n_names)):
         fewer = [other for other in kept if other != bit]
@@ -135,7 +138,7 @@ def _find_sufficient(regions: Regions, start: int, goal: int, n_names: int) -> l
 
 
 def _find_regions(space: CSpace, names: Sequence[str]) -> Regions:
-    """Divide a map into regions in which the robot may touch the same named obstacles."""
+    """Divide a map into regions that touch the same named obstacles."""
     slice_masks = _compute_masks(space, names)
     masks = slice_masks[space.slice_of]
     numbers = np.empty(masks.shape, dtype=np.int64)

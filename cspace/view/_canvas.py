@@ -102,13 +102,13 @@ class Canvas:
     # ---- configurations --------------------------------------------------------------------------
 
     def interpolate(self, points: Floats, shares: Floats) -> Floats:
-        """Interpolate a path at shares, 0 to 1, of its length; return shape (n, size)."""
+        """Interpolate a path at shares, 0 to 1, of its length; shape (n, size)."""
         return interpolate_path(self._space.rotations, points, shares, self.robot_reach)
 
     # ---- robot, endpoints and path ---------------------------------------------------------------
 
     def reach(self) -> str:
-        """Move an arm to its tool frame; return why it cannot, or an empty text.
+        """Move an arm to its tool frame; return the reason if impossible.
 
         A map has no tool frame.
         """
@@ -158,7 +158,10 @@ class Canvas:
         )
 
     def _place_camera(self, lower: Floats, upper: Floats, back: Floats) -> None:
-        """Place the initial camera in the direction ``back`` of a box, in view of all of it."""
+        """Place the initial camera so that a box is in view.
+
+        The camera is in the direction ``back`` from the box.
+        """
         center = (lower + upper) / 2
         corners = np.array(list(product(*np.stack([lower, upper], axis=1)))) - center
         # The axes of the camera, which looks along -back.

@@ -321,7 +321,7 @@ class PoseDials:
         return self._make_configuration(numbers, Rotation.from_euler("xyz", degrees, degrees=True))
 
     def pose(self, q: Floats) -> tuple[Floats, Floats]:
-        """Convert a configuration to a position in space and a quaternion w, x, y, z."""
+        """Convert a configuration to a position and a quaternion w, x, y, z."""
         return lift(q[: self.dim].tolist(), 0.0), to_quaternion(self._rotation_matrix(q))
 
     def nearest_configuration(self, position: Floats, wxyz: Floats) -> Floats:

@@ -196,7 +196,7 @@ class Page:
         path: Floats,
         source: object,
     ) -> None:
-        """Add the panel, connect it to workers, and show the path and the robot at the start."""
+        """Add the panel, and show the path and the robot."""
         import planners
 
         self._server = server
@@ -269,7 +269,10 @@ class Page:
         self._renderer.request()
 
     def go(self, share: float) -> None:
-        """Move the robot along its path or trajectory, to a share from 0 to 1."""
+        """Move the robot to a share, 0 to 1, of its path.
+
+        A trajectory is divided by time, another path by length.
+        """
         motion = self.trajectory
         if motion is not None:
             q, *_ = motion.sample(share * motion.duration)
@@ -278,7 +281,7 @@ class Page:
         self.move(q)
 
     def drag(self, pose: Floats) -> None:
-        """Move the tool frame of an arm to a pose, shape (4, 4), as if it were dragged.
+        """Drag the tool frame of an arm to a pose, shape (4, 4).
 
         The arm follows as near as it can. Its configuration before the drag becomes the start.
         """
@@ -321,11 +324,17 @@ class Page:
         self._prover.request()
 
     def search(self) -> None:
-        """Plan from start to goal with the inputs of the panel; the result is :attr:`plan`."""
+        """Plan from start to goal with the inputs of the panel.
+
+        The result is :attr:`plan`.
+        """
         self._planner.request()
 
     def play(self) -> None:
-        """Move the robot along the path from its current position; a trajectory at true speed."""
+        """Move the robot along the path from its current position.
+
+        A trajectory is played at true speed.
+        """
         self._playing.set()
         self._player.request()
 
@@ -455,7 +464,10 @@ class Page:
         self.trajectory = self._time_path(source)
 
     def _time_path(self, source: Any) -> Trajectory | None:
-        """Return a given trajectory, or one along the plan of an arm; None without times."""
+        """Return the motion of a trajectory, or of an arm's plan.
+
+        None for paths without times.
+        """
         if hasattr(source, "sample"):
             return cast("Trajectory", source)
         is_arm = self._canvas.tool is not None

@@ -183,7 +183,7 @@ class Cells:
         return MapSection(image, lower, np.minimum(lower + size, self.upper[:2]))
 
     def _blocks_below(self, cell: int | None, cut: float) -> Classes:
-        """Return the classes of the blocks that begin below a height, shape (nx, ny, nz)."""
+        """Return the classes of the blocks that begin below a height."""
         height = min(cut, self.upper[2]) - self.lower[2]
         # Subtracting 1e-9 keeps rounding from adding a layer; at least one layer is drawn.
         layers = math.ceil(height / self._cell[2] / self.side - 1e-9)

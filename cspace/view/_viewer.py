@@ -78,7 +78,7 @@ class Viewer:
         host: str = "127.0.0.1",
         port: int | None = None,
     ) -> None:
-        """Check all arguments, start a server, and open the page of a map or an arm."""
+        """Check all arguments, start a server, and open the page."""
         from cspace.view._page import Page
 
         is_arm = isinstance(space, ArmSpace)
