@@ -12,9 +12,9 @@ from cspace.errors import InputError
 
 
 def compile_ahead(as_json: bool = AS_JSON) -> None:
-    """Compile the functions that maps, plans and arms need, ahead of their use.
+    """Compile the functions for maps, plans and arms.
 
-    Without it, each function is compiled at its first call. Run it while you make the image of a
+    Otherwise, each function is compiled at its first call. Run it while you make the image of a
     container, as the user of the container.
     """
     from cspace._cli.demo import write_inputs
