@@ -189,9 +189,9 @@ def write_whole(path: Path, content: bytes) -> None:
 
 def machine() -> dict[str, str]:
     """Return versions and the number of usable cores."""
-    from cspace._support.threads import cores
+    from cspace._support.threads import count_cores
 
-    about = {"cores": str(cores()), "system": f"{platform.system()} {platform.machine()}"}
+    about = {"cores": str(count_cores()), "system": f"{platform.system()} {platform.machine()}"}
     about["python"] = platform.python_version()
     for name in REPORTED_PACKAGES:
         try:

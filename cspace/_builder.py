@@ -53,25 +53,29 @@ if TYPE_CHECKING:
     from cspace._tiles.tiled_space import TiledCSpace
 
 MAX_OPEN_SIZE_RATIO: Final = 10.0
-"""Longest side of a robot over that of a workspace without walls, above which a unit is wrong."""
+"""Ratio of the longest sides of a robot and a workspace without walls above which a unit is
+probably wrong."""
 
 MIN_ROBOT_CELLS: Final = 0.02
 """Longest side of a robot, in cells, below which its unit is probably wrong."""
 
 MAX_ORIGIN_SIZES: Final = 10.0
-"""Distance of a robot from its reference point, in its longest sides, that suggests an error."""
+"""Distance of a robot from its reference point, relative to its longest side, above which its
+origin is probably wrong."""
 
 RATE: Final = 2.0 * (1.0 + 1e-4)
-"""Constant of the theorem in ``docs/explanation/convergence.md``, with room for rounding."""
+"""Constant of Theorem 1 in ``docs/explanation/convergence.md``, with room for rounding. A
+configuration is FREE if it is farther from the C-obstacle than RATE times the sum of the diagonal
+of a cell and the displacement within a rotation cell."""
 
 MAX_WIDTH_DIRECTIONS: Final = 4096
 """Maximum number of directions in which a robot's width is measured."""
 
 MAX_EXAMINED_CELLS: Final = 10_000_000
-"""Maximum number of cells of a workspace that is examined if its map has no FREE cell."""
+"""Maximum number of cells of a workspace that is examined to explain why no cell is FREE."""
 
 _TURN_AXES: Final = {"fixed": 0, "yaw": 1, "all": 3}
-"""Dimensions of the rotations of a suggestion."""
+"""Number of axes of rotation of a robot, by the argument ``rotations`` of :func:`suggest`."""
 
 
 class BuildOptions(TypedDict, total=False):
@@ -206,12 +210,11 @@ def build(
     >>> space.is_free([1.0, 1.5])
     True
     """
-    # Check all arguments before any work.
     margin = check_not_negative(margin, "margin", GROWN)
     cells = Rotations.of(rotations)
     _check_types(workspace, robot)
     robot = robot_of(robot)
-    _check(workspace, robot, cells, method, counts, outside, workers)
+    _check_options(workspace, robot, cells, method, counts, outside, workers)
     explained = _warn_of_units(workspace.grid, robot, cells, margin, outside)
     if store is not None:  # build tile by tile, into a folder
         from cspace._tiles.build import build_tiles
@@ -271,11 +274,14 @@ def build_contents(
     workers: int | None,
     progress: Progress | None = None,
 ) -> tuple[Contents, list[RasterPair]]:
-    """Build a map of checked arguments, see :func:`build`, with the robot's rasters."""
+    """Compute the contents of a map, and return them with the robot's rasters.
+
+    Arguments are those of :func:`build`, which has checked them. Raises InputError if the map does
+    not fit into memory.
+    """
     grid = workspace.grid
     slice_of = rotations._assign_slices(robot.shape)
     n_slices = int(slice_of.max()) + 1
-    # Refuse what does not fit into memory, then rasterize the robot, then correlate.
     states_bytes = map_bytes(grid.shape, n_slices, counts)
     rasters_bytes = raster_bytes(robot, grid.spacing, margin, rotations, n_slices)
     check_memory(states_bytes + rasters_bytes, "the map", grid, slices=n_slices)
@@ -302,7 +308,7 @@ def build_contents(
 
 
 def _check_types(workspace: object, robot: object) -> None:
-    """Raise InputError unless a workspace and perhaps a robot are given."""
+    """Raise InputError unless the first argument, and not the second, is a Workspace."""
     if not isinstance(workspace, Workspace):
         hint = "call build(workspace, robot), e.g. with Workspace.from_array(...) first"
         if isinstance(workspace, str | os.PathLike) and not isinstance(robot, Workspace):
@@ -314,7 +320,7 @@ def _check_types(workspace: object, robot: object) -> None:
         raise InputError("robot", "is a Workspace", "it must be a Robot", hint)
 
 
-def _check(
+def _check_options(
     workspace: Workspace,
     robot: Robot,
     rotations: Rotations,
@@ -323,8 +329,7 @@ def _check(
     outside: Outside,
     workers: int | None,
 ) -> None:
-    """Raise InputError if an argument is invalid."""
-    # The robot fits the workspace, the rotations fit the robot, and each word is known.
+    """Raise InputError if an option is invalid, or if dimensions do not agree."""
     if workspace.grid.dim != robot.dim:
         problem = f"has {robot.dim} dimensions but the workspace has {workspace.grid.dim}"
         hint = "use a robot in space, or a workspace in the plane"
@@ -349,9 +354,9 @@ def _warn_of_units(
     margin: float,
     outside: Outside,
 ) -> bool:
-    """Warn if a robot's size or place suggests another unit or origin.
+    """Warn if a robot's size or position suggests a wrong unit or origin.
 
-    Returns True if the warning says why no cell is FREE.
+    Returns True if the robot fits nowhere, so that the warning explains why no cell is FREE.
     """
     lower, upper = robot.shape.outer.bounds
     sides = upper - lower
@@ -385,7 +390,7 @@ def _warn_of_units(
 
 
 def _warn_of_nothing_free(space: CSpace | TiledCSpace, margin: float) -> None:
-    """Warn that a map has no FREE cell, and say why as far as it is known."""
+    """Warn that a map has no FREE cell, with the reason if known."""
     _, mixed, blocked = space.count()
     reason = "the robot, with its margin, fits nowhere between the obstacles"
     hint = "use a smaller robot or margin, and check the units (metres)"
@@ -398,7 +403,10 @@ def _warn_of_nothing_free(space: CSpace | TiledCSpace, margin: float) -> None:
 
 
 def _find_obstruction(space: CSpace, margin: float) -> tuple[str, str] | None:
-    """Return why no cell of a map can be FREE, and a hint; None if it is not known."""
+    """Find the reason why no cell of a map can be FREE.
+
+    Returns the reason and a hint, or None if the reason is unknown.
+    """
     workspace = space.workspace
     if workspace.outer.all():
         if workspace.unknown is None:
@@ -423,10 +431,10 @@ def _find_obstruction(space: CSpace, margin: float) -> tuple[str, str] | None:
 
 
 def _may_fit(sides: Floats, workspace_sides: Floats, rotations: Rotations) -> bool:
-    """Return False if a box fits nowhere in a workspace, however it turns.
+    """Return True unless a box fits nowhere in a workspace, however it rotates.
 
-    A box longer than the diagonal of the axes that rotations mix does not fit. Without rotations,
-    each axis counts alone; yaw mixes x and y.
+    Compares the longest side with the diagonal of the workspace, along the axes that rotations
+    mix: x and y for a yaw, all axes in space. Other axes are compared one by one.
     """
     mixed_axes = 1
     if rotations.names:
@@ -437,7 +445,7 @@ def _may_fit(sides: Floats, workspace_sides: Floats, rotations: Rotations) -> bo
 
 
 def _sides_text(sides: Floats) -> str:
-    """Format the sides of a box, metres."""
+    """Format the sides of a box, metres, e.g. "2 m x 3 m"."""
     return " x ".join(f"{side:.6g} m" for side in sides)
 
 
@@ -463,7 +471,7 @@ class Suggestion:
     memory: int
 
     def __str__(self) -> str:
-        """Return the settings in words."""
+        """Return the settings as text."""
         turns = "no rotations" if self.rotations is None else str(self.rotations)
         return f"spacing {self.spacing:g} m, {turns}, {bytes_text(self.memory)} of states"
 
@@ -523,7 +531,8 @@ def suggest(
     check_word(rotations, "rotations", tuple(_TURN_AXES))
     _check_types(workspace, robot)
     robot = robot_of(robot)
-    _check(workspace, robot, Rotations.of(None), "auto", False, "blocked", None)
+    # The options are the defaults of ``build``, because only the dimensions need a check.
+    _check_options(workspace, robot, Rotations.of(None), "auto", False, "blocked", None)
     turn_axes = _TURN_AXES[rotations]
     if turn_axes == 3:
         Rotations.quaternions(1)._check_dimension(robot.dim)
@@ -533,13 +542,15 @@ def suggest(
     if gap <= width:
         problem = f"is {gap:g} m and the robot is {width:.6g} m wide"
         raise InputError("gap", problem, "it must be wider than the robot", "pass a wider gap")
-    # The largest sum of the diagonal of a cell and of the displacement in a rotation cell.
+    # The sum of the diagonal of a cell and of the displacement within a rotation cell may be at
+    # most this budget, metres.
     budget = (gap - width) / 2.0 / RATE
     cells = None
     if turn_axes:
-        # With this share, the map has the fewest states.
+        # The map has the fewest states if each axis of rotation and of position has an equal share.
         displacement = budget * turn_axes / (robot.dim + turn_axes)
         cells = _choose_rotations(turn_axes, displacement / reach)
+        # The rest is for the cells: subtract the chord of the farthest point.
         budget -= 2.0 * reach * math.sin(float(cells.covering_angles.max()) / 2.0)
     spacing = budget / math.sqrt(robot.dim)
     extents = workspace.grid.spacing * np.array(workspace.grid.shape)
@@ -547,6 +558,7 @@ def suggest(
         problem = f"needs cells of {spacing:.3g} m"
         rule = f"a map may have {MAX_COORDINATE:.0f} cells along an axis"
         raise InputError("gap", problem, rule, "pass a wider gap, or a smaller workspace")
+    # Round the spacing down to three significant digits.
     digits = 2 - math.floor(math.log10(spacing))
     spacing = math.floor(spacing * 10.0**digits) / 10.0**digits
     slices = 1 if cells is None else int(cells._assign_slices(robot.shape).max()) + 1
@@ -555,11 +567,11 @@ def suggest(
 
 
 def _measure_robot(shape: Shape, rotations: str) -> tuple[float, float]:
-    """Return the width of a robot in its passage, and its reach from its axis; metres.
+    """Return the width of a robot in a passage, and its reach, metres.
 
-    The width is that in the narrowest direction if the robot turns, of the directions that are
-    tried, and otherwise that in its widest. The reach is the largest distance of its points from
-    the z axis, or from the reference point for all rotations.
+    A robot that rotates passes in its narrowest direction, of those that are tried; any other one
+    may have to pass in its widest. The reach is the largest distance of its points from the axis of
+    rotation: the z axis, or for all rotations the reference point.
     """
     from scipy.spatial import ConvexHull
 
@@ -573,8 +585,9 @@ def _measure_robot(shape: Shape, rotations: str) -> tuple[float, float]:
     points = simplices[..., :axes].reshape(-1, axes)
     radii = np.repeat(simplex_radii, simplices.shape[1])
     reach = float((np.linalg.norm(points, axis=1) + radii).max())
-    # The width in any direction is an upper bound. The faces of a hull have the narrowest ones; a
-    # radius above zero keeps the hull of a flat robot from being flat.
+    # The width in any direction is an upper bound of the smallest one, which a normal of a face of
+    # the convex hull has. Points are grown by their radii along the axes, and a little more than
+    # zero, so that a flat robot has a hull.
     steps = np.concatenate([np.eye(axes), -np.eye(axes)])
     tips = points[:, None] + np.maximum(radii, 1e-6 * reach)[:, None, None] * steps
     normals = ConvexHull(tips.reshape(-1, axes)).equations[:, :axes]
@@ -584,7 +597,12 @@ def _measure_robot(shape: Shape, rotations: str) -> tuple[float, float]:
 
 
 def _choose_rotations(turn_axes: int, chord: float) -> Rotations:
-    """Return the fewest rotation cells in which a point at distance 1 moves by at most a chord."""
+    """Return the fewest rotation cells that limit a point's displacement.
+
+    Within a cell, a point at distance 1 from the axis of rotation moves by at most ``chord``.
+
+    The point is at distance 1 from the axis of rotation.
+    """
     angle = 2.0 * math.asin(min(chord / 2.0, 1.0)) - 2.0 * ANGLE_SLACK
     most = MAX_YAW_CELLS if turn_axes == 1 else MAX_PARTS_PER_AXIS
     parts = math.pi if turn_axes == 1 else MAX_ANGLE_TIMES_PARTS
@@ -593,5 +611,5 @@ def _choose_rotations(turn_axes: int, chord: float) -> Rotations:
         raise InputError("gap", problem, "these are the smallest", "pass a wider gap")
     if turn_axes == 3:
         return Rotations.quaternions(math.ceil(parts / angle))
-    # Robots with symmetries share the slices of a multiple of 4.
+    # With a multiple of 4 cells, robots with symmetries share slices.
     return Rotations.of(4 * math.ceil(parts / angle / 4.0))

@@ -20,36 +20,36 @@ from cspace._support.arrays import StrPath
 from cspace.errors import FileError, InputError
 
 WORKSPACE_CELL_BYTES: Final = 2
-"""Memory for each cell of a workspace: its outer and its inner bitmap."""
+"""Bytes for each cell of a workspace: one in its outer and one in its inner bitmap."""
 
 SHAPE_CELL_BYTES: Final = 5
-"""Memory for each cell while polygons or balls are rasterised. Measured; its map takes less."""
+"""Bytes for each cell while polygons or balls are rasterised, measured. The finished map takes
+less."""
 
 MESH_CELL_BYTES: Final = 8
-"""Memory for each cell while a mesh is rasterised: both bitmaps, and labels of the components."""
+"""Bytes for each cell while a mesh is rasterised: both bitmaps, and labels of the components."""
 
 TRANSFORM_BYTES: Final = 2**27
-"""Memory for the transforms of a build with a robot at most a hundred cells across, whatever the
-size of the map."""
+"""Bytes for the transforms of a build with a robot at most a hundred cells across. They do not
+depend on the size of the map."""
 
 SLICE_BYTES: Final = 2_500
-"""Memory for each slice of a rotating robot beside the cells of its rasters. Measured: 1,900 to
+"""Bytes for each slice of a rotating robot, besides the cells of its rasters. Measured: 1,900 to
 2,500."""
 
 RASTER_CELL_BYTES: Final = {2: 4, 3: 10}
-"""Memory for each cell of a slice's rasters and their runs, by dimension. Measured: 2 to 4, and 8
-to 11."""
+"""Bytes for each cell of a slice's rasters and their runs, by dimension. Measured: 2 to 4 in the
+plane, 8 to 11 in space."""
 
 MAX_MEMORY_FRACTION: Final = 0.95
-"""Maximum fraction of the free memory that work may use."""
+"""Maximum fraction of the free memory that a build or a reader may use."""
 
 _MIN_CHECKED_BYTES: Final = 2**18
-"""Size of files below which the free memory is not queried, because that takes longer than reading.
-"""
+"""Needs below which the free memory is not queried, because that takes longer than reading."""
 
 
 class FileLimits(NamedTuple):
-    """Maximum size of one file.
+    """Maximum sizes of one file.
 
     Attributes
     ----------
@@ -79,9 +79,9 @@ _LIMITS: Final = ContextVar("limits", default=FileLimits())  # noqa: B039 - it c
 def map_bytes(shape: Sequence[int], slices: int = 1, overlap: bool = False) -> int:
     """Estimate the peak memory of :func:`cspace.build`, in bytes.
 
-    The workspace is not included. It may be more if the robot is very large. ``slices`` is the
-    number of stored slices; 1 for a robot that only translates. ``overlap`` says whether overlap
-    counts are stored.
+    The workspace is not included. A very large robot may need more. ``slices`` is the number of
+    stored slices; 1 for a robot that only translates. ``overlap`` says whether overlap counts are
+    stored.
     """
     cells = math.prod(map(int, shape)) * slices
     bytes_per_cell = 1 + 4 * overlap  # a state, and a count of 32 bits
@@ -136,14 +136,15 @@ def check_bytes(
     memory: float = 1.0,
     limit: SizeLimit = "max_bytes",
 ) -> None:
-    """Refuse a file of too many bytes.
+    """Raise FileError for a file of too many bytes.
 
-    ``what`` is a verb for the message, such as "holds" or "unpacks to". Raises FileError if the
-    size exceeds ``max_bytes`` or ``limit``, or ``memory`` times the size does not fit into memory.
+    A file is too large if its size exceeds ``max_bytes`` or ``limit``, or if ``memory`` times the
+    size does not fit into memory. ``what`` is a verb for the message, such as "holds" or "unpacks
+    to".
     """
     problem = f"{what} {bytes_text(size)}"
     limits = _LIMITS.get()
-    # A caller may have raised one limit above the other; the lower one applies.
+    # Users may have raised one limit above the other; the lower one applies.
     lower_limit = min("max_bytes", limit, key=lambda name: getattr(limits, name))
     limit_text = bytes_text(getattr(limits, lower_limit))
     _check_limit(path, problem, size, lower_limit, limit_text)
@@ -151,10 +152,10 @@ def check_bytes(
 
 
 def check_cells(path: StrPath, shape: Sequence[int], memory: float = 1.0) -> None:
-    """Refuse a file that declares too large a grid.
+    """Raise FileError for a file that declares too large a grid.
 
-    Raises FileError if there are more than ``max_cells``, or ``memory`` bytes for each do not fit
-    into memory.
+    A grid is too large if it has more than ``max_cells``, or if ``memory`` bytes for each cell do
+    not fit into memory.
     """
     count = math.prod(map(int, shape))
     # Sides that a float cannot hold exactly are shortened.
@@ -166,9 +167,9 @@ def check_cells(path: StrPath, shape: Sequence[int], memory: float = 1.0) -> Non
 
 
 def check_file_memory(path: StrPath, declared: str, needed: float) -> None:
-    """Refuse a file that needs more memory than is free.
+    """Raise FileError for a file that needs more memory than is free.
 
-    ``declared`` describes the content of the file, and ``needed`` is in bytes. Raises FileError.
+    ``declared`` describes the content of the file for the message, and ``needed`` is in bytes.
     """
     if needed < _MIN_CHECKED_BYTES:
         return
@@ -180,7 +181,7 @@ def check_file_memory(path: StrPath, declared: str, needed: float) -> None:
 
 
 class PlannedGrid(NamedTuple):
-    """Number and side of the cells of a grid that is not made before it is known to fit."""
+    """Number and side of the cells of a grid to be created."""
 
     shape: Sequence[int]
     spacing: float
@@ -190,14 +191,14 @@ class PlannedGrid(NamedTuple):
 def check_memory(
     needed: float, what: str, grid: Grid | PlannedGrid, *, hint: str = "", slices: int = 1
 ) -> None:
-    """Refuse work that does not fit into memory.
+    """Raise InputError for a grid whose processing does not fit into memory.
 
     Parameters
     ----------
     needed : float
-        Bytes in all.
+        Memory for all work, bytes.
     what : str
-        Argument of the message: "the map".
+        Subject of the message, such as "the map".
     grid : Grid or PlannedGrid
     hint : str
         Hint if the spacing cannot be chosen; by default, it names a spacing that would fit.
@@ -224,27 +225,27 @@ def check_memory(
 
 
 def _memory_parts(description: str, needed: float, free: float) -> tuple[str, str]:
-    """Return the problem and the rule of the error for work beyond the memory limit."""
+    """Return the problem and the rule of an error message about memory."""
     problem = f"{description} and needs about {bytes_text(needed)} of memory"
     usable = bytes_text(MAX_MEMORY_FRACTION * free)
     return problem, f"at most {usable} may be used, {MAX_MEMORY_FRACTION:.0%} of the free memory"
 
 
 def bytes_text(size: float) -> str:
-    """Format a number of bytes for people."""
+    """Format a number of bytes with a unit, e.g. "1.5 GB"."""
     units = ["TB", "GB", "MB", "kB", "bytes"]
-    while size >= 999.5 and len(units) > 1:  # three digits would round it to 1000
+    while size >= 999.5 and len(units) > 1:  # 999.5 would be rounded to 1000
         size /= 1000
         units.pop()
     return f"{size:.3g} {units[-1]}"
 
 
 def _container_bytes() -> float:
-    """Return the memory left by a container's limit, which psutil ignores.
+    """Return the bytes left below a container's memory limit, which psutil ignores.
 
-    Cached files count as free.
+    Without a limit, that is infinity. Cached files count as free.
     """
-    # Version 2 of control groups: "0::/group" names a folder of limits and counters.
+    # In version 2 of control groups, a line "0::/group" names a folder of limits and counters.
     root = Path("/sys/fs/cgroup")
     try:
         membership = Path("/proc/self/cgroup").read_text(encoding="ascii")

@@ -1,11 +1,11 @@
-"""Opening of saved maps: as a map in memory, or as a tiled map."""
+"""``open_map``, which opens a saved map in memory or as a tiled map."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
 from cspace._files.access import inspect_path, suggest_file
-from cspace._record.save import TILES_FORMAT, making_map, read_format, read_map_and_attributes
+from cspace._record.save import TILES_FORMAT, read_format, read_map_and_attributes, reporting_damage
 from cspace._space import CSpace
 from cspace._support.arrays import StrPath
 from cspace.errors import FileError
@@ -49,7 +49,7 @@ def open_map(path: StrPath) -> CSpace | TiledCSpace:
 
         return TiledCSpace.open(path)
     contents, _ = read_map_and_attributes(path)
-    with making_map(path):
+    with reporting_damage(path):
         return CSpace(contents)
 
 
@@ -57,7 +57,7 @@ open = open_map  # noqa: A001 - its public name, cspace.open
 
 
 def _check_folder(path: StrPath) -> None:
-    """Raise FileError if there is no folder at a path."""
+    """Raise FileError unless a path is a folder."""
     file, what = inspect_path(path, "saved map")
     if what == "a folder":
         return

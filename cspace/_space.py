@@ -153,7 +153,7 @@ class CSpace(ConfigurationMap):
         counts = self._contents.overlap_counts
         if counts is None:
             return None
-        return read_only(counts).reshape(self._contents.leading(len(counts)))
+        return read_only(counts).reshape(self._contents.stack_shape(len(counts)))
 
     @property
     def cell_states(self) -> NDArray[np.uint8]:
@@ -170,7 +170,7 @@ class CSpace(ConfigurationMap):
         states = self._seen
         if len(states) < len(self._slice_of):
             states = read_only(states[self._slice_of])
-        return states.reshape(self._contents.leading(len(states)))
+        return states.reshape(self._contents.stack_shape(len(states)))
 
     def states_at(self, rotation: ArrayLike = ()) -> NDArray[np.uint8]:
         """Return the state of each cell at a rotation.
@@ -1403,9 +1403,9 @@ class CSpace(ConfigurationMap):
             If the map is in space, the message lacks a field, or the map does not have the
             ``rotation``.
         """
-        from cspace.export._messages import occupancy_grid_of
+        from cspace.export._messages import fill_occupancy_grid
 
-        return occupancy_grid_of(self, msg, rotation, frame_id)
+        return fill_occupancy_grid(self, msg, rotation, frame_id)
 
     def to_costmap(
         self,
@@ -1451,9 +1451,9 @@ class CSpace(ConfigurationMap):
         InputError
             If the map is in space, the message lacks a field, or an argument is not usable.
         """
-        from cspace.export._messages import costmap_of
+        from cspace.export._messages import fill_costmap
 
-        return costmap_of(
+        return fill_costmap(
             self,
             self._clearances_of_cells,
             msg,

@@ -386,7 +386,7 @@ class Trajectory:
         ax : matplotlib.axes.Axes, optional
             By default of a new figure without a window. A second unit gets an axis on the right.
         """
-        from cspace.plot._artists import legend_below, new_figure
+        from cspace.plot._artists import add_legend_below, new_figure
 
         dim = len(self.axes) - len(self._rotations.names)
         linear = self.velocities[:, :dim]
@@ -409,7 +409,7 @@ class Trajectory:
                 axes_by_unit[unit].set_ylabel(f"{quantity} ({unit}/s)")
             handles += axes_by_unit[unit].plot(self.times, curve, color=f"C{k}", label=name)
         if ax is None:
-            legend_below(cast("Figure", left.figure), handles)
+            add_legend_below(cast("Figure", left.figure), handles)
         return left
 
     def to_path(self, msg: Any = None, *, frame_id: str = "map") -> Any:

@@ -51,7 +51,7 @@ MUTANTS = (
     ),
     Mutant(
         "cspace/reasons/_windows.py",
-        "if _is_solid(space) and finer.is_disconnected(start, goal)",
+        "if _has_known_solids(space) and finer.is_disconnected(start, goal)",
         "if finer.is_disconnected(start, goal)",
         "tests/reasons/test_explain.py",
     ),
@@ -737,7 +737,7 @@ MUTANTS = (
     ),
     Mutant(
         "cspace/_tiles/open_tiles.py",
-        "mixed = np.reshape(mixed_cells, (2, -1)) + ONE_MORE - first",
+        "mixed = np.reshape(mixed_cells, (2, -1)) + LAST_TO_STOP - first",
         "mixed = np.reshape(mixed_cells, (2, -1)) - first",
         "tests/tiles/test_queries.py",
     ),

@@ -17,7 +17,7 @@ from benchmarks.report import Report
 from benchmarks.timing import Timing, interleave, one_core
 from cspace import BLOCKED, CSpace, Robot, Workspace
 from cspace._support.arrays import Floats
-from cspace._support.threads import cores
+from cspace._support.threads import count_cores
 from planners._ompl_states import find_state_kind
 
 EDGE_CELLS, CALLBACK_EDGE_CELLS = 50.0, 100.0
@@ -108,7 +108,7 @@ def classify(report: Report, seed: int) -> None:
         )
         points = rng.uniform(-0.025, 1.025, (number, 2)) * space.grid.upper
         report.section(
-            f"{number:.0e} random configurations, map of {size} x {size} cells, {cores()} workers"
+            f"{number:.0e} random configurations, map of {size} x {size} cells, {count_cores()} workers"
         )
         calls: dict[str, Callable[[], Any]] = {
             "ours": partial(space.classify, points),
@@ -178,7 +178,7 @@ def _compare_edges(
 ) -> None:
     number, part, runs = (10**5, 500, 3) if report.quick else (10**6, 5000, 7)
     starts, goals = edges_inside(space, number, EDGE_CELLS, rng)
-    report.section(f"{number:.0e} edges of {EDGE_CELLS:g} cells, {title}, {cores()} workers")
+    report.section(f"{number:.0e} edges of {EDGE_CELLS:g} cells, {title}, {count_cores()} workers")
     space.motion_is_free(starts, goals)  # fills caches
     free = space.motion_is_free(starts, goals)
     report.note(f"{np.mean(free):.0%} of the edges are proven free")

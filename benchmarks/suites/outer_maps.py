@@ -19,7 +19,7 @@ from cspace._engines import METHODS as METHODS
 from cspace._raster import Raster
 from cspace._support.arrays import Bools, Ints
 from cspace._support.compiling import allocating
-from cspace._support.threads import cores
+from cspace._support.threads import count_cores
 
 Call = Callable[[], Bools]
 
@@ -90,7 +90,7 @@ def stamp(occupied: Bools, rasters: Sequence[Raster]) -> list[Bools]:
         _stamp(out, border, runs)
         return out
 
-    with ThreadPoolExecutor(cores()) as pool:
+    with ThreadPoolExecutor(count_cores()) as pool:
         return list(pool.map(one, rasters))
 
 

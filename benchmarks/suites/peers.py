@@ -31,7 +31,7 @@ from cspace._engines import ENGINES
 from cspace._raster import Raster
 from cspace._rotations import Rotations
 from cspace._support.arrays import Bools
-from cspace._support.threads import cores
+from cspace._support.threads import count_cores
 
 Goals = Mapping[str, Mapping[str, float]]
 
@@ -171,13 +171,13 @@ def _floor(report: Report, workspace: Workspace, robot: Robot) -> None:
         return hits
 
     calls: dict[str, Callable[[], Any]] = {}
-    for workers in sorted({1, min(2, cores())}):
+    for workers in sorted({1, min(2, count_cores())}):
         calls |= {
             f"ours, {workers}": partial(correlated, workers),
             f"bare, {workers}": partial(bare, workers),
         }
     timings = interleave(calls, _runs(report))
-    for workers in sorted({1, min(2, cores())}):
+    for workers in sorted({1, min(2, count_cores())}):
         name = f"our transforms / two bare ones, workers each: {workers}"
         report.ratio(
             name, timings[f"ours, {workers}"], timings[f"bare, {workers}"], most=MAX_TRANSFORM_RATIO
@@ -269,7 +269,7 @@ def _stamping(report: Report) -> None:
         )
         border = len(border_cells(workspace.outer))
         report.note(
-            f"{border} obstacle cells on a border; the peer is given the outer rasters, and {cores()} workers"
+            f"{border} obstacle cells on a border; the peer is given the outer rasters, and {count_cores()} workers"
         )
         call = partial(stamp, workspace.outer, _rasters_of(robot, spacing, rotations))
         goals = {"auto": STAMPING}

@@ -18,24 +18,27 @@ from cspace._cli.config import config
 from cspace._cli.info import info
 from cspace._cli.maps import export, make, picture, view
 from cspace._cli.planning import demo, explain, plan
-from cspace._cli.report import Options, format_error, format_warning, join_lines, option_names
+from cspace._cli.report import Options, format_error, format_warning, join_lines, list_option_names
 from cspace._cli.spheres import spheres
 from cspace.errors import AngleWarning, CspaceError
 
 _USAGE_ERRORS: tuple[Any, ...] = typer.BadParameter.__mro__[1:2]
-"""The base class of typer's usage errors; its name depends on the version of typer."""
+"""The base class of typer's usage errors, taken from a subclass because its module depends on the
+version of typer."""
 
 
 class _Commands(TyperGroup):
-    """Commands whose errors and warnings are printed as one line each."""
+    """A group of commands that prints each error and warning as one line."""
 
     def invoke(self, ctx: Any) -> Any:
         """Run a command; print errors and exit with code 2 or 130."""
 
         def list_options() -> Options:
-            return option_names(self.commands.get(ctx.invoked_subcommand or ""), ctx.meta)
+            """Return the options of the command; its context exists only once it runs."""
+            return list_option_names(self.commands.get(ctx.invoked_subcommand or ""), ctx.meta)
 
         def print_warning(message: Warning | str, *_: Any, **__: Any) -> None:
+            """Print a warning as one line, in place of ``warnings.showwarning``."""
             text = format_warning(str(message), list_options())
             typer.echo(f"cspace: warning: {text}", err=True)
 
@@ -46,7 +49,7 @@ class _Commands(TyperGroup):
                 warnings.filterwarnings("ignore", r".*numpy\.radians", AngleWarning)
                 warnings.showwarning = print_warning
                 return super().invoke(ctx)
-        except BrokenPipeError:
+        except BrokenPipeError:  # typer handles it: the reader of the output has ended
             raise
         except CspaceError as error:
             problem = format_error(error, list_options())
@@ -78,7 +81,7 @@ app = typer.Typer(
 
 
 def _print_version(wanted: bool) -> None:
-    """Print the version and stop, if ``--version`` is given."""
+    """Print the version and exit, if ``--version`` is given."""
     if wanted:
         from cspace import __version__
 
@@ -121,5 +124,5 @@ def main() -> None:
     try:
         app(prog_name="cspace")
     except KeyboardInterrupt:
-        # The handler of the commands does not cover the time before and after a command.
+        # Ctrl-C before or after a command is not handled by the group of commands.
         sys.exit(130)

@@ -1,4 +1,4 @@
-"""Command that compiles ahead, by small jobs."""
+"""Command that compiles functions ahead of their use, by running small jobs."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from cspace.errors import InputError
 
 
 def compile_ahead(as_json: bool = AS_JSON) -> None:
-    """Compile ahead what maps, plans and arms need.
+    """Compile the functions for maps, plans and arms.
 
-    Without it, each function is compiled at its first call. Run it while you make the image of a
+    Otherwise, each function is compiled at its first call. Run it while you make the image of a
     container, as the user of the container.
     """
     from cspace._cli.demo import write_inputs
@@ -28,14 +28,14 @@ def compile_ahead(as_json: bool = AS_JSON) -> None:
         rule = "compiled code is kept in one"
         raise InputError("NUMBA_CACHE_DIR", problem, rule, hint)
     level = compiling.LOGGER.level
-    compiling.LOGGER.setLevel(logging.ERROR)  # a long wait is what this command is for
+    compiling.LOGGER.setLevel(logging.ERROR)  # users of this command expect a long wait
     clock = Stopwatch()
     try:
         with tempfile.TemporaryDirectory() as inputs:
             write_inputs(Path(inputs))
             for name, job in JOBS.items():
                 with clock.step(name):
-                    str(job(Path(inputs)))  # the text of a plan has its proven distances
+                    str(job(Path(inputs)))  # printing a plan computes its proven distances
     finally:
         compiling.LOGGER.setLevel(level)
     functions = len(list(folder.rglob("*.nbc")))

@@ -26,14 +26,17 @@ SPACING_METRES: Final = 0.02
 
 
 def demo_robot() -> Robot:
-    """Return a cart of 0.7 m by 0.5 m around its reference point."""
+    """Return a rectangular robot, 0.7 m by 0.5 m, centered at its reference point."""
     from cspace._robot import Robot
 
     return Robot.rectangle(0.7, 0.5)
 
 
 def demo_workspace(spacing: float = SPACING_METRES) -> Workspace:
-    """Rasterize the floor plan, 16 m by 10 m; raise InputError unless the spacing is positive."""
+    """Return the floor plan, 16 m by 10 m, as a workspace.
+
+    Raises InputError unless the spacing, metres, is positive.
+    """
     from cspace._workspace import Workspace
 
     return Workspace.from_polygons(floor_plan(), spacing)
@@ -72,10 +75,10 @@ def floor_plan() -> list[BaseGeometry]:
 
 
 def write_inputs(folder: Path) -> dict[str, Path]:
-    """Write the floor plan, and a house with two rooms.
+    """Write the floor plan and a house as files; return their paths.
 
-    The folder must exist; existing files are replaced. Returns the paths by name: ``floor_plan`` is
-    GeoJSON, 16 m by 10 m, and ``house`` is STL, 6 m by 4 m by 2.5 m.
+    The folder must exist; existing files are replaced. ``floor_plan`` is GeoJSON, 16 m by 10 m, and
+    ``house`` is STL, 6 m by 4 m by 2.5 m.
     """
     import shapely
     import trimesh

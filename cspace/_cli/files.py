@@ -1,4 +1,4 @@
-"""Files of commands: checks of outputs, path files, saved maps and stores."""
+"""Functions on the files of commands: check outputs, read paths, prepare stores."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cspace.errors import FileError, InputError
 
 
 def check_outputs(paths: Iterable[Path | None], suffixes: Collection[str], overwrite: bool) -> None:
-    """Check that output files, and images written beside them, can be written.
+    """Check that outputs can be written, and images beside them; None is skipped.
 
     Raises InputError if a suffix, in lower case, is not in ``suffixes``, or if two outputs are the
     same file; FileError if a folder is missing or not writable, or if an output exists and
@@ -20,7 +20,6 @@ def check_outputs(paths: Iterable[Path | None], suffixes: Collection[str], overw
     """
     from cspace._files.access import check_output
 
-    # Each by itself, with the image of a ROS map, and then against each other.
     outputs = [path for path in paths if path is not None]
     for path in outputs:
         suffix = path.suffix.lower()
@@ -30,12 +29,11 @@ def check_outputs(paths: Iterable[Path | None], suffixes: Collection[str], overw
             hint = f"use one of {', '.join(filter(None, suffixes))}"
             raise InputError(str(path), problem, rule, hint)
         check_output(path, overwrite)
-        if suffix in (".yaml", ".yml"):
+        if suffix in (".yaml", ".yml"):  # a ROS map has an image beside it
             check_output(path.with_suffix(".pgm"), overwrite)
     if len({path.resolve() for path in outputs}) < len(outputs):
         names = ", ".join(map(str, outputs))
-        hint = "choose another name"
-        raise InputError(names, "name a file twice", "they must differ", hint)
+        raise InputError(names, "name a file twice", "they must differ", "choose another name")
 
 
 def check_folder(folder: Path) -> None:
@@ -57,7 +55,7 @@ def read_path(file: Path, axes: Sequence[str]) -> list[list[float]]:
     """
     import numpy as np
 
-    # First what is no table of numbers, then a table that is no path on this map.
+    # A file that is no table of numbers fails in the block; later checks refuse other tables.
     columns = ", ".join(axes)
     rule = f"the map's axes are {columns}"
     hint = "write a path on this map with cspace plan"
@@ -77,7 +75,10 @@ def read_path(file: Path, axes: Sequence[str]) -> list[list[float]]:
 
 
 def _read_table(file: Path, axes: Sequence[str]) -> tuple[list[str], Any]:
-    """Return the names of the columns, by default ``axes``, and the rows of a path."""
+    """Return the column names and the rows of a path file, unchecked.
+
+    JSON without names has the columns ``axes``. Numbers of CSV are texts.
+    """
     from cspace._files.access import read_text
     from cspace._files.plain import read_json
 
@@ -92,10 +93,12 @@ def _read_table(file: Path, axes: Sequence[str]) -> tuple[list[str], Any]:
 
 
 def prepare_store(output: Path, overwrite: bool) -> None:
-    """Check that a store can be created or resumed; remove an old one if ``overwrite`` is set.
+    """Check that a store can be created or resumed.
 
-    Raises InputError if the suffix is not .zarr, and
-    FileError if something else exists or the path is not writable.
+    With ``overwrite``, remove an old one.
+
+    Raises InputError if the suffix is not .zarr; FileError if something else exists, or if the path
+    is not writable.
     """
     from cspace._record.save import read_format
 
@@ -106,20 +109,24 @@ def prepare_store(output: Path, overwrite: bool) -> None:
 
 
 def lazy_option(workspace: Path, options: dict[str, Any]) -> dict[str, Any]:
-    """Return ``{"lazy": True}`` if cells can stay in their file, or {}."""
+    """Return ``{"lazy": True}`` if a workspace can be read cell by cell, or {}.
+
+    ``options`` are those of :meth:`cspace.Workspace.open`.
+    """
     from cspace._workspace import reader_of
 
     try:
         reader_of(workspace, [*options, "lazy"])
-    except InputError:
+    except InputError:  # the reader of this file has no option ``lazy``
         return {}
     return {} if options.get("solid") == "fill" else {"lazy": True}
 
 
 def select_window(space: Any, box: Sequence[float] | None) -> Any:
-    """Return a map in memory, or a window of a tiled map.
+    """Return the part of a map to export, in memory.
 
-    Raises InputError if the map is tiled and ``box`` is None, or the other way round.
+    That is the window in ``box`` of a tiled map, or a map in memory itself. Raises InputError if a
+    tiled map has no box, or a map in memory has one.
     """
     if space.in_memory != (box is None):
         problem = "is missing" if box is None else "is given"

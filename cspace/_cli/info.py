@@ -36,7 +36,7 @@ _OPTIONS_BY_KIND: Final[dict[FileKind, tuple[str, ...]]] = {
     "robot": ("spacing", "solid", "package_dirs", "visuals"),
     "arm": ("solid", "srdf", "package_dirs", "visuals"),
 }
-"""Options of each kind."""
+"""Options that apply to each kind of file."""
 
 
 def info(
@@ -58,7 +58,6 @@ def info(
     from cspace._opening import open_map
     from cspace._support.check import check_positive
 
-    # Each kind has options of its own, and a function that describes it.
     kind = kind or _guess_kind(file)
     for_shapes = drop_unset(solid=solid, package_dirs=package_dirs, visuals=visuals, srdf=srdf)
     options = {**for_shapes, **drop_unset(spacing=spacing)}
@@ -79,15 +78,18 @@ def info(
 
 
 def _guess_kind(file: str) -> FileKind:
-    """Guess the kind of object from a file's name, or from a URDF's joints."""
+    """Guess the kind of object in a file from its name.
+
+    A URDF is read, because its joints decide between an arm and a robot.
+    """
     path = Path(file)
     suffix = path.suffix.lower()
     if suffix in (".zarr", ".npz") or path.is_dir():
         return "map"
     if suffix == ".urdf":
         return "arm" if _has_moving_joints(path) else "robot"
-    link_free, _, _ = file.partition("#")  # file.urdf#link is a link of a robot
-    is_link = Path(link_free).suffix.lower() == ".urdf"
+    file_name, _, _ = file.partition("#")  # file.urdf#link names a link of a URDF
+    is_link = Path(file_name).suffix.lower() == ".urdf"
     is_robot_text = ":" in file and not path.exists()
     if is_link or is_robot_text:
         return "robot"
@@ -105,7 +107,6 @@ def describe_arm(arm: Arm) -> dict[str, Any]:
     """Describe an arm: its joints, links and pairs of links."""
     import numpy as np
 
-    # Limits of the joints, then triangles of the links, then what may touch.
     joints = ByName()
     limits = np.stack([arm.lower, arm.upper], axis=1).tolist()
     for joint, unit, (low, high) in zip(arm.joints, arm.units, limits, strict=True):
@@ -135,7 +136,7 @@ def describe_arm(arm: Arm) -> dict[str, Any]:
 
 
 def describe_map(space: ConfigurationMap) -> dict[str, Any]:
-    """Describe a map: its robot, grid, rotations and cheap counts."""
+    """Describe a map: its robot, grid, rotations and counts."""
     grid = space.grid
     joints = {} if set(grid.axes) <= set("xyz") else {"joints": list(grid.axes)}
     return {
@@ -155,13 +156,13 @@ def describe_map(space: ConfigurationMap) -> dict[str, Any]:
 def describe_robot(robot: Robot, spacing: float | None = None) -> dict[str, Any]:
     """Describe a robot; with a spacing, metres, also its size in cells.
 
-    If its outer and inner shapes differ, both are described.
+    If its outer and inner shape differ, both are described.
     """
     import numpy as np
 
     from cspace._workspace import covering_shape
 
-    # One object if the shape is exact; else bounds from outside and from inside.
+    # An exact shape is its own inner and outer shape.
     outer = robot.shape.outer
     inner = robot.shape.inner
     box = np.array(outer.bounds)
@@ -237,7 +238,7 @@ def _describe_cells(workspace: Workspace) -> dict[str, Any]:
     if workspace.unknown is not None:
         counts["unknown"] = int(np.count_nonzero(workspace.unknown))
         occupied = occupied & ~workspace.unknown
-    # The kinds of cells add up to the total.
+    # Each cell counts once, so the counts add up to the total.
     counts["occupied"] = int(np.count_nonzero(occupied))
     counts["free"] = grid.size - sum(counts.values())
     counts["total"] = grid.size

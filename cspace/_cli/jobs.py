@@ -1,4 +1,4 @@
-"""Small jobs that use what most scripts use."""
+"""Small jobs that call the functions that most scripts need, to compile them."""
 
 from __future__ import annotations
 
@@ -38,34 +38,34 @@ _CAR: Final[dict[str, Any]] = {"drive": "reeds-shepp", "turning_radius": 0.5, "t
 
 
 def map_flat(folder: Path, rotations: int | None = None) -> CSpace:
-    """Map the floor plan of the demo for a cart."""
+    """Build the map of a rectangular robot in the demo's floor plan."""
     workspace = Workspace.open(folder / "flat.geojson", spacing=0.05)
     return build(workspace, Robot.rectangle(0.7, 0.5), rotations=rotations)
 
 
 def map_house(folder: Path) -> CSpace:
-    """Map the house of the demo for a drone."""
+    """Build the map of a box-shaped robot in the demo's house."""
     workspace = Workspace.open(folder / "house.stl", spacing=0.1)
     return build(workspace, Robot.box((0.6, 0.6, 0.2)))
 
 
 def plan_in_plane(folder: Path) -> planners.Plan:
-    """Plan for a robot that keeps its yaw."""
+    """Plan a path in the plane for a robot with a fixed yaw."""
     return planners.plan(map_flat(folder), (1.4, 8.6), (14.6, 1.2))
 
 
 def plan_with_yaw(folder: Path, **options: Any) -> planners.Plan:
-    """Plan for a robot that turns."""
+    """Plan a path in the plane for a robot that rotates."""
     return planners.plan(map_flat(folder, 72), (2, 3, 0), (9, 1, 0), **options)
 
 
 def plan_in_space(folder: Path) -> planners.Plan:
-    """Plan for a drone."""
+    """Plan a path in space for a robot with a fixed rotation."""
     return planners.plan(map_house(folder), (1, 2, 0.5), (5, 3, 0.5))
 
 
 def plan_for_arm(folder: Path) -> planners.Plan:
-    """Plan for an arm beside a post."""
+    """Plan a path for a planar arm with two joints beside a post."""
     from cspace.arms import Arm, PosedShape, build_arm_space
 
     urdf = folder / "two.urdf"
@@ -77,21 +77,21 @@ def plan_for_arm(folder: Path) -> planners.Plan:
     return planners.plan(space, (-0.6, 0.3), (1.4, -0.2), time_limit=5.0, seed=1)
 
 
-def ask_maps(folder: Path) -> None:
-    """Query a map in the plane, one with a yaw and one in space, and change them."""
+def query_maps(folder: Path) -> None:
+    """Query and update maps in the plane, with a yaw and in space."""
     square = shapely.box(6, 4, 6.5, 4.5)
     cube = Robot.box((0.5, 0.5, 0.5)).shape
     file = folder / "map.zarr"
-    _ask_map(map_flat(folder), (3.0, 4.0), (5.0, 4.5), square, file)
-    _ask_map(map_flat(folder, 72), (3.0, 4.0, 0.0), (5.0, 4.5, 0.5), square, file)
-    _ask_map(map_house(folder), (1.0, 2.0, 0.5), (2.0, 2.0, 0.5), cube, file)
+    _query_map(map_flat(folder), (3.0, 4.0), (5.0, 4.5), square, file)
+    _query_map(map_flat(folder, 72), (3.0, 4.0, 0.0), (5.0, 4.5, 0.5), square, file)
+    _query_map(map_house(folder), (1.0, 2.0, 0.5), (2.0, 2.0, 0.5), cube, file)
 
 
-def _ask_map(
+def _query_map(
     space: CSpace, first: tuple[float, ...], last: tuple[float, ...], crate: Any, file: Path
 ) -> None:
     """Query a map at and between two configurations, save it, and add an obstacle."""
-    # One configuration and a batch are compiled apart.
+    # Functions for one configuration and for a batch are compiled separately.
     for q in (first, [first, last]):
         space.is_free(q)
         space.clearance(q)
@@ -113,7 +113,7 @@ JOBS: Final[dict[str, Callable[[Path], object]]] = {
     "plan for a car": partial(plan_with_yaw, **_CAR),
     "plan for a car in a tight place": partial(plan_with_yaw, exact=True, **_CAR),
     "plan in space": plan_in_space,
-    "queries and updates": ask_maps,
+    "queries and updates": query_maps,
     **({"plan for an arm": plan_for_arm} if find_spec("yourdfpy") else {}),
 }
-"""Jobs by what they do; each takes the folder of the inputs of the demo."""
+"""Jobs by name; each takes the folder in which :func:`cspace._cli.demo.write_inputs` wrote."""

@@ -193,7 +193,7 @@ def picture(
         axes = space.axes
         units = space.units
         dim = space.grid.dim
-        # Parse what depends on the axes of the map.
+        # These options depend on the axes of the map.
         options = drop_unset(view=view, zoom=zoom, cut=cut)
         options |= read_marks(start, goal, axes, units)
         if rotation is not None:
@@ -268,7 +268,7 @@ def view(
     from cspace._opening import open_map
     from cspace.arms import Arm, build_arm_space
 
-    # A URDF is an arm; other options than a map's are refused for a map.
+    # A URDF is an arm. A map has no options of arms.
     space: CSpace | TiledCSpace | ArmSpace
     options = drop_unset(srdf=srdf, solid=solid, package_dirs=package_dirs, visuals=visuals)
     if file.suffix.lower() == ".urdf":

@@ -16,16 +16,16 @@ if TYPE_CHECKING:
     from cspace._rotations import Rotations
 
 Solid = Literal["auto", "surface", "fill"]
-"""Interior of a mesh."""
+"""Part of a mesh that is solid; see :meth:`cspace.Workspace.from_mesh`."""
 Up = Literal["x", "y", "z"]
 """Axis of a mesh that points up."""
 
 
 def option(metavar: str | None, text: str = "", *names: str, default: Any = None) -> Any:
-    """Declare an option of a command, as the default of its parameter.
+    """Declare an option of a command; the result is the default of its parameter.
 
-    ``text`` is for the help. By default the option has the name of the parameter; with
-    ``default=...`` it must be given.
+    ``text`` is for the help. By default, the option has the name of the parameter. With an ellipsis
+    as ``default``, the option is required.
     """
     # readable=False keeps typer from checking files before a command runs, because the library's
     # messages are better.
@@ -33,12 +33,12 @@ def option(metavar: str | None, text: str = "", *names: str, default: Any = None
 
 
 def flag(name: str, text: str) -> Any:
-    """Declare an option without a value."""
+    """Declare an option without a value, which sets its parameter to True."""
     return option(None, text, name, default=False)
 
 
 def argument(metavar: str, text: str) -> Any:
-    """Declare an argument of a command."""
+    """Declare a positional argument of a command, as the default of its parameter."""
     return typer.Argument(metavar=metavar, help=text, readable=False)
 
 
@@ -73,9 +73,11 @@ VISUALS: Final = flag(
 
 
 def open_robot(text: str, **given: Any) -> Robot:
-    """Open a robot from a short text or a file; ``footprint:`` before a file projects it.
+    """Open a robot from a short text or a file.
 
-    ``given`` are options of :meth:`cspace.Robot.open`; those that are not set are left out. Raises
+    ``footprint:`` before a file projects the robot into the plane.
+
+    ``given`` are options of :meth:`cspace.Robot.open`; unset ones are omitted. Raises
     CspaceError as :meth:`cspace.Robot.parse` and :meth:`cspace.Robot.open`; InputError if a short
     text has options.
     """
@@ -83,7 +85,7 @@ def open_robot(text: str, **given: Any) -> Robot:
     from cspace._shapes.primitives import is_short_text
 
     options = drop_unset(**given)
-    # After "footprint:" come corners, a short text, or the name of a file.
+    # A list of corners, a short text, or the name of a file follows "footprint:".
     prefix, _, file = text.partition("footprint:")
     has_file = file and not file.lstrip().startswith("[") and not is_short_text(file)
     if prefix == "" and has_file:
@@ -105,7 +107,7 @@ def refuse_options(options: Mapping[str, object], taken: Collection[str], about:
 
 
 def parse_rotation_cells(text: str | None) -> Rotations:
-    """Parse ``--rotations``, e.g. ``72`` or ``quaternions:8``; raise InputError otherwise."""
+    """Parse ``--rotations``, such as ``72`` or ``quaternions:8``; raise InputError otherwise."""
     from cspace._rotations import Rotations
 
     if text is None:
@@ -161,8 +163,11 @@ def parse_rotation(text: str, argument: str, space: ConfigurationMap) -> tuple[f
 def _parse_numbers(
     text: str, argument: str, axes: Sequence[str], units: Sequence[str], rule: str
 ) -> tuple[float, ...]:
-    """Parse one number for each axis, separated by commas."""
-    # An angle may have a unit. Too few or too many numbers are a ValueError as well.
+    """Parse one number for each axis, separated by commas.
+
+    An angle may have a unit. Raises InputError, with ``rule`` in its message, for other texts.
+    """
+    # Too few or too many numbers are a ValueError of zip.
     numbers = []
     try:
         for field, axis, unit in zip(_split_fields(text), axes, units, strict=True):
@@ -180,7 +185,7 @@ def _parse_numbers(
 
 
 def _split_fields(text: str) -> list[str]:
-    """Split a text at its commas; it may be in brackets, as messages print it."""
+    """Split a text at its commas, without the brackets in which messages print it."""
     return text.strip("()[] ").split(",")
 
 
@@ -192,7 +197,7 @@ def parse_offset(text: str) -> tuple[float, ...]:
 
 
 def parse_box(text: str, argument: str) -> tuple[float, ...]:
-    """Parse the lower and upper corner of a box, metres, e.g. ``bounds``.
+    """Parse the corners of a box, metres, in an argument such as ``bounds``.
 
     Raises InputError if the text is not four numbers, or six in space, or if the box is empty.
     """
@@ -216,7 +221,7 @@ def parse_angle(text: str, argument: str, name: str) -> float:
     and exceeds 2 pi, because degrees were then probably intended.
     """
     word = text.strip()
-    # The unit at the end, if there is one.
+    # The unit is at the end; without one it is "".
     unit = next((unit for unit in ("deg", "rad") if word.endswith(unit)), "")
     number = word.removesuffix(unit)
     problem = f"has the {name} {text!r}"
@@ -233,7 +238,7 @@ def parse_angle(text: str, argument: str, name: str) -> float:
 
 
 def drop_unset(**options: Any) -> dict[str, Any]:
-    """Return the options that are not None, False or empty lists."""
+    """Return the options that users set: not None, False or an empty list."""
     return {
         name: value
         for name, value in options.items()

@@ -21,7 +21,7 @@ from cspace._cli.options import (
     read_marks,
     refuse_options,
 )
-from cspace._cli.report import Stopwatch, name_options, option_names, show, with_unit
+from cspace._cli.report import Stopwatch, list_option_names, name_options, show, with_unit
 from cspace._support.words import Drive
 
 if TYPE_CHECKING:
@@ -128,7 +128,7 @@ def plan(
     show({**described, "seconds": clock.seconds}, as_json)
     if not planned.solved:
         hint = planned.hint.replace("plan.explain()", "cspace explain")
-        hint = name_options(hint, option_names(context.command, context.meta))
+        hint = name_options(hint, list_option_names(context.command, context.meta))
         advice = f"; try {hint}" if hint else ""
         typer.echo(f"cspace: from {start} to {goal}: {planned.status}{advice}", err=True)
         raise typer.Exit(1)
@@ -184,7 +184,7 @@ def demo(
     from cspace._builder import build
     from cspace.plot import save_plot
 
-    # Each step is timed. Nothing is written before all is computed.
+    # Nothing is written before everything is computed, so that a failure leaves no files.
     check_folder(output)
     files = {
         "map": output / "map.zarr",

@@ -19,10 +19,10 @@ import typer
 from cspace.errors import CspaceError
 
 _UNIT: Final = re.compile(r"_(m[23]?|rad[23]?|rad2?_m2?|rad_or_m|m_or_rad|deg|s|bytes)$")
-"""The unit at the end of a name."""
+"""Pattern of the unit at the end of a name such as ``length_m``."""
 
 _UNIT_CHARACTERS: Final = str.maketrans("_23", " ²³")
-"""Characters of a unit as people read them."""
+"""Replacements of characters in units for tables."""
 
 _LOWER_BOUND_LABELS: Final = ("obstacle distance", "clearance")
 """Labels of proven lower bounds; zero means only that nothing was proven."""
@@ -32,12 +32,12 @@ class Stopwatch:
     """Durations of named steps, seconds."""
 
     def __init__(self) -> None:
-        """Begin without steps."""
+        """Create a stopwatch without steps."""
         self.seconds: dict[str, float] = {}
 
     @contextmanager
     def step(self, name: str) -> Iterator[Callable[[int, int], None] | None]:
-        """Time the block, and yield the callback of :func:`progress_line`."""
+        """Time the block as a step; yield the callback of :func:`progress_line`."""
         began = time.perf_counter()
         with progress_line(name.replace("_", " ")) as progress:
             yield progress
@@ -46,7 +46,10 @@ class Stopwatch:
 
 @contextmanager
 def progress_line(label: str) -> Iterator[Callable[[int, int], None] | None]:
-    """Show a progress bar on a terminal, and yield a callback that moves it, or None."""
+    """Show a progress bar during the block; yield a callback that moves it.
+
+    The callback takes the numbers of finished and of all steps. Without a terminal, yield None.
+    """
     if not sys.stderr.isatty():
         yield None
         return
@@ -66,8 +69,8 @@ def with_unit(name: str, unit: str) -> str:
 def show(document: dict[str, Any], as_json: bool) -> None:
     """Print a document on standard output as a table or as JSON.
 
-    JSON has null for numbers that are not finite. The document maps names to values, also nested;
-    the end of a name is its unit, e.g. ``_m`` for metres. Tables omit lists of lists.
+    The document maps names to values or to nested documents. The end of a name is its unit, e.g.
+    ``_m`` for metres. JSON has null for numbers that are not finite. Tables omit lists of lists.
     """
     if as_json:
         typer.echo(json.dumps(_replace_infinite(document), indent=2, allow_nan=False))
@@ -79,9 +82,9 @@ def show(document: dict[str, Any], as_json: bool) -> None:
 
 
 class ByName(dict[str, Any]):
-    """A part of a document with names from a file, e.g. joints.
+    """A part of a document whose names are from a file, e.g. joints.
 
-    :func:`show` prints them unchanged.
+    :func:`show` prints these names unchanged.
     """
 
 
@@ -97,7 +100,10 @@ def _replace_infinite(value: Any) -> Any:
 
 
 def _list_rows(document: dict[str, Any], indent: str = "") -> Iterator[tuple[str, str]]:
-    """Yield the names and values of a table; a nested document has a heading without a value."""
+    """Yield the labels and values of the rows of a table.
+
+    A nested document has a row without a value as its heading.
+    """
     for name, value in document.items():
         # A name such as ``length_m`` becomes a label and, after the value, a unit.
         unit = _UNIT.search(name)
@@ -116,14 +122,17 @@ def _list_rows(document: dict[str, Any], indent: str = "") -> Iterator[tuple[str
 
 
 def _format_unit(unit: str) -> str:
-    """Return a unit as it follows a number, e.g. " rad² m" for "rad2_m"."""
+    """Format the unit of a name for a table.
+
+    The unit follows a number, e.g. " rad² m" for "rad2_m".
+    """
     if unit == "deg":
         return "°"
     return " " + unit.translate(_UNIT_CHARACTERS)
 
 
 def _format_value(value: Any) -> str:
-    """Return a value as people read it."""
+    """Format a value for a table."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if value is None:
@@ -138,28 +147,31 @@ def _format_value(value: Any) -> str:
 
 
 Options = Mapping[str, str]
-"""Options of a command by the library's argument that they set, e.g. ``{"spacing": "--spacing"}``.
-"""
+"""Names of options by the library's argument that they set, e.g. ``{"spacing": "--spacing"}``."""
 
 
 _PREFIX: Final = "cspace.prefix"
-"""Key of the prefix of parameters in the notes of a context."""
+"""Key, in the ``meta`` of a context, of the prefix that :func:`using_prefix` sets."""
 
 
 @contextmanager
 def using_prefix(context: typer.Context, prefix: str) -> Iterator[None]:
-    """Let messages of the block name other options, e.g. --robot-up for ``up`` with ``robot_``."""
+    """Make error messages of the block name options with a prefix.
+
+    With the prefix ``robot_``, an error about ``up`` names ``--robot-up``.
+    """
     context.meta[_PREFIX] = prefix
     yield
-    del context.meta[_PREFIX]  # not after an error, which is printed later
+    # After an error the prefix stays, because its message is composed outside the block.
+    del context.meta[_PREFIX]
 
 
-def option_names(command: Any, notes: Mapping[str, Any]) -> Options:
-    """Return the options of a command by the library's arguments.
+def list_option_names(command: Any, meta: Mapping[str, Any]) -> Options:
+    """Return the names of a command's options by the library's arguments.
 
-    ``notes`` are the ``meta`` of its context; :func:`using_prefix` writes there.
+    ``meta`` is that of the command's context, in which :func:`using_prefix` sets a prefix.
     """
-    prefix = notes.get(_PREFIX, "")
+    prefix = meta.get(_PREFIX, "")
     names = {}
     for parameter in command.params if command else []:
         long_names = [name for name in parameter.opts if name.startswith("--")]
@@ -170,7 +182,7 @@ def option_names(command: Any, notes: Mapping[str, Any]) -> Options:
 
 
 def format_error(error: CspaceError, options: Options) -> str:
-    """Return an error as one line that begins with the option, not the argument."""
+    """Format an error as one line that names options instead of arguments."""
     if error.problem is None:
         return join_lines(str(error))
     name, bracket, index = error.argument.partition("[")  # e.g. goal[0]
@@ -181,17 +193,18 @@ def format_error(error: CspaceError, options: Options) -> str:
 
 
 def format_warning(message: str, options: Options) -> str:
-    """Return a warning as one line whose advice names options."""
+    """Format a warning as one line whose advice names options instead of arguments."""
     problem, semicolon, advice = message.partition(";")
     return join_lines(f"{problem}{semicolon}{name_options(advice, options)}")
 
 
 def name_options(hint: str, options: Options) -> str:
-    """Replace arguments such as ``spacing=0.05`` in a hint by options."""
+    """Replace arguments in a hint by options, e.g. ``spacing=0.05`` by ``--spacing=0.05``."""
     if not options:
         return hint
 
     def name_option(argument: re.Match[str]) -> str:
+        """Return the option for a matched argument; ``=True`` becomes a flag."""
         option = options[argument["name"]]
         return option if argument["true"] else f"{option}="
 
@@ -200,5 +213,5 @@ def name_options(hint: str, options: Options) -> str:
 
 
 def join_lines(text: str) -> str:
-    """Return a text as one line."""
+    """Join the lines of a text into one, with single spaces."""
     return " ".join(text.split())

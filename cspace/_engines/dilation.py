@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from cspace._raster import Raster, extract_runs
 from cspace._support.arrays import Bools, Ints, Words
 from cspace._support.compiling import inlined, kernel
-from cspace._support.threads import cores, in_threads
+from cspace._support.threads import count_cores, map_in_threads
 
 Cells = NDArray[np.uint8]
 
@@ -116,11 +116,11 @@ def collide(
     for table, result in zip(used_runs, used_outputs, strict=True):
         tasks += bits.make_tasks(table, result)
     word_runs = bits.words.size * sum(map(len, used_runs))
-    threads = (workers or cores()) if word_runs >= MIN_WORD_RUNS_FOR_THREADS else 1
+    threads = (workers or count_cores()) if word_runs >= MIN_WORD_RUNS_FOR_THREADS else 1
     count = min(len(tasks), BLOCK_TASKS_PER_THREAD * threads)
     groups = [tasks[first::count] for first in range(count)]
     advance = None if progress is None else lambda done: progress(done, len(groups))
-    in_threads(partial(bits.dilate_blocks, add), groups, threads, advance)
+    map_in_threads(partial(bits.dilate_blocks, add), groups, threads, advance)
 
 
 class ClippedRuns(NamedTuple):

@@ -44,7 +44,7 @@ from numpy.typing import NDArray
 
 from cspace._raster import Raster
 from cspace._support.arrays import Bools, Ints
-from cspace._support.threads import cores, in_threads
+from cspace._support.threads import count_cores, map_in_threads
 
 COUNTS: Final = True
 """True if the engine can count overlaps."""
@@ -97,7 +97,7 @@ def collide(
     axes = zip(out[0].shape, tiling.step.tolist(), strict=True)
     starts = [range(0, n, step) for n, step in axes]
     corners = list(itertools.product(*starts))
-    threads = workers or cores()
+    threads = workers or count_cores()
     # If there are fewer tiles than threads, several threads share a tile, and each takes a group
     # of its rasters.
     group_count = min(len(members), math.ceil(threads / len(corners)))
@@ -107,11 +107,13 @@ def collide(
     finished = itertools.count(1)
     advance = None if progress is None else lambda _: progress(next(finished), total)
     for batch in batches:
-        spectra = in_threads(tiling.transform_raster, [member.raster for member in batch], threads)
+        spectra = map_in_threads(
+            tiling.transform_raster, [member.raster for member in batch], threads
+        )
         pairs = list(zip(batch, spectra, strict=True))
         groups = [pairs[first::group_count] for first in range(group_count)]
         tasks = list(itertools.product(corners, groups))
-        in_threads(partial(fill_tile, occupied, outside, add, tiling), tasks, threads, advance)
+        map_in_threads(partial(fill_tile, occupied, outside, add, tiling), tasks, threads, advance)
 
 
 class Member(NamedTuple):

@@ -19,7 +19,7 @@ from cspace._raster import Raster
 from cspace._robot import Robot
 from cspace._rotations import Rotations
 from cspace._support.arrays import Bools, States
-from cspace._support.threads import cores, in_threads
+from cspace._support.threads import count_cores, map_in_threads
 
 SAMPLED_ROTATIONS = 32
 """Approximate number of rotations at which the size of the robot's rasters is estimated."""
@@ -56,8 +56,8 @@ def slice_rasters(
     originals = [number for number, source in enumerate(sources) if source == number]
     sides = np.ptp(robot.shape.outer.bounds, axis=0) / spacing
     cells = float(np.prod(sides + 1.0))
-    threads = cores() if len(originals) * cells > MIN_CELLS_FOR_THREADS else 1
-    original_rasters = in_threads(
+    threads = count_cores() if len(originals) * cells > MIN_CELLS_FOR_THREADS else 1
+    original_rasters = map_in_threads(
         lambda number: robot.rasters(spacing, margin, rotation_cells[first_cells[number]]),
         originals,
         threads,

@@ -48,7 +48,7 @@ from cspace._support.arrays import (
     States,
 )
 from cspace._support.compiling import internal, kernel
-from cspace._support.threads import in_chunks
+from cspace._support.threads import run_in_chunks
 from cspace._support.vectors import apply_pose, dot, minus, rotate_back, row_at
 
 PIECE_CELLS: Final = 2.0
@@ -318,7 +318,7 @@ class BoundaryProofs:
             prove_edges(self._inputs, q0[chunk], q1[chunk], make_scratch(), states[chunk])
             return -1
 
-        in_chunks(prove_chunk, len(q0), MIN_PROOFS_PER_THREAD)
+        run_in_chunks(prove_chunk, len(q0), MIN_PROOFS_PER_THREAD)
         is_free: Bools = states == FREE
         # Along a MIXED edge no boundaries meet, so containment at its first end decides.
         undecided = np.flatnonzero(states == MIXED)

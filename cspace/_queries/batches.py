@@ -12,7 +12,7 @@ from cspace._rotations import Rotations
 from cspace._rotations.base import warn_of_degrees
 from cspace._support.arrays import Bools, Floats
 from cspace._support.check import check_rows
-from cspace._support.threads import MIN_ITEMS_PER_THREAD, in_chunks
+from cspace._support.threads import MIN_ITEMS_PER_THREAD, run_in_chunks
 from cspace.errors import InputError
 
 Write = Callable[..., int]
@@ -140,7 +140,7 @@ def write_in_threads(
         chunks = [array[start:stop] for array in arrays]
         return int(kernel(*chunks))
 
-    return in_chunks(write_chunk, len(arrays[0]), min_items)
+    return run_in_chunks(write_chunk, len(arrays[0]), min_items)
 
 
 def as_contiguous(rows: NDArray[Any]) -> Floats:

@@ -18,7 +18,7 @@ import numpy as np
 
 from cspace._support.arrays import FREE, MIXED, Bools, Ints, States
 from cspace._support.compiling import kernel
-from cspace._support.threads import cores, in_threads
+from cspace._support.threads import count_cores, map_in_threads
 
 
 class Components:
@@ -292,7 +292,7 @@ def list_runs(states: States, highest: int) -> Runs:
         first_cell: Ints = number * lines * length - borders[0] // (length + 1)
         return borders + first_cell
 
-    parts = in_threads(list_slice, range(number_of_slices), cores())
+    parts = map_in_threads(list_slice, range(number_of_slices), count_cores())
     starts, stops = np.concatenate([np.empty((2, 0), dtype=np.int64), *parts], axis=1)
     return Runs(starts, stops, np.arange(len(starts)))
 

@@ -47,7 +47,7 @@ from cspace._queries.points import MAX_CELL, configuration_in, is_usable, slice_
 from cspace._record.cells import Map
 from cspace._support.arrays import FREE, Bools, Floats, Ints, Numbers, Row, States
 from cspace._support.compiling import internal, kernel
-from cspace._support.threads import cores, in_chunks, in_threads
+from cspace._support.threads import count_cores, map_in_threads, run_in_chunks
 
 Distances = NDArray[np.float32]
 """Distances of cells, or their squares, in cells."""
@@ -134,7 +134,7 @@ class DistanceMap:
                 self.table = DistanceTable(cells, boxes, np.zeros(n_slices, dtype=np.bool_))
             table = self.table
             missing = [number for number in slices if not table.is_ready[number]]
-            in_threads(partial(self._fill, table), missing, cores())
+            map_in_threads(partial(self._fill, table), missing, count_cores())
             table.is_ready[missing] = True
             if table.is_ready.all():
                 self.known = table
@@ -244,7 +244,7 @@ def _spread_along(squares: Distances) -> None:
         spread_squares(squares, borders, heights, firsts, start, stop)
         return -1
 
-    in_chunks(spread_lines, n_before * n_after, MIN_LINES_PER_THREAD)
+    run_in_chunks(spread_lines, n_before * n_after, MIN_LINES_PER_THREAD)
 
 
 @kernel

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace._support.arrays import Bools, Floats, Ints, frozen
-from cspace._support.threads import in_chunks
+from cspace._support.threads import run_in_chunks
 from cspace.errors import InputError
 
 MAX_RASTER_CELLS = 2**28
@@ -128,7 +128,7 @@ def in_slabs(kernel: Callable[..., None], out: NDArray[Any], *inputs: Any) -> No
         kernel(out, *inputs, start, stop)
         return -1
 
-    in_chunks(run_kernel, len(out), MIN_SLABS_PER_THREAD)
+    run_in_chunks(run_kernel, len(out), MIN_SLABS_PER_THREAD)
 
 
 def allocate_bitmap(low: Floats, high: Floats) -> tuple[Bools, tuple[int, ...]]:

@@ -62,8 +62,8 @@ from cspace._support.vectors import (
     minus,
     nearest_of_triangle,
     normal_of,
-    point_triangle,
     row_at,
+    triangle_distance,
 )
 
 MIN_NORMAL_Z: Final = 2.0**-5
@@ -377,7 +377,7 @@ def _cube_triangle_distance(triangle: Floats, center: Row, half: float) -> float
     for x in (center_x - half, center_x + half):
         for y in (center_y - half, center_y + half):
             for z in (center_z - half, center_z + half):
-                best = min(best, point_triangle((x, y, z), triangle))
+                best = min(best, triangle_distance((x, y, z), triangle))
     for e in range(3):
         p, q = triangle[e], triangle[(e + 1) % 3]
         corner = minus(row_at(p, 0), center)

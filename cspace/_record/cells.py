@@ -1,4 +1,4 @@
-"""The record of a map that kernels take."""
+"""The arrays and numbers of a map in one record, an argument of compiled functions."""
 
 from __future__ import annotations
 
@@ -43,7 +43,10 @@ class Map(NamedTuple):
 
 
 def make_map_record(states: States, grid: Grid, exterior: Ints, rotations: RotationTable) -> Map:
-    """Make the record of a map from states, shape (slices, x, y) or (slices, x, y, z)."""
+    """Return the record of a map with these states.
+
+    States have the shape (slices, x, y) or (slices, x, y, z).
+    """
     lower = tuple(grid.lower)
     upper = tuple(grid.upper)
     if grid.dim == 2:

@@ -36,8 +36,8 @@ class StoredArray(NamedTuple):
     axes : tuple of str
         Names of the axes; "cells" stands for the axes of the grid.
     dtype : str
-    lost : number
-        Value of lost entries, which never makes a cell FREE.
+    fill_value : number
+        Value that readers give to missing entries. It never makes a cell FREE.
     attributes : mapping
         Attributes, after the CF conventions.
     sizes : mapping of str to int
@@ -46,18 +46,21 @@ class StoredArray(NamedTuple):
 
     axes: tuple[str, ...]
     dtype: str
-    lost: Any
+    fill_value: Any
     attributes: Mapping[str, Any]
     sizes: Mapping[str, int] = {}
 
 
-def _describe(axes: str, dtype: str, lost: Any, long_name: str, **attributes: Any) -> StoredArray:
-    """Describe an array by the names of its axes, separated by spaces."""
-    return StoredArray(tuple(axes.split()), dtype, lost, {"long_name": long_name, **attributes})
+def _describe(
+    axes: str, dtype: str, fill_value: Any, long_name: str, **attributes: Any
+) -> StoredArray:
+    """Describe an array; ``axes`` are names separated by spaces."""
+    all_attributes = {"long_name": long_name, **attributes}
+    return StoredArray(tuple(axes.split()), dtype, fill_value, all_attributes)
 
 
 def _describe_floats(axes: str, long_name: str, units: str, **attributes: str) -> StoredArray:
-    """Describe an array of float64."""
+    """Describe an array of float64; missing entries are NaN."""
     return _describe(axes, "float64", math.nan, long_name, units=units, **attributes)
 
 
@@ -118,13 +121,13 @@ ARRAYS: Final[dict[str, StoredArray]] = {
 """Every array that a map may hold, except those that describe its rotation cells."""
 
 DERIVED: Final = ("distances", "distance_boxes")
-"""Arrays for readers without this package, which computes them again."""
+"""Arrays for readers without this package. This package ignores them, and computes them itself."""
 
 
 def describe_arrays() -> dict[str, StoredArray]:
     """Return the descriptions of all arrays that a map may hold, by name.
 
-    They are :data:`ARRAYS` and the arrays of every kind of rotation cells.
+    They are :data:`ARRAYS`, and the arrays that describe rotation cells of every kind.
     """
     descriptions = dict(ARRAYS)
     for kind in Rotations._KINDS.values():
@@ -138,8 +141,8 @@ def describe_arrays() -> dict[str, StoredArray]:
     return descriptions
 
 
-def axes_of(name: str, dim: int) -> tuple[str, ...]:
-    """Return the axes of an array on a grid."""
+def list_axes(name: str, dim: int) -> tuple[str, ...]:
+    """Return the names of an array's axes, in ``dim`` dimensions."""
     # "cells" stands for the axes of the grid.
     axes: list[str] = []
     for axis in describe_arrays()[name].axes:
@@ -147,15 +150,18 @@ def axes_of(name: str, dim: int) -> tuple[str, ...]:
     return tuple(axes)
 
 
-def grid_of(metadata: Mapping[str, Any]) -> Grid:
-    """Return the grid of a map, from its metadata."""
+def make_grid(metadata: Mapping[str, Any]) -> Grid:
+    """Return the grid that a map's metadata describe."""
     shape = tuple(metadata["shape"])
     axes = metadata["axes"].split()[: len(shape)]
     return Grid(metadata["lower"], metadata["spacing"], shape, axes, metadata["units"].split())
 
 
-def attributes_of(name: str, grid: Grid) -> dict[str, Any]:
-    """Return the attributes of an array on a grid, with the name and unit of an axis."""
+def make_attributes(name: str, grid: Grid) -> dict[str, Any]:
+    """Return the attributes of an array on a grid.
+
+    The centers along an axis get the name and unit of the axis.
+    """
     attributes = dict(describe_arrays()[name].attributes)
     if name in AXES:
         number = AXES.index(name)
@@ -164,8 +170,8 @@ def attributes_of(name: str, grid: Grid) -> dict[str, Any]:
     return attributes
 
 
-def metadata_of(contents: Contents) -> dict[str, Any]:
-    """Return the metadata of a map in memory.
+def make_metadata(contents: Contents) -> dict[str, Any]:
+    """Return the metadata of a map, as plain values by name.
 
     ``lower`` and ``spacing`` are in the ``units`` of the cells; ``axes`` names the numbers of a
     configuration; ``rotations`` is the number of rotation cells; ``robot`` is JSON text for
@@ -191,14 +197,16 @@ def metadata_of(contents: Contents) -> dict[str, Any]:
     }
 
 
-def arrays_of(contents: Contents) -> dict[str, Any]:
-    """Return the arrays of a map, by the names of :func:`describe_arrays`, without copies of cells.
+def collect_arrays(contents: Contents) -> dict[str, Any]:
+    """Return the arrays of a map by name, without copies of cells.
+
+    Names are those of :func:`describe_arrays`.
 
     Optional arrays are ``inner`` if it differs from ``outer``, ``unknown`` if there are such cells,
     ``overlap_counts`` if the map has them, the arrays of rotation cells if the robot rotates, and
     ``shapes`` if the obstacles have shapes.
     """
-    # What every map has, then what it may have.
+    # Arrays that every map has come first.
     workspace = contents.workspace
     grid = contents.grid
     arrays: dict[str, Any] = {
@@ -215,20 +223,20 @@ def arrays_of(contents: Contents) -> dict[str, Any]:
     if contents.overlap_counts is not None:
         arrays["overlap_counts"] = read_only(contents.overlap_counts)
     arrays |= {axis: grid.centers(i) for i, axis in enumerate(AXES[: grid.dim])}
-    return {**arrays, **contents.rotations._stored_arrays, **shapes_array(workspace.shapes)}
+    return {**arrays, **contents.rotations._stored_arrays, **encode_shapes(workspace.shapes)}
 
 
-def shapes_array(shapes: Sequence[Shape] | None) -> dict[str, NDArray[Any]]:
-    """Return the array ``shapes`` if the obstacles have shapes."""
+def encode_shapes(shapes: Sequence[Shape] | None) -> dict[str, NDArray[Any]]:
+    """Return ``{"shapes": array}``, or {} if the obstacles have no shapes."""
     if shapes is None:
         return {}
     specs = json.dumps([shape.spec for shape in shapes])
-    # netCDF 3 knows no unsigned bytes.
+    # The bytes are signed, because netCDF 3 has no unsigned ones.
     return {"shapes": np.frombuffer(specs.encode(), dtype=np.int8)}
 
 
-def shapes_from(array: NDArray[Any]) -> tuple[Shape, ...]:
-    """Return the obstacles that an array ``shapes`` describes; raise ValueError if invalid."""
+def decode_shapes(array: NDArray[Any]) -> tuple[Shape, ...]:
+    """Decode the obstacles in an array ``shapes``; raise ValueError if invalid."""
     try:
         return tuple(shape_from_spec(spec) for spec in json.loads(array.tobytes()))
     except Exception as error:  # shapely and the shapes raise any error for invalid data
@@ -237,12 +245,15 @@ def shapes_from(array: NDArray[Any]) -> tuple[Shape, ...]:
         ) from error
 
 
-def turns_of(names: Iterable[str]) -> tuple[str, ...]:
-    """Return which names are of arrays of rotation cells; empty if the robot does not rotate."""
+def find_rotation_arrays(names: Iterable[str]) -> tuple[str, ...]:
+    """Return the names of the arrays that describe rotation cells.
+
+    ``names`` are those of all arrays of a map. The result is empty if the robot does not rotate.
+    """
     all_names = set(names)
     for kind in Rotations._KINDS.values():
         coordinates = tuple(kind._COORDINATES)
-        # The first name of a kind is in no other kind.
+        # The first name of a kind of rotation cells is that of no other kind.
         if coordinates and coordinates[0] in all_names:
             return coordinates
     return ()

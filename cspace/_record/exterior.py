@@ -23,9 +23,9 @@ UNKNOWN: Final = "unknown"
 class Exterior:
     """States of configuration cells outside the grid, for each slice.
 
-    All have one state, except that those in a box are MIXED: there the robot may reach an obstacle,
-    if the space outside the workspace is free, or may fit into the workspace, if that space is
-    blocked.
+    All cells outside have one state, except that cells in a box are MIXED. If the space outside the
+    workspace is free, the robot may reach an obstacle from the box; if that space is blocked, it
+    may fit into the workspace there.
 
     Attributes
     ----------
@@ -40,8 +40,8 @@ class Exterior:
     def of(cls, occupied: Bools, rasters: Sequence[tuple[Raster, Raster]], policy: str) -> Exterior:
         """Compute the exterior from the outer cells of a workspace.
 
-        ``rasters`` are the outer and inner ones of each slice. ``policy`` is the space outside the
-        workspace: "blocked", "free" or "unknown".
+        ``rasters`` are the outer and inner raster of each slice. ``policy`` is the state of the
+        space outside the workspace: "blocked", "free" or "unknown".
         """
         box = np.zeros((2, occupied.ndim), dtype=np.int64)
         if policy == "free":
@@ -53,10 +53,10 @@ class Exterior:
     def around(
         cls, shape: Sequence[int], box: Ints, rasters: Sequence[tuple[Raster, Raster]], policy: str
     ) -> Exterior:
-        """Compute the exterior from the shape of a grid and the box of its obstacles.
+        """Compute the exterior from a grid's shape and its obstacles' box.
 
-        ``box`` has the first and last obstacle cell; only policy "free" reads it. The rest is as
-        for :meth:`of`.
+        ``box``, shape (2, d), has the first and last obstacle cell; only policy "free" reads it.
+        Other arguments are as for :meth:`of`.
         """
         nowhere = np.repeat([0, -1], len(shape))  # an empty box: its first cell is 0, its last -1
         rows = list[list[int]]()
@@ -64,13 +64,15 @@ class Exterior:
             if policy == UNKNOWN:
                 row = [*nowhere, MIXED]
             elif policy == "free":
-                # FREE is proven where no outer offset reaches an obstacle.
+                # A cell k is MIXED if one of the cells k + m may be an obstacle, where m is an
+                # offset of the outer raster.
                 low, high = box
                 reached = [*(low - outer.upper), *(high - outer.lower)]
                 is_empty = (low > high).any()
                 row = [*(nowhere if is_empty else reached), FREE]
             else:
-                # BLOCKED is proven if an inner offset falls outside the workspace.
+                # A cell k is MIXED if all cells k + m lie in the workspace, where m is an offset of
+                # the inner raster.
                 last = np.asarray(shape) - 1
                 state = BLOCKED if inner.count else MIXED
                 row = [*np.negative(inner.lower), *(last - inner.upper), state]
@@ -78,9 +80,9 @@ class Exterior:
         return cls(np.array(rows, dtype=np.int64))
 
     def is_all_blocked(self, shape: tuple[int, ...]) -> Bools:
-        """Return True for each slice whose cells outside the grid are all BLOCKED.
+        """Return a mask of the slices with only BLOCKED cells outside.
 
-        ``shape`` is that of the grid; the result has shape (slices,).
+        ``shape`` is that of the grid.
         """
         boxes = self.table[:, :-1]
         beyond = self.table[:, -1]

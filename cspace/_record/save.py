@@ -1,7 +1,7 @@
 """Saved maps: Zarr folders of version 3 that any reader of Zarr opens.
 
 The attributes of the folder describe the grid, the robot and the rest of the map; see
-:func:`cspace._record.description.metadata_of`. Four more serve the reader: ``arrays`` names the
+:func:`cspace._record.description.make_metadata`. Four more serve the reader: ``arrays`` names the
 arrays, ``compressed`` is true if their chunks are compressed by zstd, ``shapes_bytes`` is the
 length of the array ``shapes``, and ``digest`` is a SHA-256 digest. It
 covers the attributes and every file of the arrays, in the order of ``arrays``.
@@ -37,14 +37,14 @@ from cspace._record.description import (
     DERIVED,
     FORMAT,
     VERSION,
-    arrays_of,
-    attributes_of,
-    axes_of,
+    collect_arrays,
+    decode_shapes,
     describe_arrays,
-    grid_of,
-    metadata_of,
-    shapes_from,
-    turns_of,
+    find_rotation_arrays,
+    list_axes,
+    make_attributes,
+    make_grid,
+    make_metadata,
 )
 from cspace._record.exterior import UNKNOWN, Exterior
 from cspace._robot import Robot
@@ -61,7 +61,7 @@ TILES_FORMAT: Final = "cspace-tiles"
 """Format of a map in tiles, a folder of saved maps."""
 
 NO_DIGEST: Final = "0" * 64
-"""Stands for the digest while the digest is computed."""
+"""Placeholder of the digest in the attributes while the digest is computed."""
 
 _KIND: Final = "saved map"
 
@@ -71,7 +71,7 @@ _DAMAGE_ADVICE: Final = (
 )
 
 _FREE_ATTRIBUTES: Final = ("format", "library_version", "robot")
-"""Attributes that the rest of a map does not determine."""
+"""Attributes whose values a reader cannot check against the rest of a map."""
 
 _UNITS: Final = {"m", "rad"}
 
@@ -85,7 +85,7 @@ _ROTATION_ROUNDING: Final = 1e-12
 """Maximum difference of coordinates between machines; proofs have far more slack."""
 
 _LATER_ARRAY: Final = re.compile(r"[a-z][a-z0-9_]*")
-"""Names that later releases may give to arrays."""
+"""Names of arrays; unknown ones are skipped, because later releases may add arrays."""
 
 _OTHER_ENTRIES: Final = re.compile(
     r"zarr\.json|\.cspace-.*|frame.*|\d+(\.\d+)+(-\w+)?|components\.npz|"
@@ -98,19 +98,19 @@ _OTHER_ENTRIES: Final = re.compile(
 
 
 def map_error(path: StrPath, what: str) -> FileError:
-    """Return the error for a saved map that cannot be trusted."""
+    """Return a FileError for a saved map that is damaged or forged."""
     return FileError(str(Path(path)), f"is not a usable map: {what}", *_DAMAGE_ADVICE)
 
 
 @contextmanager
-def making_map(path: StrPath) -> Iterator[None]:
-    """Turn any exception in the block into one error for the map.
+def reporting_damage(path: StrPath) -> Iterator[None]:
+    """Turn any exception in the block into a FileError for the map.
 
-    Files with a valid digest can still hold anything, and reach several libraries.
+    A file with a valid digest can still be forged, and make any library raise any error.
     """
     try:
         yield
-    except (FileError, MemoryError, UserWarning):  # callers may turn our warnings into errors
+    except (FileError, MemoryError, UserWarning):  # UserWarning if the caller makes it an error
         raise
     except Exception as error:
         reason = f"{type(error).__name__}: {' '.join(str(error).split()):.200}"
@@ -123,9 +123,10 @@ def making_map(path: StrPath) -> Iterator[None]:
 def write_folder(
     folder: Path, attributes: Mapping[str, Any], files: Iterable[tuple[str, bytes]] = ()
 ) -> None:
-    """Write a Zarr group with a digest of its attributes and of named files, attributes last.
+    """Write a Zarr group whose attributes include a digest of all its files.
 
-    ``files`` are names, relative to the folder, and contents.
+    ``files`` are names, relative to the folder, and contents. The attributes are written last, so a
+    folder that has them is complete.
     """
     # The digest is part of the attributes, so it is computed with zeros in its own place.
     document = {
@@ -138,7 +139,8 @@ def write_folder(
     folder.mkdir(exist_ok=True)
     for name, content in files:
         _add_file(digest, name, content)
-        # The folder itself is not made again if another process has removed it.
+        # Make the parent folders, outermost first, but not the folder itself: if another process
+        # has removed it, writing must fail.
         for parent in list(PurePath(name).parents)[-2::-1]:
             (folder / parent).mkdir(exist_ok=True)
         (folder / name).write_bytes(content)
@@ -146,14 +148,15 @@ def write_folder(
 
 
 def read_root(path: StrPath, form: str) -> tuple[dict[str, Any], Any]:
-    """Read the attributes of a map of a format, and begin its digest.
+    """Read the attributes of a saved map, and begin to compute its digest.
 
-    Returns the attributes, unchecked, and the digest so far, a ``hashlib`` object.
+    ``form`` is the expected format. Returns the attributes, unchecked, and a ``hashlib`` object to
+    which the caller adds the other files.
 
     Raises FileError if the file is missing or malformed, or of another format or version.
     """
     content = read_bytes(Path(path, ROOT_FILE), _KIND, memory=8.0)
-    with making_map(path):
+    with reporting_damage(path):
         attributes = json.loads(content)["attributes"]
         if attributes["format"] != form:
             raise map_error(path, f"its attributes do not say format {form!r}")
@@ -169,18 +172,18 @@ def read_root(path: StrPath, form: str) -> tuple[dict[str, Any], Any]:
 
 
 def _replace_digest(root: bytes, old: str, new: str) -> bytes:
-    """Replace the digest in the text of the attributes, where it comes first."""
-    return root.replace(old.encode(), new.encode(), 1)
+    """Replace the digest in the text of the attributes."""
+    return root.replace(old.encode(), new.encode(), 1)  # the digest is the first attribute
 
 
 def _add_file(digest: Any, name: str, content: bytes) -> None:
-    """Add a file to a digest."""
+    """Update a digest with the name, size and content of a file."""
     digest.update(f"\n{name} {len(content)}\n".encode())
     digest.update(content)
 
 
 def read_format(path: StrPath) -> str:
-    """Return the format that a folder says it has, or "" if it is no map of ours."""
+    """Return the format that a folder declares, or "" for no map."""
     try:
         root = json.loads(read_bytes(Path(path, ROOT_FILE), _KIND, memory=8.0))
         form = root["attributes"]["format"]
@@ -190,7 +193,10 @@ def read_format(path: StrPath) -> str:
 
 
 def is_map_folder(folder: Path) -> bool:
-    """Return True if a folder holds nothing but a map, maybe damaged or of an earlier version."""
+    """Return True if a folder holds only files of a saved map.
+
+    The map may be damaged, or of an earlier version.
+    """
     array_names = describe_arrays()
     names = [entry.name for entry in folder.iterdir()]
     return all(name in array_names or _OTHER_ENTRIES.fullmatch(name) for name in names)
@@ -208,7 +214,7 @@ def save(
 ) -> None:
     """Save a map as a Zarr folder, complete or not at all; see :meth:`cspace.CSpace.save`.
 
-    ``derived`` are arrays in addition, of the names in ``DERIVED``.
+    ``derived`` are additional arrays, with names in ``DERIVED``.
     """
     rule = "a map is saved as a Zarr folder; space.export writes other formats"
     check_suffix(path, MAP_SUFFIXES, rule, is_output=True)
@@ -223,16 +229,16 @@ def write_map(
     derived: Mapping[str, NDArray[Any]] | None = None,
     **extra: Any,
 ) -> None:
-    """Write a map into a new folder; ``extra`` are attributes in addition."""
-    arrays = {**arrays_of(contents), **(derived or {})}
-    # What describes the map, then what a reader needs to unpack its arrays.
+    """Write a map into a new folder; ``extra`` are additional attributes."""
+    arrays = {**collect_arrays(contents), **(derived or {})}
+    # The metadata describe the map; a reader needs the others to check and unpack its arrays.
     attributes = {
-        **metadata_of(contents),
+        **make_metadata(contents),
         "arrays": " ".join(arrays),
         "compressed": compress,
         "shapes_bytes": len(arrays.get("shapes", ())),
-        # The CF conventions' name of the arrays that label others.
-        "coordinates": " ".join((*turns_of(arrays), "slice_of")),
+        # The CF conventions name coordinate arrays here.
+        "coordinates": " ".join((*find_rotation_arrays(arrays), "slice_of")),
         **extra,
     }
     write_folder(folder, attributes, _iterate_files(arrays, contents.grid, compress))
@@ -243,26 +249,27 @@ def _iterate_files(
 ) -> Iterator[tuple[str, bytes]]:
     """Yield the name and content of each file of the arrays."""
     for name, values in arrays.items():
-        _, dtype, lost, *_ = describe_arrays()[name]
-        layout = Layout.of(values.shape, dtype, compress)
-        axes = axes_of(name, grid.dim)
-        yield f"{name}/{ROOT_FILE}", layout.describe(lost, attributes_of(name, grid), axes)
+        stored = describe_arrays()[name]
+        layout = Layout.of(values.shape, stored.dtype, compress)
+        fill_value = stored.fill_value
+        axes = list_axes(name, grid.dim)
+        yield f"{name}/{ROOT_FILE}", layout.describe(fill_value, make_attributes(name, grid), axes)
         for file, cells in layout.iterate_chunks():
-            yield f"{name}/{file}", layout.encode(values[cells], lost)
+            yield f"{name}/{file}", layout.encode(values[cells], fill_value)
 
 
 # ---- reading -------------------------------------------------------------------------------------
 
 
 def read_map_and_attributes(path: StrPath, form: str = FORMAT) -> tuple[Contents, dict[str, Any]]:
-    """Read a map of a format and all its attributes.
+    """Read a saved map and all its attributes, and check its digest.
 
-    Raises FileError if it is missing, truncated, changed, too large for memory, of another version,
-    or describes no map.
+    ``form`` is the expected format. Raises FileError if the map is missing, truncated, changed, too
+    large for memory, of another version, or invalid.
     """
     attributes, digest = read_root(path, form)
-    with making_map(path):
-        grid = grid_of(attributes)
+    with reporting_damage(path):
+        grid = make_grid(attributes)
         layouts = _expect_layouts(attributes, grid)
         check_bytes(path, sum(layout.nbytes for layout in layouts.values()), "unpacks to")
         arrays = _read_arrays(path, attributes["arrays"].split(), layouts, digest)
@@ -270,7 +277,7 @@ def read_map_and_attributes(path: StrPath, form: str = FORMAT) -> tuple[Contents
             raise map_error(path, "its files differ from their digest")
         contents = _make_contents(attributes, grid, arrays)
         # The map that was made must describe itself by the same attributes.
-        for name, expected in metadata_of(contents).items():
+        for name, expected in make_metadata(contents).items():
             value = attributes[name]
             if name not in _FREE_ATTRIBUTES and value != expected:
                 raise ValueError(f"its attribute {name!r} is {value!r:.40}, not {expected!r:.40}")
@@ -278,19 +285,20 @@ def read_map_and_attributes(path: StrPath, form: str = FORMAT) -> tuple[Contents
 
 
 def _expect_layouts(attributes: Mapping[str, Any], grid: Grid) -> dict[str, Layout]:
-    """Return the layout that each array of a map must have, except arrays that are skipped.
+    """Return the layout that the attributes require of each array, by name.
 
-    Raises ValueError if an array is missing or has no valid name, or a size is not positive.
+    Arrays that a reader skips have no layout. Raises ValueError if an array is missing or has no
+    valid name, or a size is not positive.
     """
     names = attributes["arrays"].split()
     known = describe_arrays()
     arrays = {name: known[name] for name in names if name in known and name not in DERIVED}
-    required = ("cell_states", "outer", "slice_of", *AXES[: grid.dim], *turns_of(names))
+    required = ("cell_states", "outer", "slice_of", *AXES[: grid.dim], *find_rotation_arrays(names))
     missing = [name for name in required if name not in names]
     unknown = sorted(name for name in names if not _LATER_ARRAY.fullmatch(name))
     if missing or unknown or len(set(names)) < len(names):
         raise ValueError(f"it lacks {missing} and has {unknown or names}")
-    # Lengths of all axes by name; some arrays bring axes of their own.
+    # Lengths of the axes by name; arrays of rotation cells have additional axes.
     sizes = {
         "slice": attributes["slices"],
         "rotation": attributes["rotations"],
@@ -301,7 +309,7 @@ def _expect_layouts(attributes: Mapping[str, Any], grid: Grid) -> dict[str, Layo
     layouts = {}
     for name, expected in arrays.items():
         all_sizes = {**sizes, **expected.sizes}
-        shape = [all_sizes[axis] for axis in axes_of(name, grid.dim)]
+        shape = [all_sizes[axis] for axis in list_axes(name, grid.dim)]
         if min(shape) < 1:
             raise ValueError(f"its array {name!r} would have the shape {shape}")
         layouts[name] = Layout.of(shape, expected.dtype, attributes["compressed"])
@@ -311,9 +319,13 @@ def _expect_layouts(attributes: Mapping[str, Any], grid: Grid) -> dict[str, Layo
 def _read_arrays(
     path: StrPath, names: Sequence[str], layouts: Mapping[str, Layout], digest: Any
 ) -> dict[str, NDArray[Any]]:
-    """Read the arrays that have a layout, and add the files of all arrays to the digest."""
+    """Read arrays, and update the digest with their files.
+
+    Arrays without a layout only update the digest.
+    """
 
     def read(name: str) -> bytes:
+        """Read a file of the map, and update the digest with it."""
         content = read_member(path, name, "part of a saved map")
         if content is None:
             raise map_error(path, f"its file {name!r} is missing")
@@ -334,7 +346,7 @@ def _read_arrays(
         values = np.empty(layout.shape, dtype=layout.dtype)
         for file, cells in layout.iterate_chunks():
             chunk = layout.decode(read(f"{name}/{file}"))
-            # Chunks at the border reach beyond the array.
+            # Chunks at the border of the array are stored whole, and cut here.
             inside = tuple(slice(0, side.stop - side.start) for side in cells)
             values[cells] = chunk[inside]
         arrays[name] = values
@@ -344,7 +356,10 @@ def _read_arrays(
 def _make_contents(
     attributes: Mapping[str, Any], grid: Grid, arrays: Mapping[str, NDArray[Any]]
 ) -> Contents:
-    """Make a map of its attributes and arrays; raise any error if they describe no map."""
+    """Return the map that attributes and arrays describe.
+
+    Raises any error if they are invalid.
+    """
     # The digest is right, but the files may be forged, so each part is checked before its use.
     if not _UNITS.issuperset(grid.units):
         raise ValueError(f"its units are {grid.units}")
@@ -353,7 +368,7 @@ def _make_contents(
         raise ValueError(f"it holds the state {states.max()}, but states are 0 to 2")
     robot = _read_robot(attributes["robot"])
     rotations, slice_of = _check_rotations(attributes, grid, robot, arrays)
-    shapes = shapes_from(arrays["shapes"]) if "shapes" in arrays else None
+    shapes = decode_shapes(arrays["shapes"]) if "shapes" in arrays else None
     if robot.dim != grid.dim or any(shape.dim != grid.dim for shape in shapes or ()):
         raise ValueError("its robot, obstacles and grid differ in dimension")
     outside = attributes["outside"]
@@ -381,18 +396,19 @@ def _make_contents(
 
 @lru_cache(maxsize=4)
 def _read_robot(text: str) -> Robot:
-    """Make a robot of its JSON text, once for all tiles of a map."""
+    """Return the robot of a JSON text, cached for all tiles."""
     return Robot.from_spec(json.loads(text))
 
 
 def _check_rotations(
     attributes: Mapping[str, Any], grid: Grid, robot: Robot, arrays: Mapping[str, NDArray[Any]]
 ) -> tuple[Rotations, Ints]:
-    """Return the rotation cells of a map, and their slices for its robot.
+    """Return the rotation cells of a map, and their slices.
 
-    Raises ValueError if a stored array differs from the one that they determine.
+    Raises ValueError if a stored array differs from what grid, rotation cells and robot determine.
     """
-    rotations = Rotations._from_stored_arrays({name: arrays[name] for name in turns_of(arrays)})
+    names = find_rotation_arrays(arrays)
+    rotations = Rotations._from_stored_arrays({name: arrays[name] for name in names})
     rotations._check_dimension(robot.dim)
     slice_of = rotations._assign_slices(robot.shape)
     if slice_of.max() + 1 != attributes["slices"]:
@@ -407,7 +423,7 @@ def _check_rotations(
 
 
 def check_exterior(table: Ints, outside: str) -> Exterior:
-    """Return the exterior of a table; raise ValueError if it contradicts the space outside."""
+    """Return a table as an exterior; raise ValueError if it contradicts the space outside."""
     # A row is the first cell of a box, its last cell, and the state beyond.
     boxes = table[:, :-1]
     states = table[:, -1]

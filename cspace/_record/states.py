@@ -1,4 +1,4 @@
-"""Arrays of states."""
+"""Functions on arrays of states."""
 
 from __future__ import annotations
 

@@ -24,8 +24,8 @@ from cspace._support.check import check_cells
 from cspace._workspace import Workspace, copy_workspace
 from cspace.errors import InputError
 
-_NEVER: Final = 2**62
-"""Minimum offset of a raster without cells; its negative is the maximum."""
+_INFINITY: Final = 2**62
+"""Minimum offset of a raster without cells, above all offsets; its negative is the maximum."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +38,7 @@ class Update:
         Number of workspace cells that changed.
     lower, upper : tuple of int
         Box of configuration cells that were computed again: its first cell, and the cell after its
-        last one along each axis. They are equal if none was.
+        last one along each axis. The two are equal if no cell was computed.
     changed : int
         Number of configuration cells, over all rotation cells, whose state changed.
     """
@@ -55,6 +55,7 @@ class Update:
         The box is that around the boxes of all updates, and numbers are added.
         """
         nothing = cls(0, (0,) * dim, (0,) * dim, 0)
+        # Empty boxes do not extend the combined box.
         with_box = [update for update in updates if update.lower != update.upper]
         boxes = with_box or updates or [nothing]
         lower = np.min([update.lower for update in boxes], axis=0)
@@ -66,7 +67,7 @@ class Update:
 
 @dataclass(frozen=True, slots=True)
 class Patch:
-    """New cells of a box of the workspace.
+    """New contents of a box of workspace cells.
 
     Attributes
     ----------
@@ -92,11 +93,10 @@ class Patch:
     def of(
         cls, grid: Grid, cells: ArrayLike, lower: Sequence[int], inner: ArrayLike | None
     ) -> Patch:
-        """Check and copy the arguments of :meth:`cspace.CSpace.update`.
+        """Make a patch from the arguments of :meth:`cspace.CSpace.update`.
 
-        Raises InputError if the cells or the position of the box are invalid.
+        Arrays are copied. Raises InputError if the cells or the position of the box are invalid.
         """
-        # Check the box first, then the optional inner cells.
         outer = _copy_cells(cells, "cells")
         first = _check_first_cell(lower, grid.dim)
         hint = "pass one entry per cell of the box"
@@ -129,7 +129,7 @@ def _copy_cells(values: ArrayLike, name: str) -> Bools:
 
 
 def _check_first_cell(lower: Sequence[int], dim: int) -> tuple[int, ...]:
-    """Return the index of a box's first cell as integers."""
+    """Return the index of a box's first cell as integers; raise InputError otherwise."""
     try:
         first = tuple(map(operator.index, np.asarray(lower, dtype=object).tolist()))
     except TypeError:
@@ -144,10 +144,10 @@ def _check_first_cell(lower: Sequence[int], dim: int) -> tuple[int, ...]:
 class Updater:
     """Update a map in place when cells of its workspace change.
 
-    The state of a cell depends on the workspace cells under the robot's rasters. So the cells that
-    a changed box can reach form a window around it, in all slices. The engine computes the window
-    from the part of the workspace around it. Only then the window, the workspace and the states
-    outside the grid are written.
+    The state of a cell depends on the workspace cells under the robot's rasters, so a changed box
+    affects only cells in a window around it, in all slices. The engine computes the window from the
+    part of the workspace around it. Only then are the window, the workspace and the states outside
+    the grid written.
 
     Parameters
     ----------
@@ -172,7 +172,7 @@ class Updater:
         exterior: Exterior,
         drop_derived: Callable[[Workspace, ObstacleLayers | None], None],
     ) -> None:
-        """Copy the workspace, and measure how far the robot's rasters reach."""
+        """Copy the workspace, and measure the reach of the robot's rasters."""
         self._grid = contents.grid
         self._layers = layers
         self._states = contents.states
@@ -180,18 +180,18 @@ class Updater:
         self._rasters = rasters
         self._exterior = exterior
         self._drop_derived = drop_derived
-        self._sides = group_rasters(rasters, contents.proves_blocked)
-        self._reach = _reach(self._sides, contents.grid.shape, contents.outside == "blocked")
+        self._groups = group_rasters(rasters, contents.proves_blocked)
+        is_blocked = contents.outside == "blocked"
+        self._offset_range = _measure_offsets(self._groups, contents.grid.shape, is_blocked)
         # Cells of the largest raster along each axis, and number of rotation cells of each slice.
-        self._size = np.max([outer.cells.shape for outer, _ in rasters], axis=0)
+        self._raster_size = np.max([outer.cells.shape for outer, _ in rasters], axis=0)
         self._weights = np.bincount(contents.slice_of, minlength=len(contents.states))
         self._workspace = copy_workspace(contents.workspace, live=True)
 
     def update(self, patch: Patch) -> Update:
         """Write a box of known cells into the base, and update the map.
 
-        The *base* is the workspace without named obstacles. Its outer cells meet an obstacle, its
-        inner cells lie in obstacles.
+        The *base* is the workspace without named obstacles.
         """
         base = self._workspace if self._layers is None else self._layers
         window = patch.window
@@ -214,7 +214,7 @@ class Updater:
         """Add, replace or remove a named obstacle, and update the map."""
         obstacle = None if shape is None else Obstacle.of(shape, self._grid)
         if self._layers is None:
-            self._layers = _layers_of(self._workspace)
+            self._layers = _make_layers(self._workspace)
         boxes = self._layers.set_obstacle(name, obstacle)
         # The old and the new place of an obstacle are one box if a robot can touch both.
         if len(boxes) == 2 and not self._are_apart(*boxes):
@@ -223,30 +223,34 @@ class Updater:
         return self._copy_layers(self._layers, boxes)
 
     def _are_apart(self, box: CellBox, other: CellBox) -> bool:
-        """Return True if no configuration can touch both boxes.
+        """Return True if no configuration can touch both boxes of cells.
 
-        Two changes then cost less than one.
+        Two updates then cost less than one of the box around both.
         """
         first, stop = box
         other_first, other_stop = other
         gaps = np.maximum(other_first - stop, first - other_stop)
-        return bool((gaps >= self._size).any())
+        return bool((gaps >= self._raster_size).any())
 
     def _copy_layers(self, layers: ObstacleLayers, boxes: Sequence[CellBox]) -> Update:
-        """Copy boxes of cells from the layers to the map, with all shapes."""
+        """Copy boxes of cells from the layers to the workspace; update the map.
+
+        The workspace also gets the shapes of the layers.
+        """
         self._set_shapes(layers.obstacles)
         return self._write_all(
             [Patch(tuple(first.tolist()), *layers.cells(first, stop)) for first, stop in boxes]
         )
 
     def _set_shapes(self, shapes: tuple[Shape, ...] | None) -> None:
-        """Replace the shapes of the workspace."""
+        """Replace the shapes of the workspace, a frozen dataclass."""
         object.__setattr__(self._workspace, "shapes", shapes)
 
     def _write_all(self, patches: Sequence[Patch]) -> Update:
         """Write patches into the workspace, and update the map.
 
-        If it is interrupted, also by Ctrl-C, all patches are written before the error goes on.
+        If an error or Ctrl-C interrupts it, all patches are written before the error is raised, so
+        that the map agrees with the obstacles.
         """
         try:
             updates = [self._write(patch) for patch in patches]
@@ -266,7 +270,7 @@ class Updater:
         occupied = len(changed_cells)
         nothing = Update(occupied, patch.lower, patch.lower, 0)
         if not occupied:
-            self._write_cells(patch)  # unknown cells may change
+            self._write_cells(patch)  # unknown cells may become known
             return nothing
         first, stop = self._find_dependent(changed_cells)
         window = (slice(None), *map(slice, first.tolist(), stop.tolist()))
@@ -275,7 +279,7 @@ class Updater:
             states = self._compute(patch, first, stop)
         differences = (states != self._states[window]).reshape(len(states), -1)
         changed = int(self._weights @ np.count_nonzero(differences, axis=1))
-        # From here on the map changes. Each step may be repeated.
+        # From here on the map changes. Each step may be repeated after an interruption.
         self._drop_derived(self._workspace, self._layers)
         self._states[window] = states
         self._write_cells(patch)
@@ -287,8 +291,11 @@ class Updater:
         return Update(occupied, tuple(first.tolist()), tuple(stop.tolist()), changed)
 
     def _find_dependent(self, changed_cells: Ints) -> CellBox:
-        """Return the box of map cells that depend on workspace cells, shape (n, d)."""
-        lowest_offset, highest_offset = self._reach
+        """Return the box of map cells that depend on changed workspace cells.
+
+        ``changed_cells`` have shape (n, d).
+        """
+        lowest_offset, highest_offset = self._offset_range
         # Cell k depends on the cells k + m, where m is an offset of the robot.
         first = np.maximum(changed_cells.min(axis=0) - highest_offset, 0)
         last = changed_cells.max(axis=0) - lowest_offset
@@ -297,21 +304,25 @@ class Updater:
         return first, np.maximum(stop, first)
 
     def _compute(self, patch: Patch, first: Ints, stop: Ints) -> Bytes:
-        """Return the states of the cells from ``first`` to ``stop``, with the patch."""
-        lowest_offset, highest_offset = self._reach
+        """Compute the states of a box of cells after a patch.
+
+        The box is from cell ``first`` to before cell ``stop``.
+        """
+        lowest_offset, highest_offset = self._offset_range
         begin = np.maximum(first + lowest_offset, 0)
         end = np.minimum(stop + highest_offset, self._grid.shape)
         cells = self._cells_after(patch, tuple(map(slice, begin.tolist(), end.tolist())))
+        # The engine begins at the first cell of its workspace, so rasters move to the first state.
         shift = (first - begin).tolist()
-        sides = [[raster.translate(shift) for raster in side] for side in self._sides]
+        groups = [[raster.translate(shift) for raster in group] for group in self._groups]
         states = np.empty((len(self._states), *(stop - first).tolist()), dtype=np.uint8)
-        fill_states(dilation, self._outside, cells, sides, states)
+        fill_states(dilation, self._outside, cells, groups, states)
         return states
 
     def _cells_after(self, patch: Patch, window: tuple[slice, ...]) -> tuple[Bools, Bools]:
-        """Return the outer and inner cells of a window of the workspace with the patch.
+        """Return outer and inner cells of a window of the workspace after a patch.
 
-        They are one array if they are equal.
+        The two are one array if they are equal.
         """
         in_window, in_patch = intersect_boxes(window, patch.window)
         outer = self._workspace.outer[window].copy()
@@ -323,7 +334,7 @@ class Updater:
         return outer, inner
 
     def _stay_equal(self, patch: Patch) -> bool:
-        """Return True if inner and outer cells are one array, also with the patch."""
+        """Return True if a patch keeps inner and outer cells one array."""
         if self._workspace.inner is not self._workspace.outer:
             return False
         return patch.inner is patch.outer or np.array_equal(patch.inner, patch.outer)
@@ -331,7 +342,7 @@ class Updater:
     def _write_cells(self, patch: Patch) -> None:
         """Write a patch into the workspace.
 
-        Inner and outer cells become two arrays when they first differ.
+        Its inner and outer cells may be one array, as long as they are equal.
         """
         old = self._workspace
         window = patch.window
@@ -341,7 +352,7 @@ class Updater:
         elif self._stay_equal(patch):
             _overwrite(old.outer, window, patch.outer)
         else:
-            # One array was both; the patch makes two of it.
+            # Inner and outer cells were one array, and become two.
             outer = old.outer.copy()
             inner = old.outer.copy()
             outer[window] = patch.outer
@@ -353,31 +364,36 @@ class Updater:
 
 
 def _overwrite(array: Bools, window: tuple[slice, ...], values: Bools | bool) -> None:
-    """Write to an array that is read-only for users."""
+    """Write values into a window of an array that is read-only for users."""
     array.setflags(write=True)
     array[window] = values
     array.setflags(write=False)
 
 
-def _layers_of(workspace: Workspace) -> ObstacleLayers:
-    """Return layers with the workspace as their base, without named obstacles."""
+def _make_layers(workspace: Workspace) -> ObstacleLayers:
+    """Return layers with a copy of the workspace as base and no named obstacles."""
     unknown = None if workspace.unknown is None else workspace.unknown.copy()
     return ObstacleLayers(
         workspace.grid, workspace.outer.copy(), workspace.inner.copy(), unknown, workspace.shapes
     )
 
 
-def _reach(sides: RasterGroups, shape: Sequence[int], exterior_blocked: bool) -> Ints:
-    """Return the minimum and maximum offset of the cells that decide a state, shape (2, d).
+def _measure_offsets(groups: RasterGroups, shape: Sequence[int], is_blocked: bool) -> Ints:
+    """Return the range of offsets that decide the state of a cell.
 
-    A robot that touches the blocked exterior from everywhere depends on no cell.
+    Offsets lead from the cell to workspace cells.
+
+    The result, shape (2, d), has the minimum and the maximum along each axis. ``is_blocked`` says
+    whether the space outside the workspace is blocked.
     """
-    # The box around all runs; it is inverted if there are none.
-    low = np.full(3, _NEVER)
-    high = np.full(3, -_NEVER)
-    for side in sides:
-        for runs in ClippedRuns.of(side, to_three_axes(shape)):
-            if not len(runs.table) or (runs.clipped and exterior_blocked):
+    # The box around all runs of offsets, which is inverted if there are none.
+    low = np.full(3, _INFINITY)
+    high = np.full(3, -_INFINITY)
+    for rasters in groups:
+        for runs in ClippedRuns.of(rasters, to_three_axes(shape)):
+            # A raster larger than the grid touches a blocked exterior from every cell, so the
+            # workspace decides nothing.
+            if not len(runs.table) or (runs.clipped and is_blocked):
                 continue
             # Runs are (x, y, z, length) and lie along the last axis.
             x, y, z, length = runs.table.T

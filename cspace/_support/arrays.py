@@ -17,7 +17,7 @@ Words = NDArray[np.uint64]
 Cell = TypeVar("Cell", np.bool_, np.uint8)
 
 Numbers = tuple[float, ...]
-"""Coordinates of a configuration, or numbers that compiled code derives from them."""
+"""Coordinates of a configuration, or values that compiled code computes from them."""
 
 Row = tuple[float, float, float]
 Matrix = tuple[Row, Row, Row]
@@ -45,7 +45,7 @@ STATE_NAMES: Final = ("free", "mixed", "blocked")
 
 
 def frozen(array: NDArray[Any]) -> NDArray[Any]:
-    """Return the array after making it read-only."""
+    """Make an array read-only, and return it."""
     array.setflags(write=False)
     return array
 
@@ -55,11 +55,11 @@ def reduce_blocks(
 ) -> NDArray[Cell]:
     """Return the maximum of each block of cells.
 
-    ``starts`` are the first cells of the blocks along each axis, from 0 on. ``combine`` may be
-    ``np.minimum`` instead; the maximum of booleans is whether any is set.
+    ``starts`` are the first cells of the blocks along each axis, ascending from 0. ``combine`` may
+    be another ufunc, such as ``np.minimum``.
     """
-    # Combining all blocks at once is twenty times faster than ``reduceat``, which goes block by
-    # block.
+    # Combine the k-th cells of all blocks for each k. That is twenty times faster than
+    # ``reduceat``, which goes block by block.
     for axis, first in enumerate(starts):
         last = np.append(first[1:], cells.shape[axis]) - 1
         longest = int((last - first).max())
@@ -77,8 +77,8 @@ def block_starts(shape: Sequence[int], side: int) -> list[Ints]:
 
 
 def intersect_boxes(box: Sequence[slice], other: Sequence[slice]) -> tuple[Box, Box]:
-    """Return the intersection of two boxes, in the indices of each box."""
-    # Along each axis, from the later start to the earlier stop.
+    """Return the intersection of two boxes, relative to each box's first cell."""
+    # Along each axis, it is from the later start to the earlier stop.
     in_box = list[slice]()
     in_other = list[slice]()
     for a, b in zip(box, other, strict=True):

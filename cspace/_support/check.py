@@ -14,7 +14,7 @@ from cspace._support.arrays import Bools, Floats, Ints, frozen
 from cspace.errors import InputError
 
 MAX_COUNT: Final = 2**53
-"""Largest count: floats represent all whole numbers up to it."""
+"""Largest count. Floats represent all whole numbers up to it exactly."""
 
 UNKNOWN_CELL: Final = -1
 """Value of unknown cells in occupancy grids of ROS."""
@@ -27,7 +27,8 @@ def check_real(values: ArrayLike, name: str) -> NDArray[Any]:
     is not a real number, or is too large for float64.
     """
     check_unmasked(values, name)
-    # numpy would make NaN of None and objects of texts, and other types only if they hold numbers.
+    # Refuse None and texts, because numpy would turn None into NaN and parse texts as numbers.
+    # Arrays of objects, such as fractions, are converted if they hold numbers.
     try:
         array = np.asarray(values)
         if values is None or array.dtype.kind in "US":
@@ -68,9 +69,11 @@ def check_finite(values: ArrayLike, name: str) -> Floats:
 
 
 def _first_wrong_entry(array: NDArray[Any], name: str, wrong: Bools) -> tuple[str, Any]:
-    """Return the name of the first wrong entry, and its value.
+    """Return the name and the value of the first wrong entry.
 
-    The name is, for example, ``points[2, 0]``.
+    A name is, for example, ``points[2, 0]``.
+
+    ``wrong`` is a mask with at least one entry set.
     """
     index = tuple(np.argwhere(wrong)[0].tolist())
     entry = f"{name}[{', '.join(map(str, index))}]" if index else name
@@ -89,9 +92,10 @@ def check_unmasked(values: Any, name: str) -> None:
 
 
 def check_positive(value: Any, name: str, unit: str = "metres") -> float:
-    """Return one number above zero.
+    """Return a positive number as a float.
 
-    Raises InputError if it is not one number, not finite, not above zero, or extreme.
+    Raises InputError if it is not one number, not finite, not above zero, or outside [1e-100,
+    1e100].
     """
     array = check_finite(value, name)
     problem = f"is {value!r}"
@@ -99,7 +103,7 @@ def check_positive(value: Any, name: str, unit: str = "metres") -> float:
         example = ", e.g. 0.05" if unit == "metres" else ""
         rule = "it must be one number above zero"
         raise InputError(name, problem, rule, f"pass it in {unit}{example}")
-    # Squares and cubes of such numbers stay in the range of float64.
+    # Squares and cubes of numbers in this range do not overflow or underflow float64.
     if not 1e-100 < array < 1e100:
         rule = "it must be in [1e-100, 1e100]"
         raise InputError(name, problem, rule, f"check its unit ({unit})")
@@ -107,21 +111,20 @@ def check_positive(value: Any, name: str, unit: str = "metres") -> float:
 
 
 def check_not_negative(value: Any, name: str, hint: str = "pass it in metres") -> float:
-    """Return one number, zero or above.
+    """Return a number that is zero or above as a float.
 
     Raises InputError if it is not one number, not finite, or negative.
     """
     array = check_finite(value, name)
     if array.ndim or array < 0.0:
-        rule = "it must be one number, zero or above"
-        raise InputError(name, f"is {value!r}", rule, hint)
+        raise InputError(name, f"is {value!r}", "it must be one number, zero or above", hint)
     return float(array)
 
 
 def check_count(
     value: Any, name: str, minimum: int = 0, maximum: int | None = None, hint: str = "pass e.g. 100"
 ) -> int:
-    """Return a whole number in [``minimum``, ``maximum``].
+    """Return a whole number from ``minimum`` to ``maximum`` as an int.
 
     The default maximum is :data:`MAX_COUNT`.
 
@@ -132,26 +135,22 @@ def check_count(
     except TypeError:
         number = None
     highest = MAX_COUNT if maximum is None else maximum
-    # Otherwise name the range, as short as it goes.
     if number is not None and minimum <= number <= highest:
         return number
+    # Messages name the default maximum only if the number exceeds it.
     if maximum is not None or (number is not None and number > highest):
         span = f"from {minimum} to {highest}"
     elif minimum == 1:
         span = "above zero"
     else:
         span = f"from {minimum} on"
-    rule = f"it must be a whole number {span}"
-    raise InputError(name, f"is {value!r}", rule, hint)
+    raise InputError(name, f"is {value!r}", f"it must be a whole number {span}", hint)
 
 
 def check_word(
     value: Any, name: str, choices: Sequence[Any], hint: str = "pass one of them"
 ) -> None:
-    """Refuse a value that is not among a few words or numbers.
-
-    Raises InputError if it is not, or if it has another type.
-    """
+    """Raise InputError unless a value is one of a few words or whole numbers."""
     if isinstance(value, bool) or not isinstance(value, str | int) or value not in choices:
         *others, last = map(repr, choices)
         rule = f"it must be {', '.join(others)} or {last}"
@@ -159,10 +158,9 @@ def check_word(
 
 
 def check_known(value: object, name: str, known: Collection[str], verb: str = "is") -> str:
-    """Return a name that is known; raise InputError with the nearest known name otherwise."""
+    """Return a known name; raise InputError, with the most similar name, otherwise."""
     if isinstance(value, str) and value in known:
         return value
-    # Otherwise hint at the most similar name, or at all of them.
     similar = difflib.get_close_matches(str(value), known, n=1)
     rule = f"there are {', '.join(known)}"
     hint = "name one of these"
@@ -177,7 +175,7 @@ def check_known(value: object, name: str, known: Collection[str], verb: str = "i
 def check_names(values: Iterable[str], name: str) -> list[str]:
     """Return names as a list; a string is one name.
 
-    Raises InputError if they are no sequence.
+    Raises InputError if the values are not iterable.
     """
     if isinstance(values, str):
         return [values]
@@ -200,8 +198,7 @@ def check_text(value: object, name: str, example: str) -> str:
 def check_flag(value: object, name: str) -> None:
     """Raise InputError for a value that is neither True nor False."""
     if not isinstance(value, bool | np.bool_):
-        rule = "it must be True or False"
-        raise InputError(name, f"is {value!r}", rule, "pass one of them")
+        raise InputError(name, f"is {value!r}", "it must be True or False", "pass one of them")
 
 
 def check_rng(rng: object) -> np.random.Generator:
@@ -218,7 +215,7 @@ def check_rng(rng: object) -> np.random.Generator:
 
 
 def check_rows(values: ArrayLike, name: str, length: int) -> NDArray[Any]:
-    """Return real numbers, shape (..., length), of any real type.
+    """Return real numbers of any type as an array, shape (..., length).
 
     They may be NaN or infinite. Raises InputError if a value is not a real number, or the last axis
     has another length.
@@ -252,11 +249,10 @@ def check_point(value: ArrayLike, name: str = "center", dim: int = 2) -> Floats:
 
 
 def check_bounds(bounds: ArrayLike, dim: int = 2) -> Floats:
-    """Return the corners of a map as an array.
+    """Return the lower and the upper corner of a map, shape (2, dim).
 
-    The lower and the upper corner have shape (2, dim). ``bounds`` has that shape, or is ``xmin,
-    ymin, (zmin,) xmax, ymax(, zmax)``. Raises InputError if it has another shape, or an upper value
-    is not above the lower value.
+    ``bounds`` has that shape, or is ``xmin, ymin, (zmin,) xmax, ymax(, zmax)``. Raises InputError
+    if it has another shape, or an upper value is not above the lower value.
     """
     box = check_finite(bounds, "bounds")
     names = [f"{axis}{end}" for end in ("min", "max") for axis in "xyz"[:dim]]
@@ -276,10 +272,10 @@ def check_bounds(bounds: ArrayLike, dim: int = 2) -> Floats:
 def check_pairs(edges: ArrayLike, vertices: Floats) -> Ints:
     """Return edges as pairs of vertex indices, shape (m, 2).
 
-    Raises InputError if they are no such pairs.
+    Raises InputError if they have another shape, or an index is not that of a vertex.
     """
     pairs = check_real(edges, "edges")
-    # An empty list has one axis, and floats.
+    # numpy makes an empty list an array of floats, shape (0,).
     if pairs.size == 0:
         pairs = np.empty((0, 2), dtype=np.int64)
     if pairs.dtype.kind not in "iu" or pairs.ndim != 2 or pairs.shape[1] != 2 or vertices.ndim != 2:
@@ -300,10 +296,10 @@ def check_pairs(edges: ArrayLike, vertices: Floats) -> Ints:
 
 
 def check_dims(array: Any, name: str) -> None:
-    """Refuse an array with dimensions other than x, y (and z), or with coordinates.
+    """Raise InputError unless named dimensions of an array are x, y (and z).
 
-    Dimensions are named as in xarray or zarr. Raises InputError if they are others, or in another
-    order, or have coordinates: :func:`cspace._files.rasters.place_raster` takes them off.
+    Dimensions are named as in xarray or zarr. They must be in this order, and have no coordinates,
+    which :func:`cspace._files.rasters.place_raster` evaluates and removes.
     """
     metadata = getattr(array, "metadata", None)
     dims = getattr(array, "dims", None) or getattr(metadata, "dimension_names", None) or ()
@@ -345,7 +341,7 @@ def check_cells(values: ArrayLike, name: str) -> Bools:
         _check_zeros_and_ones(array, name)
     # A boolean array may contain bytes other than 0 and 1; comparing bytes with 0 normalises them.
     stored_values = array.view(np.uint8) if is_boolean else array
-    # Nobody can write into such an array, so it needs no copy.
+    # An array that is read-only and no view cannot be changed, so it needs no copy.
     is_constant = array.base is None and not array.flags.writeable and array.flags.c_contiguous
     if is_constant and is_boolean and stored_values.max() <= 1:
         return array

@@ -26,19 +26,19 @@ from cspace.errors import InputError
 F = TypeVar("F", bound=Callable[..., Any])
 
 LOGGER: Final = logging.getLogger("cspace.compiling")
-"""Logger of one line a process about a long wait for the compiler."""
+"""Logger of a long wait for the compiler; it gets at most one line per process."""
 
 LONG_WAIT: Final = (
     "cspace: compiling for this machine, for up to half a minute, %s; "
     "logging.getLogger('cspace.compiling').disabled = True hides this line"
 )
-"""The line; ``%s`` is how often to expect the wait."""
+"""Text about a long wait for the compiler; ``%s`` says how often to expect it."""
 
 LONG_WAIT_SECONDS: Final = 2.0
-"""Seconds of compiling after which the line is logged."""
+"""Seconds of compiling after which :data:`LONG_WAIT` is logged."""
 
 KEPT_SECONDS: Final = 7 * 24 * 3600.0
-"""Seconds for which the code of another version is kept after its last use."""
+"""Seconds after its last use for which compiled code of other versions is kept."""
 
 FILES_WITHOUT_KERNELS: Final = (
     "cspace/__init__.py",  # the version
@@ -48,7 +48,8 @@ FILES_WITHOUT_KERNELS: Final = (
     "cspace/_grid.py",
     "cspace/_rotations/base.py",
 )
-"""Files that kernels depend on; the last four have constants that are compiled into kernels."""
+"""Files without kernels on which compiled code depends. The last four have constants that are
+compiled into kernels."""
 
 _KERNELS: Final = re.compile(rb"^@(kernel|internal|inlined|allocating)\b", re.MULTILINE)
 
@@ -59,7 +60,7 @@ _CONFIG_LOCK: Final = threading.Lock()
 def kernel(function: F) -> F:
     """Compile a function that allocates no arrays, at its first call.
 
-    The GIL is released while it runs. Division by zero gives infinity or NaN.
+    The GIL is released while the function runs. Division by zero gives infinity or NaN.
     """
     # Numba would count references to each array of a record at each call, which takes up to eight
     # times as long as the work.
@@ -67,27 +68,31 @@ def kernel(function: F) -> F:
 
 
 def internal(function: F) -> F:
-    """Like :func:`kernel`, for functions that only kernels call; a call from Python crashes.
+    """Compile a function that only kernels call, otherwise like :func:`kernel`.
 
-    Without a wrapper for Python, they compile in three quarters of the time.
+    A call from Python crashes. Omitting the wrapper for Python saves a quarter of the time to
+    compile.
     """
     return _compile(function, _nrt=False, no_cpython_wrapper=True)
 
 
 def inlined(function: F) -> F:
-    """Compile a short internal function into its callers, where a call would take as long."""
+    """Compile a short function that only kernels call into its callers.
+
+    A call would take as long as the function itself.
+    """
     return _compile(function, _nrt=False, no_cpython_wrapper=True, forceinline=True)
 
 
 def allocating(function: F) -> F:
-    """Compile a function that allocates arrays; else like :func:`kernel`."""
+    """Compile a function that allocates arrays, otherwise like :func:`kernel`."""
     return _compile(function, _nrt=True)  # numba takes options that are not given from the caller
 
 
 def _compile(function: F, **options: Any) -> F:
-    """Compile a function with numba, and cache its code in our folder.
+    """Compile a function with numba at its first call, and cache its code in our folder.
 
-    Raises InputError if numba is told not to compile.
+    Raises InputError if numba's compiler is disabled.
     """
     if _CONFIG.DISABLE_JIT:
         raise InputError(
@@ -99,7 +104,8 @@ def _compile(function: F, **options: Any) -> F:
     folder = cache_folder()
     options |= {"nogil": True, "error_model": "numpy", "cache": folder is not None}
     options["no_cfunc_wrapper"] = True  # C functions are not used, and take a tenth of the time
-    # A locator of the user would keep code in folders that are not checked.
+    # Numba reads these settings when a function is decorated. A locator that the user has set would
+    # keep code in folders that are not checked.
     settings = {"CACHE_DIR": str(folder), "CACHE_LOCATOR_CLASSES": ""}
     with _CONFIG_LOCK:
         user_settings = {name: getattr(_CONFIG, name, "") for name in settings}
@@ -112,7 +118,10 @@ def _compile(function: F, **options: Any) -> F:
 
 @cache
 def cache_folder() -> Path | None:
-    """Return the folder of this version's code, or None if no folder is safe to use."""
+    """Return the folder of compiled code, or None if no folder is safe.
+
+    Each version of cspace, numba and Python has its own folder.
+    """
     if not hasattr(os, "geteuid"):  # Windows does not tell who may write to a folder
         return None
     # Code depends on the versions of numba and Python, and on the sources of the kernels.
@@ -133,7 +142,7 @@ def cache_folder() -> Path | None:
 
 
 def _digest_sources() -> str:
-    """Return a digest of all that is compiled into kernels."""
+    """Return a digest of the source files on which compiled code depends."""
     root = Path(__file__).parents[2]  # the folder of both packages
     digest = hashlib.sha256()
     for package in ("cspace", "planners"):
@@ -142,11 +151,14 @@ def _digest_sources() -> str:
             name = file.relative_to(root).as_posix()
             if name in FILES_WITHOUT_KERNELS or _KERNELS.search(source):
                 digest.update(source)
-    return digest.hexdigest()[:16]  # 64 bits tell the sources of one machine apart
+    return digest.hexdigest()[:16]  # 64 bits distinguish all versions on a machine
 
 
 def is_private(folder: Path) -> bool:
-    """Return True if no other user can replace a folder's files, which are executed."""
+    """Return True if no other user can replace the files in a folder.
+
+    Compiled code in it is executed, so others must not write it.
+    """
     folder = folder.resolve()
     status = folder.stat()
     is_own = status.st_uid == os.geteuid()
@@ -155,14 +167,14 @@ def is_private(folder: Path) -> bool:
         return False
     for parent in folder.parents:
         mode = parent.stat().st_mode
-        # Entries of a sticky folder, such as /tmp, are replaced by their owners only.
+        # Only owners can replace their entries in a sticky folder, such as /tmp.
         if mode & stat.S_IWOTH and not mode & stat.S_ISVTX:
             return False
     return True
 
 
 def _remove_unused(parent: Path) -> None:
-    """Remove the code of versions that no process has used for a week."""
+    """Remove the compiled code of versions that no process has used for a week."""
     for lock in parent.glob("*/lock"):
         with suppress(OSError):
             if time.time() - lock.stat().st_mtime > KEPT_SECONDS:
@@ -170,34 +182,34 @@ def _remove_unused(parent: Path) -> None:
 
 
 class _Clock(event.Listener):
-    """A clock of the process's CPU time that stops while functions are compiled, for time limits.
+    """A clock for time limits: CPU time of the process without compilations.
 
-    Other programs on the machine do not make it run faster than the work goes on.
+    CPU time does not depend on the load of the machine by other programs.
     """
 
     # Number of nested compilations, start of the outermost one, and seconds that all earlier ones
-    # took. Threads read it at once.
+    # took. They are one tuple, so that threads read values of one moment.
     _stops = 0, 0.0, 0.0
-    _is_told = False
+    _has_warned = False
 
     def __call__(self) -> float:
-        """Return the CPU time in seconds without compilations."""
+        """Return the CPU time of the process without compilations, seconds."""
         depth, since, seconds = self._stops
         return (since if depth else time.process_time()) - seconds
 
     def on_start(self, event: Any) -> None:
-        """Stop the clock, and tell the user once if it has stood for long."""
+        """Stop the clock, and log a long wait once."""
         depth, since, seconds = self._stops
         self._stops = depth + 1, since if depth else time.process_time(), seconds
         module = event.data["dispatcher"].py_func.__module__
         has_waited = time.process_time() - self() > LONG_WAIT_SECONDS
-        if has_waited and not self._is_told and module.startswith(("cspace.", "planners.")):
-            self._is_told = True
+        if has_waited and not self._has_warned and module.startswith(("cspace.", "planners.")):
+            self._has_warned = True
             how_often = "once" if cache_folder() else "at each start, as no cache is safe"
             LOGGER.warning(LONG_WAIT, how_often)
 
     def on_end(self, event: Any) -> None:
-        """Let the clock go on after the outermost compilation."""
+        """Restart the clock after the outermost compilation."""
         depth, since, seconds = self._stops
         if depth == 1:
             seconds += time.process_time() - since
@@ -207,8 +219,8 @@ class _Clock(event.Listener):
 class _SaveLock(event.Listener):
     """A lock between processes, held while numba saves code.
 
-    Numba saves an index and a file, so that two processes at once could exchange their files.
-    It does so after a compilation ends and before its own lock is released.
+    Numba saves an index and a file of code, so two processes that save at once could mix their
+    files. It saves after a compilation ends, and before its own lock is released.
     """
 
     def __init__(self, file: Path) -> None:
@@ -216,14 +228,14 @@ class _SaveLock(event.Listener):
         self._file = os.open(file, os.O_RDWR)
 
     def on_start(self, event: Any) -> None:
-        """Do nothing."""
+        """Do nothing, because the lock is needed only for saving."""
 
     def on_end(self, event: Any) -> None:
-        """Take the lock when a compilation ends, and leave it with numba's lock."""
-        import fcntl  # Windows has none, and no folder
+        """Acquire the lock when a compilation ends, and release it with numba's lock."""
+        import fcntl  # imported here, because Windows lacks it, and has no folder to lock
 
         action = fcntl.LOCK_EX if event.kind == "numba:compile" else fcntl.LOCK_UN
-        with suppress(OSError):  # a file system without locks
+        with suppress(OSError):  # some file systems have no locks; saving goes on without
             fcntl.flock(self._file, action)
 
 

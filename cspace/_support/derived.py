@@ -24,7 +24,7 @@ class lazy(Generic[Part]):  # noqa: N801 - used as a decorator
     """
 
     def __init__(self, make: Callable[[Any], Part]) -> None:
-        """Keep the method, and take over its name and docstring."""
+        """Store the method, and copy its name and docstring."""
         self._make = make
         self._name = make.__name__
         self.__doc__ = make.__doc__
@@ -34,11 +34,11 @@ class lazy(Generic[Part]):  # noqa: N801 - used as a decorator
     @overload
     def __get__(self, owner: Locked, kind: type | None = None) -> Part: ...
     def __get__(self, owner: Locked | None, kind: type | None = None) -> Self | Part:
-        """Return the part, computed at first access."""
+        """Return the attribute, computed at first access; on a class, the descriptor."""
         if owner is None:
             return self
-        # Python looks in __dict__ before it calls __get__, so that parts once computed cost
-        # nothing.
+        # Python looks in __dict__ before it calls __get__, so a computed part is accessed without
+        # this method.
         parts = vars(owner)
         with owner.lock:
             if self._name not in parts:
@@ -52,7 +52,7 @@ class derived(lazy[Part]):  # noqa: N801 - used as a decorator
 
     @staticmethod
     def drop(owner: Locked) -> None:
-        """Discard all such attributes of an object; the next access computes them."""
+        """Discard all derived attributes of an object, so that the next access computes them."""
         with owner.lock:
             for name, member in vars(type(owner)).items():
                 if isinstance(member, derived):

@@ -11,7 +11,8 @@ from typing import Any, Final
 from cspace.errors import MissingPackageError
 
 _INTERNAL_PACKAGES: Final = frozenset({"cspace", "planners", *sys.stdlib_module_names})
-"""Top-level packages of this library, and of the standard library, which calls back into it."""
+"""Names of packages whose frames are no callers: this library, and the standard library, which
+calls back into it."""
 
 
 def import_optional(package: str, use: str, extra: str) -> Any:
@@ -32,8 +33,8 @@ def import_optional(package: str, use: str, extra: str) -> Any:
 
 
 def warn_user(message: str, category: type[Warning] = UserWarning) -> None:
-    """Warn at the line outside this library that called it."""
-    # Go up the stack to the first caller outside; ``warnings`` counts frames from 1.
+    """Issue a warning at the line of the user's code that called this library."""
+    # Go up the stack to the first frame outside this library; ``warnings`` counts frames from 1.
     frame = inspect.currentframe()
     level = 1
     while frame is not None:

@@ -1,4 +1,4 @@
-"""Threads for compiled loops, which release the GIL and share nothing that they write."""
+"""Threads for compiled loops, which release the GIL and write to separate memory."""
 
 from __future__ import annotations
 
@@ -18,41 +18,42 @@ MIN_ITEMS_PER_THREAD = 50_000
 _local = threading.local()  # has the attribute is_worker in threads that are started here
 
 
-def cores() -> int:
+def count_cores() -> int:
     """Return the number of cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
-def in_chunks(
+def run_in_chunks(
     work: Callable[[int, int], int], size: int, min_items: int = MIN_ITEMS_PER_THREAD
 ) -> int:
-    """Call ``work(start, stop)`` over chunks of a range.
+    """Call ``work(start, stop)`` for chunks of a range, in threads.
 
-    The chunks cover ``range(size)``; threads call it if that is faster. Each call returns the
-    index, relative to ``start``, of the first bad item of its chunk, or -1. Returns the same for
-    the whole range. A thread gets at least ``min_items``. Nested calls run serially.
+    The chunks cover ``range(size)``, one for each thread, and have at least ``min_items``. Each
+    call returns the index, relative to ``start``, of the first bad item of its chunk, or -1.
+    Returns the index of the first bad item of the range, or -1. Nested calls run serially.
     """
-    threads = min(cores(), max(1, size // min_items))
+    threads = min(count_cores(), max(1, size // min_items))
     bounds = [size * k // threads for k in range(threads + 1)]
     chunks = list(itertools.pairwise(bounds))
-    indices = in_threads(lambda chunk: work(*chunk), chunks, threads)
+    indices = map_in_threads(lambda chunk: work(*chunk), chunks, threads)
     for (start, _), index in zip(chunks, indices, strict=True):
         if index >= 0:
             return start + index
     return -1
 
 
-def in_threads(
+def map_in_threads(
     work: Callable[[Item], Result],
     items: Sequence[Item],
     threads: int,
     progress: Callable[[int], None] | None = None,
 ) -> list[Result]:
-    """Return ``work(item)`` for all items, computed in threads.
+    """Return ``[work(item) for item in items]``, computed in threads.
 
-    A failure or Ctrl-C cancels the items that have not begun. Nested calls run serially.
+    ``progress`` is called with the number of items done. An exception or Ctrl-C cancels the items
+    that have not begun. Nested calls run serially.
     """
     threads = min(threads, len(items))
     if threads <= 1 or getattr(_local, "is_worker", False):
@@ -66,12 +67,12 @@ def in_threads(
 
 
 def _mark_worker() -> None:
-    """Make nested calls in this thread run serially."""
+    """Mark this thread as a worker, in which nested calls run serially."""
     _local.is_worker = True
 
 
 def _gather(results: Iterable[Result], progress: Callable[[int], None] | None) -> list[Result]:
-    """List results as they arrive, reporting their count."""
+    """Return results as a list, calling ``progress`` with their number as they arrive."""
     gathered = []
     for count, result in enumerate(results, start=1):
         gathered.append(result)

@@ -6,11 +6,12 @@ Two kinds of geometric functions are separate, because proofs use them in differ
   are as good as rounding allows, and poor for thin triangles and nearly parallel segments. A proof
   uses only a direction from them, or a point of the triangle: the weights lie in [0, 1], so the
   point is within 2^-50 of the coordinates of a point in it.
-* **Distances** (:func:`point_segment`, :func:`point_triangle`) are within a bound of the true
-  distance. Let L be the largest distance between any two of the points. With u = 2^-53, the foot on
-  a segment has an error below 12 u L, and the distance below 2^-48 L. A normal has an error below 5
-  u times the square of the longest side, which is below 2^-38 of its length for triangles that are
-  not thin, and so has the distance from the plane relative to L. Callers allow for that: rasters by
+* **Distances** (:func:`segment_distance_square`, :func:`triangle_distance`) are within a bound of
+  the true distance. Let L be the largest distance between any two of the points. With u = 2^-53,
+  the foot on a segment has an error below 12 u L, and the distance below 2^-48 L. A normal has an
+  error below 5 u times the square of the longest side, which is below 2^-38 of its length for
+  triangles that are not thin, and so has the distance from the plane relative to L. Callers allow
+  for that: rasters by
   ``2^-20 + 2^-34 L`` (:mod:`cspace._raster.triangles`), decompositions by
   :data:`cspace.spectral._regions.NORMAL_ROUNDING`, arms by ``required`` of
   :func:`cspace.arms._scenes.make_inner_scene` for BLOCKED.
@@ -30,7 +31,7 @@ THIN: Final = 2.0**-12
 
 @internal
 def row_at(array: Floats, start: int) -> Row:
-    """Return three consecutive entries of an array."""
+    """Return three entries of a flat array, from ``start`` on, as a vector."""
     return array[start], array[start + 1], array[start + 2]
 
 
@@ -90,7 +91,10 @@ def apply_pose(matrix: Matrix, position: Row, p: Row) -> Row:
 
 @internal
 def box_extent(matrix: Matrix, half: Row) -> Row:
-    """Return the half sides of the axis-aligned box around a rotated box."""
+    """Return the half sides of the axis-aligned box around a rotated box.
+
+    ``half`` are the half sides of the box before its rotation.
+    """
     x, y, z = matrix
     return (
         abs(x[0]) * half[0] + abs(x[1]) * half[1] + abs(x[2]) * half[2],
@@ -104,7 +108,10 @@ def box_extent(matrix: Matrix, half: Row) -> Row:
 
 @internal
 def nearest_of_segment(p: Row, u: Row) -> tuple[float, float]:
-    """Return t in [0, 1] with ``p + t u`` nearest to the origin, and its squared distance."""
+    """Find the point of the segment from p to p + u nearest to the origin.
+
+    Returns t in [0, 1], where the point is ``p + t u``, and its squared distance.
+    """
     square = dot(u, u)
     t = min(max(-dot(p, u) / square, 0.0), 1.0) if square > 0.0 else 0.0
     point = add_scaled(p, u, t)
@@ -150,10 +157,10 @@ def nearest_of_triangle(p: Row, u: Row, v: Row) -> Row:
 
 @internal
 def gap_between(p: Row, u: Row, q: Row, v: Row) -> Row:
-    """Return the shortest vector to one segment from another.
+    """Return the vector between the nearest points of two segments.
 
-    The first is ``p + s u`` and the second ``q + t v``, s and t in [0, 1]. C. Ericson, "Real-Time
-    Collision Detection", 2005, section 5.1.9.
+    It leads from the second, ``q + t v``, to the first, ``p + s u``, where s and t lie in [0, 1].
+    C. Ericson, "Real-Time Collision Detection", 2005, section 5.1.9.
     """
     r = minus(p, q)
     # The nearest points of the lines, then of the segments: s for the lines, t for that s clipped
@@ -174,7 +181,7 @@ def gap_between(p: Row, u: Row, q: Row, v: Row) -> Row:
 
 
 @internal
-def point_segment(p: Row, a: Row, b: Row) -> float:
+def segment_distance_square(p: Row, a: Row, b: Row) -> float:
     """Return the squared distance of a point p from the segment from a to b."""
     ab = minus(b, a)
     ap = minus(p, a)
@@ -186,10 +193,11 @@ def point_segment(p: Row, a: Row, b: Row) -> float:
 
 
 @internal
-def point_triangle(p: Row, triangle: Floats) -> float:
-    """Return the distance between p and a triangle, shape (3, 3).
+def triangle_distance(p: Row, triangle: Floats) -> float:
+    """Return the distance of a point p from a triangle, shape (3, 3).
 
-    For a triangle thinner than :data:`THIN`, it is up to THIN times the longest side too small.
+    For a triangle thinner than :data:`THIN`, it is too small by at most THIN times the longest
+    side.
     """
     a = row_at(triangle[0], 0)
     b = row_at(triangle[1], 0)
@@ -197,12 +205,17 @@ def point_triangle(p: Row, triangle: Floats) -> float:
     ab = minus(b, a)
     bc = minus(c, b)
     ca = minus(a, c)
-    square = min(point_segment(p, a, b), point_segment(p, b, c), point_segment(p, c, a))
+    square = min(
+        segment_distance_square(p, a, b),
+        segment_distance_square(p, b, c),
+        segment_distance_square(p, c, a),
+    )
     distance = math.sqrt(square)
     longest_square = max(dot(ab, ab), dot(bc, bc), dot(ca, ca))
     normal = normal_of(triangle)
     length = math.sqrt(dot(normal, normal))
-    if length <= THIN * longest_square:  # the length is the longest side times the height
+    # The length of the normal is the longest side times the height over it.
+    if length <= THIN * longest_square:
         # Every point of the triangle is within its height of its sides.
         return max(0.0, distance - THIN * math.sqrt(longest_square))
     n = normal[0] / length, normal[1] / length, normal[2] / length
@@ -230,7 +243,7 @@ def box_distance(box: Floats, p: Row) -> float:
 
 @internal
 def normal_of(triangle: Floats) -> Row:
-    """Return a normal of a triangle, shape (3, 3), as long as twice its area."""
+    """Return the normal of a triangle, shape (3, 3), whose length is twice its area."""
     a = row_at(triangle[0], 0)
     ab = minus(row_at(triangle[1], 0), a)
     ac = minus(row_at(triangle[2], 0), a)

@@ -1,4 +1,4 @@
-"""Words that arguments take, as types, so that type checkers refuse all others."""
+"""Types of arguments that take one of a few words."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Maps larger than memory, tile by tile."""
+"""Maps larger than memory, stored as a folder of tiles."""

@@ -21,7 +21,7 @@ from cspace._record.exterior import UNKNOWN
 from cspace._record.save import TILES_FORMAT, read_format
 from cspace._robot import Robot
 from cspace._support.arrays import StrPath
-from cspace._tiles.folder import TileFolder, as_box, grow, make_frame, make_stamp, write_once
+from cspace._tiles.folder import TileFolder, grow_box, make_frame, make_stamp, to_slices, write_once
 from cspace._tiles.tiled_space import TiledCSpace
 from cspace._tiles.work import run_tasks
 from cspace._workspace import Workspace
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from distributed import Client
 
 MAX_TILE_STATES: Final = 2**28
-"""Maximum number of states in the interior of a tile, which are in memory at once."""
+"""Maximum number of states in the interior of a tile, all of which are in memory at once."""
 
 
 def build_tiles(
@@ -48,14 +48,13 @@ def build_tiles(
     progress: Callable[[int, int], None] | None,
     **options: Any,
 ) -> TiledCSpace:
-    """Build a map into a folder, tile by tile, or complete one.
+    """Build a map into a folder, tile by tile, or resume an interrupted build.
 
     The caller, :func:`cspace.build`, has checked the other arguments; ``options`` are
     ``rotations``, ``outside`` and ``margin``. Raises InputError if ``tile`` is invalid or a task
     exceeds the memory; FileError if ``store`` holds something else, cannot be written, or the
     workspace changes.
     """
-    # Open the folder, which may have some tiles already, build the others, and complete it.
     grid = workspace.grid
     stamp = workspace.cells.stamp
     frame = make_frame(workspace, robot, proves_blocked=inner, **options)
@@ -68,19 +67,23 @@ def build_tiles(
         "source_stamp": stamp,
     }
     folder = _open_or_create(Path(store), frame, layout)
+    # Tasks skip tiles that are there. If the map was complete, build only tiles that were removed.
     tiles: Sequence[int] = range(len(folder))
-    if folder.frame.exterior is not None:  # the map is complete, unless somebody removed tiles
+    if folder.frame.exterior is not None:
         tiles = [tile for tile in tiles if not folder.tile_path(tile).exists()]
         if not tiles:
             return TiledCSpace(folder)
     build = partial(build, inner=inner, method=method, workers=1 if client else workers)
     task = partial(build_tile, folder, workspace.cells, build)
-    run_tasks(task, tiles, bytes_to_build(folder), client, workers, progress)
+    run_tasks(task, tiles, estimate_build_bytes(folder), client, workers, progress)
     return TiledCSpace(folder.complete())
 
 
 def _open_or_create(path: Path, frame: Contents, layout: dict[str, Any]) -> TileFolder:
-    """Open the folder of a build to resume, or write a new one."""
+    """Open the folder of a build to resume, or create one.
+
+    Raises FileError if the folder holds another map.
+    """
     if read_format(path) != TILES_FORMAT:
         write_once(path, frame, TILES_FORMAT, tiles=layout)
     folder = TileFolder.open(path)
@@ -91,10 +94,10 @@ def _open_or_create(path: Path, frame: Contents, layout: dict[str, Any]) -> Tile
     return folder
 
 
-def bytes_to_build(folder: TileFolder) -> float:
+def estimate_build_bytes(folder: TileFolder) -> float:
     """Estimate the memory to build one tile, in bytes.
 
-    That is for the window around it, which is built, and its copies.
+    That is the memory for the map of the window around the tile, and for copies of it.
     """
     border = 2 * (folder.halo + folder.reach)
     window = [min(side + border, n) for side, n in zip(folder.tile, folder.grid.shape, strict=True)]
@@ -108,14 +111,14 @@ def bytes_to_build(folder: TileFolder) -> float:
 def build_tile(
     folder: TileFolder, source: Source, build: Callable[..., tuple[Contents, Any]], tile: int
 ) -> None:
-    """Build and write a tile, as a task.
+    """Build and write a tile, unless it is there.
 
-    The states of a cell depend on the obstacles that the robot reaches from it. So the tile is a
-    part of the map of a window, with as much around the tile as the robot reaches. Raises FileError
-    if the workspace has changed since the build began.
+    The states of a cell depend on the obstacles that the robot reaches from it. So the map of a
+    window is built, larger than the tile by the robot's reach, and the tile is cut out of it.
+    Raises FileError if the workspace has changed since the build began.
     """
-    # An earlier build, another process, or a worker that was lost may have written the tile. If
-    # it is damaged, as after a power failure, it is built again.
+    # An earlier build, another process, or a worker that was lost may have written the tile. If it
+    # is missing or damaged, as after a power failure, reading raises FileError, and it is built.
     with suppress(FileError):
         folder.read_tile(tile)
         return
@@ -123,16 +126,15 @@ def build_tile(
     frame = folder.frame
     name = frame.workspace.source
     cells = folder.locate_tile(tile)
-    window = folder.clip(grow(cells, folder.reach))
-    outer, inner = source.read(as_box(window))
+    window = folder.clip(grow_box(cells, folder.reach))
+    outer, inner = source.read(to_slices(window))
     if source.stamp != folder.layout["source_stamp"]:
         raise changed_source(name, "its size, time or digest differs")
-    # Build the window, and cut the tile out of it.
-    around = Workspace(folder.sub_grid(window), outer, inner)
+    surroundings = Workspace(folder.sub_grid(window), outer, inner)
     built, _ = build(
-        around, frame.robot, frame.rotations, outside=frame.outside, margin=frame.margin
+        surroundings, frame.robot, frame.rotations, outside=frame.outside, margin=frame.margin
     )
-    in_window = as_box(cells - window[0])
+    in_window = to_slices(cells - window[0])
     workspace = Workspace(folder.sub_grid(cells), outer[in_window], inner[in_window], source=name)
     states = built.states[:, *in_window]
     contents = replace(frame, workspace=workspace, states=states, outside=UNKNOWN, exterior=None)
@@ -142,10 +144,10 @@ def build_tile(
 def resolve_tile(
     tile: int | Sequence[int], shape: Sequence[int], slices: int = 1
 ) -> tuple[int, ...]:
-    """Return the cells of a tile along each axis.
+    """Return the number of cells of a tile along each axis.
 
-    The grid and ``MAX_TILE_STATES`` limit them. Raises InputError unless ``tile`` is a positive
-    integer, or one for each axis.
+    It is ``tile``, limited by the grid and by ``MAX_TILE_STATES``. Raises InputError unless
+    ``tile`` is a positive integer, or one for each axis.
     """
     cells = np.asarray(tile)
     has_shape = cells.shape in ((), (len(shape),))

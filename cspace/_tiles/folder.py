@@ -1,4 +1,4 @@
-"""Folders of tiled maps: a saved map for each tile, and what all tiles share.
+"""Folders of tiled maps: a saved map for each tile, and one with what all tiles share.
 
 A tiled map is a saved map of its first cell, the *frame*, which has the robot, the rotation cells
 and the obstacles as shapes. Its attributes also describe the tiles and the state of the build. Each
@@ -30,15 +30,15 @@ from cspace._files.access import discard_leftovers, replacing
 from cspace._grid import Grid
 from cspace._raster import Raster
 from cspace._record.contents import Contents
-from cspace._record.description import FORMAT, arrays_of, metadata_of
+from cspace._record.description import FORMAT, collect_arrays, make_metadata
 from cspace._record.exterior import UNKNOWN, Exterior
 from cspace._record.save import (
     TILES_FORMAT,
-    making_map,
     map_error,
     read_format,
     read_map_and_attributes,
     read_root,
+    reporting_damage,
     write_map,
 )
 from cspace._record.states import count_states
@@ -66,8 +66,8 @@ FRAME: Final = "frame"
 # Boxes of cells are arrays of two corners, shape (2, d): the first cell, and the cell after the
 # last.
 
-ONE_MORE: Final = np.array([[0], [1]])
-"""Makes corners of a first and a last cell."""
+LAST_TO_STOP: Final = np.array([[0], [1]])
+"""Added to the first and the last cell of a box, gives its corners, shape (2, d)."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ class TileFolder:
 
     @property
     def cells_of_tile(self) -> int:
-        """Largest number of cells of a tile with its halo."""
+        """Maximum number of cells of a tile with its halo."""
         return math.prod(side + 2 * self.halo for side in self.tile)
 
     @property
@@ -123,14 +123,14 @@ class TileFolder:
 
     @cached_property
     def reach(self) -> int:
-        """Number of cells along an axis from which the robot may touch a cell, rounded up."""
+        """Reach of the robot along an axis, in cells, rounded up."""
         frame = self.frame
         farthest_corner = np.abs(frame.robot.shape.outer.bounds).max(axis=0)
         radius = float(np.linalg.norm(farthest_corner))
-        # The outer raster is that of a robot whose points turn by at most this angle.
+        # A point moves by at most its radius times this angle within a rotation cell.
         angle = float(frame.rotations.covering_angles.max())
         metres = radius * (1.0 + angle) + frame.margin
-        # Two cells more: one for the parts of both rasters, one for rounding.
+        # Two cells more: one because cells have a size, one for rounding.
         return math.ceil(metres / frame.grid.spacing) + 2
 
     # ---- tiles -----------------------------------------------------------------------------------
@@ -147,37 +147,39 @@ class TileFolder:
 
     @property
     def numbers(self) -> Ints:
-        """Number of each tile, in an array of the shape ``counts``."""
+        """Index of each tile, as an array of the shape ``counts``."""
         return np.arange(len(self)).reshape(self.counts)
 
     def locate_interior(self, tile: int) -> Ints:
-        """Return the corners of a tile without its halo."""
+        """Return the corners of a tile without its halo, shape (2, d)."""
         index = np.unravel_index(tile, self.counts)
         first = np.multiply(index, self.tile)
         return self.clip(np.stack([first, first + self.tile]))
 
     def locate_tile(self, tile: int) -> Ints:
-        """Return the corners of a tile with its halo."""
-        return self.clip(grow(self.locate_interior(tile), self.halo))
+        """Return the corners of a tile with its halo, shape (2, d)."""
+        return self.clip(grow_box(self.locate_interior(tile), self.halo))
 
     def locate_interior_in_tile(self, tile: int) -> Box:
-        """Return the interior of a tile, in the indices of the tile's arrays."""
-        return as_box(self.locate_interior(tile) - self.locate_tile(tile)[0])
+        """Return the interior of a tile as slices of the tile's arrays."""
+        return to_slices(self.locate_interior(tile) - self.locate_tile(tile)[0])
 
     def clip(self, corners: Ints) -> Ints:
-        """Return the part of a box in the grid."""
+        """Return the part of a box that lies in the grid."""
         return np.clip(corners, 0, self.layout["shape"])
 
     def list_tiles(self, corners: Ints) -> list[int]:
-        """Return the tiles whose interiors meet a box."""
+        """Return the indices of the tiles whose interiors meet a box of cells."""
         first, stop = self.clip(corners)
+        # The box of tiles; the division of ``stop`` rounds up.
         tiles = np.stack([first // self.tile, -(-stop // self.tile)])
-        return [int(tile) for tile in self.numbers[as_box(tiles)].flat]
+        return [int(tile) for tile in self.numbers[to_slices(tiles)].flat]
 
     def group_by_tile(self, cells: Ints, rows: Ints) -> Iterator[tuple[int, Ints]]:
-        """Group rows of cells, shape (n, d), by the tiles that the cells lie in.
+        """Group cells by tile; yield each tile with the row indices of its cells.
 
-        Yields each tile with its rows. A cell outside the grid counts to the nearest tile.
+        ``cells`` have shape (n, d), and ``rows`` selects the cells to group. A cell outside the
+        grid belongs to the nearest tile.
         """
         indices = tuple((cells[rows] // self.tile).T)
         tiles = np.ravel_multi_index(indices, self.counts, mode="clip")
@@ -195,7 +197,7 @@ class TileFolder:
         if self.frame.exterior is not None:
             return 1.0
         done = sum(self.tile_path(tile).exists() for tile in range(len(self)))
-        return min(done / len(self), 1.0 - 2.0**-20)  # not 1, though all tiles may be there
+        return min(done / len(self), 1.0 - 2.0**-20)  # 1 only when the frame is written too
 
     def read_tile(self, tile: int) -> Contents:
         """Read a tile, as a map whose outside is unknown.
@@ -213,7 +215,7 @@ class TileFolder:
         return contents
 
     def _make_stamp(self, tile: int) -> str:
-        """Return the stamp of a tile, which depends on the map and on the tile's place."""
+        """Return the stamp of a tile: that of the map, and the tile's name."""
         return f"{self.layout['stamp']} {self.tile_path(tile).name}"
 
     def _check_stamp(self, tile: int, attributes: Mapping[str, Any]) -> None:
@@ -222,10 +224,10 @@ class TileFolder:
             raise map_error(self.tile_path(tile), "it is a tile of another map or place")
 
     def write_tile(self, tile: int, contents: Contents) -> None:
-        """Write a tile; its name appears when it is complete.
+        """Write a tile, which gets its name when it is complete.
 
-        Its attributes also have the number of FREE, MIXED and BLOCKED cells of its interior, and
-        the box of obstacles in it.
+        Attributes of the tile give the number of FREE, MIXED and BLOCKED cells of its interior, and
+        the box of its obstacles, for :meth:`complete`.
         """
         states = contents.states[:, *self.locate_interior_in_tile(tile)]
         rotations_of_slice = np.bincount(self.frame.slice_of)
@@ -240,26 +242,26 @@ class TileFolder:
 
     @classmethod
     def open(cls, path: StrPath) -> TileFolder:
-        """Open the folder of a tiled map, complete or not; tiles are read later.
+        """Open the folder of a tiled map, complete or not, without reading tiles.
 
         Raises FileError if it is missing or was changed, of another version, or describes no map.
         """
         root = Path(path).absolute()  # workers have other working folders
         frame_path = root / FRAME if (root / FRAME).exists() else root
         frame, attributes = read_map_and_attributes(frame_path, TILES_FORMAT)
-        with making_map(root):
+        with reporting_damage(root):
             folder = cls(root, attributes["tiles"], frame)
             folder._check_layout()
             return folder
 
     def _check_layout(self) -> None:
-        """Raise any error unless the layout is that of a map."""
+        """Raise any error if the layout is invalid; files may be forged."""
         layout = self.layout
         sizes = np.array([layout["shape"], layout["side"]])
         dim = len(self.frame.grid.shape)
         if sizes.dtype.kind != "i" or sizes.shape != (2, dim) or sizes.min() < 1:
             raise ValueError(f"its grid and tiles have the sides {sizes.tolist()!s:.80}")
-        # The grid refuses cells too far from the origin.
+        # Making the grid raises an error for cells too far from the origin.
         if self.grid.size < 1 or math.prod(self.counts) > MAX_TILES:
             raise ValueError(f"it has more than {MAX_TILES} tiles")
         if not isinstance(layout["stamp"] + layout["source_stamp"], str):
@@ -268,26 +270,26 @@ class TileFolder:
             _check_counts(layout["counts"], self.grid.size * len(self.frame.slice_of))
 
     def complete(self) -> TileFolder:
-        """Write the counts and the states outside the grid; return the complete folder.
+        """Write the frame of a complete map, and return the folder opened again.
 
-        Raises FileError if a tile is of another map.
+        The frame has the counts of states and the states outside the grid. Raises FileError if a
+        tile is of another map.
         """
         frame = self.frame
         shape = self.layout["shape"]
         counts = np.zeros(3, dtype=np.int64)
-        # First and last cells of boxes of obstacles, in turn; those of no obstacle come first.
-        corners = [[max(shape)] * len(shape), [-1] * len(shape)]
+        # First and last cell of the box of obstacles in each tile, after those of an empty box.
+        boxes = [[[max(shape)] * len(shape), [-1] * len(shape)]]
         for tile in range(len(self)):
             path = self.tile_path(tile)
             summary, _ = read_root(path, FORMAT)
             self._check_stamp(tile, summary)
-            with making_map(path):
+            with reporting_damage(path):
                 cells = self.sub_grid(self.locate_interior(tile)).size
                 counts += _check_counts(summary["counts"], cells * len(frame.slice_of))
-                corners += np.reshape(summary["obstacles"] or [], (-1, len(shape))).tolist()
-        first_cells = corners[::2]
-        last_cells = corners[1::2]
-        obstacles = np.stack([np.min(first_cells, axis=0), np.max(last_cells, axis=0)])
+                if summary["obstacles"]:
+                    boxes.append(np.reshape(summary["obstacles"], (2, len(shape))).tolist())
+        obstacles = np.stack([np.min(boxes, axis=0)[0], np.max(boxes, axis=0)[1]])
         rasters = slice_rasters(frame.robot, frame.grid.spacing, frame.margin, frame.rotations)
         exterior = Exterior.around(shape, obstacles, rasters, frame.outside)
         layout = {**self.layout, "counts": counts.tolist()}
@@ -297,21 +299,24 @@ class TileFolder:
         return TileFolder.open(self.path)
 
 
-def grow(corners: Ints, cells: int) -> Ints:
-    """Return a box, shape (2, d), with more cells on every side."""
+def grow_box(corners: Ints, cells: int) -> Ints:
+    """Extend a box, shape (2, d), by ``cells`` on every side."""
     first, stop = corners
     return np.stack([first - cells, stop + cells])
 
 
-def as_box(corners: Ints) -> Box:
-    """Return corners, shape (2, d), as slices: the first cell, and the cell after the last one."""
+def to_slices(corners: Ints) -> Box:
+    """Convert corners, shape (2, d), to a slice for each axis."""
     return tuple(map(slice, *corners.tolist()))
 
 
 def make_frame(
     workspace: Workspace, robot: Robot, rotations: Rotations, **options: Any
 ) -> Contents:
-    """Return a map of the first cell of a workspace, with what all tiles share."""
+    """Make the frame of a tiled map: a map of its first cell.
+
+    It has the robot, the rotation cells and the obstacles as shapes.
+    """
     whole = workspace.grid
     one_cell = (1,) * whole.dim
     grid = Grid(whole.lower, whole.spacing, one_cell, whole.axes, whole.units)
@@ -324,12 +329,15 @@ def make_frame(
 
 
 def _describe(contents: Contents) -> dict[str, Any]:
-    """Return the metadata of a map, except those of the file and the version it came from."""
-    return {**metadata_of(contents), "workspace_source": "", "library_version": ""}
+    """Return a map's metadata without its source and cspace's version."""
+    return {**make_metadata(contents), "workspace_source": "", "library_version": ""}
 
 
 def _check_counts(counts: Any, total: int) -> Ints:
-    """Return the numbers of FREE, MIXED and BLOCKED cells; raise ValueError unless they add up."""
+    """Return the numbers of FREE, MIXED and BLOCKED cells as an array, shape (3,).
+
+    Raises ValueError unless their sum is ``total``.
+    """
     values = np.array(counts)
     if values.shape != (3,) or values.dtype.kind != "i" or values.min() < 0 or sum(counts) != total:
         raise ValueError(f"it counts {counts!r:.80} of {total} cells")
@@ -337,17 +345,17 @@ def _check_counts(counts: Any, total: int) -> Ints:
 
 
 def make_stamp(frame: Contents, *others: Any) -> str:
-    """Return a digest of a frame and of other values, on which a tiled map depends."""
+    """Return a digest of all values that determine a tiled map."""
     digest = hashlib.sha256(json.dumps([_describe(frame), *others], sort_keys=True).encode())
-    for array in arrays_of(frame).values():
+    for array in collect_arrays(frame).values():
         digest.update(array.tobytes())
     return digest.hexdigest()
 
 
 def write_once(path: Path, contents: Contents, form: str = FORMAT, **attributes: Any) -> None:
-    """Write a saved map unless it is there; the first of several processes wins."""
+    """Write a saved map unless another process has written it."""
     try:
-        # Only an empty folder is replaced.
+        # Only an empty folder is replaced; otherwise FileError is raised.
         with replacing(path, overwrite=True, folder=lambda _: False) as temporary:
             write_map(contents, temporary, format=form, **attributes)
     except FileError:

@@ -1,9 +1,9 @@
 """Connected components of a tiled map.
 
-A *node* is a component of a tile with its halo, over all rotation cells. Two tiles side by side
-both have the first layer of the second one's interior, where a cell has a node in each, which join
-there. So cells are joined as in one map: two neighbors lie in a common tile, and a component that
-leaves the interior of a tile passes such a layer.
+A *node* is a component of a tile with its halo, over all rotation cells. Two adjacent tiles share
+the first layer of the second tile's interior. A cell of that layer has a node in each tile, and the
+two nodes are joined. So cells are joined as in one map: two neighbors lie in a common tile, and a
+component that leaves the interior of a tile passes such a layer.
 
 FREE cells and open cells, which are FREE or MIXED, have nodes of their own. Open cells at the
 border of the grid also join the exterior, one node for all rotation cells that are open there.
@@ -30,20 +30,22 @@ if TYPE_CHECKING:
     from distributed import Client
 
 LABEL_BYTES_PER_STATE: Final = 24
-"""Memory for each state while a tile is labelled, in bytes, if every other cell is FREE."""
+"""Memory for each state while a tile is labelled, in bytes, in the worst case: FREE cells
+alternate with others."""
 
 TileNodes = tuple[int, list[Ints]]
-"""Number of nodes of a tile, and the labels of the cells of :func:`list_layers`, or -1.
+"""Number of nodes of a tile, and labels of the cells of each array of :func:`list_layers`.
 
-The label of a node is its number in the tile.
+The label of a cell is the index of its node in the tile, or -1 for a cell without a node.
 """
 
 
 def list_layers(folder: TileFolder, tile: int) -> list[Ints]:
-    """List the cells that a tile shares with the tiles beside it, or with the exterior.
+    """Return the layers of cells that a tile shares with its neighbours.
 
-    Along each axis, they are the first layer of the interior, and the first layer beyond it, or the
-    last one at the end of the grid. Their shape is (2, rotations, other axes, 1 + d).
+    There is an array for each axis, shape (2, rotations, other axes, 1 + d). It has the first layer
+    of the interior, then the first layer beyond the interior. At the end of the grid, where no
+    layer is beyond, it has the last layer of the interior instead.
     """
     first, stop = folder.locate_interior(tile)
     rotations = np.arange(len(folder.frame.slice_of))
@@ -57,7 +59,7 @@ def list_layers(folder: TileFolder, tile: int) -> list[Ints]:
 
 
 def label_tile(folder: TileFolder, tile: int) -> list[TileNodes]:
-    """Label the FREE cells and the open cells of a tile, as a task."""
+    """Label the FREE cells, then the open cells, of shared layers."""
     opened = open_tile(folder, tile)
     layers = list_layers(folder, tile)
     nodes = []
@@ -68,10 +70,10 @@ def label_tile(folder: TileFolder, tile: int) -> list[TileNodes]:
 
 
 class MapNodes:
-    """Nodes of all tiles, for FREE cells or for open cells.
+    """The graph of all nodes of FREE cells, or of open cells.
 
     The nodes of a tile have consecutive numbers. The last node is the exterior, as if it were a
-    tile with the label 0.
+    tile with one node, label 0.
 
     Parameters
     ----------
@@ -79,7 +81,7 @@ class MapNodes:
     tiles : sequence of TileNodes
         Labels of each tile.
     mixed : bool
-        Whether cells are open, so that they join the exterior too.
+        True for open cells, which may join the exterior, False for FREE cells.
 
     Attributes
     ----------
@@ -90,11 +92,11 @@ class MapNodes:
     graph : sparse array
         Joined nodes.
     roots : ndarray of int32, shape (nodes + 1,)
-        Component of each node, and -1.
+        Component of each node; the last entry, -1, is for cells without a node, whose index is -1.
     """
 
     def __init__(self, folder: TileFolder, tiles: Sequence[TileNodes], mixed: bool) -> None:
-        """Join the nodes of tiles where they share cells."""
+        """Join nodes of adjacent tiles that share a cell."""
         sizes, layers = zip(*tiles, strict=True)
         self.offsets = np.cumsum([0, *sizes])
         exterior = folder.frame.exterior
@@ -107,7 +109,7 @@ class MapNodes:
         layers = (*layers, [(layer_outside, layer_outside)] * dim)
         links = []
         for axis in range(dim):
-            # Numbers of tiles along the axis, between the exterior, which is the last "tile", -1.
+            # Tiles along the axis, with the exterior, which is the last "tile", -1, at both ends.
             rows = np.moveaxis(folder.numbers, axis, 0).reshape(folder.counts[axis], -1)
             padded = np.pad(rows, ((1, 1), (0, 0)), constant_values=-1)
             for before, after in zip(padded[:-1].flat, padded[1:].flat, strict=True):
@@ -123,7 +125,10 @@ class MapNodes:
 
 
 def _pair_up(first: Ints, second: Ints) -> Ints:
-    """Return the distinct pairs of two arrays of labels, shape (n, 2), without -1."""
+    """Return the distinct pairs of labels of two arrays, shape (n, 2).
+
+    Pairs with -1, which means no label, are omitted.
+    """
     pairs = np.stack(np.broadcast_arrays(first, second), axis=-1)
     return np.unique(pairs[(pairs >= 0).all(axis=-1)], axis=0)
 
@@ -134,7 +139,7 @@ class TiledComponents:
     def __init__(
         self, tiles: OpenTiles, client: Client | None = None, progress: Progress | None = None
     ) -> None:
-        """Label all tiles and join their nodes."""
+        """Label all tiles, and join their nodes."""
         self._tiles = tiles
         self._folder = folder = tiles.folder
         needed = float(LABEL_BYTES_PER_STATE * folder.slices * folder.cells_of_tile)
@@ -147,14 +152,18 @@ class TiledComponents:
         ]
 
     def of(self, cells: Ints, mixed: bool = False) -> Ints:
-        """Return the components of cells, inside the grid or not, or -1.
+        """Return the component of each cell, inside the grid or not; -1 for none.
 
-        Cells, shape (n, 1 + d), are FREE, or with ``mixed`` not BLOCKED.
+        Cells have shape (n, 1 + d). Components consist of FREE cells, or with ``mixed`` of cells
+        that are not BLOCKED.
         """
         return self._nodes[mixed].roots[self._find_nodes(cells, mixed)]
 
     def _find_nodes(self, cells: Ints, mixed: bool) -> Ints:
-        """Return the nodes of cells, shape (n, 1 + d), or -1."""
+        """Return the node of each cell, or -1 for none.
+
+        Cells have shape (n, 1 + d).
+        """
         folder = self._folder
         positions = cells[:, 1:]
         all_nodes = self._nodes[mixed]
@@ -168,16 +177,17 @@ class TiledComponents:
         return np.where(labels >= 0, labels + offsets, -1)
 
     def chain(self, start: Ints, goal: Ints) -> tuple[list[int], list[Ints]]:
-        """Return a shortest chain of tiles between two cells of the grid, and its crossings.
+        """Return a shortest chain of tiles between two cells, and its crossings.
 
-        It passes through FREE cells only, and is empty if none join the two. The crossings, one
-        fewer than tiles, are FREE cells that a tile and the next one share.
+        FREE cells join consecutive tiles of the chain, which is empty if FREE cells do not join the
+        two cells. The crossings, one fewer than tiles, are FREE cells that a tile and the next one
+        share.
         """
         free = self._nodes[False]
         first, last = self._find_nodes(np.stack([start, goal]), mixed=False).tolist()
         if first < 0 or free.roots[first] != free.roots[last]:
             return [], []
-        # From each node, the next one on a shortest way to the last node.
+        # A search from the last node gives the next node of each on a shortest way there.
         _, next_to_last = csgraph.breadth_first_order(free.graph, last, directed=False)
         nodes = [first]
         while nodes[-1] != last:
@@ -191,10 +201,11 @@ class TiledComponents:
         return tiles.tolist(), crossings[1:]
 
     def _find_crossing(self, tiles: Ints, labels: Ints, start: Ints, goal: Ints) -> Ints:
-        """Return a cell of the layer that two tiles share, with a given label in each.
+        """Choose the cell at which a path crosses from one tile to another.
 
-        ``tiles``, shape (2,), are side by side. Of the cells far from the boundary of the common
-        area, the cell is the one with the shortest way from ``start`` and to ``goal``.
+        ``tiles``, shape (2,), are adjacent, and the cell has the given label in each. Among cells
+        far from the boundary of that area, the one with the shortest way from ``start`` to ``goal``
+        is chosen.
         """
         corners = [self._folder.locate_interior(tile)[0] for tile in tiles]
         axis = np.argmax(corners[0] != corners[1])
@@ -202,11 +213,12 @@ class TiledComponents:
         common = np.ones(cells.shape[:-1], dtype=np.bool_)
         for tile, label in zip(tiles, labels, strict=True):
             common &= self._tiles.tile(tile).find_labels(cells) == label
-        # Cells outside the layer count as outside the common area.
+        # Depth is the distance to cells outside the common area; padding adds those beyond the
+        # layer.
         depths = distance_transform_edt(np.pad(common, 1))[(slice(1, -1),) * common.ndim]
         # Crossings eight cells from the boundary, or more, are equally good.
         candidates = cells[depths >= min(8.0, depths.max())]
-        # Distances of positions, without the rotation, which is the first number of a cell.
+        # Distances of positions; column 0, the rotation cell, does not count.
         from_start = np.linalg.norm((candidates - start)[:, 1:], axis=1)
         to_goal = np.linalg.norm((candidates - goal)[:, 1:], axis=1)
         best: Ints = candidates[np.argmin(from_start + to_goal)]

@@ -42,11 +42,12 @@ from cspace._rotations.lookup import OMPL_EQUALITY_SLACK
 from cspace._support.arrays import Floats, Ints
 
 HALF_TURN: Final = math.pi - 4.0 * ANGLE_SLACK
-"""Angle of a rotation, in radians, from which on both arcs are tested."""
+"""Smallest angle, radians, at which rounding may decide which arc is shorter, so that a motion must
+be free along both arcs."""
 
 TINY_ARC_SLACK: Final = 0.975 * OMPL_EQUALITY_SLACK
-"""Difference of a cosine from 1 below which the look-up of edges, in spite of rounding, finds that
-two quaternions count as equal."""
+"""If 1 less the cosine of two quaternions is below this, the look-up of edges treats them as equal,
+in spite of rounding."""
 
 
 def cut_motions(
@@ -63,6 +64,7 @@ def cut_motions(
     steps = rotations._steps_between(starts, ends)
     angles = np.linalg.norm(steps[:, dim:], axis=1)
     half_turns = np.flatnonzero(angles >= HALF_TURN)
+    # A half turn has a second arc, in the opposite direction by 2 pi less its angle.
     other_arcs = steps[half_turns]
     other_arcs[:, dim:] *= (1.0 - 2.0 * math.pi / angles[half_turns])[:, np.newaxis]
     # An arc for each motion, then the second arcs of half turns.
@@ -70,13 +72,15 @@ def cut_motions(
     steps = np.concatenate([steps, other_arcs])
     cells = np.abs(steps[:, :dim]).max(axis=1) / grid.spacing
     counts = np.maximum(np.ceil(cells / longest), 1).astype(np.int64)
-    counts[np.isin(motion_of_arc, half_turns)] += 1
+    counts[np.isin(motion_of_arc, half_turns)] += 1  # so that a piece turns by less than pi
+    # For each piece: its arc, its number within the arc, and its motion.
     arc_of_piece = np.repeat(np.arange(len(counts)), counts)
     first_piece = np.cumsum(counts) - counts
     number = np.arange(len(arc_of_piece)) - first_piece[arc_of_piece]
     motions = motion_of_arc[arc_of_piece]
 
     def interpolate(cuts: Ints) -> Floats:
+        """Return the configuration of each piece at a cut of its arc."""
         shares = cuts / counts[arc_of_piece]
         return rotations._add_steps(starts[motions], steps[arc_of_piece] * shares[:, np.newaxis])
 

@@ -1,6 +1,6 @@
 """Open tiles of a map, and parts of the map in memory.
 
-All outside a part is unknown, so MIXED there; each proof by a part holds in the whole map.
+All cells outside a part count as MIXED, so each proof by a part holds in the whole map.
 """
 
 from __future__ import annotations
@@ -20,13 +20,12 @@ from cspace._record.exterior import UNKNOWN, Exterior
 from cspace._shapes import Shape
 from cspace._space import CSpace
 from cspace._support.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, States, reduce_blocks
-from cspace._tiles.folder import ONE_MORE, TileFolder, as_box, grow
+from cspace._tiles.folder import LAST_TO_STOP, TileFolder, grow_box, to_slices
 from cspace._tiles.motions import cut_motions
 from cspace._workspace import Workspace
 
 MAX_PIECES: Final = 2**17
-"""Maximum number of pieces of motions in memory at a time; a motion of more pieces is not proven.
-"""
+"""Maximum number of pieces of motions in memory; a motion cut into more pieces is not proven."""
 
 
 class OpenTile(NamedTuple):
@@ -38,9 +37,9 @@ class OpenTile(NamedTuple):
         First cell of the tile and its halo in the grid.
     contents : Contents
     space : CSpace
-        Its map.
+        The tile as a map.
     components : Components
-        Its components, which nothing outside joins.
+        Connected components of the tile's cells, without ways outside the tile.
     """
 
     first: Ints
@@ -49,26 +48,30 @@ class OpenTile(NamedTuple):
     components: Components
 
     def find_labels(self, cells: Ints, mixed: bool = False) -> Ints:
-        """Return the components of cells of the whole map, shape (..., 1 + d), or -1."""
+        """Return the component, in this tile, of cells of the whole map, or -1.
+
+        Cells have shape (..., 1 + d).
+        """
         return self.components.of(cells - np.array([0, *self.first]), mixed)
 
 
 def open_tile(folder: TileFolder, number: int) -> OpenTile:
-    """Read a tile."""
+    """Read a tile, and prepare its map and its components."""
     tile = folder.read_tile(number)
+    # Components do not join through the exterior of the tile.
     closed = np.zeros(folder.slices, dtype=np.bool_)
     components = Components(tile.states, tile.slice_of, tile.rotations._neighbors, closed)
     return OpenTile(folder.locate_tile(number)[0], tile, CSpace(tile), components)
 
 
 class OpenTiles:
-    """The tiles of a map at one moment, read when they are needed.
+    """A cache of the tiles of a map, read when needed.
 
     Parameters
     ----------
     folder : TileFolder
     max_bytes : int
-        Memory for the states and obstacles of open tiles; one stays open.
+        Memory for the states and obstacles of open tiles; at least one stays open.
 
     Attributes
     ----------
@@ -77,7 +80,7 @@ class OpenTiles:
     """
 
     def __init__(self, folder: TileFolder, max_bytes: int) -> None:
-        """Make the cache of tiles, which is empty."""
+        """Create an empty cache of tiles."""
         self.folder = folder
         tile_bytes = (folder.slices + WORKSPACE_CELL_BYTES) * folder.cells_of_tile
         keep_recent = lru_cache(max(1, max_bytes // tile_bytes))
@@ -85,11 +88,13 @@ class OpenTiles:
         self.frame = CSpace(folder.frame)
 
     def window(self, corners: Ints, exterior: Exterior | None = None) -> CSpace:
-        """Return a box of cells, in the grid or not, as a map in memory.
+        """Return a box of cells as a map in memory.
 
-        ``corners``, shape (2, d), are the first cell and the cell after the last one. All outside
-        is unknown, unless the states outside are given. Raises InputError if the map does not fit
-        into memory.
+        The box may extend beyond the grid.
+
+        ``corners``, shape (2, d), are the first cell and the cell after the last one. Cells outside
+        the box are MIXED, unless their states are given by ``exterior``. Raises InputError if the
+        map does not fit into memory.
         """
         folder = self.folder
         frame = folder.frame
@@ -105,8 +110,8 @@ class OpenTiles:
         for number in folder.list_tiles(corners):
             tile = self.tile(number)
             shared = np.clip(folder.locate_interior(number), *corners)
-            in_window = as_box(shared - corners[0])
-            in_tile = as_box(shared - tile.first)
+            in_window = to_slices(shared - corners[0])
+            in_tile = to_slices(shared - tile.first)
             states[:, *in_window] = tile.contents.states[:, *in_tile]
             outer[in_window] = tile.contents.workspace.outer[in_tile]
             inner[in_window] = tile.contents.workspace.inner[in_tile]
@@ -117,7 +122,7 @@ class OpenTiles:
     def _make_part(
         self, workspace: Workspace, states: States, exterior: Exterior | None = None
     ) -> CSpace:
-        """Return a map of the robot; all outside is unknown without an ``exterior``."""
+        """Return a map of this robot; without an ``exterior``, cells outside are MIXED."""
         frame = self.folder.frame
         outside = frame.outside if exterior else UNKNOWN
         return CSpace(
@@ -125,12 +130,12 @@ class OpenTiles:
         )
 
     def _shapes_in(self, corners: Ints) -> tuple[Shape, ...] | None:
-        """Return the obstacles of a window as shapes, if they describe its cells."""
+        """Return the shapes of a window's obstacles, if they describe its cells."""
         folder = self.folder
         shapes = folder.frame.workspace.shapes
         if not shapes or np.array_equal(folder.clip(corners), corners):
             return shapes
-        # Parts of shapes beyond the map do not count if the space outside is free.
+        # A window beyond the map has free space there, so shapes must not extend beyond the map.
         corners_of_shapes = [shape.outer.bounds for shape in shapes]
         return shapes if folder.grid.contains(corners_of_shapes).all() else None
 
@@ -140,18 +145,19 @@ class OpenTiles:
         grid = folder.grid
         factor = max(1, -(-max(grid.shape) // max_cells))
         shape = tuple(-(-n // factor) for n in grid.shape)
-        # A set bit of a coarse cell, ``1 << state``, says that one of its cells has the state.
+        # The bit ``1 << state`` of a coarse cell is set if one of its cells has the state.
         seen = np.zeros((folder.slices, *shape), dtype=np.uint8)
         outer = np.zeros(shape, dtype=np.bool_)
         slices = np.arange(folder.slices)
         for number in range(len(folder)):
             tile = folder.read_tile(number)
             interior = folder.locate_interior_in_tile(number)
-            # Coarse cells in the tile, and the first cell of each there.
+            # Along each axis, the coarse cells that meet the tile, and the index in its interior of
+            # the first cell of each.
             sides = [np.arange(*ends) // factor for ends in folder.locate_interior(number).T]
             pairs = [np.unique(side, return_index=True) for side in sides]
             coarse, starts = zip(*pairs, strict=True)
-            # A coarse cell may have parts in several tiles.
+            # A coarse cell may have parts in several tiles, so bits are added.
             bits = np.left_shift(1, tile.states[:, *interior], dtype=np.uint8)
             seen[np.ix_(slices, *coarse)] |= reduce_blocks(bits, [slices, *starts], np.bitwise_or)
             outer[np.ix_(*coarse)] |= reduce_blocks(tile.workspace.outer[interior], starts)
@@ -162,7 +168,7 @@ class OpenTiles:
         states[seen == 1 << FREE] = FREE
         states[seen == 1 << BLOCKED] = BLOCKED
         coarse_grid = Grid(grid.lower, grid.spacing * factor, shape, grid.axes, grid.units)
-        # Obstacles fill no coarse cell for certain, so the inner cells are empty.
+        # No coarse cell is known to lie in obstacles, so the inner cells are empty.
         inner = np.zeros_like(outer)
         source = f"overview of {folder.path.name}"
         workspace = Workspace(coarse_grid, outer, inner, source=source)
@@ -173,11 +179,11 @@ class OpenTiles:
     def parts_near(
         self, cells: Ints, reach: int, is_inside: bool = False
     ) -> Iterator[tuple[CSpace, Ints]]:
-        """Group cells, shape (n, d), by the map in memory that answers queries near them.
+        """Yield maps in memory for queries near cells, with their rows.
 
-        Yields maps, and the rows of ``cells`` that they are for. A map has all cells within
-        ``reach``, or only those in the grid if ``is_inside``. It is a tile, a window if it has
-        cells beyond the tile, or the frame if no cell of the grid is within reach.
+        ``cells`` have shape (n, d). A map has all cells within ``reach`` of its rows, or only those
+        in the grid if ``is_inside``. It is a tile, a window if cells beyond the tile are within
+        reach, or the frame if no cell of the grid is.
         """
         folder = self.folder
         near = ((cells >= -reach) & (cells < np.add(folder.grid.shape, reach))).all(axis=1)
@@ -186,7 +192,7 @@ class OpenTiles:
         for number, rows in folder.group_by_tile(cells, np.flatnonzero(near)):
             # The box around the cells of the group, grown by the reach.
             group = cells[rows]
-            needed = grow(np.stack([group.min(axis=0), group.max(axis=0) + 1]), reach)
+            needed = grow_box(np.stack([group.min(axis=0), group.max(axis=0) + 1]), reach)
             if is_inside or folder.frame.outside != "free":
                 needed = folder.clip(needed)
             in_tile = np.clip(needed, *folder.locate_tile(number))
@@ -203,13 +209,14 @@ class OpenTiles:
         grid = self.folder.grid
         first = starts[:, : grid.dim]
         last = ends[:, : grid.dim]
-        # Upper bounds of the numbers of pieces, shorter than the halo, that motions are cut into.
+        # Upper bounds of the number of pieces that a motion is cut into; the 2 is for rounding up,
+        # and for half turns.
         cells = np.abs(last - first).max(axis=1) / grid.spacing
         pieces = cells / (self.folder.halo - 1) + 2.0
         inside = grid.contains(first) & grid.contains(last)
         may_leave = self.folder.frame.outside == "free"
         out[:] = (inside | may_leave) & (pieces <= MAX_PIECES)
-        # Motions that leave the grid need the cells outside, so they are proven apart from others.
+        # Motions that leave the grid need the cells outside, so they are proven separately.
         for is_inside in (True, False):
             remaining = np.flatnonzero(out & (inside == is_inside))
             batch_size = int(MAX_PIECES / pieces[remaining].max(initial=1.0))
@@ -218,10 +225,10 @@ class OpenTiles:
                 out[rows] = self._prove_motions(starts[rows], ends[rows], is_inside)
 
     def _prove_motions(self, starts: Floats, ends: Floats, is_inside: bool) -> Bools:
-        """Return which motions are proven free by the tiles that they cross, shape (n,).
+        """Return a mask of the motions that tiles prove free, shape (n,).
 
-        ``starts`` and ``ends`` have the shape (n, size). Either all motions lie in the closed grid,
-        and ignore the cells outside as in a map in memory, or all leave it.
+        ``starts`` and ``ends`` have the shape (n, size). If ``is_inside``, all motions lie in the
+        closed grid, and ignore the cells outside as in a map in memory. Otherwise all leave it.
         """
         grid = self.folder.grid
         rotations = self.folder.frame.rotations
@@ -243,13 +250,13 @@ class OpenTiles:
 
 
 def _write_outside(exterior: Exterior, first: Ints, states: States) -> None:
-    """Write the states of a box of cells as if all were outside the grid.
+    """Write the states that a box of cells has outside the grid.
 
-    The first cell of the box is ``first``.
+    ``first`` is the first cell of the box. ``states`` have the shape (slices, ...) of the box.
     """
     # A row has the first and the last cell of a box of MIXED cells, and the state of all others.
     for row, slice_states in zip(exterior.table, states, strict=True):
         *mixed_cells, other_state = row
         slice_states[...] = other_state
-        mixed = np.reshape(mixed_cells, (2, -1)) + ONE_MORE - first
-        slice_states[as_box(np.clip(mixed, 0, slice_states.shape))] = MIXED
+        mixed = np.reshape(mixed_cells, (2, -1)) + LAST_TO_STOP - first
+        slice_states[to_slices(np.clip(mixed, 0, slice_states.shape))] = MIXED

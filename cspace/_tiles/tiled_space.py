@@ -18,7 +18,7 @@ from cspace._record.contents import Contents
 from cspace._space import CSpace
 from cspace._support.arrays import STATE_NAMES, Bools, Floats, Ints, States, StrPath
 from cspace._support.check import check_count
-from cspace._tiles.folder import ONE_MORE, TileFolder, grow
+from cspace._tiles.folder import LAST_TO_STOP, TileFolder, grow_box
 from cspace._tiles.labels import TiledComponents
 from cspace._tiles.open_tiles import OpenTiles
 from cspace.errors import ConfigurationError, FileError, InputError
@@ -64,7 +64,7 @@ class TiledCSpace(ConfigurationMap):
     in_memory = False
 
     def __init__(self, folder: TileFolder, cache_bytes: int = DEFAULT_CACHE_BYTES) -> None:
-        """Keep the folder; tiles are read when queries need them."""
+        """Store the folder; tiles are read when queries need them."""
         self._folder = folder
         self._lock = RLock()
         self._cache_bytes = int(cache_bytes)
@@ -81,7 +81,9 @@ class TiledCSpace(ConfigurationMap):
         return TiledCSpace.open, (self.path, self._cache_bytes)
 
     def _at_one_moment(self) -> AbstractContextManager[Any]:
-        """Return the lock of the map, because one thread at a time opens and closes tiles.
+        """Return the lock of a complete map, held while tiles are read.
+
+        One thread at a time opens and closes tiles.
 
         Raises FileError if the map is not complete.
         """
@@ -148,13 +150,14 @@ class TiledCSpace(ConfigurationMap):
         """Return the index of the first unusable configuration, or -1."""
         return self._tiles.frame._find_unusable(rows)
 
-    def _ask(
+    def _query_parts(
         self, query: Callable[[CSpace, Floats], Any], rows: Floats, out: NDArray[Any], reach: int
     ) -> int:
-        """Write the answers of maps in memory that have all cells within reach of rows.
+        """Query parts of the map in memory, and write the results.
 
-        ``rows`` are configurations, shape (n, size), ``out`` has shape (n,), and ``reach`` is in
-        cells. Return the index of the first unusable row, or -1.
+        ``rows`` are configurations, shape (n, size), and ``out`` has shape (n,). Each row is
+        queried in a part with all cells within ``reach``, a number of cells. Returns the index of
+        the first unusable row, or -1.
         """
         with self._at_one_moment():
             bad = self._find_unusable(rows)
@@ -165,14 +168,18 @@ class TiledCSpace(ConfigurationMap):
             return bad
 
     def _write_states(self, rows: Floats, out: States) -> int:
-        # A point on a border belongs to the cell that the whole map gives it.
+        # Parts classify the center of the cell in which the whole map locates a configuration,
+        # because rounding could locate a point on a border differently in a part.
         def classify(space: CSpace, points: Floats) -> States:
             return space.classify(self._centers_of(self._cells_of(points)))
 
-        return self._ask(classify, rows, out, reach=0)
+        return self._query_parts(classify, rows, out, reach=0)
 
     def _centers_of(self, cells: Ints) -> Floats:
-        """Return the centers of cells, which are (rotation, x, y(, z)), shape (n, 1 + dim)."""
+        """Return the configurations at the centers of cells, shape (n, size).
+
+        Cells ``(rotation, x, ...)`` have the shape (n, 1 + d).
+        """
         rotations, *position_cells = cells.T
         positions = self.grid.center_of(np.stack(position_cells, axis=1))
         return np.concatenate([positions, self.rotations.centers[rotations]], axis=1)
@@ -185,24 +192,26 @@ class TiledCSpace(ConfigurationMap):
         self._refuse_geometry(exact)
         with self._at_one_moment():
             ends_in_turn = np.stack([starts, ends], axis=1).reshape(-1, self.size)
-            bad = self._find_unusable(ends_in_turn) // 2  # the index of the motion; -1 stays -1
+            # A motion has two rows; -1, for none, stays -1.
+            bad = self._find_unusable(ends_in_turn) // 2
             if bad < 0:
                 self._tiles.motions_are_free(starts, ends, out)
             return bad
 
     def _write_free_around(self, distance: float, angle: float, rows: Floats, out: Bools) -> int:
         query = partial(CSpace.is_free_around, distance=distance, angle=angle)
-        return self._ask(query, rows, out, reach=math.ceil(distance / self.grid.spacing) + 1)
+        reach = math.ceil(distance / self.grid.spacing) + 1  # cells
+        return self._query_parts(query, rows, out, reach)
 
     def _write_clearances(self, rows: Floats, out: Floats) -> int:
-        # Beyond the halo of a tile, cells are unknown and count as not FREE. A clearance may be two
-        # cells too small.
-        bad = self._ask(CSpace.clearance, rows, out, self.halo - 1)
+        # Cells beyond the halo of a tile count as not FREE, and a clearance may be two cells too
+        # small. So a value above the halo less two cells would depend on the tile.
+        bad = self._query_parts(CSpace.clearance, rows, out, self.halo - 1)
         np.minimum(out, (self.halo - 2) * self.grid.spacing, out=out)
         return bad
 
     def _refuse_geometry(self, exact: bool) -> None:
-        """Raise ConfigurationError if the geometry is asked for."""
+        """Raise ConfigurationError if the exact geometry is requested."""
         if exact:
             rule = "this one stays in its folder"
             hint = "use a part of it: space.window(lower, upper)"
@@ -314,13 +323,13 @@ class TiledCSpace(ConfigurationMap):
         grid = self.grid
         box = grid.coordinates([np.asarray(lower), np.asarray(upper)], "window")
         # Two corners, shape (2, d): the first cell, and the cell after the last one.
-        cells = folder.clip(grid.cell_of(box) + ONE_MORE)
+        cells = folder.clip(grid.cell_of(box) + LAST_TO_STOP)
         is_box = box.ndim == 2 and (box[0] <= box[1]).all()
         if not is_box or (cells[0] >= cells[1]).any():
             problem = f"is from {lower!r} to {upper!r}"
             rule = f"it must be a box in the map, {grid.lower} to {grid.upper}"
             raise InputError("window", problem, rule, "pass them in metres")
-        reached = grow(cells, folder.reach)
+        reached = grow_box(cells, folder.reach)
         inside = folder.clip(reached)
         is_whole = (inside[1] - inside[0] == grid.shape).all()
         with self._at_one_moment():

@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING, Any
 
 from cspace import __version__
 from cspace._limits import MAX_MEMORY_FRACTION, bytes_text, free_bytes
-from cspace._support.threads import cores, in_threads
+from cspace._support.threads import count_cores, map_in_threads
 from cspace.errors import InputError
 
 if TYPE_CHECKING:
     from distributed import Client
 
 Task = Callable[[int], Any]
-"""Function of the number of a tile."""
+"""Function that takes the index of a tile."""
 
 Progress = Callable[[int, int], None]
-"""Function that is called with the number of finished tiles, and of all tiles."""
+"""Function that takes the number of finished tiles, and of all tiles."""
 
 
 def run_tasks(
@@ -30,13 +30,14 @@ def run_tasks(
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> list[Any]:
-    """Return ``task(tile)`` for each tile, run in threads or on a cluster.
+    """Return ``[task(tile) for tile in tiles]``, computed in threads or on a cluster.
 
-    ``needed`` is the memory of one task, in bytes; threads are as many as fit. Raises InputError if
-    one does not fit, or if the cluster fails, and any error of a task.
+    ``needed`` is the memory of one task, in bytes; as many threads run as fit into memory. Raises
+    InputError if one does not fit, or if the cluster fails, and any error of a task.
     """
 
     def advance(count: int) -> None:
+        """Report the number of finished tiles."""
         if progress is not None:
             progress(count, len(tiles))
 
@@ -47,8 +48,8 @@ def run_tasks(
         problem = f"is so large that a task needs {bytes_text(needed)}"
         rule = f"{bytes_text(available)} are available"
         raise InputError("tile", problem, rule, "use a smaller tile or fewer rotations")
-    threads = min(workers or cores(), int(available // needed))
-    return in_threads(task, tiles, threads, advance)
+    threads = min(workers or count_cores(), int(available // needed))
+    return map_in_threads(task, tiles, threads, advance)
 
 
 def _run_on_cluster(
@@ -56,12 +57,12 @@ def _run_on_cluster(
 ) -> list[Any]:
     """Return the results of tasks that run on the workers of a cluster."""
     _check_workers(client)
-    # Every worker gets a copy and keeps it for all its tasks. Tasks of a lost worker run again.
+    # Every worker gets one copy of the task for all tiles. Tasks of a lost worker run again.
     copies = client.scatter(task, hash=False, broadcast=True)
     futures = client.map(_run_task, list(tiles), task=copies, pure=False, retries=3)
     try:
-        # One thread waits for the results in turn.
-        return in_threads(lambda future: future.result(), futures, 1, advance)
+        # With one thread, this thread waits for the results in order, and reports progress.
+        return map_in_threads(lambda future: future.result(), futures, 1, advance)
     except (CancelledError, TimeoutError) as error:
         problem = f"lost its scheduler or its workers ({type(error).__name__}: {error})"
         hint = "restart it and repeat the call: finished tiles are kept"
@@ -72,7 +73,10 @@ def _run_on_cluster(
 
 
 def _run_task(tile: int, task: Task) -> Any:
-    """Run a task on a worker."""
+    """Run a task on a worker.
+
+    Its arguments are in the order that ``client.map`` needs.
+    """
     return task(tile)
 
 

@@ -34,7 +34,7 @@ from cspace._space import CSpace
 from cspace._support.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, States
 from cspace._support.check import check_finite, check_known, check_positive
 from cspace._support.derived import lazy
-from cspace._support.threads import cores, in_threads
+from cspace._support.threads import count_cores, map_in_threads
 from cspace._workspace import Workspace
 from cspace.arms._arm_space import ArmSpace
 from cspace.arms._boxes import (
@@ -162,7 +162,7 @@ def build_joint_map(
     _refuse_held_contact(snapshot, names, held, still_pairs)
 
     states, deciding_pairs = _classify_cells(
-        snapshot, grid, joint_indices, held, moving, workers or cores(), progress
+        snapshot, grid, joint_indices, held, moving, workers or count_cores(), progress
     )
     # The last cells along an axis may exceed the joint's limit, beyond which nothing is FREE.
     last_ends = np.array(grid.lower) + side * np.array(shape)
@@ -255,7 +255,7 @@ def _classify_cells(
             for block in _cut_blocks(sides)
         ]
     report = None if progress is None else lambda done: progress(done, len(tasks))
-    in_threads(lambda task: task(), tasks, workers, report)
+    map_in_threads(lambda task: task(), tasks, workers, report)
     # A cell is FREE if all pairs are, and BLOCKED if one pair is; the states are in that order.
     states = np.zeros(shape, dtype=np.uint8)
     deciding_pairs = np.full(shape, -1, dtype=np.int16)

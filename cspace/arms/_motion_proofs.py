@@ -49,9 +49,9 @@ from cspace._support.vectors import (
     cross,
     dot,
     minus,
-    point_triangle,
     rotate,
     row_at,
+    triangle_distance,
 )
 from cspace.arms._chain import (
     POSITION,
@@ -611,7 +611,7 @@ def nearest_triangle(
             continue
         start, count = surfaces.spans[node]
         if count == 1:
-            nearest = min(nearest, point_triangle(point, surfaces.triangles[start]))
+            nearest = min(nearest, triangle_distance(point, surfaces.triangles[start]))
             if nearest < enough < np.inf:
                 break
             continue

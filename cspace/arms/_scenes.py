@@ -47,7 +47,7 @@ def make_inner_scene(scene: ArmScene, solids: Sequence[Solid]) -> ArmScene:
     """Make the scene of inner shapes, which proves BLOCKED, from that of outer shapes.
 
     Distances must exceed ``2 DISTANCE_ROUNDING max_coordinate`` for the positions of points, and as
-    much again for the rounding of :func:`cspace._support.vectors.point_triangle`, which is below
+    much again for the rounding of :func:`cspace._support.vectors.triangle_distance`, which is below
     ``2^-38`` of the largest link or obstacle.
     """
     bounds_pairs = [bounds for solid in solids for bounds in solid.bounds_pairs]

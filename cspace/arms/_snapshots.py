@@ -19,7 +19,7 @@ from cspace._bodies import ADVANCE_FACTOR, DISTANCE_ROUNDING
 from cspace._bodies.hulls import node_corners
 from cspace._queries.batches import as_contiguous
 from cspace._support.arrays import Bools, Floats, Ints
-from cspace._support.threads import in_chunks
+from cspace._support.threads import run_in_chunks
 from cspace.arms._chain import FIXED, REVOLUTE, compute_poses
 from cspace.arms._model import CONTACT_SAMPLES, Arm, Names, always_touch, sort_pair
 from cspace.arms._motion_proofs import (
@@ -434,7 +434,7 @@ def _run_in_threads(kernel: Callable[..., None], scene: ArmScene, *arrays: NDArr
         kernel(scene, *(array[first:stop] for array in arrays), make_scene_scratch(scene))
         return -1
 
-    in_chunks(run_slice, len(arrays[0]), MIN_MOTIONS_PER_THREAD)
+    run_in_chunks(run_slice, len(arrays[0]), MIN_MOTIONS_PER_THREAD)
 
 
 def _find_nearest(points_a: Floats, points_b: Floats, radius_a: float, radius_b: float) -> Floats:

@@ -20,7 +20,7 @@ from cspace.errors import InputError
 
 
 def free_boundary(state: States, grid: Grid) -> Surface:
-    """Return the boundary of the FREE cells of a slice in space.
+    """Return the boundary mesh of the FREE cells of a slice in space.
 
     Vertices have shape (V, 3), metres, and faces (F, 3). Every cell face between a FREE cell and
     another cell, or the exterior of the grid, becomes two triangles with normals out of the free
@@ -36,7 +36,7 @@ def free_boundary(state: States, grid: Grid) -> Surface:
         raise InputError("the map", "has no FREE cell", rule, hint)
     vertices, faces, turns = boundary_mesh(free, grid.spacing, grid.lower)
     faces_inwards = turns[:, None] < 0
-    # The reverse order of its corners turns a face around.
+    # Reversing the order of its corners reverses the normal of a face.
     return vertices, np.where(faces_inwards, faces[:, ::-1], faces)
 
 
@@ -85,7 +85,8 @@ def _write_stl(file: IO[bytes], vertices: Floats, faces: Ints) -> None:
     """
     with np.errstate(over="ignore", under="ignore"):
         corners = vertices.astype("<f4")[faces]
-    # Two edges of each face; single precision may make them shorter, but not zero along an axis.
+    # Two edges of each face. Rounding may shorten them, but a coordinate that differs must still
+    # differ, or else the mesh would collapse there.
     edges = np.diff(vertices[faces], axis=1)
     are_merged = (edges != 0.0) & (np.diff(corners, axis=1) == 0.0)
     if are_merged.any() or not np.isfinite(corners).all():
@@ -95,7 +96,8 @@ def _write_stl(file: IO[bytes], vertices: Floats, faces: Ints) -> None:
     record = [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]
     rows = np.zeros(len(faces), dtype=record)
     first_edges, second_edges = np.moveaxis(edges, 1, 0)
-    rows["normal"] = np.sign(np.cross(first_edges, second_edges))  # faces lie along the axes
+    # Normals are parallel to an axis, so their signs are unit vectors.
+    rows["normal"] = np.sign(np.cross(first_edges, second_edges))
     rows["corners"] = corners
     # A comment of 80 bytes, the number of triangles in 4 bytes, and the triangles.
     file.write(b"binary STL, metres".ljust(80))

@@ -1,4 +1,4 @@
-"""Filled ROS messages without ROS: occupancy grids, costmaps, paths and joint trajectories.
+"""ROS messages, filled without ROS: occupancy grids, costmaps, paths and joint trajectories.
 
 A message is any object with the right fields, such as those of :mod:`cspace._files.ros_maps`.
 """
@@ -43,7 +43,7 @@ OCCUPANCY: Final = {FREE: 0, MIXED: -1, BLOCKED: 100}
 """Occupancy of each state, in per cent; -1 is unknown."""
 
 
-def occupancy_grid_of(
+def fill_occupancy_grid(
     space: CSpace, msg: Message | None, rotation: ArrayLike | None, frame_id: str
 ) -> Message | OccupancyGrid:
     """Fill an occupancy grid with the states of a map.
@@ -52,7 +52,7 @@ def occupancy_grid_of(
     """
     grid = space.grid
     if rotation is None:
-        # A state is certain only if all slices agree.
+        # A cell is FREE or BLOCKED only if it is so in all slices.
         stack = space.cell_states.reshape(-1, *grid.shape)
         lowest = stack.min(axis=0)
         states = np.where(lowest == stack.max(axis=0), lowest, MIXED)
@@ -66,7 +66,7 @@ def occupancy_grid_of(
     return _fill_grid(filled, "nav_msgs/OccupancyGrid", percent, grid, "info", size, frame_id)
 
 
-def costmap_of(
+def fill_costmap(
     space: CSpace,
     clearances: Callable[[int | None], Floats],
     msg: Message | None,
@@ -77,22 +77,24 @@ def costmap_of(
 ) -> Message | Costmap:
     """Fill a costmap with the clearances of a map; see :meth:`cspace.CSpace.to_costmap`.
 
-    ``clearances`` returns the clearance of each cell of a slice, or the largest of all slices.
+    ``clearances`` takes the number of a slice and returns the clearance of each cell; for None, it
+    returns the largest clearance over all slices.
     """
     radius = check_not_negative(inflation_radius, "inflation_radius")
     scaling = check_not_negative(cost_scaling_factor, "cost_scaling_factor", "pass it per metre")
     grid = space.grid
     workspace = space.workspace
     if grid.dim == 3:
-        hint = "build a map of the plane"
-        raise InputError("the map", "is one in space", "a costmap is plane", hint)
-    number = None  # of the slice; without one, the costs hold at the best rotation of each cell
+        raise InputError(
+            "the map", "is one in space", "a costmap is plane", "build a map of the plane"
+        )
+    slice_number = None  # without a rotation, costs are those of the best rotation of each cell
     if rotation is not None:
         cell = space.rotations._find_cells(space.rotations._check_rotation(rotation))
-        number = int(space.slice_of[int(cell)])
+        slice_number = int(space.slice_of[int(cell)])
     inscribed = space.robot.inscribed_radius + space.margin
-    clearance = clearances(number)
-    costs = costs_of(clearance, workspace.outer, workspace.unknown, inscribed, scaling, radius)
+    clearance = clearances(slice_number)
+    costs = compute_costs(clearance, workspace.outer, workspace.unknown, inscribed, scaling, radius)
     nx, ny = grid.shape
     size = {"metadata.size_x": nx, "metadata.size_y": ny}
     filled = Costmap() if msg is None else msg
@@ -105,7 +107,7 @@ def fill_path(
     """Fill a ``nav_msgs/Path`` with the poses of configurations.
 
     `rows`, shape (n, size), have the columns `axes`. Each pose gets the frame and the stamp of the
-    message, later by its `seconds`, shape (n,).
+    message, plus its `seconds`, shape (n,).
 
     Raises InputError if the message lacks a field.
     """
@@ -114,7 +116,7 @@ def fill_path(
     stamp = getattr(getattr(msg, "header", None), "stamp", None)
     poses = []
     for index, row in enumerate(rows.tolist()):
-        # The position, and the rotation as a quaternion; missing coordinates are those of none.
+        # The rotation is a quaternion. Missing coordinates are 0, a missing rotation the identity.
         values = dict(zip(axes, row, strict=True))
         if "yaw" in values:
             half_yaw = values["yaw"] / 2.0
@@ -160,7 +162,9 @@ def fill_joint_trajectory(
 
 
 def make_twists(make: Callable[[], Message], v: Floats, omega: Floats) -> list[Message]:
-    """Make a ``geometry_msgs/Twist`` of each velocity ahead and yaw rate, shapes (n,).
+    """Return a ``geometry_msgs/Twist`` for each pair of velocities.
+
+    ``v`` is forward, m/s, and ``omega`` the yaw rate, rad/s, both of shape (n,).
 
     Raises InputError if the messages lack a field.
     """
@@ -172,18 +176,18 @@ def make_twists(make: Callable[[], Message], v: Floats, omega: Floats) -> list[M
 
 
 _NANO: Final = 10**9
-"""Nanoseconds of a second."""
+"""Nanoseconds per second."""
 
 
 def _add_seconds(msg: object, kind: str, name: str, seconds: float) -> None:
-    """Add seconds to a time of a message.
+    """Add seconds to a time field of a message, rounded to nanoseconds.
 
-    ``name`` is the dotted path of the time. The sum is rounded to nanoseconds.
+    ``name`` is the dotted path of the field.
     """
     time: object = msg
     for field in name.split("."):
         time = getattr(time, field, None)
-    # A time of ROS 1 has other names for the same fields.
+    # The fields of a time have other names in ROS 1.
     second_name, nano_name = ("secs", "nsecs") if hasattr(time, "secs") else ("sec", "nanosec")
     old_seconds = getattr(time, second_name, 0)
     old_nanoseconds = getattr(time, nano_name, 0)
@@ -193,7 +197,7 @@ def _add_seconds(msg: object, kind: str, name: str, seconds: float) -> None:
     _set_fields(msg, kind, fields)
 
 
-def costs_of(
+def compute_costs(
     clearance: Floats,
     lethal: Bools,
     unknown: Bools | None,
@@ -201,7 +205,7 @@ def costs_of(
     scaling: float,
     radius: float,
 ) -> NDArray[np.uint8]:
-    """Compute the costs of Nav2's inflation layer.
+    """Compute the costs of Nav2's inflation layer for each cell.
 
     `clearance` and costs have shape (nx, ny); clearances are in metres. The clearance of a cell is
     zero if a robot there may collide; above ``radius - inscribed`` it may be infinite. `lethal`
@@ -230,17 +234,17 @@ def _fill_grid(
     size: Mapping[str, object],
     frame_id: str,
 ) -> Message:
-    """Fill a message with the cells of a plane map.
+    """Fill a grid message with the values of the cells of a plane map.
 
-    `cells` have shape (nx, ny). `info` is the field that holds the origin and the resolution.
-    `size` has the fields for the numbers of cells.
+    `cells` have shape (nx, ny). `info` is the name of the field with the origin and the resolution.
+    `size` maps the dotted paths of the fields for the numbers of cells to their values.
 
     Raises InputError if the grid is not plane, or the message lacks a field.
     """
     if grid.dim == 3:
         hint = "cut it, or export another format"
         raise InputError("the map", "is one in space", f"{kind} is plane", hint)
-    # The origin is the pose of the lower corner, which is not turned.
+    # The origin is the pose of the grid's lower corner; grids of maps are never rotated.
     position = f"{info}.origin.position"
     orientation = f"{info}.origin.orientation"
     typecode = "b" if cells.dtype == np.int8 else "B"
@@ -279,7 +283,8 @@ def _set_fields(msg: Message, kind: str, fields: Mapping[str, object]) -> Messag
 def _find_element_class(msg: object, name: str, default: Callable[[], Any]) -> Callable[[], Any]:
     """Return the class of the elements of a message's list field.
 
-    ROS messages declare it; for others, return `default`.
+    ROS messages declare it as text, such as "geometry_msgs/PoseStamped[]". For others, return
+    `default`.
     """
     get_types = getattr(msg, "get_fields_and_field_types", None)
     if get_types is not None:  # ROS 2

@@ -31,7 +31,7 @@ _DIRECTORY = 34735
 
 _SHORT = 3
 _DOUBLE = 12
-"""Data types of TIFF tags."""
+"""Codes of the data types of TIFF tags: 16-bit integers, and float64."""
 
 
 def write_geotiff(state: States, grid: Grid, path: StrPath, overwrite: bool = False) -> None:
@@ -46,7 +46,8 @@ def write_geotiff(state: States, grid: Grid, path: StrPath, overwrite: bool = Fa
     from PIL import Image
     from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
-    # Version, revision and number of keys; then for each key that its one value follows.
+    # The key directory begins with its version, revision and number of keys. An entry is the key,
+    # 0 because the value is in the entry itself, the number of values, and the value.
     directory = [1, 1, 0, len(_GEO_KEYS)]
     for key, value in _GEO_KEYS:
         directory += [key, 0, 1, value]
@@ -88,7 +89,8 @@ def write_ros_map(state: States, grid: Grid, path: StrPath, overwrite: bool = Fa
         "resolution": grid.spacing,
         "origin": [*grid.lower, 0.0],
         "negate": 0,
-        # The levels of GREY_LEVELS are below, between and above these shares of black.
+        # Readers compare shares of black, (255 - grey) / 255, with these thresholds, which separate
+        # the three values of GREY_LEVELS.
         "occupied_thresh": 0.65,
         "free_thresh": 0.1,
     }

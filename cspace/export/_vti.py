@@ -31,10 +31,10 @@ def write_vti(
 ) -> None:
     """Write arrays over the cells of a grid as ``.vti``.
 
-    They become cell data; viewers show the first array; the origin is the lower corner of the grid.
-    A plane grid becomes an image at z = 0. Arrays are uint8, bool (stored as uint8), int32 or
-    float64. The arrays of `about`, float64 with shape (n,), become field data: numbers about the
-    whole.
+    The arrays become cell data; viewers show the first one. The origin is the lower corner of the
+    grid. A plane grid becomes an image at z = 0. Arrays are uint8, bool (stored as uint8), int32 or
+    float64. The arrays of `about`, float64 with shape (n,), become field data, which describe the
+    whole image.
 
     Raises FileError as :func:`cspace._files.access.replacing`.
     """
@@ -45,8 +45,8 @@ def write_vti(
     extent = " ".join(f"0 {count}" for count in shape)
     origin = " ".join(map(repr, lower))
     spacing = " ".join([repr(grid.spacing)] * 3)
-    # The arrays follow the header, each after its number of bytes in 8 bytes. The header says at
-    # which offset each begins.
+    # The header gives the offset of each array in the data that follow it. There, each array begins
+    # with its size in bytes, an integer of 8 bytes.
     elements = []
     offset = 0
     for name, array in (*fields.items(), *arrays.items()):

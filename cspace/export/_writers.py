@@ -13,7 +13,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace._files.access import check_suffix, replacing
 from cspace._record.contents import Contents
-from cspace._record.description import AXES, STACKED, arrays_of, attributes_of, axes_of, metadata_of
+from cspace._record.description import (
+    AXES,
+    STACKED,
+    collect_arrays,
+    list_axes,
+    make_attributes,
+    make_metadata,
+)
 from cspace._record.save import MAP_SUFFIXES, save
 from cspace._support.arrays import BLOCKED, FREE, MIXED, Ints, StrPath, frozen
 from cspace._support.reporting import import_optional
@@ -27,12 +34,13 @@ if TYPE_CHECKING:
 
 
 def _select_layers(contents: Contents, cells: Sequence[int]) -> dict[str, NDArray[Any]]:
-    """Return the arrays of some rotation cells of a map.
+    """Return the arrays of a map by name, with one array per rotation cell.
 
-    The arrays of a single cell keep their names; otherwise the index of the cell is appended.
+    ``cells`` are the indices of the rotation cells. The arrays of a single cell keep their names;
+    otherwise the index of the cell is appended.
     """
-    # Names have equally many digits, so that they sort in the order of the cells.
-    arrays = arrays_of(contents)
+    # All indices have as many digits as the last one, so that names sort in the order of the cells.
+    arrays = collect_arrays(contents)
     digits = len(str(cells[-1]))
     layers: dict[str, NDArray[Any]] = {}
     for name in STACKED:
@@ -48,14 +56,14 @@ def _select_layers(contents: Contents, cells: Sequence[int]) -> dict[str, NDArra
 
 
 def _write_vti(contents: Contents, cells: Sequence[int], path: StrPath, overwrite: bool) -> None:
-    """Write the states at some rotation cells as VTI."""
+    """Write the states at rotation cells as VTI."""
     rotations = contents.rotations
     centers = dict(zip(rotations.names, rotations.centers[cells].T, strict=True))
     write_vti(_select_layers(contents, cells), contents.grid, path, overwrite, centers)
 
 
 def _write_netcdf(contents: Contents, cells: Sequence[int], path: StrPath, overwrite: bool) -> None:
-    """Write a map, or one rotation cell, as netCDF-3.
+    """Write a map, or one rotation cell of it, as netCDF-3.
 
     Arrays are indexed ``[rotation, z, y, x]``.
     """
@@ -75,11 +83,11 @@ def write_npz(contents: Contents, path: StrPath, overwrite: bool = False) -> Non
 
     Raises FileError if the file exists and may not be replaced, or cannot be written.
     """
-    arrays = arrays_of(replace(contents, exterior=None))
+    arrays = collect_arrays(replace(contents, exterior=None))
     members: dict[str, Any] = {name: np.asarray(array) for name, array in arrays.items()}
     members["lower"] = np.array(contents.grid.lower)
     members["spacing"] = np.array(contents.grid.spacing)
-    members["metadata"] = json.dumps(metadata_of(contents), sort_keys=True)
+    members["metadata"] = json.dumps(make_metadata(contents), sort_keys=True)
     # Pass an open file, because np.savez appends a suffix to names that do not end in lower-case
     # ".npz".
     with replacing(path, overwrite) as temporary, temporary.open("wb") as file:
@@ -87,18 +95,18 @@ def write_npz(contents: Contents, path: StrPath, overwrite: bool = False) -> Non
 
 
 class ExportFormat(NamedTuple):
-    """Writer and description of the exports of one suffix.
+    """A format of exported files.
 
     Attributes
     ----------
     write : callable
-        Writes the map, ``write(contents, path, overwrite)``, if ``rotations`` is "all";
-        some rotation cells, ``write(contents, cells, path, overwrite)``, if "all or one"; one
-        slice, ``write(state, grid, path, overwrite)``, if "one".
+        Its arguments depend on ``rotations``. For "all", ``write(contents, path, overwrite)``
+        writes the map. For "all or one", ``write(contents, cells, path, overwrite)`` writes these
+        rotation cells. For "one", ``write(state, grid, path, overwrite)`` writes a slice.
     rotations : {"all", "all or one", "one"}
         Rotations that a file holds.
     dimension : int or None
-        2 if it holds only maps of the plane, 3 if only maps in space.
+        2 if files hold only maps of the plane, 3 if only maps in space.
     summary : str
         Content of such a file, for the documentation.
     """
@@ -181,7 +189,6 @@ def export(
     MissingPackageError
         If netCDF is asked for, and xarray is not installed.
     """
-    # What the format holds: any dimension or one; all rotations, all or one, or one.
     suffix = check_suffix(path, EXPORT_FORMATS, "the suffix selects the format", is_output=True)
     form = EXPORT_FORMATS[suffix]
     if form.dimension not in (None, contents.grid.dim):
@@ -207,9 +214,7 @@ def export(
 
 
 def to_xarray(contents: Contents) -> xarray.Dataset:
-    """Return a map as a complete xarray Dataset.
-
-    The map can be rebuilt from it.
+    """Return a map as an xarray Dataset from which it can be rebuilt.
 
     Parameters
     ----------
@@ -262,30 +267,30 @@ def to_xarray(contents: Contents) -> xarray.Dataset:
     coordinate_names = (*AXES, *contents.rotations._COORDINATES, "slice_of")
     variables: dict[str, Any] = {}
     coordinates: dict[str, Any] = {}
-    contents = replace(contents, exterior=None)  # it labels no cells
-    arrays = {"inner": contents.workspace.inner} | arrays_of(contents)
+    contents = replace(contents, exterior=None)  # a Dataset holds only cells of the grid
+    arrays = {"inner": contents.workspace.inner} | collect_arrays(contents)
     for name, array in arrays.items():
-        axes = axes_of(name, dim)
+        axes = list_axes(name, dim)
         if axes[0] == "slice":
             stack = _expand_slices(np.asarray(array), contents.slice_of)
             array = stack.reshape(*rotation_shape, *contents.grid.shape)
-            # A robot that does not turn has no axis of rotations.
+            # Without rotations, the array has no leading axis, and "rotation" is cut off.
             axes = ("rotation", *axes[1:])[-array.ndim :]
         if "rotation" in axes and not rotation_shape:
             continue
         group = coordinates if name in coordinate_names else variables
-        group[name] = (axes, array, attributes_of(name, contents.grid))
+        group[name] = (axes, array, make_attributes(name, contents.grid))
     axis_names = dict(zip(AXES, contents.grid.axes, strict=False))
     dataset: xarray.Dataset = package.Dataset(
-        variables, coords=coordinates, attrs=metadata_of(contents)
+        variables, coords=coordinates, attrs=make_metadata(contents)
     )
     return dataset.rename(axis_names)
 
 
 def _expand_slices(stack: NDArray[Any], slice_of: Ints) -> NDArray[Any]:
-    """Return the slice of each rotation cell, shape (cells, *grid).
+    """Return the slice of each rotation cell, shape (cells, ...).
 
-    `stack` has shape (slices, *grid). Slices are copied only if some, but not all, cells share one.
+    `stack` has shape (slices, ...). Slices are copied only if some, but not all, cells share one.
     """
     if len(stack) == len(slice_of):
         return stack

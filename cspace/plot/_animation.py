@@ -16,7 +16,7 @@ from cspace._support.check import check_positive
 from cspace.errors import InputError
 from cspace.plot import _artists as artists
 from cspace.plot._arms import ArmFigure, draw_tip_path, paint_scene
-from cspace.plot._picture import title_of
+from cspace.plot._picture import make_title
 from cspace.plot._route import (
     HasAxes,
     HasPath,
@@ -114,8 +114,8 @@ def animate(
     if seconds is None:
         seconds = getattr(motion, "duration", 0.0) or 6.0
     pause, count = _plan_frames(seconds, rate)
-    # A robot that never moves needs one frame.
-    if (points == points[0]).all():
+    is_still = (points == points[0]).all()
+    if is_still:
         count = 1
     shares = np.linspace(0.0, 1.0, count)
     with replacing(target, overwrite) as temporary:
@@ -128,7 +128,8 @@ def animate(
         images: list[Any] = []
         for q in rows:
             move(q)
-            images.append(_take_image(axes.figure, *images[:1]))
+            # All images have the palette of the first one.
+            images.append(_render_image(axes.figure, *images[:1]))
             if progress is not None:
                 progress(len(images), len(rows))
         # The last image stays for a second more.
@@ -138,7 +139,9 @@ def animate(
 
 
 def _plan_frames(seconds: float, rate: float) -> tuple[int, int]:
-    """Choose the milliseconds per frame, in GIF's steps of 10 ms, and count the frames.
+    """Return the milliseconds per frame and the number of frames.
+
+    GIF stores durations in steps of 10 ms, so the rate is rounded.
 
     Raises InputError if a number is not above zero, or there would be too many frames.
     """
@@ -160,8 +163,11 @@ def _plan_frames(seconds: float, rate: float) -> tuple[int, int]:
     return pause, max(count, 2)
 
 
-def _take_image(figure: Any, palette: Any = None) -> Any:
-    """Draw a figure to an image of a few colours, those of ``palette``, which keep files small."""
+def _render_image(figure: Any, palette: Any = None) -> Any:
+    """Render a figure as an image of at most 96 colours.
+
+    Few colours keep files small. ``palette`` is an image whose colours are used.
+    """
     from PIL import Image
 
     figure.set_dpi(90.0)
@@ -177,9 +183,10 @@ def _take_image(figure: Any, palette: Any = None) -> Any:
 def _draw_map(
     space: Any, points: Floats, title: str | None, camera: ArrayLike | None
 ) -> tuple[Any, Move, float]:
-    """Draw a map; return its axes, a function that moves the robot, and the robot's reach.
+    """Draw a map; return axes, a function that moves the robot, its reach.
 
-    The robot will move along ``points``, shape (n, size). In the plane, the slice follows it.
+    The robot will move along ``points``, shape (n, size). In the plane, the slice of the map at the
+    robot's rotation is drawn.
     """
     dim = space.grid.dim
     if dim == 2 and camera is not None:
@@ -193,12 +200,12 @@ def _draw_map(
     scene = make_scene(space, path=points)
     body = scene.body
     scene = replace(scene, rotation=points[0, dim:], robots=points[:0])
-    robot = artists.patch("robot", artists.ROBOT_FILL_COLOR, artists.ROBOT_EDGE_COLOR)
+    robot = artists.make_patch("robot", artists.ROBOT_FILL_COLOR, artists.ROBOT_EDGE_COLOR)
     if body.surface is not None:
         painting = draw_surface(scene, camera=camera)
         vertices, faces = split_surface(body.surface, body.size)
         painting.handles["robot"] = robot
-        painting.annotate(True, title, title_of(space))
+        painting.annotate(True, title, make_title(space))
 
         def show(q: Floats) -> None:
             """Draw the robot at a configuration."""
@@ -207,7 +214,7 @@ def _draw_map(
         return painting.axes, show, body.reach
     axes, handles = draw_plane(scene, None)
     (image,) = axes.images
-    artists.annotate(axes, True, title, title_of(space), [*handles, robot])
+    artists.annotate(axes, True, title, make_title(space), [*handles, robot])
 
     def move(q: Floats) -> None:
         """Draw the robot at a configuration, and the slice of its rotation."""
@@ -223,14 +230,17 @@ def _draw_map(
 def _draw_arm(
     space: Any, points: Floats, title: str | None, camera: ArrayLike | None
 ) -> tuple[Any, Move, float]:
-    """Draw an arm; return axes, a function that moves it, and 0, because joints have no reach."""
+    """Draw an arm; return its axes, a function that moves it, and 0.
+
+    The 0 is the reach, which lengths of paths of an arm ignore.
+    """
     figure = ArmFigure(space.arm)
-    # The picture has space for the arm along the whole path.
+    # The picture has space for the arm along the whole path, at 24 configurations.
     framed = interpolate_path(space.rotations, points, np.linspace(0.0, 1.0, 24))
     painting = paint_scene(space, figure, framed, camera)
     for name, link in figure.links.items():
         figure.links[name] = split_surface(link, painting.size)
     draw_tip_path(painting, figure, space, points, is_lost=False)
-    painting.handles["arm"] = artists.patch("arm", artists.ROBOT_FILL_COLOR)
+    painting.handles["arm"] = artists.make_patch("arm", artists.ROBOT_FILL_COLOR)
     painting.annotate(True, title, space.arm.name)
     return painting.axes, lambda q: painting.show(figure.pose_links(q).values()), 0.0

@@ -34,7 +34,7 @@ ARM_CAMERA: Final = (30.0, -40.0)
 
 
 class ArmFigure:
-    """The surfaces of an arm.
+    """The surfaces of an arm's links, and the position of its tip.
 
     Attributes
     ----------
@@ -60,14 +60,14 @@ class ArmFigure:
         return {name: transform_surface(link, poses[name]) for name, link in self.links.items()}
 
     def tip_positions(self, points: Floats) -> Floats:
-        """Return the positions of the tip at configurations, shape (n, 3)."""
+        """Return the positions of the tip, shape (n, 3), at configurations."""
         return np.asarray(self._arm.pose(points, self._tip)[..., :3, :] @ self._tip_center)
 
     def measure(self, configurations: Iterable[Floats]) -> tuple[Floats, Floats]:
-        """Measure the box around an arm at configurations.
+        """Return the box around an arm at configurations, and a larger box.
 
-        Returns its lower and upper corners, shape (2, 3), and those of the larger box in which
-        obstacles are drawn. Obstacles far away would make the arm small.
+        Boxes are lower and upper corners, shape (2, 3). Only obstacles in the larger box are drawn,
+        because distant ones would make the arm small. It is wider by 3/4 of the longest side.
         """
         surfaces = [surface for q in configurations for surface in self.pose_links(q).values()]
         corners = np.concatenate([vertices for vertices, _ in surfaces])
@@ -152,7 +152,7 @@ def paint_scene(
     camera: Any = None,
     ax: Any = None,
 ) -> Painting:
-    """Paint the obstacles near an arm, with space for it at configurations."""
+    """Paint the obstacles near an arm; leave space for the arm at configurations."""
     import trimesh
 
     box, clip = figure.measure(configurations)

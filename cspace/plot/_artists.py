@@ -111,7 +111,7 @@ MAX_ASPECT_RATIO: Final = 20.0
 
 
 def classify_cells(space: MapLike, rotation: Floats | None, layer: tuple[Any, ...] = ()) -> Classes:
-    """Classify cells at one or all rotations, by obstacles and states.
+    """Return the class of each cell, by obstacles and states.
 
     ``rotation`` has shape (k,), or is None for all rotations; ``layer`` is an index into the
     arrays of the grid.
@@ -119,7 +119,7 @@ def classify_cells(space: MapLike, rotation: Floats | None, layer: tuple[Any, ..
     ground = classify_ground(space.workspace, layer)
     if not space.robot.shape.shown:
         ground = np.zeros_like(ground)  # a map of joints has no obstacles of its own
-    # Over all rotations, the lowest and the highest state of each cell.
+    # The lowest and the highest state of each cell over the rotations.
     rotations = space.slice_rotations if rotation is None else [rotation]
     slices = (space.states_at(center)[layer] for center in rotations)
     lowest = highest = next(slices)
@@ -135,7 +135,7 @@ def classify_cells(space: MapLike, rotation: Floats | None, layer: tuple[Any, ..
 
 
 def classify_ground(workspace: Workspace, layer: tuple[Any, ...] = ()) -> Classes:
-    """Classify cells of a workspace without a robot: obstacles, unknown and open cells."""
+    """Return the class of each workspace cell: obstacle, unknown or open."""
     occupied = workspace.outer[layer]
     classes = np.where(occupied, np.uint8(OBSTACLE), np.uint8(OPEN))
     if workspace.unknown is not None:
@@ -167,30 +167,31 @@ def draw_cells(
 
 
 def merge_cells(ax: Axes, classes: Classes) -> tuple[Classes, int]:
-    """Merge cells smaller than pixels to blocks; return an image and the side of a block in cells.
+    """Merge cells into blocks no smaller than pixels.
 
-    A block shows its largest class, so that no obstacle vanishes. The first row is the lowest.
+    Returns the blocks as an image, its lowest row first, and the side of a block in cells. A block
+    shows its largest class, so that no obstacle vanishes.
     """
-    pixels = 0.8 * np.array(ax.bbox.size)  # texts may shrink the axes
+    pixels = 0.8 * np.array(ax.bbox.size)  # labels and titles may shrink the axes
     side = max(1, math.ceil(float(np.max(classes.shape / pixels))))
     return reduce_blocks(classes, block_starts(classes.shape, side)).T, side
 
 
 def make_cell_legend(scene: PictureContent, classes: Sequence[Classes]) -> list[Any]:
-    """Create legend entries of classes, obstacles first, and of the exterior."""
+    """Create the legend entries of classes, obstacles first, and of the exterior."""
     entries = []
     present = np.unique(np.concatenate([np.unique(section) for section in classes]))
     for index in np.flip(present).tolist():
         label, color = CLASSES[index]
         if scene.rotation is None:
             label = LABELS_OVER_ROTATIONS.get(index, label)
-        entries.append(patch(label, color))
+        entries.append(make_patch(label, color))
     if not scene.space.grid.contains(scene.box).all():
-        entries.append(patch("outside the grid", **OUTSIDE_STYLE))
+        entries.append(make_patch("outside the grid", **OUTSIDE_STYLE))
     return entries
 
 
-def patch(label: str, facecolor: Any, edgecolor: str = "#555555", hatch: str = "") -> Patch:
+def make_patch(label: str, facecolor: Any, edgecolor: str = "#555555", hatch: str = "") -> Patch:
     """Create a legend entry: a box filled with a colour."""
     from matplotlib.patches import Patch
 
@@ -198,16 +199,16 @@ def patch(label: str, facecolor: Any, edgecolor: str = "#555555", hatch: str = "
 
 
 def draw_path(
-    ax: Any, points: Floats, is_lost: bool, pair: Sequence[int] = (0, 1), **style: Any
+    ax: Any, points: Floats, is_lost: bool, columns: Sequence[int] = (0, 1), **style: Any
 ) -> list[Any]:
     """Draw a path; return its legend entry.
 
-    ``pair`` are the columns of ``points`` to draw, three in space.
+    ``columns`` are the two or three columns of ``points`` to draw.
     """
     if len(points) < 2:
         return []
     line = (LOST_STYLE if is_lost else PATH_STYLE) | style
-    return list(ax.plot(*points[:, list(pair)].T, **line))
+    return list(ax.plot(*points[:, list(columns)].T, **line))
 
 
 def draw_robots(
@@ -223,7 +224,7 @@ def draw_robots(
 
     if not len(robots):
         return []
-    entry = patch("robot", to_rgba(ROBOT_FILL_COLOR, opacity), ROBOT_EDGE_COLOR)
+    entry = make_patch("robot", to_rgba(ROBOT_FILL_COLOR, opacity), ROBOT_EDGE_COLOR)
     outlines = []
     for q in robots:
         rings = [Path(ring, closed=True) for ring in body.outlines(q, pair)]
@@ -241,13 +242,16 @@ def draw_robots(
 
 
 def draw_endpoints(
-    ax: Any, endpoints: dict[str, Floats], pair: Sequence[int] = (0, 1)
+    ax: Any, endpoints: dict[str, Floats], columns: Sequence[int] = (0, 1)
 ) -> list[Any]:
-    """Draw start and goal projected on two or three axes; return their legend entries."""
+    """Draw start and goal; return their legend entries.
+
+    ``columns`` are the two or three coordinates to draw.
+    """
     handles = []
     for name, q in endpoints.items():
         handles += ax.plot(
-            *q[list(pair)],
+            *q[list(columns)],
             label=name,
             linestyle="none",
             markeredgecolor="black",
@@ -258,8 +262,8 @@ def draw_endpoints(
     return handles
 
 
-def frame(ax: Axes, box: Floats, pair: Sequence[int], labels: Sequence[str]) -> None:
-    """Set limits, scale, labels and hatching of axes for two axes of a box."""
+def set_up_axes(ax: Axes, box: Floats, pair: Sequence[int], labels: Sequence[str]) -> None:
+    """Set the limits, scale, labels and background for two axes of a box."""
     right, up = pair
     ax.set(xlim=box[:, right], ylim=box[:, up], xlabel=labels[right], ylabel=labels[up])
     lengths = np.ptp(box[:, [right, up]], axis=0)
@@ -268,8 +272,8 @@ def frame(ax: Axes, box: Floats, pair: Sequence[int], labels: Sequence[str]) -> 
     ax.patch.set(**OUTSIDE_STYLE, linewidth=0.0)
 
 
-def axes_size(box: Floats) -> tuple[float, float]:
-    """Choose width and height, inches, of axes for the first two axes of a box."""
+def choose_axes_size(box: Floats) -> tuple[float, float]:
+    """Choose the width and height, inches, of axes that show a box from above."""
     lengths = (box[1] - box[0])[:2]
     width, height = 6.5 * np.maximum(lengths / lengths.max(), 1.0 / MAX_ASPECT_RATIO)
     return float(width), float(height)
@@ -285,9 +289,9 @@ def new_figure(width: float, height: float, layout: Any = "compressed") -> Figur
     return figure
 
 
-def legend_below(figure: Figure, handles: Sequence[Any]) -> None:
+def add_legend_below(figure: Figure, handles: Sequence[Any]) -> None:
     """Add a legend below a figure, in as many columns as fit."""
-    most = int(figure.get_figwidth() / 2.4)  # inches of the widest entry
+    most = int(figure.get_figwidth() / 2.4)  # the widest entry has 2.4 inches
     columns = max(1, min(len(handles), most))
     style: dict[str, Any] = {"fontsize": 9, "frameon": False}
     figure.legend(handles=handles, loc="outside lower center", ncols=columns, **style)
@@ -296,14 +300,17 @@ def legend_below(figure: Figure, handles: Sequence[Any]) -> None:
 def annotate(
     ax: Any, is_new: bool, title: str | None, default: str, handles: Sequence[Any]
 ) -> None:
-    """Add a title, and a legend if there are handles: below a new figure, or beside the axes."""
+    """Add a title, and a legend if there are handles.
+
+    The legend is below a new figure, or beside the caller's axes.
+    """
     heading = default if title is None else title
     if is_new:
         # A title may be wider than narrow axes, so new figures have it above all axes.
         ax.figure.suptitle(heading, fontsize=10)
         if handles:
-            legend_below(ax.figure, handles)
-        # Notebooks show only figures with a window, and axes have no picture.
+            add_legend_below(ax.figure, handles)
+        # Notebooks show figures without a window only through this method of the returned axes.
         vars(ax)["_repr_png_"] = lambda: figure_png(ax.figure)
         return
     ax.set_title(heading, fontsize=10)

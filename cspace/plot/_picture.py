@@ -172,20 +172,20 @@ def plot(
         axes = painting.axes
         handles = list(painting.handles.values())
     rotation_text = drawn_map.rotations._describe(scene.rotation)
-    heading = "\n".join(filter(None, [title_of(drawn_map), rotation_text]))
+    heading = "\n".join(filter(None, [make_title(drawn_map), rotation_text]))
     artists.annotate(axes, ax is None, title, heading, handles if legend else [])
     return axes
 
 
-def title_of(space: MapLike) -> str:
-    """Return the default title of a map: the robot and the side of a cell."""
+def make_title(space: MapLike) -> str:
+    """Return the default title: the robot and the side of a cell."""
     return f"{space.robot.name}, cells of {space.grid.spacing:g} {space.grid.unit}"
 
 
 def _choose_view(
     space: MapLike, view: str | None, options: Mapping[str, Any], center: Any, zoom: float | None
 ) -> str:
-    """Choose the kind of picture of a map, and check that the options fit it.
+    """Choose the kind of picture, and check the options for it.
 
     Raises InputError if the map has no such view, or if an option other than None does not fit the
     view.
@@ -276,7 +276,7 @@ def save_plot(
 def save_figure(
     draw: Callable[[], Any], file: str | os.PathLike[str], overwrite: bool, dpi: float
 ) -> Path:
-    """Save the figure that ``draw`` returns, after checking the other arguments.
+    """Check the arguments, then save the figure that ``draw`` returns.
 
     Raises InputError if the suffix is not in :data:`PICTURE_SUFFIXES`, or if ``dpi`` is not above
     zero or too large; FileError if the file exists and ``overwrite`` is not set, or if it cannot be
@@ -285,7 +285,7 @@ def save_figure(
     target = Path(file)
     check_suffix(target, PICTURE_SUFFIXES, "the suffix says what to write", "file", is_output=True)
     dots = check_positive(dpi, "dpi", "pixels per inch")
-    if dots > 2400.0:  # some 20,000 pixels across
+    if dots > 2400.0:  # pictures of eight inches then have some 20,000 pixels across
         rule = "it must be at most 2,400 pixels per inch"
         raise InputError("dpi", f"is {dpi!r}", rule, "pass e.g. 300")
     with replacing(target, overwrite) as temporary:

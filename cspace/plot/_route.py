@@ -1,4 +1,4 @@
-"""Contents of a picture: a map, a path, start and goal, and the robot along the path."""
+"""Contents of a picture: a map, a path, start and goal, and robots along the path."""
 
 from __future__ import annotations
 
@@ -79,13 +79,13 @@ class DrawnRobot:
     """
 
     def __init__(self, robot: Robot, rotations: Rotations) -> None:
-        """Take the outlines or the surface of a robot, and measure them."""
+        """Extract the outlines or the surface of a robot, and measure them."""
         self.dim = robot.dim
         self.rotations = rotations
         self.rings: list[Floats] = []
         self.surface: Surface | None = None
         if robot.dim == 2:
-            self.rings = outline_rings(robot.shape.outer.outline)
+            self.rings = extract_rings(robot.shape.outer.outline)
             corners = np.concatenate(self.rings)
         else:
             self.surface = simplify_surface(robot.shape.outer.surface)
@@ -103,7 +103,10 @@ class DrawnRobot:
         return np.asarray(turned + q[..., np.newaxis, : self.dim])
 
     def extents(self, q: Floats) -> Floats:
-        """Return lower and upper corners of robot and reference point, shape (..., 2, d)."""
+        """Return the box around the robot at configurations, shape (..., 2, d).
+
+        Boxes are lower and upper corners, and contain the reference point.
+        """
         points = self.transform(self.points, q)
         return np.stack([points.min(axis=-2), points.max(axis=-2)], axis=-2)
 
@@ -113,9 +116,9 @@ class DrawnRobot:
             return [self.transform(ring, q) for ring in self.rings]
         vertices, faces = self.surface
         corners = self.transform(vertices, q)[:, list(pair)]
-        # Grown a little, triangles with a common edge overlap, so that no gap is left between them.
+        # Triangles with a common edge are grown until they overlap, so that rounding leaves no gap.
         triangles = shapely.buffer(shapely.polygons(corners[faces]), 1e-6 * self.size, quad_segs=1)
-        return outline_rings(shapely.union_all(triangles))
+        return extract_rings(shapely.union_all(triangles))
 
 
 def path_lengths(rotations: Rotations, points: Floats, reach: float = 0.0) -> Floats:
@@ -133,14 +136,20 @@ def path_lengths(rotations: Rotations, points: Floats, reach: float = 0.0) -> Fl
 def interpolate_path(
     rotations: Rotations, points: Floats, shares: Floats, reach: float = 0.0
 ) -> Floats:
-    """Interpolate a path at shares, 0 to 1, of its :func:`path_lengths`; return (n, size)."""
+    """Interpolate a path at shares, 0 to 1, of its length.
+
+    ``reach`` is as for :func:`path_lengths`. The result has shape (n, size).
+    """
     lengths = path_lengths(rotations, points, reach)
     places = np.interp(shares * lengths[-1], lengths, np.arange(len(points)))
     return interpolate_rows(rotations, points, places)
 
 
 def interpolate_rows(rotations: Rotations, points: Floats, places: Floats) -> Floats:
-    """Interpolate a path at places; place 1.5 is halfway from row 1 to row 2."""
+    """Interpolate a path at fractional indices of its rows.
+
+    Index 1.5 is halfway from row 1 to row 2. The result has shape (n, size).
+    """
     before = places.astype(np.int64)
     after = np.minimum(before + 1, len(points) - 1)
     steps = rotations._steps_between(points[before], points[after])
@@ -149,16 +158,17 @@ def interpolate_rows(rotations: Rotations, points: Floats, places: Floats) -> Fl
 
 
 def split_steps(rotations: Rotations, points: Floats) -> Floats:
-    """Split each step of a path into 64 pieces; return their ends."""
+    """Split each edge of a path into 64 pieces; return their ends."""
     if len(points) < 2:
         return points
+    # The stop lies one piece beyond the last row, because arange omits it.
     places = np.arange(0.0, len(points) - 1 + 1 / 64, 1 / 64)
     return interpolate_rows(rotations, points, places)
 
 
 @dataclass(frozen=True)
 class PictureContent:
-    """What a picture shows.
+    """A map, a path and robots to draw.
 
     Attributes
     ----------
@@ -244,24 +254,30 @@ def make_scene(
     )
 
 
-def outline_rings(geometry: Any) -> list[Floats]:
-    """Return the closed outlines of a geometry, holes clockwise, each of shape (n, 2)."""
+def extract_rings(geometry: Any) -> list[Floats]:
+    """Return the closed rings of a geometry, holes clockwise, each of shape (n, 2)."""
     polygons = shapely.get_parts(shapely.orient_polygons(geometry))
     rings = [ring for polygon in polygons for ring in (polygon.exterior, *polygon.interiors)]
     return [shapely.get_coordinates(ring) for ring in rings]
 
 
 def check_path(space: HasAxes, path: Any) -> Floats:
-    """Return a path or a plan's path as an array of shape (n, size), or raise InputError."""
+    """Return a path or a plan's path as an array, shape (n, size).
+
+    Raises InputError if it is no path in the space.
+    """
     values = getattr(path, "path", path)
     points = np.empty(0) if values is None else check_finite(values, "path")
-    if points.shape == (0,):
+    if points.shape == (0,):  # no path, or an empty list
         return np.empty((0, len(space.axes)))
     return _check_coordinates(points, "path", space.axes, ndim=2)
 
 
 def _check_coordinates(values: Any, name: str, axes: Sequence[str], ndim: int = 1) -> Floats:
-    """Return a point or rows with a coordinate for each axis; raise InputError otherwise."""
+    """Return configurations as an array; raise InputError for a wrong shape.
+
+    ``ndim`` is 1 for one configuration, 2 for rows.
+    """
     points = check_finite(values, name)
     if points.ndim != ndim or points.shape[-1] != len(axes):
         shape = f"(n, {len(axes)})" if ndim == 2 else f"({len(axes)},)"
@@ -291,7 +307,7 @@ def is_path_lost(space: HasAxes, path: Any) -> bool:
 def collect_endpoints(
     space: HasAxes, path: Any, points: Floats, start: Any, goal: Any
 ) -> dict[str, Floats]:
-    """Return start and goal by name, shape (size,); by default, the path or plan gives them."""
+    """Return start and goal by name, by default those of the path or plan."""
     endpoints = {}
     for name, q, row in (("start", start, 0), ("goal", goal, -1)):
         if q is None:
@@ -302,15 +318,16 @@ def collect_endpoints(
 
 
 def _choose_robots(body: DrawnRobot, points: Floats, zoom: float) -> Floats:
-    """Choose the configurations along a path, shape (m, size), at which to draw the robot.
+    """Choose the configurations along a path, shape (m, size), at which to draw robots.
 
-    They are a dozen in a picture, or fewer if these would overlap. A path of one point is one.
+    A picture shows about twelve, or fewer if robots would overlap. The endpoints are omitted, but a
+    path of one configuration is returned unchanged.
     """
     if len(points) < 2:
         return points
     *_, length = path_lengths(body.rotations, points, body.reach)
     spacing = max(length / (12.0 * zoom), body.size)
-    count = math.ceil(length / spacing) if spacing else 0  # a point has no size
+    count = math.ceil(length / spacing) if spacing else 0  # 0 for a point that does not move
     shares = np.arange(1, count) / max(count, 1)
     return interpolate_path(body.rotations, points, shares, body.reach)
 
@@ -346,8 +363,8 @@ def simplify_surface(surface: Surface) -> Surface:
     vertices, faces = surface
     if len(faces) <= MAX_DETAILED_FACES:
         return vertices, faces
-    # Vertices near one node of a lattice, twenty along the longest side, become one. Faces that
-    # lose a corner vanish.
+    # Vertices nearest to the same node of a lattice, with 20 cells along the longest side, become
+    # one vertex. Faces whose corners coincide are removed.
     nodes = np.rint(20.0 * vertices / np.ptp(vertices, axis=0).max())
     _, first, clusters = np.unique(nodes, axis=0, return_index=True, return_inverse=True)
     merged = np.unique(clusters.reshape(-1)[faces], axis=0)

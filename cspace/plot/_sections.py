@@ -19,10 +19,10 @@ def draw_plane(scene: PictureContent, ax: Axes | None) -> tuple[Axes, list[Any]]
     grid = scene.space.grid
     box = scene.box
     if ax is None:
-        width, height = artists.axes_size(box)
+        width, height = artists.choose_axes_size(box)
         ax = artists.new_figure(max(width + 0.9, 4.2), height + 1.6).add_subplot()
     classes = artists.classify_cells(scene.space, scene.rotation, scene.window)
-    artists.frame(ax, box, (0, 1), grid.labels)
+    artists.set_up_axes(ax, box, (0, 1), grid.labels)
     artists.draw_cells(ax, grid, classes, scene.window)
     handles = artists.make_cell_legend(scene, [classes])
     handles += artists.draw_path(ax, scene.points, scene.is_lost)
@@ -31,11 +31,13 @@ def draw_plane(scene: PictureContent, ax: Axes | None) -> tuple[Axes, list[Any]]
 
 
 def draw_sections(scene: PictureContent) -> tuple[Axes, list[Any]]:
-    """Draw three sections of a map in space, seen from above, the front and the right.
+    """Draw three sections of a map in space through a point.
+
+    They are seen from above, the front and the right.
 
     Returns the axes seen from above, and the legend entries.
     """
-    # All are drawn to one scale: the plan below the front, and the side to the right of that.
+    # All are drawn to one scale: the plan below the front, and the side to the right of the front.
     lengths = scene.box[1] - scene.box[0]
     x, y, z = np.maximum(lengths, lengths.max() / artists.MAX_ASPECT_RATIO)
     scale = min(7.0 / (x + y), 6.5 / (y + z))  # inches of all three together
@@ -62,16 +64,17 @@ def draw_sections(scene: PictureContent) -> tuple[Axes, list[Any]]:
 def _draw_section(
     ax: Axes, scene: PictureContent, pair: tuple[int, int], across: int
 ) -> artists.Classes:
-    """Draw the cells of a section and lines where the others cut it; return the classes.
+    """Draw the cells of a section; return their classes.
 
-    ``pair`` are the axes of the section, and ``across`` is the third axis.
+    Lines show where the other sections cut it. ``pair`` are the axes of the section, and ``across``
+    is the third axis.
     """
     grid = scene.space.grid
-    # Of the window, take the one layer of cells that contains the center.
+    # The section is the layer of cells that contains the center.
     layer: list[Any] = list(scene.window)
     layer[across] = int(grid.cell_of(scene.center)[across])
     classes = artists.classify_cells(scene.space, scene.rotation, tuple(layer))
-    artists.frame(ax, scene.box, pair, grid.labels)
+    artists.set_up_axes(ax, scene.box, pair, grid.labels)
     artists.draw_cells(ax, grid, classes, scene.window, pair)
     trace: dict[str, Any] = {"color": "black", "linewidth": 0.7, "linestyle": "-.", "zorder": 2}
     ax.axvline(scene.center[pair[0]], **trace)

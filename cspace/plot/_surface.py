@@ -97,7 +97,7 @@ class Painting:
     def add(self, polygons: Floats, color: str, label: str) -> None:
         """Add polygons of one colour, (n, 4, 3), and their legend entry."""
         self._painted.append((polygons, color))
-        self.handles.setdefault(label, artists.patch(label, color))
+        self.handles.setdefault(label, artists.make_patch(label, color))
 
     def draw_path(self, curve: Floats, is_lost: bool) -> None:
         """Draw a path, shape (n, 3), over everything; hide what is outside the box."""
@@ -105,7 +105,10 @@ class Painting:
             self.handles[line.get_label()] = line
 
     def show(self, moving: Iterable[Surface] = ()) -> None:
-        """Draw all polygons, and the surfaces of a moving robot in place of the last ones."""
+        """Draw all polygons and the surfaces of a moving robot.
+
+        They replace the polygons of the previous call.
+        """
         from matplotlib.colors import LightSource, to_rgb
         from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
 
@@ -116,7 +119,8 @@ class Painting:
         normals = np.cross(second - first, third - second)
         is_away = normals @ camera_direction(self.camera) < 0.0
         polygons[is_away] = polygons[is_away][:, [2, 1, 0, 3]]
-        colors = np.repeat([to_rgb(color) for _, color in painted], [len(p) for p, _ in painted], 0)
+        counts = [len(drawn) for drawn, _ in painted]
+        colors = np.repeat([to_rgb(color) for _, color in painted], counts, axis=0)
         if self._collection is not None:
             self._collection.remove()
         # One collection, because matplotlib does not sort the polygons of several together.
@@ -125,7 +129,8 @@ class Painting:
             facecolors=colors,
             edgecolors=colors,
             shade=True,
-            lightsource=LightSource(148.0 - self.camera[1], 58.0),  # from above, and the left
+            # The light turns with the camera: from the left, 58 degrees above the horizon.
+            lightsource=LightSource(148.0 - self.camera[1], 58.0),
             linewidths=0.8,
             rasterized=True,
             zorder=1,
@@ -155,7 +160,7 @@ def check_camera(camera: ArrayLike | None) -> Floats:
 
 
 def camera_direction(camera: Floats) -> Floats:
-    """Return the direction to a camera, shape (3,); its angles are in degrees."""
+    """Convert elevation and azimuth, degrees, to the unit vector towards the camera."""
     elevation, azimuth = np.radians(camera)
     radius = math.cos(elevation)  # of the horizontal part
     direction = [radius * math.cos(azimuth), radius * math.sin(azimuth), math.sin(elevation)]
@@ -165,7 +170,7 @@ def camera_direction(camera: Floats) -> Floats:
 def draw_surface(
     scene: PictureContent, ax: Any = None, cut: float | None = None, camera: ArrayLike | None = None
 ) -> Painting:
-    """Draw a map in three dimensions, but do not show it yet.
+    """Prepare a picture of a map in three dimensions, for :meth:`Painting.show`.
 
     Cells above the height ``cut`` are omitted; by default, those above the robot on its path.
     """
@@ -180,11 +185,11 @@ def draw_surface(
     corner = grid.lower + grid.spacing * np.array([cells.start for cells in scene.window])
     classes = artists.classify_ground(scene.space.workspace, scene.window)
     solids = np.where(np.isin(classes, list(SOLIDS)), classes, np.uint8(0))
-    # At least one layer is drawn.
+    # At least one layer is drawn; subtracting 1e-9 keeps rounding from adding one.
     layers = np.clip(np.ceil((top - corner[2]) / grid.spacing - 1e-9), 1, solids.shape[2])
     is_cut = layers < solids.shape[2]
     towards = camera_direction(painting.camera)
-    faces, face_classes = border_faces(solids[..., : int(layers)], towards, is_cut)
+    faces, face_classes = find_border_faces(solids[..., : int(layers)], towards, is_cut)
     for number, (label, color) in SOLIDS.items():
         chosen = faces[face_classes == number]
         if len(chosen):
@@ -199,8 +204,8 @@ def draw_surface(
     return painting
 
 
-def border_faces(solids: Bytes, towards: Floats, is_cut: bool) -> tuple[Ints, Bytes]:
-    """Return the faces of solid cells towards a camera, and their classes.
+def find_border_faces(solids: Bytes, towards: Floats, is_cut: bool) -> tuple[Ints, Bytes]:
+    """Return the faces of solid cells that face a camera, and their classes.
 
     Cells are solid if their class is above zero. They are merged into blocks, with the largest
     class in each, until there are at most :data:`MAX_FACES` faces. Walls in front of the map are
@@ -212,7 +217,7 @@ def border_faces(solids: Bytes, towards: Floats, is_cut: bool) -> tuple[Ints, By
         In cells.
     classes : ndarray of uint8, shape (n,)
     """
-    inside = _leave_out_walls(solids > 0, towards, is_cut)
+    inside = _find_inside(solids > 0, towards, is_cut)
     solids = solids[inside]
     side = math.ceil(max(solids.shape) / 200)  # smaller blocks would be invisible in a picture
     while True:
@@ -221,28 +226,28 @@ def border_faces(solids: Bytes, towards: Floats, is_cut: bool) -> tuple[Ints, By
         classes = []
         for axis in np.flatnonzero(towards).tolist():
             up = int(towards[axis] > 0.0)
-            exposed = exposed_cells(blocks > 0, axis, up)
+            exposed = find_exposed_cells(blocks > 0, axis, up)
             cells = np.argwhere(exposed)
             corners.append(make_faces(cells, cells + 1, axis, up))
             classes.append(blocks[exposed])
         if sum(map(len, classes)) <= MAX_FACES:
             break
         side += max(1, side // 4)  # a quarter more, so that few rounds are needed
-    # The last blocks may reach beyond the cells.
+    # The last blocks along an axis may reach beyond the cells.
     cell_corners = np.minimum(side * np.concatenate(corners), solids.shape)
     return cell_corners + [cells.start for cells in inside], np.concatenate(classes)
 
 
-def _leave_out_walls(solid: Bools, towards: Floats, is_cut: bool) -> Box:
-    """Return the part of a map without the walls at the camera's side.
+def _find_inside(solid: Bools, towards: Floats, is_cut: bool) -> Box:
+    """Return the part of a map behind the walls that face the camera.
 
-    A wall consists of layers, fewer than half of all, of which four fifths are solid.
+    A wall consists of layers whose cells are at least 80 % solid, fewer than half of all layers.
     """
     inside = []
     for axis, side in enumerate(towards.tolist()):
         shares = np.moveaxis(solid, axis, 0).mean(axis=(1, 2))  # of solid cells, by layer
         from_camera = shares[::-1] if side > 0.0 else shares
-        layers = int(np.argmin(from_camera >= 0.8))
+        layers = int(np.argmin(from_camera >= 0.8))  # index of the first layer that is no wall
         if not side or 2 * layers >= len(shares) or (is_cut and axis == 2):
             layers = 0
         inside.append(slice(0, len(shares) - layers) if side > 0.0 else slice(layers, len(shares)))
@@ -250,11 +255,14 @@ def _leave_out_walls(solid: Bools, towards: Floats, is_cut: bool) -> Box:
 
 
 def make_faces(low: Ints, high: Ints, axis: int, up: int) -> Ints:
-    """Return the lower (0) or upper (1) faces of boxes on an axis, shape (n, 4, 3).
+    """Return the lower (0) or upper (1) faces of boxes on an axis.
+
+    Faces have shape (n, 4, 3).
 
     Boxes lie between the corners ``low`` and ``high``, shape (n, 3). The corners of a face are
     counterclockwise, seen from outside.
     """
+    # Corners of the face of a unit box.
     face = np.insert([(0, 0), (1, 0), (1, 1), (0, 1)], axis, up, axis=1)
     # The other axes turn counterclockwise around +x and +z, but around -y.
     is_clockwise = (up == 1) == (axis == 1)
@@ -263,24 +271,30 @@ def make_faces(low: Ints, high: Ints, axis: int, up: int) -> Ints:
     return np.asarray(low[:, np.newaxis] + (high - low)[:, np.newaxis] * face)
 
 
-def exposed_cells(solid: Bools, axis: int, up: int) -> Bools:
-    """Return a mask of the solid cells with no solid cell below (0) or above (1) on an axis."""
-    # Padding with empty cells keeps the ends of the array from being neighbours.
+def find_exposed_cells(solid: Bools, axis: int, up: int) -> Bools:
+    """Return a mask of solid cells without a solid neighbour in one direction.
+
+    The direction is down (``up`` 0) or up (1) an axis.
+    """
+    # Padding with empty cells keeps opposite ends of the array from being neighbours.
     shift = -1 if up else 1
     neighbors = np.roll(np.pad(solid, 1), shift, axis)[1:-1, 1:-1, 1:-1]
     return solid & ~neighbors
 
 
 def make_polygons(surfaces: Iterable[Surface]) -> Floats:
-    """Return the triangles of surfaces as polygons, shape (n, 4, 3), the last corner repeated."""
+    """Return the triangles of surfaces as polygons of four corners, shape (n, 4, 3).
+
+    The last corner is repeated, so that triangles and faces of cells are in one array.
+    """
     polygons = [vertices[faces][:, [0, 1, 2, 2]] for vertices, faces in surfaces]
     return np.concatenate([np.empty((0, 4, 3)), *polygons])
 
 
 def split_surface(surface: Surface, size: float) -> Surface:
-    """Simplify a surface, and split edges longer than a tenth of ``size``.
+    """Simplify a surface, then split edges longer than a tenth of ``size``.
 
-    matplotlib sorts large triangles wrongly.
+    Large triangles would hide parts in front of them, because matplotlib sorts by their centers.
     """
     from trimesh.remesh import subdivide_to_size
 

@@ -49,7 +49,7 @@ WAY_OUTSIDE: Final = (
 """Sentence for robots whose positions outside the map are not proven BLOCKED."""
 
 TITLE_COLUMNS: Final = 64
-"""Width of a picture's title, in characters."""
+"""Number of characters of a line in a picture's title."""
 
 MAX_TRIED_NAMES: Final = 4
 """Number of named obstacles that are removed one by one, to see if a path exists without."""
@@ -60,7 +60,7 @@ MAX_NAMED_OBSTACLES: Final = 3
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """Reason why a path between two configurations exists, or does not.
+    """The reason why a path between two configurations exists, or does not.
 
     Attributes
     ----------
@@ -80,14 +80,14 @@ class Explanation:
         :attr:`cspace.CSpace.obstacles`; connected pieces of the workspace by a point of theirs,
         the nearest first; and the border of the map.
     bottleneck : ndarray of float64, shape (size,)
-        Configuration where the way between the two is narrowest: on the widest one, or on the one
-        that keeps nearest to FREE cells.
+        The narrowest configuration of the widest way between the two; if no way is FREE, of the way
+        for which the robot must shrink least.
     margin : tuple of float
-        Two margins, metres, as of :func:`cspace.build`, between which the largest one lies that
-        leaves a path. For a robot grown by the first a path is proven; for one grown by the second
-        it is proven that none exists. A negative margin shrinks the robot. The first is minus
-        infinity, and the second infinity, if nothing is proven, or nothing would be left of the
-        robot.
+        Proven bounds, metres, of the largest margin that leaves a path, as :func:`cspace.build`
+        takes it. A path exists for a robot grown by the lower bound, and none exists for a robot
+        grown by the upper bound. A negative margin shrinks the robot. The lower bound is minus
+        infinity if nothing is proven or nothing would be left of the robot, and the upper bound is
+        infinity if nothing is proven.
     passes_without : tuple of str
         Named obstacles whose removal alone gives a path, proven. At most four are tried.
     trial : Trial
@@ -136,19 +136,19 @@ class Explanation:
         return f"Explanation({self.verdict}: {self})"
 
     @property
-    def _place(self) -> str:
-        """Position of the bottleneck, for people."""
+    def _place_text(self) -> str:
+        """Text of the bottleneck's position."""
         place = ", ".join(f"{x:.2f}" for x in self.bottleneck[: self.space.dim])
         return f"at ({place})"
 
     @property
-    def _robot(self) -> str:
-        """The robot that paths are proven for, for people."""
+    def _robot_text(self) -> str:
+        """Subject of a sentence: the robot for which paths are proven."""
         return "The robot" if self.moves_sideways else SIDEWAYS.capitalize()
 
     @property
-    def _touched(self) -> str:
-        """Obstacles at the barrier, for people."""
+    def _obstacles_text(self) -> str:
+        """Text that lists the first obstacles at the barrier."""
         if not self.obstacles:
             return "an obstacle"
         *most, last = self.obstacles
@@ -163,22 +163,22 @@ class Explanation:
         return self.space.outside == "blocked" and not is_blocked.all()
 
     def _describe_reason(self) -> str:
-        """Return the sentence of the verdict."""
+        """Return the sentence that gives the verdict and its reason."""
         end, _, state = self.verdict.partition(" ")
         if state:
             proof = "touches" if state == "BLOCKED" else "may touch"
-            return f"The {end} lies in a {state} cell: the robot {proof} {self._touched}."
+            return f"The {end} lies in a {state} cell: the robot {proof} {self._obstacles_text}."
         if self.verdict == "connected":
             exists = "exists" if self.moves_sideways else f"exists for {SIDEWAYS}"
-            return f"A path {exists}; it is narrowest {self._place}."
+            return f"A path {exists}; it is narrowest {self._place_text}."
         if self.verdict == "disconnected":
-            return f"No path: {self._place} the robot does not pass {self._touched}."
+            return f"No path: {self._place_text} the robot does not pass {self._obstacles_text}."
         count = len(self.barrier)
         cells = "1 MIXED cell lies" if count == 1 else f"{count} MIXED cells lie"
-        return f"Undecided: {self._place} {cells} on the way, beside {self._touched}."
+        return f"Undecided: {self._place_text} {cells} on the way, beside {self._obstacles_text}."
 
     def _describe_margin(self) -> list[str]:
-        """Return the sentence of the margin, if anything is proven of it."""
+        """Return at most one sentence, on the margin of the robot."""
         low, high = self.margin
         if low >= 0.0:
             more = "" if math.isinf(high) else f", but not by {high:.3g} m"
@@ -186,7 +186,7 @@ class Explanation:
         if math.isinf(low):
             return ["No shrinking of the robot is known to give a path."]
         less = f", but not by {-high:.3g} m" if high < 0.0 else ""
-        return [f"{self._robot} passes if it shrinks by {-low:.3g} m all around{less}."]
+        return [f"{self._robot_text} passes if it shrinks by {-low:.3g} m all around{less}."]
 
     def _describe_changes(self) -> list[str]:
         """Return sentences on changes that give a path, or would decide."""
@@ -195,11 +195,11 @@ class Explanation:
             sentences.append(WAY_OUTSIDE)
         if self.passes_without:
             names = " or ".join(map(repr, self.passes_without))
-            sentences.append(f"{self._robot} passes without {names}.")
+            sentences.append(f"{self._robot_text} passes without {names}.")
         if self.trial is not None:
             sentences.append(str(self.trial))
         if self.verdict != "connected" and self.passes_if_turning and self.space.rotations.names:
-            sentences.append(f"{self._robot} would pass if it could turn anywhere.")
+            sentences.append(f"{self._robot_text} would pass if it could turn anywhere.")
         return sentences
 
     def plot(self) -> Axes:
@@ -210,7 +210,7 @@ class Explanation:
         matplotlib.axes.Axes
         """
         from cspace.plot import plot
-        from cspace.plot._artists import BARRIER_STYLE, BOTTLENECK_STYLE, legend_below
+        from cspace.plot._artists import BARRIER_STYLE, BOTTLENECK_STYLE, add_legend_below
 
         space = self.space
         way = self.bottleneck[np.newaxis]
@@ -224,7 +224,7 @@ class Explanation:
         figure: Any = axes.figure
         (legend,) = figure.legends
         legend.remove()
-        legend_below(figure, [*legend.legend_handles, *handles])
+        add_legend_below(figure, [*legend.legend_handles, *handles])
         return axes
 
 
@@ -236,7 +236,8 @@ def explain(space: CSpace, start: ArrayLike, goal: ArrayLike, refine: bool) -> E
     verdict = _decide(space, points)
     way = find_way(space, points)
     named = {name: Obstacle.of(shape, space.grid) for name, shape in space.obstacles.items()}
-    position = space.grid.center_of(way.bottleneck[1:])
+    position = space.grid.center_of(way.bottleneck[1:])  # without the rotation cell
+    # Obstacles at the barrier; if the start or goal is not FREE, those at that end instead.
     touched, pieces = _list_obstacles(space, named, way.barrier, position)
     removed_alone = [
         name
@@ -275,7 +276,7 @@ def explain(space: CSpace, start: ArrayLike, goal: ArrayLike, refine: bool) -> E
 
 
 def _decide(space: CSpace, points: Floats) -> Verdict:
-    """Return what the map proves about two configurations."""
+    """Return the verdict that a map proves about start and goal, shape (2, size)."""
     for name, point in zip(("start", "goal"), points, strict=True):
         state = int(space.classify(point))
         if state != FREE:
@@ -293,12 +294,13 @@ def _list_obstacles(
     position: Floats,
     proven: bool = False,
 ) -> tuple[list[str], list[str]]:
-    """List the obstacles that the robot may touch in configuration cells, shape (n, 1 + d).
+    """List the obstacles that the robot may touch in configuration cells.
 
-    With ``proven``, list those that it is proven to touch in all of each cell. Returns names, and
-    descriptions of obstacles without names, those nearest to a position first.
+    ``cells`` have shape (n, 1 + d). With ``proven``, list only obstacles that it is proven to touch
+    everywhere in a cell. Returns the names of named obstacles, then descriptions of other
+    obstacles, the nearest to ``position`` first.
     """
-    touched = touched_cells(space, cells, proven)
+    touched = find_touched_cells(space, cells, proven)
     inside = (slice(1, -1),) * space.dim
     in_grid = touched[inside]
     names = []
@@ -309,6 +311,8 @@ def _list_obstacles(
         if (occupied & in_grid[window]).any():
             names.append(name)
         unnamed[window] &= ~obstacle.outer
+    # Cells without a name form connected pieces, diagonal neighbours included. A piece is described
+    # by its touched cell nearest to the position.
     pieces, _ = ndimage.label(unnamed, structure=np.ones((3,) * unnamed.ndim))
     hits = np.argwhere(in_grid & unnamed)
     centers = space.grid.center_of(hits)
@@ -319,17 +323,18 @@ def _list_obstacles(
     for index in np.sort(nearest):
         place = ", ".join(f"{x:.2f}" for x in centers[order[index]])
         descriptions.append(f"the obstacle at ({place})")
-    in_grid[...] = False
+    in_grid[...] = False  # a view, so that only touched cells outside the grid remain
     if touched.any() and space.outside == "blocked":
         descriptions.append(BORDER)
     return names, descriptions
 
 
-def touched_cells(space: CSpace, cells: Ints, proven: bool) -> Bools:
-    """Return the workspace cells that the robot may touch in configuration cells.
+def find_touched_cells(space: CSpace, cells: Ints, proven: bool) -> Bools:
+    """Return a mask of workspace cells that the robot may touch in configuration cells.
 
-    With ``proven``, it reaches into them from all of a cell. ``cells`` has shape (n, 1 + d). The
-    result has a layer more on each side, for the space outside, shape (nx + 2, ...).
+    With ``proven``, return only cells that it touches from everywhere in a configuration cell.
+    ``cells`` has shape (n, 1 + d). The mask has one more layer on each side, for the space outside
+    the grid: shape (nx + 2, ny + 2, ...).
     """
     touched = np.zeros(np.array(space.grid.shape) + 2, dtype=np.bool_)
     rasters = slice_rasters(space.robot, space.grid.spacing, space.margin, space.rotations)
@@ -343,7 +348,10 @@ def touched_cells(space: CSpace, cells: Ints, proven: bool) -> Bools:
 
 
 def _passes_if_turning(space: CSpace, cells: Ints) -> bool:
-    """Return True if cells that are FREE at some yaw join two cells."""
+    """Return True if cells that are FREE at any yaw connect two cells.
+
+    ``cells`` have shape (2, 1 + d).
+    """
     is_free_at_some = (states_of_slices(space) == FREE).any(axis=0)
     pieces, _ = ndimage.label(is_free_at_some)
     start, goal = pieces[tuple(cells[:, 1:].T)]

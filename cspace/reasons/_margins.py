@@ -49,23 +49,26 @@ DEPTH_SLACK: Final = 1e-9
 """Rounding of a depth below a surface, per metre of the shape's largest number."""
 
 MAX_PAIRS: Final = 2**25
-"""Points times pieces of a surface up to which depths are computed: some seconds."""
+"""Number of pairs of a point and a piece of a surface above which depths are not computed. So
+many pairs take some seconds."""
 
 MAX_GROWTH_CELLS: Final = 16
-"""Cells by which rasters grow; larger margins grow the obstacles by the rest."""
+"""Largest growth of the robot's rasters, in cells; the rest of a margin grows the obstacles."""
 
 STEPS_PER_CELL: Final = 8
-"""Margins per cell that are told apart."""
+"""Resolution of margins: number of steps per cell."""
 
 DIRECTION_STEPS: Final = {2: range(-5, 6), 3: range(-2, 3)}
-"""Coordinates of the directions along which planes bound a robot, by dimension."""
+"""Coordinates of the integer vectors that are normals of bounding planes, by dimension."""
 
 BLOCKED_COST: Final = 4.0
-"""Cost of a move in a cell that is not FREE, so that a way passes few of them."""
+"""Cost of a cell that is not FREE, relative to a FREE one, so that a way passes few of them."""
 
 
 class Way(NamedTuple):
-    """A way between two cells, for the robot that may grow most, or must shrink least.
+    """The widest chain of cells from start to goal.
+
+    It is that of the largest resized robot that has one.
 
     Attributes
     ----------
@@ -76,11 +79,12 @@ class Way(NamedTuple):
     barred : tuple of int
         Indices of the first and last cell of the way whose move passes the barrier.
     bottleneck : ndarray of int64, shape (1 + d,)
-        The narrowest cell.
+        The cell at which the way is narrowest.
     low : float
-        Margin for which a path is proven, metres; minus infinity if nothing is left of the robot.
+        Largest margin found for which a path is proven, metres; minus infinity if nothing is left
+        of a robot shrunk so far.
     high : float
-        Margin for which it is proven that no path exists, metres; infinity if there is none.
+        Smallest margin found for which the absence of a path is proven, metres; infinity if none.
     """
 
     cells: Ints
@@ -92,15 +96,16 @@ class Way(NamedTuple):
 
 
 def states_of_slices(space: CSpace) -> States:
-    """Return the states of a map, shape (slices, x, y) or (slices, x, y, z)."""
+    """Return the states of a map, shape (slices, x, y(, z))."""
     states = space._kernel_map.states
     return states.reshape(len(states), *space.grid.shape)
 
 
 def copy_with_ends(space: CSpace, start: ArrayLike, goal: ArrayLike) -> tuple[CSpace, Floats]:
-    """Return a copy of a map, which updates do not change, and start and goal, shape (2, size).
+    """Return a copy of a map, and start and goal as rows, shape (2, size).
 
-    Raises InputError for maps of other kinds, ConfigurationError for configurations outside.
+    Updates of the map do not change the copy. Raises InputError for maps of other kinds,
+    ConfigurationError for configurations outside.
     """
     if len(space.rotations.names) > 1:
         problem = f"has the axes {', '.join(space.axes)}"
@@ -111,35 +116,39 @@ def copy_with_ends(space: CSpace, start: ArrayLike, goal: ArrayLike) -> tuple[CS
 
 
 def find_cells(space: CSpace, points: Floats) -> Ints:
-    """Return the cells ``(rotation, x, ...)`` of configurations in the grid, shape (n, 1 + d)."""
+    """Return the cells ``(rotation, x, ...)`` of configurations, shape (n, 1 + d)."""
     positions = space.grid.cell_of(points[:, : space.dim])
     return np.column_stack([space.rotations._find_cells(points), positions])
 
 
 def find_way(space: CSpace, points: Floats) -> Way:
-    """Find the way of the largest robot that is proven to have one, and the cells that bar it.
+    """Find the widest way from start to goal, and its barrier.
 
     ``points``, shape (2, size), are start and goal.
     """
     robot = ResizedRobot(space)
 
     def joins(margin: float) -> bool:
-        """Return True if FREE cells of the robot with a margin join start and goal."""
+        """Return True if start and goal are connected with a margin."""
         return bool(robot.make_free_map(margin).is_connected(*points))
 
     def is_open(margin: float) -> bool:
-        """Return True if the robot with a margin is not proven to have no path."""
+        """Return True unless start and goal are proven disconnected with a margin."""
         return not robot.make_blocked_map(margin).is_disconnected(*points)
 
+    # The largest proven margin is at least the map's own if the map connects the points. Otherwise
+    # it is below that, but above a margin at which nothing is left of the robot.
     if space.is_connected(*points):
         low, failed = robot.search(joins, space.margin)
     else:
         nothing_left = -robot.step - max(float(depths.max()) for depths in robot.outer_depths)
         low, failed = robot.search(joins, nothing_left, space.margin)
+    # BLOCKED states are those of the robot without a margin, so 0 splits the search.
     if space.is_disconnected(*points):
         _, high = robot.search(is_open, max(low, -robot.depth - robot.step), 0.0)
     else:
         _, high = robot.search(is_open, max(low, 0.0))
+    # Search a chain through the FREE cells of the resized robot, preferring FREE cells of the map.
     is_free = robot.find_free(low)
     slice_of = space.slice_of.copy()  # writeable, as kernels are compiled for
     turns = space.rotations._neighbors, turn_costs(space.rotations, space.dim, space.grid.spacing)
@@ -147,33 +156,35 @@ def find_way(space: CSpace, points: Floats) -> Way:
     costs = np.where(states_of_slices(space) == FREE, 1.0, BLOCKED_COST).astype(np.float32)
     start, goal = find_cells(space, points)
     cells = find_chain(states, slice_of, turns, start, goal, math.inf, costs)
+    # The narrowest cells are those that a robot one step larger cannot pass.
     wider = min(failed, low + robot.step)
     is_narrow = ~robot.find_free(wider)[slice_of[cells[:, 0]], *cells[:, 1:].T]
     narrow = cells[is_narrow] if is_narrow.any() else cells
     barrier, barred = _find_barrier(space, cells, is_free)
-    # A robot that is nowhere that deep has no point left.
+    # A robot shrunk by more than its depth has no point left.
     low = low if -low < robot.depth else -math.inf
     return Way(cells, barrier, barred, narrow[len(narrow) // 2], low, high)
 
 
 def _find_barrier(space: CSpace, cells: Ints, is_free: Bools) -> tuple[Ints, tuple[int, int]]:
-    """Find the cells of a way's moves that are not FREE, and the first and last cell beside them.
+    """Find the cells that are not FREE under the moves of a way.
 
-    ``is_free`` are the cells of each slice that moves may pass.
+    ``is_free`` marks the cells of each slice that moves may pass. Returns the cells, and the
+    indices of the first and last cell of the way beside them.
     """
     states = states_of_slices(space)
     barrier: dict[tuple[int, ...], None] = {}
     barred = []
-    moves = itertools.pairwise([*cells, cells[-1]])
+    moves = itertools.pairwise([*cells, cells[-1]])  # repeated, so that each cell begins a move
     for number, (first, second) in enumerate(moves):
-        # The box around a move, or both ends of a turn on the spot.
+        # A straight move passes the cells of the box around it; a turn on the spot, both ends.
         box = [first, second]
         if first[0] == second[0]:
             low = np.minimum(first, second)
             box = [*(np.argwhere(np.ones(np.abs(second - first) + 1)) + low)]
         for cell in map(tuple, np.array(box).tolist()):
-            place = space.slice_of[cell[0]], *cell[1:]
-            if is_free[place] and states[place] != FREE:
+            in_slice = space.slice_of[cell[0]], *cell[1:]
+            if is_free[in_slice] and states[in_slice] != FREE:
                 barrier[cell] = None
                 barred.append(number)
     last = len(cells) - 1
@@ -182,7 +193,7 @@ def _find_barrier(space: CSpace, cells: Ints, is_free: Bools) -> tuple[Ints, tup
 
 
 class Planes(NamedTuple):
-    """Planes that bound a shape.
+    """Half-spaces that contain a shape.
 
     Attributes
     ----------
@@ -196,7 +207,7 @@ class Planes(NamedTuple):
 
     @classmethod
     def around(cls, shape: ExactShape) -> Planes:
-        """Bound a shape along the directions of a lattice."""
+        """Bound a shape along all integer vectors with coordinates in DIRECTION_STEPS."""
         steps = DIRECTION_STEPS[shape.dim]
         lattice = np.array(
             [step for step in itertools.product(steps, repeat=shape.dim) if any(step)]
@@ -204,14 +215,14 @@ class Planes(NamedTuple):
         normals = lattice / np.linalg.norm(lattice, axis=1, keepdims=True)
         try:
             simplices, radii = shape.boundary()
-        except InputError:  # the inside of a filled mesh depends on the spacing
+        except InputError:  # a filled mesh has no boundary, as its inside depends on the spacing
             return cls(normals[:0], np.empty(0))
         heights = [((simplices @ normal).max(axis=1) + radii).max() for normal in normals]
         return cls(normals, np.array(heights) + DEPTH_SLACK * (1.0 + shape.span))
 
 
 class ResizedRobot:
-    """Rasters and maps of a map's robot, grown or shrunk by a margin.
+    """The robot of a map, grown or shrunk by a margin, and its maps.
 
     Parameters
     ----------
@@ -222,11 +233,11 @@ class ResizedRobot:
     rasters : list of (outer, inner) Raster
         Rasters of each slice, without a margin.
     step : float
-        Difference of margins that are told apart, metres.
+        Resolution of margins, metres.
     """
 
     def __init__(self, space: CSpace) -> None:
-        """Compute the rasters of the robot as it is."""
+        """Compute the rasters of the robot without a margin."""
         self.space = space
         self.step = space.grid.spacing / STEPS_PER_CELL
         self.rasters = slice_rasters(space.robot, space.grid.spacing, 0.0, space.rotations)
@@ -235,15 +246,15 @@ class ResizedRobot:
     def search(
         self, holds: Callable[[float], bool], low: float, high: float = math.inf
     ) -> tuple[float, float]:
-        """Return two margins, at most a step apart, such that a condition holds at the first alone.
+        """Bracket the largest margin at which a condition holds, within one step.
 
-        It holds at ``low`` and fails at ``high``. The second is infinite if it holds for a robot as
-        large as the map.
+        The condition holds at ``low`` and fails at ``high``. Returns a margin at which it holds and
+        one at which it fails; the latter is infinite if it holds for a robot as large as the map.
         """
         grid = self.space.grid
         growth = 2.0 * grid.spacing
         while high - low > self.step and low < grid.spacing * max(grid.shape):
-            # Doubled growth until the condition fails, bisection afterwards.
+            # Double the growth until the condition fails, then bisect.
             middle = low + growth if math.isinf(high) else (low + high) / 2.0
             growth *= 2.0
             if holds(middle):
@@ -253,9 +264,9 @@ class ResizedRobot:
         return low, high
 
     def find_free(self, margin: float) -> Bools:
-        """Return the cells of each slice at which the robot with a margin is free."""
+        """Return a mask of the FREE cells with a margin, by slice."""
         space = self.space
-        own, rest = self._split(margin)
+        own, rest = self._split_margin(margin)
         if margin >= 0.0:
             pairs = slice_rasters(space.robot, space.grid.spacing, own, space.rotations)
             rasters = [outer for outer, _ in pairs]
@@ -264,7 +275,7 @@ class ResizedRobot:
                 Raster.from_bitmap(outer.cells & (depths >= -margin), outer.lower)
                 for (outer, _), depths in zip(self.rasters, self.outer_depths, strict=True)
             ]
-        # An unknown outside, as of a window, may be occupied.
+        # Space outside that is unknown, as around a window, may be occupied.
         outside = space.outside != "free"
         occupied = space.workspace.outer
         if rest > 0.0:
@@ -272,17 +283,18 @@ class ResizedRobot:
         return ~self._collide(occupied, rasters, outside)
 
     def make_free_map(self, margin: float) -> CSpace:
-        """Make the map of the FREE cells of the robot with a margin; all others are MIXED."""
+        """Return a map of the robot with a margin, with states FREE and MIXED."""
         states = (~self.find_free(margin)).view(np.uint8)  # False is FREE, and True is MIXED
         return self._make_map(states, Exterior(self.space._kernel_map.exterior))
 
     def make_blocked_map(self, margin: float) -> CSpace:
-        """Make the map of the BLOCKED cells of the robot with a margin; all others are MIXED."""
+        """Return a map of the robot with a margin, with states BLOCKED and MIXED."""
         space = self.space
-        own, rest = self._split(margin)
+        own, rest = self._split_margin(margin)
+        # Offsets to add on each side. Few sizes occur, because their tables are cached.
         added = 0
         while added * space.grid.spacing < own:
-            added = max(2 * added, 4)  # few sizes, because tables are kept
+            added = max(2 * added, 4)
         rasters = [
             Raster.from_bitmap(levels <= own, tuple(low - added for low in inner.lower))
             for levels, (_, inner) in zip(self._levels(added), self.rasters, strict=True)
@@ -297,7 +309,7 @@ class ResizedRobot:
         return self._make_map(states, Exterior.of(space.workspace.outer, pairs, space.outside))
 
     def _make_map(self, states: States, exterior: Exterior) -> CSpace:
-        """Make a map of other states, in the grid and outside."""
+        """Return a map with other states, in the grid and outside."""
         space = self.space
         return type(space)(
             Contents(
@@ -312,16 +324,16 @@ class ResizedRobot:
         )
 
     def _collide(self, occupied: Bools, rasters: Sequence[Raster], outside: bool) -> Bools:
-        """Return the cells of each slice at which a raster meets occupied cells.
+        """Return a mask of cells whose raster meets occupied cells, by slice.
 
-        All space outside the grid is occupied too if ``outside``.
+        With ``outside``, all space outside the grid is occupied too.
         """
         hits = np.zeros((len(rasters), *occupied.shape), dtype=np.bool_)
         engine = ENGINES[choose_engine(rasters)]
         engine.collide(occupied, rasters, list(hits), outside=outside)
         return hits
 
-    def _split(self, margin: float) -> tuple[float, float]:
+    def _split_margin(self, margin: float) -> tuple[float, float]:
         """Split a margin into metres for the robot, and cells for the obstacles."""
         spacing = self.space.grid.spacing
         own = min(margin, MAX_GROWTH_CELLS * spacing)
@@ -329,9 +341,9 @@ class ResizedRobot:
 
     @cached_property
     def depth(self) -> float:
-        """Depth of the deepest inner offset below the robot's surface, metres: about its inradius.
+        """Depth of the deepest inner offset below the robot's surface, metres.
 
-        Without a surface, it is half the shortest side of the robot.
+        That is about the inradius. Without a surface, it is half the shortest side of the robot.
         """
         if self._inner_depths is None:
             return float(np.ptp(self.space.robot.shape.inner.bounds, axis=0).min()) / 2.0
@@ -339,7 +351,7 @@ class ResizedRobot:
 
     @cached_property
     def _rotation_cells(self) -> list[RotationCell]:
-        """Rotations of each slice."""
+        """Rotation cell of each slice."""
         space = self.space
         if space.rotations._preserve(space.robot.shape):
             return [RotationCell()]
@@ -349,7 +361,7 @@ class ResizedRobot:
 
     @cached_property
     def outer_depths(self) -> list[Floats]:
-        """Upper bound of the depth in the box of each outer offset, in each slice."""
+        """Upper bounds of the depth in the box of each outer offset, by slice."""
         planes = Planes.around(self.space.robot.shape.outer)
         return [
             bound_depths(planes, outer, cell, self.space.grid.spacing)
@@ -358,15 +370,15 @@ class ResizedRobot:
 
     @cached_property
     def _inner_depths(self) -> list[Floats] | None:
-        """Lower bound of the depth of each inner offset, in each slice.
+        """Lower bounds of the depth of each inner offset, by slice.
 
-        None for robots whose surface has too many pieces, and for filled meshes.
+        None for a robot whose surface has too many pieces, and for a filled mesh.
         """
         shape = self.space.robot.shape.inner
         n_points = sum(inner.count for _, inner in self.rasters)
         try:
             n_pieces = len(shape.boundary().simplices)
-        except InputError:  # the inside of a filled mesh depends on the spacing
+        except InputError:  # a filled mesh has no boundary, as its inside depends on the spacing
             return None
         if n_points * n_pieces > MAX_PAIRS:
             return None
@@ -376,7 +388,7 @@ class ResizedRobot:
         ]
 
     def _measure_levels(self, added: int) -> list[Floats]:
-        """Return margins at which offsets are proven to lie in the robot, in each slice.
+        """Return the margins at which offsets enter the grown robot, by slice.
 
         Tables have the shapes of the inner rasters with ``added`` offsets on each side.
         """
@@ -392,7 +404,8 @@ class ResizedRobot:
             if not inner.count:
                 tables.append(np.full(cells.shape, math.inf))
                 continue
-            # The way to the nearest inner offset and on to the surface, or by the deepest one.
+            # An inner offset, deep below the surface by d, puts all offsets within m + d of it in
+            # the robot grown by m. Take the better of two: the nearest and the deepest one.
             gaps, nearest = ndimage.distance_transform_edt(
                 ~cells, sampling=spacing, return_indices=True
             )
@@ -408,13 +421,16 @@ class ResizedRobot:
 
 
 def bound_depths(planes: Planes, raster: Raster, cell: RotationCell, spacing: float) -> Floats:
-    """Bound the depth of a shape in the boxes of outer offsets from above, metres.
+    """Return upper bounds of a shape's depth at outer offsets, metres.
+
+    A bound holds in the whole box around an offset.
 
     The bounds hold at all rotations of the cell, and have the shape of the raster's cells.
     """
-    # The nearest box without a point of the shape.
+    # The first bound is the distance to the nearest box without a point of the shape.
     padded: Floats = ndimage.distance_transform_edt(np.pad(raster.cells, 1), sampling=spacing)
     bounds = padded[(slice(1, -1),) * padded.ndim]
+    # The second is the depth below each plane, at the corner of the box that is deepest.
     points = spacing * (np.argwhere(raster.cells) + np.array(raster.lower))
     normals = planes.normals
     turned = normals if cell.matrix is None else normals @ cell.matrix.T
@@ -426,23 +442,25 @@ def bound_depths(planes: Planes, raster: Raster, cell: RotationCell, spacing: fl
 
 
 def grow_cells(cells: Bools, distance: float, outside: bool, *, outwards: bool) -> Bools:
-    """Grow occupied cells by a distance in cells, ``outwards`` to all cells that the result meets.
+    """Grow occupied cells by a distance, in cells.
 
-    Otherwise, to cells that lie in it. All space outside the grid is occupied too if ``outside``.
+    ``outwards``, the result has all cells that meet the grown region; otherwise, only cells that
+    lie in it. With ``outside``, all space outside the grid is occupied too.
     """
+    # An empty box, from cell 0 to -1, and the state of all cells outside.
     exterior = np.array([*[0] * cells.ndim, *[-1] * cells.ndim, MIXED if outside else FREE])
-    gaps = np.empty(cells.shape, dtype=np.float32)  # of centers
+    gaps = np.empty(cells.shape, dtype=np.float32)  # between centers
     compute_distances(cells.view(np.uint8), exterior, gaps)
-    reach = math.sqrt(cells.ndim) / 2.0
+    reach = math.sqrt(cells.ndim) / 2.0  # from the center of a cell to a corner
     gaps = gaps * ROUNDING_FACTOR - reach if outwards else gaps / ROUNDING_FACTOR + reach
     return np.asarray(gaps <= distance)
 
 
 def measure_depths(shape: ExactShape, raster: Raster, cell: RotationCell, spacing: float) -> Floats:
-    """Bound the depth of each offset of an inner raster below the surface of a shape, metres.
+    """Return lower bounds of the depth of inner offsets below a surface, metres.
 
     The bounds hold at all rotations of the cell. They have the shape of the raster's cells, and are
-    negative at offsets that the raster lacks.
+    -1 at offsets that the raster lacks.
     """
     points = spacing * (np.argwhere(raster.cells) + np.array(raster.lower))
     in_robot = points if cell.matrix is None else points @ cell.matrix  # by the inverse rotation
@@ -462,7 +480,10 @@ def measure_depths(shape: ExactShape, raster: Raster, cell: RotationCell, spacin
 
 
 def distance_to_simplex(points: Floats, simplex: Floats) -> Floats:
-    """Return the distance of points, shape (n, d), to a point, segment or triangle (k, d)."""
+    """Return the distance of points, shape (n, d), to a point, segment or triangle.
+
+    ``simplex`` has one to three corners, shape (k, d).
+    """
     sides = itertools.pairwise([*simplex, simplex[0]])
     gaps = [_distance_to_segment(points, *ends) for ends in sides]
     if len(simplex) == 3:
@@ -479,7 +500,7 @@ def distance_to_simplex(points: Floats, simplex: Floats) -> Floats:
 
 
 def _distance_to_segment(points: Floats, first: Floats, last: Floats) -> Floats:
-    """Return the distance of points, shape (n, d), to the segment between two points."""
+    """Return the distance of points, shape (n, d), to a segment."""
     direction = last - first
     square = float(direction @ direction)
     along = np.zeros(len(points))

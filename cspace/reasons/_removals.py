@@ -29,13 +29,13 @@ if TYPE_CHECKING:
     from cspace._space import CSpace
 
 MAX_NAMES: Final = 62
-"""Number of named obstacles, each of which is a bit of a cell's mask."""
+"""Maximum number of named obstacles; each is a bit of a mask in 64 bits."""
 
 MAX_SETS: Final = 2**12
-"""Number of sets of names that are tried: all sets of 12."""
+"""Maximum number of sets of names that are tried, enough for all sets of 12 names."""
 
 NEVER: Final = -1
-"""Mask of cells that are not FREE without named obstacles either."""
+"""Mask of cells that stay not FREE if all named obstacles are removed."""
 
 
 class Removals(list[str]):
@@ -45,11 +45,11 @@ class Removals(list[str]):
     ----------
     names : sequence of str
     at_least : int
-        Number of obstacles without which no removal of fewer gives a path in FREE cells.
+        Lower bound: removing fewer obstacles gives no path in FREE cells.
     """
 
     def __init__(self, names: Sequence[str], at_least: int) -> None:
-        """Keep names and lower bound."""
+        """Store the names and the lower bound."""
         super().__init__(names)
         self.at_least = at_least
 
@@ -60,7 +60,7 @@ class Removals(list[str]):
 
 
 class Regions(NamedTuple):
-    """Connected cells that the same named obstacles make not FREE.
+    """Connected regions of cells that the same named obstacles make not FREE.
 
     Attributes
     ----------
@@ -76,8 +76,11 @@ class Regions(NamedTuple):
     masks: Ints
     pairs: Ints
 
-    def join(self, start: int, goal: int, removed: int) -> bool:
-        """Return True if regions join two of them once the names of a mask are removed."""
+    def are_connected(self, start: int, goal: int, removed: int) -> bool:
+        """Return True if two regions are connected once obstacles are removed.
+
+        ``removed`` is their mask.
+        """
         is_free = (self.masks != NEVER) & ((self.masks & ~removed) == 0)
         if not (is_free[start] and is_free[goal]):
             return False
@@ -97,19 +100,20 @@ def find_removals(space: CSpace, start: ArrayLike, goal: ArrayLike) -> Removals 
         raise InputError("space", problem, f"at most {MAX_NAMES} are tried", "merge some")
     regions = _find_regions(space, names)
     first, last = regions.numbers[tuple(find_cells(space, points).T)].tolist()
-    everything = 2 ** len(names) - 1
-    if not regions.join(first, last, everything):
+    all_names = 2 ** len(names) - 1  # the mask of all obstacles
+    if not regions.are_connected(first, last, all_names):
         return None
-    enough = _find_enough(regions, first, last, len(names))
+    # Try all smaller sets than one that is known to give a path, the smallest first.
+    sufficient = _find_sufficient(regions, first, last, len(names))
     n_tried = 0
-    for size in range(len(enough)):
+    for size in range(len(sufficient)):
         for chosen in itertools.combinations(range(len(names)), size):
             n_tried += 1
-            if regions.join(first, last, sum(1 << bit for bit in chosen)):
+            if regions.are_connected(first, last, sum(1 << bit for bit in chosen)):
                 return Removals([names[bit] for bit in chosen], size)
             if n_tried == MAX_SETS:
-                return Removals([names[bit] for bit in enough], size)
-    return Removals([names[bit] for bit in enough], len(enough))
+                return Removals([names[bit] for bit in sufficient], size)
+    return Removals([names[bit] for bit in sufficient], len(sufficient))
 
 
 def remove_obstacles(space: CSpace, names: Sequence[str]) -> CSpace:
@@ -120,19 +124,22 @@ def remove_obstacles(space: CSpace, names: Sequence[str]) -> CSpace:
     return without
 
 
-def _find_enough(regions: Regions, start: int, goal: int, n_names: int) -> list[int]:
-    """Return names, as bits, that together give a path, and of which each is needed."""
+def _find_sufficient(regions: Regions, start: int, goal: int, n_names: int) -> list[int]:
+    """Find a minimal set of obstacles whose removal gives a path.
+
+    Obstacles are bit numbers. Each is needed, but a smaller set may exist.
+    """
     kept = list(range(n_names))
     for bit in reversed(range(n_names)):
         fewer = [other for other in kept if other != bit]
-        if regions.join(start, goal, sum(1 << other for other in fewer)):
+        if regions.are_connected(start, goal, sum(1 << other for other in fewer)):
             kept = fewer
     return kept
 
 
 def _find_regions(space: CSpace, names: Sequence[str]) -> Regions:
-    """Cut a map into regions of the named obstacles that the robot may touch."""
-    slice_masks = _mask_cells(space, names)
+    """Divide a map into regions that touch the same named obstacles."""
+    slice_masks = _compute_masks(space, names)
     masks = slice_masks[space.slice_of]
     numbers = np.empty(masks.shape, dtype=np.int64)
     region_masks: list[int] = []
@@ -140,14 +147,18 @@ def _find_regions(space: CSpace, names: Sequence[str]) -> Regions:
         for mask in np.unique(part).tolist():
             members = part == mask
             labels, count = ndimage.label(members)
-            out[members] = labels[members] + (len(region_masks) - 1)
+            out[members] = labels[members] + (len(region_masks) - 1)  # labels begin with 1
             region_masks += [mask] * count
     pairs = np.concatenate([*_list_neighbors(numbers, space.rotations._neighbors)])
     return Regions(numbers, np.array(region_masks, dtype=np.int64), np.unique(pairs, axis=0))
 
 
-def _mask_cells(space: CSpace, names: Sequence[str]) -> Ints:
-    """Return the mask of each cell, shape (slices, x, ...): a bit for each name, or ``NEVER``."""
+def _compute_masks(space: CSpace, names: Sequence[str]) -> Ints:
+    """Return a mask of obstacles for each cell, shape (slices, x, ...).
+
+    Bit k is set if the robot may touch the obstacle ``names[k]``; the mask is ``NEVER`` if the cell
+    is not FREE without named obstacles either.
+    """
     rasters = slice_rasters(space.robot, space.grid.spacing, space.margin, space.rotations)
     outer_rasters = [outer for outer, _ in rasters]
     engine = ENGINES[choose_engine(outer_rasters)]
@@ -168,18 +179,21 @@ def _mask_cells(space: CSpace, names: Sequence[str]) -> Ints:
 
 
 def _list_neighbors(numbers: Ints, neighbors: Ints) -> Iterator[Ints]:
-    """Yield pairs of different regions that are neighbours, shape (n, 2) each."""
+    """Yield arrays of pairs of neighbouring regions, shape (n, 2).
+
+    Regions are neighbours along an axis, or at neighbouring rotations.
+    """
     for axis in range(1, numbers.ndim):
         along = np.moveaxis(numbers, axis, 0)
         yield _distinct_pairs(along[:-1], along[1:])
     for rotation, others in enumerate(neighbors.tolist()):
         for other in others:
-            if other >= 0:
+            if other >= 0:  # -1 fills rows of rotations with fewer neighbours
                 yield _distinct_pairs(numbers[rotation], numbers[other])
 
 
 def _distinct_pairs(first: Ints, second: Ints) -> Ints:
-    """Return the different pairs of entries of two arrays, shape (n, 2)."""
+    """Return the distinct pairs of unequal entries of two arrays, shape (n, 2)."""
     differs = first != second
     pairs = np.stack([first[differs], second[differs]], axis=1)
     return np.unique(np.sort(pairs, axis=1), axis=0)

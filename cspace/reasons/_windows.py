@@ -19,16 +19,16 @@ if TYPE_CHECKING:
     from cspace._space import CSpace
 
 MAX_HALVINGS: Final = 4
-"""Number of times that the spacing is halved at most."""
+"""Maximum number of times that the spacing is halved."""
 
 MARGIN_CELLS: Final = 8
-"""Width of a window around the cells to decide, in cells of the map."""
+"""Number of cells of the map that a window has around the cells to decide, besides the reach."""
 
 MAX_WHOLE_CELLS: Final = 2**22
-"""Number of cells, over all rotations, up to which a finer map has the whole workspace."""
+"""Maximum number of cells, over all rotations, of a finer map of the whole workspace."""
 
 Decision = Literal["open", "shut", "nothing", "untried"]
-"""Result of a finer window."""
+"""Result of a finer map: the way is proven open or shut, nothing is proven, or none was built."""
 
 
 class Trial(NamedTuple):
@@ -37,12 +37,12 @@ class Trial(NamedTuple):
     Attributes
     ----------
     spacing : float
-        Side of its cells, metres: estimated, or tried.
+        Side of a cell of the finer map, metres, estimated or tried.
     rotations : int
-        Number of its yaw cells; 1 if the robot does not rotate.
+        Number of yaw cells of the finer map; 1 if the robot does not rotate.
     decided : {"open", "shut", "nothing", "untried"}
-        Proof of such cells, in a window around the MIXED cells or on the whole map: the way is open
-        there, or shut; "nothing" if none down to a sixteenth of the map's spacing decide.
+        Result of the finer map, or of a window of it around the MIXED cells: the way is proven open
+        or shut; "nothing" if no spacing down to a sixteenth of the map's decides.
     """
 
     spacing: float
@@ -50,7 +50,7 @@ class Trial(NamedTuple):
     decided: Decision
 
     def __str__(self) -> str:
-        """Return a sentence."""
+        """Return a sentence on the finer map and what it decides."""
         turns = f" and {self.rotations} rotations" if self.rotations > 1 else ""
         settings = f"a spacing of {self.spacing:.3g} m{turns}"
         if self.decided == "untried":
@@ -61,14 +61,16 @@ class Trial(NamedTuple):
 
 
 def suggest_finer(space: CSpace, way: Way) -> Trial:
-    """Estimate the spacing that decides a way.
+    """Estimate the finer map that decides a way.
 
-    The true margin is taken to be the middle of its two bounds: their distance is proportional to
-    spacing and angle of the cells, and must fall below twice the true margin.
+    The estimate takes the middle of the two bounds as the true margin. The distance of the bounds
+    is proportional to the spacing and the angle of the cells, and must fall below twice the true
+    margin.
     """
     low, high = way.low, way.high
     halvings = 1
     if math.isfinite(low) and math.isfinite(high):
+        # The lower limit keeps the logarithm finite, and gives MAX_HALVINGS halvings.
         middle = max(abs(low + high) / 2.0, (high - low) / 2.0 ** (MAX_HALVINGS + 1))
         halvings = max(1, math.ceil(math.log2((high - low) / 2.0 / middle)))
     factor = 2 ** min(halvings, MAX_HALVINGS)
@@ -76,10 +78,10 @@ def suggest_finer(space: CSpace, way: Way) -> Trial:
 
 
 def refine_way(space: CSpace, points: Floats, way: Way, is_decided: bool) -> tuple[Way, Trial]:
-    """Try finer cells: narrow the margins of a way, and decide it unless it is.
+    """Build finer maps to narrow the margins of a way, and to decide it.
 
     ``points``, shape (2, size), are start and goal. Maps of the whole workspace are built while
-    they are small; after them, windows for what is undecided.
+    they are small, then windows if the way is undecided. Returns the way and the finest map tried.
     """
     decided: Decision = "nothing"
     factor = 1
@@ -93,7 +95,7 @@ def refine_way(space: CSpace, points: Floats, way: Way, is_decided: bool) -> tup
         if is_whole:
             map_ = _build_finer(space, factor, np.zeros(space.dim, np.int64), space.grid.shape)
             fine_way = find_way(map_, points)
-            high = min(way.high, fine_way.high) if _is_solid(space) else way.high
+            high = min(way.high, fine_way.high) if _has_known_solids(space) else way.high
             way = way._replace(low=max(way.low, fine_way.low), high=high)
             decided = _decide(space, map_, points)
         else:
@@ -104,7 +106,7 @@ def refine_way(space: CSpace, points: Floats, way: Way, is_decided: bool) -> tup
 
 
 def _describe_trial(space: CSpace, factor: int, decided: Decision) -> Trial:
-    """Describe cells that are finer by a factor."""
+    """Describe a map that is finer by a factor, and what it decided."""
     return Trial(space.grid.spacing / factor, _count_rotations(space, factor), decided)
 
 
@@ -114,16 +116,20 @@ def _count_rotations(space: CSpace, factor: int) -> int:
     return 1 if count == 1 else count * factor
 
 
-def _is_solid(space: CSpace) -> bool:
-    """Return True if occupied cells are; those without shapes, as unknown ones, may be free."""
+def _has_known_solids(space: CSpace) -> bool:
+    """Return True if a finer map's obstacles are really there, so BLOCKED is proven.
+
+    Without shapes, a finer map takes whole outer cells as obstacles, some of which may be free.
+    """
     workspace = space.workspace
     return workspace.shapes is not None or np.array_equal(workspace.outer, workspace.inner)
 
 
 def _build_finer(space: CSpace, factor: int, first: Ints, stop: ArrayLike) -> CSpace:
-    """Build a map of finer cells between two cells of a map.
+    """Build a map of finer cells in a box of cells of a map.
 
-    It begins with a cell of the map, so that its cells are those of a whole finer map.
+    The box is from cell ``first`` to before cell ``stop``. The cells are those of a finer map of
+    the whole grid, because the box begins at a corner of a cell.
     """
     grid = space.grid
     lower = grid.lower + grid.spacing * first
@@ -137,15 +143,15 @@ def _build_finer(space: CSpace, factor: int, first: Ints, stop: ArrayLike) -> CS
 
 
 def _decide(space: CSpace, finer: CSpace, ends: ArrayLike) -> Decision:
-    """Return what a finer map proves about two configurations."""
+    """Return the decision of a finer map on start and goal, shape (2, size)."""
     start, goal = np.asarray(ends)
     if finer.is_connected(start, goal):
         return "open"
-    return "shut" if _is_solid(space) and finer.is_disconnected(start, goal) else "nothing"
+    return "shut" if _has_known_solids(space) and finer.is_disconnected(start, goal) else "nothing"
 
 
 def _decide_window(space: CSpace, way: Way, factor: int) -> Decision:
-    """Decide a way in a window around its barrier, at a finer spacing.
+    """Build a finer window around the barrier of a way; return its decision.
 
     Space outside the window counts as blocked, so that an open way leads through the window.
     """

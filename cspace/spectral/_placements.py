@@ -23,7 +23,7 @@ from cspace._support.check import (
     check_not_negative,
     check_positive,
 )
-from cspace._support.threads import cores
+from cspace._support.threads import count_cores
 from cspace.errors import InputError
 from cspace.spectral._ball_sets import (
     BallsLike,
@@ -231,7 +231,7 @@ class Correlation:
         padded[np.ix_(*(k.astype(np.intp) for k in self.lattice.indices))] = spectrum
         # Half of the frequencies suffice, because opposite ones have conjugate values.
         half = padded[..., : self.shape[-1] // 2 + 1]
-        values = irfftn(half, s=self.shape, workers=cores())
+        values = irfftn(half, s=self.shape, workers=count_cores())
         return np.asarray(values * self.cells_per_metre.prod())
 
     @cached_property

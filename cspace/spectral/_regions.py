@@ -15,8 +15,8 @@ from cspace._limits import check_memory
 from cspace._shapes import Balls, ExactShape, Polygons, RoundedSimplices, Shape
 from cspace._support.arrays import Floats, Ints, Row
 from cspace._support.compiling import allocating, kernel
-from cspace._support.threads import in_chunks
-from cspace._support.vectors import box_distance, point_segment, point_triangle, row_at
+from cspace._support.threads import run_in_chunks
+from cspace._support.vectors import box_distance, row_at, segment_distance_square, triangle_distance
 from cspace.errors import InputError
 
 BOUNDARY_ROUNDING: Final = 2.0**-44
@@ -145,7 +145,7 @@ class ShapeBoundary:
             bound_distances(self.tree, spatial[chunk], cap, near[chunk], far[chunk])
             return -1
 
-        in_chunks(bound_chunk, len(points), MIN_DEPTHS_PER_THREAD)
+        run_in_chunks(bound_chunk, len(points), MIN_DEPTHS_PER_THREAD)
         return near, far
 
     @cached_property
@@ -335,11 +335,11 @@ def bound_distance(tree: PieceTree, position: Row, cap: float) -> tuple[float, f
             for n in range(start, start + size):
                 piece = tree.pieces[n]
                 if tree.spatial:
-                    gap = point_triangle(position, piece)
+                    gap = triangle_distance(position, piece)
                 else:
                     start_corner = row_at(piece[0], 0)
                     stop_corner = row_at(piece[1], 0)
-                    gap = math.sqrt(point_segment(position, start_corner, stop_corner))
+                    gap = math.sqrt(segment_distance_square(position, start_corner, stop_corner))
                 near = min(near, gap)
                 far = min(far, gap + tree.errors[n])
             continue

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from cspace._support.arrays import Floats
 from cspace._support.check import check_finite
 from cspace._support.reporting import import_optional
-from cspace._support.threads import cores
+from cspace._support.threads import count_cores
 from cspace.errors import InputError
 from cspace.spectral._ball_sets import as_balls
 from cspace.spectral._bump import Bump, check_bump, radial_table
@@ -308,5 +308,5 @@ def _transform_options(tolerance: float, samples: int) -> dict[str, Any]:
     upsampling = 1.25
     if tolerance < 1e-8:  # with a coarser grid, errors exceeded the tolerance
         upsampling = 1.5 if tolerance >= 1e-11 else 2.0
-    threads = cores() if samples >= MIN_SAMPLES_FOR_THREADS else 1
+    threads = count_cores() if samples >= MIN_SAMPLES_FOR_THREADS else 1
     return {"eps": tolerance, "modeord": 1, "nthreads": threads, "upsampfac": upsampling}

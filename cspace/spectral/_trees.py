@@ -19,7 +19,7 @@ from cspace._shapes import Balls
 from cspace._support.arrays import Bytes, Floats, Ints
 from cspace._support.check import check_points
 from cspace._support.compiling import allocating, internal
-from cspace._support.threads import in_chunks
+from cspace._support.threads import run_in_chunks
 from cspace.errors import InputError
 from cspace.spectral._ball_sets import (
     PLACEMENT_ROUNDING,
@@ -256,7 +256,7 @@ class ContactTest:
             test_placements(*self._placed, self._slack, spatial[chunk], verdicts[chunk])
             return -1
 
-        in_chunks(test_chunk, len(spatial), MIN_PLACEMENTS_PER_THREAD)
+        run_in_chunks(test_chunk, len(spatial), MIN_PLACEMENTS_PER_THREAD)
         if placements.ndim == 1:
             return Verdict(int(verdicts[0]))
         return verdicts.reshape(placements.shape[:-1])

@@ -17,7 +17,7 @@ from cspace.errors import InputError
 from cspace.plot._arms import ARM_CAMERA, GHOST_COLOR, GHOST_COUNT, ArmFigure
 from cspace.plot._artists import CLASSES, COLLIDES, ROBOT_FILL_COLOR, UNDECIDED
 from cspace.view._canvas import ENDPOINT_COLORS, STATES, Canvas, Dial, choose_endpoints
-from cspace.view._scene import KINDS, rgb, to_quaternion
+from cspace.view._scene import KINDS, hex_to_rgb, to_quaternion
 from cspace.view._tool import ToolFrame
 
 if TYPE_CHECKING:
@@ -77,7 +77,8 @@ class ArmCanvas(Canvas):
         # One thread draws links anew while others move and colour them.
         self._links_lock = threading.RLock()
         self.invalidate()
-        self.tool = ToolFrame(space, server, 0.2 * self._frame_scene(), frame)
+        # Axes of a fifth of the arm's size are easy to grab, and hide little of it.
+        self.tool = ToolFrame(space, server, 0.2 * self._aim_camera(), frame)
 
     def _describe_panel(self) -> None:
         """Set the title, the dials and the legend."""
@@ -95,7 +96,8 @@ class ArmCanvas(Canvas):
         unlimited = np.where(space.periodic_axes, math.pi, TWO_PI)
         lower = np.maximum(arm.lower, -unlimited) * self._scale
         upper = np.minimum(arm.upper, unlimited) * self._scale
-        # Sliders have whole steps within the limits.
+        # Sliders have whole steps within the limits; 1e-6 absorbs rounding in limits that are
+        # whole steps themselves.
         lower = np.round(np.ceil(lower / steps - 1e-6) * steps, 3)
         upper = np.round(np.floor(upper / steps + 1e-6) * steps, 3)
         units = np.where(is_linear, "m", "°")
@@ -114,22 +116,22 @@ class ArmCanvas(Canvas):
     # ---- configurations --------------------------------------------------------------------------
 
     def dial_values(self, q: Floats) -> tuple[float, ...]:
-        """Return the joints in degrees or metres."""
+        """Return the joint values of a configuration, degrees or metres."""
         joints = wrapped(q, self._space.periodic_axes)
         return tuple(np.round(joints * self._scale, 3).tolist())
 
     def configuration_of(self, numbers: tuple[float, ...]) -> Floats:
-        """Return the configuration with these dial values, clipped to the limits."""
+        """Convert dial values to a configuration within the joint limits."""
         arm = self._space.arm
         return np.asarray(np.clip(np.array(numbers) / self._scale, arm.lower, arm.upper))
 
     def describe(self, q: Floats) -> str:
-        """Colour the arm by its state, draw the closest pair, and return both as text."""
+        """Show the arm's state and closest pair; return both as text."""
         state = int(self._space.classify(q))
         # A worker may describe the arm while another thread draws it anew.
         with self._links_lock:
             for link in self._links["robot"].values():
-                link.color = rgb(STATE_COLORS[state])
+                link.color = hex_to_rgb(STATE_COLORS[state])
         try:
             contact = self._space.closest(q)
         except InputError:  # the arm has no obstacle and no pair of links to check
@@ -157,7 +159,7 @@ class ArmCanvas(Canvas):
     # ---- drawing ---------------------------------------------------------------------------------
 
     def invalidate(self) -> None:
-        """Draw the obstacles, and the arm at its configuration, at the start and at the goal."""
+        """Redraw the obstacles and all arms, because the space has changed."""
         scene = self._server.scene
         self._figure = ArmFigure(self._space.arm)
         self._obstacle_points: list[Floats] = []
@@ -180,7 +182,7 @@ class ArmCanvas(Canvas):
     def _add_links(
         self, arm: str, links: Sequence[str], color: str = ROBOT_FILL_COLOR, opacity: float = 1.0
     ) -> dict[str, Any]:
-        """Add links of one of the drawn arms; return their handles by name."""
+        """Add the links of an arm to the scene; return viser's handles by link."""
         surfaces = self._figure.links
         add = self._add_mesh
         return {link: add(f"/{arm}/{link}", surfaces[link], color, opacity) for link in links}
@@ -191,8 +193,8 @@ class ArmCanvas(Canvas):
         Many balls of one radius are drawn as round points, far faster than as a mesh.
         """
         color = KINDS["obstacles"].color
-        is_cloud = isinstance(shape, Balls) and len(shape.radii) > MAX_MESHED_BALLS
-        if not is_cloud or np.ptp(shape.radii):
+        are_points = isinstance(shape, Balls) and len(shape.radii) > MAX_MESHED_BALLS
+        if not are_points or np.ptp(shape.radii):  # points have one size
             surface = transform_surface(shape.surface, pose)
             self._obstacle_points.append(surface[0])
             self._add_mesh(name, surface, color)
@@ -202,7 +204,12 @@ class ArmCanvas(Canvas):
         # Points are visible from where all are in view; viser's size is a radius on the screen.
         size = max(float(shape.radii[0]), 1e-3 * float(np.ptp(centers, axis=0).max()))
         self._server.scene.add_point_cloud(
-            name, centers, rgb(color), point_size=size, point_shape="circle", precision="float32"
+            name,
+            centers,
+            hex_to_rgb(color),
+            point_size=size,
+            point_shape="circle",
+            precision="float32",
         )
 
     def place(self, q: Floats) -> None:
@@ -213,9 +220,9 @@ class ArmCanvas(Canvas):
         self.tool.follow(q)
 
     def reach(self) -> str:
-        """Move the arm to the pose to which users dragged its tool frame, or as near as possible.
+        """Move the arm as near as possible to its dragged tool frame.
 
-        Return the reason why it does not reach it; empty if it does.
+        Returns the reason why the arm does not reach the frame; empty if it does.
         """
         arm = self._space.arm
         near = self.robot.clip(arm.lower, arm.upper)
@@ -231,7 +238,10 @@ class ArmCanvas(Canvas):
         self._labels[name].position = self._figure.tip_positions(q[np.newaxis])[0]
 
     def draw_path(self, points: Floats) -> None:
-        """Draw the path of the tool frame, and pale arms along it; see :meth:`Canvas.draw_path`."""
+        """Draw the path of the tool frame, and pale arms along it.
+
+        Without points, remove both.
+        """
         for link in self._ghosts:
             link.remove()
         self._ghosts = []
@@ -255,7 +265,7 @@ class ArmCanvas(Canvas):
             faces,
             to_quaternion(poses),
             poses[:, :3, 3],
-            batched_colors=rgb(ROBOT_FILL_COLOR),
+            batched_colors=hex_to_rgb(ROBOT_FILL_COLOR),
             opacity=0.2,
             flat_shading=True,
             side="double",
@@ -264,10 +274,10 @@ class ArmCanvas(Canvas):
         )
 
     def _show_endpoints(self) -> None:
-        """Show the arms at start and goal.
+        """Show or hide the pale arms at start and goal.
 
-        Where the robot is they stay hidden, as they would change its colour. A goal at the start is
-        no goal yet, and stays hidden too.
+        An arm at the robot's configuration is hidden, because it would tint the robot. A goal at
+        the start is hidden too, because it is not set yet.
         """
         with self._links_lock:
             for name, q in self._shown_endpoints.items():
@@ -282,14 +292,14 @@ class ArmCanvas(Canvas):
         poses = self._space.arm.poses(q)
         with self._links_lock, self._server.atomic():
             for link, handle in self._links[name].items():
-                if link in poses:  # it may be detached but not yet erased
+                if link in poses:  # a detached object has no pose, but is drawn until a redraw
                     handle.position = poses[link][:3, 3]
                     handle.wxyz = to_quaternion(poses[link])
 
-    def _frame_scene(self) -> float:
+    def _aim_camera(self) -> float:
         """Place the camera in front of the arm and its obstacles.
 
-        Return the longest side of the box around the arm, metres.
+        Returns the longest side of the box around the arm, metres.
         """
         box, near = self._figure.measure(self.endpoints.values())
         corners = np.concatenate([box, *(points.clip(*near) for points in self._obstacle_points)])
@@ -302,5 +312,5 @@ class ArmCanvas(Canvas):
 
 
 def _are_same(q0: Floats, q1: Floats) -> bool:
-    """Return True if two configurations look the same."""
+    """Return True if configurations differ by less than users see (1 mm, 1 mrad)."""
     return bool(np.allclose(q0, q1, atol=1e-3))

@@ -1,4 +1,4 @@
-"""Canvas: what the drawings of maps and of arms on a page have in common."""
+"""The common part of the drawings of maps and arms on a page."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cspace._support.arrays import BLOCKED, FREE, MIXED, Floats, Surface
 from cspace.errors import ConfigurationError
 from cspace.plot._artists import GOAL_COLOR, PATH_COLOR
 from cspace.plot._route import interpolate_path
-from cspace.view._scene import rgb
+from cspace.view._scene import hex_to_rgb
 
 if TYPE_CHECKING:
     from viser import GuiApi, ViserServer
@@ -34,14 +34,14 @@ STATES: Final = {
 
 
 class Dial(NamedTuple):
-    """A coordinate of a configuration as users set it.
+    """A slider that sets one coordinate of a configuration.
 
     Attributes
     ----------
     label : str
         Name and unit.
     low, high, step : float
-        Limits and step, in that unit.
+        Limits and step, in the unit of the label.
     """
 
     label: str
@@ -53,7 +53,7 @@ class Dial(NamedTuple):
 class Canvas:
     """Draw a space with the robot, its path, start and goal.
 
-    What a page asks of the canvas of a map and of an arm alike is in both of them.
+    MapCanvas and ArmCanvas add the other methods that a page calls.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ class Canvas:
     _path_positions: Callable[[Floats], Floats]
 
     def __init__(self, server: ViserServer, space: Any, endpoints: dict[str, Floats]) -> None:
-        """Light the scene of a server: all around, and from two sides."""
+        """Light the scene of a server."""
         self._server = server
         self._space = space
         self.endpoints = endpoints
@@ -102,17 +102,20 @@ class Canvas:
     # ---- configurations --------------------------------------------------------------------------
 
     def interpolate(self, points: Floats, shares: Floats) -> Floats:
-        """Interpolate a path at shares, 0 to 1, of its length; return shape (n, size)."""
+        """Interpolate a path at shares, 0 to 1, of its length; shape (n, size)."""
         return interpolate_path(self._space.rotations, points, shares, self.robot_reach)
 
     # ---- robot, endpoints and path ---------------------------------------------------------------
 
     def reach(self) -> str:
-        """Move an arm to the pose of its :attr:`tool`; return the reason if it cannot."""
+        """Move an arm to its tool frame; return the reason if impossible.
+
+        A map has no tool frame.
+        """
         return ""
 
     def on_drag(self, name: str, moved: Callable[[Floats], None]) -> None:
-        """Call ``moved`` when a user drags the start or the goal."""
+        """Register a callback for drags of an endpoint; arms have no endpoints to drag."""
 
     def draw_path(self, points: Floats) -> None:
         """Draw a path; without points, remove it."""
@@ -127,7 +130,7 @@ class Canvas:
         """Draw a line through points, shape (n, 3); its thickness is in pixels."""
         segments = np.stack([points[:-1], points[1:]], axis=1)
         self._server.scene.add_line_segments(
-            name, segments, rgb(color), thickness=thickness, thickness_units="screen"
+            name, segments, hex_to_rgb(color), thickness=thickness, thickness_units="screen"
         )
 
     # ---- changes of the view and of the space ----------------------------------------------------
@@ -137,7 +140,7 @@ class Canvas:
         return {}
 
     def draw(self) -> None:
-        """Draw everything that depends on the robot's configuration."""
+        """Redraw the cells at the robot's rotation; an arm has none."""
 
     # ---- drawing ---------------------------------------------------------------------------------
 
@@ -146,7 +149,7 @@ class Canvas:
         return self._server.scene.add_mesh_simple(
             name,
             *surface,
-            color=rgb(color),
+            color=hex_to_rgb(color),
             opacity=None if opacity == 1.0 else opacity,
             flat_shading=True,
             side="double",
@@ -155,7 +158,10 @@ class Canvas:
         )
 
     def _place_camera(self, lower: Floats, upper: Floats, back: Floats) -> None:
-        """Place initial cameras so that a box is in view, from the direction ``back``."""
+        """Place the initial camera so that a box is in view.
+
+        The camera is in the direction ``back`` from the box.
+        """
         center = (lower + upper) / 2
         corners = np.array(list(product(*np.stack([lower, upper], axis=1)))) - center
         # The axes of the camera, which looks along -back.

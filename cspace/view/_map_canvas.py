@@ -65,19 +65,19 @@ class MapCanvas(Canvas):
         self.body = DrawnRobot(space.robot, rotations)
         self.robot_reach = self.body.reach
         self.poses = PoseDials(grid.dim, rotations)
-        # Sizes stay visible on the page: walls half as high as the robot is long, within 0.1 % and
-        # 3 % of the map, and gizmos above 1.2 %.
+        # Sizes stay visible on the page: walls half as high as the robot is long, but 0.1 % to
+        # 3 % of the map's longest side, and gizmos at least 1.2 % of it.
         longest = grid.spacing * max(grid.shape)
-        self._wall = float(np.clip(0.5 * self.body.size, 0.001 * longest, 0.03 * longest))
-        self._size = max(self.body.size, 0.012 * longest)
-        self.cells = Cells(space, self._wall)
+        self._wall_height = float(np.clip(0.5 * self.body.size, 0.001 * longest, 0.03 * longest))
+        self._gizmo_size = max(self.body.size, 0.012 * longest)
+        self.cells = Cells(space, self._wall_height)
         drawn = self.cells.drawn
         center = np.add(grid.lower, grid.upper) / 2
         chosen = choose_endpoints(drawn, np.array([*center, *rotations._from_matrix(np.eye(3))]))
         given = {name: rotations._make_canonical(q, name) for name, q in endpoints.items()}
         super().__init__(server, space, chosen | given)
         self._has_height = grid.dim == 3
-        # Sliders have steps of a power of ten, at most a cell.
+        # Sliders have steps of a power of ten, at most the side of a cell.
         self._step = 10.0 ** math.floor(math.log10(grid.spacing))
         self.kinds = [*KINDS]
         unknown = drawn.workspace.unknown
@@ -88,12 +88,12 @@ class MapCanvas(Canvas):
         self.cut = self._choose_cut(points)
         self._drawn: dict[str, Any] = {}
         self._drawing = threading.Lock()
-        self._surface = make_robot_surface(space.robot, self._wall)
+        self._surface = make_robot_surface(space.robot, self._wall_height)
         self._robot = server.scene.add_frame(
             "/robot",
             show_axes=bool(self.poses.angles),
             axes_length=self.body.reach,
-            axes_radius=0.02 * self._size,
+            axes_radius=0.02 * self._gizmo_size,
         )
         self._add_mesh("/robot/body", self._surface, ROBOT_FILL_COLOR)
         self._gizmos = {name: self._add_gizmo(name) for name in ENDPOINT_COLORS}
@@ -137,15 +137,15 @@ class MapCanvas(Canvas):
     # ---- configurations --------------------------------------------------------------------------
 
     def dial_values(self, q: Floats) -> tuple[float, ...]:
-        """Return the values of the dials at a configuration: metres, then degrees."""
+        """Convert a configuration to dial values: position, then angles in degrees."""
         return self.poses.dial_values(q)
 
     def configuration_of(self, numbers: tuple[float, ...]) -> Floats:
-        """Return the configuration with these values of the dials, metres and degrees."""
+        """Convert dial values, metres and degrees, to a configuration."""
         return self.poses.configuration_of(numbers)
 
     def describe(self, q: Floats) -> str:
-        """Return state, clearance and rotation of a configuration as text."""
+        """Describe the state, clearance and rotation of a configuration."""
         space = self._space
         text = STATES[int(space.classify(q))]
         distance = float(space.clearance(q))
@@ -155,7 +155,7 @@ class MapCanvas(Canvas):
         return f"{text}  \n{rotation}"
 
     def prove(self, q0: Floats, q1: Floats) -> str:
-        """Return as text whether a path exists."""
+        """Describe whether a path between two configurations is proven."""
         if self._space.is_connected(q0, q1):
             return "**A path exists: proven.**"
         if self._space.is_disconnected(q0, q1):
@@ -175,10 +175,10 @@ class MapCanvas(Canvas):
         gizmo.position, gizmo.wxyz = self.poses.pose(q)
 
     def on_drag(self, name: str, moved: Callable[[Floats], None]) -> None:
-        """Call ``moved`` when a user drags the start or the goal."""
+        """Register ``moved`` to be called when users drag an endpoint."""
 
         def drag(event: Any) -> None:
-            """Report the configuration nearest to where the gizmo was dragged."""
+            """Call ``moved`` with the configuration nearest to the gizmo's pose."""
             q = self.poses.nearest_configuration(event.target.position, event.target.wxyz)
             moved(q)
             # A user can rotate the gizmo in ways that the robot cannot; correct it, but only after
@@ -189,18 +189,18 @@ class MapCanvas(Canvas):
         self._gizmos[name].on_update(drag)
 
     def _path_positions(self, q: Floats) -> Floats:
-        """Return the positions at which a path is drawn."""
+        """Return the positions in space at which a path is drawn, shape (n, 3)."""
         dim = self._space.grid.dim
-        positions = np.full((len(q), 3), 0.6 * self._wall)  # the height in the plane
+        positions = np.full((len(q), 3), 0.6 * self._wall_height)  # the height in the plane
         positions[:, :dim] = q[:, :dim]
         return positions
 
     # ---- cells -----------------------------------------------------------------------------------
 
     def add_choices(self, gui: GuiApi, changed: Callable[[], None]) -> dict[str, Any]:
-        """Add the slider of the cut and the checkboxes of what is drawn.
+        """Add inputs for the cut height and the kinds of cells drawn.
 
-        They call ``changed`` when a user sets them. Returns them by label.
+        The inputs call ``changed`` when a user sets them. Returns them by label.
         """
         added: dict[str, Any] = {}
         if self._has_height:
@@ -214,7 +214,7 @@ class MapCanvas(Canvas):
             added[label] = gui.add_checkbox(label, name in self.shown)
 
         def choose(_: Any) -> None:
-            """Take the choices over, and draw them."""
+            """Apply the inputs, and report the change."""
             if self._has_height:
                 self.cut = float(cut.value)
             self.shown = {name for name, label in labels.items() if added[label].value}
@@ -225,11 +225,12 @@ class MapCanvas(Canvas):
         return added
 
     def draw(self) -> None:
-        """Draw the cells; send only those parts that changed."""
+        """Draw the cells at the robot's rotation; send only changed parts."""
         cell = int(self._space.rotations._find_cells(self.robot))
         with self._drawing, self._server.atomic():
             for name in (*self.kinds, SECTION):
-                # What the drawing depends on.
+                # A drawing depends on the cut, and on the rotation cell if the kind rotates; a
+                # kind that is not shown has none.
                 wanted = None
                 if name in self.shown:
                     rotates = name == SECTION or KINDS[name].rotates
@@ -242,7 +243,7 @@ class MapCanvas(Canvas):
                     self._drawn[name] = wanted
 
     def _draw_cells(self, name: str, cell: Any, cut: float) -> None:
-        """Draw the section, or the cells of a kind."""
+        """Draw the cells of a kind, or the section, at a rotation cell."""
         if name != SECTION:
             kind = KINDS[name]
             vertices, triangles = self.cells.make_solid(cell, kind, cut)
@@ -251,7 +252,7 @@ class MapCanvas(Canvas):
             return
         section = self.cells.make_section(cell, cut)
         # The section lies on top of the solids that it cuts.
-        height = cut + 1e-3 * self._size if self._has_height else 0.0
+        height = cut + 1e-3 * self._gizmo_size if self._has_height else 0.0
         width, depth = section.upper - section.lower
         center = (section.lower + section.upper) / 2
         self._server.scene.add_image(
@@ -273,24 +274,24 @@ class MapCanvas(Canvas):
             self._drawn.clear()
 
     def _add_gizmo(self, name: str) -> Any:
-        """Add a robot that can be dragged, with its name above it."""
+        """Add a robot that users can drag, with ``name`` above it."""
         scene = self._server.scene
         controls = scene.add_transform_controls(
             f"/{name}",
-            scale=1.2 * self._size,
+            scale=1.2 * self._gizmo_size,
             line_width=3.0,
             active_axes=(True, True, self._has_height),
             disable_rotations=not self.poses.angles,
             depth_test=False,
         )
         self._add_mesh(f"/{name}/body", self._surface, ENDPOINT_COLORS[name])
-        above = (0.0, 0.0, self._wall + 0.5 * self._size)
+        above = (0.0, 0.0, self._wall_height + 0.5 * self._gizmo_size)
         scene.add_label(f"/{name}/label", name, position=above)
         return controls
 
 
 class PoseDials:
-    """Conversion of configurations to and from the values of dials, and poses in space.
+    """Conversion of configurations to and from dial values and poses in space.
 
     Attributes
     ----------
@@ -299,40 +300,44 @@ class PoseDials:
     """
 
     def __init__(self, dim: int, rotations: Rotations) -> None:
-        """Find out by which angles a robot of a dimension can rotate."""
+        """Choose the angles that a robot of a dimension can change."""
         self.dim = dim
         self._rotations = rotations
-        # A rotation has no number, its yaw, or a quaternion.
+        # A configuration without rotation coordinates has no angles, with one it has a yaw, and
+        # with the four of a quaternion it has all three.
         self._first_angle = {0: 3, 1: 2, 4: 0}[len(rotations.names)]
         self.angles = ANGLES[self._first_angle :]
 
     def dial_values(self, q: Floats) -> tuple[float, ...]:
-        """Return the position, metres, and the :attr:`angles`, degrees."""
-        degrees = Rotation.from_matrix(self._matrix(q)).as_euler("xyz", degrees=True)
+        """Convert a configuration to its position, metres, and :attr:`angles`, degrees."""
+        degrees = Rotation.from_matrix(self._rotation_matrix(q)).as_euler("xyz", degrees=True)
         angles = np.round(degrees[self._first_angle :], 6) + 0.0  # no minus sign before zero
         return (*q[: self.dim].tolist(), *angles.tolist())
 
     def configuration_of(self, numbers: tuple[float, ...]) -> Floats:
-        """Return the configuration with these :meth:`dial_values`."""
+        """Convert dial values, metres and degrees, to a configuration."""
         degrees = np.zeros(3)
         degrees[self._first_angle :] = numbers[self.dim :]
         return self._make_configuration(numbers, Rotation.from_euler("xyz", degrees, degrees=True))
 
     def pose(self, q: Floats) -> tuple[Floats, Floats]:
-        """Return position and quaternion w, x, y, z of the robot in space."""
-        return lift(q[: self.dim].tolist(), 0.0), to_quaternion(self._matrix(q))
+        """Convert a configuration to a position and a quaternion w, x, y, z."""
+        return lift(q[: self.dim].tolist(), 0.0), to_quaternion(self._rotation_matrix(q))
 
     def nearest_configuration(self, position: Floats, wxyz: Floats) -> Floats:
         """Return the configuration nearest to a pose in space."""
         return self._make_configuration(position, Rotation.from_quat(wxyz, scalar_first=True))
 
     def _make_configuration(self, position: Any, rotation: Rotation) -> Floats:
-        """Return the configuration of a position, whose first numbers count, and a rotation."""
+        """Return the configuration at a position with a rotation.
+
+        A plane map ignores z of the position.
+        """
         q = self._rotations._from_matrix(rotation.as_matrix())
         return np.array([*position[: self.dim], *q])
 
-    def _matrix(self, q: Floats) -> Floats:
-        """Return the rotation of a configuration, shape (3, 3); in the plane about z."""
+    def _rotation_matrix(self, q: Floats) -> Floats:
+        """Return the rotation matrix in space of a configuration, shape (3, 3)."""
         matrix = np.eye(3)
         matrix[: self.dim, : self.dim] = self._rotations._rotation_matrices(q)
         return matrix

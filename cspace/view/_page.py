@@ -64,8 +64,8 @@ class Panel:
     proof, answer : GuiMarkdownHandle
         Proof about start and goal; result of the last search, or an error.
     share : GuiSliderHandle of float
-        Position of the robot on the path, percent of its length, or of the duration of a
-        trajectory.
+        Position of the robot on the path, percent of the path's length, or of the trajectory's
+        duration.
     play : GuiButtonHandle
     tool : GuiMarkdownHandle
         Whether the arm reaches the pose to which its frame was dragged.
@@ -118,7 +118,7 @@ class Panel:
             gui.add_html(_make_legend_html([*canvas.legend, *ENDPOINT_COLORS.items()]))
 
     def _add_plan_inputs(self, choices: Choices) -> None:
-        """Add the inputs and messages of a search; ``choices`` are the planners and drives."""
+        """Add the inputs and messages of planning, for these planners and drives."""
         gui = self._gui
         canvas = self._canvas
         self.planner = gui.add_dropdown(
@@ -157,7 +157,7 @@ class Panel:
         }
 
     def show_robot(self, numbers: tuple[float, ...]) -> None:
-        """Show the coordinates of the robot."""
+        """Set the sliders of the robot to dial values, clipped to their limits."""
         for slider, number in zip(self.sliders, numbers, strict=True):
             slider.value = min(max(number, slider.min), slider.max)
 
@@ -173,7 +173,8 @@ class Page:
     path : ndarray of float64, shape (n, size)
         Path to show; n is 0 without a path.
     source : object
-        Where the path is from. Trajectories, and plans of arms, are played at true speed.
+        The plan, trajectory or array that the path is from. Trajectories, and plans of arms, are
+        played at true speed.
 
     Attributes
     ----------
@@ -195,7 +196,7 @@ class Page:
         path: Floats,
         source: object,
     ) -> None:
-        """Add the panel, connect it to workers, and show the path and the robot at the start."""
+        """Add the panel, and show the path and the robot."""
         import planners
 
         self._server = server
@@ -205,17 +206,17 @@ class Page:
         self.plan: Plan | None = None
         self.trajectory: Trajectory | None = None
         self._path = path
-        # Whether the arm stands where a drag has brought it, and no plan.
-        self._strays = False
+        # True if a drag of the tool, not a plan or a slider, moved the arm to where it stands.
+        self._was_dragged = False
         self._goal: PoseGoal | None = None
         self._playing = threading.Event()
         # Each kind of work has a thread, so that the page always answers.
-        self._shower = Worker(self._show, self._report_error)
+        self._renderer = Worker(self._show, self._report_error)
         self._prover = Worker(self._prove, self._report_error)
         self._planner = Worker(self._search, self._report_error)
         self._player = Worker(self._play, self._report_error)
         self._solver = Worker(self._reach, self._report_error)
-        self.panel = Panel(server.gui, canvas, planners.choices(space), self._shower.request)
+        self.panel = Panel(server.gui, canvas, planners.choices(space), self._renderer.request)
         self._connect()
         for name, q in canvas.endpoints.items():
             self.set_endpoint(name, q)
@@ -227,7 +228,7 @@ class Page:
         panel = self.panel
         canvas = self._canvas
 
-        # Programs set sliders too, to show the robot's place; only users have a client.
+        # Programs set sliders too, to show the robot's place; only a user's event has a client.
         def slide_robot(event: Any) -> None:
             """Move the robot to the configuration of the sliders."""
             if event.client is not None:
@@ -262,13 +263,16 @@ class Page:
         self._place(q)
 
     def _place(self, q: Floats) -> None:
-        """Draw the robot at a configuration, which no drag has strayed to."""
-        self._strays = False
+        """Draw the robot at a configuration that a plan, slider or program gives."""
+        self._was_dragged = False
         self._canvas.place(q)
-        self._shower.request()
+        self._renderer.request()
 
     def go(self, share: float) -> None:
-        """Move the robot to a share, from 0 to 1, of its path or trajectory."""
+        """Move the robot to a share, 0 to 1, of its path.
+
+        A trajectory is divided by time, another path by length.
+        """
         motion = self.trajectory
         if motion is not None:
             q, *_ = motion.sample(share * motion.duration)
@@ -277,9 +281,9 @@ class Page:
         self.move(q)
 
     def drag(self, pose: Floats) -> None:
-        """Move the tool frame of an arm to a pose, shape (4, 4), as if it were dragged.
+        """Drag the tool frame of an arm to a pose, shape (4, 4).
 
-        The arm follows as near as it can. Where it was before becomes the start.
+        The arm follows as near as it can. Its configuration before the drag becomes the start.
         """
         tool = self._canvas.tool
         if tool is None:
@@ -288,16 +292,16 @@ class Page:
         tool.move(pose)
 
     def _follow_tool(self, tool: ToolFrame) -> None:
-        """Let the arm follow its tool frame, which a user drags."""
+        """Make the arm follow its tool frame, which a user drags."""
         if not tool.is_held:
             self._playing.clear()
-            # A strayed arm stands where no plan has brought it, so its start stays.
-            if not self._strays:
+            # After a drag without a plan, the arm has not moved from the start, so it stays.
+            if not self._was_dragged:
                 self.set_endpoint("start", self._canvas.robot)
             no_path = np.empty((0, self._space.size))
             self._show_path(no_path)
             tool.is_held = True
-            self._strays = True
+            self._was_dragged = True
         self._solver.request()
 
     def release(self) -> None:
@@ -316,20 +320,26 @@ class Page:
     def _record_endpoint(self, name: str, q: Floats) -> None:
         """Record a new start or goal."""
         self.endpoints[name] = q
-        self.panel.answer.content = ""  # it concerned other endpoints
+        self.panel.answer.content = ""  # the answer concerned the previous endpoints
         self._prover.request()
 
     def search(self) -> None:
-        """Plan from start to goal with the inputs of the panel; the result is :attr:`plan`."""
+        """Plan from start to goal with the inputs of the panel.
+
+        The result is :attr:`plan`.
+        """
         self._planner.request()
 
     def play(self) -> None:
-        """Move the robot along the path from its current position; a trajectory at true speed."""
+        """Move the robot along the path from its current position.
+
+        A trajectory is played at true speed.
+        """
         self._playing.set()
         self._player.request()
 
     def _play_or_stop(self) -> None:
-        """Stop playing, or play."""
+        """Stop playing the path if it plays; otherwise play it."""
         if self._playing.is_set():
             self._playing.clear()
         else:
@@ -338,26 +348,26 @@ class Page:
     def refresh(self) -> None:
         """Draw and prove everything again, because the space has changed."""
         self._canvas.invalidate()
-        self._shower.request()
+        self._renderer.request()
         self._prover.request()
 
     def wait(self, seconds: float | None = None) -> bool:
         """Wait until all requested work is done; return False after a timeout."""
-        # A worker may request work of those after it.
-        workers = self._solver, self._planner, self._shower, self._prover
+        # A worker may request work of the workers after it, so they are waited for in this order.
+        workers = self._solver, self._planner, self._renderer, self._prover
         return all(worker.wait(seconds) for worker in workers)
 
     def close(self) -> None:
         """Stop all threads."""
         self._playing.clear()
-        for worker in (self._shower, self._prover, self._planner, self._player, self._solver):
+        for worker in (self._renderer, self._prover, self._planner, self._player, self._solver):
             worker.close()
-        self._shower.wait(1.0)  # viser warns of drawings after the server has stopped
+        self._renderer.wait(1.0)  # viser warns of drawings after the server has stopped
 
     # ---- work in threads -------------------------------------------------------------------------
 
     def _show(self) -> None:
-        """Draw what depends on the robot's configuration, and show its state."""
+        """Draw the cells at the robot's rotation, and describe its state."""
         self._canvas.draw()
         self.panel.state.content = self._canvas.describe(self._canvas.robot)
 
@@ -374,7 +384,7 @@ class Page:
         self.panel.show_robot(self._canvas.dial_values(q))
         self.set_endpoint("goal", q)
         self.panel.tool.content = self._describe_reach(q, problem)
-        self._shower.request()
+        self._renderer.request()
 
     def _describe_reach(self, q: Floats, problem: str) -> str:
         """Describe in Markdown whether the arm reached its tool frame."""
@@ -385,13 +395,13 @@ class Page:
         return "**Reached**, but not proven free."
 
     def _search(self) -> None:
-        """Plan, and show the result."""
+        """Plan from start to goal, and show the result."""
         import planners
 
         panel = self.panel
         pose = self._goal
         self._goal = None
-        self._solver.wait()  # the arm has come to a pose before it is moved along the plan
+        self._solver.wait()  # so that the arm follows the tool before a plan moves it
         goal = self.endpoints["goal"] if pose is None else pose
         panel.answer.content = "Planning …"
         panel.plan.disabled = True
@@ -410,7 +420,10 @@ class Page:
         panel.answer.content = _describe_plan(plan)
 
     def _show_plan_of_tool(self, plan: Plan) -> None:
-        """Show a plan to a released tool frame from its end, unless users hold the frame again."""
+        """Show the end of a plan to a released tool frame.
+
+        Skipped if users hold the frame again.
+        """
         tool = self._canvas.tool
         if tool is not None and not tool.is_held:
             self.set_endpoint("goal", plan.goal)
@@ -425,7 +438,7 @@ class Page:
         # Go on from the current place; at the end, begin again.
         at_end = panel.share.value >= 100.0
         share = 0.0 if at_end else panel.share.value / 100.0
-        seconds = 8.0
+        seconds = 8.0  # for a path without times
         if self.trajectory is not None:
             seconds = max(self.trajectory.duration, 1.0 / FRAME_RATE)
         began = time.perf_counter() - share * seconds
@@ -440,7 +453,7 @@ class Page:
             panel.play.label = "Play"
 
     def _show_path(self, path: Floats, source: object = None) -> None:
-        """Show a path, from its start."""
+        """Show a path, and the robot's slider at its start."""
         self._playing.clear()
         self._path = path
         self._canvas.draw_path(path)
@@ -451,20 +464,24 @@ class Page:
         self.trajectory = self._time_path(source)
 
     def _time_path(self, source: Any) -> Trajectory | None:
-        """Return a given trajectory, or one along the plan of an arm; None without times."""
+        """Return the motion of a trajectory, or of an arm's plan.
+
+        None for paths without times.
+        """
         if hasattr(source, "sample"):
             return cast("Trajectory", source)
         is_arm = self._canvas.tool is not None
         if not hasattr(source, "trajectory") or not is_arm or not len(self._path):
             return None
-        # Joints without a limit in the URDF get one, rad/s and m/s.
+        # Joints without a velocity limit in the URDF get 1 rad/s or 1 m/s. A URDF has no limits of
+        # acceleration, so all joints get 2 rad/s2 or 2 m/s2.
         limits = self._space.max_velocity.items()
         max_velocity = {joint: 1.0 for joint, limit in limits if math.isinf(limit)}
         motion: Trajectory = source.trajectory(max_velocity=max_velocity, max_acceleration=2.0)
         return motion
 
     def _report_error(self, error: Exception) -> None:
-        """Show an error on the page, which stays usable."""
+        """Show an error on the page; log it too if it is a defect."""
         message = str(error)
         if not isinstance(error, CspaceError):
             LOGGER.error("error in a thread of the page", exc_info=error)
@@ -473,7 +490,7 @@ class Page:
 
 
 def _describe_plan(plan: Plan) -> str:
-    """Return a plan and its proof as text."""
+    """Describe a plan and its proof in Markdown."""
     status = _capitalize(plan.status)
     if not plan.solved:
         hint = f"  \nTry {plan.hint}." if plan.hint else ""
@@ -493,7 +510,7 @@ def _capitalize(text: str) -> str:
 
 
 def _make_legend_html(rows: list[tuple[str, str]]) -> str:
-    """Make a legend as HTML from rows of a meaning and its colour."""
+    """Return a legend as HTML, from pairs of a meaning and its colour."""
     square = (
         "display:inline-block;width:0.9em;height:0.9em;margin-right:0.5em;border:1px solid "
         "#777;background:"
@@ -543,7 +560,7 @@ class Worker:
                 if not self._open:
                     return
                 task()
-            except Exception as error:  # the page must stay usable
+            except Exception as error:  # a failed task must not end the thread
                 if self._open:
                     report(error)
             finally:

@@ -27,7 +27,7 @@ from cspace.plot._artists import (
     classify_cells,
     classify_ground,
 )
-from cspace.plot._surface import SOLIDS, exposed_cells, make_faces
+from cspace.plot._surface import SOLIDS, find_exposed_cells, make_faces
 
 if TYPE_CHECKING:
     from cspace._tiles.tiled_space import TiledCSpace
@@ -48,7 +48,7 @@ class SolidKind(NamedTuple):
     rotates : bool
         True if the cells depend on the rotation.
     has_boundary : bool
-        True if the border is drawn at the end of the map too.
+        True if the solid is closed at the ends of the map.
     """
 
     label: str
@@ -89,10 +89,10 @@ class MapSection(NamedTuple):
 
 
 class Cells:
-    """Solids and sections of the cells of a map; of a tiled map, of an overview.
+    """Solids and sections of the cells of a map.
 
-    Cells are merged to blocks with the largest, most important class in each, few enough for a
-    browser. Those of a plane map are low walls on the ground.
+    Cells are merged into blocks, few enough for a browser; a block has the most important class of
+    its cells. Cells of a plane map become low walls on the ground, a tiled map an overview.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ class Cells:
     """
 
     def __init__(self, space: CSpace | TiledCSpace, wall: float) -> None:
-        """Choose the map to draw; blocks are made when they are first needed, and cached."""
+        """Choose the map to draw and the size of its blocks."""
         self._space = space
         self.make_blocks = lru_cache(24)(self._merge_cells)
         self.invalidate()
@@ -138,7 +138,7 @@ class Cells:
             self.drawn = self._space.overview(max(1, math.floor(share * max(grid.shape))))
 
     def _merge_cells(self, cell: int | None) -> Classes:
-        """Merge the cells at a rotation cell to blocks; without one, those of the workspace."""
+        """Merge cells at a rotation cell, or of the workspace if None, into blocks."""
         space = self.drawn
         if cell is None:
             classes = classify_ground(space.workspace)
@@ -150,9 +150,9 @@ class Cells:
     def make_solid(
         self, cell: int | None, kind: SolidKind, cut: float, lid: bool = True
     ) -> Surface:
-        """Return the border of the blocks of a kind below the height ``cut``, metres.
+        """Return the surface of a kind's blocks below the height ``cut``, metres.
 
-        Without a ``lid``, the border is open at the cut, where a section closes it.
+        Without a ``lid``, the surface is open at the cut, where a section closes it.
         """
         solid = np.isin(self._blocks_below(cell, cut), kind.classes)
         # Corners of rectangles in cells; the last blocks may reach beyond the map.
@@ -169,10 +169,10 @@ class Cells:
 
         In space, it shows the blocks at the height ``cut``, metres; in the plane, all blocks.
         """
-        *_, layer = np.moveaxis(self._blocks_below(cell, cut), 2, 0)
+        layer = self._blocks_below(cell, cut)[:, :, -1]
         lower = self.lower[:2]
         size = self._cell[:2] * self.side * layer.shape
-        colors = np.array([(*rgb(color), 255) for _, color in CLASSES], dtype=np.uint8)
+        colors = np.array([(*hex_to_rgb(color), 255) for _, color in CLASSES], dtype=np.uint8)
         if self.drawn.grid.dim == 3:
             colors[: PARTLY + 1, 3] = 0  # free cells of a section are transparent
         # Images are indexed [row, column], and their first row is the one with the largest y.
@@ -183,32 +183,33 @@ class Cells:
         return MapSection(image, lower, np.minimum(lower + size, self.upper[:2]))
 
     def _blocks_below(self, cell: int | None, cut: float) -> Classes:
-        """Return the classes of the blocks that begin below a height, shape (nx, ny, nz)."""
+        """Return the classes of the blocks that begin below a height."""
         height = min(cut, self.upper[2]) - self.lower[2]
-        # Rounding adds no layer, and at least one is drawn.
+        # Subtracting 1e-9 keeps rounding from adding a layer; at least one layer is drawn.
         layers = math.ceil(height / self._cell[2] / self.side - 1e-9)
         return self.make_blocks(cell)[..., : max(1, layers)]
 
 
 def extract_border(solid: Bools, has_boundary: bool = True) -> Ints:
-    """Return the border of solid cells as few rectangles, shape (n, 4, 3), in cells.
+    """Return the surface of solid cells as few rectangles, shape (n, 4, 3).
 
-    Corners are counterclockwise seen from outside. Squares in a row are merged into a rectangle,
-    and rows of equal length into a larger one. The mesh is for display only, because corners may
-    lie inside edges of other rectangles.
+    Corners are in cells, counterclockwise seen from outside. Squares in a row are merged into a
+    rectangle, and rows of equal length into a larger one. The mesh is for display only, because
+    corners may lie inside edges of other rectangles.
 
-    Without ``has_boundary``, the border is open at the ends of the array.
+    Without ``has_boundary``, the surface is open at the ends of the array.
     """
     rectangles = []
     for axis, up in product(range(3), (0, 1)):
         # The axis of the normal comes first, and each layer has rectangles of its own.
-        layers = np.moveaxis(exposed_cells(solid, axis, up), axis, 0)
+        layers = np.moveaxis(find_exposed_cells(solid, axis, up), axis, 0)
         if not has_boundary:
-            layers[-up] = False
+            layers[-up] = False  # the first layer (0) if faces point down, the last (-1) if up
         low, high = merge_into_rectangles(layers)
         high[:, 0] = low[:, 0] + 1
-        order = np.insert([1, 2], axis, 0)
-        rectangles.append(make_faces(low[:, order], high[:, order], axis, up))
+        # The columns of x, y and z in the corners, of which the normal is column 0.
+        columns = np.insert([1, 2], axis, 0)
+        rectangles.append(make_faces(low[:, columns], high[:, columns], axis, up))
     return np.concatenate(rectangles)
 
 
@@ -231,16 +232,19 @@ def make_robot_surface(robot: Robot, height: float) -> Surface:
 
 
 def lift(values: Sequence[float], third: float) -> Floats:
-    """Return values along x and y with a third one along z; three values stay as they are."""
+    """Return a vector in space: a plane one gets ``third`` as z."""
     return np.array([*values, third][:3])
 
 
-def rgb(color: str) -> tuple[int, int, int]:
-    """Return red, green and blue, 0 to 255, e.g. of ``"#0072b2"``."""
+def hex_to_rgb(color: str) -> tuple[int, int, int]:
+    """Convert a colour such as ``"#0072b2"`` to red, green and blue, 0 to 255."""
     red, green, blue = bytes.fromhex(color[1:])
     return red, green, blue
 
 
 def to_quaternion(pose: Floats) -> Floats:
-    """Return the rotations of poses, shape (..., 3, 3) or (..., 4, 4), as w, x, y, z."""
+    """Convert rotation matrices or poses to quaternions w, x, y, z.
+
+    Matrices have shape (..., 3, 3), poses (..., 4, 4).
+    """
     return np.asarray(Rotation.from_matrix(pose[..., :3, :3]).as_quat(scalar_first=True))

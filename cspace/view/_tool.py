@@ -21,11 +21,11 @@ if TYPE_CHECKING:
     from viser import ViserServer
 
 MIN_POSE_JOINTS: Final = 6
-"""Number of joints that reach every pose nearby; if fewer move a frame, users drag its position."""
+"""Number of joints that a frame needs to reach every nearby pose, a position and a rotation."""
 
 
 class ToolFrame:
-    """A frame of an arm that users drag, and the configurations that bring it to a pose.
+    """A frame of an arm that users drag to a pose.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class ToolFrame:
     position_only : bool
         True if the rotation of the frame does not matter, because few joints move it.
     pose : ndarray of float64, shape (4, 4)
-        Where the frame shall be, in the frame of the base.
+        Pose to which users dragged the frame, in the frame of the base.
     is_held : bool
         True during a drag.
 
@@ -99,10 +99,10 @@ class ToolFrame:
         self._gizmo.wxyz = to_quaternion(pose)
 
     def on_drag(self, moved: Callable[[ToolFrame], None], released: Callable[[], None]) -> None:
-        """Call ``moved`` while users drag the frame, and ``released`` at the end."""
+        """Register ``moved`` for drags of the frame, and ``released`` for their end."""
 
         async def drag(event: Any) -> None:  # async keeps the order of phases
-            """Take over the pose to which the axes were dragged."""
+            """Record the pose of the dragged axes, and report it."""
             rotation = Rotation.from_quat(event.target.wxyz, scalar_first=True)
             self.pose = np.eye(4)
             self.pose[:3, :3] = rotation.as_matrix()
@@ -117,9 +117,9 @@ class ToolFrame:
     def solve(self, near: Floats) -> tuple[Floats, str]:
         """Find a configuration, shape (dof,), that brings the frame to :attr:`pose`.
 
-        Also returns, as text, why it does not. Among configurations that reach the pose, a FREE one
-        is preferred, then the nearest to ``near``. If none does, the nearest pose reached is
-        returned with the reason; otherwise the reason is empty.
+        Among configurations that reach the pose, a FREE one is preferred, then the nearest to
+        ``near``. If none reaches it, the one whose frame comes nearest is returned with the reason
+        as text; otherwise the text is empty.
         """
         goal = self.goal
         inverse = partial(

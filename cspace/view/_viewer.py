@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 FIRST_PORT: Final = 8080
 """Default port; viser takes the next free one."""
 _POLICY_VIOLATION: Final = 1008
-"""Status that closes the connection of a foreign page (RFC 6455: policy violation)."""
+"""WebSocket status that closes the connection of another site's page (RFC 6455)."""
 
 
 class ViewOptions(TypedDict, total=False):
@@ -78,7 +78,7 @@ class Viewer:
         host: str = "127.0.0.1",
         port: int | None = None,
     ) -> None:
-        """Check all arguments, start a server, and open the page of a map or an arm."""
+        """Check all arguments, start a server, and open the page."""
         from cspace.view._page import Page
 
         is_arm = isinstance(space, ArmSpace)
@@ -180,12 +180,12 @@ def serve(host: str, port: int | None) -> ViserServer:
     from websockets.exceptions import ConnectionClosed
 
     free_port = _find_free_port(host, port)
-    with _quiet():
+    with _silence_viser():
         server: ViserServer = viser.ViserServer(host, free_port, label="cspace", verbose=False)
     sockets = server._websock_server
 
     async def admit(client: Any) -> None:
-        """Close the connection of a page of another site."""
+        """Close the connection of a client if another site's page opened it."""
         connection: Any = sockets._live_connections[client.client_id]
         headers = connection.request.headers
         if not is_same_site(headers.get("Origin"), headers.get("Host", ""), host):
@@ -200,13 +200,13 @@ def serve(host: str, port: int | None) -> ViserServer:
 
 
 def stop(server: ViserServer) -> None:
-    """Stop a server."""
-    with _quiet():
+    """Stop a server without messages."""
+    with _silence_viser():
         server.stop()
 
 
 @contextmanager
-def _quiet() -> Iterator[None]:
+def _silence_viser() -> Iterator[None]:
     """Silence viser, which prints through rich's console."""
     import rich
 
@@ -219,37 +219,38 @@ def _quiet() -> Iterator[None]:
         console.quiet = before
 
 
-def is_same_site(origin: str | None, asked: str, host: str) -> bool:
+def is_same_site(origin: str | None, host_header: str, host: str) -> bool:
     """Return True if a browser's page comes from this server.
 
-    ``origin`` is the site of the page, as named by the browser; other programs send None. ``asked``
-    is the name and port in the request, and ``host`` the address of the server. A server at a
-    loopback address accepts only loopback names, because a foreign name can temporarily resolve to
-    that address (DNS rebinding).
+    ``origin`` is the site of the page, as named by the browser; other programs send None.
+    ``host_header`` is the name and port in the request, and ``host`` the address of the server. A
+    server at a loopback address accepts only loopback names, because a foreign name can temporarily
+    resolve to that address (DNS rebinding).
     """
     if origin is None:
         return True
     page = urlsplit(origin)
-    server = urlsplit(f"//{asked}")
+    server = urlsplit(f"//{host_header}")
     if page.netloc != server.netloc:
         return False
     return is_local(server.hostname) or not is_local(host)
 
 
 def is_local(host: str | None) -> bool:
-    """Return True if other machines cannot reach a host address."""
+    """Return True if a host is a loopback address, which other machines cannot reach."""
     if host == "localhost":
         return True
     try:
         return ip_address(host or "").is_loopback
-    except ValueError:
+    except ValueError:  # any other name may resolve to any address
         return False
 
 
 def _find_free_port(host: str, port: int | None) -> int:
-    """Find a free port: the given one, any for 0, or by default the first to try.
+    """Return the given port if it is free, or any free port for 0.
 
-    Raises InputError if this machine lacks the address, or if the port is taken or invalid.
+    For None, return the default port, from which viser searches for a free one. Raises InputError
+    if this machine lacks the address, or if the port is taken or invalid.
     """
     tried_port = 0
     if port is not None:

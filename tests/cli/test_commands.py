@@ -22,7 +22,7 @@ from cspace._support.compiling import cache_folder
 from cspace.errors import InputError
 from cspace.plot import animate
 from cspace.plot._artists import PATH_COLOR
-from cspace.view._scene import rgb
+from cspace.view._scene import hex_to_rgb
 from tests.helpers import urdfs
 from tests.helpers.commands import document, run
 from tests.helpers.repository import ROOT
@@ -79,7 +79,7 @@ def find_path_pixels(picture):
     """Return a mask of the pixels of a picture in the colour of paths."""
     with Image.open(picture) as image:
         pixels = np.asarray(image.convert("RGB")).astype(int)
-    return np.abs(pixels - rgb(PATH_COLOR)).max(axis=2) < 24
+    return np.abs(pixels - hex_to_rgb(PATH_COLOR)).max(axis=2) < 24
 
 
 def test_the_picture_of_the_readme_shows_the_path_of_the_demo(tmp_path):

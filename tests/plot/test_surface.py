@@ -10,7 +10,7 @@ from hypothesis.extra.numpy import arrays
 
 from cspace.plot import _surface as surface
 from cspace.plot import plot
-from cspace.plot._surface import border_faces
+from cspace.plot._surface import find_border_faces
 from tests.helpers.pictures import labels
 
 SURFACE_PATH = [(0.6, 3.2, 1.2), (2.2, 1.2, 1.0), (3.8, 1.2, 1.0), (5.5, 1.5, 0.6)]
@@ -33,7 +33,7 @@ def list_layers_inside(levels, axis, side):
 @given(levels_of_cells, directions, st.booleans())
 def test_border_faces_face_the_camera(levels, towards, is_cut):
     """Compare with each cell and the cell before it, without walls in front."""
-    faces, face_levels = border_faces(levels, np.array(towards), is_cut)
+    faces, face_levels = find_border_faces(levels, np.array(towards), is_cut)
     inside = [list_layers_inside(levels, axis, side) for axis, side in enumerate(towards)]
     if is_cut:
         inside[2] = list(range(levels.shape[2]))
@@ -62,7 +62,7 @@ def test_merged_blocks_cover_all_solid_cells(monkeypatch, most):
     monkeypatch.setattr(surface, "MAX_FACES", most)
     solid = np.zeros((23, 17, 11), np.uint8)
     solid[tuple(np.random.default_rng(most).integers(0, solid.shape, (250, 3)).T)] = 1
-    corners, _ = border_faces(solid, np.array([0.0, 0.0, 1.0]), is_cut=True)
+    corners, _ = find_border_faces(solid, np.array([0.0, 0.0, 1.0]), is_cut=True)
     assert 0 < len(corners) <= most
     assert (corners >= 0).all() and (corners <= solid.shape).all()
     low = corners.min(axis=1)

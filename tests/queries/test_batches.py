@@ -56,7 +56,7 @@ def test_queries_accept_numbers_of_any_type_and_layout(dtype):
 
 
 def test_threads_answer_large_batches_and_name_the_first_unusable_row(monkeypatch):
-    monkeypatch.setattr("cspace._support.threads.cores", lambda: 3)
+    monkeypatch.setattr("cspace._support.threads.count_cores", lambda: 3)
     space = build_turning()
     q = draw_configurations(space, np.random.default_rng(1), 3 * MIN_ITEMS_PER_THREAD, far=True)
     parts = [space.classify(part) for part in np.array_split(q, 7)]

@@ -225,7 +225,7 @@ def test_slabs_of_threads_join_to_the_whole(monkeypatch):
     )
     whole = [call() for call in calls]
     monkeypatch.setattr("cspace._raster.MIN_SLABS_PER_THREAD", 3)
-    monkeypatch.setattr("cspace._support.threads.cores", lambda: 16)
+    monkeypatch.setattr("cspace._support.threads.count_cores", lambda: 16)
     for expected, call in zip(whole, calls, strict=True):
         for cells, part in zip(expected, call(), strict=True):
             assert cells.any() and (cells == part).all()

@@ -12,7 +12,7 @@ import cspace
 from cspace.errors import ConfigurationError, InputError
 from cspace.plot._arms import GHOST_COUNT
 from cspace.plot._artists import CLASSES, COLLIDES, ROBOT_FILL_COLOR
-from cspace.view._scene import rgb
+from cspace.view._scene import hex_to_rgb
 from tests.helpers.pages import connected, drag, node
 from tests.helpers.refusals import refusals
 from tests.helpers.urdfs import (
@@ -103,7 +103,7 @@ def test_the_page_shows_state_and_closest_pair(space, viewer, q, text, color):
     assert content.startswith(text) and "closest pair: fore and post" in content
     if contact.distance:
         assert content.endswith(f"at least {contact.distance:.3f} m apart: proven")
-    assert tuple(node(viewer, "/robot/fore").color) == rgb(color)
+    assert tuple(node(viewer, "/robot/fore").color) == hex_to_rgb(color)
     np.testing.assert_allclose(node(viewer, "/contact").points[0], contact.points, atol=1e-6)
 
 
