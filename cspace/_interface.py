@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from cspace._queries.batches import Configuration, evaluate, evaluate_edges, evaluate_rows
 from cspace._rotations import Rotations
-from cspace._rotations.base import METRES_PER_RADIAN, angle_axes, shorter, wrapped
+from cspace._rotations.base import METRES_PER_RADIAN, angle_axes, wrap_angles, wrap_steps
 from cspace._support.arrays import FREE, Bools, Floats, States
 from cspace._support.check import check_finite, check_pairs
 from cspace.errors import ConfigurationError, InputError
@@ -183,7 +183,7 @@ class Space(ABC):
         A step consists of :attr:`dim` numbers and of a rotation vector, radians.
         """
         steps = self.rotations._steps_between(q0, q1)
-        return shorter(steps, self.periodic_axes) if any(self.periodic_axes) else steps
+        return wrap_steps(steps, self.periodic_axes) if any(self.periodic_axes) else steps
 
     def distance(self, q0: Floats, q1: Floats) -> Floats:
         """Return the lengths of motions; a radian of rotation counts as half a metre."""
@@ -278,7 +278,7 @@ class Space(ABC):
         be proven free.
         """
         canonical = self.rotations._make_canonical(self._check_one(q, name), name)
-        canonical = wrapped(canonical, self.periodic_axes)
+        canonical = wrap_angles(canonical, self.periodic_axes)
         point = tuple(canonical.tolist())
         # Continuous joints have no bounds.
         position = canonical[: self.dim]

@@ -43,7 +43,7 @@ def slice_rasters(
     the rotated geometry, unless a slice is the image of an earlier slice by quarter turns or
     mirrors. Then the raster is an image too.
     """
-    if rotations._preserve(robot.shape):
+    if rotations._preserves(robot.shape):
         return [robot.rasters(spacing, margin)]
     rotation_cells = rotations._make_shape_cells(robot.dim)
     slice_of = rotations._assign_slices(robot.shape)

@@ -29,8 +29,8 @@ from cspace._record.states import read_only
 from cspace._rotations.lookup import (
     arc_count,
     find_arc,
+    find_cell_exit,
     first_widened_cell,
-    next_part,
     signed_angle,
     widened_bounds,
     wrap_to_cells,
@@ -171,7 +171,7 @@ def quaternion_edge_is_free(map_: Map, p0: Row, r0: Numbers, p1: Row, r1: Number
         enter = 0.0
         has_next = True
         while has_next:
-            cell, chord_share, time, has_next = next_part(borders, arc, chord_share)
+            cell, chord_share, time, has_next = find_cell_exit(borders, arc, chord_share)
             leave = max(time, enter) if has_next else 1.0
             first = p0
             last = p1

@@ -341,7 +341,7 @@ class ResizedRobot:
     def _rotation_cells(self) -> list[RotationCell]:
         """Rotations of each slice."""
         space = self.space
-        if space.rotations._preserve(space.robot.shape):
+        if space.rotations._preserves(space.robot.shape):
             return [RotationCell()]
         _, first_cells = np.unique(space.slice_of, return_index=True)
         all_cells = space.rotations._make_shape_cells(space.dim)
