@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cspace._shapes import RoundedSimplices
-from cspace._shapes.bodies import component_labels
+from cspace._shapes.bodies import label_components
 from cspace._support.arrays import Floats, Ints
 
 
@@ -38,7 +38,7 @@ def connected_parts(border: RoundedSimplices) -> tuple[Floats, Ints]:
     # Join each corner of a simplex to the next.
     edge_starts = simplices[:, :-1].ravel()
     edge_ends = simplices[:, 1:].ravel()
-    labels = component_labels(edge_starts, edge_ends, len(points))
+    labels = label_components(edge_starts, edge_ends, len(points))
     order = np.argsort(labels, kind="stable")
     is_first = np.diff(labels[order], prepend=-1) != 0
     return np.ascontiguousarray(points[order]), np.flatnonzero(is_first)

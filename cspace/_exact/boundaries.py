@@ -197,7 +197,7 @@ def _make_caps(shape: ExactShape, workspace: Workspace) -> Iterator[Floats]:
             if grid.dim == 3:
                 yield _cap_cells(workspace, side)
             else:
-                yield from (_cap_region(region, grid, side) for region in shape.regions)
+                yield from (_cap_region(region, grid, side) for region in shape.filled_boundaries)
 
 
 class _Side(NamedTuple):

@@ -63,10 +63,7 @@ def rectangle(length: float, width: float, center: ArrayLike = (0.0, 0.0)) -> Na
 
 
 def ellipse(radius_x: float, radius_y: float, center: ArrayLike = (0.0, 0.0)) -> NamedShape:
-    """Make an ellipse between two polygons; metres.
-
-    Its semi-axes lie along x and y.
-    """
+    """Make an ellipse, bounded by two polygons, with semi-axes along x and y; metres."""
     radii = check_positive(radius_x, "radius_x"), check_positive(radius_y, "radius_y")
     center_point = check_point(center)
     outer, inner = ellipse_bounds(radii, center_point)
@@ -83,14 +80,14 @@ def box(extents: ArrayLike, center: ArrayLike = (0.0, 0.0, 0.0)) -> NamedShape:
 
 
 def cylinder(radius: float, height: float, center: ArrayLike = (0.0, 0.0, 0.0)) -> NamedShape:
-    """Make an upright cylinder between two prisms; metres."""
+    """Make an upright cylinder, bounded by two prisms; metres."""
     bounds = cylinder_bounds(check_positive(radius, "radius"), check_positive(height, "height"))
     name = f"cylinder {radius:g} m, {height:g} m high"
     return NamedShape(name, _translate(bounds, center))
 
 
 def capsule(radius: float, length: float, center: ArrayLike = (0.0, 0.0, 0.0)) -> NamedShape:
-    """Make an upright capsule between two polyhedra; metres.
+    """Make an upright capsule, bounded by two polyhedra; metres.
 
     It holds the points within `radius` of a vertical segment of `length`.
     """
@@ -124,13 +121,13 @@ def footprint(corners: str | ArrayLike, padding: float = 0.0) -> NamedShape:
 def _grow_by_square(points: Floats, padding: float) -> BaseGeometry:
     """Return the Minkowski sum of a polygon, corners (n, 2), and a square of sides 2 padding.
 
-    It contains what Nav2 makes of the polygon, and all within `padding` of it. A warning says by
-    how much Nav2's differs.
+    It contains all points within `padding` of the polygon, and Nav2's padded polygon. A warning
+    says by how much Nav2's is smaller.
     """
     import numpy as np
     import shapely
 
-    # The sum is the polygon and what a square covers that moves along its sides.
+    # The sum is the polygon together with the area that a square sweeps along its sides.
     square = padding * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
     ends = np.stack([points, np.roll(points, -1, axis=0)], axis=1)
     corners = (ends[:, :, np.newaxis] + square).reshape(len(points), 8, 2)
@@ -160,8 +157,8 @@ class ShortText(NamedTuple):
     Attributes
     ----------
     make : callable
-        Makes the shape from its sizes and, if it is not at the origin, its center. For a
-        footprint, from the text after the colon.
+        Function that makes the shape from its sizes and, if it is not at the origin, its center. A
+        footprint is made from the text after the colon.
     form : str
         Names of the sizes with the separator between them; each is above zero, in metres.
     dimension : int
@@ -256,7 +253,7 @@ def parse_short_text(text: str, argument: str = "shape") -> NamedShape:
 
 
 def _parse_footprint(text: str, rest: str, argument: str) -> NamedShape:
-    """Make a polygon from its corners, or the projection of another short text."""
+    """Make a footprint from its corners, or from the short text of a shape to project."""
     if rest.lstrip().startswith("["):
         return footprint(rest)
     if is_short_text(rest):
