@@ -1623,15 +1623,15 @@ class CSpace(ConfigurationMap):
     def _write_free(self, exact: bool, rows: Floats, out: Bools) -> int:
         """Write whether configurations (n, size) are free; return the first unusable row, or -1."""
         if exact:
-            return write_in_threads(partial(self._exact.points, self._kernel_map), rows, out)
+            return write_in_threads(partial(self._exact.write_points, self._kernel_map), rows, out)
         return super()._write_free(exact, rows, out)
 
     def _write_motions(self, exact: bool, starts: Floats, ends: Floats, out: Bools) -> int:
         """Write whether motions, shapes (n, size), are free; return the first unusable, or -1."""
         from cspace._queries import edges
 
-        test_edges = self._exact.edges if exact else edges.edges_are_free
-        write = partial(test_edges, self._kernel_map)
+        write_edges = self._exact.write_edges if exact else edges.edges_are_free
+        write = partial(write_edges, self._kernel_map)
         min_edges = edges.MIN_EDGES_FOR_BLOCKS + self._seen.size // edges.CELLS_PER_EDGE
         if len(starts) >= min_edges:
             write = partial(edges.edges_are_free_by_blocks, self._blocks, write)

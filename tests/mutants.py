@@ -120,8 +120,8 @@ MUTANTS = (
     ),
     Mutant(
         "cspace/_engines/dilation.py",
-        "rows = round_up(shape[1] + max(rows_before, rows_after))",
-        "rows = round_up(shape[1] + min(rows_before, rows_after))",
+        "rows = round_up_to_byte(shape[1] + max(rows_before, rows_after))",
+        "rows = round_up_to_byte(shape[1] + min(rows_before, rows_after))",
         "tests/engines",
     ),
     Mutant(

@@ -91,7 +91,7 @@ MAX_PAIRS_PER_BLOCK: Final = 2**18
 
 
 TINY: Final = 1e-300
-"""Smallest difference between two slacks; zero takes it below zero."""
+"""Smallest decrease of a slack; it makes a slack of zero negative."""
 
 
 LOOSENESS_OF_MOTIONS: Final = 0.1
@@ -161,14 +161,15 @@ class RelativeMotion(NamedTuple):
     matrix : tuple of tuple of float
         Rows of the rotation matrix.
     position : tuple of float
+        Origin of the body's frame.
     spin, velocity : tuple of float
         A point p moves at ``velocity + spin x p`` at the central moment.
     half_time : float
-        Time to either side that the proof covers.
+        Time before and after the central moment that the proof covers.
     curvature_bound : float
-        Largest deviation from that linear motion meanwhile.
+        Largest deviation from the linear motion within that time.
     max_displacement : float
-        Largest displacement of any point meanwhile.
+        Largest displacement of any point within that time.
     required : float
         Distance that proves the bodies apart.
     """
@@ -204,7 +205,7 @@ def build_hulls(tree: Trees, volume: float) -> Hulls:
     nodes = _link_nodes(spans, first_corners)
     is_leaf = counts == 1
     # Boxes and balls are solid, so each is a whole connected part.
-    is_box = row_radii < 0.0
+    is_box = row_radii < 0.0  # boxes are marked by the sign
     nodes[:, IS_WHOLE] = bool((is_box | _are_balls(rows)).all())
     nodes[0, IS_WHOLE] = 1
     if nodes[:, IS_WHOLE].all():
@@ -277,24 +278,24 @@ def _choose_hulls(nodes: Ints, ranks: Ints) -> Bools:
 
 
 def _are_balls(rows: Floats) -> Bools:
-    """Return whether each row of a tree, shape (n, 10), is a ball, with three equal corners."""
+    """Return which rows of a tree, shape (n, 10), are balls, with three equal corners."""
     first_corners, other_corners = rows[:, :3], rows[:, 3:9]
     return np.asarray((other_corners == np.tile(first_corners, 2)).all(axis=1))
 
 
 def _list_row_corners(rows: Floats) -> tuple[Floats, Ints]:
-    """List the corners of all rows of a tree, and where those of each row begin.
+    """List the corners of all rows of a tree, and the first corner of each row.
 
     ``rows``, shape (n, 10), are :attr:`cspace._bodies.triangle_proofs.Trees.triangles`. Triangles
     have three corners, balls one, boxes eight, and axis-aligned boxes none.
     """
-    is_box = rows[:, RADIUS] < 0.0
+    is_box = rows[:, RADIUS] < 0.0  # boxes are marked by the sign
     is_ball = _are_balls(rows)
     off_axis = rows[:, [4, 5, 6, 8]]  # zero if the first half axes are along x and y
     is_aligned = ~off_axis.any(axis=1)
     counts = np.select([is_box & is_aligned, is_box, is_ball], [0, 8, 1], 3)
     places = np.arange(counts.max())
-    # Give every row as many corners as the largest has, then drop those in excess.
+    # Give every row as many corners as the largest has, then drop the excess.
     corners = rows[:, :9].reshape(-1, 3, 3)[:, np.minimum(places, 2)]
     is_tilted = counts == 8
     if is_tilted.any():
@@ -308,7 +309,8 @@ class HullFit(NamedTuple):
     """Convex hull of points.
 
     The hull of the ``corners``, shape (n, 3), grown by ``growth``, contains all points. ``depth``
-    is the largest depth of a point in it. Metres. ``is_exact`` means that the points enclose it.
+    is the largest depth of a point in the hull of the corners. Lengths are in metres. ``is_exact``
+    means that the triangles of the points enclose the whole hull.
     """
 
     corners: Floats
@@ -388,7 +390,7 @@ def _split_into_blocks(points: Floats, others: int) -> list[Floats]:
 
 
 def join_roots(boxes: Floats, roots: Ints, start: int) -> tuple[Floats, Ints]:
-    """Build the nodes above several roots of trees of hulls.
+    """Build a tree whose leaves are the roots of several trees of hulls.
 
     ``boxes``, shape (n, 9), are those of the ``roots``, shape (n,). Returns rows of
     :attr:`Hulls.boxes` and :attr:`Hulls.nodes` for the nodes from ``start`` on; the first is the
@@ -399,7 +401,7 @@ def join_roots(boxes: Floats, roots: Ints, start: int) -> tuple[Floats, Ints]:
     tree_boxes, order, spans = build_boxes(centers - half_sides, centers + half_sides)
     starts, counts = spans.T
     inner = np.flatnonzero(counts > 1)
-    # A leaf is a root; the nodes above are new.
+    # The node number of a leaf is that of a given root; the nodes above are new.
     numbers = roots[order[starts]]
     numbers[inner] = start + np.arange(len(inner))
     # The first child follows its parent, the second one follows the nodes of the first.
@@ -482,7 +484,7 @@ def tree_slack(
         if apart and motion.half_time > 0.0:
             # The caller halves the motion next unless its central moment is blocked, so test only
             # that now.
-            motion = stop_motion(motion)
+            motion = freeze_motion(motion)
             moves = True
             continue
         best = min(slack, best - TINY) if apart else -math.inf
@@ -493,8 +495,8 @@ def tree_slack(
 
 
 @internal
-def stop_motion(motion: RelativeMotion) -> RelativeMotion:
-    """Return the central moment of a motion."""
+def freeze_motion(motion: RelativeMotion) -> RelativeMotion:
+    """Return a motion reduced to its central moment, without duration."""
     matrix, position, spin, velocity = motion[:4]
     return RelativeMotion(matrix, position, spin, velocity, 0.0, 0.0, 0.0, motion.required)
 
@@ -509,10 +511,10 @@ def is_final(
     apart: bool,
     slack: float,
 ) -> bool:
-    """Return True if the children of nodes a and b would hardly prove more than their hulls.
+    """Return True if testing the children of nodes a and b would hardly prove more.
 
-    The nodes are leaves, or the motion is too long for their children. ``apart`` and ``slack`` are
-    those of their hulls; ``axes``, shape (k, 8), are those of
+    The nodes are leaves, or the motion is too long for their children to be proven apart. ``apart``
+    and ``slack`` are those of their hulls; ``axes``, shape (k, 8), are those of
     :func:`cspace._bodies.triangle_proofs.joint_displacement`.
     """
     if not (has_hull(hulls, a) and has_hull(hulls, b)):
@@ -635,7 +637,7 @@ def hull_slack(
     for _ in range(MAX_GJK_STEPS):
         square = dot(n, n)
         if not 1e-200 < square < math.inf:
-            # No direction is left; at first, any will do.
+            # The search ends without a direction; before its first step, any direction will do.
             if count:
                 break
             n = (1.0, 0.0, 0.0)

@@ -54,6 +54,8 @@ from cspace._support.vectors import (
 )
 
 Corners = tuple[Row, Row, Row]
+"""Three points of a triangle, or its edge vectors."""
+
 OrientedBox = tuple[Row, Row, Row, Row]
 """Center and half axes of a box."""
 
@@ -99,8 +101,8 @@ class Trees(NamedTuple):
     spans : ndarray of int64, shape (m, 2)
         Index of the first triangle of each node, and their number.
     triangles : ndarray of float64, shape (n, 10)
-        Three corners and a radius. A box has its center, two half axes, and the length of the
-        third, negated.
+        Three corners and a radius, zero or above. A negative radius marks a box: then the row has
+        its center, two half axes, and the negated length of the third.
     """
 
     boxes: Floats
@@ -142,6 +144,7 @@ class Motion(NamedTuple):
     matrix : tuple of tuple of float
         Rows of the rotation matrix.
     position : tuple of float
+        Reference point.
     step : tuple of float
         Largest translation, in either direction.
     angle : float
@@ -161,9 +164,9 @@ class Motion(NamedTuple):
 
 
 def build_trees(borders: Sequence[RoundedSimplices], about_z: bool) -> tuple[Trees, list[int]]:
-    """Build one tree for each set of triangles, all in one record.
+    """Build a tree for each set of triangles, and join the trees in one record.
 
-    Also returns the root of each, -1 for an empty one. Levers are distances from the z axis if
+    Also returns the root of each tree, -1 if it is empty. Levers are distances from the z axis if
     ``about_z``, else from the origin.
     """
     trees = []
@@ -203,7 +206,7 @@ def join_trees(trees: Sequence[AnyTree], empty: AnyTree) -> tuple[AnyTree, Ints]
 
 
 def pack_triangles(border: RoundedSimplices) -> Floats:
-    """Return triangles as rows of a tree, shape (n, 10)."""
+    """Return a boundary's triangles as rows of a tree, shape (n, 10)."""
     return np.hstack([border.simplices.reshape(-1, 9), border.radii[:, None]])
 
 
@@ -215,7 +218,7 @@ def pack_boxes(lows: Floats, highs: Floats, pose: Floats) -> Floats:
     rotation = pose[:3, :3]
     half_x, half_y, half_z = 0.5 * (highs - lows).T
     centers = 0.5 * (lows + highs) @ rotation.T + pose[:3, 3]
-    # Two half axes as vectors, and the length of the third; its minus sign marks a box.
+    # Two half axes as vectors, and the length of the third, whose minus sign marks a box.
     first = half_x[:, np.newaxis] * rotation[:, 0]
     second = half_y[:, np.newaxis] * rotation[:, 1]
     return np.column_stack([centers, first, second, -half_z])
@@ -269,8 +272,8 @@ def build_boxes(low: Floats, high: Floats) -> tuple[Floats, Ints, Ints]:
     count = np.full_like(node, len(low))
     while len(node):
         # Write the nodes of this level.
-        lower = -_maxima_between(-low[order], start, start + count)
-        upper = _maxima_between(high[order], start, start + count)
+        lower = -_maxima_of_ranges(-low[order], start, start + count)
+        upper = _maxima_of_ranges(high[order], start, start + count)
         boxes[node] = np.hstack([0.5 * (lower + upper), 0.5 * (upper - lower)])
         spans[node] = np.column_stack([start, count])
         # Go on with the nodes that have children.
@@ -279,7 +282,8 @@ def build_boxes(low: Floats, high: Floats) -> tuple[Floats, Ints, Ints]:
         node = node[has_children]
         start = start[has_children]
         count = count[has_children]
-        # Sort the items of each node by their centers along its longest side.
+        # Sort the items of each node by their centers along its longest side. For each of these
+        # items: its node, and its place in the order.
         owner = np.repeat(np.arange(len(node)), count)
         items_before = np.cumsum(count) - count
         places = np.arange(len(owner)) + (start - items_before)[owner]
@@ -295,8 +299,8 @@ def build_boxes(low: Floats, high: Floats) -> tuple[Floats, Ints, Ints]:
     return boxes, order, spans
 
 
-def _maxima_between(rows: Floats, starts: Ints, stops: Ints) -> Floats:
-    """Return the maximum, by column, of the rows from ``starts[i]`` up to ``stops[i]``, for each i.
+def _maxima_of_ranges(rows: Floats, starts: Ints, stops: Ints) -> Floats:
+    """Return the maximum of ``rows[starts[i]:stops[i]]`` along the first axis, for each i.
 
     ``rows`` has shape (n,) or (n, d), the result one entry or row for each i.
     """
@@ -315,7 +319,7 @@ def node_maxima(values: Floats, spans: Ints) -> Floats:
     if not len(spans):
         return np.empty(0)
     starts, counts = spans.T
-    return _maxima_between(values, starts, starts + counts)
+    return _maxima_of_ranges(values, starts, starts + counts)
 
 
 @kernel
@@ -344,7 +348,7 @@ def free_fraction(
         top += 1
     no_axes = trees.boxes[:0]
     while best >= 0.0:
-        top = next_leaves(trees, motion, best, no_axes, nodes, top)
+        top = find_close_leaves(trees, motion, best, no_axes, nodes, top)
         if top == 0:
             break
         a, b = nodes[top, 0], nodes[top, 1]
@@ -362,10 +366,10 @@ def free_fraction(
 
 
 @internal
-def next_leaves(
+def find_close_leaves(
     trees: Trees, motion: Motion, fraction: float, axes: Floats, nodes: Ints, top: int
 ) -> int:
-    """Find two leaves that may come too near during a motion.
+    """Search a stack of node pairs for two leaves that may come too near during a motion.
 
     Only the given ``fraction`` of the motion counts. With the ``axes``, shape (k, 8), of a box of
     configurations, skip nodes that may move past each other there. ``nodes``, shape
@@ -500,10 +504,9 @@ def pair_free_fraction(p: Floats, q: Floats, motion: Motion, drift: float, enoug
 
 @internal
 def count_edges(edges: Corners) -> int:
-    """Return the number of edges to test.
+    """Count the edges of a triangle, 3, or of a segment or point, 1.
 
-    There are 3, or 1 for a segment or point: these repeat their last corner, so that the first edge
-    is the only one.
+    Segments and points repeat their last corner, so that all edges but the first have no length.
     """
     return 3 if dot(edges[1], edges[1]) > 0.0 else 1
 
@@ -583,9 +586,9 @@ def lies_beside_box(row: Floats, point: Row, reach: float) -> bool:
 
 @internal
 def pierces(corners: Corners, q: Floats, depth: float) -> bool:
-    """Return True if a point of a triangle is found deeper than ``depth`` in a box or ball.
+    """Return True if a triangle provably reaches deeper than ``depth`` into a box or ball.
 
-    ``q``, shape (10,), is the row of the box or ball.
+    ``q``, shape (10,), is the row of the box or ball. False proves nothing.
     """
     first = corners[0]
     to_second, to_third = minus(corners[1], first), minus(corners[2], first)
@@ -649,7 +652,7 @@ def _passes_through(p: Row, q: Row, b: Corners, tolerance: float) -> bool:
 
 @internal
 def _stays_through(p: Row, q: Row, b: Corners, displacement: float) -> bool:
-    """Return True if a segment stays through a triangle in a motion.
+    """Return True if a segment keeps passing through a triangle during a motion.
 
     The segment from p to q passes through b. All points of the one or the other move by at most
     ``displacement``. While the ends of the segment do not meet the triangle, and the segment does
@@ -678,11 +681,11 @@ def _stays_through(p: Row, q: Row, b: Corners, displacement: float) -> bool:
 
 @internal
 def _side_of_plane(p: Row, corners: Corners, tolerance: float) -> int:
-    """Return the side of a plane on which p lies.
+    """Return the side, 1 or -1, on which p lies of the plane through three corners.
 
-    The sides of the plane through three corners are 1 and -1. The result is 0 if rounding could
-    change it. The determinant changes by less than ``(s + 2 e)^3 - s^3`` if each point moves by at
-    most e and none is farther than s from p. Rounding adds less than ``64 * 2^-52 s^3``.
+    The result is 0 if rounding could change it. The determinant changes by less than ``(s + 2 e)^3
+    - s^3`` if each point moves by at most e and none is farther than s from p. Rounding adds less
+    than ``64 * 2^-52 s^3``.
     """
     u, v, w = minus(corners[0], p), minus(corners[1], p), minus(corners[2], p)
     s = math.sqrt(max(dot(u, u), dot(v, v), dot(w, w)))

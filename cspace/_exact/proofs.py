@@ -13,7 +13,7 @@ from typing import Final, NamedTuple, cast
 import numpy as np
 
 from cspace._bodies import ADVANCE_FACTOR, DISTANCE_ROUNDING, MAX_DISTANCES_PER_EDGE, MIN_ADVANCE
-from cspace._bodies.parts import as_triangles, connected_parts, part_anchors
+from cspace._bodies.parts import as_triangles, part_anchors, sort_by_part
 from cspace._bodies.triangle_proofs import (
     LEVER,
     MAX_PENDING_PAIRS,
@@ -90,7 +90,7 @@ class ExactQueries:
         self._proofs: Proofs | None = None
         self._lock = threading.RLock()
 
-    def points(self, map_: Map, q: Floats, out: Bools) -> int:
+    def write_points(self, map_: Map, q: Floats, out: Bools) -> int:
         """Write whether configurations, shape (n, size), are free to ``out``, shape (n,).
 
         Returns the index of the first invalid one, or -1.
@@ -107,7 +107,7 @@ class ExactQueries:
                 out[undecided] = proofs.are_free(ends, ends)
         return bad
 
-    def edges(self, map_: Map, q0: Floats, q1: Floats, out: Bools) -> int:
+    def write_edges(self, map_: Map, q0: Floats, q1: Floats, out: Bools) -> int:
         """Write whether edges, shapes (n, size), are free to ``out``, shape (n,).
 
         Edges rotate along the shorter arc. Returns the index of the first invalid edge, or -1.
@@ -210,12 +210,23 @@ class Containment(NamedTuple):
 
 
 class BoundaryTrees(NamedTuple):
-    """Trees of robot, walls and obstacles, given by their roots.
+    """Trees of the robot, the walls and the obstacles, in scaled lengths.
 
-    All lengths are scaled: metres times ``scale``. ``others`` are the roots of the walls and of the
-    obstacles, -1 for none. Walls are the faces of the grid, used if the exterior is blocked.
-    ``max_lever`` is the longest lever of the robot, and ``required`` the distance that proves a
-    configuration free.
+    Attributes
+    ----------
+    trees : Trees
+    robot : int
+        Root of the robot.
+    others : tuple of int
+        Roots of the walls and of the obstacles, -1 for none. Walls are the faces of the grid, used
+        if the exterior is blocked.
+    max_lever : float
+        Largest distance of a point of the robot from the reference point, or from the z axis if it
+        rotates about z alone.
+    scale : float
+        Factor from metres to scaled lengths.
+    required : float
+        Distance that proves a configuration free.
     """
 
     trees: Trees
@@ -227,7 +238,7 @@ class BoundaryTrees(NamedTuple):
 
 
 class ProofInputs(NamedTuple):
-    """The map, the boundaries and the solids that every proof uses."""
+    """Inputs of every edge proof: the map, the boundaries and the solids."""
 
     map: Map
     boundaries: BoundaryTrees
@@ -272,7 +283,7 @@ class BoundaryProofs:
         robot = self._robot
         missing_axis = (0, 3 - grid.dim)
         # The robot's corners by part; the first of each part is an anchor of the robot.
-        corners, starts = connected_parts(boundary)
+        corners, starts = sort_by_part(boundary)
         stops = np.append(starts[1:], len(corners))
         self._anchors = corners[starts]
         stop_of_corners = np.repeat(stops, stops - starts)
@@ -348,7 +359,7 @@ class BoundaryProofs:
         boundaries = self.boundaries
         scale = boundaries.scale
         positions, matrices = self._place_robot(points)
-        # The farthest way of any point of the robot from where it is at the midpoint.
+        # Largest displacement of a point of the robot from its place at the midpoint.
         spans = 0.5 * (scale * lengths + boundaries.max_lever * angles)
         node_pairs = make_scratch().node_pairs
         slack = path_slack(boundaries, scale * positions, matrices, spans, node_pairs)
@@ -367,7 +378,7 @@ class BoundaryProofs:
         return positions, matrices
 
     def _are_nested(self, q: Floats) -> Bools:
-        """Return whether robot or obstacles contain a part of the other, shape (n,).
+        """Return whether robot and obstacles contain a part of each other, shape (n,).
 
         ``q``, shape (n, size), are configurations at which no boundaries meet, so that one point of
         each part, its anchor, decides.
@@ -561,6 +572,7 @@ def prove_arc(inputs: ProofInputs, arc: EdgeArc, scratch: Scratch) -> bool:
     length = math.sqrt(dot(arc.step, arc.step)) + arc.angle * boundaries.max_lever
     max_length = PIECE_CELLS * boundaries.scale * inputs.map.spacing
     count = math.ceil(length / max_length)
+    # Piece -1 is the end alone.
     for piece in range(-1, count):
         first = piece / count if piece >= 0 else 1.0
         last = (piece + 1) / count if piece >= 0 else 1.0
@@ -675,7 +687,7 @@ def fraction_apart(
     enough: float,
     scratch: Ints,
 ) -> float:
-    """Return the fraction of a motion, at most ``enough``, on which boundaries stay apart.
+    """Return the fraction of a motion, at most ``enough``, with boundaries proven apart.
 
     From its position, the robot moves by up to ``step`` forwards or backwards, by up to ``drift``
     in any direction, and rotates by up to ``angle``. All lengths are scaled like the trees.
@@ -701,9 +713,9 @@ def reference_point(map_: Map, position: Row, scale: float) -> Row:
 
 @kernel
 def corner_state(containment: Containment, position: Row, matrix: Matrix) -> int:
-    """Test by cells whether a part of the robot lies inside an obstacle.
+    """Test by cells whether obstacles contain a part of the robot.
 
-    Returns BLOCKED if one does, MIXED if that is undecided, otherwise FREE. No boundaries may meet,
+    Returns BLOCKED if they do, MIXED if that is undecided, otherwise FREE. No boundaries may meet,
     so that any corner of a part decides for the whole part.
     """
     spacing = containment.spacing

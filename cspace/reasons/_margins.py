@@ -318,7 +318,7 @@ class ResizedRobot:
         """
         hits = np.zeros((len(rasters), *occupied.shape), dtype=np.bool_)
         engine = ENGINES[choose_engine(rasters)]
-        engine.collide(occupied, rasters, list(hits), outside=outside)
+        engine.write_overlaps(occupied, rasters, list(hits), outside=outside)
         return hits
 
     def _split(self, margin: float) -> tuple[float, float]:
