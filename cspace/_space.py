@@ -387,7 +387,7 @@ class CSpace(ConfigurationMap):
         """
         with self.lock:  # an update changes the components
             try:
-                places = self._look_up_place(*q0), self._look_up_place(*q1)
+                places = self._look_up_flat_cell(*q0), self._look_up_flat_cell(*q1)
             except (TypeError, ValueError):
                 return None
             if -1 in places or self._is_suspect(q0) or self._is_suspect(q1):
@@ -473,12 +473,12 @@ class CSpace(ConfigurationMap):
             ``check(*q) -> float``. Takes the coordinates as finite floats, without a check.
         """
         distances = self._distances
-        distances.whole()
+        distances.compute_all()
         look_up = self._look_up_clearance
 
         def check(*q: float) -> float:
             """Return the clearance of the configuration in metres; 0 if it is not usable."""
-            metres = look_up(distances.whole(), *q)
+            metres = look_up(distances.compute_all(), *q)
             return 0.0 if math.isnan(metres) else metres
 
         return check
@@ -675,13 +675,13 @@ class CSpace(ConfigurationMap):
         ``endpoints`` has shape (2, size), the path (n, size). It is empty if no path promises to be
         shorter than ``max_length``, or after the clock's time ``until``.
         """
-        from cspace._queries.undecided import UNDECIDED_BYTES_PER_CELL, Undecided
+        from cspace._queries.undecided import UNDECIDED_BYTES_PER_CELL, MixedCellSearch
 
         needed = UNDECIDED_BYTES_PER_CELL * self.grid.size * len(self.rotations)
         check_memory(needed, "the map, to search its MIXED cells,", self.grid)
         # One array for each rotation cell, because geometry decides each on its own.
         states = self.cell_states.reshape(-1, *self.grid.shape)
-        search = Undecided(
+        search = MixedCellSearch(
             self.grid,
             self.rotations,
             states,
@@ -969,7 +969,7 @@ class CSpace(ConfigurationMap):
         ConfigurationError
             If the map has no FREE cell.
         """
-        from cspace._queries.sampling import nearest
+        from cspace._queries.sampling import find_nearest
 
         point = self._check_configurations(q, "q")
         if point.ndim != 1:
@@ -979,7 +979,7 @@ class CSpace(ConfigurationMap):
                 f"it must be one configuration, shape ({self.size},)",
                 "pass one configuration at a time",
             )
-        center = nearest(self._seen, self._slice_of, self.rotations, self.grid, point)
+        center = find_nearest(self._seen, self._slice_of, self.rotations, self.grid, point)
         if center is None:
             raise self._make_nothing_free_error()
         return center
@@ -1295,7 +1295,7 @@ class CSpace(ConfigurationMap):
 
     def _distance_arrays(self) -> dict[str, NDArray[Any]]:
         """Return the distances of cells by the names of a saved map's arrays."""
-        boxes = self._distances.whole().boxes
+        boxes = self._distances.compute_all().boxes
         return {"distances": self._distances.array(), "distance_boxes": boxes}
 
     def _clearances_of_cells(self, number: int | None) -> Floats:
@@ -1490,9 +1490,9 @@ class CSpace(ConfigurationMap):
     @derived
     def _blocks(self) -> Map:
         """Map of blocks of cells, for many edges."""
-        from cspace._queries.edges import join_blocks
+        from cspace._queries.edges import coarsen_map
 
-        return join_blocks(self._kernel_map)
+        return coarsen_map(self._kernel_map)
 
     @lazy
     def _exact(self) -> ExactQueries:
@@ -1584,11 +1584,11 @@ class CSpace(ConfigurationMap):
         return state_lookup(self._kernel_map, self.size)
 
     @lazy
-    def _look_up_place(self) -> Callable[..., int]:
+    def _look_up_flat_cell(self) -> Callable[..., int]:
         """Look-up of the cell of one configuration."""
-        from cspace._queries.callbacks import place_lookup
+        from cspace._queries.callbacks import flat_cell_lookup
 
-        return place_lookup(self._kernel_map, self.size)
+        return flat_cell_lookup(self._kernel_map, self.size)
 
     @lazy
     def _look_up_motion(self) -> Callable[..., int]:
@@ -1602,7 +1602,7 @@ class CSpace(ConfigurationMap):
         """Look-up of one configuration's clearance in a table of distances."""
         from cspace._queries.distance import clearance_lookup
 
-        return clearance_lookup(self._kernel_map, self._distances.of_slices([]), self.size)
+        return clearance_lookup(self._kernel_map, self._distances.compute_slices([]), self.size)
 
     # ---- queries of rows -------------------------------------------------------------------------
 
@@ -1658,7 +1658,7 @@ class CSpace(ConfigurationMap):
             if bad >= 0:
                 return bad
             slices = np.unique(self._slice_of[self.rotations._find_cells(rows)])
-            table = self._distances.of_slices(slices.tolist())
+            table = self._distances.compute_slices(slices.tolist())
         return write_in_threads(partial(clearances, self._kernel_map, table), rows, out)
 
     def _sum(self, side: Literal["outer", "inner"], q: ArrayLike) -> int | Ints:

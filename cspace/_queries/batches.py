@@ -88,10 +88,10 @@ def evaluate_edges(
     write: Write,
     angles: Mapping[int, str] = NO_ANGLES,
 ) -> Any:
-    """Evaluate a query on straight edges from ``q0`` to ``q1``, one or many, which broadcast.
+    """Evaluate a query on straight edges from ``q0`` to ``q1``, one or many.
 
-    Both have shape (d,) or (..., d). ``write`` writes True or False for each edge; other
-    parameters, results and errors are those of :func:`evaluate`.
+    Both have shape (d,) or (..., d) and broadcast. ``write`` writes True or False for each edge;
+    other parameters, results and errors are those of :func:`evaluate`.
     """
     starts = check_rows(q0, "q0", size)
     ends = check_rows(q1, "q1", size)
@@ -116,7 +116,7 @@ def evaluate_edges(
 
 
 def evaluate_rows(starts: Floats, ends: Floats, write: Write) -> Bools:
-    """Evaluate a query on edges between rows, shape (n, size).
+    """Evaluate a query on edges between rows of two arrays, shape (n, size).
 
     Raises InputError, with the index of the edge, if a row is not usable.
     """
@@ -150,7 +150,7 @@ def as_contiguous(rows: NDArray[Any]) -> Floats:
 
 
 def _shape_answers(answers: NDArray[Any], shape: tuple[int, ...], is_array: bool) -> Any:
-    """Reshape answers; return a Python value for one configuration that is not an array."""
+    """Reshape answers, or return a Python value for one configuration that is not an array."""
     if shape or is_array:
         return answers.reshape(shape)[()]  # a numpy scalar if the shape is ()
     return answers.item()

@@ -1,4 +1,4 @@
-"""Overlaps without stored counts, from rows of the robot."""
+"""Overlap counts at configurations, summed over rows of the robot."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ class RobotRows(NamedTuple):
     Attributes
     ----------
     rows : ndarray of int64, shape (n, 4)
-        ``(dx, dy, first dz, number of dz)``; in the plane dx is 0, and dy and dz stand for the two
-        axes.
+        Offsets ``(dx, dy, first dz, number of dz)`` of each row from the robot's cell; in the plane
+        dx is 0, and dy and dz are along the two axes.
     stops : ndarray of int64, shape (slices,)
-        End of the rows of each slice.
+        Index after the last row of each slice.
     """
 
     rows: Ints
@@ -41,7 +41,7 @@ class RobotRows(NamedTuple):
 
 
 def sum_columns(cells: Bools) -> NDArray[np.int32]:
-    """Sum obstacle cells along the last axis.
+    """Return running counts of obstacle cells along the last axis.
 
     Entry ``[i, j, k]`` of the result, shape (nx, ny, nz + 1), counts the first k cells of a column.
     In the plane, nx is 1, and j and k are the two axes.

@@ -34,7 +34,7 @@ Cell = tuple[int, int, int]
 """A cell along three axes."""
 
 NOT_USABLE: Final = 255
-"""Answer for numbers that are not finite, or no rotation."""
+"""Answer for coordinates that are not finite, or of an invalid rotation."""
 
 MAX_CELL: Final = 2.0**62
 """Largest coordinate, in cells; larger ones are clamped so that they fit 64-bit integers."""
@@ -69,7 +69,7 @@ def is_usable(position: Row, rotation: Numbers) -> bool:
 
 
 @inlined
-def in_cells(map_: Map, position: Row) -> Row:
+def position_in_cells(map_: Map, position: Row) -> Row:
     """Return a position in cells from the lower corner of the grid."""
     x, y, z = position
     x0, y0, z0 = map_.lower
@@ -93,7 +93,7 @@ def cell_along(place: float, coordinate: float, upper: float, count: int) -> int
 @inlined
 def cell_of(map_: Map, position: Row) -> Cell:
     """Return the cell of a position, which may be outside the grid."""
-    u, v, w = in_cells(map_, position)
+    u, v, w = position_in_cells(map_, position)
     x, y, z = map_.upper
     _, nx, ny, nz = map_.states.shape
     return (
@@ -113,7 +113,7 @@ def slice_of(map_: Map, rotation: Numbers) -> int:
 def state_at(map_: Map, position: Row, rotation: Numbers) -> int:
     """Return the state of a configuration; NOT_USABLE if its position is not finite."""
     s = slice_of(map_, rotation)
-    u, v, w = in_cells(map_, position)
+    u, v, w = position_in_cells(map_, position)
     _, nx, ny, nz = map_.states.shape
     # Most positions are in the grid, so all tests are done at once. Indices without a sign need no
     # test for negative ones.
@@ -141,7 +141,7 @@ def state_outside(map_: Map, s: int, position: Row) -> int:
 @internal
 def exterior_box(map_: Map, s: int) -> tuple[Cell, Cell]:
     """Return the first and the last cell of the box of MIXED cells outside the grid."""
-    # First cell, last cell, and the state of all other cells outside.
+    # A row has the first cell, the last cell, and the state of all other cells outside.
     row = map_.exterior[s]
     if map_.dim == 2:
         return (0, row[0], row[1]), (0, row[2], row[3])
@@ -194,9 +194,10 @@ def run_is_free(map_: Map, s: int, i: int, j: int, first: int, last: int) -> boo
 
 @internal
 def box_to_test(map_: Map, s: int, inside: bool) -> tuple[Cell, Cell]:
-    """Return the first and the last cell of the grid, if `inside`, or around grid and exterior box.
+    """Return the first and the last cell that a test of a slice must visit.
 
-    All cells beyond the second box have one state.
+    They are those of the grid, if `inside`, and otherwise of the box around the grid and the
+    exterior box, beyond which all cells have one state.
     """
     _, nx, ny, nz = map_.states.shape
     if inside:
@@ -209,7 +210,8 @@ def box_to_test(map_: Map, s: int, inside: bool) -> tuple[Cell, Cell]:
 
 @inlined
 def closed_cells(low: float, high: float) -> tuple[int, int]:
-    """Return the first and the last closed cell between two coordinates, in cells."""
+    """Return the first and the last closed cell that an interval meets, in cells."""
+    # A coordinate on a boundary belongs to the cells on both sides.
     return math.ceil(low) - 1, math.floor(high)
 
 
@@ -220,9 +222,9 @@ def box_is_free(map_: Map, s: int, position: Row, distance: float) -> bool:
     The cells are closed, and SLACK is added to the distance. In the plane, the box stays in the
     layer.
     """
-    u, v, w = in_cells(map_, position)
+    u, v, w = position_in_cells(map_, position)
     reach = distance / map_.spacing + SLACK
-    if not abs(u) + abs(v) + abs(w) + reach <= MAX_POSITION:  # True for NaN
+    if not abs(u) + abs(v) + abs(w) + reach <= MAX_POSITION:  # refuses NaN too
         return False
     # First and last cell of the box along each axis.
     across = reach if map_.dim == 3 else 0.0
@@ -245,7 +247,7 @@ def box_is_free(map_: Map, s: int, position: Row, distance: float) -> bool:
 
 @kernel
 def boxes_are_free(map_: Map, distance: float, angle: float, points: Floats, out: Bools) -> int:
-    """Write whether all configurations near each point are proven free; see `around_is_free`.
+    """Write whether all configurations near each point are proven free; see `neighborhood_is_free`.
 
     ``points`` has shape (n, size), ``out`` (n,). Returns the first unusable row, or -1.
     """
@@ -253,20 +255,20 @@ def boxes_are_free(map_: Map, distance: float, angle: float, points: Floats, out
         position, rotation = configuration_in(map_, points, k)
         if not is_usable(position, rotation):
             return k
-        out[k] = around_is_free(map_, position, rotation, distance, angle)
+        out[k] = neighborhood_is_free(map_, position, rotation, distance, angle)
     return -1
 
 
 @internal
-def around_is_free(
+def neighborhood_is_free(
     map_: Map, position: Row, rotation: Numbers, distance: float, angle: float
 ) -> bool:
-    """Return True if all configurations near a position and rotation are proven free.
+    """Return True if all configurations near a given one are proven free.
 
     They are at most ``distance`` away along each axis, metres, and rotated by at most ``angle``.
     """
     if len(rotation) == 4:
-        return quaternions_around_are_free(map_, position, rotation, distance, angle)
+        return quaternion_neighborhood_is_free(map_, position, rotation, distance, angle)
     borders = map_.rotations.borders
     if borders.shape[0] == 0:
         return box_is_free(map_, int(map_.rotations.slice_of[0]), position, distance)
@@ -285,10 +287,10 @@ def around_is_free(
 
 
 @internal
-def quaternions_around_are_free(
+def quaternion_neighborhood_is_free(
     map_: Map, position: Row, rotation: Numbers, distance: float, angle: float
 ) -> bool:
-    """Return True if all configurations near a position and quaternion are proven free.
+    """Return True if all configurations near one with a quaternion are proven free.
 
     They are at most ``distance`` away along each axis, metres, and rotated by at most ``angle``.
     """
