@@ -39,7 +39,7 @@ GoalLike = ArrayLike | Goal | Sequence[Goal | ArrayLike]
 
 
 class SearchOptions(NamedTuple):
-    """Options of a space's own search."""
+    """Options of one of a space's own searches."""
 
     simplify: bool  # whether to shorten the path
     exact: bool  # whether geometry decides what cells do not
@@ -54,12 +54,12 @@ def has_pose_names(axes: Sequence[str]) -> bool:
 
 
 def format_configuration(q: Sequence[float]) -> str:
-    """Format a configuration so that it can be typed back."""
+    """Format a configuration as a Python tuple, with all digits."""
     return f"({', '.join(map(repr, q))})"
 
 
 def rotations_of(axes: Sequence[str]) -> Rotations:
-    """Return rotations of the kind that the last axes of a pose name."""
+    """Return a single rotation cell of the kind that the axes of a pose imply."""
     if "qw" in axes:
         return Rotations.quaternions(1)
     return Rotations.of(1 if "yaw" in axes else None)
@@ -178,9 +178,9 @@ class Space(ABC):
         return lower, upper
 
     def steps_between(self, q0: Floats, q1: Floats) -> Floats:
-        """Return the steps between configurations, the shorter way.
+        """Return the steps between configurations, with the shorter rotation.
 
-        A step consists of :attr:`dim` numbers and of a rotation vector, radians.
+        A step consists of :attr:`dim` numbers and a rotation vector, radians.
         """
         steps = self.rotations._steps_between(q0, q1)
         return wrap_steps(steps, self.periodic_axes) if any(self.periodic_axes) else steps
@@ -194,8 +194,9 @@ class Space(ABC):
         return np.asarray(lengths + METRES_PER_RADIAN * angles)
 
     def interpolate(self, q0: Floats, q1: Floats, t: ArrayLike) -> Floats:
-        """Return the configurations at shares ``t`` of motions, shape (..., 1)."""
-        # Steps have an entry for each degree of freedom, so starts get their shape but one axis.
+        """Return the configurations at fractions ``t``, shape (..., 1), of motions."""
+        # A step has an entry for each degree of freedom, so only its leading axes are those of
+        # starts.
         steps = np.asarray(t) * self.steps_between(q0, q1)
         starts = np.broadcast_to(q0, (*steps.shape[:-1], self.size))
         return self.rotations._add_steps(starts, steps)
@@ -277,7 +278,7 @@ class Space(ABC):
         Raises InputError if it is no configuration, and ConfigurationError if no motion from it can
         be proven free.
         """
-        canonical = self.rotations._make_canonical(self._check_one(q, name), name)
+        canonical = self.rotations._make_canonical(self._check_one_configuration(q, name), name)
         canonical = wrap_angles(canonical, self.periodic_axes)
         point = tuple(canonical.tolist())
         # Continuous joints have no bounds.
@@ -311,8 +312,8 @@ class Space(ABC):
             )
         return [self.check_endpoint(cast("ArrayLike", goal), "goal", exact)]
 
-    def _check_one(self, q: ArrayLike, name: str) -> Floats:
-        """Check one configuration's length and finiteness; return it as an array."""
+    def _check_one_configuration(self, q: ArrayLike, name: str) -> Floats:
+        """Return one configuration as an array; raise InputError if it is not one."""
         point = check_finite(q, name)
         if point.shape != (self.size,):
             raise InputError(
@@ -338,7 +339,7 @@ class ConfigurationSpace(Space):
 
     @cached_property
     def _angles(self) -> dict[int, str]:
-        """Index and name of each coordinate that is wrapped."""
+        """Names of the coordinates that are wrapped angles, by index."""
         return angle_axes(self.axes, self.periodic_axes)
 
     @abstractmethod
@@ -581,7 +582,7 @@ class ConfigurationSpace(Space):
     # ---- one configuration, given as a tuple: the same look-ups, without arrays ------------------
 
     def _state_of_one(self, q: tuple[Any, ...]) -> int | None:
-        """Return the state of one configuration, or None if the look-up of arrays decides."""
+        """Return the state of one configuration, or None if only the query of arrays can."""
         return None
 
     def _state_of_motion(self, q0: tuple[Any, ...], q1: tuple[Any, ...]) -> int | None:

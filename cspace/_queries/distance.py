@@ -120,9 +120,8 @@ class DistanceMap:
 
     def array_of(self, number: int) -> Distances:
         """Return the distances of one slice, shape (x, y) or (x, y, z)."""
-        distances: Distances = self.compute_slices([number]).cells.reshape(self._states.shape)[
-            number
-        ]
+        table = self.compute_slices([number])
+        distances: Distances = table.cells.reshape(self._states.shape)[number]
         return distances
 
     def compute_slices(self, slices: Iterable[int]) -> DistanceTable:

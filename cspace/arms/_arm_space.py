@@ -665,7 +665,7 @@ class ArmSpace(ConfigurationSpace):
         Raises ConfigurationError if it is beyond the limits or not proven free, and InputError if
         it is no configuration.
         """
-        given = self._check_one(q, name)
+        given = self._check_one_configuration(q, name)
         point = self.arm._clamp(self._check_configurations(given, name))
         warn_of_degrees(given, self._angles, name)
         if not self.is_free(point):
