@@ -61,7 +61,7 @@ class ConfigurationMap(ConfigurationSpace):
     @property
     @abstractmethod
     def _map_contents(self) -> Contents:
-        """Contents of the map; for a tiled map, those that all tiles share."""
+        """Contents of the map, shared by all tiles of a tiled map."""
 
     @property
     def grid(self) -> Grid:
@@ -217,7 +217,10 @@ class ConfigurationMap(ConfigurationSpace):
         return apart
 
     def _test_connections(self, q0: ArrayLike, q1: ArrayLike, apart: bool) -> Any:
-        """Return whether configurations are proven connected, or with ``apart`` disconnected."""
+        """Return whether configurations are proven connected, or disconnected.
+
+        With ``apart``, the answer is True for disconnected ones.
+        """
         if isinstance(q0, tuple) and isinstance(q1, tuple):
             known = self._connection_of_one(q0, q1, apart)
             if known is not None:
@@ -229,16 +232,18 @@ class ConfigurationMap(ConfigurationSpace):
     def _connection_of_one(
         self, q0: tuple[Any, ...], q1: tuple[Any, ...], apart: bool
     ) -> bool | None:
-        """Return whether two configurations are proven connected, or with ``apart`` disconnected.
+        """Return whether two configurations are proven connected, or disconnected.
 
-        Returns None if only the query of arrays can answer, or raise the error.
+        With ``apart``, the answer is True for disconnected ones. Returns None if only the query of
+        arrays can answer, or raise the error.
         """
         return None
 
     def _write_connections(self, apart: bool, starts: Floats, ends: Floats, out: Bools) -> int:
-        """Write which pairs are proven connected, or with ``apart`` disconnected.
+        """Write which pairs are proven connected, or disconnected.
 
-        ``starts`` and ``ends`` have shape (n, size). Returns the first unusable pair, or -1.
+        With ``apart``, the answer is True for disconnected ones. ``starts`` and ``ends`` have shape
+        (n, size). Returns the first unusable pair, or -1.
         """
         # The higher state of both ends: only FREE ends have a component of FREE cells.
         highest = np.zeros(len(out), dtype=np.uint8)
@@ -380,7 +385,10 @@ class ConfigurationMap(ConfigurationSpace):
         return metres
 
     def _clearance_of_one(self, q: tuple[Any, ...]) -> float | None:
-        """Return the clearance of one configuration, or None if only the query of arrays can."""
+        """Return the clearance of one configuration, or None.
+
+        None means that only the query of arrays can answer, or raise the error.
+        """
         return None
 
     # ---- for planners ----------------------------------------------------------------------------
@@ -443,7 +451,7 @@ class ConfigurationMap(ConfigurationSpace):
         return ConfigurationError(name, problem, rule, hint, nearest=nearest)
 
     def _suggest_endpoint(self, point: Endpoint) -> tuple[str, Endpoint | None]:
-        """Return a hint for an invalid start or goal, and the nearest FREE configuration."""
+        """Return a hint for an invalid endpoint, and the nearest FREE configuration."""
         try:
             nearest = tuple(self.nearest_free(point).tolist())
         except ConfigurationError:
@@ -487,21 +495,33 @@ class ConfigurationMap(ConfigurationSpace):
 
     @abstractmethod
     def _find_unusable(self, rows: Floats) -> int:
-        """Return the index of the first unusable configuration of rows (n, size), or -1."""
+        """Return the index of the first unusable row, or -1.
+
+        A row is a configuration; ``rows`` has shape (n, size).
+        """
 
     @abstractmethod
     def _write_free_around(self, distance: float, angle: float, rows: Floats, out: Bools) -> int:
-        """Write whether all configurations within a distance and an angle of rows are free.
+        """Write whether all configurations near each row are free.
 
+        Near means within a distance and an angle. ``rows`` has shape (n, size), ``out`` (n,).
         Returns the first unusable row, or -1.
         """
 
     @abstractmethod
     def _write_clearances(self, rows: Floats, out: Floats) -> int:
-        """Write clearances of rows, shape (n, size); return the first unusable row, or -1."""
+        """Write the clearances of configurations, metres.
+
+        ``rows`` has shape (n, size), ``out`` (n,). Returns the index of the first unusable row, or
+        -1.
+        """
 
     def _write_free(self, exact: bool, rows: Floats, out: Bools) -> int:
-        """Write whether rows, shape (n, size), are FREE; return the first unusable row, or -1."""
+        """Write whether configurations are FREE.
+
+        ``rows`` has shape (n, size), ``out`` (n,). Returns the index of the first unusable row, or
+        -1.
+        """
         states = out.view(np.uint8)  # states and answers are bytes, so they share memory
         bad = self._write_states(rows, states)
         np.equal(states, FREE, out=out)

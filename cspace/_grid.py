@@ -30,7 +30,7 @@ FARTHEST_CELL: Final = 2**62
 
 
 def check_reach(far: float, name: str, origin: str, hint: str) -> None:
-    """Raise InputError if a shape is so far from an origin that rounding matters.
+    """Raise InputError if a shape is too far from an origin.
 
     ``far``, in cells, must be at most :data:`MAX_COORDINATE`, beyond which rounding could exceed
     :data:`SLACK`. ``name``, ``origin`` and ``hint`` are for the message.

@@ -49,7 +49,7 @@ class SearchOptions(NamedTuple):
 
 
 def has_pose_names(axes: Sequence[str]) -> bool:
-    """Return True if all axes are coordinates of a rigid body's pose."""
+    """Return True if all axes belong to a rigid body's pose."""
     return set(axes) <= {"x", "y", "z", *Rotations._all_names()}
 
 
@@ -59,7 +59,10 @@ def format_configuration(q: Sequence[float]) -> str:
 
 
 def rotations_of(axes: Sequence[str]) -> Rotations:
-    """Return a single rotation cell of the kind that the axes of a pose imply."""
+    """Return rotations of the kind that the axes of a pose imply.
+
+    They have a single yaw cell, or the fewest cells of quaternions.
+    """
     if "qw" in axes:
         return Rotations.quaternions(1)
     return Rotations.of(1 if "yaw" in axes else None)
@@ -227,7 +230,7 @@ class Space(ABC):
         size = self.size
 
         def check(*endpoints: float) -> bool:
-            """Test the motion between the configurations that the numbers give."""
+            """Return True if the motion between both configurations is free."""
             return bool(self.motion_is_free(endpoints[:size], endpoints[size:]))
 
         return check
@@ -236,7 +239,7 @@ class Space(ABC):
         """Return ``clearance(*q)``, a fast :meth:`clearance`; 0 beyond the limits of joints."""
 
         def clearance(*q: float) -> float:
-            """Return the clearance of the configuration that the numbers give."""
+            """Return the clearance of a configuration, metres."""
             try:
                 return float(self.clearance(q))
             except ConfigurationError:
@@ -313,7 +316,10 @@ class Space(ABC):
         return [self.check_endpoint(cast("ArrayLike", goal), "goal", exact)]
 
     def _check_one_configuration(self, q: ArrayLike, name: str) -> Floats:
-        """Return one configuration as an array; raise InputError if it is not one."""
+        """Return one configuration as an array.
+
+        Raises InputError if it is not one configuration, or not finite.
+        """
         point = check_finite(q, name)
         if point.shape != (self.size,):
             raise InputError(
@@ -527,7 +533,7 @@ class ConfigurationSpace(Space):
         size = self.size
 
         def check(*endpoints: float) -> bool:
-            """Test the motion between the configurations that the numbers give."""
+            """Return True if the motion between both configurations is free."""
             return self.motion_is_free(endpoints[:size], endpoints[size:], exact=exact)
 
         return check
@@ -582,26 +588,41 @@ class ConfigurationSpace(Space):
     # ---- one configuration, given as a tuple: the same look-ups, without arrays ------------------
 
     def _state_of_one(self, q: tuple[Any, ...]) -> int | None:
-        """Return the state of one configuration, or None if only the query of arrays can."""
+        """Return the state of one configuration, or None.
+
+        None means that only the query of arrays can answer, or raise the error.
+        """
         return None
 
     def _state_of_motion(self, q0: tuple[Any, ...], q1: tuple[Any, ...]) -> int | None:
-        """Return FREE if a motion is proven free, else MIXED; None if arrays decide."""
+        """Return FREE if a motion is proven free, else MIXED, or None.
+
+        None means that only the query of arrays can answer, or raise the error.
+        """
         return None
 
     # ---- what differs ----------------------------------------------------------------------------
 
     @abstractmethod
     def _write_states(self, rows: Floats, out: States) -> int:
-        """Write the states of rows, shape (n, size), to ``out``, shape (n,).
+        """Write the states of configurations.
 
-        Returns the index of the first unusable row, or -1.
+        ``rows`` has shape (n, size), ``out`` (n,). Returns the index of the first unusable row, or
+        -1.
         """
 
     @abstractmethod
     def _write_free(self, exact: bool, rows: Floats, out: Bools) -> int:
-        """Write whether rows, shape (n, size), are free; return the first unusable one, or -1."""
+        """Write whether configurations are free.
+
+        ``rows`` has shape (n, size), ``out`` (n,). Returns the index of the first unusable row, or
+        -1.
+        """
 
     @abstractmethod
     def _write_motions(self, exact: bool, starts: Floats, ends: Floats, out: Bools) -> int:
-        """Write whether motions, shapes (n, size), are free; return the first unusable, or -1."""
+        """Write whether motions are free.
+
+        ``starts`` and ``ends`` have shape (n, size), ``out`` (n,). Returns the index of the first
+        unusable motion, or -1.
+        """

@@ -163,24 +163,24 @@ class LazyCells:
 
 
 def _unwrap(array: Any) -> Any:
-    """Return the array in an xarray, which may be lazy, or the array itself."""
+    """Return the array in an xarray, or the array itself."""
     return array.data if hasattr(array, "variable") else array
 
 
 def _package_of(array: Any) -> str:
-    """Return the name of the package that defines the type of an array."""
+    """Return the name of the package that defines an array's type."""
     return type(array).__module__.partition(".")[0]
 
 
 def _open_memmap(
     file: Path, dtype: np.dtype[Any], offset: int, shape: tuple[int, ...], order: Literal["C", "F"]
 ) -> LazyCells:
-    """Map an array of a file into memory; it begins at byte ``offset``."""
+    """Map an array of a file into memory, from byte ``offset`` on."""
     return LazyCells(np.memmap(file, dtype, "r", offset, shape, order))
 
 
 def _files_to_watch(file: Path) -> list[Path]:
-    """Return the files and folders whose modification times change with an array.
+    """Return the files and folders whose times change with an array.
 
     For an array in a folder, these are all of its folders, whose times change when a file in them
     is replaced, and all files of metadata.
@@ -228,7 +228,10 @@ def check_no_chunk_missing(array: Any) -> None:
 
 
 def is_lazy(array: Any) -> bool:
-    """Return True if an array reads its values when indexed, as :class:`LazyCells` needs."""
+    """Return True if an array reads its values when indexed.
+
+    Such arrays are kept as :class:`LazyCells`.
+    """
     data = _unwrap(array)
     return isinstance(data, ZarrArray | np.memmap) or _package_of(data) in _LAZY_PACKAGES
 
@@ -328,7 +331,7 @@ class ObstacleLayers:
         return (*base, *(obstacle.shape for obstacle in self.named.values()))
 
     def write(self, window: tuple[slice, ...], outer: Bools, inner: Bools) -> None:
-        """Replace a box of the base's cells, and forget the shapes of the base."""
+        """Replace a box of the base's cells; forget the base's shapes."""
         self.outer[window] = outer
         self.inner[window] = inner
         if self.unknown is not None:

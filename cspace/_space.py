@@ -120,7 +120,10 @@ class CSpace(ConfigurationMap):
         rasters: Sequence[tuple[Raster, Raster]] | None = None,
         layers: ObstacleLayers | None = None,
     ) -> None:
-        """Make a map of given states; everything else is computed when it is first needed."""
+        """Make a map of given states.
+
+        Everything else is computed when it is first needed.
+        """
         if contents.workspace.live:  # updates of another map write to it
             contents = replace(contents, workspace=copy_workspace(contents.workspace))
         self._contents = contents
@@ -362,7 +365,10 @@ class CSpace(ConfigurationMap):
             return math.nan
 
     def _state_of_one(self, q: tuple[Any, ...]) -> int | None:
-        """Return the state of one configuration, or None if only the query of arrays can."""
+        """Return the state of one configuration, or None.
+
+        None means that only the query of arrays can answer, or raise the error.
+        """
         try:
             state = self._look_up_state(*q)
         except (TypeError, ValueError):  # the number or the type of entries is wrong
@@ -372,7 +378,10 @@ class CSpace(ConfigurationMap):
         return state
 
     def _state_of_motion(self, q0: tuple[Any, ...], q1: tuple[Any, ...]) -> int | None:
-        """Return FREE if one motion is proven free, else MIXED; None if arrays decide."""
+        """Return FREE if a motion is proven free, else MIXED, or None.
+
+        None means that only the query of arrays can answer, or raise the error.
+        """
         try:
             state = self._look_up_motion(*q0, *q1)
         except (TypeError, ValueError):
@@ -384,9 +393,10 @@ class CSpace(ConfigurationMap):
     def _connection_of_one(
         self, q0: tuple[Any, ...], q1: tuple[Any, ...], apart: bool
     ) -> bool | None:
-        """Return whether two configurations are proven connected, or with ``apart`` disconnected.
+        """Return whether two configurations are proven connected, or disconnected.
 
-        Returns None if only the query of arrays can answer, for example outside the grid.
+        With ``apart``, the answer is True for disconnected ones. Returns None if only the query of
+        arrays can answer, for example outside the grid.
         """
         with self.lock:  # an update changes the components
             try:
@@ -403,7 +413,10 @@ class CSpace(ConfigurationMap):
             return joined and all(self._look_up_motion(*q, *q) == FREE for q in (q0, q1))
 
     def _clearance_of_one(self, q: tuple[Any, ...]) -> float | None:
-        """Return the clearance of one configuration, or None if only the query of arrays can."""
+        """Return the clearance of one configuration, or None.
+
+        None means that only the query of arrays can answer, or raise the error.
+        """
         table = self._distances.table
         if table is None:
             return None
@@ -414,7 +427,7 @@ class CSpace(ConfigurationMap):
         return None if math.isnan(metres) or self._seems_in_degrees(q) else metres
 
     def _seems_in_degrees(self, q: tuple[Any, ...]) -> bool:
-        """Return True if an angle seems to be in degrees, so that a warning is due."""
+        """Return True if an angle seems to be in degrees."""
         if not self._angles:
             return False
         return any(abs(q[axis]) > MAX_EXPECTED_ANGLE for axis in self._angles)
@@ -480,7 +493,7 @@ class CSpace(ConfigurationMap):
         look_up = self._look_up_clearance
 
         def check(*q: float) -> float:
-            """Return the clearance of the configuration in metres; 0 if it is not usable."""
+            """Return the clearance, metres; 0 for an unusable configuration."""
             metres = look_up(distances.compute_all(), *q)
             return 0.0 if math.isnan(metres) else metres
 
@@ -537,7 +550,7 @@ class CSpace(ConfigurationMap):
         """
         with self.lock:  # an update changes the components
             cell = self._cells_of(self._check_in_grid(q, "q", free=True))
-            first, last = self._components.box(cell)
+            first, last = self._components.bounding_box(cell)
         lower = np.asarray(self.grid.lower)
         return lower + self.grid.spacing * first, lower + self.grid.spacing * (last + 1)
 
@@ -609,9 +622,10 @@ class CSpace(ConfigurationMap):
         straight: bool,
         time_limit: float | None,
     ) -> Floats:
-        """Run a search of a path, shape (n, size), with a time limit; n is 0 if time runs out.
+        """Run a path search with a time limit.
 
-        ``search`` takes start, goal, ``straight`` and seconds; it raises TimeoutError.
+        Returns a path of shape (n, size); n is 0 if time runs out. ``search`` takes start, goal,
+        ``straight`` and seconds; it raises TimeoutError.
         """
         seconds = math.inf
         if time_limit is not None:
@@ -624,9 +638,10 @@ class CSpace(ConfigurationMap):
     def _find_free_path(
         self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float
     ) -> Floats:
-        """Find a path through FREE cells, shape (n, size); raise TimeoutError if time runs out.
+        """Find a path through FREE cells, shape (n, size).
 
-        It is one straight edge if possible, and otherwise follows a chain of cells.
+        Raises TimeoutError if time runs out. It is one straight edge if possible, and otherwise
+        follows a chain of cells.
         """
         endpoints = self._check_ends(q0, q1, free=True)
         start, goal = endpoints
@@ -641,10 +656,10 @@ class CSpace(ConfigurationMap):
     def _find_exact_path(
         self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float
     ) -> Floats:
-        """Find a path that geometry proves, shape (n, size); the shorter one of two searches.
+        """Find a path that geometry proves, shape (n, size).
 
-        One search keeps to FREE cells, the other one crosses MIXED cells. Raises TimeoutError if
-        time runs out before any path is found.
+        It is the shorter one of two searches. One search keeps to FREE cells, the other one crosses
+        MIXED cells. Raises TimeoutError if time runs out before any path is found.
         """
         from cspace._queries.paths import in_time, path_length, pulled_straight
 
@@ -702,10 +717,11 @@ class CSpace(ConfigurationMap):
         factors: Costs | None = None,
         cost: Callable[..., float] | None = None,
     ) -> Floats:
-        """Find a path along a short chain of cells, shape (n, size); n is 0 if there is none.
+        """Find a path along a short chain of cells, shape (n, size).
 
-        It is shortened if ``straight``. With ``factors`` of cells, shape (slices, ...), the length
-        of a move is multiplied by those of its cells, and ``cost`` is that of an edge.
+        The length n is 0 if there is none. It is shortened if ``straight``. With ``factors`` of
+        cells, shape (slices, ...), the length of a move is multiplied by those of its cells, and
+        ``cost`` is that of an edge.
         """
         from cspace._queries.guide import NO_FACTORS
         from cspace._queries.paths import (
@@ -775,9 +791,9 @@ class CSpace(ConfigurationMap):
         factor_at: Callable[[Distances], Costs],
         cost: Callable[..., float],
     ) -> Floats:
-        """Find a path of low cost, the cheapest of up to three; see :meth:`find_cheap_path`.
+        """Find a path of low cost, the cheapest of up to three.
 
-        Raises TimeoutError if time runs out before any is found.
+        See :meth:`_find_cheap_path`. Raises TimeoutError if time runs out before any is found.
         """
         from cspace._queries.paths import edge_costs, in_time, pulled_straight
 
@@ -890,9 +906,9 @@ class CSpace(ConfigurationMap):
     def _search_widest_path(
         self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float
     ) -> Floats:
-        """Find a path of the largest clearance, shape (n, size), empty if edges are unproven.
+        """Find a path of the largest clearance, shape (n, size).
 
-        Raises TimeoutError if time runs out.
+        It is empty if its edges are not proven. Raises TimeoutError if time runs out.
         """
         from cspace._queries.widest import WidthMap, find_widest_path
 
@@ -908,7 +924,10 @@ class CSpace(ConfigurationMap):
         return self._no_path()
 
     def _search_distances(self) -> Distances:
-        """Return the distance of each cell, by slice; refuse a search beyond free memory."""
+        """Return the distance of each cell, by slice, for a search.
+
+        Raises InputError if the search does not fit into memory.
+        """
         from cspace._queries.widest import SEARCH_BYTES_PER_CELL
 
         needed = SEARCH_BYTES_PER_CELL * self.grid.size * len(self.rotations)
@@ -1187,7 +1206,10 @@ class CSpace(ConfigurationMap):
             )
 
     def _drop_derived(self, workspace: Workspace, layers: ObstacleLayers | None) -> None:
-        """Drop all data derived from the cells, and keep the workspace of an update."""
+        """Drop all data derived from the cells, after an update.
+
+        The map takes over the updated workspace.
+        """
         contents = self._contents
         self._layers = layers
         if contents.workspace is not workspace:
@@ -1285,8 +1307,10 @@ class CSpace(ConfigurationMap):
 
     # ---- for files and messages ------------------------------------------------------------------
 
-    def _write(self, write: Callable[[Contents], None], *, exterior: bool = False) -> None:
-        """Call ``write`` with the contents of the map while no update changes them.
+    def _call_with_contents(
+        self, write: Callable[[Contents], None], *, exterior: bool = False
+    ) -> None:
+        """Call ``write`` with the contents, while no update changes them.
 
         With ``exterior``, the exterior's states are included.
         """
@@ -1297,7 +1321,7 @@ class CSpace(ConfigurationMap):
             write(contents)
 
     def _distance_arrays(self) -> dict[str, NDArray[Any]]:
-        """Return the distances of cells by the names of a saved map's arrays."""
+        """Return distances of cells as named arrays of a saved map."""
         boxes = self._distances.compute_all().boxes
         return {"distances": self._distances.array(), "distance_boxes": boxes}
 
@@ -1363,7 +1387,7 @@ class CSpace(ConfigurationMap):
             derived = self._distance_arrays() if clearance else None
             save(contents, path, overwrite, compress, derived)
 
-        self._write(write, exterior=True)
+        self._call_with_contents(write, exterior=True)
 
     def export(
         self, path: str | Path, *, overwrite: bool = False, rotation: ArrayLike | None = None
@@ -1377,7 +1401,7 @@ class CSpace(ConfigurationMap):
         """
         from cspace.export._writers import export
 
-        self._write(partial(export, path=path, overwrite=overwrite, rotation=rotation))
+        self._call_with_contents(partial(export, path=path, overwrite=overwrite, rotation=rotation))
 
     def to_occupancy_grid(
         self, msg: Any = None, *, rotation: ArrayLike | None = None, frame_id: str = "map"
@@ -1617,23 +1641,38 @@ class CSpace(ConfigurationMap):
         return self.lock
 
     def _find_unusable(self, rows: Floats) -> int:
-        """Return the index of the first unusable configuration of rows (n, size), or -1."""
+        """Return the index of the first unusable row, or -1.
+
+        A row is a configuration; ``rows`` has shape (n, size).
+        """
         return self._write_states(rows, np.empty(len(rows), dtype=np.uint8))
 
     def _write_states(self, rows: Floats, out: States) -> int:
-        """Write the states of configurations (n, size); return the first unusable row, or -1."""
+        """Write the states of configurations.
+
+        ``rows`` has shape (n, size), ``out`` (n,). Returns the index of the first unusable row, or
+        -1.
+        """
         from cspace._queries.points import classify
 
         return write_in_threads(partial(classify, self._kernel_map), rows, out)
 
     def _write_free(self, exact: bool, rows: Floats, out: Bools) -> int:
-        """Write whether configurations (n, size) are free; return the first unusable row, or -1."""
+        """Write whether configurations are free.
+
+        ``rows`` has shape (n, size), ``out`` (n,). Returns the index of the first unusable row, or
+        -1.
+        """
         if exact:
             return write_in_threads(partial(self._exact.write_points, self._kernel_map), rows, out)
         return super()._write_free(exact, rows, out)
 
     def _write_motions(self, exact: bool, starts: Floats, ends: Floats, out: Bools) -> int:
-        """Write whether motions, shapes (n, size), are free; return the first unusable, or -1."""
+        """Write whether motions are free.
+
+        ``starts`` and ``ends`` have shape (n, size), ``out`` (n,). Returns the index of the first
+        unusable motion, or -1.
+        """
         from cspace._queries import edges
 
         write_edges = self._exact.write_edges if exact else edges.edges_are_free
@@ -1644,8 +1683,9 @@ class CSpace(ConfigurationMap):
         return write_in_threads(write, starts, ends, out, min_items=MIN_EDGES_PER_THREAD)
 
     def _write_free_around(self, distance: float, angle: float, rows: Floats, out: Bools) -> int:
-        """Write whether all configurations within a distance and an angle of rows are free.
+        """Write whether all configurations near each row are free.
 
+        Near means within a distance and an angle. ``rows`` has shape (n, size), ``out`` (n,).
         Returns the first unusable row, or -1.
         """
         from cspace._queries.points import boxes_are_free
@@ -1654,7 +1694,11 @@ class CSpace(ConfigurationMap):
         return write_in_threads(write, rows, out)
 
     def _write_clearances(self, rows: Floats, out: Floats) -> int:
-        """Write clearances of rows, shape (n, size); return the first unusable row, or -1."""
+        """Write the clearances of configurations, metres.
+
+        ``rows`` has shape (n, size), ``out`` (n,). Returns the index of the first unusable row, or
+        -1.
+        """
         from cspace._queries.distance import clearances
 
         # Unless all distances are known, compute those of the slices that contain rows.
@@ -1668,7 +1712,10 @@ class CSpace(ConfigurationMap):
         return write_in_threads(partial(clearances, self._kernel_map, table), rows, out)
 
     def _count_overlaps(self, side: Literal["outer", "inner"], q: ArrayLike) -> int | Ints:
-        """Count the obstacles' outer or inner cells that the robot overlaps at configurations."""
+        """Count the obstacle cells that the robot overlaps, outer or inner.
+
+        ``q`` are configurations, shape (..., size).
+        """
         from cspace._queries.overlaps import count_overlaps
 
         # An unknown exterior counts as occupied in the outer sum and as free in the inner sum.
@@ -1683,14 +1730,17 @@ class CSpace(ConfigurationMap):
         return counts
 
     def _check_ends(self, q0: ArrayLike, q1: ArrayLike, **options: bool) -> Floats:
-        """Check that start and goal are in the grid; return them, shape (2, size)."""
+        """Return start and goal, shape (2, size), if in the grid.
+
+        Raises ConfigurationError otherwise; see :meth:`_check_in_grid` for the options.
+        """
         start = self._check_in_grid(q0, "q0", **options)
         return np.stack([start, self._check_in_grid(q1, "q1", **options)])
 
     def _check_in_grid(
         self, q: ArrayLike, name: str, *, free: bool = False, exact: bool = False
     ) -> Floats:
-        """Check that one configuration is in the grid; return it with yaw in [-pi, pi).
+        """Return one configuration in canonical form, if in the grid.
 
         With ``free`` it must be FREE, or with ``exact`` proven free by geometry. Raises
         ConfigurationError otherwise.
@@ -1717,9 +1767,9 @@ class CSpace(ConfigurationMap):
 
 
 def _broadcast_spans(values: ArrayLike, name: str, shape: tuple[int, ...]) -> Floats:
-    """Broadcast the lengths or angles of pieces to a batch of n configurations, shape (n,).
+    """Broadcast lengths or angles of pieces to a batch of configurations.
 
-    ``shape`` is that of the batch. A single number is for all pieces.
+    The result has shape (n,). ``shape`` is that of the batch. A single number is for all pieces.
     """
     spans = check_finite(values, name)
     if spans.shape not in ((), shape) or (spans < 0.0).any():

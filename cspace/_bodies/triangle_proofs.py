@@ -164,7 +164,7 @@ class Motion(NamedTuple):
 
 
 def build_trees(borders: Sequence[RoundedSimplices], about_z: bool) -> tuple[Trees, list[int]]:
-    """Build a tree for each set of triangles, and join the trees in one record.
+    """Build a tree for each set of triangles, in one record.
 
     Also returns the root of each tree, -1 if it is empty. Levers are distances from the z axis if
     ``about_z``, else from the origin.
@@ -179,7 +179,10 @@ def build_trees(borders: Sequence[RoundedSimplices], about_z: bool) -> tuple[Tre
 
 
 def build_tree(rows: Floats, levers: Floats) -> Trees:
-    """Build a tree from rows of :attr:`Trees.triangles`, shape (n, 10), and their levers, (n,)."""
+    """Build a tree of triangles and boxes.
+
+    ``rows``, shape (n, 10), are those of :attr:`Trees.triangles`; ``levers`` has shape (n,).
+    """
     low, high = bound_rows(rows)
     boxes, order, spans = build_boxes(low, high)
     longest_levers = node_maxima(levers[order], spans)
@@ -187,9 +190,10 @@ def build_tree(rows: Floats, levers: Floats) -> Trees:
 
 
 def join_trees(trees: Sequence[AnyTree], empty: AnyTree) -> tuple[AnyTree, Ints]:
-    """Join trees in one record, and return the root of each tree there, -1 if it is empty.
+    """Join trees in one record.
 
-    ``empty`` is a tree of the same type without triangles.
+    Returns the record, and the root of each tree in it, -1 if the tree is empty. ``empty`` is a
+    tree of the same type without triangles.
     """
     # Spans name triangles by their index, which moves up by the triangles of the trees before.
     shifted = [empty]
@@ -225,7 +229,10 @@ def pack_boxes(lows: Floats, highs: Floats, pose: Floats) -> Floats:
 
 
 def half_axes(boxes: Floats) -> Floats:
-    """Return the half axes of boxes, shape (n, 3, 3), from their rows of a tree, shape (n, 10)."""
+    """Return the half axes of boxes, shape (n, 3, 3).
+
+    ``boxes``, shape (n, 10), are rows of :attr:`Trees.triangles`.
+    """
     first = boxes[:, 3:6]
     second = boxes[:, 6:9]
     # The third is normal to both; only its length is stored, negated.
@@ -235,7 +242,7 @@ def half_axes(boxes: Floats) -> Floats:
 
 
 def bound_rows(rows: Floats) -> tuple[Floats, Floats]:
-    """Return the lower and upper corner of the bounding box of each row, shapes (n, 3).
+    """Return the corners of the bounding box of each row, shapes (n, 3).
 
     ``rows``, shape (n, 10), are those of :attr:`Trees.triangles`.
     """
@@ -300,7 +307,7 @@ def build_boxes(low: Floats, high: Floats) -> tuple[Floats, Ints, Ints]:
 
 
 def _maxima_of_ranges(rows: Floats, starts: Ints, stops: Ints) -> Floats:
-    """Return the maximum of ``rows[starts[i]:stops[i]]`` along the first axis, for each i.
+    """Return the maximum of ``rows[starts[i]:stops[i]]`` for each i.
 
     ``rows`` has shape (n,) or (n, d), the result one entry or row for each i.
     """
@@ -369,7 +376,7 @@ def free_fraction(
 def find_close_leaves(
     trees: Trees, motion: Motion, fraction: float, axes: Floats, nodes: Ints, top: int
 ) -> int:
-    """Search a stack of node pairs for two leaves that may come too near during a motion.
+    """Find two leaves that may come too near during a motion.
 
     Only the given ``fraction`` of the motion counts. With the ``axes``, shape (k, 8), of a box of
     configurations, skip nodes that may move past each other there. ``nodes``, shape
@@ -462,7 +469,7 @@ def boxes_are_apart(offset: Row, half: Row, other_half: Row) -> bool:
 
 @internal
 def pair_free_fraction(p: Floats, q: Floats, motion: Motion, drift: float, enough: float) -> float:
-    """Return the fraction of a motion during which two triangles are proven apart.
+    """Return the fraction of a motion with two triangles proven apart.
 
     It is at most ``enough``, and negative if they are too near at once. The rows p, of the robot,
     and q, shape (10,), hold three corners and a radius. The first also moves by up to ``drift`` in
@@ -504,7 +511,7 @@ def pair_free_fraction(p: Floats, q: Floats, motion: Motion, drift: float, enoug
 
 @internal
 def count_edges(edges: Corners) -> int:
-    """Count the edges of a triangle, 3, or of a segment or point, 1.
+    """Return the number of distinct edges: 3, or 1 for a segment.
 
     Segments and points repeat their last corner, so that all edges but the first have no length.
     """
@@ -521,11 +528,11 @@ def edge_vectors(a: Corners) -> Corners:
 def free_fraction_along(
     n: Row, a: Corners, b: Corners, step: Row, drift: float, required: float
 ) -> float:
-    """Return the fraction of a motion during which the projections onto n of triangles are apart.
+    """Return the fraction of a motion with disjoint projections onto n.
 
-    The result is -1 if they are too near at once, or n is too short. Corners are relative to the
-    first corner of a, which moves by ``step``, forwards or backwards, and by up to ``drift`` in any
-    direction.
+    The projections are those of triangles a and b. The result is -1 if they are too near at once,
+    or n is too short. Corners are relative to the first corner of a, which moves by ``step``,
+    forwards or backwards, and by up to ``drift`` in any direction.
     """
     squared_length = dot(n, n)
     if not MIN_SQUARED_LENGTH < squared_length < math.inf:
@@ -545,7 +552,10 @@ def free_fraction_along(
 
 @internal
 def read_box(q: Floats) -> OrientedBox:
-    """Return the center and the half axes of a box from its row of a tree, shape (10,)."""
+    """Return the center and the half axes of a box.
+
+    ``q``, shape (10,), is its row of :attr:`Trees.triangles`.
+    """
     center, u, v = row_at(q, 0), row_at(q, 3), row_at(q, 6)
     # The third half axis is normal to the others; only its length is stored, negated.
     normal = cross(u, v)
@@ -580,15 +590,19 @@ def piece_depth(row: Floats, point: Row) -> float:
 
 @internal
 def lies_beside_box(row: Floats, point: Row, reach: float) -> bool:
-    """Return True if ``row``, shape (10,), is a box, and farther from a point than ``reach``."""
+    """Return True if a row is a box farther from a point than ``reach``.
+
+    ``row``, shape (10,), is one of :attr:`Trees.triangles`.
+    """
     return row[RADIUS] < 0.0 and piece_depth(row, point) < -reach
 
 
 @internal
 def pierces(corners: Corners, q: Floats, depth: float) -> bool:
-    """Return True if a triangle provably reaches deeper than ``depth`` into a box or ball.
+    """Return True if a triangle provably pierces a box or ball.
 
-    ``q``, shape (10,), is the row of the box or ball. False proves nothing.
+    That is, a point of it lies deeper than ``depth``. ``q``, shape (10,), is the row of the box or
+    ball. False proves nothing.
     """
     first = corners[0]
     to_second, to_third = minus(corners[1], first), minus(corners[2], first)
@@ -681,11 +695,11 @@ def _stays_through(p: Row, q: Row, b: Corners, displacement: float) -> bool:
 
 @internal
 def _side_of_plane(p: Row, corners: Corners, tolerance: float) -> int:
-    """Return the side, 1 or -1, on which p lies of the plane through three corners.
+    """Return the side of a plane on which p lies, 1 or -1.
 
-    The result is 0 if rounding could change it. The determinant changes by less than ``(s + 2 e)^3
-    - s^3`` if each point moves by at most e and none is farther than s from p. Rounding adds less
-    than ``64 * 2^-52 s^3``.
+    The plane passes through three corners. The result is 0 if rounding could change it. The
+    determinant changes by less than ``(s + 2 e)^3 - s^3`` if each point moves by at most e and none
+    is farther than s from p. Rounding adds less than ``64 * 2^-52 s^3``.
     """
     u, v, w = minus(corners[0], p), minus(corners[1], p), minus(corners[2], p)
     s = math.sqrt(max(dot(u, u), dot(v, v), dot(w, w)))

@@ -42,7 +42,7 @@ class Engine(Protocol):
         workers: int | None = None,
         progress: Callable[[int, int], None] | None = None,
     ) -> None:
-        """Write whether, or in how many cells, the robot overlaps obstacles at each cell.
+        """Write the overlaps of robot and obstacles at each cell.
 
         The overlaps at cell k are the offsets m of the robot with ``W[k + m]`` set.
 

@@ -124,7 +124,9 @@ def write_overlaps(
 
 
 class ClippedRuns(NamedTuple):
-    """Runs of a raster's offsets along the last axis, clipped to those that can fall on a map.
+    """Runs of a raster's offsets that can fall on a map.
+
+    Runs lie along the last axis.
 
     Attributes
     ----------
@@ -163,7 +165,7 @@ class ClippedRuns(NamedTuple):
 
 
 def to_three_axes(values: Sequence[int], fill: int = 1) -> tuple[int, int, int]:
-    """Prepend ``fill`` to values along two axes; return values along three axes unchanged."""
+    """Prepend ``fill`` to two values; return three values unchanged."""
     if len(values) == 2:
         values = fill, *values
     layers, rows, cells = values
@@ -171,7 +173,7 @@ def to_three_axes(values: Sequence[int], fill: int = 1) -> tuple[int, int, int]:
 
 
 def round_up_to_byte(number: int) -> int:
-    """Round a number of bits up to whole bytes, that is to a multiple of 8."""
+    """Round a number of bits up to a multiple of 8."""
     return -(-number // BYTE_BITS) * BYTE_BITS
 
 

@@ -115,7 +115,7 @@ def write_overlaps(
 
 
 class RasterOutput(NamedTuple):
-    """A raster, the array for its overlaps, and the difference between overlaps and sums.
+    """A raster with the array for its overlaps, and a correction.
 
     Sums are over the raster's cells of a tile, whose values are lower by 1/2. Adding the correction
     to a sum gives the number of overlaps.
@@ -127,7 +127,10 @@ class RasterOutput(NamedTuple):
 
 
 def clip_raster(raster: Raster, shape: Sequence[int]) -> Raster:
-    """Clip a raster to the offsets that can fall on a map of the given shape."""
+    """Clip a raster to the offsets that can fall on a map.
+
+    ``shape`` is that of the map.
+    """
     lower = np.array(raster.lower)
     cells = np.array(shape)
     start, stop = _intersect(lower, lower + raster.cells.shape, 1 - cells, cells)
@@ -166,7 +169,10 @@ class Tiling(NamedTuple):
         return np.asarray(scipy.fft.rfftn(flipped, s=self.size))
 
     def read_tile(self, occupied: Bools, outside: bool, corner: Ints) -> NDArray[Any]:
-        """Return the cells, minus 1/2, that determine a tile's results from ``corner`` on."""
+        """Return the cells, minus 1/2, that a tile's results depend on.
+
+        The first result is at ``corner``.
+        """
         first = corner + self.lower
         start, stop = _intersect(first, first + self.size, 0, occupied.shape)
         cells = np.full(self.size, outside, self.precision)

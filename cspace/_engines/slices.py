@@ -106,7 +106,7 @@ STEPS_PER_CORRELATION: Final = 1000
 
 
 def group_rasters(pairs: Sequence[RasterPair], inner: bool) -> RasterGroups:
-    """Separate pairs of rasters into a list of outer and one of inner rasters.
+    """Separate pairs of rasters into outer and inner rasters.
 
     Inner rasters are left out unless ``inner`` is True.
     """

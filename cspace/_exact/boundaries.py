@@ -145,9 +145,10 @@ def clip_to_grid(border: RoundedSimplices, grid: Grid) -> RoundedSimplices:
 
 
 def _clip_to_half_space(simplices: Floats, axis: int, wall: float, sign: float) -> Floats:
-    """Clip segments or triangles to the side ``sign * (coordinate - wall) >= 0`` of a wall.
+    """Clip segments or triangles to one side of a wall.
 
-    ``simplices`` have shape (n, corners, d), with two or three corners. Those beyond are dropped.
+    The side is that of ``sign * (coordinate - wall) >= 0`` along the axis. ``simplices`` have shape
+    (n, corners, d), with two or three corners. Those beyond are dropped.
     """
     corners = simplices.shape[1]
     heights = sign * (simplices[:, :, axis] - wall)
@@ -180,7 +181,7 @@ def _clip_to_half_space(simplices: Floats, axis: int, wall: float, sign: float) 
 
 
 def _make_caps(shape: ExactShape, workspace: Workspace) -> Iterator[Floats]:
-    """Yield the caps of a shape on the sides of the grid that it crosses.
+    """Yield the caps of a shape on the crossed sides of the grid.
 
     They are triangles of outer cells in space, shape (n, 3, 3), and segments in the plane, shape
     (n, 2, 2).
@@ -208,7 +209,10 @@ class _Side(NamedTuple):
 
 
 def _cap_cells(workspace: Workspace, side: _Side) -> Floats:
-    """Return faces of outer cells on a side of the grid as triangles, shape (n, 3, 3)."""
+    """Triangulate the faces of outer cells on a side of the grid.
+
+    The result has shape (n, 3, 3).
+    """
     layers = np.moveaxis(workspace.outer, side.axis, 0)
     # One layer of faces before each layer of cells, and one after the last.
     faces = np.zeros((layers.shape[0] + 1, *layers.shape[1:]), dtype=np.bool_)
@@ -219,9 +223,10 @@ def _cap_cells(workspace: Workspace, side: _Side) -> Floats:
 
 
 def _cap_region(region: Floats, grid: Grid, side: _Side) -> Floats:
-    """Return the segments of a grid's side inside a plane region, shape (m, 2, 2).
+    """Return the segments of a grid's side inside a plane region.
 
-    ``region`` has the ends of the edges around it, shape (n, 4) or (n, 2, 2).
+    They have shape (m, 2, 2). ``region`` has the ends of the edges around it, shape (n, 4) or (n,
+    2, 2).
     """
     axis = side.axis
     along = 1 - axis

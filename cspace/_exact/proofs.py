@@ -315,7 +315,10 @@ class BoundaryProofs:
         )
 
     def edge(self, *ends: float) -> bool:
-        """Return True if an edge, given by the numbers of both ends, is proven free."""
+        """Return True if an edge is proven free.
+
+        ``ends`` are the coordinates of both configurations.
+        """
         q0, q1 = np.array(ends, dtype=np.float64).reshape(2, 1, self._size)
         return bool(self.are_free(q0, q1)[0])
 
@@ -399,9 +402,10 @@ class BoundaryProofs:
 def _build_boundary_trees(
     problem: Problem, robot: RoundedSimplices, walls: ObstacleBoundary
 ) -> BoundaryTrees:
-    """Build the trees of robot, obstacles and walls, scaled to coordinates of about one.
+    """Build the trees of robot, obstacles and walls.
 
-    ``robot`` is its boundary; ``walls`` are the boundaries of the obstacles.
+    They are scaled to coordinates of about one. ``robot`` is its boundary; ``walls`` are the
+    boundaries of the obstacles.
     """
     grid = problem.workspace.grid
     obstacles = as_triangles(walls.pieces)
@@ -478,9 +482,9 @@ class EdgeArc(NamedTuple):
     Attributes
     ----------
     p0, p1 : tuple of float
-        Positions at the ends.
+        Positions at both ends.
     r0, r1 : tuple of float
-        Rotations at the ends.
+        Rotations at both ends.
     number : int
         Number of the arc; 0 for the shorter one.
     step : tuple of float
@@ -509,7 +513,10 @@ class EdgeArc(NamedTuple):
 def prove_edges(
     inputs: ProofInputs, first: Floats, second: Floats, scratch: Scratch, out: States
 ) -> None:
-    """Write the states of edges, shapes (n, size), to ``out``, shape (n,); see `edge_state`."""
+    """Write the states of edges; see `edge_state`.
+
+    Edges lead from ``first`` to ``second``, shape (n, size); ``out`` has shape (n,).
+    """
     for k in range(first.shape[0]):
         p0, r0 = configuration_in(inputs.map, first, k)
         p1, r1 = configuration_in(inputs.map, second, k)
@@ -520,7 +527,7 @@ def prove_edges(
 def edge_state(
     inputs: ProofInputs, p0: Row, r0: Numbers, p1: Row, r1: Numbers, scratch: Scratch
 ) -> int:
-    """Prove an edge free: return FREE, or BLOCKED if it is not proven.
+    """Return FREE for a proven edge, and BLOCKED for an unproven one.
 
     The edge leads from position p0 and rotation r0 to p1 and r1. MIXED means that no boundaries
     meet along the edge: it is free if neither robot nor obstacles contain the other at the first
@@ -585,10 +592,10 @@ def prove_arc(inputs: ProofInputs, arc: EdgeArc, scratch: Scratch) -> bool:
 def prove_part(
     inputs: ProofInputs, arc: EdgeArc, first: float, last: float, scratch: Scratch
 ) -> bool:
-    """Return True if the part of an arc from ``first`` to ``last``, in [0, 1], is proven free.
+    """Return True if a part of an arc is proven free.
 
-    The map proves the part, or the distance at its midpoint proves an interval around the midpoint
-    and leaves the remainders on both sides.
+    The part reaches from ``first`` to ``last``, in [0, 1]. The map proves the part, or the distance
+    at its midpoint proves an interval around the midpoint and leaves the remainders on both sides.
     """
     boundaries = inputs.boundaries
     # A stack of unproven parts, each with its beginning and its end.
@@ -639,7 +646,10 @@ def prove_part(
 
 @internal
 def cells_are_free(map_: Map, arc: EdgeArc, first: float, last: float) -> bool:
-    """Return True if FREE cells prove the part of an arc from ``first`` to ``last``, in [0, 1]."""
+    """Return True if FREE cells prove a part of an arc.
+
+    The part reaches from ``first`` to ``last``, in [0, 1].
+    """
     if arc.angle_error > 0.0:
         return False
     start = position_along(arc.p0, arc.p1, first)
@@ -687,10 +697,11 @@ def fraction_apart(
     enough: float,
     scratch: Ints,
 ) -> float:
-    """Return the fraction of a motion, at most ``enough``, with boundaries proven apart.
+    """Return the fraction of a motion with boundaries proven apart.
 
-    From its position, the robot moves by up to ``step`` forwards or backwards, by up to ``drift``
-    in any direction, and rotates by up to ``angle``. All lengths are scaled like the trees.
+    The fraction is at most ``enough``. From its position, the robot moves by up to ``step``
+    forwards or backwards, by up to ``drift`` in any direction, and rotates by up to ``angle``. All
+    lengths are scaled like the trees.
     """
     x, y, z = position
     rounding = 2.0 * DISTANCE_ROUNDING * (abs(x) + abs(y) + abs(z))

@@ -25,7 +25,7 @@ def state_lookup(map_: Map, size: int) -> Callable[..., int]:
 
 
 def flat_cell_lookup(map_: Map, size: int) -> Callable[..., int]:
-    """Return a function ``look_up(*q)`` of the flat index of a cell, or -1 outside.
+    """Return a function ``look_up(*q)`` of a cell's flat index, or -1.
 
     Flat indices count the cells of all rotation cells.
     """
@@ -61,7 +61,7 @@ def bind_kernel(kernel: Any, fixed: tuple[Any, ...], *examples: Any) -> Callable
 def bind_numbers(
     kernel: Any, fixed: tuple[Any, ...], given: int, total: int = MAX_SIZE
 ) -> Callable[..., Any]:
-    """Bind a kernel whose arguments are ``fixed`` and a tuple of ``total`` numbers.
+    """Bind a kernel to its arguments before a tuple of numbers.
 
     Calls give the last ``given`` numbers, and zeros precede them. So a kernel is compiled once for
     configurations of all sizes.
@@ -73,7 +73,10 @@ def bind_numbers(
 
 @inlined
 def configuration_before(map_: Map, numbers: Numbers, end: int) -> tuple[Row, Numbers]:
-    """Return position and rotation of the configuration in ``numbers[:end]``, at its end."""
+    """Return position and rotation of the configuration that ends before ``end``.
+
+    Its coordinates are the last of ``numbers[:end]``.
+    """
     borders = map_.rotations.borders
     rotation = rotation_before(borders, numbers, end)
     first = end - map_.dim
@@ -106,7 +109,10 @@ def state_of(map_: Map, numbers: Numbers) -> int:
 
 @kernel
 def flat_cell_of(map_: Map, numbers: Numbers) -> int:
-    """Return the flat index of a configuration's cell, over all rotation cells, or -1 outside."""
+    """Return the flat index of a configuration's cell, or -1.
+
+    Flat indices count the cells of all rotation cells. It is -1 outside the grid.
+    """
     position, rotation = configuration_before(map_, numbers, MAX_SIZE)
     i, j, k = cell_of(map_, position)
     _, nx, ny, nz = map_.states.shape
@@ -119,7 +125,10 @@ def flat_cell_of(map_: Map, numbers: Numbers) -> int:
 
 @kernel
 def motion_of(map_: Map, size: int, numbers: Numbers) -> int:
-    """Return FREE if a motion is FREE, else MIXED; NOT_USABLE if an end is not usable."""
+    """Return FREE for a motion through FREE cells, else MIXED or NOT_USABLE.
+
+    It is NOT_USABLE if an end is not usable.
+    """
     end = 2 * MAX_SIZE
     p0, r0 = configuration_before(map_, numbers, end - size)
     p1, r1 = configuration_before(map_, numbers, end)

@@ -64,7 +64,7 @@ class Components:
         return self._join(MIXED, self._exterior_open)
 
     def _join(self, highest: int, exterior_open: Bools) -> JoinedCells:
-        """Join the cells whose state is at most ``highest``."""
+        """Compute the components of cells whose state is at most ``highest``."""
         runs = label_runs(list_runs(self._states, highest), self._states.shape)
         shape = self._states.shape
         return JoinedCells.of(runs, shape, self._slice_of, self._rotation_pairs, exterior_open)
@@ -85,15 +85,16 @@ class Components:
         return joined.count
 
     def are_joined(self, flat_cell: int, other: int, mixed: bool = False) -> bool:
-        """Return True if two cells of the grid are in one component, as of :meth:`of`.
+        """Return True if two cells of the grid are in one component.
 
-        A cell is given by its flat index over all rotation cells.
+        Components are those of :meth:`of`. A cell is given by its flat index over all rotation
+        cells.
         """
         joined = self._passable if mixed else self._free
         component = joined.component_at(flat_cell)
         return component != -1 and component == joined.component_at(other)
 
-    def box(self, cell: Ints) -> Ints:
+    def bounding_box(self, cell: Ints) -> Ints:
         """Return the first and last cell of a FREE component's box.
 
         ``cell``, shape (1 + d,), is one cell of the component; the result has shape (2, d).
@@ -181,7 +182,10 @@ class JoinedCells:
         parents = np.arange(number_of_nodes + len(slice_of))
 
         def runs_at(rotation: int) -> Runs:
-            """Return the runs at a rotation cell, as places in a slice, with their nodes."""
+            """Return the runs at a rotation cell, labelled by their nodes.
+
+            Their cells are indices within the slice.
+            """
             number = int(slice_of[rotation])
             span = slice(first_run[number], first_run[number + 1])
             return runs.select(span, -number * size, int(first_node[rotation]))
@@ -207,7 +211,7 @@ class JoinedCells:
 
     @cached_property
     def component_at(self) -> Callable[[int], int]:
-        """Look-up of a cell's component by the cell's flat index; -1 if it has none."""
+        """Look-up of a cell's component by its flat index, or -1."""
         *lines, cells_of_line = self.shape
         cells_of_slice = math.prod(self.shape[1:])
         first_cells = cells_of_line * np.arange(math.prod(lines) + 1)
@@ -236,7 +240,7 @@ class JoinedCells:
         return look_up
 
     def component_of(self, cells: Ints) -> Ints:
-        """Return the component of each cell ``(rotation, x, ...)``; -1 if it has none."""
+        """Return the component of each cell ``(rotation, x, ...)``, or -1."""
         rotations = cells[..., 0]
         positions = cells[..., 1:]
         shape = self.shape[1:]
@@ -274,9 +278,9 @@ class JoinedCells:
 
 
 def list_runs(states: States, highest: int) -> Runs:
-    """List the runs of cells whose state is at most ``highest``, numbered from 0 on.
+    """List the runs of cells whose state is at most ``highest``.
 
-    ``states`` has shape (slices, ...).
+    Runs are labelled by their number, from 0 on. ``states`` has shape (slices, ...).
     """
     number_of_slices, *shape = states.shape
     rows = states.reshape(number_of_slices, -1, shape[-1])
@@ -300,9 +304,10 @@ def list_runs(states: States, highest: int) -> Runs:
 
 
 def label_runs(runs: Runs, shape: tuple[int, ...]) -> Runs:
-    """Label numbered runs of slices so that connected runs of a slice share a label.
+    """Label runs so that connected runs of a slice share a label.
 
-    ``shape`` has the number of slices, and that of cells along each axis.
+    The runs are those of :func:`list_runs`. ``shape`` has the number of slices, and that of cells
+    along each axis.
     """
     parents = np.arange(len(runs.starts))
     for axis in range(1, len(shape) - 1):
@@ -315,10 +320,10 @@ def label_runs(runs: Runs, shape: tuple[int, ...]) -> Runs:
 
 
 def number_components(parents: Ints) -> Ints:
-    """Return the component of each node, numbered in the order of their first nodes.
+    """Return the component of each node.
 
-    ``parents`` is a forest: the parent of each node, itself at a root, which is the first node of
-    its tree.
+    Components are numbered in the order of their first nodes. ``parents`` is a forest: the parent
+    of each node, itself at a root, which is the first node of its tree.
     """
     roots = parents
     while True:
@@ -332,7 +337,7 @@ def number_components(parents: Ints) -> Ints:
 
 
 def find_corners(runs: Runs, shape: tuple[int, ...]) -> tuple[Ints, Ints]:
-    """Return the first and the last cell of runs in their slices, shapes (n, d)."""
+    """Return the first and the last cell of each run, shapes (n, d)."""
     size = math.prod(shape)
     low = np.stack(np.unravel_index(runs.starts % size, shape), axis=1)
     high = low.copy()
@@ -341,7 +346,7 @@ def find_corners(runs: Runs, shape: tuple[int, ...]) -> tuple[Ints, Ints]:
 
 
 def find_border_runs(runs: Runs, shape: tuple[int, ...]) -> Bools:
-    """Return a mask of the runs with a cell at the border of the grid."""
+    """Return a mask of the runs that touch the grid's border."""
     low, high = find_corners(runs, shape)
     is_last = high == np.array(shape) - 1
     return np.asarray(((low == 0) | is_last).any(axis=1))
@@ -356,10 +361,11 @@ def join_nodes(first: Ints, second: Ints, parents: Ints) -> None:
 
 @kernel
 def join_overlaps(first: Runs, second: Runs, parents: Ints) -> None:
-    """Join the nodes of runs that have a common cell; the runs of each record are in order.
+    """Join the nodes of runs that have a common cell.
 
-    The parent of a node is never above it. Two trees are joined on the way to their roots, whose
-    nodes change trees, by M. Rem's algorithm (E. Dijkstra, "A discipline of programming", 1976).
+    The runs of each record are in the order of their cells. The parent of a node is never above it.
+    Two trees are joined on the way to their roots, whose nodes change trees, by M. Rem's algorithm
+    (E. Dijkstra, "A discipline of programming", 1976).
     """
     next_of_second = 0
     for i in range(len(first.starts)):

@@ -96,7 +96,7 @@ class DistanceMap:
     """
 
     def __init__(self, states: States, exterior: Ints, lock: AbstractContextManager[Any]) -> None:
-        """Share the states of all slices and the exterior table; no distance is computed yet."""
+        """Keep the shared states and exterior table, without distances."""
         self._states = states
         self._exterior = exterior
         self._lock = lock
@@ -115,7 +115,10 @@ class DistanceMap:
         return self.known or self.compute_slices(range(len(self._states)))
 
     def array(self) -> Distances:
-        """Return the distances of all slices, shape (slices, x, y) or (slices, x, y, z)."""
+        """Return the distances of all slices.
+
+        They have shape (slices, x, y) or (slices, x, y, z).
+        """
         return self.compute_all().cells.reshape(self._states.shape)
 
     def array_of(self, number: int) -> Distances:
@@ -125,7 +128,10 @@ class DistanceMap:
         return distances
 
     def compute_slices(self, slices: Iterable[int]) -> DistanceTable:
-        """Compute the missing distances of the given slices, in threads; return the table."""
+        """Compute missing distances of the given slices, and return the table.
+
+        Slices are computed in threads.
+        """
         with self._lock:
             if self.table is None:
                 n_slices, *shape = self._states.shape
@@ -153,7 +159,7 @@ class DistanceMap:
 
 
 def find_box(states: States, exterior: Ints) -> Floats:
-    """Return the corners of the box that contains all cells that are not FREE, shape (2, d).
+    """Return the bounding box of the cells that are not FREE, shape (2, d).
 
     ``exterior`` is a row of :attr:`cspace._record.exterior.Exterior.table`.
     """
@@ -191,9 +197,10 @@ def compute_distances(states: States, exterior: Ints, out: Distances) -> None:
 
 
 def boxes_outside(exterior: Ints, shape: tuple[int, ...]) -> list[tuple[Floats, Floats]]:
-    """List the boxes of cells outside the grid that are not FREE, as corners in cells.
+    """List boxes of the cells outside the grid that are not FREE.
 
-    There is at most one box beyond each side of the grid.
+    Boxes are given by their corners, in cells. There is at most one box beyond each side of the
+    grid.
     """
     dim = len(shape)
     # The exterior row has the first and the last cell of a box, then the state of all other cells.
@@ -215,7 +222,7 @@ def boxes_outside(exterior: Ints, shape: tuple[int, ...]) -> list[tuple[Floats, 
 
 
 def squared_box_distances(low: Floats, high: Floats, shape: tuple[int, ...]) -> Distances:
-    """Return the squared distances of the centers of cells from a box, shape ``shape``.
+    """Return the squared distances of cell centers from a box.
 
     ``low`` and ``high`` are the corners of the box, in cells; ``shape`` is that of the grid.
     """
@@ -229,7 +236,7 @@ def squared_box_distances(low: Floats, high: Floats, shape: tuple[int, ...]) -> 
 
 
 def _transform_axis(squares: Distances) -> None:
-    """Apply the distance transform along the middle axis to squared distances, in place.
+    """Apply a distance transform along the middle axis, in place.
 
     ``squares`` has shape (cells before, cells along the axis, cells after).
     """
@@ -237,7 +244,10 @@ def _transform_axis(squares: Distances) -> None:
     n_borders = count + 1
 
     def spread_lines(start: int, stop: int) -> int:
-        """Transform lines [start, stop) with their own scratch; -1 means that none failed."""
+        """Transform lines [start, stop) with their own scratch.
+
+        Returns -1, because no line is invalid.
+        """
         borders = np.empty(n_borders, dtype=np.int64)
         heights = np.empty(n_borders)
         firsts = np.empty(n_borders, dtype=np.int64)
@@ -256,14 +266,14 @@ def transform_lines(
     start: int,
     stop: int,
 ) -> None:
-    """Apply the distance transform to lines [start, stop) of ``squares``, in place.
+    """Apply the distance transform to some lines of cells, in place.
 
-    Lines lie along the middle axis. Each square becomes the lowest sum of the square at a cell of
-    the line and the squared gap to that cell. Border j lies between cells j - 1 and j, so half a
-    cell below the center of cell j. A parabola stands on it, as high as the lower square of the two
-    cells. The scratch arrays are a stack of the parabolas of the lower envelope: border, height,
-    and the first cell whose center is nearer to this parabola than to the one below it in the
-    stack.
+    They are lines [start, stop) of ``squares``. Lines lie along the middle axis. Each square
+    becomes the lowest sum of the square at a cell of the line and the squared gap to that cell.
+    Border j lies between cells j - 1 and j, so half a cell below the center of cell j. A parabola
+    stands on it, as high as the lower square of the two cells. The scratch arrays are a stack of
+    the parabolas of the lower envelope: border, height, and the first cell whose center is nearer
+    to this parabola than to the one below it in the stack.
     """
     _, count, depth = squares.shape
     for line in range(start, stop):
@@ -366,9 +376,10 @@ def clearance_at(map_: Map, table: DistanceTable, position: Row, rotation: Numbe
 
 @internal
 def center_coordinates(map_: Map, position: Row, axis: int) -> tuple[float, float]:
-    """Return a coordinate in cells from the first center, and the nearest one among centers.
+    """Return a coordinate, and the nearest one between the outermost centers.
 
-    Coordinates farther than MAX_CELL are as far from everything.
+    Both are in cells from the first center. Coordinates farther than MAX_CELL are as far from
+    everything.
     """
     cell_place = (position[axis] - map_.lower[axis]) / map_.spacing
     place = min(max(cell_place, -MAX_CELL), MAX_CELL) - 0.5
@@ -404,7 +415,7 @@ def clearance_of(map_: Map, table: DistanceTable, numbers: Numbers) -> float:
 
 
 def clearance_lookup(map_: Map, table: DistanceTable, size: int) -> Callable[..., float]:
-    """Return a function ``look_up(table, *q)`` of a configuration's clearance, or NaN.
+    """Return a function ``look_up(table, *q)`` of clearance, or NaN.
 
     ``table`` is any table of the map, which determines types.
     """

@@ -53,10 +53,11 @@ MIN_EDGES_FOR_BLOCKS: Final = 100
 
 
 def coarsen_map(map_: Map) -> Map:
-    """Coarsen a map into blocks of cells; a block is FREE if all of its cells are.
+    """Coarsen a map into blocks of cells.
 
-    An edge that touches a cell touches its block, also by SLACK, which is as many blocks as cells.
-    So edges that are FREE in the result are FREE in ``map_``. Nothing outside the grid is FREE.
+    A block is FREE if all of its cells are. An edge that touches a cell touches its block, also by
+    SLACK, which is as many blocks as cells. So edges that are FREE in the result are FREE in
+    ``map_``. Nothing outside the grid is FREE.
     """
     states = map_.states
     for axis in range(4 - map_.dim, 4):
@@ -94,9 +95,10 @@ def edges_are_free_by_blocks(
 
 @kernel
 def edges_are_free(map_: Map, starts: Floats, ends: Floats, out: Bools) -> int:
-    """Write which edges are FREE; return the index of the first unusable edge, or -1.
+    """Write which edges are FREE.
 
-    Edges lead from `starts` to `ends`, shape (n, size); ``out`` has shape (n,).
+    Returns the index of the first unusable edge, or -1. Edges lead from `starts` to `ends`, shape
+    (n, size); ``out`` has shape (n,).
     """
     for k in range(starts.shape[0]):
         p0, r0 = configuration_in(map_, starts, k)
@@ -144,9 +146,10 @@ def edge_is_free(map_: Map, p0: Row, r0: Numbers, p1: Row, r1: Numbers) -> bool:
 
 @inlined
 def turn_fractions(start: float, angle: float, low: float, high: float) -> tuple[float, float]:
-    """Return the fractions of a turn at which it enters and leaves an interval of yaw.
+    """Return the fractions at which a turn enters and leaves an interval.
 
-    The turn leads from the yaw ``start`` by ``angle``; fractions are from 0 to 1.
+    The interval is of yaws, from ``low`` to ``high``. The turn leads from the yaw ``start`` by
+    ``angle``; fractions are from 0 to 1.
     """
     if angle == 0.0:
         return 0.0, 1.0
@@ -195,7 +198,10 @@ def position_along(p0: Row, p1: Row, t: float) -> Row:
 
 @inlined
 def interpolate(first: float, second: float, t: float) -> float:
-    """Interpolate linearly at t in [0, 1]; the result stays between both numbers."""
+    """Interpolate linearly between two numbers, at t in [0, 1].
+
+    Despite rounding, the result stays between them.
+    """
     if t == 0.0:
         return first
     if t == 1.0:
@@ -206,7 +212,10 @@ def interpolate(first: float, second: float, t: float) -> float:
 
 @internal
 def segment_is_free(map_: Map, s: int, first: Row, last: Row) -> bool:
-    """Return True if a segment from `first` to `last` touches only FREE cells of a slice."""
+    """Return True if a segment touches only FREE cells of a slice.
+
+    It leads from `first` to `last`.
+    """
     p = position_in_cells(map_, first)
     q = position_in_cells(map_, last)
     total = 0.0
@@ -245,10 +254,11 @@ def segment_is_free(map_: Map, s: int, first: Row, last: Row) -> bool:
 
 @inlined
 def slab_times(p: float, q: float, cell: int) -> tuple[float, float]:
-    """Return the range of t in [0, 1] in which p + t (q - p) lies in a slab of cells.
+    """Return the times at which a segment enters and leaves a slab.
 
-    Coordinates are in cells. The slab is widened by SLACK, which covers rounding, because that
-    grows with the length of the segment. If the segment misses the slab, start > stop.
+    The segment is p + t (q - p) for times t in [0, 1]. Coordinates are in cells. The slab is
+    widened by SLACK, which covers rounding, because that grows with the length of the segment. If
+    the segment misses the slab, start > stop.
     """
     if abs(q - p) < MIN_EXTENT_CELLS:
         return 0.0, 1.0
@@ -260,9 +270,9 @@ def slab_times(p: float, q: float, cell: int) -> tuple[float, float]:
 
 @inlined
 def cells_between(p: float, q: float, start: float, stop: float) -> tuple[int, int]:
-    """Return the first and last cell that p + t (q - p) touches for t from start to stop.
+    """Return the first and last cell that part of a segment touches.
 
-    Coordinates are in cells.
+    The part is p + t (q - p) for t from start to stop. Coordinates are in cells.
     """
     begin = p + start * (q - p)
     end = p + stop * (q - p)

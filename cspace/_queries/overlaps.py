@@ -63,11 +63,11 @@ def count_overlaps(
     points: Floats,
     out: Ints,
 ) -> int:
-    """Count the obstacle cells that the robot overlaps at configurations, shape (n, size).
+    """Count the obstacle cells that the robot overlaps at configurations.
 
-    Writes them to ``out``, shape (n,); returns the index of the first unusable configuration, or
-    -1. ``counts`` are those of :func:`sum_columns`. ``outside`` is 1 if cells outside the grid are
-    obstacles, otherwise 0.
+    ``points`` has shape (n, size). Writes the counts to ``out``, shape (n,); returns the index of
+    the first unusable configuration, or -1. ``counts`` are those of :func:`sum_columns`.
+    ``outside`` is 1 if cells outside the grid are obstacles, otherwise 0.
     """
     nx, ny, n_sums = counts.shape
     nz = n_sums - 1

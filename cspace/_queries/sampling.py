@@ -39,7 +39,7 @@ class FreeCells:
         )
 
     def draw(self, slices: Ints, rng: np.random.Generator) -> Ints:
-        """Draw a uniform FREE cell of each slice; return the cells' flat indices.
+        """Draw a uniform FREE cell of each slice, as flat indices.
 
         ``slices``, shape (n,), may repeat; each must have a FREE cell.
         """
@@ -108,11 +108,11 @@ def find_nearest(
 
 
 def _find_nearest_center(states: States, grid: Grid, position: Floats) -> Floats | None:
-    """Find the FREE cell of a slice nearest to a position; return its center, or None.
+    """Return the center of a slice's FREE cell nearest to a position.
 
-    The search looks at cells within a distance of the grid's point nearest to the position, and
-    doubles it until it finds one. Each cell nearer to the position is within that distance of this
-    point, because the grid is convex.
+    Returns None if no cell is FREE. The search looks at cells within a distance of the grid's point
+    nearest to the position, and doubles it until it finds one. Each cell nearer to the position is
+    within that distance of this point, because the grid is convex.
     """
     shape = np.array(states.shape)
     nearest_point = np.clip(position, grid.lower, grid.upper)
@@ -140,10 +140,11 @@ def _find_nearest_center(states: States, grid: Grid, position: Floats) -> Floats
 
 
 def _distance_keys(centers: Floats, nearest_point: Floats, position: Floats) -> Floats:
-    """Return sort keys, shape (n,), for the distances of centers from a position.
+    """Return sort keys for the distances of centers from a position.
 
-    ``centers`` has shape (n, d). The keys are squared distances less the one of ``nearest_point``,
-    and scaled, because squares of far positions would lose the difference, or overflow.
+    They have shape (n,). ``centers`` has shape (n, d). The keys are squared distances less the one
+    of ``nearest_point``, and scaled, because squares of far positions would lose the difference, or
+    overflow.
     """
     offsets = centers - nearest_point
     beyond = nearest_point - position

@@ -106,7 +106,7 @@ class MixedCellSearch:
         return [(start, end) for start, end in edges if not self.edge_is_free(*start, *end)]
 
     def _path_along(self, chain: Ints, endpoints: Floats) -> Floats:
-        """Return the path from end to end through the centers of a chain of cells.
+        """Return the path through the centers of a chain of cells.
 
         ``chain`` has shape (n, 1 + d), ``endpoints`` (2, size). The centers of the first and the
         last cell are left out if these are MIXED, because the ends lie in them.
@@ -118,9 +118,10 @@ class MixedCellSearch:
         return path[is_needed]
 
     def _select_beside(self, edges: Floats, candidates: Bools) -> Ints:
-        """Return the candidate cells in the boxes around edges, shape (m, 1 + d).
+        """Return the candidate cells around edges, shape (m, 1 + d).
 
-        ``edges`` has shape (n, 2, size); ``candidates``, shape (rotations, ...), is a mask.
+        They lie in the boxes around the edges. ``edges`` has shape (n, 2, size); ``candidates``,
+        shape (rotations, ...), is a mask.
         """
         rotations = self.rotations._find_cells(edges)
         corners = np.sort(self.grid.cell_of(edges[..., : self.grid.dim]), axis=1)
@@ -135,9 +136,10 @@ class MixedCellSearch:
 
 
 def _select_near(chain: Ints, candidates: Bools) -> Ints:
-    """Return the candidate cells at most one cell away from a chain, at its rotations.
+    """Return the candidate cells next to a chain, at its rotations.
 
-    ``chain`` has shape (n, 1 + d), the result (m, 1 + d); ``candidates`` is a mask of all cells.
+    They are at most one cell away. ``chain`` has shape (n, 1 + d), the result (m, 1 + d);
+    ``candidates`` is a mask of all cells.
     """
     dim = chain.shape[1] - 1
     offsets = np.array(list(itertools.product((-1, 0, 1), repeat=dim)))

@@ -120,9 +120,9 @@ class WidthMap:
         return float(queue.level[0]) / LEVELS_PER_CELL
 
     def find_short_chain(self, start: Ints, goal: Ints, min_width: float, until: float) -> Ints:
-        """Find a short chain of cells of ``min_width`` or above, shape (n, 1 + d).
+        """Find a short chain of cells of ``min_width`` or above.
 
-        Raises TimeoutError after ``until``.
+        The chain has shape (n, 1 + d). Raises TimeoutError after ``until``.
         """
         states = threshold_widths(self.widths, min_width)
         turns = self.rotations._neighbors, self.turns
@@ -130,7 +130,10 @@ class WidthMap:
 
 
 def threshold_widths(widths: Distances, min_width: float) -> Bytes:
-    """Return states that are FREE for cells of ``min_width`` or above, and else MIXED."""
+    """Return states that are FREE for cells wide enough, else MIXED.
+
+    These cells have a width of ``min_width`` or above.
+    """
     is_narrow = widths < np.float32(min_width)
     return read_only(is_narrow.view(np.uint8))  # False is FREE, and True is MIXED
 
@@ -139,7 +142,7 @@ def threshold_widths(widths: Distances, min_width: float) -> Bytes:
 
 
 class LevelQueue(NamedTuple):
-    """Bucket queue of cells by level, widest first; each level has a linked list.
+    """Bucket queue of cells, widest first, with a list per level.
 
     Attributes
     ----------
@@ -178,7 +181,7 @@ class LevelQueue(NamedTuple):
 def flood(
     levels: NDArray[np.uint16], slice_of: Ints, neighbors: Ints, goal: int, queue: LevelQueue
 ) -> bool:
-    """Expand cells of the queue, widest first; return True if the search has ended.
+    """Expand cells, widest first; return True if the search has ended.
 
     It ends at the goal, or without any cell. The level of the queue is then the bottleneck's, or 0
     if no chain leads to the goal. False means that a clock check is due; the next call goes on from
@@ -286,9 +289,10 @@ def find_widest_path(
 def _cut_wide_map(
     widths: Distances, map_: Map, grid: Grid, positions: Ints, min_width: float
 ) -> Map:
-    """Cut out a map around positions in which cells of ``min_width`` or above are FREE.
+    """Cut out a map in which cells wide enough are FREE.
 
-    ``positions``, shape (n, d), are indices of cells along the axes.
+    It contains ``positions``; cells are FREE from ``min_width`` on. ``positions``, shape (n, d),
+    are indices of cells along the axes.
     """
     # One more cell on each side, because edges may touch it.
     first = np.maximum(positions.min(axis=0) - 1, 0)

@@ -165,12 +165,12 @@ def _mark_near(
     start: int,
     stop: int,
 ) -> None:
-    """Set ``out[i]`` if cube ``i``, ``i + [b0, b1]^3``, is within the radius of a box.
+    """Set ``out[i]`` if cube ``i`` is within the radius of a box.
 
-    Covers first indices in ``[start, stop)``. ``first`` and ``last``, shape (n, 3), are the indices
-    of the cubes around each box. The gap along an axis is zero if the intervals of cube and box
-    meet. With ``b0`` above ``b1`` it is measured to the farther end of the cube, so it becomes the
-    excess of the cube over the box.
+    Cube ``i`` is ``i + [b0, b1]^3``. Covers first indices in ``[start, stop)``. ``first`` and
+    ``last``, shape (n, 3), are the indices of the cubes around each box. The gap along an axis is
+    zero if the intervals of cube and box meet. With ``b0`` above ``b1`` it is measured to the
+    farther end of the cube, so it becomes the excess of the cube over the box.
     """
     lows, highs, radii = boxes
     for n in range(len(radii)):

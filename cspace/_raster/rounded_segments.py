@@ -178,9 +178,10 @@ def _segment_over_slab(
     x0: float,
     x1: float,
 ) -> tuple[float, float]:
-    """Return the y-interval of a segment's part in the slab ``x0 <= x <= x1``.
+    """Return the y-interval of a segment's part in a slab.
 
-    The segment leads from p to q. Returns (inf, -inf) if they are disjoint.
+    The slab is ``x0 <= x <= x1``. The segment leads from p to q. Returns (inf, -inf) if they are
+    disjoint.
     """
     if max(px, qx) < x0 or min(px, qx) > x1:
         return math.inf, -math.inf
@@ -203,12 +204,13 @@ def mark_touched(
     b1: float,
     slack: float,
 ) -> None:
-    """Set ``out[i]`` if box ``i``, ``i + [b0, b1]^2``, meets a segment grown by its radius.
+    """Set ``out[i]`` if box ``i`` meets a segment grown by its radius.
 
-    ``segments`` are (px, py, qx, qy), shape (n, 4), in cells; ``radii`` have shape (n,). Gaps up to
-    ``slack`` count as touching. The grown segment is convex, so its part over the x-slab of a box
-    spans a y-interval; the box meets it if and only if their y-intervals overlap. That interval is
-    the hull of the intervals of the two end discs and the rectangle between them.
+    Box ``i`` is ``i + [b0, b1]^2``. ``segments`` are (px, py, qx, qy), shape (n, 4), in cells;
+    ``radii`` have shape (n,). Gaps up to ``slack`` count as touching. The grown segment is convex,
+    so its part over the x-slab of a box spans a y-interval; the box meets it if and only if their
+    y-intervals overlap. That interval is the hull of the intervals of the two end discs and the
+    rectangle between them.
     """
     nx, ny = out.shape
     for e in range(segments.shape[0]):

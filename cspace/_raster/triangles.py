@@ -243,10 +243,10 @@ def interpolate_at(plane: float, pa: float, qa: float, pc: float, qc: float) -> 
 
 @internal
 def _clip_to_slab(triangle: Floats, low: float, high: float, clipped: Floats) -> int:
-    """Clip a triangle, shape (3, 3), to the slab ``low <= x <= high``.
+    """Clip a triangle to the slab ``low <= x <= high``.
 
-    Writes the (y, z) of the corners in order into ``clipped``, shape (9, 2), and returns the number
-    of corners.
+    The triangle has shape (3, 3). Writes the (y, z) of the corners in order into ``clipped``, shape
+    (9, 2), and returns the number of corners.
     """
     count = 0
     for e in range(3):
@@ -435,7 +435,10 @@ def _is_swept_near(
     radius: float,
     slack: float,
 ) -> bool:
-    """Return True if a cube is within ``radius`` of the region that triangle ``t`` sweeps."""
+    """Return True if a cube is within ``radius`` of a swept triangle.
+
+    That is the region that triangle ``t`` sweeps.
+    """
     x, y, z = minus(center, row_at(swept.origin, 0))
     level = 0.0 if swept.about_z else z
     if _cube_point_distance((x, y, level), half) > swept.farthest[t] + radius + slack:

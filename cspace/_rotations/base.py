@@ -94,7 +94,7 @@ MAX_PAIRS_PER_BATCH: Final = 2**20
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RotationCell:
-    """A rotation cell as shapes use it: its representative and how far it extends.
+    """A rotation cell in the form that shapes use.
 
     Attributes
     ----------
@@ -138,7 +138,7 @@ NO_ROTATION: Final[RotationCell] = RotationCell()
 
 
 class Coordinate(NamedTuple):
-    """Description of an array in files that has an entry for each rotation cell.
+    """Description of an array in files, with a value per rotation cell.
 
     Attributes
     ----------
@@ -382,11 +382,11 @@ class Rotations(ABC):
         return canonical
 
     def _format_rotation(self, rotation: Floats) -> str:
-        """Format a rotation for people."""
+        """Format a rotation for messages."""
         return ""
 
     def _from_matrix(self, matrix: Floats) -> Floats:
-        """Return the rotation of a rotation matrix.
+        """Convert a rotation matrix to the coordinates of a rotation.
 
         The matrix is in space; for a yaw, its part about z counts.
         """
@@ -411,19 +411,19 @@ class Rotations(ABC):
         return q[..., :dim], q[..., dim:]
 
     def _canonical_rotation(self, rotation: Floats, name: str) -> Floats:
-        """Return canonical coordinates of rotations."""
+        """Return the canonical coordinates of rotations, shape (..., size)."""
         return rotation
 
     def _rotation_between(self, first: Floats, second: Floats) -> Floats:
-        """Return the rotation vectors from rotations to others."""
+        """Return the rotation vectors from first to second rotations."""
         return second - first
 
     def _rotate(self, rotation: Floats, by: Floats) -> Floats:
-        """Apply rotation vectors to rotations."""
+        """Rotate rotations further by rotation vectors."""
         return rotation
 
     def _make_matrices(self, rotation: Floats, dim: int) -> Floats:
-        """Return the matrices of rotations."""
+        """Convert rotations to matrices, shape (..., dim, dim)."""
         return np.broadcast_to(np.eye(dim), (*rotation.shape[:-1], dim, dim))
 
     # ---- cells of rotations
@@ -461,7 +461,7 @@ class Rotations(ABC):
         return np.zeros(q.shape[:-1], dtype=np.int64)
 
     def _leading_axes(self, n: int) -> tuple[int, ...]:
-        """Return the axes before those of the grid, in an array of n slices.
+        """Return the axes of an array of n slices before the grid's.
 
         They are (n,), or () if the robot does not turn.
         """
@@ -483,7 +483,7 @@ class Rotations(ABC):
         return np.zeros(1, dtype=np.int64)
 
     def _make_shape_cells(self, dim: int) -> list[RotationCell]:
-        """Return the cells in the form for shapes of dimension ``dim``."""
+        """Return the rotation cells in the form that shapes use."""
         matrices = self._make_matrices(self.centers, dim)
         angles = self.covering_angles.tolist()
         return [
@@ -578,7 +578,7 @@ class Rotations(ABC):
         return [(np.eye(len(shape.symmetries[0])), np.arange(len(self)))]
 
     def _make_lookups(self, slice_of: Ints) -> RotationTable:
-        """Return the rotation cells for kernels."""
+        """Return the rotation cells in the form that kernels use."""
         return RotationTable(np.empty(0), np.ascontiguousarray(slice_of))
 
     @property
@@ -635,11 +635,11 @@ class OneRotation(Rotations):
 
     @property
     def _only_rotation(self) -> Floats:
-        """The rotation, shape (0,)."""
+        """The rotation without coordinates, shape (0,)."""
         return np.empty(0)
 
     def _describe(self, rotation: Floats | None) -> str:
-        """Return an empty text."""
+        """Return an empty text, because one rotation needs no description."""
         return ""
 
     def _make_shape_cells(self, dim: int) -> list[RotationCell]:

@@ -54,7 +54,10 @@ def rotation_in(borders: Floats, row: Floats) -> Numbers:
 
 @inlined
 def is_rotation(rotation: Numbers) -> bool:
-    """Return True if the coordinates of a rotation are finite and exact enough."""
+    """Return True if the coordinates of a rotation are valid.
+
+    They are finite, a yaw is not too large, and a quaternion has norm 1.
+    """
     if len(rotation) == 4:
         return abs(dot_product(rotation, rotation) - 1.0) <= 2.0 * NORM_SLACK  # False for NaN
     return abs(rotation[0]) <= MAX_ANGLE  # False for NaN
@@ -193,9 +196,10 @@ def first_widened_cell(borders: Floats, angle: float) -> int:
 
 @inlined
 def widened_bounds(borders: Floats, cell: int) -> tuple[int, float, float]:
-    """Return the index of a cell within one turn, and its bounds widened by ANGLE_SLACK.
+    """Return the index and the widened bounds of a yaw cell.
 
-    The given index may lie in another turn; the bounds then do too.
+    The index is within one turn, the bounds are widened by ANGLE_SLACK. The given index may lie in
+    another turn; the bounds then do too.
     """
     count = borders.shape[0] - 1
     revolutions = math.floor(cell / count)
@@ -290,7 +294,7 @@ def find_parts(borders: Floats, q: Numbers) -> tuple[int, int, int, int]:
 
 @internal
 def cell_index(borders: Floats, chart: int, i: int, j: int, k: int) -> int:
-    """Return the index of a cell by its chart and its parts of the three axes.
+    """Encode a chart and three parts as the index of a cell.
 
     ``borders``, shape (n + 1,), bound the n parts of an axis.
     """
@@ -317,7 +321,7 @@ def weighted_sum(a: Numbers, b: Numbers, a_weight: float, b_weight: float) -> Nu
 
 @internal
 def normalise(q: Numbers, scale: float) -> Numbers:
-    """Normalise a quaternion, times ``scale``, which is 1, or -1 for the opposite sign."""
+    """Normalise a quaternion, and multiply it by ``scale``, 1 or -1."""
     scale /= math.sqrt(dot_product(q, q))
     return q[0] * scale, q[1] * scale, q[2] * scale, q[3] * scale
 
@@ -384,12 +388,13 @@ def find_cell_exit(borders: Floats, arc: Arc, done: float) -> tuple[int, float, 
 
 @internal
 def parts_around(borders: Floats, largest: float, other: float, reach: float) -> tuple[int, int]:
-    """Return the first and last part of an axis within reach of a quaternion.
+    """Return the range of an axis' parts within reach of a quaternion.
 
-    The first is above the last if there are none. ``reach`` is the sine of an angle. ``largest``
-    and ``other`` are the two components of the quaternion whose quotient the axis has. The plane
-    through zero of quotient u is within reach if ``r |sin(atan u - atan(other / largest))| <=
-    reach``, where r is the length of the two components.
+    The range is given by its first and last part. The first is above the last if there are none.
+    ``reach`` is the sine of an angle. ``largest`` and ``other`` are the two components of the
+    quaternion whose quotient the axis has. The plane through zero of quotient u is within reach if
+    ``r |sin(atan u - atan(other / largest))| <= reach``, where r is the length of the two
+    components.
     """
     last = borders.shape[0] - 2
     length = math.hypot(largest, other)

@@ -85,7 +85,7 @@ class QuaternionRotations(Rotations):
         return cls(max(1, round(cells_per_chart ** (1.0 / 3.0))))
 
     def _format_rotation(self, rotation: Floats) -> str:
-        """Format a rotation for people."""
+        """Format a rotation as its angle and axis, for messages."""
         identity = np.array([0.0, 0.0, 0.0, 1.0])
         vector = self._rotation_between(identity, rotation)
         angle = float(np.linalg.norm(vector))
@@ -96,7 +96,7 @@ class QuaternionRotations(Rotations):
         return f"turned {round(math.degrees(angle), 1):g}° about ({axis_text})"
 
     def _from_matrix(self, matrix: Floats) -> Floats:
-        """Return the rotation of a rotation matrix."""
+        """Convert a rotation matrix to a quaternion (x, y, z, w)."""
         from scipy.spatial.transform import Rotation
 
         return np.asarray(Rotation.from_matrix(matrix).as_quat())
@@ -156,7 +156,7 @@ class QuaternionRotations(Rotations):
         return np.asarray(rotated / np.linalg.norm(rotated, axis=-1, keepdims=True))
 
     def _make_matrices(self, rotation: Floats, dim: int) -> Floats:
-        """Return the matrices of quaternions, shape (..., 3, 3)."""
+        """Convert quaternions to matrices, shape (..., 3, 3)."""
         from scipy.spatial.transform import Rotation
 
         matrices = Rotation.from_quat(rotation.reshape(-1, 4)).as_matrix()
@@ -345,7 +345,7 @@ class QuaternionRotations(Rotations):
         return np.stack(neighbors, axis=1)
 
     def _make_lookups(self, slice_of: Ints) -> RotationTable:
-        """Return the rotation cells for kernels."""
+        """Return the rotation cells in the form that kernels use."""
         return RotationTable(self.borders[None].copy(), np.ascontiguousarray(slice_of))
 
     def __str__(self) -> str:

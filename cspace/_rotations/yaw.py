@@ -83,13 +83,13 @@ class YawRotations(Rotations):
         return cls._of_value([*starts.tolist(), float(stops[-1])])
 
     def _format_rotation(self, rotation: Floats) -> str:
-        """Format a rotation for people."""
+        """Format a yaw in degrees, for messages."""
         degrees = round(math.degrees(rotation[0]), 1)
         wrapped_degrees = round((degrees + 180.0) % 360.0 - 180.0, 1)
         return f"yaw {wrapped_degrees + 0.0:g}°"  # adding zero drops the sign of -0
 
     def _from_matrix(self, matrix: Floats) -> Floats:
-        """Return the rotation of a rotation matrix, shape (1,)."""
+        """Convert a rotation matrix to its yaw, shape (1,)."""
         # The image of the x axis is the first column.
         return wrap_angles(np.arctan2(matrix[1, :1], matrix[0, :1]))
 
@@ -127,7 +127,7 @@ class YawRotations(Rotations):
         return rotation + by
 
     def _make_matrices(self, rotation: Floats, dim: int) -> Floats:
-        """Return the matrices of yaws."""
+        """Convert yaws to matrices, shape (..., dim, dim)."""
         yaws = rotation[..., 0]
         cos = np.cos(yaws)
         sin = np.sin(yaws)
@@ -260,12 +260,15 @@ class YawRotations(Rotations):
         return images
 
     def _make_lookups(self, slice_of: Ints) -> RotationTable:
-        """Return the rotation cells for kernels."""
+        """Return the rotation cells in the form that kernels use."""
         return RotationTable(np.array(self.borders), np.ascontiguousarray(slice_of))
 
 
 def _check_borders(value: ArrayLike) -> Floats:
-    """Return the boundaries of yaw cells; raise InputError unless they ascend over a turn."""
+    """Return boundaries of yaw cells that ascend over a turn.
+
+    Raises InputError if they do not.
+    """
     if np.ndim(value) != 1 or not 2 <= np.size(value) <= MAX_YAW_CELLS + 1:
         problem = f"has shape {np.shape(value)}"
         rule = f"it must be a count, or from 2 to {MAX_YAW_CELLS + 1} borders"

@@ -43,7 +43,7 @@ class HasShape(Protocol):
 
     @property
     def shape(self) -> Shape:
-        """The shape."""
+        """Shape of the object, metres."""
         ...
 
 
@@ -110,7 +110,10 @@ _SHAPE_NEEDED: Final = (
 
 
 def _convert_sequence(values: Any, name: str) -> Shape:
-    """Make the shape of a list or array of geometries, corners, or vertices and faces."""
+    """Make the shape of a list or array.
+
+    It holds geometries, the corners of a polygon, or vertices and faces.
+    """
     from cspace._files.vector import read_shapes
 
     if getattr(values, "dtype", None) == np.bool_:
@@ -136,7 +139,7 @@ def _convert_sequence(values: Any, name: str) -> Shape:
 
 
 def _make_mesh(source: MeshLike) -> Mesh:
-    """Make a mesh, and warn of open bodies.
+    """Make a mesh with a warning of open bodies.
 
     The caller takes shapes, but has no option ``solid``.
     """
@@ -146,7 +149,10 @@ def _make_mesh(source: MeshLike) -> Mesh:
 
 
 def _read_text(source: str | os.PathLike[str], name: str) -> Shape:
-    """Make the shape of a short text or WKT, or of a file of polygons or a mesh."""
+    """Make the shape of a short text, WKT, or a file.
+
+    A file holds polygons or a mesh.
+    """
     from cspace._files.meshes import MESH_SUFFIXES
     from cspace._files.vector import POLYGON_SUFFIXES, is_wkt, read_shapes
 

@@ -104,7 +104,10 @@ class Balls(ExactShape):
 
     @property
     def inscribed_radius(self) -> float:
-        """Radius of a circle around the origin inside the discs, metres; a lower bound."""
+        """Radius of a circle around the origin inside the discs, metres.
+
+        It is a lower bound of the largest one.
+        """
         # The polygons of the outline can give less than a single disc around the origin does.
         radii_around_origin = self.radii - np.linalg.norm(self.centers, axis=1)
         return max(super().inscribed_radius, float(radii_around_origin.max()))
@@ -246,7 +249,7 @@ class OriginPoint(Balls):
 
 
 def check_balls(centers: ArrayLike | BallSet, radii: ArrayLike | None) -> tuple[Floats, Floats]:
-    """Return checked copies of centers and radii.
+    """Check centers and radii of balls; return copies of them.
 
     Centers have shape (n, 2) or (n, 3), radii (n,).
 

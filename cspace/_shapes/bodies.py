@@ -247,7 +247,7 @@ def _number_edges(corners: Ints) -> tuple[Ints, Ints]:
 
 
 def _find_copies(corners: Ints) -> tuple[Bools, Ints, Ints]:
-    """Find the copies of each triangle, which have the same three corners.
+    """Find the copies of each triangle, on the same three corners.
 
     ``corners`` has shape (n, 3). Returns three arrays of shape (n,): True for the first of its
     copies, the number of copies, and the sum of their signs, which are 1 or -1 by direction.
@@ -282,7 +282,7 @@ def _label_bodies(edge: Ints, joining: Bools) -> tuple[Ints, int]:
 def _test_closed_and_manifold(
     edge: Ints, direction: Ints, body: Ints, count: int, chosen: Bools
 ) -> tuple[Bools, Bools]:
-    """Return which bodies are balanced, that is closed, and which are manifolds.
+    """Return which bodies are balanced, and which are manifolds.
 
     A body is balanced if its chosen triangles cancel along each edge, and a manifold if exactly two
     of them meet at each edge. ``edge`` and ``direction`` have shape (n, 3), ``body`` and `chosen`

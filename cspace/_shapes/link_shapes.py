@@ -321,9 +321,10 @@ def read_scene(source: object, package_dirs: PackageDirs = ()) -> SceneContent:
 def _read_object(
     item: Any, source: str, folders: Sequence[Path], link: str = ""
 ) -> list[SceneShape]:
-    """Read the shapes of a collision object, which ``link`` carries unless that is empty.
+    """Read the shapes of a collision object.
 
-    Mesh files lie beside the file `source` or in the folders.
+    ``link`` carries the object, unless it is empty. Mesh files lie beside the file `source` or in
+    the folders.
     """
     name = item.id
     place = f"object {name!r}"
@@ -352,7 +353,7 @@ def _read_object(
 
 
 def _read_mesh(mesh: Any, place: str, source: str, folders: Sequence[Path]) -> Mesh:
-    """Read the file that a mesh names, or else its listed triangles."""
+    """Read a mesh from the file that it names, or its triangles."""
     resource = mesh.resource
     dimensions = mesh.dimensions
     is_inline = bool(mesh.vertices or mesh.triangles)

@@ -217,7 +217,7 @@ class Mesh(ExactShape):
 
     @cached_property
     def bodies(self) -> tuple[MeshBody, ...]:
-        """Parts that are connected through shared edges."""
+        """Bodies: sets of triangles connected through shared edges."""
         return find_bodies(self.vertices, self.faces)
 
     @property
@@ -329,7 +329,7 @@ class Mesh(ExactShape):
         return BoundedShape(Polygons.of(outer), Polygons.of(inner))
 
     def check_origin(self, warn: bool = False) -> None:
-        """Refuse a mesh far from its origin; see ``Shape.check_origin``."""
+        """Raise GeometryError far from the origin; see ``Shape.check_origin``."""
         lower, upper = self.bounds
         size = float(np.linalg.norm(upper - lower))
         gaps = np.maximum(np.maximum(lower, -upper), 0.0)  # from the origin, along each axis
@@ -419,7 +419,10 @@ class Mesh(ExactShape):
 
     @cached_property
     def _winding(self) -> WindingNumber:
-        """Winding number of the closed bodies, relative to the lower corner of the bounds."""
+        """Winding number of the closed bodies.
+
+        Points are relative to the lower corner of the bounds.
+        """
         from cspace._raster.surfaces import WindingNumber
 
         counted = self.windings != 0
@@ -427,7 +430,7 @@ class Mesh(ExactShape):
 
     @property
     def _solid(self) -> SolidSurface:
-        """The triangles with their interior."""
+        """The triangles with their interior, to be rasterised."""
         from cspace._raster.surfaces import SolidSurface
 
         triangles = self.triangles
@@ -495,7 +498,10 @@ def _fill_cracks(shadow: BaseGeometry, width: float) -> BaseGeometry:
 
 
 def _read_arrays(shape: Any, up: Up | None) -> tuple[Any, Any, str]:
-    """Return the vertices, faces and name of a mesh; its axis ``up`` becomes z."""
+    """Return the vertices, faces and name of a mesh.
+
+    Its axis ``up`` becomes z.
+    """
     from cspace._files.meshes import flatten_trimesh, read_mesh, turn_upright, warn_of_unit
 
     if isinstance(shape, (str, os.PathLike)):
@@ -557,12 +563,12 @@ def _check_faces(values: Any, vertices: int, source: str) -> Ints:
 
 
 def _encode(array: NDArray[Any], dtype: str) -> str:
-    """Write an array as text, base64 of its bytes."""
+    """Encode an array as text, base64 of its bytes."""
     data = np.ascontiguousarray(array, dtype=dtype).tobytes()
     return base64.b64encode(data).decode()
 
 
 def _decode(text: str, dtype: str) -> NDArray[Any]:
-    """Read an array, shape (n, 3), from the text of :func:`_encode`."""
+    """Decode an array, shape (n, 3), from the text of :func:`_encode`."""
     data = base64.b64decode(text, validate=True)
     return np.frombuffer(data, dtype=dtype).reshape(-1, 3)

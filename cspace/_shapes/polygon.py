@@ -54,10 +54,10 @@ class Polygons(ExactShape):
 
     @classmethod
     def of(cls, shape: ArrayLike | BaseGeometry | Sequence[BaseGeometry]) -> Polygons:
-        """Make polygons with an area from the values that :meth:`cspace.Robot.polygon` takes.
+        """Make polygons from the values that :meth:`cspace.Robot.polygon` takes.
 
-        Raises GeometryError if a part is empty, has no area, crosses itself, or is not a polygon.
-        Raises InputError if a coordinate is NaN or infinite.
+        They must have an area. Raises GeometryError if a part is empty, has no area, crosses
+        itself, or is not a polygon. Raises InputError if a coordinate is NaN or infinite.
         """
         # Split the shape into its parts, which messages number if there are several.
         parts = [part for each in _as_geometries(shape) for part in split_parts(each, "polygon")]
@@ -220,7 +220,7 @@ def _drop_tiny(coordinates: Floats) -> Floats:
 def _as_geometries(
     shape: ArrayLike | BaseGeometry | Sequence[BaseGeometry],
 ) -> Sequence[BaseGeometry]:
-    """Convert the vertices of a polygon to geometries; return geometries unchanged."""
+    """Return geometries, or the polygon of an array of vertices."""
     import shapely
 
     if isinstance(shape, shapely.Geometry):

@@ -63,7 +63,10 @@ def rectangle(length: float, width: float, center: ArrayLike = (0.0, 0.0)) -> Na
 
 
 def ellipse(radius_x: float, radius_y: float, center: ArrayLike = (0.0, 0.0)) -> NamedShape:
-    """Make an ellipse, bounded by two polygons, with semi-axes along x and y; metres."""
+    """Make an ellipse with semi-axes along x and y; metres.
+
+    It is bounded by two polygons.
+    """
     radii = check_positive(radius_x, "radius_x"), check_positive(radius_y, "radius_y")
     center_point = check_point(center)
     outer, inner = ellipse_bounds(radii, center_point)
@@ -105,9 +108,10 @@ def _translate(bounds: BoundsPair, center: ArrayLike) -> BoundedShape:
 
 
 def footprint(corners: str | ArrayLike, padding: float = 0.0) -> NamedShape:
-    """Make a polygon from a footprint, grown by a padding along both axes; metres.
+    """Make a polygon from a footprint and a padding; metres.
 
-    `corners` may be the text of Nav2, ``"[[0.3, 0.2], ...]"``.
+    The polygon grows by the padding along both axes. `corners` may be the text of Nav2, ``"[[0.3,
+    0.2], ...]"``.
     """
     from cspace._files.ros_maps import parse_footprint
 
@@ -119,10 +123,11 @@ def footprint(corners: str | ArrayLike, padding: float = 0.0) -> NamedShape:
 
 
 def _grow_by_square(points: Floats, padding: float) -> BaseGeometry:
-    """Return the Minkowski sum of a polygon, corners (n, 2), and a square of sides 2 padding.
+    """Return the Minkowski sum of a polygon and a square.
 
-    It contains all points within `padding` of the polygon, and Nav2's padded polygon. A warning
-    says by how much Nav2's is smaller.
+    The corners of the polygon, ``points``, have shape (n, 2); the square has sides 2 padding. It
+    contains all points within `padding` of the polygon, and Nav2's padded polygon. A warning says
+    by how much Nav2's is smaller.
     """
     import numpy as np
     import shapely
@@ -215,13 +220,13 @@ SHORT_TEXT_FORMS: Final = ", ".join(f"{name}:{kind.form}" for name, kind in SHOR
 
 
 def is_short_text(text: str) -> bool:
-    """Return True if a text is a short text of a shape."""
+    """Return True if a text begins with a kind of short text."""
     name, colon, _ = text.partition(":")
     return bool(colon) and name in SHORT_TEXTS
 
 
 def parse_short_text(text: str, argument: str = "shape") -> NamedShape:
-    """Make the shape of a short text such as ``rect:0.9x0.6`` or ``disc:0.3@0.1,0``.
+    """Make the shape of a short text, such as ``disc:0.3@0.1,0``.
 
     Parameters
     ----------
@@ -253,7 +258,10 @@ def parse_short_text(text: str, argument: str = "shape") -> NamedShape:
 
 
 def _parse_footprint(text: str, rest: str, argument: str) -> NamedShape:
-    """Make a footprint from its corners, or from the short text of a shape to project."""
+    """Make a footprint from its corners, or by projecting a shape.
+
+    The shape is given by its short text.
+    """
     if rest.lstrip().startswith("["):
         return footprint(rest)
     if is_short_text(rest):

@@ -199,10 +199,10 @@ class Shape(ABC):
         return order
 
     def check_origin(self, warn: bool = False) -> None:  # noqa: B027 - most shapes have nothing to refuse
-        """Raise GeometryError for a robot's mesh too far from its reference point.
+        """Raise GeometryError if a mesh is too far from its origin.
 
-        With `warn`, warn of a doubtful one. Only meshes are checked, because other shapes are
-        placed by their numbers.
+        A robot's origin is its reference point. With `warn`, warn of a doubtful one. Only meshes
+        are checked, because other shapes are placed by their numbers.
         """
 
     def is_same(self, matrix: Floats) -> bool:

@@ -158,7 +158,7 @@ class Voxels(ExactShape):
     kind = "cells"
 
     def __init__(self, occupied: Bools, side: float, lower: Floats) -> None:
-        """Keep the bitmap, the side of its cells and the corner of the first cell."""
+        """Keep the bitmap and the place of its cells."""
         self.occupied = frozen(occupied)
         self.side = side
         self.lower = frozen(lower)
@@ -291,7 +291,7 @@ class Voxels(ExactShape):
 
     @cached_property
     def _solid(self) -> SolidSurface:
-        """Boundary of the cells in space, and a shell of it without T-junctions."""
+        """Boundary of the cells, with a shell without T-junctions."""
         from cspace._raster.surfaces import SolidSurface
 
         vertices, faces, windings = boundary_mesh(self.occupied, self.side, self.lower)
