@@ -259,6 +259,7 @@ def _link_nodes(spans: Ints, first_corners: Ints) -> Ints:
     nodes = np.zeros((len(counts), 5), dtype=np.int64)
     is_leaf = counts == 1
     parents = np.flatnonzero(~is_leaf)
+    # The first child follows its parent, and the second child follows the nodes of the first.
     nodes[parents, SECOND_CHILD] = parents + 2 * (counts[parents] // 2)
     nodes[parents, FIRST_CHILD] = parents + 1
     nodes[is_leaf, FIRST_CORNER] = first_corners[starts[is_leaf]]
@@ -648,7 +649,8 @@ def hull_slack(
     for _ in range(MAX_GJK_STEPS):
         square = dot(n, n)
         if not 1e-200 < square < math.inf:
-            # The search ends without a direction; before its first step, any direction will do.
+            # The vector is too short to be a direction, so the search ends; at first, any direction
+            # will do.
             if count:
                 break
             n = (1.0, 0.0, 0.0)

@@ -421,7 +421,8 @@ def find_close_leaves(
                 continue
         if a_count == 1 and b_count == 1:
             return top
-        # Split the node with the larger box; its second child goes below the first.
+        # Split the node with the larger box; its second child goes below the first. The first child
+        # follows its parent, and the second child follows the nodes of the first.
         nodes[top + 1, 0] = a
         nodes[top + 1, 1] = b
         splits_b = a_count == 1 or (b_count > 1 and b_size > a_half[0] + a_half[1] + a_half[2])

@@ -53,6 +53,7 @@ def slice_rasters(
     image_slices = np.array([slice_of[image_cells[first_cells]] for _, image_cells in images])
     sources = image_slices.min(axis=0).tolist()
     image_of_source = image_slices.argmin(axis=0).tolist()
+    # Rasterize the slices that are their own source.
     originals = [number for number, source in enumerate(sources) if source == number]
     sides = np.ptp(robot.shape.outer.bounds, axis=0) / spacing
     cells = float(np.prod(sides + 1.0))

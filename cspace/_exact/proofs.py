@@ -281,7 +281,7 @@ class BoundaryProofs:
         workspace = problem.workspace
         grid = workspace.grid
         robot = self._robot
-        missing_axis = (0, 3 - grid.dim)
+        missing_axis = (0, 3 - grid.dim)  # padding of plane corners to space
         # The robot's corners by part; the first of each part is an anchor of the robot.
         corners, starts = sort_by_part(boundary)
         stops = np.append(starts[1:], len(corners))
@@ -409,7 +409,7 @@ def _build_boundary_trees(
     """
     grid = problem.workspace.grid
     obstacles = as_triangles(walls.pieces)
-    missing_axis = (0, 3 - grid.dim)
+    missing_axis = (0, 3 - grid.dim)  # padding of plane corners to space
     # Walls of a plane grid are so high that their sides, not their tops, are nearest.
     sides = np.pad(np.subtract(grid.upper, grid.lower), missing_axis, mode="maximum")
     center = np.pad(np.add(grid.lower, grid.upper) / 2.0, missing_axis)

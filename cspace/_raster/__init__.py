@@ -44,7 +44,7 @@ class Raster:
             # Indices along the axis at which a cell is set.
             other_axes = tuple(k for k in range(cells.ndim) if k != axis)
             occupied = np.flatnonzero(cells.any(axis=other_axes))
-            if not len(occupied):
+            if not len(occupied):  # the empty set
                 return cls(np.zeros((0,) * cells.ndim, dtype=np.bool_), (0,) * cells.ndim)
             window.append(slice(int(occupied[0]), int(occupied[-1]) + 1))
         trimmed = np.ascontiguousarray(cells[tuple(window)])

@@ -494,7 +494,7 @@ class Rotations(ABC):
     @property
     def centers(self) -> Floats:
         """Representative rotation of each cell, shape (count, size)."""
-        return np.zeros((1, 0))
+        return np.zeros((1, 0))  # one cell, whose rotation has no coordinates
 
     @property
     def covering_angles(self) -> Floats:
@@ -531,7 +531,7 @@ class Rotations(ABC):
 
         ``margin`` is the fraction of a cell that is left out at each boundary.
         """
-        return np.zeros((len(cells), 0))
+        return np.zeros((len(cells), 0))  # rotations without coordinates
 
     def _angles_to_centers(self, q: Floats) -> Floats:
         """Return the angles between rotations and the representatives of all cells.
@@ -565,7 +565,7 @@ class Rotations(ABC):
 
         Missing neighbours are -1.
         """
-        return np.zeros((1, 0), dtype=np.int64)
+        return np.zeros((1, 0), dtype=np.int64)  # one cell without neighbours
 
     def _find_images(self, shape: HasSymmetries) -> list[tuple[Floats, Ints]]:
         """List the rotations and mirrors of the map that permute its rotation cells.

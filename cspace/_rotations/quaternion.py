@@ -244,7 +244,8 @@ class QuaternionRotations(Rotations):
         symmetries = symmetries[order]
         # A mirror is a rotation times the point reflection.
         rotations = self._from_matrix(symmetries * signs[order, None, None])[:, None, None]
-        # Products with the unit quaternions are the columns of linear maps of quaternions.
+        # Let r be a rotation, r* its inverse, and h a half turn. They map a quaternion u to h r* u
+        # r, a linear map, whose matrix has the images of the unit quaternions as rows.
         units = np.eye(4)
         half_turns = multiply(units, rotations * _CONJUGATE).swapaxes(1, 2)
         changes = np.round(multiply(multiply(half_turns, units), rotations))

@@ -222,6 +222,7 @@ class YawRotations(Rotations):
     def _angles_to_centers(self, q: Floats) -> Floats:
         """Return the angles to all representatives."""
         angles = self._yaws - q[..., -1:]
+        # The modulus of an angle that is wrapped to [-pi, pi) is the shorter way.
         return np.asarray(np.abs((angles + np.pi) % TWO_PI - np.pi))
 
     @property

@@ -140,7 +140,7 @@ def _split_bodies(triangles: Floats, corners: Ints, max_shared: int) -> list[Mes
     multiplicity = first.astype(np.int64)
     closed = balanced.copy()
     directed = balanced.copy()
-    directed[body[np.abs(net) < copies]] = False
+    directed[body[np.abs(net) < copies]] = False  # copies that face both ways
     if not first.all():  # rule 2
         all_triangles = np.ones(len(first), dtype=np.bool_)
         balanced_by_all, _ = _test_closed_and_manifold(edge, direction, body, count, all_triangles)
@@ -165,6 +165,7 @@ def _split_bodies(triangles: Floats, corners: Ints, max_shared: int) -> list[Mes
     is_reversed = closed & ~directed & (volume < 0.0)
     multiplicity = np.where(is_reversed[body], -multiplicity, multiplicity)
     volume = np.where(is_reversed, -volume, volume)
+    # List the triangles of each body.
     by_body = np.argsort(body, kind="stable")
     stops = np.cumsum(np.bincount(body, minlength=count))
     members_of_bodies = np.split(by_body, stops[:-1])
