@@ -39,7 +39,7 @@ MAX_TRIED_CELLS: Final = 2**20
 class HasComponents(Protocol):
     """Components of cells that share sides, with their look-up."""
 
-    def of(self, cells: Ints, mixed: bool = False) -> Ints:
+    def find(self, cells: Ints, mixed: bool = False) -> Ints:
         """Return the component of each cell.
 
         Components consist of FREE cells, or of FREE and MIXED cells; -1 outside these.
@@ -260,8 +260,8 @@ class ConfigurationMap(ConfigurationSpace):
             """Return a mask of the candidate pairs that share a component."""
             if not candidates.any():  # then components need not be computed
                 return candidates
-            first = self._components.of(start_cells, mixed)
-            second = self._components.of(end_cells, mixed)
+            first = self._components.find(start_cells, mixed)
+            second = self._components.find(end_cells, mixed)
             return np.asarray(candidates & (first == second) & (first != -1))
 
         # Pairs that FREE cells join are connected; those that not even MIXED cells join are apart.

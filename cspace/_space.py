@@ -1699,7 +1699,7 @@ class CSpace(ConfigurationMap):
         ``rows`` has shape (n, size), ``out`` (n,). Returns the index of the first unusable row, or
         -1.
         """
-        from cspace._queries.distance import clearances
+        from cspace._queries.distance import write_clearances
 
         # Unless all distances are known, compute those of the slices that contain rows.
         table = self._distances.known
@@ -1709,7 +1709,7 @@ class CSpace(ConfigurationMap):
                 return bad
             slices = np.unique(self._slice_of[self.rotations._find_cells(rows)])
             table = self._distances.compute_slices(slices.tolist())
-        return write_in_threads(partial(clearances, self._kernel_map, table), rows, out)
+        return write_in_threads(partial(write_clearances, self._kernel_map, table), rows, out)
 
     def _count_overlaps(self, side: Literal["outer", "inner"], q: ArrayLike) -> int | Ints:
         """Count the obstacle cells that the robot overlaps, outer or inner.

@@ -480,7 +480,7 @@ def tree_slack(
         if slack > best:
             partial = partial or hulls.nodes[a, IS_WHOLE] + hulls.nodes[b, IS_WHOLE] < 2
             continue
-        if not is_final(hulls, a, b, motion, axes, apart, slack):
+        if not is_fine_enough(hulls, a, b, motion, axes, apart, slack):
             split_pair(hulls, a, b, center, scratch, top)
             top += 2
             if nearest_a >= 0:
@@ -512,7 +512,7 @@ def freeze_motion(motion: RelativeMotion) -> RelativeMotion:
 
 
 @internal
-def is_final(
+def is_fine_enough(
     hulls: Hulls,
     a: int,
     b: int,

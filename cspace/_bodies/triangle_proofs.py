@@ -642,7 +642,7 @@ def crosses(a: Corners, b: Corners, tolerance: float, displacement: float) -> bo
             p, q = triangle[k], triangle[(k + 1) % 3]
             if not _passes_through(p, q, other, tolerance):
                 continue
-            if displacement == 0.0 or _stays_through(p, q, other, displacement + tolerance):
+            if displacement == 0.0 or _keeps_passing_through(p, q, other, displacement + tolerance):
                 return True
     return False
 
@@ -666,7 +666,7 @@ def _passes_through(p: Row, q: Row, b: Corners, tolerance: float) -> bool:
 
 
 @internal
-def _stays_through(p: Row, q: Row, b: Corners, displacement: float) -> bool:
+def _keeps_passing_through(p: Row, q: Row, b: Corners, displacement: float) -> bool:
     """Return True if a segment keeps passing through a triangle during a motion.
 
     The segment from p to q passes through b. All points of the one or the other move by at most

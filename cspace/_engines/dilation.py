@@ -346,7 +346,7 @@ def dilate(
             step = min(lengths[run] - length, length)
             # The last words are out of date from here on, but all runs end before them.
             for k in range(np.uint64(source.size - step // WORD_BITS - 1)):
-                wider[k] = wide[k] | word_from(wide, k, step)
+                wider[k] = wide[k] | read_word(wide, k, step)
             wide, wider = wider, wide
             length += step
         # Four runs of one length share a pass over the result; the last one replaces missing ones.
@@ -358,14 +358,14 @@ def dilate(
         c = distances[min(run + 2, last)]
         d = distances[last]
         for k in range(np.uint64(result.size)):
-            first_two = word_from(wide, k, a) | word_from(wide, k, b)
-            result[k] |= first_two | word_from(wide, k, c) | word_from(wide, k, d)
+            first_two = read_word(wide, k, a) | read_word(wide, k, b)
+            result[k] |= first_two | read_word(wide, k, c) | read_word(wide, k, d)
         run = last + 1
     return True
 
 
 @inlined
-def word_from(words: Words, k: int, distance: int) -> np.uint64:
+def read_word(words: Words, k: int, distance: int) -> np.uint64:
     """Return the 64 bits that begin ``distance`` bits after word k."""
     first = k + np.uint64(distance // WORD_BITS)
     shift = np.uint64(distance % WORD_BITS)

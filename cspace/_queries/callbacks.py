@@ -21,7 +21,7 @@ MAX_SIZE: Final = 7
 
 def state_lookup(map_: Map, size: int) -> Callable[..., int]:
     """Return a function ``look_up(*q)`` of the state of a configuration, or NOT_USABLE."""
-    return bind_numbers(state_of, (map_,), size)
+    return bind_numbers(look_up_state, (map_,), size)
 
 
 def flat_cell_lookup(map_: Map, size: int) -> Callable[..., int]:
@@ -29,7 +29,7 @@ def flat_cell_lookup(map_: Map, size: int) -> Callable[..., int]:
 
     Flat indices count the cells of all rotation cells.
     """
-    return bind_numbers(flat_cell_of, (map_,), size)
+    return bind_numbers(look_up_flat_cell, (map_,), size)
 
 
 def motion_lookup(map_: Map, size: int) -> Callable[..., int]:
@@ -37,7 +37,7 @@ def motion_lookup(map_: Map, size: int) -> Callable[..., int]:
 
     Otherwise it gives MIXED, or NOT_USABLE if an end is not usable.
     """
-    return bind_numbers(motion_of, (map_, size), 2 * size, 2 * MAX_SIZE)
+    return bind_numbers(look_up_motion, (map_, size), 2 * size, 2 * MAX_SIZE)
 
 
 def edge_checker(map_: Map, size: int) -> Callable[..., bool]:
@@ -99,7 +99,7 @@ def rotation_before(borders: Floats, numbers: Numbers, end: int) -> Numbers:
 
 
 @kernel
-def state_of(map_: Map, numbers: Numbers) -> int:
+def look_up_state(map_: Map, numbers: Numbers) -> int:
     """Return the state of a configuration, or NOT_USABLE."""
     position, rotation = configuration_before(map_, numbers, MAX_SIZE)
     if not is_rotation(rotation):
@@ -108,7 +108,7 @@ def state_of(map_: Map, numbers: Numbers) -> int:
 
 
 @kernel
-def flat_cell_of(map_: Map, numbers: Numbers) -> int:
+def look_up_flat_cell(map_: Map, numbers: Numbers) -> int:
     """Return the flat index of a configuration's cell, or -1.
 
     Flat indices count the cells of all rotation cells. It is -1 outside the grid.
@@ -124,7 +124,7 @@ def flat_cell_of(map_: Map, numbers: Numbers) -> int:
 
 
 @kernel
-def motion_of(map_: Map, size: int, numbers: Numbers) -> int:
+def look_up_motion(map_: Map, size: int, numbers: Numbers) -> int:
     """Return FREE for a motion through FREE cells, else MIXED or NOT_USABLE.
 
     It is NOT_USABLE if an end is not usable.

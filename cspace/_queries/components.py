@@ -69,7 +69,7 @@ class Components:
         shape = self._states.shape
         return JoinedCells.of(runs, shape, self._slice_of, self._rotation_pairs, exterior_open)
 
-    def of(self, cells: Ints, mixed: bool = False) -> Ints:
+    def find(self, cells: Ints, mixed: bool = False) -> Ints:
         """Return the component of each cell, or -1.
 
         Components join FREE cells, or FREE and MIXED cells if ``mixed``. Cells are ``(rotation, x,
@@ -80,14 +80,14 @@ class Components:
         return joined.component_of(cells)
 
     def count(self, mixed: bool = False) -> int:
-        """Return a number above all components that :meth:`of` returns."""
+        """Return a number above all components that :meth:`find` returns."""
         joined = self._passable if mixed else self._free
         return joined.count
 
     def are_joined(self, flat_cell: int, other: int, mixed: bool = False) -> bool:
         """Return True if two cells of the grid are in one component.
 
-        Components are those of :meth:`of`. A cell is given by its flat index over all rotation
+        Components are those of :meth:`find`. A cell is given by its flat index over all rotation
         cells.
         """
         joined = self._passable if mixed else self._free
@@ -99,7 +99,7 @@ class Components:
 
         ``cell``, shape (1 + d,), is one cell of the component; the result has shape (2, d).
         """
-        boxes: Ints = self._free.boxes[int(self.of(cell))]
+        boxes: Ints = self._free.boxes[int(self.find(cell))]
         return boxes
 
 

@@ -150,7 +150,7 @@ class DistanceMap:
         """Write the distances and the box of a slice to the table."""
         states = self._states[number]
         exterior = self._exterior[number]
-        table.boxes[number] = find_box(states, exterior)
+        table.boxes[number] = find_bounding_box(states, exterior)
         distances = table.cells.reshape(self._states.shape)
         compute_distances(states, exterior, distances[number])
 
@@ -158,7 +158,7 @@ class DistanceMap:
 # ---- the table -----------------------------------------------------------------------------------
 
 
-def find_box(states: States, exterior: Ints) -> Floats:
+def find_bounding_box(states: States, exterior: Ints) -> Floats:
     """Return the bounding box of the cells that are not FREE, shape (2, d).
 
     ``exterior`` is a row of :attr:`cspace._record.exterior.Exterior.table`.
@@ -388,10 +388,11 @@ def center_coordinates(map_: Map, position: Row, axis: int) -> tuple[float, floa
 
 
 @kernel
-def clearances(map_: Map, table: DistanceTable, points: Floats, out: Floats) -> int:
-    """Compute clearances of configurations, shape (n, size), in metres.
+def write_clearances(map_: Map, table: DistanceTable, points: Floats, out: Floats) -> int:
+    """Write the clearances of configurations, metres.
 
-    Return the index of the first unusable configuration, or -1.
+    ``points`` has shape (n, size), ``out`` (n,). Returns the index of the first unusable
+    configuration, or -1.
     """
     for n in range(points.shape[0]):
         position, rotation = configuration_in(map_, points, n)
@@ -402,7 +403,7 @@ def clearances(map_: Map, table: DistanceTable, points: Floats, out: Floats) -> 
 
 
 @kernel
-def clearance_of(map_: Map, table: DistanceTable, numbers: Numbers) -> float:
+def look_up_clearance(map_: Map, table: DistanceTable, numbers: Numbers) -> float:
     """Return the clearance of one configuration, in metres.
 
     It is NaN if the configuration is not usable, or the table lacks its slice. The numbers are
@@ -421,5 +422,5 @@ def clearance_lookup(map_: Map, table: DistanceTable, size: int) -> Callable[...
     """
     # The kernel is compiled once for configurations of all sizes, so it takes MAX_SIZE numbers.
     padding = (0.0,) * (MAX_SIZE - size)
-    measure = bind_kernel(clearance_of, (map_,), table, (0.0,) * MAX_SIZE)
+    measure = bind_kernel(look_up_clearance, (map_,), table, (0.0,) * MAX_SIZE)
     return lambda table, *q: measure(table, (*padding, *q))

@@ -146,7 +146,7 @@ class TiledComponents:
             MapNodes(folder, passable, mixed=True),
         ]
 
-    def of(self, cells: Ints, mixed: bool = False) -> Ints:
+    def find(self, cells: Ints, mixed: bool = False) -> Ints:
         """Return the components of cells, inside the grid or not, or -1.
 
         Cells, shape (n, 1 + d), are FREE, or with ``mixed`` not BLOCKED.

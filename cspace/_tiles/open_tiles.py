@@ -50,7 +50,7 @@ class OpenTile(NamedTuple):
 
     def find_labels(self, cells: Ints, mixed: bool = False) -> Ints:
         """Return the components of cells of the whole map, shape (..., 1 + d), or -1."""
-        return self.components.of(cells - np.array([0, *self.first]), mixed)
+        return self.components.find(cells - np.array([0, *self.first]), mixed)
 
 
 def open_tile(folder: TileFolder, number: int) -> OpenTile:
