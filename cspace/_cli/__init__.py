@@ -19,6 +19,7 @@ from cspace._cli.info import info
 from cspace._cli.maps import export, make, picture, view
 from cspace._cli.planning import demo, explain, plan
 from cspace._cli.report import Options, format_error, format_warning, join_lines, option_names
+from cspace._cli.spheres import spheres
 from cspace.errors import AngleWarning, CspaceError
 
 _USAGE_ERRORS: tuple[Any, ...] = typer.BadParameter.__mro__[1:2]
@@ -107,6 +108,7 @@ _COMMANDS: dict[str, Callable[..., None]] = {
     "plot": picture,
     "view": view,
     "export": export,
+    "spheres": spheres,
     "compile": compile_ahead,
     "config": config,
 }

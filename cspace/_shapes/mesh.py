@@ -378,7 +378,7 @@ class Mesh(ExactShape):
         """
         self._refuse_fill("ask its cells, or pass solid='auto'")
         array = check_points(points, "points", self.dim)
-        if self.solid == "surface":
+        if not self.encloses:
             return np.zeros(array.shape[:-1], dtype=np.bool_)
         lower, upper = self.bounds
         # Only points in the bounding box need their winding number.

@@ -16,6 +16,7 @@ from cspace.arms._moveit import (
 from cspace.arms._penetration import ArmPenetration
 from cspace.arms._snapshots import Contact
 from cspace.arms._solids import PosedShape
+from cspace.arms._sphere_models import SphereModel
 
 __all__ = [
     "Arm",
@@ -31,6 +32,7 @@ __all__ = [
     "PlanningScene",
     "PoseGoal",
     "PosedShape",
+    "SphereModel",
     "build_arm_space",
     "build_joint_map",
     "read_moveit_request",

@@ -34,6 +34,8 @@ from cspace.errors import ConfigurationError, InputError
 
 if TYPE_CHECKING:
     from cspace._files.urdf import EndEffector, PackageDirs, Srdf
+    from cspace.arms._sphere_models import SphereModel
+    from cspace.spectral._decompose import Kind
 
 Names = tuple[str, str]
 """Two link names in alphabetical order."""
@@ -583,6 +585,50 @@ class Arm:
             check_known(name, argument, full_names or self._states)  # raises InputError
         state = self._states[full_names[0]]
         return {joint: value for joint, value in state.items() if joint in self.joints}
+
+    def spheres(
+        self,
+        *,
+        number: int | Mapping[str, int] | None = None,
+        tolerance: float | None = None,
+        kind: Kind = "outer",
+    ) -> SphereModel:
+        """Find balls that cover the collision geometry of each link, or lie inside it.
+
+        What the balls cover is proven, not sampled; see :func:`cspace.spectral.decompose`.
+
+        Parameters
+        ----------
+        number : int or mapping of str to int, optional
+            Largest number of balls of each link, or numbers by the names of the links.
+        tolerance : float, optional
+            Metres. Largest length by which outer balls stick out of the link; for "inner", largest
+            distance of a point of the link from the balls. Pass either this or ``number``.
+        kind : {"outer", "inner"}
+            Whether the balls cover the link, or each lies inside it. A link without an inside gets
+            no inner balls, and a warning names it.
+
+        Returns
+        -------
+        SphereModel
+            The balls of each link, in its frame.
+
+        Raises
+        ------
+        GeometryError
+            If no link has an inside for inner balls.
+        InputError
+            If both or neither of ``number`` and ``tolerance`` are passed, an argument is not
+            usable, an attached object consists of balls, or balls cannot meet the tolerance.
+
+        Examples
+        --------
+        >>> spheres = arm.spheres(number=8)  # doctest: +SKIP
+        >>> spheres.save("spheres.yaml")  # doctest: +SKIP
+        """
+        from cspace.arms._sphere_models import find_spheres
+
+        return find_spheres(self, number, tolerance, kind)
 
     def attach(
         self,

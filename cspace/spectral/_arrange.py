@@ -15,11 +15,14 @@ import numpy as np
 from cspace._support.arrays import Floats, Ints
 from cspace.spectral._regions import Lattice
 
+MAX_SEARCHED_BALLS: Final = 16
+"""Largest number of balls for which further arrangements are searched, for the time it takes."""
+
 STARTS: Final = 4
 """Number of random arrangements that few balls start from."""
 
-MAX_ARRANGED_BALLS: Final = 64
-"""Largest number of balls that are arranged; for more, greedy choices are as good."""
+MAX_FAILURES: Final = 6
+"""Number of balls that move to another part of the shape in vain before the search ends."""
 
 MAX_ROUNDS: Final = 8
 """Largest number of assignments of cells to balls."""
@@ -27,23 +30,14 @@ MAX_ROUNDS: Final = 8
 MAX_STEPS: Final = 6
 """Number of steps that each ball takes between two assignments."""
 
-MIN_POINTS: Final = 2_000
-"""Smallest number of points that stand for a shape while balls are placed."""
+MAX_CELLS: Final = 1_500
+"""Largest number of points inside a shape that stand for it."""
 
-MAX_REPLACED_BALLS: Final = 12
-"""Number of balls within a tolerance up to which fewer ones are searched, for the time it takes."""
-
-MAX_POINTS: Final = 20_000
-"""Largest number of points of a shape that balls are placed by."""
-
-POINTS_PER_BALL: Final = 50
-"""Smallest number of such points for each ball."""
+MAX_POINTS: Final = 2_000
+"""Largest number of points that stand for a shape while balls are placed."""
 
 SMALLEST_LENGTH: Final = 1e-300
 """Smallest length that others are divided by, metres."""
-
-MAX_NEIGHBOURS: Final = 12
-"""Number of centers near a point among which its ball is found."""
 
 
 class Arrangement:
@@ -56,13 +50,22 @@ class Arrangement:
 
     def __init__(self, lattice: Lattice, *, inside: bool) -> None:
         """Choose points that stand for the shape; with ``inside``, centers must lie in it."""
-        self.lattice = lattice
+        self.region = lattice.region
         self.is_inner = inside
-        cells = lattice.to_metres(lattice.cell_centers)
-        # Some points stand for all, because all are proven later; corners reach farthest.
-        corners = np.unique(lattice.region.inner.pieces.reshape(-1, lattice.region.dim), axis=0)
-        order = np.random.default_rng(0).permutation(len(cells) + len(corners))[:MAX_POINTS]
-        self.points = np.concatenate([cells, corners])[order]
+        # Some points stand for all, because all are proven later: some of the boundary, which lies
+        # farthest from the balls, and fewer of the inside.
+        rng = np.random.default_rng(0)
+        self.cells = lattice.to_metres(rng.permutation(lattice.cell_centers)[:MAX_CELLS])
+        pieces = self.region.inner.pieces
+        corners = rng.permutation(np.unique(pieces.reshape(-1, self.region.dim), axis=0))
+        sides = np.diff(pieces, axis=1)
+        sizes = np.linalg.norm(sides[:, 0], axis=1)
+        if self.region.dim == 3:
+            sizes = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+        chosen = rng.choice(len(pieces), MAX_POINTS, p=sizes / sizes.sum() if sizes.any() else None)
+        weights = rng.dirichlet(np.ones(self.region.dim), MAX_POINTS)
+        boundary = np.einsum("ij,ijk->ik", weights, pieces[chosen])
+        self.points = rng.permutation(np.concatenate([self.cells, corners[:MAX_POINTS], boundary]))
 
     def place(self, number: int, *starts: Floats) -> Floats:
         """Return at most ``number`` centers (n, d), metres, with a small largest growth.
@@ -71,53 +74,67 @@ class Arrangement:
         """
         from scipy.cluster.vq import kmeans2
 
-        few = self.points[: max(MIN_POINTS, POINTS_PER_BALL * number)]
-        best = np.empty((0, self.points.shape[1]))
-        smallest = math.inf
+        # Many arrangements are poor, so several are improved.
         arrangements = list(starts)
-        # Many arrangements are poor, so several random ones are improved.
-        for seed in range(STARTS):
+        is_few = number <= MAX_SEARCHED_BALLS
+        for seed in range(min(STARTS, number) if is_few else 1):
             rng = np.random.default_rng(seed)
-            means, _ = kmeans2(few, number, minit="++", rng=rng, missing="warn")
+            means, _ = kmeans2(self.cells, number, minit="++", rng=rng, missing="warn")
             arrangements.append(means)
-        for centers in arrangements:
-            usable = centers
-            if self.is_inner:
-                usable = centers[self.lattice.region.depths(centers) > 0.0]
-            if not len(usable):
-                continue
-            moved, growth = self._alternate(usable, few)
-            if growth < smallest:
-                smallest = growth
-                best = moved
-        if len(best):
-            best, _ = self._alternate(best, self.points)
-        return best
-
-    def _alternate(self, centers: Floats, points: Floats) -> tuple[Floats, float]:
-        """Assign points and move balls in turns; return the best centers and largest growth."""
-        best = centers
+        best = np.empty((0, self.region.dim))
         smallest = math.inf
-        for _ in range(MAX_ROUNDS):
-            depths = self.lattice.region.depths(centers)
-            owners, growths = self._assign(centers, depths, points)
-            growth = float(growths.max())
+        for start in arrangements:
+            centers, growth = self._alternate(start)
             if growth < smallest:
                 best, smallest = centers, growth
-            centers = self._move(centers, depths, points, owners)
+        failures = 0
+        while is_few and failures < min(MAX_FAILURES, len(best) - 1):
+            centers, growth = self._alternate(self._relocate(best, failures))
+            failures += 1
+            if growth < smallest:
+                best, smallest = centers, growth
+                failures = 0
+        return best
+
+    def _alternate(self, centers: Floats) -> tuple[Floats, float]:
+        """Assign points and move balls in turns; return the best centers and largest growth."""
+        if self.is_inner:
+            centers = centers[self.region.depths(centers) > 0.0]
+        best = centers
+        smallest = math.inf
+        for _ in range(MAX_ROUNDS if len(centers) else 0):
+            growths, depths = self._grow(centers)
+            owners = growths.argmin(axis=1)
+            growth = float(growths.min(axis=1).max())
+            if growth < smallest:
+                best, smallest = centers, growth
+            centers = self._move(centers, depths, self.points, owners)
         return best, smallest
 
-    def _assign(self, centers: Floats, depths: Floats, points: Floats) -> tuple[Ints, Floats]:
-        """Return the ball of each point, and the growth that each takes, shape (n,) each."""
-        from scipy.spatial import cKDTree
+    def _grow(self, centers: Floats) -> tuple[Floats, Floats]:
+        """Return the growth that each point takes of each ball, and the depth of each ball."""
+        from scipy.spatial.distance import cdist
 
-        # The ball that needs least growth is nearly always among the nearest centers.
-        near = min(len(centers), MAX_NEIGHBOURS)
-        distances, balls = cKDTree(centers).query(points, k=np.arange(1, near + 1))
-        growths = distances - depths[balls]
-        rows = np.arange(len(points))
-        least = growths.argmin(axis=1)
-        return balls[rows, least], growths[rows, least]
+        depths = self.region.depths(centers)
+        return cdist(self.points, centers) - depths, depths
+
+    def _relocate(self, centers: Floats, rank: int) -> Floats:
+        """Move a ball that others replace well to the point that takes the largest growth.
+
+        ``rank`` balls are replaced better.
+        """
+        growths, _ = self._grow(centers)
+        owners = growths.argmin(axis=1)
+        rows = np.arange(len(owners))
+        worst = growths[rows, owners].argmax()
+        # Without a ball, its points belong to the next one.
+        growths[rows, owners] = np.inf
+        costs = np.full(len(centers), -np.inf)
+        np.maximum.at(costs, owners, growths.min(axis=1))
+        costs[owners[worst]] = np.inf
+        moved = centers.copy()
+        moved[costs.argsort()[rank]] = (centers[owners[worst]] + self.points[worst]) / 2.0
+        return moved
 
     def _move(self, centers: Floats, depths: Floats, points: Floats, owners: Ints) -> Floats:
         """Move each ball to lower its growth, by steps that halve if none helps."""
@@ -131,7 +148,8 @@ class Arrangement:
 
         def square_distances(places: Floats) -> Floats:
             """Return squared distances of the points to their balls at places (n, d)."""
-            return np.asarray(((points - places[rows]) ** 2).sum(axis=1))
+            offsets = points - places[rows]
+            return np.asarray(np.einsum("ij,ij->i", offsets, offsets))
 
         reaches = np.sqrt(np.maximum.reduceat(square_distances(placed), starts))
         growths = reaches - depths[present]
@@ -147,7 +165,7 @@ class Arrangement:
             towards /= np.maximum(np.linalg.norm(towards, axis=1, keepdims=True), SMALLEST_LENGTH)
             moves = [*np.broadcast_to(axes[:, None], (2 * dim, *placed.shape)), towards]
             places = placed + steps[:, None] * np.array(moves)
-            new_depths = self.lattice.region.depths(places.reshape(-1, dim)).reshape(len(moves), -1)
+            new_depths = self.region.depths(places.reshape(-1, dim)).reshape(len(moves), -1)
             new_reaches = [np.maximum.reduceat(square_distances(each), starts) for each in places]
             new_growths = np.sqrt(new_reaches) - new_depths
             if self.is_inner:

@@ -23,7 +23,7 @@ from cspace._support.arrays import Floats, Ints, frozen
 from cspace._support.check import check_count, check_positive, check_word
 from cspace._support.compiling import allocating, internal, kernel
 from cspace.errors import GeometryError, InputError
-from cspace.spectral._arrange import MAX_ARRANGED_BALLS, MAX_REPLACED_BALLS, Arrangement
+from cspace.spectral._arrange import MAX_SEARCHED_BALLS, Arrangement
 from cspace.spectral._regions import (
     Lattice,
     PieceTree,
@@ -109,6 +109,12 @@ class BallDecomposition:
 MAX_CANDIDATES: Final = 6_000
 """Approximate number of candidate balls in the first choice."""
 
+MAX_ARRANGED_BALLS: Final = 64
+"""Largest number of balls that are arranged; for more, greedy choices are as good."""
+
+MAX_REPLACED_BALLS: Final = 12
+"""Number of balls within a tolerance up to which fewer ones are searched, for the time it takes."""
+
 UNLIMITED_BALLS: Final = 2**40
 """Limit of the number of balls that is never reached."""
 
@@ -180,10 +186,10 @@ def decompose(
             "pass kind='outer', or a shape with an area or volume",
         )
     if count is not None and not 0.0 < region.size < np.inf:
-        raise InputError(
-            "number",
-            f"is {number}, but the shape is {region.size:g} m across",
-            "its lattice needs a finite size",
+        raise GeometryError(
+            "shape",
+            f"is {region.size:g} m across",
+            "balls by number need a finite size",
             "pass a tolerance instead",
         )
     if count:
@@ -212,18 +218,14 @@ def _fill_shape(
     Returns centers (n, d) and radii (n,) in metres, and bounds of the distance from the shape to
     the balls. Raises InputError if the shape is too thin or the tolerance too small.
     """
-    candidates = _list_inner_candidates(lattice)
     is_proven = False
-    if tolerance is not None:
+    if tolerance is None:
+        centers, radii, _ = _select_nearest(lattice, number or UNLIMITED_BALLS, "inner")
+    else:
+        candidates = _list_inner_candidates(lattice)
         balls, is_proven = _choose_cover(lattice, candidates, tolerance / lattice.side)
         centers = lattice.to_metres(balls.centers)
         radii = lattice.region.depths(centers)  # recomputed as proven lower bounds
-    else:
-        # Try balls that add most cells, and balls that come near to all cells.
-        count = number or UNLIMITED_BALLS
-        cover, _ = _cover_with(lattice, candidates, count)
-        greedy = _fill_greedily(lattice, count)
-        centers, radii, _ = _select_nearest(lattice, count, "inner", greedy, cover)
     is_inside = radii > 0.0
     centers = centers[is_inside]
     radii = radii[is_inside]
@@ -257,33 +259,23 @@ def _cover_shape(
     Returns centers (n, d) and radii (n,) in metres, and bounds of the distance from the balls to
     the shape. Raises InputError if no such balls are found.
     """
+    if tolerance is None:
+        # Covering whole cells takes more than covering the shape, so only the centers are kept;
+        # each ball around them grows as the shape needs.
+        return _grow(lattice, *_select_nearest(lattice, number or UNLIMITED_BALLS, "outer"))
     candidates = _list_medial_balls(lattice)
-    if tolerance is not None:
-        length = tolerance / lattice.side
-        balls, is_whole = _choose_cover(lattice, candidates, length, inside=False)
-    else:
-        count = number or UNLIMITED_BALLS
-        balls, is_whole = _cover_with(lattice, candidates, count, inside=False)
+    balls, is_whole = _choose_cover(lattice, candidates, tolerance / lattice.side, inside=False)
     if not is_whole:
-        name, value = ("number", number) if tolerance is None else ("tolerance", tolerance)
         raise InputError(
-            name,
-            f"is {value:g}, but no such balls that cover the shape were found",
+            "tolerance",
+            f"is {tolerance:g}, but no such balls that cover the shape were found",
             "their union must contain the shape",
-            f"pass a larger {name}",
+            "pass a larger tolerance",
         )
     centers = lattice.to_metres(balls.centers)
     # Half of the allowance exceeds the rounding of coordinates and depths, so that balls contain
     # their cells and no ball sticks out too far.
     radii = (balls.reaches - 0.5 * LATTICE_ROUNDING) * lattice.side
-    if number is not None:
-        # Covering whole cells takes more than covering the shape, so only the centers are kept;
-        # each ball around them grows as the shape needs. Balls that fill the shape are nearer where
-        # it is smooth, so they are tried too.
-        choices = [balls]
-        if lattice.region.inner.measure[1] > 0.0:
-            choices.append(_fill_greedily(lattice, number))
-        return _grow(lattice, *_select_nearest(lattice, number, "outer", *choices))
     return centers, radii, bound_balls_to_shape(lattice.region, centers, radii)
 
 
@@ -304,10 +296,10 @@ def _grow(
 def _arrange_fewer(
     lattice: Lattice, kind: Kind, tolerance: float, balls: tuple[Floats, Floats, Gap]
 ) -> tuple[Floats, Floats, Gap]:
-    """Replace balls within a tolerance, in metres, by fewer ones that are arranged, if found."""
+    """Replace balls within a tolerance, in metres, by as few that are arranged, if found."""
     arrangement = Arrangement(lattice, inside=kind == "inner")
     too_few = 0
-    number = len(balls[1])
+    number = len(balls[1]) + 1  # as many balls are mostly arranged better
     while number - too_few > 1:
         middle = (number + too_few) // 2
         centers = arrangement.place(middle)
@@ -325,19 +317,23 @@ def _arrange_fewer(
     return balls
 
 
-def _select_nearest(
-    lattice: Lattice, number: int, kind: Kind, *choices: LatticeBalls
-) -> tuple[Floats, Floats, Floats]:
-    """Select the set of balls with the smallest distance from the shape.
+def _select_nearest(lattice: Lattice, number: int, kind: Kind) -> tuple[Floats, Floats, Floats]:
+    """Select at most ``number`` balls with a small distance from the shape.
 
-    Each choice gives the centers, and few balls are arranged, too; the balls are the largest balls
-    in the shape around them. Returns centers (n, d) and radii (n,) in metres, negative outside the
-    shape, and the growth of each ball with which all cover the shape (n,). Without any choice, n is
-    0.
+    Few balls are arranged. Many are those that cover all cells, or those that fill most cells. The
+    balls are the largest balls in the shape around these centers. Returns centers (n, d) and radii
+    (n,) in metres, negative outside the shape, and the growth of each ball with which all cover the
+    shape (n,). Without any choice, n is 0.
     """
-    places = [lattice.to_metres(choice.centers) for choice in choices]
+    inside = kind == "inner"
+    places = []
+    if lattice.region.inner.measure[1] > 0.0:
+        places.append(lattice.to_metres(_fill_greedily(lattice, number).centers))
+    if number > MAX_SEARCHED_BALLS:
+        balls, _ = _cover_with(lattice, number, inside=inside)
+        places.append(lattice.to_metres(balls.centers))
     if number <= MAX_ARRANGED_BALLS:
-        places.append(Arrangement(lattice, inside=kind == "inner").place(number, *places))
+        places.append(Arrangement(lattice, inside=inside).place(number, *places))
     smallest = math.inf
     no_lengths = np.empty(0)
     no_centers = np.empty((0, lattice.region.dim))
@@ -378,14 +374,13 @@ def _fill_greedily(lattice: Lattice, number: int) -> LatticeBalls:
     return balls
 
 
-def _cover_with(
-    lattice: Lattice, candidates: LatticeBalls, number: int, *, inside: bool = True
-) -> tuple[LatticeBalls, bool]:
+def _cover_with(lattice: Lattice, number: int, *, inside: bool) -> tuple[LatticeBalls, bool]:
     """Choose at most ``number`` balls that cover all cells; return True if they do.
 
     They grow, beyond their depth in the shape, by the smallest length, by bisection, for which such
     balls are found. With ``inside``, centers must lie in the shape.
     """
+    candidates = _list_inner_candidates(lattice) if inside else _list_medial_balls(lattice)
     # No ball covers a cell unless it grows by about a diagonal; twice the size is always enough.
     too_small = 1.001 * lattice.diagonal
     enough = 2.0 * lattice.region.size / lattice.side

@@ -392,9 +392,9 @@ def _bound_volume(shape: ExactShape) -> tuple[float, float]:
     """Return lower and upper bounds of a volume, from cells inside and cells that cover it."""
     lower, upper = np.array(shape.bounds)
     sides = upper - lower
-    # About eight million cells; flat boxes count as thicker, to bound the number.
+    # About two million cells; flat boxes count as thicker, to bound the number.
     box_volume = np.prod(np.maximum(sides, 1e-3 * sides.max()))
-    spacing = float(np.cbrt(box_volume / 2**23))
+    spacing = float(np.cbrt(box_volume / 2**21))
     counts = np.ceil(sides / spacing) + 1.0
     corner = 0.5 * (lower + upper - spacing * counts)
     outer, inner = shape.cells(Grid(corner, spacing, counts.astype(np.int64)))
@@ -427,7 +427,6 @@ def bound_shape_to_balls(
     growths = np.full(len(radii), -np.inf)
     child_offsets = 0.5 * np.array(list(product((-1.0, 1.0), repeat=dim)))  # in half sides
     for level in range(MAX_GAP_HALVINGS + 1):
-        # A box center raises the lower bound only if it is proven to lie in the shape.
         near, far, owners = cube_gaps(box_centers, half, centers, radii)
         # Drop boxes that change no result, and boxes that are proven to lie outside the shape.
         relevant = np.flatnonzero((near > low) | (far > np.minimum(growths[owners], high)))
@@ -435,8 +434,10 @@ def bound_shape_to_balls(
         cap = 1.01 * radius + 2.0 * region.outer.error
         relevant = relevant[region.gaps(box_centers[relevant], cap) <= radius]
         farther = relevant[near[relevant] > low]
-        is_inside = region.depths(box_centers[farther], cap) > 0.0
-        low = max(low, float(near[farther[is_inside]].max(initial=0.0)))
+        # A point of the shape lies within the negative depth of a center.
+        depths = region.depths(box_centers[farther], cap)
+        lows = near[farther] + np.minimum(depths, 0.0)
+        low = max(low, float(lows[depths > -cap].max(initial=0.0)))
         box_centers = box_centers[relevant]
         far = far[relevant]
         owners = owners[relevant]

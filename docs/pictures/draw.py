@@ -52,6 +52,7 @@ def draw_all(folder: Path) -> None:
             draw_window,
             draw_hull_tree,
             draw_joint_map,
+            draw_spheres,
             draw_trajectory,
             draw_controller,
         ):
@@ -516,6 +517,41 @@ def draw_joint_map() -> Figure:
         plt.Line2D([], [], color=PATH, label="path"),
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False, fontsize=8.5)
+    return figure
+
+
+def draw_spheres() -> Figure:
+    """Draw a robot of two links from the side, covered by few and by more spheres."""
+    shapes = {
+        "base": '<origin xyz="0 0 0.2"/><geometry><cylinder radius="0.15" length="0.4"/></geometry>',
+        "arm": '<origin xyz="0.4 0 0"/><geometry><box size="0.9 0.14 0.2"/></geometry>',
+    }
+    links = "".join(
+        f'<link name="{name}"><collision>{shape}</collision></link>'
+        for name, shape in shapes.items()
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "small.urdf"
+        file.write_text(
+            f'<robot name="small">{links}<joint name="hinge" type="revolute"><parent link="base"/>'
+            '<child link="arm"/><origin xyz="0 0 0.52"/><axis xyz="0 0 1"/>'
+            '<limit lower="-3" upper="3" effort="1" velocity="1"/></joint></robot>'
+        )
+        arm = cspace.Arm.from_urdf(file)
+    figure, axes = plt.subplots(1, 2, figsize=(9.6, 3.6), layout="constrained")
+    for ax, number in zip(axes, (2, 8), strict=True):
+        model = arm.spheres(number=number)
+        farthest = max(balls.hausdorff.upper for balls in model.links.values())
+        for low, size in (((-0.15, 0.0), (0.3, 0.4)), ((-0.05, 0.42), (0.9, 0.2))):
+            ax.add_patch(Rectangle(low, *size, facecolor=ROBOT))
+        for name, height in (("base", 0.0), ("arm", 0.52)):
+            balls = model.links[name]
+            for (x, _, z), radius in zip(balls.centers.tolist(), balls.radii, strict=True):
+                style = {"facecolor": PATH, "alpha": 0.13, "linewidth": 0.0}
+                ax.add_patch(plt.Circle((x, z + height), radius, **style))
+                ax.add_patch(plt.Circle((x, z + height), radius, fill=False, edgecolor=PATH))
+        ax.set_title(f"{number} spheres a link: at most {1000 * farthest:.0f} mm beyond it")
+        ax.set(xlim=(-0.5, 1.2), ylim=(-0.25, 0.95), aspect="equal", xlabel="x [m]", ylabel="z [m]")
     return figure
 
 

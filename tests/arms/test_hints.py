@@ -45,6 +45,11 @@ def arm(folder, **options):
     return Arm.from_urdf(planar(folder), **options)
 
 
+def held_ball(folder):
+    """Read an arm that holds a ball."""
+    return arm(folder).attach("ball", Robot.ball(0.1).shape, "fore")
+
+
 def space(folder, *, near=FAR, **options):
     """Build the space of an arm beside a box."""
     return build_arm_space({"box": near}, arm(folder), **options)
@@ -113,6 +118,22 @@ TENTH = {"limits": (0.1, 0.1)}
 @pytest.mark.filterwarnings("ignore:.*only drawn:UserWarning")
 @refusals(
     "call, advised, hint",
+    # Sphere models.
+    (
+        lambda f: arm(f).spheres(number={"foot": 1, "upper": 1}),
+        lambda f: arm(f).spheres(number={"foot": 1, "upper": 1, "fore": 1}),
+        "add that link",
+    ),
+    (
+        lambda f: arm(f).spheres(number=1).save(f / "spheres.urdf"),
+        lambda f: arm(f).spheres(number=1).save(f / "spheres.urdf", f / "arm.urdf"),
+        "pass the URDF that the arm was read from",
+    ),
+    (
+        lambda f: held_ball(f).spheres(number=1),
+        lambda f: held_ball(f).detach("ball").spheres(number=1),
+        "leave it out: arm.detach('ball')",
+    ),
     # Arms.
     (
         lambda f: arm(f, joints=["elbow"], tip="fore"),

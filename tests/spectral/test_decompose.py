@@ -14,12 +14,14 @@ from cspace import InputError, Robot
 from cspace._shapes import Mesh, Voxels
 from cspace.errors import GeometryError
 from cspace.spectral import decompose
+from cspace.spectral._regions import Lattice, Region, bound_shape_to_balls
 from tests.helpers.oracles import distance_to_triangles, winds_around
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import seeds, stars
 
 RECTANGLE = shapely.box(0.0, 0.0, 3.0, 1.0)
 ELL = shapely.union(shapely.box(0.0, 0.0, 2.0, 0.7), shapely.box(0.0, 0.0, 0.7, 2.0))
+PLUS = shapely.union(shapely.box(-1.5, -0.5, 1.5, 0.5), shapely.box(-0.5, -1.5, 0.5, 1.5))
 DISC = shapely.Point(0, 0).buffer(1.0)
 FLAT = {
     "ell": ELL,
@@ -100,9 +102,11 @@ def test_balls_fill_or_cover_plane_shapes(name, kind):
     [
         (shapely.box(0, 0, 1, 1), {"number": 4}, 4, 0.11),
         (shapely.box(0, 0, 2, 0.4), {"number": 2}, 2, 0.36),
-        (trimesh.creation.box((2.0, 1.0, 1.0)), {"tolerance": 0.4}, 3, 0.4),
+        (PLUS, {"number": 9}, 9, 0.21),
+        (trimesh.creation.box((2.0, 1.0, 1.0)), {"tolerance": 0.4}, 2, 0.4),
+        (trimesh.creation.box((2.0, 1.0, 1.0)), {"number": 3}, 3, 0.4),
     ],
-    ids=["square", "bar", "box"],
+    ids=["square", "bar", "plus", "box", "three in a box"],
 )
 def test_few_balls_are_arranged_well(shape, options, most, distance):
     balls = decompose(shape, kind="outer", **options)
@@ -182,12 +186,24 @@ def test_balls_cover_open_surfaces_lines_and_cells():
     assert measure_gaps((0.3, -2.0) + 0.1 * corners.reshape(-1, 2), balls).max() <= 0.0
 
 
+def test_distance_of_a_sheet_from_balls_has_near_bounds():
+    corners = np.array([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.4, 0.8, 0.0)])
+    sheet = Mesh.of(trimesh.Trimesh(corners, [[0, 1, 2]]), "surface")
+    lattice = Lattice.for_count(Region(sheet), 3)
+    low, high, _ = bound_shape_to_balls(lattice, corners, np.full(3, 0.1))
+    # The point farthest from the corners is the center of their circle.
+    a, b, c = np.linalg.norm(np.roll(corners, 1, axis=0) - corners, axis=1)
+    exact = a * b * c / (4.0 * 0.4) - 0.1
+    assert low <= exact <= high <= 1.03 * low
+
+
 @refusals(
     "shape, options, error, message",
     (RECTANGLE, {}, InputError, "number is None and tolerance is None"),
     (RECTANGLE, {"tolerance": 1e-7}, InputError, "pass at least about"),
     ([], {"number": 3}, GeometryError, "no geometry"),
     (shapely.LineString([(0, 0), (1, 1)]), {"number": 3}, GeometryError, "no inside"),
+    (shapely.Point(1, 2), {"number": 3, "kind": "outer"}, GeometryError, "is 0 m across"),
     (Robot.disc(1.0).shape, {"number": 3}, InputError, "balls already"),
 )
 def test_decompose_refuses_invalid_arguments(shape, options, error, message):

@@ -57,6 +57,11 @@ def spectrum(lengths=1.0, counts=8, **options):
         "pass kind='outer', or a shape with an area or volume",
     ),
     (
+        lambda: decompose(shapely.Point(1, 2), kind="outer", number=4),
+        lambda: decompose(shapely.Point(1, 2), kind="outer", tolerance=0.1),
+        "pass a tolerance instead",
+    ),
+    (
         lambda: decompose(Robot.disc(0.1), number=4),
         lambda: overlap((b := Robot.disc(0.1).shape) and (b.centers, b.radii)),
         "use these balls",

@@ -1,0 +1,271 @@
+"""Sphere models of arms: balls that cover or fill the links, and their files."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, TypeAlias
+from xml.etree import ElementTree
+
+import numpy as np
+
+from cspace._files.access import check_output, decoding, read_bytes, replacing
+from cspace._files.plain import parse_xml
+from cspace._files.polygons import join_surfaces, transform_surface
+from cspace._shapes import Balls, BoundedShape, Mesh, Shape
+from cspace._support.check import check_known
+from cspace._support.reporting import warn_user
+from cspace.errors import GeometryError, InputError
+
+if TYPE_CHECKING:
+    from cspace.arms._model import Arm
+    from cspace.arms._solids import Solid
+    from cspace.spectral import BallDecomposition
+    from cspace.spectral._decompose import Kind
+
+PathLike: TypeAlias = str | os.PathLike[str]
+
+
+@dataclass(frozen=True, eq=False)
+class SphereModel:
+    """Balls that cover each link of an arm, or lie inside it.
+
+    Made by :meth:`cspace.Arm.spheres`. ``print`` shows a table of what is proven for each link.
+
+    Attributes
+    ----------
+    name : str
+        Name of the robot.
+    kind : {"outer", "inner"}
+        Whether the balls of a link cover its collision geometry, or each lies inside it.
+    links : dict of str to BallDecomposition
+        The balls of each link, in the frame of the link, metres. ``hausdorff.upper`` bounds how far
+        outer balls stick out of the link, or the distance of a point of the link from inner balls.
+    """
+
+    name: str
+    kind: Kind
+    links: Mapping[str, BallDecomposition] = field(repr=False)
+
+    def __str__(self) -> str:
+        """Return a table with a row for each link."""
+        if self.kind == "outer":
+            proof, distance = "covered", "sticks out"
+        else:
+            proof, distance = "inside", "leaves bare"
+        width = max(map(len, self.links))
+        count = sum(map(len, self.links.values()))
+        lines = [
+            f"{self.name}: {count} {self.kind} spheres on {len(self.links)} links",
+            f"{'link':{width}}  spheres  {proof:>7}  {distance:>11}  volume ratio",
+        ]
+        for name, balls in self.links.items():
+            ratio = "no volume"
+            if math.isfinite(balls.volume_ratio):
+                ratio = f"{balls.volume_ratio:.2f}"
+            length = f"{1000.0 * balls.hausdorff.upper:.1f} mm"
+            values = f"{len(balls):7}  {'proven':>7}  {length:>11}  {ratio:>12}"
+            lines.append(f"{name:{width}}  {values}")
+        return "\n".join(lines)
+
+    def save(
+        self, path: PathLike, template: PathLike | None = None, *, overwrite: bool = False
+    ) -> None:
+        """Write the balls to a file whose suffix says the format.
+
+        Parameters
+        ----------
+        path : path-like
+            ``.urdf``: the template, with balls as collision geometry; VAMP reads it, too.
+            ``.srdf``: the template, with ``link_sphere_approximation``. ``.yaml`` or ``.yml``:
+            ``collision_spheres`` of cuRobo. ``.json``: ``spheres`` of foam by link, whose ``mean``,
+            ``best`` and ``worst`` are the proven distance.
+        template : path-like, optional
+            The URDF that the arm was read from, which ``.urdf`` needs; or an SRDF.
+        overwrite : bool
+            Whether to replace an existing file.
+
+        Raises
+        ------
+        InputError
+            If the suffix is none of these, or ``.urdf`` has no template.
+        FileError
+            If the file exists and ``overwrite`` is not set, it cannot be written, or the template
+            is missing or malformed.
+        """
+        write = check_target(path, overwrite)
+        text = write(self, template)
+        with replacing(path, overwrite) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+
+
+def check_target(path: PathLike, overwrite: bool) -> Callable[..., str]:
+    """Return the writer of a file's format; raise InputError or FileError if it cannot be written.
+
+    The writer takes a sphere model and the template.
+    """
+    suffix = Path(path).suffix.lower()
+    check_known(suffix, f"suffix of {os.fspath(path)}", _WRITERS)
+    check_output(Path(path), overwrite)
+    return _WRITERS[suffix]
+
+
+def _write_urdf(model: SphereModel, template: PathLike | None) -> str:
+    """Return the template with balls as the collision geometry of its links."""
+    if template is None:
+        raise InputError(
+            "template",
+            "is missing",
+            "a URDF keeps the joints of its source",
+            "pass the URDF that the arm was read from",
+        )
+    root = _read_template(template)
+    for link in root.iter("link"):
+        balls = model.links.get(link.get("name", ""))
+        if balls is None:
+            continue
+        for collision in link.findall("collision"):
+            link.remove(collision)
+        for center, radius in _list_balls(balls):
+            collision = ElementTree.SubElement(link, "collision")
+            ElementTree.SubElement(collision, "origin", xyz=_join(center), rpy="0 0 0")
+            geometry = ElementTree.SubElement(collision, "geometry")
+            ElementTree.SubElement(geometry, "sphere", radius=repr(radius))
+    return _format_xml(root)
+
+
+def _write_srdf(model: SphereModel, template: PathLike | None) -> str:
+    """Return the template, or an empty SRDF, with the balls of each link."""
+    root = ElementTree.Element("robot", name=model.name)
+    if template is not None:
+        root = _read_template(template)
+    for old in root.findall("link_sphere_approximation"):
+        if old.get("link") in model.links:
+            root.remove(old)
+    for name, balls in model.links.items():
+        approximation = ElementTree.SubElement(root, "link_sphere_approximation", link=name)
+        for center, radius in _list_balls(balls):
+            attributes = {"center": _join(center), "radius": repr(radius)}
+            ElementTree.SubElement(approximation, "sphere", attributes)
+    return _format_xml(root)
+
+
+def _write_curobo(model: SphereModel, _: PathLike | None) -> str:
+    """Return the balls as a sphere file of cuRobo."""
+    lines = ["collision_spheres:"]
+    for name, balls in model.links.items():
+        lines.append(f"  {json.dumps(name)}:")
+        for center, radius in _list_balls(balls):
+            lines.append(f"    - center: {center}")
+            lines.append(f"      radius: {radius}")
+    return "\n".join(lines) + "\n"
+
+
+def _write_foam(model: SphereModel, _: PathLike | None) -> str:
+    """Return the balls as JSON of foam."""
+    links = {}
+    for name, balls in model.links.items():
+        distance = balls.hausdorff.upper
+        spheres = [{"origin": center, "radius": radius} for center, radius in _list_balls(balls)]
+        errors = dict.fromkeys(("mean", "best", "worst"), distance)
+        links[name] = {**errors, "spheres": spheres}
+    return json.dumps(links, indent=1) + "\n"
+
+
+_WRITERS: Final[dict[str, Callable[[SphereModel, PathLike | None], str]]] = {
+    ".urdf": _write_urdf,
+    ".srdf": _write_srdf,
+    ".yaml": _write_curobo,
+    ".yml": _write_curobo,
+    ".json": _write_foam,
+}
+"""Writers by suffix; each takes a sphere model and the template."""
+
+
+def _list_balls(balls: BallDecomposition) -> list[tuple[list[float], float]]:
+    """Return the center and radius of each ball."""
+    return list(zip(balls.centers.tolist(), balls.radii.tolist(), strict=True))
+
+
+def _join(numbers: list[float]) -> str:
+    """Return numbers as an attribute, without loss."""
+    return " ".join(map(repr, numbers))
+
+
+def _read_template(path: PathLike) -> ElementTree.Element:
+    """Read a URDF or SRDF as XML."""
+    data = read_bytes(path, "template", 20.0, "max_description_bytes")
+    with decoding(path, "template"):
+        return parse_xml(data)
+
+
+def _format_xml(root: ElementTree.Element) -> str:
+    """Return XML with an indentation."""
+    ElementTree.indent(root)
+    return ElementTree.tostring(root, encoding="unicode") + "\n"
+
+
+def find_spheres(
+    arm: Arm, number: int | Mapping[str, int] | None, tolerance: float | None, kind: Kind
+) -> SphereModel:
+    """Find the balls of each link; see :meth:`cspace.Arm.spheres`."""
+    from cspace.spectral import decompose
+
+    links = {}
+    for link in arm.links:
+        count = _find_number(number, link.name) if isinstance(number, Mapping) else number
+        shape = _join_parts(arm, link)
+        if kind == "inner" and not shape.inner.encloses:
+            warn_user(f"link {link.name!r} has no inside, so it gets no balls")
+            continue
+        try:
+            links[link.name] = decompose(shape, kind=kind, number=count, tolerance=tolerance)
+        except InputError as error:
+            if error.argument == "shape":
+                place = f"link {link.name!r}"
+                raise type(error)(place, error.problem, error.rule, error.hint) from error
+            raise
+    if not links:
+        raise GeometryError(
+            "kind",
+            "is 'inner', but no link has an inside",
+            "inner balls need one",
+            "pass kind='outer'",
+        )
+    return SphereModel(arm.name, kind, links)
+
+
+def _find_number(numbers: Mapping[str, int], link: str) -> int:
+    """Return the number of balls of a link; raise InputError if it has none."""
+    if link not in numbers:
+        raise InputError(
+            "number", f"lacks {link!r}", "each link with geometry needs one", "add that link"
+        )
+    return numbers[link]
+
+
+def _join_parts(arm: Arm, link: Solid) -> Shape:
+    """Join the parts of a link to one shape in the frame of the link."""
+    from_body = np.linalg.inv(arm.placements[link.name].pose)
+    sides = []
+    for side in ("outer", "inner"):
+        parts = [(getattr(part.shape, side), from_body @ part.pose) for part in link.parts]
+        if any(isinstance(shape, Balls) for shape, _ in parts):
+            raise InputError(
+                f"link {link.name!r}",
+                "consists of balls already",
+                "spheres are found for other shapes",
+                f"leave it out: arm.detach({link.name!r})",
+            )
+        surfaces = [transform_surface(shape.surface, pose) for shape, pose in parts]
+        # Only shapes with an inside fill the link; a surface around another one changes nothing.
+        has_inside = any(shape.encloses for shape, _ in parts)
+        sides.append(Mesh(*join_surfaces(surfaces), "auto" if has_inside else "surface", link.name))
+    outer, inner = sides
+    if all(part.shape.inner is part.shape.outer for part in link.parts):
+        return outer
+    return BoundedShape(outer, inner)

@@ -1,0 +1,289 @@
+"""Sphere models of arms, against points sampled by trimesh and their files."""
+
+import json
+import re
+import xml.etree.ElementTree as ET
+
+import numpy as np
+import pytest
+import trimesh
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial import cKDTree
+
+from cspace import InputError, Robot
+from cspace.arms import Arm
+from cspace.errors import GeometryError
+from tests.helpers.commands import document, run
+from tests.helpers.refusals import refusals
+from tests.helpers.urdfs import collision, joint, link, planar, pose_at, write_urdf
+
+pytest.importorskip("yourdfpy")
+
+SAMPLES = 100_000
+"""Points sampled on the surface of each link."""
+
+
+def bare_depth(points, balls):
+    """Return the largest distance of points (n, 3) from balls, negative if all lie inside."""
+    gaps = [
+        np.linalg.norm(points - center, axis=1) - radius
+        for center, radius in zip(balls.centers, balls.radii, strict=True)
+    ]
+    return float(np.min(gaps, axis=0).max())
+
+
+def check_outer(balls, mesh):
+    """Check that balls cover a mesh, and stick out by no more than they say."""
+    points = np.vstack([mesh.sample(SAMPLES, seed=0), mesh.vertices])
+    assert bare_depth(points, balls) <= 0.0
+    directions = np.random.default_rng(0).normal(size=(50, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    spheres = (balls.centers[:, None] + balls.radii[:, None, None] * directions).reshape(-1, 3)
+    gap = cKDTree(points).query(spheres)[0] - balls.hausdorff.upper
+    if mesh.is_watertight:
+        gap[mesh.contains(spheres)] = -1.0
+    spacing = np.sqrt(mesh.area / SAMPLES)
+    assert gap.max() <= 5.0 * spacing
+
+
+def check_inner(balls, mesh):
+    """Check that each ball lies in a closed mesh."""
+    assert mesh.contains(balls.centers).all()
+    _, distances, _ = trimesh.proximity.closest_point(mesh, balls.centers)
+    assert (balls.radii <= distances + 1e-12).all()
+
+
+@pytest.mark.filterwarnings("ignore::cspace._shapes.mesh.MeshWarning")
+@pytest.mark.parametrize("kind", ["outer", "inner"])
+def test_spheres_cover_or_fill_the_links_of_a_real_arm(data, kind):
+    names = {"panda_link5": "link5", "panda_link6": "link6", "panda_leftfinger": "finger"}
+    arm = Arm.from_urdf(data / "arms/panda/panda.urdf")
+    numbers = {each.name: 1 for each in arm.links} | dict.fromkeys(names, 6)
+    if kind == "inner":
+        with pytest.warns(UserWarning, match="link 'panda_link6' has no inside"):
+            model = arm.spheres(number=numbers, kind=kind)
+        assert "panda_link6" not in model.links
+        del names["panda_link6"]
+    else:
+        model = arm.spheres(number=numbers)
+    for name, file in names.items():
+        mesh = trimesh.load_mesh(data / f"arms/panda/meshes/collision/{file}.obj")
+        mesh.merge_vertices()
+        assert len(model.links[name]) <= 6
+        (check_outer if kind == "outer" else check_inner)(model.links[name], mesh)
+
+
+def two_parts(folder):
+    """Return an arm whose last link, fixed to the fore, is a turned cylinder and a ball."""
+    cylinder = collision("cylinder", (0.1, 0.4), (0.2, 0, 0), (0, 1, 0))
+    tool = f'<link name="tool">{cylinder}{collision("sphere", (0.15,), (0.2, 0.3, 0))}</link>'
+    fixed = joint("mount", "fore", "tool", at=(1, 0, 0), kind="fixed", rpy=(0.3, 0, 0))
+    return Arm.from_urdf(planar(folder, tool, fixed))
+
+
+def test_spheres_are_in_the_frame_of_their_link(tmp_path):
+    balls = two_parts(tmp_path).spheres(tolerance=0.06).links["tool"]
+    axis = trimesh.transformations.rotation_matrix(1.0, (0, 1, 0))
+    axis[:3, 3] = (0.2, 0, 0)
+    cylinder = trimesh.creation.cylinder(0.1, 0.4, sections=400, transform=axis)
+    ball = trimesh.creation.icosphere(4, 0.15).apply_translation((0.2, 0.3, 0))
+    for part in (cylinder, ball):
+        assert bare_depth(part.sample(SAMPLES, seed=0), balls) <= 0.0
+    assert balls.hausdorff.upper <= 0.06
+
+
+@settings(max_examples=4)
+@given(
+    st.tuples(*[st.floats(0.05, 1.0)] * 3),
+    st.tuples(*[st.floats(-2.0, 2.0)] * 3),
+    st.sampled_from(["outer", "inner"]),
+    st.integers(1, 12),
+)
+def test_spheres_of_boxes_are_proven(tmp_path_factory, sides, at, kind, number):
+    bar = (sides, at)
+    path = write_urdf(
+        tmp_path_factory.mktemp("arm"), link("a", bar), link("b", bar), joint("hinge", "a", "b")
+    )
+    model = Arm.from_urdf(path).spheres(number=number, kind=kind)
+    mesh = trimesh.creation.box(sides).apply_translation(at)
+    for balls in model.links.values():
+        assert 1 <= len(balls) <= number
+        (check_outer if kind == "outer" else check_inner)(balls, mesh)
+
+
+def rows(balls):
+    """Return centers and radii as rows."""
+    return np.column_stack([balls.centers, balls.radii]).tolist()
+
+
+def test_model_is_printed_and_written_in_each_format(tmp_path):
+    path = planar(tmp_path)
+    model = Arm.from_urdf(path).spheres(number=2)
+    table = str(model).splitlines()
+    assert table[0] == "small: 6 outer spheres on 3 links"
+    assert [row.split()[:3] for row in table[2:]] == [
+        [name, "2", "proven"] for name in ("foot", "upper", "fore")
+    ]
+    files = {
+        suffix: tmp_path / f"spheres{suffix}" for suffix in (".yaml", ".json", ".srdf", ".urdf")
+    }
+    for file in files.values():
+        model.save(file, path if file.suffix == ".urdf" else None)
+    expected = {name: rows(balls) for name, balls in model.links.items()}
+    curobo = yaml.safe_load(files[".yaml"].read_text())["collision_spheres"]
+    assert {
+        n: [[*s["center"], s["radius"]] for s in each] for n, each in curobo.items()
+    } == expected
+    foam = json.loads(files[".json"].read_text())
+    assert {
+        n: [[*s["origin"], s["radius"]] for s in each["spheres"]] for n, each in foam.items()
+    } == expected
+    assert foam["foot"]["worst"] == model.links["foot"].hausdorff.upper
+    srdf = ET.parse(files[".srdf"]).getroot()
+    assert {
+        each.get("link"): [
+            [*map(float, s.get("center").split()), float(s.get("radius"))] for s in each
+        ]
+        for each in srdf.findall("link_sphere_approximation")
+    } == expected
+
+
+def test_written_urdf_is_an_arm_of_spheres(tmp_path):
+    source = planar(tmp_path)
+    model = Arm.from_urdf(source).spheres(number=3)
+    model.save(tmp_path / "spheres.urdf", source)
+    arm = Arm.from_urdf(tmp_path / "spheres.urdf")
+    assert arm.joints == Arm.from_urdf(source).joints
+    for part, ball in zip(arm.links[1].parts, rows(model.links["upper"]), strict=True):
+        assert part.pose[:3, 3].tolist() == ball[:3]
+    bar = Robot.from_urdf(tmp_path / "spheres.urdf", "upper").shape.outer
+    balls = model.links["upper"]
+    low, high = (np.array(corner) for corner in bar.bounds)
+    assert (low <= (balls.centers - balls.radii[:, None]).min(axis=0)).all()
+    assert (high >= (balls.centers + balls.radii[:, None]).max(axis=0)).all()
+
+
+def test_srdf_keeps_its_content_and_gets_the_spheres_once(tmp_path):
+    (tmp_path / "arm.srdf").write_text(
+        '<robot name="small"><group name="g"><joint name="elbow"/></group></robot>'
+    )
+    model = Arm.from_urdf(planar(tmp_path)).spheres(number=1)
+    model.save(tmp_path / "once.srdf", tmp_path / "arm.srdf")
+    model.save(tmp_path / "twice.srdf", tmp_path / "once.srdf")
+    root = ET.parse(tmp_path / "twice.srdf").getroot()
+    assert [each.tag for each in root] == ["group"] + ["link_sphere_approximation"] * 3
+    arm = Arm.from_urdf(planar(tmp_path), srdf=tmp_path / "twice.srdf")
+    assert arm.groups == {"g": ("elbow",)}
+
+
+def test_command_writes_the_spheres(tmp_path):
+    path = planar(tmp_path)
+    output = tmp_path / "spheres.yaml"
+    printed = document(f"spheres {path} --number 2 -o {output}")
+    assert printed["links"]["fore"]["covered"]
+    assert len(yaml.safe_load(output.read_text())["collision_spheres"]["fore"]) == 2
+    table = run(f"spheres {path} --tolerance 0.3 --kind inner").stdout
+    assert "leaves bare" in table.splitlines()[1]
+    assert "exists" in run(f"spheres {path} --number 2 -o {output}").stderr
+    urdf = tmp_path / "spheres.urdf"
+    assert run(f"spheres {path} --number 2 -o {urdf}").exit_code == 0
+    assert Arm.from_urdf(urdf).dof == 2
+
+
+def write_mesh(folder, *vertices):
+    """Write a URDF whose first link is one triangle with these vertices."""
+    text = "".join(f"v {x} {y} {z}\n" for x, y, z in vertices)
+    (folder / "mesh.obj").write_text(f"{text}f 1 2 3\n")
+    mesh = '<collision><geometry><mesh filename="mesh.obj"/></geometry></collision>'
+    bar = link("b", ((1, 1, 1), (0, 0, 0)))
+    return write_urdf(folder, f'<link name="a">{mesh}</link>', bar, joint("hinge", "a", "b"))
+
+
+@pytest.mark.filterwarnings("ignore::cspace._shapes.mesh.MeshWarning")
+@refusals(
+    "call, error, message",
+    (lambda folder: Arm.from_urdf(planar(folder)).spheres(), InputError, "exactly one of them"),
+    (
+        lambda folder: Arm.from_urdf(planar(folder)).spheres(number=2, tolerance=0.1),
+        InputError,
+        "exactly one of them",
+    ),
+    (lambda folder: Arm.from_urdf(planar(folder)).spheres(number=0), InputError, "number is 0"),
+    (
+        lambda folder: Arm.from_urdf(planar(folder)).spheres(number=2, kind="both"),
+        InputError,
+        "kind is 'both'",
+    ),
+    (
+        lambda folder: Arm.from_urdf(planar(folder)).spheres(number={"foot": 2}),
+        InputError,
+        "number lacks 'upper'",
+    ),
+    (
+        lambda folder: Arm.from_urdf(planar(folder)).spheres(tolerance=1e-9),
+        InputError,
+        "pass at least about",
+    ),
+    (
+        lambda folder: Arm.from_urdf(
+            write_mesh(folder, (0, 0, 0), (0, 0, "nan"), (0, 1, 0))
+        ).spheres(number=2),
+        InputError,
+        "is nan; it must be finite",
+    ),
+    (
+        lambda folder: Arm.from_urdf(write_mesh(folder, *[(1, 1, 1)] * 3)).spheres(number=2),
+        GeometryError,
+        "link 'a' is 0 m across",
+    ),
+    (
+        lambda folder: Arm.from_urdf(
+            write_urdf(folder, '<link name="a"/>', '<link name="b"/>', joint("hinge", "a", "b"))
+        ),
+        InputError,
+        "no collision geometry",
+    ),
+)
+def test_spheres_refuse_invalid_arguments(call, error, message, tmp_path):
+    with pytest.raises(error, match=message):
+        call(tmp_path)
+
+
+@pytest.mark.filterwarnings("ignore::cspace._shapes.mesh.MeshWarning")
+def test_links_without_inside_get_no_inner_spheres(tmp_path):
+    sheet = write_mesh(tmp_path, (0, 0, 0), (1, 0, 0), (0, 1, 0))
+    with pytest.warns(UserWarning, match="link 'a' has no inside"):
+        assert list(Arm.from_urdf(sheet).spheres(number=2, kind="inner").links) == ["b"]
+    arm = Arm.from_urdf(sheet, base="a", solid="surface")
+    assert len(arm.spheres(number=2).links) == 2
+
+
+@pytest.mark.filterwarnings("ignore::cspace._shapes.mesh.MeshWarning")
+@pytest.mark.filterwarnings("ignore:link:UserWarning")
+def test_arm_of_sheets_has_outer_spheres_only(tmp_path):
+    path = write_mesh(tmp_path, (0, 0, 0), (1, 0, 0), (0, 1, 0))
+    path.write_text(re.sub("<box.*?/>", '<mesh filename="mesh.obj"/>', path.read_text()))
+    arm = Arm.from_urdf(path)
+    with pytest.raises(GeometryError, match="pass kind='outer'"):
+        arm.spheres(number=1, kind="inner")
+    assert len(arm.spheres(number=1, kind="outer").links) == 2
+
+
+def test_attached_balls_need_no_spheres(tmp_path):
+    arm = Arm.from_urdf(planar(tmp_path)).attach(
+        "tip", Robot.ball(0.01).shape, "fore", pose_at(1, 0)
+    )
+    with pytest.raises(InputError, match=r"arm.detach\('tip'\)"):
+        arm.spheres(number=1)
+    assert len(arm.detach("tip").spheres(number=1).links) == 3
+
+
+def test_target_needs_a_known_suffix_and_a_urdf_its_template(tmp_path):
+    model = Arm.from_urdf(planar(tmp_path)).spheres(number=1)
+    with pytest.raises(InputError, match=r"\.yaml"):
+        model.save(tmp_path / "spheres.txt")
+    with pytest.raises(InputError, match="pass the URDF that the arm was read from"):
+        model.save(tmp_path / "spheres.urdf")
+    assert not (tmp_path / "spheres.urdf").exists()
