@@ -237,7 +237,12 @@ class Workspace:
         grid = Grid(corner, spacing, cells.shape)
         inside = cells
         if inner is not None:
-            inside = check_cells(place_raster(inner, spacing, "inner")[0], "inner")
+            inner, inner_lower = place_raster(inner, spacing, "inner")
+            place = corner if own_lower is None else own_lower
+            if inner_lower is not None and np.abs(inner_lower - place).max() > 1e-3 * spacing:
+                problem = f"begins at {inner_lower.tolist()} but occupied at {place.tolist()}"
+                raise InputError("inner", problem, "both must cover the same cells", "align them")
+            inside = check_cells(inner, "inner")
         return cls(grid, cells, inside, source=source)
 
     @classmethod

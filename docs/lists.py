@@ -11,6 +11,7 @@ import cspace._files
 from cspace._files.formats import ROBOT_FORMATS, WORKSPACE_FORMATS
 from cspace._shapes.primitives import SHORT_TEXTS
 from cspace.export._writers import EXPORT_FORMATS
+from planners._catalogue import REFUSALS
 
 DOCS = Path(__file__).parent
 MARKED = re.compile(r"(<!-- list: (.+?) -->\n).*?(<!-- end of list -->)", re.DOTALL)
@@ -54,12 +55,23 @@ def list_fields() -> Iterable[str]:
             yield f"| {' | '.join(fields)} |"
 
 
+def list_refusals() -> Iterable[str]:
+    """Yield the rows of the options that planners refuse."""
+    yield from ("| planner | refuses | because it |", "|---|---|---|")
+    for options, reason, _ in REFUSALS:
+        values = {option: ", ".join(map(str, refused)) for option, refused in options.items()}
+        names = values.pop("planner")
+        refused = " with ".join(f"`{option}`: {value}" for option, value in values.items())
+        yield f"| {names} | {refused or 'every plan'} | {reason} |"
+
+
 LISTS: dict[str, Callable[[], Iterable[str]]] = {
     "short texts": list_short_texts,
     "workspace formats": lambda: list_formats(WORKSPACE_FORMATS),
     "robot formats": lambda: list_formats(ROBOT_FORMATS),
     "export formats": lambda: list_formats(EXPORT_FORMATS),
     "fields": list_fields,
+    "refusals of planners": list_refusals,
 }
 """Functions that make the lists of pages, by name."""
 

@@ -134,22 +134,12 @@ class CarCurves(LocalPlanner):
         upper = positions.max(axis=0) + 2.0 * spacing
         return replace(self, space=self.tiles.window(lower, upper))
 
-    def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
-        """Return the metres of the shortest curves, shape (n,)."""
-        edges = zip(starts.tolist(), ends.tolist(), strict=True)
-        return np.array([self.edge_length(*first, *last) for first, last in edges])
-
     def edge_length(self, *ends: float) -> float:
         """Return the metres of the shortest curve."""
         x0, y0, yaw0, x1, y1, yaw1 = ends
         start = (x0, y0, yaw0)
         goal = (x1, y1, yaw1)
         return self.radius * find_shortest_words(self.kind, self.radius, start, goal, 0.0).shortest
-
-    def measure(self, path: Floats) -> tuple[float, float]:
-        """Measure ``length`` and ``total_rotation`` of a path, as of :class:`planners.Plan`."""
-        pieces = self.split_path(path, math.inf, math.inf)
-        return math.fsum(pieces.lengths), math.fsum(pieces.rotations)
 
     def split_edge(
         self, first: Floats, last: Floats, step: float, rotation: float, share: float

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
-from typing import Final, Literal, TypeAlias, cast
+from typing import Final, Literal, NamedTuple, TypeAlias, cast, get_args
 
 from ompl import base as ob
 from ompl import geometric as og
@@ -50,12 +50,10 @@ BIRRT: Final = "BiRRT"
 BUILT_IN_SEARCHES: Final = (GRID, MAX_CLEARANCE, LATTICE, BIRRT)
 """Names of the searches that run without OMPL."""
 
-PLANNERS_WITHOUT_OBJECTIVE: Final = frozenset(
-    {"BKPIECE1", "KPIECE1", "LBKPIECE1", "RRT", "RRTConnect"}
-)
+PLANNERS_WITHOUT_OBJECTIVE: Final = ("BKPIECE1", "KPIECE1", "LBKPIECE1", "RRT", "RRTConnect")
 """Planners that stop at the first path and minimise nothing."""
 
-THREADED_PLANNERS: Final = frozenset({"PRM", "PRMstar"})
+THREADED_PLANNERS: Final = ("PRM", "PRMstar")
 """Planners that look for a solution from a second thread.
 
 The second thread needs Python's lock to call a Python objective or stopping rule, while the first
@@ -63,7 +61,7 @@ thread holds the lock and waits for it: a deadlock. So these planners are refuse
 callbacks. A callback must not raise in them either, because an exception ends the process.
 """
 
-BIDIRECTIONAL_PLANNERS: Final = frozenset({"BFMT", "BKPIECE1", "LBKPIECE1", "PRM", "PRMstar"})
+BIDIRECTIONAL_PLANNERS: Final = ("BFMT", "BKPIECE1", "LBKPIECE1", "PRM", "PRMstar")
 """Planners that also follow edges from end to start.
 
 A robot that turns on the spot only has to turn around for the way back, so its edges must be free
@@ -71,14 +69,94 @@ both ways. The way back of a car is a loop, which is hardly ever free, so these 
 for Dubins curves.
 """
 
-UNSAFE_PLANNERS: Final = {
-    "AORRTC": "of OMPL 2.0.1 ends the process if a path is longer than some 90 m"
-}
-"""Planners that are not offered, with the reason.
+UNSAFE_PLANNER: Final = "AORRTC"
+"""Planner that is not offered.
 
 AORRTC looks for the root of a tree within a distance rounded to seven digits. If the root is
 farther away, AORRTC reads beyond the end of its list.
 """
+
+LENGTH: Final = "length"
+CLEARANCE: Final = "clearance"
+FUNCTION: Final = "a function"
+"""Objectives of :func:`planners.plan`."""
+
+NUMBER: Final = "a number"
+SEVERAL: Final = "several"
+OWN_SEARCH: Final = "a search of your own space"
+"""Values of ``iterations``, ``goal`` and ``planner`` in :data:`REFUSALS`."""
+
+_NO_SECOND_THREAD: Final = "cannot call Python from its second thread"
+"""What planners with threads must not do: it would wait for the first thread for ever."""
+
+_OTHER_PLANNER: Final = "choose another planner, e.g. planner='RRT' or 'RRTstar'"
+_ONE_GOAL: Final = "pass one configuration or choose another planner"
+
+
+class Refusal(NamedTuple):
+    """Options that :func:`planners.plan` refuses together."""
+
+    options: Mapping[str, Sequence[object]]  # their values; errors are about the first one
+    reason: str  # after the name of the planner
+    hint: str = ""  # by default, to leave the first option out or to use another planner
+
+
+REFUSALS: Final = (
+    Refusal(
+        {"planner": (UNSAFE_PLANNER,)},
+        "of OMPL 2.0.1 ends the process if a path is longer than some 90 m",
+        _OTHER_PLANNER,
+    ),
+    Refusal(
+        {"planner": BIDIRECTIONAL_PLANNERS, "drive": ("dubins",)},
+        "also follows edges from end to start, which no such car drives",
+        _OTHER_PLANNER,
+    ),
+    Refusal(
+        {"planner": (LATTICE,), "drive": ("holonomic",)},
+        "is for all other drives",
+        "use planner='Grid', or pass drive='differential'",
+    ),
+    Refusal(
+        {"drive": get_args(Drive)[1:], "planner": (GRID, MAX_CLEARANCE)},
+        "is for holonomic robots",
+    ),
+    Refusal(
+        {"objective": (CLEARANCE, FUNCTION), "planner": PLANNERS_WITHOUT_OBJECTIVE},
+        "ignores objectives",
+    ),
+    Refusal({"objective": (CLEARANCE, FUNCTION), "planner": THREADED_PLANNERS}, _NO_SECOND_THREAD),
+    Refusal({"objective": (FUNCTION,), "planner": (GRID,)}, "minimises length or clearance"),
+    Refusal(
+        {
+            "objective": (CLEARANCE, FUNCTION),
+            "planner": (MAX_CLEARANCE, LATTICE, BIRRT, OWN_SEARCH),
+        },
+        "minimises the length",
+    ),
+    Refusal(
+        {"exact": (True,), "planner": (GRID,), "objective": (CLEARANCE,)},
+        f"uses FREE cells for objective={CLEARANCE!r}",
+    ),
+    Refusal({"exact": (True,), "planner": (MAX_CLEARANCE,)}, "uses FREE cells"),
+    Refusal(
+        {
+            "exact": (True,),
+            "planner": (LATTICE,),
+            "drive": ("differential", "differential-reverse"),
+        },
+        "uses FREE cells",
+    ),
+    Refusal({"iterations": (NUMBER,), "planner": (GRID, MAX_CLEARANCE, LATTICE)}, "counts none"),
+    Refusal({"iterations": (NUMBER,), "planner": THREADED_PLANNERS}, _NO_SECOND_THREAD),
+    Refusal({"goal": (SEVERAL,), "planner": THREADED_PLANNERS}, _NO_SECOND_THREAD, _ONE_GOAL),
+    Refusal(
+        {"goal": (SEVERAL,), "planner": ("BFMT",)},
+        "of OMPL 2.0.1 may end the process if it has several",
+        _ONE_GOAL,
+    ),
+)
+"""What :func:`planners.plan` refuses; the page on planning prints this table."""
 
 FMT_SAMPLES_ALONG_CURVES: Final = 300
 """Initial number of samples of FMT and BFMT if edges are curves.
@@ -105,22 +183,22 @@ def planner_names() -> tuple[PlannerName, ...]:
     >>> "RRTConnect" in planners.planner_names()
     True
     """
-    safe = [name for name in _list_planners() if name not in UNSAFE_PLANNERS]
+    safe = [name for name in _list_planners() if name != UNSAFE_PLANNER]
     return cast(tuple[PlannerName, ...], tuple(sorted(safe, key=str.lower)))
 
 
-def planner_named(
-    name: PlannerName | None, drive: Drive = "holonomic", searches: Sequence[str] = ()
-) -> PlannerName:
+def default_planner(drive: Drive) -> PlannerName:
+    """Return the planner of OMPL that runs by default."""
+    # RRTConnect's tree at the goal grows by curves that leave the goal; a Dubins car needs curves
+    # that arrive.
+    return "RRT" if drive == "dubins" else "RRTConnect"
+
+
+def planner_named(name: str, searches: Sequence[str] = ()) -> PlannerName:
     """Return the name of a planner of OMPL, or of a search of a space, as it is spelled.
 
-    The given name may be in any case; None gives the default. Raises InputError if the name is
-    unknown, or if the planner cannot plan with the drive.
+    The given name may be in any case. Raises InputError if it is unknown.
     """
-    if name is None:
-        # RRTConnect's tree at the goal grows by curves that leave the goal; a Dubins car needs
-        # curves that arrive.
-        return "RRT" if drive == "dubins" else "RRTConnect"
     known = {word.lower(): word for word in (*_list_planners(), *BUILT_IN_SEARCHES, *searches)}
     if not isinstance(name, str) or name.lower() not in known:
         # Users of OMPL's documentation may write RRT*.
@@ -136,20 +214,41 @@ def planner_named(
             f"it must be a geometric planner of the installed OMPL, {', '.join(choices)}",
             hint,
         )
-    planner = cast(PlannerName, known[name.lower()])
-    problem = f"is {planner!r}"
-    reason = UNSAFE_PLANNERS.get(planner)
-    if drive == "dubins" and planner in BIDIRECTIONAL_PLANNERS:
-        problem = f"{problem} and drive is {drive!r}"
-        reason = "also follows edges from end to start, which no such car drives"
-    if reason:
+    return cast(PlannerName, known[name.lower()])
+
+
+def check_options(values: Mapping[str, object], is_named: bool, n_goals: int = 1) -> None:
+    """Raise InputError if options do not go together, by :data:`REFUSALS`.
+
+    ``values`` are those of planner, objective, drive, exact and iterations; ``is_named`` tells
+    whether the user chose the planner.
+    """
+    planner = values["planner"]
+    kinds = {**values, "goal": SEVERAL if n_goals > 1 else None}
+    if planner not in (*_list_planners(), *BUILT_IN_SEARCHES):
+        kinds["planner"] = OWN_SEARCH
+    if callable(values["objective"]):
+        kinds["objective"] = FUNCTION
+    if values["iterations"] is not None:
+        kinds["iterations"] = NUMBER
+    for options, reason, hint in REFUSALS:
+        if not all(kinds[option] in refused for option, refused in options.items()):
+            continue
+        option, *others = options
+        problem = f"has {n_goals} configurations" if option == "goal" else f"is {values[option]!r}"
+        if others:
+            problem += f" and {others[0]} is {values[others[0]]!r}"
+        if not is_named:
+            problem += f", the default for objective={values['objective']!r}"
+        other = "RRTstar"
+        if values["objective"] == LENGTH:
+            other = default_planner(cast(Drive, values["drive"]))
         raise InputError(
-            "planner",
+            option,
             problem,
             f"{planner} {reason}",
-            "choose another planner, e.g. planner='RRT' or 'RRTstar'",
+            hint or f"leave {option} out, or use planner={other!r}",
         )
-    return planner
 
 
 def make_planner(name: str, si: ob.SpaceInformation) -> ob.Planner:

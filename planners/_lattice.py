@@ -16,7 +16,7 @@ path planning for autonomous driving", 2008.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Final, NamedTuple, cast
 
 import numpy as np
@@ -39,7 +39,11 @@ from cspace._queries.frontier import (
 )
 from cspace._queries.guide import NARROW_PRICE, Directions, Guide
 from cspace._queries.moves import list_moves
-from cspace._queries.paths import MAX_SHORTENING_SECONDS, pulled_straight
+from cspace._queries.paths import (
+    MAX_SHORTENING_SECONDS,
+    find_cheapest_subpath,
+    pulled_straight,
+)
 from cspace._queries.points import position_in_plane
 from cspace._record.cells import Map
 from cspace._rotations.base import METRES_PER_RADIAN, TWO_PI, wrap_angles
@@ -60,40 +64,27 @@ from planners._local_planner import Endpoints, LocalPlanner
 MAX_BLOCK_SIDE: Final = 8
 """Largest number of cells along each side of the blocks of the guide."""
 
-SHIFT_PER_METRE: Final = 0.5
-"""Half the metres by which a point moves, a metre from the reference point, as the robot turns from
-one direction of the guide to the next, deviations from both included."""
-
 NARROW_CAR_PRICE: Final = 0.3
-"""Share by which blocks are dearer for a car where it passes at few rotations; it need not turn
+"""Share by which blocks cost more for a car where it passes at few rotations; it need not turn
 there on the spot."""
 
 MAX_DEVIATION: Final = math.radians(14.0)
 """Largest angle between a move of the guide and the robot's yaw on it; beyond it, another move is
 nearer."""
 
-CAR_HEADINGS: Final = (24, 48, 96)
-"""Numbers of headings of the lattices for a car, coarse to fine; an arc leads from one heading to
-the next."""
+CAR_LATTICES: Final = {24: 100_000, 48: 200_000, 96: 800_000, 192: 800_000, 384: 800_000}
+"""Numbers of headings of the lattices for a car, coarse to fine, and of nodes after which a search
+tries the next finer one. An arc leads from one heading to the next."""
 
-REVERSING_HEADINGS: Final = (*CAR_HEADINGS, 192, 384)
-"""Numbers of headings for a car that reverses; the finest lattices move to and fro in slots."""
+FINE_HEADINGS: Final = 96
+"""Number of headings of the finest lattice of a car that does not reverse; finer ones move to and
+fro in slots. Searches that stall on a lattice as fine begin anew around the blocks in vain."""
 
 MAX_NODES: Final = 1_000_000
-CAR_MAX_NODES: Final = (100_000, 200_000, 800_000, 800_000, 800_000)
-"""Number of nodes after which the search ends; on each lattice of a car, which then tries the next
-finer one."""
-
-SPOT_GREED: Final = 1.2
-CAR_GREED: Final = 1.5
-"""Weight of the remaining cost, for robots that turn on the spot and for cars; above 1, paths are
-found sooner but may be longer."""
+"""Number of nodes after which the search of a robot that turns on the spot ends."""
 
 REVERSE_WEIGHT: Final = 1.5
 """Cost of a metre that a car drives in reverse, in metres driven ahead."""
-
-SWITCH_RADII: Final = 0.5
-"""Cost of a car's change between driving ahead and in reverse, in turning radii."""
 
 MIN_STRAIGHT_RADII: Final = 0.07
 """Shortest straight drive of a car, in turning radii.
@@ -102,21 +93,6 @@ On shorter drives, curves that turn to and fro are as short up to
 :data:`planners._car_curves.TIE_TOLERANCE`, and the proof of an edge needs these, too.
 """
 
-ROOM_RADII: Final = 0.25
-"""Distance along each axis within which the room of start and goal counts, in turning radii."""
-
-ROOM_RADIANS: Final = 0.5
-"""Rotation to either side at which the room of start and goal counts, too."""
-
-NEAR_CELLS: Final = 8.0
-"""Distance from the goal, in cells, within which each node tries an edge to the goal."""
-
-NEAR_RADII: Final = 4.0
-"""The same in turning radii, for cars."""
-
-NODES_PER_GOAL_EDGE: Final = 16
-"""Far from the goal, every 16th node tries an edge to the goal."""
-
 NODES_PER_CLOCK_CHECK: Final = 2**12
 """Nodes expanded between two checks of the time limit."""
 
@@ -124,20 +100,8 @@ KNOWN_TOLERANCE: Final = 0.01
 """Fraction of a cell's side by which a path into a cell must be cheaper to replace the known path.
 """
 
-INITIAL_CAPACITY: Final = 2**13
-"""Number of nodes for which a search has memory at first; it doubles as needed."""
-
-SLOTS_PER_NODE: Final = 4
-"""Slots of the hash table for each node, so that most are empty."""
-
 HASH_FACTOR: Final = 0x9E3779B97F4A7C1
 """Odd factor that spreads keys over the hash table (D. Knuth, "Sorting and Searching", 6.4)."""
-
-HASH_SHIFT: Final = 20
-"""Lowest bits of a key's product that are left out, because they are spread the least."""
-
-KEY_BITS: Final = 24
-"""Bits of a hash key that hold the index of a cell along y."""
 
 ARC_ERROR: Final = MAX_GAP * (1.0 + TWO_PI) + POINT_ERROR
 """Distance, in turning radii, within which a driven motion stays near the computed one."""
@@ -145,21 +109,8 @@ ARC_ERROR: Final = MAX_GAP * (1.0 + TWO_PI) + POINT_ERROR
 COST_PER_EDGE: Final = 1e-6
 """Cost of an edge when a path is shortened, metres; it makes collinear drives one edge."""
 
-SPOT_ROUNDS: Final = 3
-"""Number of times that paths of robots that turn on the spot are shortened."""
-
-MAX_SHORTCUTS: Final = 24
-"""Largest number of earlier waypoints tested for an edge to a waypoint."""
-
-SPOT_HEADINGS: Final = (1, 4)
-"""Headings of the lattices for robots that turn on the spot, for each direction from a cell to
-others near it, coarse to fine."""
-
 MIN_STALLED_NODES: Final = 2**14
 """Number of nodes at which a search may count as stalled; twice as many after each stall."""
-
-PATIENCE: Final = 0.25
-"""A search has stalled if its nodes after this share came no nearer to the goal."""
 
 NEAR_BLOCKS: Final = 3
 """Distance, in blocks, from the node nearest to the goal, within which a stalled search avoids
@@ -179,7 +130,9 @@ class Motions(NamedTuple):
     steering: Ints  # (m,), 1 to the left, -1 to the right, 0 straight on or on the spot
     lengths: Floats  # (h, m), negative in reverse, zero on the spot
     unit: float  # of the lengths, metres: the turning radius of a car, otherwise 1
+    radius: float | None  # turning radius of a car
     costs: Floats  # (h, m)
+    max_nodes: int  # after which the search ends
     side: float  # of the cells that hold one configuration for each heading
     switch_cost: float  # of a change between driving ahead and in reverse
     greed: float  # weight of the remaining cost; above 1, paths are found sooner but may be longer
@@ -192,14 +145,6 @@ class Target(NamedTuple):
 
     goal: Pose
     estimate: Estimate
-
-
-class SearchLimits(NamedTuple):
-    """Limits of a search."""
-
-    min_stalled: int  # nodes before which it does not count as stalled
-    max_nodes: int
-    until: float  # reading of the clock
 
 
 class LatticeNodes(NamedTuple):
@@ -241,13 +186,9 @@ def find_lattice_path(
         path, reason = _search_levels(edges, endpoints, is_backwards, until, may_exist)
     except TimeoutError:
         return np.empty((0, 3)), ""
-    if is_backwards:
-        path = path[::-1]
-    if not len(path):
-        return path, reason
-    if simplify:
+    if simplify and len(path):
         path = shorten_path(edges, path, until + MAX_SHORTENING_SECONDS)
-    return path, ""
+    return path, reason
 
 
 def _search_levels(
@@ -265,14 +206,17 @@ def _search_levels(
     levels = _list_levels(edges, endpoints, is_backwards)
     min_stalled = MIN_STALLED_NODES
     while True:
-        for motions, max_nodes in levels:
-            limits = SearchLimits(min_stalled, max_nodes, until)
-            path, reason, vain = _search(edges, motions, guide, endpoints, limits, may_exist)
-            if len(path) and edges.are_free(path[::-1] if is_backwards else path):
+        for motions in levels:
+            path, reason, vain = _search(
+                edges, motions, guide, endpoints, min_stalled, until, may_exist
+            )
+            if is_backwards:
+                path = path[::-1]
+            if len(path) and edges.are_free(path):
                 return path, ""
             if len(path):
                 reason = "rounding keeps the path of the lattice from being proven"
-            if vain is not None and len(motions.headings) >= CAR_HEADINGS[-1]:
+            if vain is not None and len(motions.headings) >= FINE_HEADINGS:
                 break
         if vain is None:
             return np.empty((0, 3)), reason
@@ -293,14 +237,17 @@ def _starts_at_goal(edges: LocalPlanner, endpoints: Endpoints) -> bool:
 
 
 def _measure_room(edges: LocalPlanner, q: Endpoint) -> int:
-    """Count the cells near a configuration that the robot may pass at yaws near its own."""
+    """Count the cells within a quarter of the radius that the robot may pass at yaws near its own.
+
+    These are its own and those half a radian to either side.
+    """
     grid = edges.cells.grid
-    reach = math.ceil(ROOM_RADII * float(edges.turning_radius or 0.0) / grid.spacing)
+    reach = math.ceil(0.25 * float(edges.turning_radius or 0.0) / grid.spacing)
     center = grid.cell_of(q[:2])
     low = np.maximum(center - reach, 0)
     high = center + reach + 1
     window = np.s_[low[0] : high[0], low[1] : high[1]]
-    yaws = (q[2] - ROOM_RADIANS, q[2], q[2] + ROOM_RADIANS)
+    yaws = (q[2] - 0.5, q[2], q[2] + 0.5)
     worst = _find_worst_state(edges)
     return sum(int((edges.cells.states_at(yaw)[window] <= worst).sum()) for yaw in yaws)
 
@@ -312,18 +259,18 @@ def _list_headings(endpoints: Endpoints, count: int) -> tuple[Floats, Floats]:
     each to the next there are ``count`` steps; at headings between, the robot comes close to a
     wall. Lengths are in cells.
     """
-    steps = list_moves(2).steps[:, 1:]
-    yaws = wrap_angles(np.arctan2(steps[:, 1], steps[:, 0]))
+    yaws, _, move_lengths = _list_moves_by_yaw()
     own_yaws = np.unique([q[2] for q in endpoints])
     is_new = np.abs(wrap_angles(yaws - own_yaws[:, None])).min(axis=1) > 1e-9
-    all_yaws = np.concatenate([yaws, own_yaws[is_new]])
+    all_yaws = np.concatenate([wrap_angles(yaws), own_yaws[is_new]])
     order = np.argsort(all_yaws)
     first = all_yaws[order]
     gaps = np.diff(first, append=first[0] + TWO_PI)
     shares = np.arange(count) / count
     # A drive as long as a cell's diagonal leaves the cell.
     lengths = np.full((len(order), count), math.sqrt(2.0))
-    lengths[order < len(yaws), 0] = np.hypot(*steps[order[order < len(yaws)]].T)
+    is_move = order < len(yaws)
+    lengths[is_move, 0] = move_lengths[order[is_move]]
     return wrap_angles(first[:, None] + np.outer(gaps, shares)).ravel(), lengths.ravel()
 
 
@@ -362,7 +309,8 @@ def _measure_block_side(space: CSpace) -> int:
     """
     robot = space.robot
     circle = shapely.maximum_inscribed_circle(robot.geometry)  # a line from its center
-    radius = circle.length - SHIFT_PER_METRE * math.hypot(*circle.coords[0])
+    # Half its shift as the robot turns to the next direction of the guide, deviations included.
+    radius = circle.length - 0.5 * math.hypot(*circle.coords[0])
     cells_per_radius = int(max(radius, robot.inscribed_radius) / space.grid.spacing)
     return min(max(cells_per_radius, 1), MAX_BLOCK_SIDE)
 
@@ -419,17 +367,14 @@ def _can_reverse(edges: LocalPlanner) -> bool:
     return edges.drive in ("differential-reverse", "reeds-shepp")
 
 
-def _list_levels(
-    edges: LocalPlanner, endpoints: Endpoints, is_backwards: bool
-) -> list[tuple[Motions, int]]:
-    """List the motions of each lattice, coarse to fine, and its largest number of nodes."""
+def _list_levels(edges: LocalPlanner, endpoints: Endpoints, is_backwards: bool) -> list[Motions]:
+    """List the motions of each lattice, coarse to fine."""
     if edges.turning_radius is None:
-        lattices = [_list_spot_motions(edges, endpoints, count) for count in SPOT_HEADINGS]
-        return [(motions, MAX_NODES) for motions in lattices]
-    start = endpoints[0]
-    counts = REVERSING_HEADINGS if _can_reverse(edges) else CAR_HEADINGS
-    lattices = [_list_car_motions(edges, start, count, is_backwards) for count in counts]
-    return list(zip(lattices, CAR_MAX_NODES, strict=False))
+        # Headings for each direction from a cell to others near it.
+        return [_list_spot_motions(edges, endpoints, count) for count in (1, 4)]
+    reverses = _can_reverse(edges)
+    counts = [count for count in CAR_LATTICES if reverses or count <= FINE_HEADINGS]
+    return [_list_car_motions(edges, endpoints[0], count, is_backwards) for count in counts]
 
 
 def _list_spot_motions(edges: LocalPlanner, endpoints: Endpoints, count: int) -> Motions:
@@ -454,11 +399,13 @@ def _list_spot_motions(edges: LocalPlanner, endpoints: Endpoints, count: int) ->
         steering=np.zeros(len(turns), dtype=np.int64),
         lengths=lengths,
         unit=1.0,
+        radius=None,
+        max_nodes=MAX_NODES,
         costs=METRES_PER_RADIAN * radians + np.abs(lengths),
         side=spacing,
         switch_cost=0.0,
-        greed=SPOT_GREED,
-        near=NEAR_CELLS * spacing,
+        greed=1.2,
+        near=8.0 * spacing,
         geometry=None,
     )
 
@@ -496,11 +443,13 @@ def _list_car_motions(
         steering=steering,
         lengths=np.tile(lengths, (count, 1)),
         unit=radius,
+        radius=radius,
+        max_nodes=CAR_LATTICES[count],
         costs=np.tile(costs, (count, 1)),
         side=side,
-        switch_cost=SWITCH_RADII * radius,
-        greed=CAR_GREED,
-        near=max(NEAR_RADII * radius, NEAR_CELLS * spacing),
+        switch_cost=0.5 * radius,
+        greed=1.5,
+        near=max(4.0 * radius, 8.0 * spacing),
         geometry=edges.geometry(),
     )
 
@@ -510,33 +459,33 @@ def _search(
     motions: Motions,
     guide: Guide,
     endpoints: Endpoints,
-    limits: SearchLimits,
+    min_stalled: int,
+    until: float,
     may_exist: Callable[[], bool],
 ) -> tuple[Floats, str, Bools | None]:
     """Search from the start for a path to the goal, shape (n, 3).
 
-    If n is 0, the note says what ended the search; if it stalled, blocks to avoid follow. Raises
-    TimeoutError if time runs out.
+    If n is 0, the note says what ended the search; if it stalled, blocks to avoid follow. With
+    fewer than ``min_stalled`` nodes, it does not count as stalled. Raises TimeoutError after
+    ``until``, a reading of the clock.
     """
     start, goal = cast(tuple[Pose, Pose], endpoints)
     map_ = edges.bounded_map()
-    nodes = _make_nodes(INITIAL_CAPACITY)
+    nodes = _make_nodes(2**13)
     target = Target(goal, guide.estimate)
-    radius = edges.turning_radius
     heading = int(np.abs(wrap_angles(motions.headings - start[2])).argmin())
-    add_node(map_, motions, radius, target, nodes, start, heading, 0.0, NO_NODE, 0)
+    add_node(map_, motions, target, nodes, start, heading, 0.0, NO_NODE, 0)
     is_free = edges.edge_checker()
-    until = limits.until
-    reason = f"the lattice search ended at its limit of {limits.max_nodes:,} nodes"
-    while nodes.counts[0] < limits.max_nodes:
-        node = expand_nodes(map_, motions, radius, target, nodes)
+    reason = f"the lattice search ended at its limit of {motions.max_nodes:,} nodes"
+    while nodes.counts[0] < motions.max_nodes:
+        node = expand_nodes(map_, motions, target, nodes)
         check_deadline(until)
         if node == UNKNOWN:
             direction, i, j = nodes.place.tolist()
             guide.reach(direction, (0, i, j), until)
         elif node == FULL:
             vain = _find_vain_blocks(map_, motions, target, nodes)
-            if len(nodes.keys) >= limits.min_stalled and vain.any():
+            if len(nodes.keys) >= min_stalled and vain.any():
                 return np.empty((0, 3)), "the lattice search stalled", vain
             nodes = _enlarge(nodes)
         elif node == NO_NODE:
@@ -548,7 +497,7 @@ def _search(
                 break
             until += clock() - began
         elif is_free(*nodes.poses[node].tolist(), *goal):
-            return _trace_path(nodes, node, endpoints, radius is None), "", None
+            return _trace_path(nodes, node, endpoints, motions.radius is None), "", None
     return np.empty((0, 3)), reason, None
 
 
@@ -559,7 +508,7 @@ def _make_nodes(capacity: int) -> LatticeNodes:
         poses=np.empty((capacity, 3)),
         motions=np.empty((capacity, 2), dtype=np.int64),
         keys=np.empty(capacity, dtype=np.int64),
-        table=np.zeros(SLOTS_PER_NODE * capacity, dtype=np.int64),
+        table=np.zeros(4 * capacity, dtype=np.int64),  # most slots are empty
         counts=np.zeros(2, dtype=np.int64),
         place=np.zeros(3, dtype=np.int64),
     )
@@ -589,7 +538,7 @@ def _find_vain_blocks(map_: Map, motions: Motions, target: Target, nodes: Lattic
     """Find blocks that a stalled search has not entered, shape (1, x, y).
 
     These are near the node that the guide takes for the nearest to the goal. There are none if that
-    node is among the later ones, because the search advances then.
+    node is among the last three quarters, because the search advances then.
     """
     count = nodes.counts[0]
     estimate = target.estimate
@@ -601,7 +550,7 @@ def _find_vain_blocks(map_: Map, motions: Motions, target: Target, nodes: Lattic
     left = np.where(estimate.reached[states] > 0, estimate.positions[states], math.inf)
     best = int(left.argmin())
     vain = np.zeros(vain_shape, dtype=np.bool_)
-    if best < PATIENCE * count:
+    if 4 * best < count:
         low = np.maximum(blocks[best] - NEAR_BLOCKS, 0)
         high = blocks[best] + NEAR_BLOCKS + 1
         vain[0, low[0] : high[0], low[1] : high[1]] = True
@@ -614,11 +563,11 @@ def _trace_path(nodes: LatticeNodes, node: int, endpoints: Endpoints, merges: bo
 
     If ``merges``, successive drives along one heading become one.
     """
-    rows: list[Sequence[float]] = []
+    chain: list[int] = []
     while node != NO_NODE:
-        rows.append(nodes.poses[node].tolist())
+        chain.append(node)
         node = int(nodes.progress.previous[node])
-    path: Floats = np.array(list(reversed(rows)))
+    path = nodes.poses[chain[::-1]]
     if merges and len(path) > 2:
         turns = np.diff(path[:, 2]) != 0.0
         is_corner = turns[:-1] | turns[1:]
@@ -633,7 +582,7 @@ def _trace_path(nodes: LatticeNodes, node: int, endpoints: Endpoints, merges: bo
 def shorten_path(edges: LocalPlanner, path: Floats, until: float) -> Floats:
     """Shorten a path, shape (n, 3), by proven edges, until a reading of the clock."""
     # Without cut corners, a second round of skipping gains little.
-    for _ in range(1 if edges.turning_radius is not None else SPOT_ROUNDS):
+    for _ in range(1 if edges.turning_radius is not None else 3):
         if clock() < until:
             path = _shorten_once(edges, path, until)
     return path
@@ -649,7 +598,8 @@ def _shorten_once(edges: LocalPlanner, path: Floats, until: float) -> Floats:
     def measure(*q: float) -> float:
         return edges.edge_length(*q) + COST_PER_EDGE
 
-    paths = [path, _skip_waypoints(edges, path, is_free, until)]
+    strides = np.unique(np.geomspace(1, len(path), 24).astype(np.int64)).tolist()
+    paths = [path, find_cheapest_subpath(path, 2, is_free, measure, strides, until)]
     # A part of a curve need not be a shortest curve.
     if edges.turning_radius is None and clock() < until:
         paths.append(pulled_straight(paths[-1], edges.space.rotations, is_free, measure))
@@ -659,45 +609,8 @@ def _shorten_once(edges: LocalPlanner, path: Floats, until: float) -> Floats:
     return next(filter(edges.are_free, paths), path)
 
 
-def _skip_waypoints(
-    edges: LocalPlanner, path: Floats, is_free: Callable[..., bool], until: float
-) -> Floats:
-    """Skip waypoints of a path, shape (n, 3), by free edges, for the shortest path.
-
-    By dynamic programming, each waypoint is joined to an earlier one, and at least to the one
-    before, whose edge belongs to the path.
-    """
-    rows = path.tolist()
-    previous = np.arange(-1, len(path) - 1)
-    total = np.zeros(len(path))
-    offsets = np.unique(np.geomspace(1, len(path), MAX_SHORTCUTS).astype(np.int64))
-    for k in range(1, len(path)):
-        if clock() >= until:
-            break  # the remaining waypoints keep the waypoints before them
-        total[k] = math.inf
-        earlier = k - offsets[offsets <= k]
-        # No edge is shorter than the straight line between its ends.
-        bounds = total[earlier] + np.hypot(*(path[earlier, :2] - path[k, :2]).T)
-        order = np.argsort(bounds, kind="stable")
-        for candidate, bound in zip(earlier[order].tolist(), bounds[order].tolist(), strict=True):
-            if bound >= total[k]:
-                break  # so are those of all other candidates
-            edge = *rows[candidate], *rows[k]
-            cost = total[candidate] + edges.edge_length(*edge) + COST_PER_EDGE
-            if cost < total[k] and (candidate == k - 1 or is_free(*edge)):
-                previous[k] = candidate
-                total[k] = cost
-    kept = [len(path) - 1]
-    while kept[-1] > 0:
-        kept.append(int(previous[kept[-1]]))
-    kept.reverse()
-    return path[kept]
-
-
 @kernel
-def expand_nodes(
-    map_: Map, motions: Motions, radius: float | None, target: Target, nodes: LatticeNodes
-) -> int:
+def expand_nodes(map_: Map, motions: Motions, target: Target, nodes: LatticeNodes) -> int:
     """Expand nodes until one may see the goal, and return it.
 
     Return :data:`NO_NODE` if none is left, and :data:`TIME_CHECK` after many nodes; the next call
@@ -755,9 +668,10 @@ def expand_nodes(
             is_inside_y = map_.lower[2] <= next_y <= map_.upper[2]
             if is_inside_x and is_inside_y:
                 q = (next_x, next_y, motions.headings[after])
-                add_node(map_, motions, radius, target, nodes, q, after, total, node, move)
+                add_node(map_, motions, target, nodes, q, after, total, node, move)
         is_near = math.hypot(x - goal[0], y - goal[1]) < motions.near
-        if is_near or nodes.counts[1] % NODES_PER_GOAL_EDGE == 0:
+        # Far from the goal, some nodes try an edge to the goal, too.
+        if is_near or nodes.counts[1] % 16 == 0:
             return node
     return TIME_CHECK
 
@@ -766,7 +680,6 @@ def expand_nodes(
 def add_node(
     map_: Map,
     motions: Motions,
-    radius: float | None,
     target: Target,
     nodes: LatticeNodes,
     q: Pose,
@@ -778,7 +691,7 @@ def add_node(
     """Add a configuration if its motion is proven free.
 
     The motion is ``move`` from node ``parent`` (-1 for the start). The configuration is left out if
-    its cell and heading have a node that is hardly dearer than ``cost``.
+    its cell and heading have a node that is cost of hardly more than ``cost``.
     """
     progress = nodes.progress
     key = make_key(map_, motions, q, heading)
@@ -791,7 +704,7 @@ def add_node(
     if not bound < math.inf:
         return
     # The proof comes last, because it takes the most time.
-    if parent >= 0 and not motion_is_free(map_, motions, radius, nodes, parent, move, q):
+    if parent >= 0 and not motion_is_free(map_, motions, motions.radius, nodes, parent, move, q):
         return
     if known >= 0:
         progress.closed[known] = True
@@ -820,7 +733,7 @@ def make_key(map_: Map, motions: Motions, q: Pose, heading: int) -> int:
     """Return the hash key of a configuration's cell and heading."""
     i = math.floor((q[0] - map_.lower[1]) / motions.side)
     j = math.floor((q[1] - map_.lower[2]) / motions.side)
-    cell = (i << KEY_BITS) + j
+    cell = (i << 24) + j
     return cell * len(motions.headings) + heading
 
 
@@ -828,7 +741,7 @@ def make_key(map_: Map, motions: Motions, q: Pose, heading: int) -> int:
 def find_slot(nodes: LatticeNodes, key: int) -> int:
     """Return the slot of the hash table that holds a key, or the free slot for it."""
     mask = len(nodes.table) - 1
-    slot = (key * HASH_FACTOR >> HASH_SHIFT) & mask
+    slot = (key * HASH_FACTOR >> 20) & mask  # the lowest bits are spread the least
     while nodes.table[slot] > 0 and nodes.keys[nodes.table[slot] - 1] != key:
         slot = (slot + 1) & mask
     return slot

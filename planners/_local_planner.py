@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple, cast, get_args
 
@@ -169,16 +169,20 @@ class LocalPlanner:
 
         A path of one configuration counts as one edge from it to itself.
         """
+        return np.fromiter(self._check_edges(path), dtype=np.bool_)
+
+    def are_free(self, path: Floats) -> bool:
+        """Return True if every edge is proven free; no edge after an unproven one is tested."""
+        return all(self._check_edges(path))
+
+    def _check_edges(self, path: Floats) -> Iterator[bool]:
+        """Yield whether each edge is proven free."""
         check = self.edge_checker()
         rows = path.tolist()
         if len(rows) == 1:
             rows *= 2
-        edges = itertools.pairwise(rows)
-        return np.array([check(*first, *last) for first, last in edges], dtype=np.bool_)
-
-    def are_free(self, path: Floats) -> bool:
-        """Return True if every edge is proven free."""
-        return bool(self.edges_are_free(path).all())
+        for first, last in itertools.pairwise(rows):
+            yield check(*first, *last)
 
     def edge_cost(self, field: Field, density: CostDensity) -> Callable[..., float]:
         """Make ``cost(*q0, *q1)``, the cost of the edge on a map."""
@@ -186,12 +190,14 @@ class LocalPlanner:
 
     def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
         """Return the lengths of edges, shape (n,), with weighted rotations."""
-        return self.space.distance(starts, ends)
+        if self.drive == HOLONOMIC:
+            return self.space.distance(starts, ends)
+        rows = np.hstack([starts, ends]).tolist()
+        return np.array([self.edge_length(*row) for row in rows])
 
     def edge_length(self, *ends: float) -> float:
         """Return the length of an edge, given by the numbers of both ends."""
-        start, end = np.reshape(ends, (2, 1, -1))
-        return float(self.edge_lengths(start, end)[0])
+        return float(self.space.distance(*np.reshape(ends, (2, -1))))
 
     def insert_breakpoints(self, path: Floats) -> Floats:
         """Insert the configurations at which the motion changes, and split wide turns of joints.
@@ -275,11 +281,8 @@ class LocalPlanner:
 
     def measure(self, path: Floats) -> tuple[float, float]:
         """Measure ``length`` and ``total_rotation`` of a path, as of :class:`planners.Plan`."""
-        path = self.insert_breakpoints(path)
-        steps = self.space.steps_between(path[:-1], path[1:])
-        metres = np.linalg.norm(steps[:, : self.space.dim], axis=1)
-        radians = np.linalg.norm(steps[:, self.space.dim :], axis=1)
-        return math.fsum(metres), math.fsum(radians)
+        pieces = self.split_path(path, math.inf, math.inf)
+        return math.fsum(pieces.lengths), math.fsum(pieces.rotations)
 
     def min_length(self, first: Floats, last: Floats) -> float:
         """Bound the weighted lengths of all free paths from below."""
@@ -382,11 +385,6 @@ class TurnDriveTurn(LocalPlanner):
         turn_before = (x0, y0, yaw0, x0, y0, yaw)
         turn_after = (x1, y1, yaw, x1, y1, yaw1)
         return drive, turn_before, turn_after
-
-    def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
-        """Return the metres of edges plus half their radians, shape (n,)."""
-        edges = zip(starts.tolist(), ends.tolist(), strict=True)
-        return np.array([self.edge_length(*first, *last) for first, last in edges])
 
     def edge_length(self, *ends: float) -> float:
         """Return the metres of an edge plus half its radians."""

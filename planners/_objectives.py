@@ -22,9 +22,6 @@ from planners._integrals import CostDensity, Field
 from planners._local_planner import HOLONOMIC, Endpoints, LocalPlanner
 from planners._ompl_states import check_information, find_state_kind
 
-LENGTH: Final = "length"
-CLEARANCE: Final = "clearance"
-
 DEFAULT_WEIGHT: Final = 10.0
 """Extra metres that a metre of path costs by default where the penalty is one."""
 

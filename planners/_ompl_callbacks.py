@@ -52,7 +52,7 @@ class StateValidityChecker(ob.StateValidityChecker):
         super().__init__(si)
         self._kind = find_state_kind(space)
         self._space = space
-        self.is_free = self._kind.of_state(space.point_checker(exact=exact))
+        self.is_free = self._kind.of_states(space.point_checker(exact=exact))
 
     def isValid(self, state: ob.State) -> bool:  # noqa: N802 - OMPL's name
         """Return True if the state is proven free."""
@@ -68,7 +68,7 @@ class StateValidityChecker(ob.StateValidityChecker):
     @cached_property
     def _clearance(self) -> Callable[[ob.State], float]:
         """Clearance of a state; distances cost a pass over the map, and few planners need them."""
-        return self._kind.of_state(self._space.clearance_checker())
+        return self._kind.of_states(self._space.clearance_checker())
 
 
 class MotionValidator(ob.MotionValidator):

@@ -25,14 +25,15 @@ from cspace._support.arrays import Floats
 from cspace._support.compiling import clock
 from planners._catalogue import (
     BIDIRECTIONAL_PLANNERS,
+    LENGTH,
     PLANNERS_WITHOUT_OBJECTIVE,
     THREADED_PLANNERS,
     PlannerName,
+    default_planner,
     make_planner,
-    planner_named,
 )
 from planners._local_planner import HOLONOMIC, MAX_TURN, ON_THE_SPOT, Endpoints, LocalPlanner
-from planners._objectives import LENGTH, ClearanceObjective, WeightedLength
+from planners._objectives import ClearanceObjective, WeightedLength
 from planners._ompl_states import find_state_kind
 from planners._setup import MakeObjective, make_setup
 
@@ -250,7 +251,7 @@ class _Run:
         if self._is_threaded and not self._may_exist():
             return SearchResult(np.empty((0, self._edges.space.size)))
         self._began = clock()
-        first_planner = planner_named(None, self._edges.drive)
+        first_planner = default_planner(self._edges.drive)
         best = None
         self._deadline.end = self._began + task.time_limit
         if self._must_beat:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple, TypeVar
 
@@ -50,15 +51,10 @@ class StateKind(NamedTuple):
                 states = states.getSubspace(0)
             states.setBounds(bounds)
 
-    def of_state(self, query: Callable[..., Value]) -> Callable[[ob.State], Value]:
-        """Make a function of a state from one of a configuration's numbers."""
+    def of_states(self, query: Callable[..., Value]) -> Callable[..., Value]:
+        """Make a function of states from one of the numbers of as many configurations."""
         read = self.read
-        return lambda state: query(*read(state))
-
-    def of_states(self, query: Callable[..., Value]) -> Callable[[ob.State, ob.State], Value]:
-        """Make a function of two states from one of two configurations' numbers."""
-        read = self.read
-        return lambda first, second: query(*read(first), *read(second))
+        return lambda *states: query(*itertools.chain.from_iterable(map(read, states)))
 
     def unwind(self, path: Floats) -> Floats:
         """Unwrap the continuous joints of a path, shape (n, size), to move the shorter way."""

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import replace
 from functools import cache
-from typing import Final, NamedTuple, NoReturn, cast
+from typing import Final, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,12 +28,14 @@ from cspace._support.words import Drive
 from cspace.errors import InputError
 from planners._catalogue import (
     BUILT_IN_SEARCHES,
+    CLEARANCE,
     GRID,
     LATTICE,
+    LENGTH,
     MAX_CLEARANCE,
-    PLANNERS_WITHOUT_OBJECTIVE,
-    THREADED_PLANNERS,
     PlannerName,
+    check_options,
+    default_planner,
     planner_named,
     planner_names,
 )
@@ -48,7 +50,7 @@ from planners._local_planner import (
     Endpoints,
     LocalPlanner,
 )
-from planners._objectives import CLEARANCE, LENGTH, check_has_cells, find_clear_path
+from planners._objectives import check_has_cells, find_clear_path
 from planners._ompl_search import (
     NO_SEARCH,
     QUICK_ITERATIONS,
@@ -64,9 +66,6 @@ from planners._ompl_states import check_space, find_state_kind
 from planners._result import Plan, Times
 from planners._setup import MakeObjective, make_bounded_states
 
-MAX_SEED: Final = 2**32 - 2
-"""Largest seed: OMPL's generator takes 32 bits, and refuses zero."""
-
 QUICK_PLANNER: Final[PlannerName] = "RRTConnect"
 """Planner of the first path of robots that rotate, except along Dubins curves."""
 
@@ -74,39 +73,13 @@ EXACT_TIME_SHARE: Final = 0.5
 """Share of the time left for the quick search, and then for the built-in one, if geometry decides
 MIXED cells: a search through many such cells may not end."""
 
-GAP_TIME_SHARE: Final = 0.1
-"""Share of the time limit for the part of a previous plan that is blocked; then all is searched."""
-
 SHARES_BESIDE: Final = [sign * step / 64 for step in range(1, 33) for sign in (1.0, -1.0)]
 """Distances beside a way that are tried for a detour, as shares of its length; positive to the
 left."""
 
-TRIAL_SHARE: Final = 0.1
-"""Share of the time limit of a failed plan for each search that tries what it may advise."""
-
 MAX_TRIAL_SECONDS: Final = 0.5
-"""Largest time limit of such a search."""
-
-LATE_SHARE: Final = 0.95
-"""Share of the time limit after which a search counts as ended by it."""
-
-Subproblem = tuple[Callable[[], Space], Floats, Floats]
-"""A function that opens a part of a space in memory, and the two configurations to join in it."""
-
-MAX_SKIPPED_WAYPOINTS: Final = 32
-"""Number of next waypoints that an edge of a path through tiles may lead to."""
-
-NO_CHAIN: Final = "no chain of FREE cells joins start and goal"
-"""Status of a plan whose every path would follow such a chain."""
-
-NO_SECOND_THREAD: Final = "cannot call Python from its second thread"
-"""What planners with threads must not do: it would wait for the first thread for ever."""
-
-_WHY_ONE_GOAL: Final = {
-    **dict.fromkeys(THREADED_PLANNERS, NO_SECOND_THREAD),
-    "BFMT": "of OMPL 2.0.1 may end the process if it has several",
-}
-"""Planners that take one goal, with the reason."""
+"""Largest time limit of a search around a blocked part of a previous plan, and of one that tries
+what a failed plan may advise; both have a tenth of the plan's time."""
 
 
 class Choices(NamedTuple):
@@ -186,32 +159,28 @@ def plan(
 
     Any geometric planner of OMPL may search, or a search of our own. Every edge of the path is
     proven free by the map, or for an arm by the geometry. The page on planning describes defaults,
-    time, previous plans, tiled maps and repeatable runs.
+    time, refused options, previous plans, tiled maps and repeatable runs.
 
     Parameters
     ----------
     space : Space
     start, goal : array-like, shape (size,)
-        Configurations. An arm has one number for each joint, a map ``(x, y)``, ``(x, y, yaw)``,
-        ``(x, y, z)``, ``(x, y, z, yaw)`` or ``(x, y, z, qx, qy, qz, qw)`` in metres; yaw in
-        radians, wrapped. The goal of an arm may also be a :class:`cspace.PoseGoal`, or several
+        Configurations by the axes of the space, such as ``(x, y, yaw)`` in metres and radians, or a
+        number for each joint. The goal of an arm may also be a :class:`cspace.PoseGoal`, or several
         goals: configurations, shape (n, size), or a list with pose goals.
     planner : str, optional
         Name, in upper or lower case, of a planner of OMPL (:func:`planners.planner_names`) or of a
-        built-in search: "Grid", "MaxClearance" and "Lattice" on maps, "BiRRT" for arms. By default,
-        a robot that rotates gets a first path from RRTConnect; then "Grid", "Lattice" or "BiRRT"
-        searches for a shorter one.
+        built-in search: "Grid", "MaxClearance" and "Lattice" on maps, "BiRRT" for arms.
     time_limit : float
         Seconds of the process's CPU time after which the search ends; of the clock for PRM and
         PRMstar. Simplification then has another 0.1 s. Work that a map does once is not limited.
     iterations : int, optional
-        Largest number of iterations of the planner, or of BiRRT's further searches. Not for PRM,
-        PRMstar and the built-in searches of maps.
+        Largest number of iterations of a planner of OMPL, or of BiRRT's further searches.
     simplify : bool
         Whether to shorten the path.
     seed : int, optional
         From 0 to 2^32 - 2. The same call with the same seed gives the same path, unless the clock
-        ends the search. Grid, MaxClearance and Lattice need none.
+        ends the search.
     objective : {"length", "clearance"} or callable
         Quantity to minimise. "clearance" is :class:`planners.ClearanceObjective` with its defaults.
         A callable takes the space information and returns an ``ompl.base.OptimizationObjective``.
@@ -221,10 +190,9 @@ def plan(
         little wider than the robot; slower. Not for tiled maps.
     drive : {"holonomic", "differential", "differential-reverse", "dubins", "reeds-shepp"}
         Motion along an edge, which is proven along that motion. All but the first are for maps of
-        (x, y, yaw), with the reference point in the middle of the axle that does not steer. A
-        differential drive turns on the spot and drives straight ahead; cars follow curves.
+        (x, y, yaw), with the reference point in the middle of the axle that does not steer.
     turning_radius : float, optional
-        Smallest turning radius of the car, in metres; needed by curves alone.
+        Smallest turning radius of a car ("dubins", "reeds-shepp"), in metres.
     previous : Plan, optional
         The last plan for a space with these axes, in memory. The path joins it and follows it; only
         a blocked part of it is searched anew. Not for other objectives than the length.
@@ -263,24 +231,27 @@ def plan(
     began = time.process_time()
     check_flag(simplify, "simplify")
     edges = local_planner(space, exact, drive, turning_radius)
+    name = default_planner(drive) if planner is None else planner_named(planner, space.searches)
     task = PlanTask(
         edges=edges,
-        planner=planner_named(planner, drive, space.searches),
+        planner=name,
         objective=objective,
         time_limit=check_positive(time_limit, "time_limit", "seconds"),
         iterations=None if iterations is None else check_count(iterations, "iterations", 1, 2**62),
         simplify=simplify,
-        seed=None if seed is None else check_count(seed, "seed", 0, MAX_SEED),
+        seed=None if seed is None else check_count(seed, "seed", 0, 2**32 - 2),
         is_named=planner is not None,
         previous=np.empty((0, space.size)),
     )
     if previous is not None:
         task = replace(task, previous=_check_previous(task, previous))
-    task = _set_endpoints(_choose_searches(task), start, goal)
+    task = _choose_searches(task)
+    task = replace(task, endpoints=_check_endpoints(task, start, goal))
+    _check_options(task)
     if task.seed is not None:
         set_seed(task.seed)
     path_exists = cache(lambda: space.path_exists(*task.endpoints[:2]))
-    result = _search_tile_by_tile(task, lambda: edges.may_join(path_exists()))
+    result = _search_and_prove(task, lambda: edges.may_join(path_exists()))
     exists = True if space.has_cells and result.proven else path_exists()
     return _make_plan(task, result, exists, began)
 
@@ -318,31 +289,31 @@ def _choose_searches(task: PlanTask) -> PlanTask:
     default = task.planner
     if not task.is_named:
         task = replace(task, planner=_choose_planner(task))
-    _check_planner(task)
-    if task.planner not in _list_searches(space):
+    searches = _list_searches(space)
+    name = task.planner
+    if name in BUILT_IN_SEARCHES and name not in searches:
+        raise InputError(
+            "planner",
+            f"is {name!r} and space is {space!r}",
+            f"its built-in searches are {', '.join(searches) or 'none'}",
+            "leave planner out",
+        )
+    _check_options(task)
+    if name not in searches:
         make_bounded_states(task.edges)  # refuses spaces that are too small for OMPL
-    if task.planner != default and task.objective == LENGTH and space.has_cells:
+    if name != default and task.objective == LENGTH and space.has_cells:
         with suppress(InputError):  # the space may be too small for OMPL
             make_bounded_states(task.edges)
             task = replace(task, fallback=default)
-    _check_options(task)
     return task
 
 
-def _set_endpoints(task: PlanTask, start: ArrayLike, goal: GoalLike) -> PlanTask:
-    """Check start and goals."""
-    edges = task.edges
-    name = task.planner
-    checked = edges.space.check_endpoint(start, "start", edges.exact)
-    goals = edges.space.find_goals(goal, checked, task.seed, edges.exact)
-    if name in _WHY_ONE_GOAL and len(goals) > 1:
-        raise InputError(
-            "goal",
-            f"has {len(goals)} configurations and planner is {name!r}",
-            f"{name} {_WHY_ONE_GOAL[name]}",
-            "pass one configuration or choose another planner",
-        )
-    return replace(task, endpoints=(checked, *goals))
+def _check_endpoints(task: PlanTask, start: ArrayLike, goal: GoalLike) -> Endpoints:
+    """Return the checked start and goals, the nearest goal first."""
+    space = task.edges.space
+    exact = task.edges.exact
+    checked = space.check_endpoint(start, "start", exact)
+    return checked, *space.find_goals(goal, checked, task.seed, exact)
 
 
 def _choose_planner(task: PlanTask) -> PlannerName:
@@ -369,154 +340,89 @@ def _choose_planner(task: PlanTask) -> PlannerName:
     return GRID if edges.drive == HOLONOMIC else LATTICE
 
 
-def _check_planner(task: PlanTask) -> None:
-    """Raise InputError if a built-in search is not for the space or the drive."""
-    name = task.planner
-    edges = task.edges
-    searches = _list_searches(task.edges.space)
-    if name in BUILT_IN_SEARCHES and name not in searches:
-        raise InputError(
-            "planner",
-            f"is {name!r} and space is {edges.space!r}",
-            f"its built-in searches are {', '.join(searches) or 'none'}",
-            "leave planner out",
-        )
-    if name == LATTICE and edges.drive == HOLONOMIC:
-        raise InputError(
-            "planner",
-            f"is {name!r} and drive is {HOLONOMIC!r}",
-            f"{name} is for all other drives",
-            "use planner='Grid', or pass drive='differential'",
-        )
-
-
 def _check_options(task: PlanTask) -> None:
-    """Raise InputError if the planner does not support an option."""
-    objective = task.objective
-    if objective == CLEARANCE:
-        check_has_cells(task.edges.space)
-    elif objective != LENGTH and not callable(objective):
+    """Raise InputError if the objective is unknown, or options do not go together."""
+    edges = task.edges
+    if task.objective == CLEARANCE:
+        check_has_cells(edges.space)
+    elif task.objective != LENGTH and not callable(task.objective):
         raise InputError(
             "objective",
-            f"is {objective!r}",
+            f"is {task.objective!r}",
             f"it must be {LENGTH!r}, {CLEARANCE!r}, or a function that makes OMPL's objective",
             "for costs of your own, pass lambda si: planners.WeightedLength(si, space, costs)",
         )
-    for option, (is_refused, rule) in _list_refusals(task).items():
-        if is_refused:
-            _refuse_option(task, option, rule)
-
-
-def _list_refusals(task: PlanTask) -> dict[str, tuple[bool, str]]:
-    """Return for each option whether the planner refuses it, and why."""
-    edges = task.edges
-    name = task.planner
-    has_objective = task.objective != LENGTH
-    has_iterations = task.iterations is not None
-    if name in THREADED_PLANNERS:
-        return {
-            "iterations": (has_iterations, NO_SECOND_THREAD),
-            "objective": (has_objective, NO_SECOND_THREAD),
-        }
-    if name not in _list_searches(edges.space):
-        is_refused = name in PLANNERS_WITHOUT_OBJECTIVE and has_objective
-        return {"objective": (is_refused, "ignores objectives")}
-    is_map = edges.space.has_cells
-    aims = "length or clearance" if name == GRID else "the length"
-    keeps_away = name == GRID and task.objective == CLEARANCE
-    scope = f" for objective={CLEARANCE!r}" if keeps_away else ""
-    decides_all = name == GRID or (name == LATTICE and edges.drive in CURVES)
-    needs_free = is_map and (keeps_away or not decides_all)
-    return {
-        "objective": (has_objective and not keeps_away, f"minimises {aims}"),
-        "drive": (name != LATTICE and edges.drive != HOLONOMIC, "is for holonomic robots"),
-        "exact": (edges.exact and needs_free, f"uses FREE cells{scope}"),
-        "iterations": (has_iterations and is_map, "counts none"),
+    values = {
+        "planner": task.planner,
+        "objective": task.objective,
+        "drive": edges.drive,
+        "exact": edges.exact,
+        "iterations": task.iterations,
     }
+    check_options(values, task.is_named, len(task.endpoints) - 1)
 
 
-def _refuse_option(task: PlanTask, option: str, rule: str) -> NoReturn:
-    """Raise InputError for an option that the planner does not support."""
-    name = task.planner
-    owner = task if hasattr(task, option) else task.edges
-    value = getattr(owner, option)
-    other = planner_named(None, task.edges.drive) if task.objective == LENGTH else "RRTstar"
-    chosen = "" if task.is_named else f", the default for objective={task.objective!r}"
-    raise InputError(
-        option,
-        f"is {value!r} and planner is {name!r}{chosen}",
-        f"{name} {rule}",
-        f"leave {option} out, or use planner={other!r}",
-    )
-
-
-def _list_subproblems(task: PlanTask) -> Sequence[Subproblem]:
-    """Split a tiled map into the tiles on the way; other spaces are one part."""
+def _search_and_prove(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
+    """Search for a path and prove its edges; a map in tiles is searched tile by tile."""
     space = task.edges.space
-    start, goal = task.endpoints[:2]
-    if space.in_memory:
-        return [(lambda: space, np.array(start), np.array(goal))]
-    return task.edges.tiles._subproblems(start, goal)
+    # A proven path saves labelling the cells of a map, so a search goes first then.
+    if space.is_labelled and not may_exist():
+        return SearchResult(np.empty((0, space.size)))
+    if not space.in_memory:
+        return _search_tiles(task, may_exist)
+    result = _search(task, may_exist)
+    path = task.edges.insert_breakpoints(space.rotations._make_canonical(result.path))
+    return replace(result, path=path, proven=len(path) > 0 and task.edges.are_free(path))
 
 
-def _search_tile_by_tile(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
-    """Search tile by tile, join the paths, prove the edges.
+def _search_tiles(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
+    """Search the tiles on the way, and join their paths; a tile without one ends the search.
 
-    The first part without a proven path ends the search. There are no parts if a path is known not
-    to exist.
+    Grid takes over in a tile where a planner of OMPL finds no path of a holonomic robot.
     """
     edges = task.edges
-    path = np.empty((0, edges.space.size))
-    subproblems: Sequence[Subproblem] = []
-    # A proven path saves labelling the cells of a map, so a search goes first then.
-    if not edges.space.is_labelled or may_exist():
-        subproblems = _list_subproblems(task)
-    if not subproblems:
-        return SearchResult(path)
-    is_tiled = len(subproblems) > 1
-    planning = 0.0
-    simplification = 0.0
-    for open_part, first, last in subproblems:
+    is_holonomic = edges.drive == HOLONOMIC
+    parts = edges.tiles._subproblems(*task.endpoints[:2])
+    paths: list[Floats] = []
+    results: list[SearchResult] = []
+    for open_part, *ends in parts:
         part = replace(edges, space=open_part())
-        start = tuple(first.tolist())
-        goal = tuple(last.tolist())
-        part_task = replace(task, edges=part, endpoints=(start, goal, *task.endpoints[2:]))
-        if is_tiled and edges.drive == HOLONOMIC and task.planner not in part.space.searches:
-            part_task = replace(part_task, fallback=GRID)
-        result = _search(part_task, may_exist)
-        planning += result.planning
-        simplification += result.simplification
-        rows = edges.insert_breakpoints(edges.space.rotations._make_canonical(result.path))
-        result = replace(
-            result,
-            path=rows,
-            planning=planning,
-            simplification=simplification,
-            proven=len(rows) > 0 and part.are_free(rows),
-        )
-        if not is_tiled:
-            return result
-        if not result.proven:
+        start, goal = (tuple(q.tolist()) for q in ends)
+        part_task = replace(task, edges=part, endpoints=(start, goal))
+        results.append(_search_and_prove(part_task, may_exist))
+        if not results[-1].proven and is_holonomic and task.planner not in part.space.searches:
+            results.append(_search_and_prove(replace(part_task, planner=GRID), may_exist))
+        paths.append(results[-1].path if not paths else results[-1].path[1:])
+        if len(parts) == 1:
+            return _sum_times(results[-1], results)
+        if not results[-1].proven:
             where = f" from {format_configuration(start)} to {format_configuration(goal)}"
-            return replace(result, where=where)
-        path = np.concatenate([path[:-1], rows])
+            return replace(_sum_times(results[-1], results), where=where)
     began = clock()
-    if task.simplify and task.objective == LENGTH and edges.drive == HOLONOMIC:
+    path = np.concatenate(paths)
+    if task.simplify and task.objective == LENGTH and is_holonomic:
         path = _skip_waypoints(edges, path)
-    note = f"through {len(subproblems)} tiles"
-    return SearchResult(path, note, planning, simplification + clock() - began, True)
+    total = _sum_times(results[-1], results)
+    seconds = total.simplification + clock() - began
+    return SearchResult(path, f"through {len(parts)} tiles", total.planning, seconds, True)
+
+
+def _sum_times(result: SearchResult, results: Sequence[SearchResult]) -> SearchResult:
+    """Return a result with the times of several."""
+    simplification = sum(each.simplification for each in results)
+    return replace(result, planning=_sum_planning(results), simplification=simplification)
 
 
 def _skip_waypoints(edges: LocalPlanner, path: Floats) -> Floats:
     """Skip waypoints, shape (n, size), by free edges.
 
-    From each waypoint, the path takes the free edge to the farthest of the next ones. Edges are
+    From each waypoint, the path takes the free edge to the farthest of the next 32. Edges are
     proven in one batch, because a single look-up in tiles takes as long.
     """
     kept = [0]
     while kept[-1] < len(path) - 1:
         current = kept[-1]
-        following = path[current + 1 : current + 1 + MAX_SKIPPED_WAYPOINTS]
+        following = path[current + 1 : current + 33]
         free = np.asarray(edges.tiles.motion_is_free(path[current], following))
         free[0] = True  # the edge of the path itself
         farthest = int(np.flatnonzero(free)[-1])
@@ -532,25 +438,22 @@ def _search(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
     results: list[SearchResult] = []
     if len(task.previous):
         results.append(_follow_previous(task))
-        if _list_found(results):
+        if len(results[0].path):
             return results[0]
-    if _begins_quickly(task):
+    if task.fallback == QUICK_PLANNER and task.edges.space.rotations.names:
         results.append(_search_quickly(task))
-    if _list_found(results):
-        may_exist = is_certain  # a quick path saves labelling the cells
-    seconds_left = task.time_limit - _add_planning(results)
-    if seconds_left > 0.0:
-        if task.edges.exact and task.fallback is not None:
-            seconds_left *= EXACT_TIME_SHARE
-        results.append(_run_planner(replace(task, time_limit=seconds_left), may_exist))
-    if not _list_found(results):
-        results += _fall_back(task, _add_planning(results), may_exist)
+        if len(results[-1].path):
+            may_exist = is_certain  # a quick path saves labelling the cells
+    share = EXACT_TIME_SHARE if task.edges.exact and task.fallback is not None else 1.0
+    seconds = share * (task.time_limit - _sum_planning(results))
+    if seconds > 0.0:
+        results.append(_run_planner(replace(task, time_limit=seconds), may_exist))
+    seconds = task.time_limit - _sum_planning(results)
+    is_found = any(len(result.path) for result in results)
+    if task.fallback is not None and seconds > 0.0 and not is_found and may_exist():
+        last_task = replace(task, planner=task.fallback, time_limit=seconds)
+        results.append(_run_planner(last_task, may_exist))
     return _choose_shortest(task, results)
-
-
-def _begins_quickly(task: PlanTask) -> bool:
-    """Return True if a plan begins with a quick search, because the robot rotates."""
-    return task.fallback == QUICK_PLANNER and bool(task.edges.space.rotations.names)
 
 
 def _search_quickly(task: PlanTask) -> SearchResult:
@@ -565,34 +468,31 @@ def _search_quickly(task: PlanTask) -> SearchResult:
         return _run_planner(task, is_certain)
 
 
-def _fall_back(task: PlanTask, used: float, may_exist: Callable[[], bool]) -> list[SearchResult]:
-    """Search by the fallback, if time is left after ``used`` seconds and a path may exist."""
-    name = task.fallback
-    if name == GRID:
-        used = 0.0  # a planner that fails in a tile leaves all the time to the grid
-    if name is None or used >= task.time_limit or not may_exist():
-        return []
-    return [_run_planner(replace(task, planner=name, time_limit=task.time_limit - used), may_exist)]
-
-
-def _list_found(results: Sequence[SearchResult]) -> list[SearchResult]:
-    """List the results of searches that found a path."""
-    return [result for result in results if len(result.path)]
-
-
-def _add_planning(results: Sequence[SearchResult]) -> float:
+def _sum_planning(results: Sequence[SearchResult]) -> float:
     """Return the seconds of several searches."""
     return sum(result.planning for result in results)
 
 
 def _run_planner(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
     """Search by the planner of a task alone."""
-    result = SearchResult(np.empty((0, task.edges.space.size)))
-    if task.planner not in _list_searches(task.edges.space):
-        result = run_ompl(task, may_exist)
-    elif (task.planner in (GRID, LATTICE) and not task.edges.exact) or may_exist():
-        result = _search_built_in(task, may_exist)
-    return replace(result, planner=task.planner)
+    edges = task.edges
+    name = task.planner
+    if name not in _list_searches(edges.space):
+        return replace(run_ompl(task, may_exist), planner=name)
+    is_quick = name in (GRID, LATTICE)
+    if (edges.exact or not is_quick) and not may_exist():
+        return SearchResult(np.empty((0, edges.space.size)), planner=name)
+    is_by_length = is_quick and task.objective == LENGTH
+    if edges.space.has_cells and not is_by_length:
+        # A search from the start to itself fills the caches of the map, which the time limit leaves
+        # out.
+        start = task.endpoints[0]
+        _find_path(replace(task, endpoints=(start, start), simplify=False), may_exist)
+    began = clock()
+    path, proof = _find_path(task, may_exist)
+    planning = clock() - began
+    note = NO_SEARCH if len(path) == 2 and is_by_length else ""
+    return SearchResult(path, note, planning, lattice=proof, planner=name)
 
 
 def _choose_shortest(task: PlanTask, results: Sequence[SearchResult]) -> SearchResult:
@@ -604,19 +504,14 @@ def _choose_shortest(task: PlanTask, results: Sequence[SearchResult]) -> SearchR
         length = task.edges.edge_lengths(rows[:-1], rows[1:]).sum()
         return float(length), result.planner != task.planner
 
-    found = _list_found(results)
+    found = [result for result in results if len(result.path)]
     best = min(found, key=measure, default=results[-1])
     note = best.note
     if found and best.planner != task.planner:
         others = "found a longer one" if len(found) > 1 else "found none"
         note = f"by {best.planner}, as {task.planner} {others}"
-    return replace(
-        best,
-        note=note,
-        planning=_add_planning(results),
-        simplification=sum(result.simplification for result in results),
-        lattice="".join(result.lattice for result in results),
-    )
+    lattice = "".join(result.lattice for result in results)
+    return _sum_times(replace(best, note=note, lattice=lattice), results)
 
 
 def _follow_previous(task: PlanTask) -> SearchResult:
@@ -657,7 +552,7 @@ def _find_detour(task: PlanTask, start: Floats, way: Floats) -> Floats:
     gap_task = replace(
         task,
         endpoints=(tuple(start.tolist()), tuple(way[-1].tolist())),
-        time_limit=min(GAP_TIME_SHARE * task.time_limit, MAX_TRIAL_SECONDS),
+        time_limit=min(0.1 * task.time_limit, MAX_TRIAL_SECONDS),
         simplify=False,  # the whole path is shortened later
     )
     return _run_planner(gap_task, is_certain).path
@@ -698,21 +593,6 @@ def _join_way(edges: LocalPlanner, start: Floats, way: Floats) -> Floats:
     return way[:0]
 
 
-def _search_built_in(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
-    """Run a built-in search."""
-    is_by_length = task.planner in (GRID, LATTICE) and task.objective == LENGTH
-    if task.edges.space.has_cells and not is_by_length:
-        # A search from the start to itself fills the caches of the map, which the time limit leaves
-        # out.
-        start = task.endpoints[0]
-        _find_path(replace(task, endpoints=(start, start), simplify=False), may_exist)
-    began = clock()
-    path, proof = _find_path(task, may_exist)
-    planning = clock() - began
-    note = NO_SEARCH if len(path) == 2 and is_by_length else ""
-    return SearchResult(path, note, planning, lattice=proof)
-
-
 def _find_path(task: PlanTask, may_exist: Callable[[], bool]) -> tuple[Floats, str]:
     """Find a path by a built-in search.
 
@@ -744,11 +624,11 @@ def _describe_outcome(task: PlanTask, result: SearchResult, exists: bool | None)
         limits = _describe_free_yaws(edges, task.endpoints)
         if exists:
             existence = "one exists for a robot that also moves sideways"
-    is_late = result.planning >= LATE_SHARE * task.time_limit
+    is_late = result.planning >= 0.95 * task.time_limit
     *hints, last_hint = _list_hints(task, exists, is_late)
     hint = ", or ".join(filter(None, [", ".join(hints), last_hint]))
     if not edges.may_join(exists):
-        return f"{NO_CHAIN}; {existence}", hint
+        return f"no chain of FREE cells joins start and goal; {existence}", hint
     reason = result.note or "the planner gave up"
     failure = f"no path found: {reason} after {result.planning:.2g} s{result.where}"
     if is_late:
@@ -813,7 +693,7 @@ def _try_options(task: PlanTask, exists: bool | None) -> str:
     """Return options with which a short search finds a path; an empty text if none does."""
     for trial, hint in _list_trials(task, exists):
         with suppress(InputError):  # options may not go together
-            if _search_tile_by_tile(_choose_searches(trial), is_certain).proven:
+            if _search_and_prove(_choose_searches(trial), is_certain).proven:
                 return hint
     return ""
 
@@ -822,9 +702,7 @@ def _list_trials(task: PlanTask, exists: bool | None) -> Iterator[tuple[PlanTask
     """Yield short searches of a map with other options, and hints that name these."""
     edges = task.edges
     space = edges.space
-    proofs = [edges.exact]
-    if not edges.exact and edges.cells.tries_exact:
-        proofs.append(True)
+    proofs = dict.fromkeys([edges.exact, edges.exact or edges.cells.tries_exact])
     drives = dict.fromkeys([edges.drive, REVERSING.get(edges.drive, edges.drive)])
     for exact, drive in itertools.product(proofs, drives if space.in_memory else ()):
         other = local_planner(space, exact, drive, edges.turning_radius)
@@ -838,15 +716,14 @@ def _list_trials(task: PlanTask, exists: bool | None) -> Iterator[tuple[PlanTask
             task,
             edges=other,
             fallback=None,
-            time_limit=min(TRIAL_SHARE * task.time_limit, MAX_TRIAL_SECONDS),
+            time_limit=min(0.1 * task.time_limit, MAX_TRIAL_SECONDS),
             simplify=False,
             previous=task.previous[:0],
         )
         if task.is_named:
             yield trial, " with ".join(changes)
             changes.append("the default planner")
-        default = planner_named(None, drive, space.searches)
-        yield replace(trial, planner=default, is_named=False), " with ".join(changes)
+        yield replace(trial, planner=default_planner(drive), is_named=False), " with ".join(changes)
 
 
 def _list_exact_hints(task: PlanTask) -> list[str]:
@@ -895,11 +772,9 @@ def _make_plan(task: PlanTask, result: SearchResult, exists: bool | None, began:
     status, hint = _describe_outcome(task, result, exists)
     edges = task.edges
     waypoints = result.path
-    solved = len(waypoints) > 0
     reached = 0
-    length = math.nan
-    rotation = math.nan
-    if solved:
+    length = rotation = math.nan
+    if len(waypoints):
         reached = find_state_kind(edges.space).reached_goal(waypoints, task.endpoints)
         length, rotation = edges.measure(waypoints)
     path = edges.resample(waypoints)
@@ -916,7 +791,7 @@ def _make_plan(task: PlanTask, result: SearchResult, exists: bool | None, began:
         length_unit=length_unit,
         distance_unit=length_unit if edges.space.has_cells else "m",
         direction=None if direction is None else frozen(direction),
-        solved=solved,
+        solved=len(waypoints) > 0,
         certified=reached > 0 and result.proven,
         status=status,
         hint=hint,

@@ -265,6 +265,8 @@ def _prove_curves(space: Any, curves: Segments) -> Bools:
     begins = (np.arange(len(owners)) - (np.cumsum(counts) - counts)[owners]) * widths
     proven = np.ones(len(counts), dtype=np.bool_)
     for level in range(CUT_LEVELS):
+        if not len(owners):
+            break
         if level:
             points = place_along(curves.select(owners), space.rotations, begins + 0.5 * widths)[0]
             if not hasattr(space, "is_free_around"):
@@ -314,19 +316,15 @@ def _test_motions(
     second derivative.
     """
     rotations = space.rotations
-    firsts, _, _ = place_along(curves, rotations, begins)
-    lasts, _, _ = place_along(curves, rotations, begins + widths)
-    _, bends = bound_derivatives(curves, rotations, begins, widths)
+    firsts, _, first_bends = place_along(curves, rotations, begins)
+    lasts, _, last_bends = place_along(curves, rotations, begins + widths)
+    bends = np.maximum(np.abs(first_bends), np.abs(last_bends))
     deviations = bends * widths[:, np.newaxis] ** 2 / 8.0
     lower, upper = space.check_bounds()
     lowest = np.minimum(firsts, lasts) - deviations + ROUNDING
     highest = np.maximum(firsts, lasts) + deviations - ROUNDING
     is_inside = (lowest >= lower) & (highest <= upper) | np.array(space.periodic_axes)
-    # A few sizes are quicker than many, and do not depend on the other pieces.
-    sizes = np.exp2(np.ceil(np.log2(deviations.max(axis=1) + ROUNDING)))
-    free = np.zeros(len(sizes), dtype=np.bool_)
-    for size in np.unique(sizes).tolist():
-        same = (sizes == size) & is_inside.all(axis=1)
-        reach = np.full_like(deviations[0], size)
-        free[same] = space.motions_are_free_around(firsts[same], lasts[same], reach)
+    free: Bools = is_inside.all(axis=1)
+    deviations += ROUNDING
+    free[free] = space.motions_are_free_around(firsts[free], lasts[free], deviations[free])
     return free

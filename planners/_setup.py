@@ -180,7 +180,7 @@ def make_setup(
     setup = _Setup(make_bounded_states(edges))
     si = setup.getSpaceInformation()
     checker = StateValidityChecker(si, space, exact=edges.exact)
-    checker.is_free = find_state_kind(space).of_state(edges.point_checker())
+    checker.is_free = find_state_kind(space).of_states(edges.point_checker())
     setup.setStateValidityChecker(checker)
     si.setMotionValidator(
         MotionValidator(

@@ -34,8 +34,11 @@ from cspace._support.arrays import Bools, Floats, Ints
 from planners._segments import Segments, join_segments
 from planners._timing import MotionBounds
 
-STEPS_PER_EDGE: Final = 8
-"""Mean number of control points for each edge that a curve replaces."""
+FIRST_STEPS: Final = 8
+"""Number of spans of a curve, beside those for its edges."""
+
+STEPS_PER_EDGE: Final = 4
+"""Number of spans for each edge that a curve replaces."""
 
 FIXED: Final = 3
 """Number of control points at either end that stay on the edge, so the curve begins along it."""
@@ -174,7 +177,7 @@ class CurveSection:
         """Sample the control points of a section."""
         times = polyline.times[first : last + 1]
         ramps = polyline.ramps[first:last]
-        steps = STEPS_PER_EDGE * (last - first)
+        steps = FIRST_STEPS + STEPS_PER_EDGE * (last - first)
         step = float(times[-1] - times[0]) / steps
         marks = times[0] + step * np.arange(-1, steps + 2)
         waypoints = polyline.waypoints[first : last + 1]

@@ -586,7 +586,11 @@ def make_trajectory(
     )
     if path.space is None:
         return made
-    return replace(made, certified=bool(made.recheck(path.space).all()))
+    if segments is not smooth:
+        return replace(made, certified=bool(made.recheck(path.space).all()))
+    # Curves have just been proven.
+    lines = segments.select(~segments.is_curve)
+    return replace(made, certified=bool(prove_segments(path.space, path.exact, lines).all()))
 
 
 def _smooth(

@@ -439,8 +439,8 @@ MUTANTS = (
     ),
     Mutant(
         "planners/_plan.py",
-        "proven=len(rows) > 0 and part.are_free(rows)",
-        "proven=len(rows) > 0",
+        "proven=len(path) > 0 and task.edges.are_free(path)",
+        "proven=len(path) > 0",
         "tests/planners/test_plan.py",
     ),
     Mutant(
@@ -530,8 +530,8 @@ MUTANTS = (
     ),
     Mutant(
         "cspace/arms/_snapshots.py",
-        "padding = self.outer.padding + self._bound_displacements(deviation)",
-        "padding = self.outer.padding",
+        "paddings = self.outer.padding + self._bound_displacements(deviations)",
+        "paddings = self.outer.padding",
         "tests/planners/test_smoothing.py",
     ),
     Mutant(
@@ -555,8 +555,8 @@ MUTANTS = (
     ),
     Mutant(
         "cspace/_files/images.py",
-        'elif image.mode == "I" or (decoder',
-        "elif False or (decoder",
+        'elif image.mode == "I" or maximum',
+        "elif False or maximum",
         "tests/files/test_image.py",
     ),
     Mutant(
@@ -678,6 +678,12 @@ MUTANTS = (
         "cspace/spectral/_overlap.py",
         "matrix = rotation_matrix(rotation, self.dim) @ self._rotation",
         "matrix = self._rotation @ rotation_matrix(rotation, self.dim)",
+        "tests/spectral/test_overlap.py",
+    ),
+    Mutant(
+        "cspace/spectral/_overlap.py",
+        "(moved._part[1] - part)",
+        "moved._part[1]",
         "tests/spectral/test_overlap.py",
     ),
     Mutant(

@@ -9,16 +9,20 @@ from typing import Any
 
 import fcl
 import numpy as np
+import shapely
 import trimesh
 from numba import njit, prange
 from numpy.typing import NDArray
 from scipy.fft import irfftn, next_fast_len, rfftn
 from scipy.signal import convolve2d, fftconvolve
+from scipy.spatial import Voronoi
 from scipy.spatial.transform import Rotation
 
 from benchmarks.report import Report
 from benchmarks.timing import interleave, once
 from cspace import Grid, Mesh, Workspace, suggest
+from cspace._engines import ENGINES
+from cspace._raster import Raster
 from cspace._support.arrays import Floats, Ints
 from cspace.spectral import (
     Bump,
@@ -70,6 +74,9 @@ MIN_DECIDED_PERCENT = 98.0
 MAX_COLLIDE_RATIO = 3.0
 """Largest time of a verdict over FCL's time to test the meshes for collision."""
 
+UPDATED_BALLS = 2000
+"""Balls of a set, of which one of a hundred move."""
+
 SEARCH_BALLS = 40, 200
 """Balls of the body that moves and of the other one, for best placements."""
 
@@ -94,6 +101,9 @@ SAMPLED_BALLS = 1, 3, 10, 30, 100, 1000, 10_000
 SAMPLED_FREQUENCIES = 64
 """Frequencies along each axis of these spectra."""
 
+ENGINE_CELLS = {(1000, 1000): (100, 200, 300), (128, 128, 128): (40, 50, 60)}
+"""Cells along each side of robots, by the shape of the map."""
+
 MEMORY_CELLS = 64
 """Cells along each axis of the maps whose memory is compared."""
 
@@ -104,12 +114,17 @@ def run(report: Report, seed: int) -> None:
     for dim in (2, 3):
         _spectra(report, dim, rng)
         _values(report, seed, dim, rng)
+        _updates(report, dim, np.random.default_rng(seed))
         _placements(report, dim, rng)
     _verdicts(report, rng)
     _minkowski_crossover(report, rng)
     for tolerance in EQUAL_ERRORS:
         _sampling(report, tolerance, rng)
-    _bounds(report, rng)
+    for height in (1.0, 0.25):
+        _bounds(report, height, np.random.default_rng(seed))
+    _engines(report, rng)
+    _radii(report, rng)
+    _medial_balls(report)
     _memory(report)
 
 
@@ -338,14 +353,17 @@ def _report_crossover(
         report.figure(f"{slow}: slower than {fast} from", size, "")
 
 
-def _bounds(report: Report, rng: np.random.Generator) -> None:
+def _bounds(report: Report, height: float, rng: np.random.Generator) -> None:
     """Count the frequencies that decide with Lysenko's bound of the rest, and with ours.
 
     Of the frequencies that are not summed yet, Lysenko (2013) multiplies the two norms; ours sums
-    the products of the moduli. Frequencies beyond the band count for neither.
+    the products of the moduli. Frequencies beyond the band count for neither. They are summed in
+    circles, in ellipses as long as the sets are wide and ``height`` times as high, or from the
+    largest on.
     """
+    stretch = np.array([1.0, height])
     a, b = (
-        (rng.uniform(-0.5, 0.5, (40, 2)) * side, rng.choice([0.08, 0.1, 0.15], 40))
+        (rng.uniform(-0.5, 0.5, (40, 2)) * side * stretch, rng.choice([0.08, 0.1, 0.15], 40))
         for side in (0.8, 2.0)
     )
     period, count = 4.0, 128
@@ -360,27 +378,97 @@ def _bounds(report: Report, rng: np.random.Generator) -> None:
     energies = [np.abs(spectrum) ** 2 / period**2 for spectrum in spectra]
     norms = [np.sqrt(np.maximum(e.sum() - np.cumsum(e), 0.0)) for e in energies]
     theirs = norms[0] * norms[1]
-    places = rng.uniform(-1.8, 1.8, (200 if report.quick else 2000, 2))
+    places = rng.uniform(-1.8, 1.8, (200 if report.quick else 2000, 2)) * stretch
     needed: dict[str, list[float]] = {"Lysenko's bound": [], "our bound": []}
+    needed["our bound, ellipses"] = []
     needed["our bound, largest first"] = []
+    in_ellipses = np.argsort(np.linalg.norm(waves[order] * stretch, axis=1), kind="stable")
     largest_first = np.argsort(-products, kind="stable")
-    left = products.sum() - np.cumsum(products[largest_first])
+    left, outside = (
+        products.sum() - np.cumsum(products[rank]) for rank in (largest_first, in_ellipses)
+    )
     threshold = 1e-3
     for place in places:
         phases = np.exp(2j * math.pi * (waves[order] @ place))
         terms = (spectra[1] * np.conj(spectra[0]) * phases).real / period**2
         sums = np.cumsum(terms)
         others = np.cumsum(terms[largest_first])
-        cases = (sums, theirs), (sums, ours), (others, left)
+        ellipses = np.cumsum(terms[in_ellipses])
+        cases = (sums, theirs), (sums, ours), (ellipses, outside), (others, left)
         for name, (total, rest) in zip(needed, cases, strict=True):
             decided = np.flatnonzero(np.abs(total - threshold) > rest)
             needed[name].append(float(decided[0]) + 1.0 if len(decided) else math.inf)
     report.section(
-        f"frequencies that decide about an overlap of {threshold:g} m2, {count**2} in all"
+        f"frequencies that decide about an overlap of {threshold:g} m2, {count**2} in all, "
+        f"sets {height:g} times as high as wide"
     )
     for name, numbers in needed.items():
         for percent in (25, 50, 75):
             report.figure(f"{name}, {percent} % of placements", np.percentile(numbers, percent), "")
+
+
+def _engines(report: Report, rng: np.random.Generator) -> None:
+    """Compare transforms with words of bits, for balls and for noise, on one thread."""
+    for shape, sizes in ENGINE_CELLS.items():
+        occupied = np.zeros(shape, dtype=bool)
+        for corner in rng.integers(0, shape, (40, len(shape))):
+            sides = rng.integers(2, shape[0] // 10, len(shape))
+            occupied[tuple(map(slice, corner, corner + sides))] = True
+        report.section(f"C-obstacles of a map of {shape} cells: CPU times")
+        for size in sizes[:1] if report.quick else sizes:
+            axes = [np.arange(size) - 0.5 * (size - 1)] * len(shape)
+            squares = sum(x**2 for x in np.meshgrid(*axes, indexing="ij", sparse=True))
+            robots = {
+                "a ball": squares <= 0.25 * size**2,
+                "noise": rng.random((size,) * len(shape)) < 0.5,
+            }
+            for name, cells in robots.items():
+                rasters = [Raster.from_bitmap(cells, (-(size // 2),) * len(shape))]
+                out = [np.empty(shape, dtype=bool)]
+                calls = {
+                    method: partial(engine.collide, occupied, rasters, out, outside=True, workers=1)
+                    for method, engine in ENGINES.items()
+                }
+                _cpu_times(report, f"{name} of {size} cells", calls)
+
+
+def _radii(report: Report, rng: np.random.Generator) -> None:
+    """Compare spectra of balls with few and many different radii."""
+    number, count = (100, 64) if report.quick else (2000, 256)
+    report.section(f"{number} discs of several radii, {count} x {count} frequencies: CPU times")
+    centers = rng.uniform(0.0, 1.0, (number, 2))
+    calls = {}
+    for sizes in (1, 8, 64):
+        radii = rng.choice(np.linspace(*BALL_RADII, sizes), number)
+        call = partial(ball_spectrum, centers, radii, Bump(2.0), PERIOD_IN_SIDES, count, TOLERANCE)
+        calls[f"{sizes} radii"] = call
+    _cpu_times(report, "spectrum", calls)
+
+
+def _medial_balls(report: Report) -> None:
+    """Compare inner discs from signed distances with those of the medial axis.
+
+    Discs of the medial axis lie around the Voronoi vertices of points on the border.
+    """
+    shape = shapely.Polygon([(3, 3), (17, 3), (17, 8), (12, 7), (9, 17), (3, 15)])
+    report.section("inner discs that fill a share of a polygon")
+    ring = shape.exterior
+    for share in (0.9, 0.97, 0.99):
+        ours = 1
+        while decompose(shape, kind="inner", number=ours).volume_ratio < share:
+            ours = math.ceil(1.2 * ours)
+        report.figure(f"{share:.0%}: from signed distances, at most", ours, "")
+        points = 6
+        while True:
+            places = np.arange(points) / points
+            border = shapely.get_coordinates(ring.interpolate(places, normalized=True))
+            vertices = shapely.points(Voronoi(border).vertices)
+            inside = vertices[shapely.contains(shape, vertices)]
+            discs = shapely.buffer(inside, shapely.distance(inside, ring), quad_segs=64)
+            if shapely.union_all(discs).area >= share * shape.area:
+                break
+            points = math.ceil(1.1 * points)
+        report.figure(f"{share:.0%}: of the medial axis", len(discs), "")
 
 
 def _memory(report: Report) -> None:
@@ -435,6 +523,32 @@ def _values(report: Report, seed: int, dim: int, rng: np.random.Generator) -> No
             off <= 1e-8 * largest,
             f"{name}(ts): within {off / largest:.1g} of one by one, of the largest",
         )
+
+
+def _updates(report: Report, dim: int, rng: np.random.Generator) -> None:
+    """Compare steps of a few balls of a set with new overlaps."""
+    count = UPDATED_BALLS // (10 if report.quick else 1)
+    a = rng.uniform(-0.3, 0.3, (20, dim)), rng.choice([0.08, 0.1, 0.15], 20)
+    centers, radii = rng.uniform(-1.0, 1.0, (count, dim)), rng.choice([0.08, 0.1, 0.15], count)
+    overlap = FourierOverlap(a, (centers, radii), tolerance=0.01)
+    inner = np.argsort(np.abs(centers).max(axis=1))[: count // 100]
+    step = np.full(dim, 0.3)
+    stepped = centers.copy()
+    stepped[inner] += step
+    report.section(
+        f"{len(inner)} of {count} balls move, {'plane' if dim == 2 else 'space'}, "
+        f"{overlap.frequencies} frequencies"
+    )
+    calls: dict[str, Callable[[], Any]] = {
+        "a new overlap": lambda: FourierOverlap(a, (stepped, radii), tolerance=0.01).spectrum_b,
+        "moved": lambda: overlap.moved(inner, step).spectrum_b,
+    }
+    timings = interleave(calls, 3)
+    report.timings(timings)
+    anew, moved = timings.values()
+    report.ratio("a new overlap / moved", anew, moved, least=10.0)
+    off = float(np.abs(anew.value - moved.value).max()) / float(anew.value.flat[0].real)
+    report.check(off <= 1e-11, f"moved: within {off:.1g} of F(0) of a new one")
 
 
 def _placements(report: Report, dim: int, rng: np.random.Generator) -> None:

@@ -16,6 +16,9 @@ _LAST_NUMBER: Final = re.compile(r"(\d+)\W*$")
 _NOT_METRES: Final = frozenset({84, 83, 27, 3857, 900913, *range(4000, 5000)})
 """Codes of longitude and latitude, and of the web Mercator projection, which stretches lengths."""
 
+_DEGREES: Final = ("GEOG", "+proj=longlat", "latitude_longitude")
+"""First letters of longitude and latitude in WKT, PROJ and the CF conventions."""
+
 _UTM_HUNDREDS: Final = frozenset({326, 327, 258, 269, 283})
 """Hundreds of the codes of the transverse Mercator zones of WGS 84, ETRS89, NAD83 and GDA94."""
 
@@ -30,7 +33,7 @@ def check_crs(crs: Any, name: str) -> None:
     text = str(crs)
     found = _LAST_NUMBER.search(text)
     code = int(found[1]) if found else 0
-    is_geographic = getattr(crs, "is_geographic", False) or text.lstrip().startswith("GEOG")
+    is_geographic = getattr(crs, "is_geographic", False) or text.lstrip().startswith(_DEGREES)
     if is_geographic or code in _NOT_METRES:
         problem = f"has the coordinate reference system {text:.60}"
         raise GeometryError(name, problem, "its units are not metres on the ground", PROJECT)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from cspace._files.crs import check_crs
 from cspace.errors import GeometryError
 
 if TYPE_CHECKING:
@@ -38,13 +39,16 @@ def split_parts(shape: BaseGeometry, name: str) -> list[BaseGeometry]:
 def check_shapes(shapes: Sequence[BaseGeometry], names: Sequence[str]) -> None:
     """Raise GeometryError for the first unusable shape.
 
-    Shapes must be finite, plane, valid and filled with points.
+    Shapes must be finite, plane, valid and filled with points, in metres.
 
     ``names`` name the shapes in messages.
     """
     import shapely
 
     array = np.array(shapes, dtype=object)
+    for srid, index in zip(*np.unique(shapely.get_srid(array), return_index=True), strict=True):
+        if srid:
+            check_crs(f"EPSG:{srid}", names[index])
     points, owners = shapely.get_coordinates(array, return_index=True)
     # The owner of a point is the index of its shape.
     broken = np.flatnonzero(~np.isfinite(points).all(axis=1))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import math
+import re
 import threading
 import warnings
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
@@ -43,6 +44,10 @@ _WHITE_8_BIT: Final = 2**8 - 1
 _PIXELS_PER_PART: Final = 2**22
 """Approximate number of pixels that are converted at once."""
 
+_UNKNOWN_LEVEL: Final = 205
+_ROS_LEVELS: Final = (0, _UNKNOWN_LEVEL, 254)
+"""Levels that the map savers of ROS write: occupied, unknown and free."""
+
 _UNSIGNED_FORMATS: Final = frozenset({1, 4})
 """Sample formats of TIFF that are unsigned whole numbers, or not said."""
 
@@ -57,9 +62,13 @@ FIELDS: Final = (
             "TIFF: WhiteIsZero, fill order"
         ),
         refused=(
-            "bytes after the pixels of a PBM, PGM or PPM; signed and real samples; GDAL's nodata"
+            "more numbers than the pixels of a PBM, PGM or PPM, or above its maximum; signed and "
+            "real samples; GDAL's nodata"
         ),
-        warned="further pages or frames; gamma other than 1/2.2; placement of a GeoTIFF",
+        warned=(
+            "further pages or frames; gamma other than 1/2.2; placement of a GeoTIFF; grey 205 of "
+            "a ROS map"
+        ),
     ),
     Fields(
         "`.map`, `.3dmap`",
@@ -125,6 +134,11 @@ def read_image(
     check_word(dark, "dark", ("occupied", "free"))
     image = read_shades(path, "image")
     occupied_levels = image.shades < level
+    if _is_ros_map(image) and not occupied_levels[_UNKNOWN_LEVEL]:
+        warn_user(
+            f"{path}: it looks like the image of a ROS map, and its grey 205, unknown there, "
+            "counts as bright; read its YAML with Workspace.from_ros_map, or pass threshold=0.81"
+        )
     if dark == "free":
         occupied_levels = ~occupied_levels
     occupied = image.select(occupied_levels)
@@ -133,6 +147,16 @@ def read_image(
         unknown = frozen(np.logical_not(image.opaque, out=image.opaque))
         occupied |= unknown
     return frozen(occupied), unknown
+
+
+def _is_ros_map(image: Shades) -> bool:
+    """Return True if an image has unknown cells and no other shades than ROS's map savers write."""
+    if image.white_level != _WHITE_8_BIT:
+        return False
+    other_levels = np.ones(image.white_level + 1, dtype=np.bool_)
+    other_levels[list(_ROS_LEVELS)] = False
+    has_unknown = (image.levels == _UNKNOWN_LEVEL).any()
+    return bool(has_unknown) and not image.select(other_levels).any()
 
 
 def read_shades(path: StrPath, kind: str, *, may_turn: bool = True) -> Shades:
@@ -156,7 +180,7 @@ def read_shades(path: StrPath, kind: str, *, may_turn: bool = True) -> Shades:
         if image.format in _BOUNDED_FORMATS and pixels > _MAX_PIXELS_PER_BYTE * len(data):
             raise ContentError(f"declares {pixels} pixels, more than its bytes can hold")
         if image.format == "PPM":
-            _check_length(image, len(data))
+            _check_length(image, data)
         pages = getattr(image, "n_frames", 1)
         tags: dict[int, Any] = dict(getattr(image, "tag_v2", {}))
         orientation = image.getexif().get(_ORIENTATION, 1)
@@ -177,7 +201,7 @@ def read_shades(path: StrPath, kind: str, *, may_turn: bool = True) -> Shades:
             f"{path}: its gamma of {gamma:g} is not applied, so viewers show other shades; save it "
             "with a gamma of 1/2.2"
         )
-    if tags.keys() & {_PIXEL_SCALE, _MATRIX}:
+    if tags.keys() & {_PIXEL_SCALE, _TIEPOINT, _MATRIX}:
         warn_user(
             f"{path}: the placement of a GeoTIFF is not read; for that, open it with rioxarray and "
             "pass the array to Workspace.from_array",
@@ -200,27 +224,37 @@ def _open_image(data: bytes) -> ImageFile:
             Image.MAX_IMAGE_PIXELS = limit
 
 
-def _check_length(image: ImageFile, size: int) -> None:
-    """Raise ContentError unless a binary PBM, PGM or PPM ends with its last pixel.
+def _check_length(image: ImageFile, data: bytes) -> None:
+    """Raise ContentError unless a PBM, PGM or PPM ends with its last pixel.
 
-    Converted line ends move all pixels, and show only by the length of the file.
+    Converted line ends move all pixels, and show only by the length of the file. Also refuse pixels
+    brighter than white, which Pillow darkens to white.
     """
     tile: Any = image.tile[0]
     decoder, _, start, arguments = tile
-    if decoder == "ppm_plain":
-        return
+    maximum = int(arguments[1]) if decoder == "ppm" else 0  # of other decoders, no pixel exceeds it
     width, height = image.size
-    row_bytes = width * len(image.getbands())
-    if image.mode == "1":
-        row_bytes = math.ceil(width / 8)
-    elif image.mode == "I" or (decoder == "ppm" and arguments[1] > _WHITE_8_BIT):
-        row_bytes *= 2
-    excess = size - start - height * row_bytes
+    numbers_per_row = width * len(image.getbands())
+    row_size = numbers_per_row
+    size = len(data) - start
+    if decoder == "ppm_plain":
+        words = re.sub(rb"#[^\n\r]*", b"", data[start:]).split()
+        size = len(b"".join(words)) if image.mode == "1" else len(words)
+    elif image.mode == "1":
+        row_size = math.ceil(width / 8)
+    elif image.mode == "I" or maximum > _WHITE_8_BIT:
+        row_size *= 2
+    excess = size - height * row_size
     if excess > 0:
-        problem = f"has {excess} bytes more than its pixels"
+        problem = f"has {excess} bytes or numbers more than its pixels"
         rule = "then its line ends were converted, or it holds several images"
         hint = "fetch it again, as a binary file (in git: *.pgm binary in .gitattributes)"
         raise ContentError(problem, rule, hint)
+    if maximum:
+        levels = np.frombuffer(data, ">u2" if maximum > _WHITE_8_BIT else np.uint8, offset=start)
+        if levels.max() > maximum:
+            problem = f"has a pixel of {levels.max()}"
+            raise ContentError(problem, f"its header says that white is {maximum}", "correct it")
 
 
 _PHOTOMETRIC: Final = 262
@@ -228,6 +262,7 @@ _BITS_PER_SAMPLE: Final = 258
 _ORIENTATION: Final = 274
 _SAMPLE_FORMAT: Final = 339
 _PIXEL_SCALE: Final = 33550
+_TIEPOINT: Final = 33922
 _MATRIX: Final = 34264
 _NODATA: Final = 42113
 """Numbers of tags of TIFF, GeoTIFF and GDAL; EXIF has that of the orientation, too."""

@@ -47,11 +47,12 @@ from cspace._files.polygons import (
     triangulate,
     unsupported_part,
 )
+from cspace._files.unit_notes import warn_of_units
 from cspace._limits import check_bytes
 from cspace._support.arrays import Floats, Ints, StrPath, Surface
 from cspace._support.check import check_finite, check_word
 from cspace._support.reporting import warn_user
-from cspace.errors import GeometryError, InputError, UnitWarning
+from cspace.errors import GeometryError, InputError
 
 Json = dict[str, Any]
 """An object of a glTF header."""
@@ -271,13 +272,12 @@ def _place_gltf_meshes(header: Json) -> Iterator[tuple[int, Floats]]:
     scenes = header.get("scenes", [])
     nodes = header.get("nodes", [])
     if not scenes and header.get("meshes"):
-        raise unsupported_part("meshes in no scene", "export it again with its scene")
+        raise unsupported_part("meshes in no scene")
     if len(scenes) > 1 and "scene" not in header:
-        problem = f"{len(scenes)} scenes of which none is the default"
-        raise unsupported_part(problem, "export one scene")
+        raise unsupported_part(f"{len(scenes)} scenes of which none is the default")
     if not scenes:
         return
-    scene = _look_up(header, "scenes", header.get("scene", 0))
+    scene = _refuse_extensions(_look_up(header, "scenes", header.get("scene", 0)))
     # Nodes to visit, each with the transform of the node above it.
     pending = [(number, np.eye(4)) for number in scene.get("nodes", [])]
     seen: set[int] = set()
@@ -319,11 +319,10 @@ def _make_affine(linear: Floats, offset: ArrayLike = 0.0) -> Floats:
 def _refuse_moved_mesh(node: Json, mesh: Json) -> None:
     """Refuse a mesh that a skin or a morph moves."""
     if "skin" in node:
-        hint = "apply its pose and export it without the skin"
-        raise unsupported_part("a mesh that a skin moves", hint)
+        raise unsupported_part("a mesh that a skin moves")
     weights = node.get("weights") or mesh.get("weights") or []
     if any(weights):
-        raise unsupported_part("a mesh that a morph moves", "apply the morph before exporting")
+        raise unsupported_part("a mesh that a morph moves")
 
 
 def _refuse_extensions(element: Json) -> Json:
@@ -383,7 +382,7 @@ def _parse_gltf_header(data: bytes) -> Json:
         raise ContentError(f"is of version {version}; only glTF 2 is read")
     required = dict.fromkeys(header.get("extensionsRequired", []))
     _refuse_extensions({"extensions": required})
-    return header
+    return _refuse_extensions(header)
 
 
 _SHAPELESS_CHILDREN: Final = frozenset(
@@ -427,8 +426,7 @@ class _Collada(NamedTuple):
         """
         url = reference.get(attribute, "")
         if not url.startswith("#"):
-            problem = f"a {reference.tag} of another file ({url!r})"
-            raise unsupported_part(problem, "export it again as one file")
+            raise unsupported_part(f"a {reference.tag} of another file ({url!r})")
         target = self.named.get(url[1:])
         if target is None:
             raise ContentError(f"names {url!r}, which is missing or repeated")
@@ -535,7 +533,7 @@ def _read_asset(root: Element, tag: str, read_value: Callable[[Element], str | N
     elements = [element for asset in root.iter("asset") for element in asset.findall(tag)]
     values = {(read_value(element) or "").strip() for element in elements}
     if len(values) > 1:
-        raise ContentError(f"has parts of another {tag}", "it must have one", "export it with one")
+        raise unsupported_part(f"parts of another {tag}")
     return next(iter(values), None)
 
 
@@ -543,7 +541,7 @@ def _find_scene(collada: _Collada) -> Element:
     """Return the scene of a COLLADA file."""
     instance = collada.root.find("scene/instance_visual_scene")
     if instance is None:
-        raise unsupported_part("geometries in no scene", "export it again with its scene")
+        raise unsupported_part("geometries in no scene")
     scene = collada.resolve(instance, "url")
     if scene.tag != "visual_scene":
         raise ContentError(f"names {scene.tag} as its scene")
@@ -696,35 +694,6 @@ _FACET: Final = re.compile(
 _SOLIDS: Final = re.compile(rb"^[ \t]*(end)?solid\b[^\n]*", re.MULTILINE)
 """A line of a text STL file that begins or ends a solid."""
 
-_UNIT_NOTE: Final = re.compile(
-    rb"^(?:#|comment|obj_info)[^\n]*?"
-    rb"\b(millimet\w+|centimet\w+|inch(?:es)?|feet|units?\W{1,4}(?:mm|cm|in|ft))\b",
-    re.MULTILINE,
-)
-"""A comment of a mesh file, in lower case, with a unit other than the metre."""
-
-
-def warn_of_unit(path: StrPath) -> None:
-    """Warn if a comment of a mesh file without units speaks of another unit than the metre."""
-    file = Path(path)
-    if file.suffix.lower() not in (".stl", ".obj", ".ply"):
-        return
-    with file.open("rb") as stream:
-        text = stream.read(4096).lower()  # where comments are
-    # The first line of an STL file is a comment.
-    note = _UNIT_NOTE.search(b"#" + text if file.suffix.lower() == ".stl" else text)
-    if note is not None:
-        _warn_of_units(os.fspath(path), note[1].decode("latin-1"))
-
-
-def _warn_of_units(name: str, units: str) -> None:
-    """Warn that a mesh in other units is taken as metres."""
-    warn_user(
-        f"{name}: says {units!r}, and its coordinates are taken as metres; scale it first, e.g. "
-        "load it with trimesh and call apply_scale(0.001) for millimetres",
-        UnitWarning,
-    )
-
 
 def read_mesh(path: StrPath, up: Up | None = "z") -> Surface:
     """Read the vertices and triangles of a mesh file.
@@ -857,7 +826,7 @@ def flatten_trimesh(shape: Any, name: str) -> Surface:
     import trimesh
 
     if getattr(shape, "units", None) not in (None, *_METRES):
-        _warn_of_units(name, f"units = {shape.units}")
+        warn_of_units(name, f"units = {shape.units}")
     if isinstance(shape, trimesh.Scene):
         placed = map(shape.graph.get, shape.graph.nodes_geometry)
         parts = [(shape.geometry[mesh], transform) for transform, mesh in placed]

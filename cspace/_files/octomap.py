@@ -123,7 +123,7 @@ def _check_octomap_header(entries: dict[str, str], binary: bool) -> _OctomapHead
     resolution = entries.get("res", "")
     if tree not in _COLOUR_BYTES:
         rule = f"only {' and '.join(_COLOUR_BYTES)} are read"
-        raise ContentError(f"holds a tree of type {tree!r:.60}", rule, "convert it with OctoMap")
+        raise ContentError(f"holds a tree of type {tree!r:.60}", rule)
     try:
         count = int(size)
         side = float(resolution)

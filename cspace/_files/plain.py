@@ -213,8 +213,7 @@ def check_nesting(text: str, opening: str, closing: str) -> None:
         levels = level + np.cumsum(level_change[characters])
         level = int(levels[-1])
         if levels.max() > _MAX_LEVELS:
-            problem = f"has more than {_MAX_LEVELS} nested brackets"
-            raise ContentError(problem, "it is malformed", "write it flatter")
+            raise ContentError(f"has more than {_MAX_LEVELS} nested brackets")
 
 
 def _make_yaml_error(event: Any, what: str) -> ContentError:

@@ -27,6 +27,7 @@ from cspace._files.access import (
 from cspace._files.fields import Fields
 from cspace._files.lazy_arrays import read_npy
 from cspace._files.polygons import read_ply
+from cspace._files.unit_notes import warn_of_unit
 from cspace._support.arrays import Floats, StrPath
 from cspace._support.reporting import warn_user
 from cspace.errors import GeometryError
@@ -45,12 +46,13 @@ FIELDS: Final = (
         "`.pcd`",
         honoured="FIELDS, SIZE, TYPE, COUNT; WIDTH, HEIGHT, POINTS; DATA",
         refused="binary_compressed; NaN, unless dropped",
-        warned="VIEWPOINT; bytes after the points",
+        warned="VIEWPOINT; bytes after the points; a unit in a comment",
     ),
     Fields(
         "`.xyz`, `.txt`, `.csv`",
         honoured="names of columns",
         refused="columns without x, y and z; NaN, unless dropped",
+        warned="a unit in a comment",
     ),
     Fields(
         "`.npy`",
@@ -88,6 +90,7 @@ def read_points(path: StrPath, drop_missing: bool = False) -> Floats:
             rule = "a missing return is neither free nor occupied"
             hint = "pass drop_missing=True to leave them out"
             raise ContentError(problem, rule, hint, kind=GeometryError)
+    warn_of_unit(path)
     return points
 
 

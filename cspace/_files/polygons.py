@@ -232,11 +232,10 @@ def _make_face_error(polygon: Ints, what: str) -> ContentError:
     return ContentError(problem, rule, hint, kind=GeometryError)
 
 
-def unsupported_part(
-    what: str, hint: str = "export it as plain triangles, e.g. as STL"
-) -> ContentError:
+def unsupported_part(what: str) -> ContentError:
     """Return the error for an unsupported part of a file."""
     problem = f"has {what}, which is not read"
+    hint = "export it as plain triangles, e.g. as STL"
     return ContentError(problem, "it would be lost", hint, kind=GeometryError)
 
 
@@ -490,10 +489,7 @@ def _check_ply_lists(counts: dict[str, int], properties: dict[str, list[tuple[st
     for element, count in counts.items():
         has_list = any(is_list for _, is_list in properties[element])
         if count and has_list and element not in ("face", "range_grid"):
-            problem = f"has elements {element} with lists, which may be surfaces"
-            rule = "only 'face' is read, so they would be lost"
-            hint = "write it with faces, e.g. with MeshLab"
-            raise ContentError(problem, rule, hint, kind=GeometryError)
+            raise unsupported_part(f"elements {element} with lists, which may be surfaces")
 
 
 def _make_ply_header_error() -> ContentError:

@@ -75,7 +75,7 @@ FIELDS: Final = (
         "`nav_msgs/OccupancyGrid`",
         honoured="`resolution`, of float32; `width`, `height`; `origin`; -1",
         refused="tilt of `origin`",
-        warned="values beyond -1 to 100, unknown",
+        warned="values beyond -1 to 100, unknown; 0 and 1 alone",
     ),
     Fields(
         "Nav2 parameters",
@@ -101,8 +101,8 @@ def read_ros_map(path: StrPath, unknown: str = "occupied") -> tuple[MapInfo, Boo
     * ``raw``: ``round(255 * shade)`` is the occupancy in per cent; below ``100 * free_thresh`` is
       free, up to 100 is occupied, above is unknown.
 
-    In ``trinary`` and ``scale`` a pixel that is not fully opaque is unknown, as in Navigation2
-    since 2025. Releases disagree about ``p`` equal to a threshold; here it is never free.
+    A pixel that is not fully opaque is unknown, as in Navigation2 since 2025, and in ``raw``
+    mode too. Releases disagree about ``p`` equal to a threshold; here it is never free.
 
     Parameters
     ----------
@@ -255,14 +255,13 @@ def _classify_pixels(header: _MapHeader, image: Shades, warn: bool) -> tuple[Boo
     """
     shades = image.shades
     # In raw mode, levels are percentages; in the other modes, they are shades of a probability.
-    if header.mode == "raw":
-        percent = np.floor(255.0 * shades + 0.5)
-        free_levels = percent < 100.0 * header.free_thresh
-        occupied_levels = ~free_levels & (percent <= 100.0)
-        return image.select(free_levels), image.select(occupied_levels)
     probability = shades if header.negate else 1.0 - shades
+    if header.mode == "raw":
+        probability = np.floor(255.0 * shades + 0.5) / 100.0
     free_levels = probability < header.free_thresh
-    if header.mode == "scale":
+    if header.mode == "raw":
+        occupied_levels = ~free_levels & (probability <= 1.0)
+    elif header.mode == "scale":
         occupied_levels = ~free_levels
     else:
         occupied_levels = probability >= header.occupied_thresh
@@ -473,6 +472,11 @@ def read_occupancy_grid(
         warn_user(
             f"msg.data: {others:,} values are beyond -1 to 100 and count as unknown; for the costs "
             "of a Costmap, pass e.g. np.where(costs >= 253, 100, 0)"
+        )
+    if values.max() == 1:
+        warn_user(
+            "msg.data: no value is above 1 per cent, so all cells are free or unknown; write 100 "
+            "for occupied cells, e.g. 100 * data"
         )
     free = is_known & (percent / 100.0 < low)
     occupied = is_known & (percent / 100.0 >= high)

@@ -50,10 +50,11 @@ FIELDS: Final = (
             "`origin`; `axis`; `limit`; 0 where left out; `safety_controller` if narrower; "
             "`mimic`, except of limits; `scale` of meshes"
         ),
-        refused="xacro; planar and floating joints below the base; capsules",
+        refused="xacro; `quat_xyzw`; planar and floating joints below the base; capsules",
         warned=(
             "`visual` without `collision` (`visuals=True`); angles beyond a whole turn; `limit` "
-            "without lower and upper; links that move against a rigid robot"
+            "without lower and upper, or of a continuous joint; links that move against a rigid "
+            "robot"
         ),
     ),
     Fields(
@@ -342,6 +343,9 @@ def _check_numbers(element: Element, place: str) -> list[str]:
     large_angles = []
     # The element and all elements in it.
     for member in element.iter():
+        if member.tag == "origin" and not member.attrib.keys() <= {"xyz", "rpy"}:
+            problem = f"has an origin with {', '.join(member.attrib)} at {place}"
+            raise ContentError(problem, "only xyz and rpy are read", "write the rotation as rpy")
         for name, count in _NUMBERS_PER_ATTRIBUTE.get(str(member.tag), {}).items():
             text = member.get(name)
             if text is None:

@@ -72,14 +72,10 @@ def read_shapes(source: Any) -> list[BaseGeometry]:
     has coordinates that are not finite or three-dimensional, or a coordinate reference system in
     degrees.
     """
-    import shapely
-
     # Each simple geometry has a name for messages, such as "polygons[2], part 0".
     names: list[str] = []
     shapes: list[BaseGeometry] = []
     for name, shape in _iterate_geometries(source, "polygons"):
-        if shapely.get_srid(shape):
-            check_crs(f"EPSG:{shapely.get_srid(shape)}", name)
         parts = split_parts(shape, name)
         shapes += parts
         if len(parts) == 1:

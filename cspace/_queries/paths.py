@@ -66,7 +66,8 @@ def pulled_straight(
     if cost is None:
         path = _skip_points_both_ways(path, check)
     else:
-        path = _find_cheapest_subpath(path, check, cost)
+        dim = path.shape[1] - len(rotations.names)
+        path = find_cheapest_subpath(path, dim, check, cost)
     total = _measure(path, rotations, cost)
     for _ in range(MAX_CUTTING_ROUNDS):
         path = _cut_corners(path, rotations, check, cost)
@@ -179,33 +180,45 @@ def _cut_corner(
     return [backward[low], forward[low]] if low else [corner]
 
 
-def _find_cheapest_subpath(points: Floats, check: Check, cost: Cost) -> Floats:
+def find_cheapest_subpath(
+    points: Floats,
+    dim: int,
+    check: Check,
+    cost: Cost,
+    strides: Sequence[int] = STRIDES,
+    until: float = math.inf,
+) -> Floats:
     """Skip waypoints so that the cost of the path is least, by dynamic programming.
 
-    An edge replaces as many edges as one of :data:`STRIDES`.
+    An edge replaces as many edges as one of the ``strides``, which begin with 1. It costs at least
+    the distance of its ends in their first ``dim`` coordinates. Waypoints that are not reached
+    ``until`` a reading of the clock keep the waypoints before them.
     """
     rows = points.tolist()
-    # The least cost to each waypoint, and the waypoint before it on the way.
-    least = np.full(len(points), math.inf)
-    previous = np.zeros(len(points), dtype=np.int64)
-    least[0] = 0.0
-    for here, row in enumerate(rows):
-        for stride in STRIDES:
-            before = here - stride
-            if before < 0:
-                break
-            total = least[before] + cost(*rows[before], *row)
+    positions = points[:, :dim]
+    least = np.zeros(len(points))
+    previous = np.arange(-1, len(points) - 1)
+    for here in range(1, len(points)):
+        if clock() >= until:
+            break
+        least[here] = math.inf
+        earlier = here - np.array([stride for stride in strides if stride <= here])
+        bounds = least[earlier] + np.hypot.reduce(positions[earlier] - positions[here], axis=1)
+        order = np.argsort(bounds, kind="stable")
+        for before, bound in zip(earlier[order].tolist(), bounds[order].tolist(), strict=True):
+            if bound >= least[here]:
+                break  # so are those of all other waypoints
+            edge = *rows[before], *rows[here]
+            total = least[before] + cost(*edge)
             # Edges of the given path need no check.
-            if total < least[here] and (stride == 1 or check(*rows[before], *row)):
+            if total < least[here] and (before == here - 1 or check(*edge)):
                 least[here] = total
                 previous[here] = before
-    here = len(rows) - 1
-    indices = [here]
-    while here > 0:
-        here = int(previous[here])
-        indices.append(here)
-    indices.reverse()
-    return points[indices]
+    kept = [len(points) - 1]
+    while kept[-1] > 0:
+        kept.append(int(previous[kept[-1]]))
+    kept.reverse()
+    return points[kept]
 
 
 def _saves(

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 
 from cspace._files.access import ContentError
-from cspace._files.meshes import read_mesh, warn_of_unit
+from cspace._files.meshes import read_mesh
 from cspace._files.moveit_messages import (
     SCENE,
     WORLD,
@@ -23,6 +23,7 @@ from cspace._files.moveit_messages import (
     wrong_value,
 )
 from cspace._files.polygons import join_surfaces, transform_surface
+from cspace._files.unit_notes import warn_of_unit
 from cspace._files.urdf import (
     GEOMETRIES,
     PackageDirs,

@@ -502,7 +502,8 @@ def _read_arrays(shape: Any, up: Up | None) -> tuple[Any, Any, str]:
 
     Its axis ``up`` becomes z.
     """
-    from cspace._files.meshes import flatten_trimesh, read_mesh, turn_upright, warn_of_unit
+    from cspace._files.meshes import flatten_trimesh, read_mesh, turn_upright
+    from cspace._files.unit_notes import warn_of_unit
 
     if isinstance(shape, (str, os.PathLike)):
         surface = read_mesh(shape, up)

@@ -76,7 +76,7 @@ class Polygons(ExactShape):
             if not polygon.area > 0.0:
                 problem = f"has area {polygon.area:g}"
                 rule = "it must be above zero"
-                raise GeometryError(name, problem, rule, "pass its whole boundary")
+                raise GeometryError(name, problem, rule, "pass it in metres")
         return cls(parts)
 
     @cached_property

@@ -1069,8 +1069,8 @@ class ArmSpace(ConfigurationSpace):
         Parameters
         ----------
         starts, ends : array-like, shape (n, dof)
-        deviation : array-like, shape (dof,)
-            Radians and metres, zero or above.
+        deviation : array-like, shape (dof,) or (n, dof)
+            Radians and metres, zero or above; of each motion, or of all.
 
         Returns
         -------
@@ -1084,14 +1084,14 @@ class ArmSpace(ConfigurationSpace):
         firsts = self._check_configurations(starts, "starts")
         lasts = self._check_configurations(ends, "ends")
         reach = check_finite(deviation, "deviation")
-        if reach.shape != firsts.shape[-1:] or (reach < 0.0).any():
+        if reach.shape not in (firsts.shape, firsts.shape[-1:]) or (reach < 0.0).any():
             raise InputError(
                 "deviation",
                 f"is {deviation!r}",
                 f"it must be {firsts.shape[-1]} numbers, zero or above",
                 "give one for each joint",
             )
-        return self.snapshot.are_free_around(firsts, lasts, reach)
+        return self.snapshot.are_free_around(firsts, lasts, np.broadcast_to(reach, firsts.shape))
 
     def _list_images(self, start: Floats, goals: Floats) -> Floats:
         """Return the goals both ways around each continuous joint.

@@ -243,20 +243,38 @@ def are_free(scene: ArmScene, firsts: Floats, lasts: Floats) -> Bools:
     shape (n,).
     """
     out = np.empty(len(firsts), dtype=np.bool_)
-    motions_are_free(scene, firsts, lasts, out, make_scene_scratch(scene))
+    paddings = np.empty((len(firsts), 0))
+    motions_are_free(scene, firsts, lasts, paddings, out, make_scene_scratch(scene))
     return out
 
 
 @kernel
 def motions_are_free(
-    scene: ArmScene, firsts: Floats, lasts: Floats, out: Bools, scratch: SceneScratch
+    scene: ArmScene,
+    firsts: Floats,
+    lasts: Floats,
+    paddings: Floats,
+    out: Bools,
+    scratch: SceneScratch,
 ) -> None:
     """Fill ``out`` with whether motions, shapes (n, dof), are proven free.
 
-    Equal endpoints mean a point.
+    Equal endpoints mean a point. ``paddings`` of the pairs replace those of the scene, shape (n, p)
+    for each motion; of shape (n, 0), they do not.
     """
+    padding = scene.padding
     for k in range(len(firsts)):
-        out[k] = motion_is_free(scene, firsts[k], lasts[k], scratch)
+        if paddings.shape[1] > 0:
+            padding = paddings[k]
+        padded = ArmScene(
+            scene.chain,
+            scene.solids,
+            scene.pairs,
+            padding,
+            scene.max_coordinate,
+            scene.required,
+        )
+        out[k] = motion_is_free(padded, firsts[k], lasts[k], scratch)
 
 
 @internal

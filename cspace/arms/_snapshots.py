@@ -33,7 +33,7 @@ from cspace.arms._scenes import make_inner_scene, make_scene
 from cspace.arms._solids import PosedShape, Solid, StaticShape
 from cspace.errors import ConfigurationError
 
-MIN_MOTIONS_PER_THREAD: Final = 20
+MIN_MOTIONS_PER_THREAD: Final = 100
 """Motions per thread below which a further thread costs more time than it saves."""
 
 
@@ -117,37 +117,49 @@ class Snapshot:
         """Names of links with geometry, attached objects and obstacles."""
         return [*(link.name for link in self.arm.links), *self.obstacles]
 
-    def are_free(self, firsts: Floats, lasts: Floats, scene: ArmScene | None = None) -> Bools:
+    def are_free(
+        self,
+        firsts: Floats,
+        lasts: Floats,
+        scene: ArmScene | None = None,
+        paddings: Floats | None = None,
+    ) -> Bools:
         """Return whether motions, shapes (n, dof), are proven free, shape (n,).
 
-        ``scene`` is the outer scene, or one with more padding.
+        ``scene`` is the outer scene, or one with more padding; ``paddings``, shape (n, p), are
+        those of each motion.
         """
+        if paddings is None:
+            paddings = np.empty((len(firsts), 0))
         out = np.empty(len(firsts), dtype=np.bool_)
-        rows = as_contiguous(firsts), as_contiguous(lasts)
+        rows = [as_contiguous(each) for each in (firsts, lasts, paddings)]
         _run_in_threads(motions_are_free, scene or self.outer, *rows, out)
         return out
 
-    def are_free_around(self, firsts: Floats, lasts: Floats, deviation: Floats) -> Bools:
+    def are_free_around(self, firsts: Floats, lasts: Floats, deviations: Floats) -> Bools:
         """Return whether motions, shapes (n, dof), are free with any deviation, shape (n,).
 
-        ``deviation``, shape (dof,), bounds that of each joint at each time. The motions prove it if
-        all pairs stay apart by as much as such joint motions move them, in addition.
+        ``deviations``, shape (n, dof), bound that of each joint at each time. The motions prove it
+        if all pairs stay apart by as much as such joint motions move them, in addition.
         """
-        padding = self.outer.padding + self._bound_displacements(deviation)
-        return self.are_free(firsts, lasts, self.outer._replace(padding=padding))
+        paddings = self.outer.padding + self._bound_displacements(deviations)
+        return self.are_free(firsts, lasts, paddings=paddings)
 
     def _bound_displacements(self, joint_motions: Floats) -> Floats:
-        """Bound how far joint motions, shape (dof,), move each pair, metres; with rounding."""
+        """Bound how far joint motions, shape (n, dof), move each pair, shape (n, p); metres.
+
+        The bounds include rounding.
+        """
         chain = self.outer.chain
         solids = self.outer.solids
         first, second = self.outer.pairs.T
         bodies = solids.bodies[first]
-        rates = np.abs(chain.factors * joint_motions[chain.joint_indices])
+        rates = np.abs(chain.factors * joint_motions[:, chain.joint_indices])
         reaches = chain.lengths[bodies] + solids.levers[first, np.newaxis]
         levers = np.where(chain.kinds == REVOLUTE, reaches, 1.0)
         moves = chain.between[bodies, solids.bodies[second]] & (chain.kinds != FIXED)
-        displacements = (moves * levers * rates).sum(axis=1)
-        rounding = DISTANCE_ROUNDING * self.outer.max_coordinate * rates.sum()
+        displacements = rates @ (moves * levers).T
+        rounding = DISTANCE_ROUNDING * self.outer.max_coordinate * rates.sum(axis=1, keepdims=True)
         return np.asarray(displacements / ADVANCE_FACTOR + rounding)
 
     def are_blocked(self, points: Floats) -> Bools:

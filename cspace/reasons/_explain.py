@@ -42,6 +42,12 @@ BORDER: Final = "the border of the map"
 SIDEWAYS: Final = "a robot that also moves sideways"
 """The robot that a path exists for, if that of the plan has a drive."""
 
+WAY_OUTSIDE: Final = (
+    "A way may lead around outside the map, because the robot does not reach a cell beyond its "
+    "reference point on all sides; move its shape so that the origin is in its middle."
+)
+"""Sentence for robots whose positions outside the map are not proven BLOCKED."""
+
 TITLE_COLUMNS: Final = 64
 """Width of a picture's title, in characters."""
 
@@ -150,6 +156,12 @@ class Explanation:
             *most, last = [*most[:MAX_NAMED_OBSTACLES], "others"]
         return f"{', '.join(most)} and {last}" if most else last
 
+    @property
+    def _may_pass_outside(self) -> bool:
+        """Whether cells outside the map are undecided, although all there is an obstacle."""
+        is_blocked = self.space._exterior.is_all_blocked(self.space.grid.shape)
+        return self.space.outside == "blocked" and not is_blocked.all()
+
     def _describe_reason(self) -> str:
         """Return the sentence of the verdict."""
         end, _, state = self.verdict.partition(" ")
@@ -179,6 +191,8 @@ class Explanation:
     def _describe_changes(self) -> list[str]:
         """Return sentences on changes that give a path, or would decide."""
         sentences = []
+        if self.verdict == "undecided" and self._may_pass_outside:
+            sentences.append(WAY_OUTSIDE)
         if self.passes_without:
             names = " or ".join(map(repr, self.passes_without))
             sentences.append(f"{self._robot} passes without {names}.")

@@ -151,8 +151,10 @@ def _bound_norm_beyond(factors: RadialFactors, energy: float, volume: float) -> 
 def _bound_spectrum_error(balls: Balls, overlap: FourierOverlap, highest: float) -> float:
     """Bound the error of the spectrum of balls about their center."""
     whole = float(overlap.bump.radial_spectrum(0.0, balls.dim) * (balls.radii**balls.dim).sum())
-    rounding = 2.0 * PLACEMENT_ROUNDING * balls.span
-    return whole * (2.0 * MIN_SPECTRUM_TOLERANCE + 2.0 * math.pi * highest * rounding)
+    rounding = 2.0 * PLACEMENT_ROUNDING * overlap.span
+    error = whole * (2.0 * MIN_SPECTRUM_TOLERANCE + 2.0 * math.pi * highest * rounding)
+    # A step replaces a part of the spectrum: it adds the errors of the part before and after.
+    return (1.0 + 2.0 * overlap.steps) * error
 
 
 @allocating

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from cspace._shapes import Balls
 from cspace._support.arrays import Floats
-from cspace._support.check import check_points, check_positive
+from cspace._support.check import check_point, check_points, check_positive
 from cspace.errors import InputError
 from cspace.spectral._ball_sets import (
     PLACEMENT_ROUNDING,
@@ -110,18 +110,22 @@ class FourierOverlap:
         # A period is as long as both sets side by side, with A at any rotation.
         reaches = np.linalg.norm(self.a.centers - self._centers[0], axis=1) + self.a.radii
         extents = np.abs(self.b.centers - self._centers[1]) + self.b.radii[:, None]
-        self._half_sides = (extents.max(axis=0) + reaches.max()) * (1.0 + 0.1 * PERIOD_MARGIN)
+        self._extents = extents.max(axis=0)
+        self._half_sides = (self._extents + reaches.max()) * (1.0 + 0.1 * PERIOD_MARGIN)
         periods = 2.0 * (1.0 + PERIOD_MARGIN) * self._half_sides
-        self._span = self.a.span + self.b.span
+        self.span = self.a.span + self.b.span
         # Squares of volumes overflow above 1e40, and underflow below 1e-100.
-        if self._span > min(1e40, 1e6 * periods.min()) or periods.max() < 1e-100:
+        if self.span > min(1e40, 1e6 * periods.min()) or periods.max() < 1e-100:
             raise InputError(
                 "b",
-                f"or a reaches {self._span:g} m from its origin, over a period of {periods} m",
+                f"or a reaches {self.span:g} m from its origin, over a period of {periods} m",
                 "rounding would matter",
                 "move the origin nearer, or check the units",
             )
         self.lattice = _choose_lattice(self.a, self.b, self.bump, periods, band, tolerance)
+        self.steps = 0
+        # The balls of B that moved last, and their spectrum.
+        self._part = np.empty(0, dtype=np.int64), np.empty(0, dtype=np.complex128)
 
     def __repr__(self) -> str:
         """Return the numbers of balls and of frequencies."""
@@ -149,7 +153,7 @@ class FourierOverlap:
     def placement_error(self) -> float:
         """Largest rounding error of a placement in the domain, metres."""
         farthest = float(np.abs(self.domain).max())
-        return PLACEMENT_ROUNDING * (farthest + math.sqrt(self.dim) * self._span)
+        return PLACEMENT_ROUNDING * (farthest + math.sqrt(self.dim) * self.span)
 
     def rotated(self, rotation: Rotates) -> FourierOverlap:
         """Return the overlap with A rotated.
@@ -162,9 +166,66 @@ class FourierOverlap:
         # Rotate the original balls, so that rounding does not accumulate over repeated rotations.
         matrix = rotation_matrix(rotation, self.dim) @ self._rotation
         rotated._rotation = rotation_matrix(matrix, self.dim)
-        for name in ("spectrum_a", "_slopes", "_twists"):
+        for name in ("spectrum_a", "_slopes"):
             rotated.__dict__.pop(name, None)
         return rotated
+
+    def moved(self, chosen: ArrayLike, step: ArrayLike) -> FourierOverlap:
+        """Return the overlap with some balls of B moved.
+
+        A step multiplies the spectrum of the balls by a phase, and the spectrum of the others
+        stays. Steps of the same balls, one after the other or from the same overlap, share their
+        spectrum. To move balls of the first set, swap both sets, and negate t.
+
+        Parameters
+        ----------
+        chosen : array-like of int, shape (m,), or of bool, one for each ball of B
+            Indices of the balls, or a mask.
+        step : array-like, shape (d,)
+            Metres. The balls must stay in the bounding box that B had at first, because the period
+            is as long as that needs.
+
+        Raises InputError if a value is not usable, or balls leave that box.
+        """
+        shift = check_point(step, "step", self.dim)
+        try:
+            members = np.unique(np.arange(len(self.b.radii))[np.asarray(chosen)])
+        except IndexError:
+            members = np.empty(0, dtype=np.int64)
+        if not len(members):
+            raise InputError(
+                "chosen",
+                f"is {chosen!r}",
+                f"it must be indices of the {len(self.b.radii)} balls of b, or a mask of them",
+                "pass e.g. [0]",
+            )
+        centers = self.b.centers.copy()
+        centers[members] += shift
+        reaches = np.abs(centers - self._centers[1]) + self.b.radii[:, None]
+        if (reaches > self._extents * (1.0 + 0.01 * PERIOD_MARGIN)).any():
+            raise InputError(
+                "step",
+                f"is {step!r}, which moves balls out of the bounding box of b",
+                "periods are as long as that box needs",
+                "pass the moved balls to a new FourierOverlap",
+            )
+        kept, part = self._part
+        if not np.array_equal(kept, members):
+            weights = np.zeros(len(centers))
+            weights[members] = 1.0
+            part = self._transform_b(weights)
+            self._part = members, part
+        phases = [
+            np.exp(-2j * math.pi * length * wave)
+            for length, wave in zip(shift, self.lattice.waves, strict=True)
+        ]
+        moved = copy.copy(self)
+        moved.b = Balls(centers, self.b.radii)
+        moved.steps = self.steps + 1
+        moved._part = members, part * math.prod(phases[1:], start=phases[0])
+        moved.__dict__["spectrum_b"] = self.spectrum_b + (moved._part[1] - part)
+        moved.__dict__.pop("_slopes", None)
+        return moved
 
     @cached_property
     def factors_a(self) -> RadialFactors:
@@ -179,17 +240,18 @@ class FourierOverlap:
     @cached_property
     def spectrum_a(self) -> Complexes:
         """Spectrum of A about its center, in the order of numpy.fft."""
-        return self._weigh_a(np.ones(len(self.a.radii)))
+        placed = (self.a.centers - self._centers[0]) @ self._rotation.T
+        return self.factors_a.spectrum(placed, MIN_SPECTRUM_TOLERANCE)
 
     @cached_property
     def spectrum_b(self) -> Complexes:
         """Spectrum of B about its center, in the order of numpy.fft."""
-        return self.factors_b.spectrum(self.b.centers - self._centers[1], MIN_SPECTRUM_TOLERANCE)
+        return self._transform_b(np.ones(len(self.b.radii)))
 
-    def _weigh_a(self, weights: Floats) -> Complexes:
-        """Compute the spectrum of A about its center, with a weight for each ball (n,)."""
-        placed = (self.a.centers - self._centers[0]) @ self._rotation.T
-        return self.factors_a.spectrum(placed, MIN_SPECTRUM_TOLERANCE, weights)
+    def _transform_b(self, weights: Floats) -> Complexes:
+        """Compute the spectrum of B about its center, with a weight for each ball (n,)."""
+        relative = self.b.centers - self._centers[1]
+        return self.factors_b.spectrum(relative, MIN_SPECTRUM_TOLERANCE, weights)
 
     @property
     def products(self) -> Complexes:
@@ -214,41 +276,11 @@ class FourierOverlap:
         sums = self._sum(t, [self.products, *self._slopes])
         return sums[..., 0], sums[..., 1:]
 
-    def rotation_gradient(self, t: ArrayLike) -> Floats:
-        """Compute the derivative of :meth:`value` with respect to rotations of A.
-
-        A rotates about the origin of its frame. In the plane, the derivative with respect to the
-        angle, shape (...); in space, the vector whose product with a unit axis is the derivative
-        with respect to the angle about it, shape (..., 3). Square or cubic metres per radian:
-        :meth:`gradient` corresponds to a force, this to a torque.
-        """
-        sums = self._sum(t, self._twists)
-        return sums if self.dim == 3 else sums[..., 0]
-
     @cached_property
     def _slopes(self) -> list[Complexes]:
         """Terms of the derivative along each axis: each wave times 2 pi i times its frequency."""
         products = 2j * math.pi * self.products
         return [products * wave for wave in self.lattice.waves]
-
-    @cached_property
-    def _twists(self) -> list[Complexes]:
-        """Terms of the derivative by rotations about the origin of A.
-
-        A rotation by the vector e moves a ball around p by ``e x p``, so F_A changes by ``-2 pi i
-        w.(e x p)`` times the ball's part. The sums of ``p`` times these parts are spectra of
-        weighted balls.
-        """
-        turned = self.a.centers @ self._rotation.T
-        moments = [self._weigh_a(column) for column in turned.T]
-        waves = self.lattice.waves
-        planes = [(0, 1)] if self.dim == 2 else [(1, 2), (2, 0), (0, 1)]  # of the rotations
-        scale = self.spectrum_b / float(np.prod(self.lattice.periods))
-        twists = []
-        for i, j in planes:
-            change = -2j * math.pi * (moments[i] * waves[j] - moments[j] * waves[i])
-            twists.append(scale * change.conj())
-        return twists
 
     def relative(self, placements: Floats) -> Floats:
         """Return placements (..., d) of A's center relative to B's center, shape (n, d)."""

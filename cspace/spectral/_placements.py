@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import math
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from cspace._rotations import Rotations
 from cspace._shapes import Balls
@@ -162,22 +162,28 @@ def best_placements(
     )
     weights = np.full(len(targets.radii), -cost)
     weights[: len(target.radii)] = 1.0
+    # The search places the centroid of the balls of A.
+    centroid = body.centers.mean(axis=0)
     part = round_radii(body, MAX_RADII, grow=False)
+    part = Balls(part.centers - centroid, part.radii)
     score = _Score(part, targets, weights, check_bump(bump), band, tolerance)
     matrices = _make_rotation_matrices(rotations, body.dim)
     gap = 0.5 * score.gyration if separation is None else check_positive(separation, "separation")
     # More placements are refined than returned, and closer ones, because some climb to one peak.
     most = 2 * number + 8
-    poses = _PlacedBalls.none(body.dim)
+    best = Placements(np.empty(0), np.empty((0, body.dim)), np.empty((0, body.dim, body.dim)))
     for matrix in matrices:
         floor = score.error
-        if len(poses.scores) == most:
-            floor = float(poses.scores[-1])
+        if len(best.scores) == most:
+            floor = float(best.scores[-1])
         peaks = score.find_peaks(matrix, floor, most)
-        poses = poses.append(peaks).select_distinct(score.root, 0.5 * gap, most)
-    poses = score.climb(poses, refine_rotations).select_distinct(score.root, gap, number)
-    translations = poses.centers - poses.rotations @ score.centroid
-    return Placements(poses.scores, translations, poses.rotations)
+        if peaks is not None:
+            columns = zip(best, peaks, strict=True)
+            both = Placements(*map(np.concatenate, columns))
+            best = _select_distinct(both, score.root, 0.5 * gap, most)
+    best = score.climb(best, refine_rotations)
+    best = _select_distinct(best, score.root, gap, number)
+    return best._replace(translations=best.translations - best.rotations @ centroid)
 
 
 class Correlation:
@@ -333,49 +339,31 @@ class BallPenetration:
         return sums[..., 0].sum(axis=-1), sums[..., 1:]
 
 
-class _PlacedBalls(NamedTuple):
-    """Poses of A: scores (n,), centroids of its balls (n, d), and matrices (n, d, d)."""
+def _select_distinct(
+    placements: Placements, root: Floats, min_displacement: float, most: int
+) -> Placements:
+    """Select at most ``most`` best placements, none within ``min_displacement`` of a better one.
 
-    scores: Floats
-    centers: Floats
-    rotations: Floats
-
-    @classmethod
-    def none(cls, dim: int) -> _PlacedBalls:
-        """Create an empty set of poses."""
-        return cls(np.empty(0), np.empty((0, dim)), np.empty((0, dim, dim)))
-
-    def select(self, chosen: NDArray[Any]) -> _PlacedBalls:
-        """Select poses by a mask or by indices."""
-        return _PlacedBalls(*(column[chosen] for column in self))
-
-    def append(self, other: _PlacedBalls) -> _PlacedBalls:
-        """Return these poses followed by others."""
-        columns = zip(self, other, strict=True)
-        return _PlacedBalls(*map(np.concatenate, columns))
-
-    def select_distinct(self, root: Floats, min_displacement: float, most: int) -> _PlacedBalls:
-        """Select at most ``most`` best poses, none within ``min_displacement`` of a better one.
-
-        The displacement is the root mean square over the balls of A. ``root`` is the square root
-        C^(1/2) of the covariance of their centers: the displacement of poses (c, R) is the distance
-        of the vectors (c, R C^(1/2)).
-        """
-        turned_roots = (self.rotations @ root).reshape(len(self.scores), root.size)
-        vectors = np.column_stack([self.centers, turned_roots])
-        best_first = np.argsort(-self.scores, kind="stable")
-        chosen: list[int] = []
-        for pose in best_first.tolist():
-            if len(chosen) == most:
-                break
-            squares = ((vectors[chosen] - vectors[pose]) ** 2).sum(axis=1)
-            if (squares >= min_displacement**2).all():
-                chosen.append(pose)
-        return self.select(np.array(chosen, dtype=np.int64))
+    The displacement is the root mean square over the balls of A. ``root`` is the square root
+    C^(1/2) of the covariance of their centers: the displacement of placements (t, R) of their
+    centroid is the distance of the vectors (t, R C^(1/2)).
+    """
+    turned_roots = (placements.rotations @ root).reshape(len(placements.scores), root.size)
+    vectors = np.column_stack([placements.translations, turned_roots])
+    best_first = np.argsort(-placements.scores, kind="stable")
+    chosen: list[int] = []
+    for pose in best_first.tolist():
+        if len(chosen) == most:
+            break
+        squares = ((vectors[chosen] - vectors[pose]) ** 2).sum(axis=1)
+        if (squares >= min_displacement**2).all():
+            chosen.append(pose)
+    rows = np.array(chosen, dtype=np.int64)
+    return Placements(*(column[rows] for column in placements))
 
 
 class _Score:
-    """Score of A at any pose: its overlap with weighted balls.
+    """Score of A at any pose of the centroid of its balls: its overlap with weighted balls.
 
     With the terms ``s_i g(|w|)`` of a ball i of A, and the fields ``G`` with spectrum ``F_B g``,
     the score is the sum of ``s_i G(R p_i + t)`` over balls and terms. So the ascent needs no
@@ -406,24 +394,22 @@ class _Score:
             shrink = min(1.0, (MAX_SEARCH_FREQUENCIES / math.prod(counts)) ** (1.0 / self.dim))
             counts = tuple(2 * max(1, math.floor(shrink * (count // 2))) + 1 for count in counts)
         self.correlation = Correlation(overlap, counts, weights)
-        self.centroid = body.centers.mean(axis=0)
-        # Centers relative to the centroid, their covariance and its square root.
-        self.arms = body.centers - self.centroid
-        covariance = self.arms.T @ self.arms / len(self.arms)
+        # The covariance of the centers, whose centroid is 0, and its square root.
+        covariance = body.centers.T @ body.centers / len(body.centers)
         variances, axes = np.linalg.eigh(covariance)
         self.root = axes * np.sqrt(np.maximum(variances, 0.0)) @ axes.T
         self.gyration = math.sqrt(float(variances.sum() + (body.radii**2).mean()))
 
-    def find_peaks(self, matrix: Floats, floor: float, most: int) -> _PlacedBalls:
+    def find_peaks(self, matrix: Floats, floor: float, most: int) -> Placements | None:
         """Find the highest local maxima on the lattice, above a score.
 
-        A is rotated by ``matrix``, shape (d, d); at most ``most`` are returned.
+        A is rotated by ``matrix``, shape (d, d); at most ``most`` are returned, or None.
         """
         from scipy.ndimage import maximum_filter
 
-        scores = self.correlation.overlaps(self.arms @ matrix.T)
+        scores = self.correlation.overlaps(self.body.centers @ matrix.T)
         if scores.max() <= floor:
-            return _PlacedBalls.none(self.dim)
+            return None
         is_peak = (scores > floor) & (scores == maximum_filter(scores, 3, mode="wrap"))
         peaks = np.flatnonzero(is_peak)
         flat_scores = scores.ravel()
@@ -434,11 +420,11 @@ class _Score:
         shares = steps / scores.shape  # of the period
         # Take the nearest of all periods.
         periods = self.correlation.lattice.periods
-        centers = (shares - np.round(shares)) * periods + self.correlation.center
+        translations = (shares - np.round(shares)) * periods + self.correlation.center
         rotations = np.broadcast_to(matrix, (len(peaks), *matrix.shape))
-        return _PlacedBalls(flat_scores[peaks], centers, rotations)
+        return Placements(flat_scores[peaks], translations, rotations)
 
-    def climb(self, poses: _PlacedBalls, turn: bool) -> _PlacedBalls:
+    def climb(self, poses: Placements, turn: bool) -> Placements:
         """Move poses along the gradient to near maxima, by BFGS.
 
         Steps are in metres: along the axes, and for rotations, if ``turn``, the arc at the radius
@@ -468,7 +454,7 @@ class _Score:
                 column[is_better] = moved_column[is_better]
         return poses
 
-    def _move_poses(self, poses: _PlacedBalls, steps: Floats) -> _PlacedBalls:
+    def _move_poses(self, poses: Placements, steps: Floats) -> Placements:
         """Move poses by steps, shape (n, d + rotations): translations, then turns of A."""
         from scipy.spatial.transform import Rotation
 
@@ -478,15 +464,16 @@ class _Score:
             vectors = np.pad(turns, ((0, 0), (3 - turns.shape[1], 0)))  # about z in the plane
             matrices = Rotation.from_rotvec(vectors).as_matrix()
             rotations = matrices[:, : self.dim, : self.dim] @ rotations
-        return _PlacedBalls(poses.scores, poses.centers + steps[:, : self.dim], rotations)
+        translations = poses.translations + steps[:, : self.dim]
+        return Placements(poses.scores, translations, rotations)
 
-    def _score_poses(self, poses: _PlacedBalls, turn: bool) -> tuple[_PlacedBalls, Floats]:
+    def _score_poses(self, poses: Placements, turn: bool) -> tuple[Placements, Floats]:
         """Score poses, and compute the derivatives by steps, shape (n, d), or with turns.
 
         The derivative by the center of a ball is a force on it.
         """
-        arms = np.einsum("nij,kj->nki", poses.rotations, self.arms)
-        sums = self.correlation.evaluate(poses.centers[:, None] + arms)
+        arms = np.einsum("nij,kj->nki", poses.rotations, self.body.centers)
+        sums = self.correlation.evaluate(poses.translations[:, None] + arms)
         forces = sums[..., 1:]
         slopes = forces.sum(axis=1)
         if turn:
@@ -496,10 +483,8 @@ class _Score:
             if self.dim == 2:
                 twists = twists[:, 2:]
             slopes = np.column_stack([slopes, twists / self.gyration])
-        scored = _PlacedBalls(
-            sums[..., 0].sum(axis=1), poses.centers.copy(), poses.rotations.copy()
-        )
-        return scored, slopes
+        scores = sums[..., 0].sum(axis=1)
+        return Placements(scores, poses.translations.copy(), poses.rotations.copy()), slopes
 
 
 def _update_inverse(inverse: Floats, steps: Floats, changes: Floats) -> Floats:

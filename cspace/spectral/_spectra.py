@@ -221,13 +221,19 @@ class RadialFactors:
     def spectrum(
         self, centers: Floats, tolerance: float, weights: Floats | None = None
     ) -> Complexes:
-        """Compute the spectrum of balls around centers (n, d), times weights (n,)."""
+        """Compute the spectrum of balls around centers (n, d), times weights (n,).
+
+        Balls of weight 0 cost nothing.
+        """
         # Places as shares of a period, which repeat with it.
         shares = centers / self.lattice.periods
         shares -= np.round(shares)
         strengths = np.ones(len(centers)) if weights is None else weights
         total = np.zeros(self.lattice.counts, dtype=np.complex128)
-        for members, factor in self.groups:
+        for group, factor in self.groups:
+            members = group[strengths[group] != 0.0]
+            if not len(members):
+                continue
             sum_waves = _transform
             if len(members) <= MAX_SUMMED_BALLS[len(self.lattice.counts)]:
                 sum_waves = _sum_products

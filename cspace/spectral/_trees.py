@@ -253,8 +253,7 @@ class ContactTest:
         def test_chunk(start: int, stop: int) -> int:
             """Write the verdicts of some placements; -1 means that none is invalid."""
             chunk = slice(start, stop)
-            reach_and_slack = self._reach, self._slack
-            test_placements(*self._placed, *reach_and_slack, spatial[chunk], verdicts[chunk])
+            test_placements(*self._placed, self._slack, spatial[chunk], verdicts[chunk])
             return -1
 
         in_chunks(test_chunk, len(spatial), MIN_PLACEMENTS_PER_THREAD)
@@ -285,23 +284,19 @@ def test_placements(
     outer_b: Floats,
     inner_a: Floats,
     inner_b: Floats,
-    reach: float,
     slack: float,
     relative: Floats,
     out: Bytes,
 ) -> None:
     """Write the verdicts of placements (n, 3) of center A relative to center B to ``out``.
 
-    The trees are relative to the centers. ``reach`` is the largest distance along an axis at which
-    bodies can touch, and ``slack`` bounds the rounding of the distance between two centers; metres.
+    The trees are relative to the centers. ``slack``, metres, bounds the rounding of the distance
+    between two centers.
     """
     pending = np.empty((MAX_PENDING_NODE_PAIRS, 2), dtype=np.int64)
     for n in range(len(relative)):
         x, y, z = relative[n]
         out[n] = MISS
-        # Bodies this far apart cannot touch.
-        if not (abs(x) <= reach and abs(y) <= reach and abs(z) <= reach):
-            continue
         if compare_placed(outer_a, outer_b, x, y, z, slack, pending) == MISS:
             continue
         out[n] = UNDECIDED

@@ -317,6 +317,25 @@ def test_certified_motions_turn_continuous_joints_the_shorter_way(
                 space.certify_path([q0, (q1[0] + whole, elbow)])
 
 
+@given(seed=seeds, center=st.tuples(st.floats(0.3, 2.1), st.floats(-2.0, 2.0)))
+@settings(max_examples=30)
+def test_each_motion_is_free_with_its_own_deviation(planar_arm, seed, center):
+    cube = {"cube": posed_box((0.2,) * 3, *center)}
+    space = build_arm_space(cube, planar_arm, allowed_collisions=[("foot", "cube")])
+    rng = np.random.default_rng(seed)
+    starts = rng.uniform(-2.5, 2.5, (12, 2))
+    ends = starts + rng.uniform(-0.3, 0.3, (12, 2))
+    deviations = rng.choice([0.0, 0.01, 0.1, 0.4], (12, 2))
+    free = space.motions_are_free_around(starts, ends, deviations)
+    for first, last, reach, is_free in zip(starts, ends, deviations, free, strict=True):
+        assert space.motions_are_free_around([first], [last], reach)[0] == is_free
+        near = np.linspace(first, last, 60) + reach * rng.choice([-1.0, 0.0, 1.0], (60, 2))
+        if is_free:
+            assert not planar_arm_meets(near, [(*center, 0.2)]).any()
+        elif not reach.any():  # it collides, or nearly so
+            assert planar_arm_meets(near, [(*center, 0.26)]).any()
+
+
 def test_long_turns_of_continuous_joints_are_refused(planar_arm, turning_arm):
     space = build_arm_space({}, turning_arm)
     rows = [(0.0, 0.0), (np.pi, 1.0), (4.0, 0.0), (-2.0, 0.0)]

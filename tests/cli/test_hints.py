@@ -33,7 +33,7 @@ TURNS = "--max-angular-velocity 1 --max-angular-acceleration 1"
         (f"{PLAN} --start 5", "write e.g. --start=0.5,0.5", f"{PLAN} --start=0.5,0.5"),
         (
             f"{PLAN_TURNING} --goal 2.15,0.95,-90",
-            "write -90deg for degrees",
+            "write -90deg for degrees, or -90rad for radians",
             f"{PLAN_TURNING} --goal 2.15,0.95,-90deg",
         ),
         (f"{PLAN} -o a.csv -o ./a.csv", "choose another name", f"{PLAN} -o a.csv -o b.csv"),
@@ -73,6 +73,12 @@ TURNS = "--max-angular-velocity 1 --max-angular-acceleration 1"
         ("export turning.zarr a.tif", "pass the one", "export turning.zarr a.tif --rotation 0"),
         ("export plane.zarr a.stl", "e.g. .vti", "export plane.zarr a.vti"),
         ("info plane.zarr --spacing 1", "omit it", "info plane.zarr"),
+        ("config", "pass --cmake-dir for CMake", "config --cmake-dir"),
+        (
+            "plot plane.zarr -o p.png --path wall.wkt",
+            "write a path on this map with cspace plan",
+            f"{PLAN} -o path.csv",
+        ),
     ],
 )
 def test_following_a_hint_as_typed_avoids_the_error(command, hint, followed, room):

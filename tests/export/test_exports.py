@@ -250,3 +250,12 @@ def test_netcdf_without_xarray_names_the_extra_and_writes_nothing(tmp_path, monk
     with pytest.raises(MissingPackageError, match=r'pip install "cspace\[xarray\]"'):
         MAP_BUILDERS["grid"]().export(tmp_path / "map.nc")
     assert not list(tmp_path.iterdir())
+
+
+def test_coordinates_too_long_for_stl_are_written_as_advised(tmp_path):
+    room = cspace.Workspace.from_array(np.zeros((4, 4, 4), dtype=bool), 1e-46)
+    space = cspace.build(room, cspace.Robot.ball(2e-47))
+    with pytest.raises(InputError, match=r"write \.ply or \.obj instead"):
+        space.export(tmp_path / "a.stl")
+    for name in ("a.ply", "a.obj"):
+        space.export(tmp_path / name)

@@ -302,7 +302,7 @@ def test_a_file_that_is_edited_as_the_hint_says_is_read(name, wrong, right, hint
         "a.obj",
         f"# units: mm\n{TETRAHEDRON}",
         TETRAHEDRON,
-        "load it with trimesh and call apply_scale(0.001)",
+        "a mesh of trimesh by apply_scale(0.001)",
     ),
 )
 def test_a_file_that_is_edited_as_the_warning_says_is_read_silently(
@@ -677,7 +677,7 @@ def scaled(mesh, factor):
     (
         lambda f: from_mesh(with_units(CUBE, "mm")),
         lambda f: from_mesh(scaled(CUBE, 0.001), bounds=(-1, -1, -1, 1, 1, 1)),
-        "call apply_scale(0.001)",
+        "by apply_scale(0.001)",
     ),
     (
         lambda f: Workspace.from_moveit_scene(

@@ -2,6 +2,7 @@
 
 import struct
 import tracemalloc
+import warnings
 import zlib
 from contextlib import suppress
 
@@ -245,7 +246,7 @@ def test_netpbm_of_any_maximum_ends_with_its_last_pixel(tmp_path, header, white)
     assert occupied_cells(path) == WALL_CELLS
     for content in (header[:-1] + b"\r\n" + rows, header + rows + b"\0"):
         path.write_bytes(content)
-        with pytest.raises(FileError, match="1 bytes more than its pixels"):
+        with pytest.raises(FileError, match="1 bytes or numbers more"):
             Workspace.from_image(path, 0.1)
 
 
@@ -324,3 +325,54 @@ def test_reading_takes_few_bytes_for_each_pixel(tmp_path):
         tracemalloc.stop()
     assert workspace.outer.sum() == 80_000
     assert peak < 5.6 * pixels.size / 3
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"P1\n3 1\n# 1\n0 1 0 1",
+        b"P2\n3 1\n100\n0 49 100 0",
+        b"P3\n1 1\n255\n9 9 9\n# next\nP3 1 1 255 0 0 0",
+        b"P5\n3 1\n100\n\x00\x31\xff",
+        b"P5\n2 1\n1000\n" + struct.pack(">HH", 0, 1001),
+    ],
+    ids=["bits", "levels", "colours", "above-white", "above-white-of-16-bits"],
+)
+def test_numbers_that_a_header_does_not_allow_are_refused(tmp_path, content):
+    path = tmp_path / "wall.pgm"
+    path.write_bytes(content)
+    with pytest.raises(FileError, match=r"more than its pixels|its header says that white is"):
+        Workspace.from_image(path, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("content", "occupied"),
+    [
+        (b"P1\n3 1\n0 1\n# 1 1 1\n0 ", [0, 1, 0]),
+        (b"P1\n3 1\n010", [0, 1, 0]),
+        (b"P2 # 9 9\n3 1\n100\n0 49 # 7\n100\n", [1, 1, 0]),
+        (b"P5\n3 1\n100\n\x00\x31\x64", [1, 1, 0]),
+        (b"P5\n3 1\n1000\n" + struct.pack(">HHH", 0, 499, 1000), [1, 1, 0]),
+    ],
+    ids=["bits", "packed-bits", "levels", "binary", "binary-of-16-bits"],
+)
+def test_the_maximum_and_comments_of_a_pgm_are_read(tmp_path, content, occupied):
+    path = tmp_path / "wall.pgm"
+    path.write_bytes(content)
+    assert Workspace.from_image(path, 0.1).outer[:, 0].tolist() == occupied
+
+
+def test_the_image_of_a_ros_map_warns_and_both_hints_are_followed(tmp_path):
+    path = tmp_path / "map.pgm"
+    Image.fromarray(np.array([[0, 205, 254]], np.uint8)).save(path)
+    with pytest.warns(UserWarning, match="read its YAML .*, or pass threshold=0.81"):
+        assert Workspace.from_image(path, 0.1).outer.sum() == 1
+    header = "resolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\n"
+    yaml = tmp_path / "map.yaml"
+    yaml.write_text(f"image: map.pgm\n{header}free_thresh: 0.196\n")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert Workspace.from_image(path, 0.1, threshold=0.81).outer.sum() == 2
+        assert Workspace.from_ros_map(yaml).outer.sum() == 2
+        Image.fromarray(np.array([[0, 205, 255]], np.uint8)).save(path)
+        assert Workspace.from_image(path, 0.1).outer.sum() == 1

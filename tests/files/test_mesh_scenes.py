@@ -97,6 +97,8 @@ def test_nodes_of_gltf_place_meshes(tmp_path):
     (lambda h, add: h["meshes"][0].update(extensions={"VENDOR_bend": {}}), "VENDOR_bend"),
     (lambda h, add: h["accessors"][0].update(extensions={"VENDOR_scale": {}}), "VENDOR_scale"),
     (lambda h, add: h.update(extensionsRequired=["KHR_mesh_quantization"]), "KHR_mesh_quant"),
+    (lambda h, add: h.update(extensions={"VENDOR_units": {}}), "VENDOR_units"),
+    (lambda h, add: h["scenes"][0].update(extensions={"VENDOR_units": {}}), "VENDOR_units"),
     (
         lambda h, add: h["nodes"][0].update(
             matrix=[1, 0, 0, 0.5, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
@@ -215,7 +217,8 @@ def measure(mesh):
 def test_a_file_whose_y_or_x_is_up_is_warned_of_and_turned_on_demand(tmp_path, form, axis):
     path = write_plate(tmp_path, form)
     with pytest.warns(
-        UserWarning, match=f"{axis} points up in the file.*; pass up='{axis}'"
+        UserWarning,
+        match=f"{axis} points up in the file, and its axes stay as they are, as in ROS; pass up=",
     ) as heard:
         kept = Mesh.of(path)
     assert len(heard) == 1 and heard[0].filename == __file__
@@ -263,7 +266,7 @@ def test_a_z_up_file_is_read_without_a_warning(tmp_path):
 NOTES = {
     "obj": [("# File units = millimeters\n", True), ("# units: mm\n", True), ("o inches\n", False)],
     "ply": [("comment exported in inches\n", True), ("comment unit: metre\n", False)],
-    "stl": [("units=mm", True), ("made in min", False)],
+    "stl": [("units=mm", True), ("part (mm)", True), ("made in min", False)],
 }
 
 

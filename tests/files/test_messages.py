@@ -255,3 +255,11 @@ def build_ball_map():
 def test_messages_refuse_unsuitable_maps_and_arguments(spaces, call, message):
     with pytest.raises(InputError, match=message):
         call(spaces["car"])
+
+
+def test_flags_instead_of_per_cent_warn_and_the_hint_is_followed():
+    message = make_message([[0, 1, 0]])
+    with pytest.warns(UserWarning, match=r"e\.g\. 100 \* data"):
+        assert not Workspace.from_occupancy_grid(message).outer.any()
+    message.data = [100 * value for value in message.data]
+    assert Workspace.from_occupancy_grid(message).outer[:, 0].tolist() == [False, True, False]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import cspace
-from cspace import CspaceError, FileError, InputError, Mesh, Robot, Workspace
+from cspace import CspaceError, FileError, InputError, Mesh, Robot, Workspace, build
 
 POINTER = "version https://git-lfs.github.com/spec/v1\noid sha256:" + 64 * "0" + "\nsize 12345\n"
 
@@ -79,3 +79,23 @@ def test_folders_pipes_and_other_objects_are_refused(tmp_path):
     for name in (None, 7, "nul\0byte"):
         with pytest.raises(InputError, match="must be a file name"):
             Workspace.open(name, spacing=0.1)
+
+
+def test_a_pointer_of_git_lfs_is_replaced_by_its_file_as_advised(tmp_path):
+    file = tmp_path / "a.map"
+    file.write_text("version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 40\n")
+    with pytest.raises(FileError, match="run git lfs pull in its repository"):
+        Workspace.open(file)
+    file.write_text("type octile\nheight 1\nwidth 2\nmap\n..\n")  # as git lfs pull does
+    assert not Workspace.open(file).outer.any()
+
+
+def test_another_folder_is_written_to_as_advised(tmp_path, monkeypatch):
+    for name in ("locked", "other"):
+        (tmp_path / name).mkdir()
+    # The superuser may write everywhere.
+    monkeypatch.setattr(os, "access", lambda path, mode: "locked" not in str(path))
+    space = build(Workspace.from_array(np.zeros((4, 4), dtype=bool), 0.1), Robot.disc(0.05))
+    with pytest.raises(FileError, match="change its permissions or use another"):
+        space.save(tmp_path / "locked" / "a.zarr")
+    space.save(tmp_path / "other" / "a.zarr")

@@ -2,6 +2,7 @@
 
 import io
 import struct
+import warnings
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from hypothesis import strategies as st
 
 from cspace import Workspace
 from cspace._files.point_clouds import read_points
-from cspace.errors import FileError, GeometryError, InputError
+from cspace.errors import FileError, GeometryError, InputError, UnitWarning
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import seeds
 
@@ -260,3 +261,20 @@ def test_npy_of_another_format_or_size_is_refused(tmp_path, content):
     check_refused(path, "write it with numpy.save")
     with pytest.raises(FileError, match="cannot be read"):
         Workspace.open(path, spacing=0.1)
+
+
+@pytest.mark.parametrize("form", ["x.pcd", "x.csv", "x.xyz", "x.ply"])
+def test_a_comment_that_names_another_unit_is_warned_of(tmp_path, form):
+    content = {
+        "x.pcd": b"# units: mm\n" + make_pcd(CLOUD, "ascii"),
+        "x.csv": b"# in millimetres\nx,y,z\n1000,2000,3000\n",
+        "x.xyz": b"// [mm]\n#mm\n1000 2000 3000\n",
+        "x.ply": make_ply(CLOUD, "ascii").replace(b"element", b"comment (mm)\nelement", 1),
+    }[form]
+    path = write(tmp_path, form, content)
+    with pytest.warns(UnitWarning, match=r"points by 0\.001 \* points"):
+        points = read_points(path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", UnitWarning)
+        workspace = Workspace.from_points(0.001 * points, 1e-4)
+    assert np.allclose(workspace.shapes[0].centers, 0.001 * points)

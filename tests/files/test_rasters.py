@@ -133,3 +133,50 @@ def test_dimensions_of_zarr_arrays_are_read(tmp_path, names):
             tmp_path / "b.zarr", data=cells, dimension_names=good, overwrite=True, **options
         )
         assert Workspace.from_array(tmp_path / "b.zarr", 0.1).grid.shape == (3, 5)
+
+
+@refusals(
+    "change, message",
+    (lambda raster: raster.expand_dims(z=[0.05]).assign_coords(z=("z", [0.05], DOWN)), "downwards"),
+    (lambda raster: raster.assign_coords(x=("x", X, {"unit": "km"})), "is in 'km'"),
+    (lambda raster: raster.assign_coords(x=("x", X, {"scale_factor": 0.01})), "occupied.x has"),
+    (lambda raster: raster.astype("u1").assign_attrs(_FillValue=1), "occupied has scale_factor"),
+    (lambda raster: raster.astype("u1").assign_attrs(add_offset=-1), "occupied has scale_factor"),
+    (lambda raster: raster.to_dataset(name="walls"), "is a Dataset; its labels are not read"),
+    (
+        lambda raster: raster.to_pandas(),
+        "DataFrame.*; pass one array, indexed by ascending x and y",
+    ),
+    (lambda raster: raster.assign_coords(map=MERIDIANS), "system latitude_longitude"),
+)
+def test_attributes_that_change_the_numbers_are_refused(change, message):
+    with pytest.raises((InputError, GeometryError), match=message):
+        Workspace.from_array(change(make_raster()), 0.1)
+
+
+DOWN = {"positive": "down"}
+MERIDIANS = xarray.DataArray(0, attrs={"grid_mapping_name": "latitude_longitude"})
+
+
+def test_hints_about_depths_and_coded_numbers_are_followed():
+    deep = make_raster().expand_dims(z=[0.05, 0.15]).astype("u1")
+    deep = deep.assign_coords(z=("z", [0.05, 0.15], DOWN))
+    with pytest.raises(InputError) as caught:
+        Workspace.from_array(deep, 0.1)
+    turned = eval(caught.value.hint.removeprefix("turn it, e.g. "), {"array": deep})
+    assert Workspace.from_array(turned, 0.1).grid.lower == pytest.approx((-3.0, -2.0, -0.2))
+    coded = make_raster().astype("u1").assign_attrs(scale_factor=2.0, _FillValue=255)
+    with pytest.raises(InputError, match=r"decode its dataset with xarray\.decode_cf"):
+        Workspace.from_array(coded, 0.1)
+    decoded = xarray.decode_cf(coded.to_dataset(name="walls")).walls
+    cells = Workspace.from_array(decoded > 0.5, 0.1).outer
+    assert (cells == Workspace.from_array(make_raster(), 0.1).outer).all()
+
+
+def test_inner_cells_must_lie_at_the_coordinates_of_the_outer_ones():
+    for occupied in (make_raster(), np.zeros((6, 4), dtype=bool)):
+        with pytest.raises(InputError, match="both must cover the same cells"):
+            Workspace.from_array(occupied, 0.1, inner=make_raster(x=X + 0.1))
+    cells = make_raster().transpose("x", "y").values[:, ::-1]
+    workspace = Workspace.from_array(cells, 0.1, (-3.0, -2.0), inner=make_raster())
+    assert (workspace.inner == cells).all()

@@ -281,3 +281,11 @@ def test_an_image_that_viewers_turn_is_refused_in_a_map(tmp_path, suffix):
         Workspace.from_ros_map(path)
     Image.fromarray(PIXELS).save(tmp_path / f"map{suffix}")
     assert Workspace.from_ros_map(path).grid.shape == (3, 2)
+
+
+def test_transparent_pixels_are_unknown_in_every_mode(tmp_path):
+    pixels = np.array([[(10, 10, 10, 255), (10, 10, 10, 0)]], np.uint8)
+    path = write_map(tmp_path, pixels, mode="raw")
+    workspace = Workspace.from_ros_map(path)
+    assert workspace.outer[:, 0].tolist() == [False, True]
+    assert workspace.unknown[:, 0].tolist() == [False, True]

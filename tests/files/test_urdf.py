@@ -341,3 +341,25 @@ def test_unknown_links_and_other_files_are_refused(tmp_path):
     xacro = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'  # as xacro leaves it
     path.write_text(f'<robot name="r" {xacro}>{ball}<plugin/></robot>')
     assert Robot.from_urdf(path).shape.outer.bounds[1][0] == pytest.approx(1.0, rel=0.05)
+
+
+def test_an_origin_with_other_attributes_is_refused_and_the_hint_followed(tmp_path):
+    turned = BASE.replace('rpy="0.3 -0.2 0.5"', 'quat_xyzw="0 0 1 0"')
+    with pytest.raises(FileError, match="only xyz and rpy are read; write the rotation as rpy"):
+        Robot.from_urdf(write_urdf(tmp_path, turned), "base")
+    roll, pitch, yaw = Rotation.from_quat((0, 0, 1, 0)).as_euler("xyz")
+    written = turned.replace('quat_xyzw="0 0 1 0"', f'rpy="{roll} {pitch} {yaw}"')
+    assert Robot.from_urdf(write_urdf(tmp_path, written), "base").dim == 3
+
+
+def test_limits_of_a_continuous_joint_warn_and_the_hint_is_followed(tmp_path):
+    limit = '<axis xyz="0 1 0"/><limit lower="-1" upper="2" effort="1" velocity="1"/>'
+    body = BASE.replace('<axis xyz="0 1 0"/>', limit)
+    with pytest.warns(UserWarning, match="make the joint revolute if it has them"):
+        arm = Arm.from_urdf(write_urdf(tmp_path, body))
+    assert (arm.lower[0], arm.upper[0]) == (-np.inf, np.inf)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        arm = Arm.from_urdf(write_urdf(tmp_path, body.replace("continuous", "revolute")))
+        Arm.from_urdf(write_urdf(tmp_path))
+    assert (arm.lower[0], arm.upper[0]) == (-1.0, 2.0)

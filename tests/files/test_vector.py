@@ -185,6 +185,7 @@ DEGREES = [
     "EPSG:4258",
     "http://www.opengis.net/def/crs/EPSG/0/4326",
     'GEOGCS["WGS 84",DATUM["WGS_1984"]]',
+    "+proj=longlat +datum=WGS84 +no_defs",
     "EPSG:3857",
 ]
 
@@ -339,3 +340,11 @@ def test_unusable_files_are_refused(tmp_path, name, text, error, message):
 def test_unusable_options_are_refused(options, message):
     with pytest.raises(InputError, match=message):
         Workspace.from_polygons(L_SHAPE, **({"spacing": 0.5} | options))
+
+
+@pytest.mark.parametrize("read", [Robot.polygon, lambda shape: Workspace.from_shapes([shape], 0.1)])
+def test_a_shape_of_shapely_in_degrees_is_refused_everywhere(read):
+    town_in_degrees = shapely.set_srid(shapely.MultiPolygon([shapely.box(0, 0, 1, 1)]), 4326)
+    with pytest.raises(GeometryError, match="reference system EPSG:4326"):
+        read(town_in_degrees)
+    assert read(shapely.set_srid(town_in_degrees, 32632))

@@ -231,16 +231,39 @@ def measure_mesh_distance(n: int, folder: Path) -> Job:
 
 def make_long_plan(n: int) -> planners.Plan:
     """Make a plan of about n waypoints around teeth."""
-    occupied = np.zeros((4 * n, 24), dtype=np.bool_)
-    occupied[3::8, :18] = True
-    occupied[7::8, 6:] = True
+    occupied = np.zeros((4 * n, 12), dtype=np.bool_)
+    occupied[3::8, :8] = True
+    occupied[7::8, 4:] = True
     space = cspace.build(Workspace.from_array(occupied, 0.1), Robot.disc(0.05))
-    goal = space.nearest_free((0.4 * n - 0.15, 1.25))
+    goal = space.nearest_free((0.4 * n - 0.15, 0.65))
     return planners.plan(space, (0.15, 0.15), goal, time_limit=1e6)
 
 
 def recheck_plan(n: int, folder: Path) -> Job:
     return make_long_plan(n).recheck
+
+
+def time_plan(n: int, folder: Path) -> Job:
+    plan = make_long_plan(n)
+    return lambda: plan.trajectory(max_velocity=1.0, max_acceleration=1.0, blend=False)
+
+
+def print_plan_among_voxels(n: int, folder: Path) -> Job:
+    """A hall of about n voxels."""
+    occupied = np.random.default_rng(0).random((2 * n, 6, 6)) < 1 / 72
+    space = cspace.build(Workspace.from_array(occupied, 0.1), Robot.ball(0.01))
+    ends = (0.0, 0.3, 0.3), (0.2 * n, 0.3, 0.3)
+    plan = planners.plan(space, *map(space.nearest_free, ends), time_limit=1e6)
+    return lambda: str(plan)
+
+
+def explain_among_voxels(n: int, folder: Path) -> Job:
+    """A hall of n voxels in rows."""
+    occupied = np.zeros((n + 3, 9, 9), dtype=np.bool_)
+    occupied[3::4, 2::4, 2::4] = True
+    space = cspace.build(Workspace.from_array(occupied, 0.1), Robot.ball(0.01))
+    ends = (0.0, 0.5, 0.5), (0.1 * n, 0.5, 0.5)
+    return lambda: space.explain(*map(space.nearest_free, ends))
 
 
 def explain_obstacles(n: int, folder: Path) -> Job:
@@ -394,6 +417,19 @@ def set_up_meshes(n: int, folder: Path) -> Job:
     return lambda: cspace.build_arm_space(post, cspace.Arm.from_urdf(urdf)).closest([0.0])
 
 
+def place_boxes(n: int, folder: Path) -> Job:
+    """An arm among n boxes."""
+    path = folder / f"{n}.urdf"
+    write_chain(path, 2)
+    arm = cspace.Arm.from_urdf(path)
+    boxes = {}
+    for k in range(n):
+        pose = trimesh.transformations.euler_matrix(0.1, 0.2, 0.3)
+        pose[:3, 3] = 1 + k % 8, k // 8 % 8, k // 64
+        boxes[f"box {k}"] = PosedShape(Robot.box((0.5, 0.4, 0.3)).shape, pose)
+    return lambda: cspace.build_arm_space(boxes, arm).closest([0.0])
+
+
 KINDS: dict[str, tuple[int, Callable[[int, Path], Job]]] = {
     "build a map of n cells": (32**2, build_disc),
     "build a map of n cells and yaws": (24**2, build_yaws),
@@ -408,7 +444,10 @@ KINDS: dict[str, tuple[int, Callable[[int, Path], Job]]] = {
     "plan among n cells": (40**2, plan_through_floor),
     "measure the distance to n triangles": (100, measure_mesh_distance),
     "check a plan of n waypoints": (8, recheck_plan),
-    "explain among n obstacles": (4, explain_obstacles),
+    "time a plan of n waypoints": (16, time_plan),
+    "print a plan among n voxels": (4, print_plan_among_voxels),
+    "explain among n voxels": (8, explain_among_voxels),
+    "explain among n obstacles": (8, explain_obstacles),
     "export n cells": (16**2, export_map),
     "read an image of n pixels": (300**2, read_image),
     "read n polygons": (16, read_polygons),
@@ -422,6 +461,7 @@ KINDS: dict[str, tuple[int, Callable[[int, Path], Job]]] = {
     "read a chain of n links": (64, read_fixed_chain),
     "read n allowed pairs": (64, read_allowed_pairs),
     "set up an arm of n triangles": (800, set_up_meshes),
+    "set up an arm among n boxes": (8, place_boxes),
 }
 """Smallest n, and the job of each n, by kind."""
 

@@ -77,7 +77,8 @@ def test_files_and_classes_have_names_of_their_own():
 
 
 def test_upward_methods_hold_one_import_and_one_statement():
-    core = [path for name, path in SOURCES.items() if not name.startswith(tuple(WINGS.split()))]
+    outside = ("planners", *WINGS.split())
+    core = [path for name, path in SOURCES.items() if not name.startswith(outside)]
     methods = [
         node
         for path in core

@@ -207,6 +207,13 @@ def test_an_end_in_collision_is_said_to_be_and_the_nearest_is_accepted(rotations
 CAR = {"drive": "dubins", "turning_radius": 0.4}
 
 
+def penalize(name, weight):
+    """Make the objective of a map that penalizes small clearances."""
+    space = build_room(name)
+    si = planners.simple_setup(space).getSpaceInformation()
+    return planners.ClearanceObjective(si, space, clearance_threshold=0.5, weight=weight)
+
+
 def make_objective(si):
     """Make an objective of OMPL."""
     return ob.PathLengthOptimizationObjective(si)
@@ -389,6 +396,11 @@ def plan_in(name, **options):
         lambda: build_room("plane").plot(path=copy.copy(plan_in("plane"))),
         "draw it with space.plot(path=plan)",
     ),
+    (
+        lambda: penalize("plane", -1.0),
+        lambda: penalize("plane", 10.0),
+        "pass 10.0",
+    ),
 )
 def test_advised_calls_are_accepted(make, advised, hint):
     with pytest.raises(CspaceError) as caught:
@@ -569,3 +581,14 @@ def blocked(space, rows):
 )
 def test_spaces_and_rows_as_the_hint_says_are_accepted(call, advised, hint, tmp_path):
     check_followed(lambda: call(tmp_path), lambda: advised(tmp_path), hint)
+
+
+def test_a_plan_on_tiles_is_explained_in_a_window_as_advised(tmp_path):
+    plane = build_room("plane")
+    tiled = build(plane.workspace, plane.robot, store=tmp_path / "a.zarr", tile=16)
+    start, goal = ENDPOINTS["plane"]
+    plan = planners.plan(tiled, start, goal, planner="Grid")
+    with pytest.raises(InputError, match=r"ask space\.window\(lower, upper\) of a tiled map"):
+        plan.explain()
+    window = tiled.window(plane.grid.lower, plane.grid.upper)
+    planners.plan(window, start, goal, planner="Grid").explain()

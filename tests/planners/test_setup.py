@@ -1,5 +1,8 @@
 """Setups of OMPL: states, checkers, planner names, choices, refused options and memory."""
 
+import itertools
+import re
+
 import numpy as np
 import pytest
 from ompl import base as ob
@@ -7,11 +10,20 @@ from ompl import geometric as og
 
 import planners
 from cspace import InputError
-from planners._catalogue import make_planner, planner_named
+from planners._catalogue import (
+    FUNCTION,
+    NUMBER,
+    OWN_SEARCH,
+    REFUSALS,
+    check_options,
+    make_planner,
+    planner_named,
+)
 from planners._local_planner import DRIVES
 from planners._ompl_states import find_state_kind
 from tests.helpers.missing import output_without
 from tests.helpers.planning import (
+    ENDPOINTS,
     SPACES,
     bounds_of,
     build_room,
@@ -112,15 +124,37 @@ def test_choices_lists_planners_and_drives_of_a_map(name):
 
 
 @refusals(
-    "drive, name, message",
-    ("holonomic", "RRTConect", "did you mean RRTConnect.*KPIECE1"),
+    "options, message",
+    ({"planner": "RRTConect"}, "did you mean RRTConnect.*KPIECE1"),
     # OMPL's AORRTC reads beyond a list if paths are long, which is unpredictable.
-    ("holonomic", "aorrtc", "planner is 'AORRTC'; AORRTC of OMPL .*ends the"),
-    ("dubins", "PRM", "planner is 'PRM' and drive is 'dubins'.*RRT"),
+    ({"planner": "aorrtc"}, "planner is 'AORRTC'; AORRTC of OMPL .*ends the"),
+    (
+        {"planner": "PRM", "drive": "dubins", "turning_radius": 1.0},
+        "planner is 'PRM' and drive is 'dubins'.*RRT",
+    ),
 )
-def test_planners_unfit_for_a_drive_are_refused(drive, name, message):
+def test_planners_unfit_for_a_drive_are_refused(options, message):
     with pytest.raises(InputError, match=message):
-        planner_named(name, drive)
+        planners.plan(build_room("turning"), *ENDPOINTS["turning"], **options)
+
+
+@pytest.mark.parametrize("refusal", REFUSALS, ids=lambda refusal: refusal.reason)
+def test_each_row_of_the_table_refuses_its_options(refusal):
+    allowed = {"planner": "RRTstar", "objective": "length", "drive": "holonomic", "exact": False}
+    allowed |= {"iterations": None}
+    check_options(allowed, True)
+    functions = {FUNCTION: len, NUMBER: 5, OWN_SEARCH: "Walk"}
+    for values in itertools.product(*refusal.options.values()):
+        options = {
+            option: functions.get(value, value)
+            for option, value in zip(refusal.options, values, strict=True)
+        }
+        if options["planner"] == "Lattice":
+            options.setdefault("drive", "differential")
+        n_goals = 2 if options.pop("goal", None) else 1
+        with pytest.raises(InputError, match=re.escape(refusal.reason)) as caught:
+            check_options(allowed | options, True, n_goals)
+        assert caught.value.argument == next(iter(refusal.options))
 
 
 def test_only_planners_requires_ompl():

@@ -8,6 +8,7 @@ import pytest
 
 import planners
 from cspace import Robot, Workspace, build
+from cspace.errors import InputError
 from cspace.plot import animate, save_plot
 from tests.helpers.refusals import check_followed, refusals
 
@@ -79,11 +80,22 @@ def test_a_picture_as_the_hint_says_is_drawn(call, advised, hint, tmp_path):
     plt.close("all")
 
 
+def test_another_view_of_a_map_that_turns_is_drawn_as_advised():
+    turning = build(FLAT.workspace, Robot.disc(0.05), rotations=2)
+    with pytest.raises(InputError, match=r"or omit it; loop over plot\(rotation=\) for several"):
+        turning.plot(view="slices")
+    turning.plot()
+    for yaw in (0.1, 2.0):
+        turning.plot(rotation=yaw)
+    plt.close("all")
+
+
 def test_a_page_at_the_port_or_the_host_that_the_hint_names_is_shown():
     pytest.importorskip("viser")
     with socket.create_server(("127.0.0.1", 0)) as taken:
         number = taken.getsockname()[1]
         for options, advised, hint in (
+            ({"port": 10**6}, {"port": 0}, "pass 0 for any free port, or omit it"),
             ({"port": number}, {"port": 0}, "pass another port from 1024 on, or 0 for any"),
             (
                 {"host": "203.0.113.1", "port": 0},
@@ -96,3 +108,11 @@ def test_a_page_at_the_port_or_the_host_that_the_hint_names_is_shown():
                 lambda advised=advised: FLAT.view(block=False, **advised).close(),
                 hint,
             )
+
+
+def test_a_page_of_a_map_is_moved_as_advised():
+    pytest.importorskip("viser")
+    viewer = FLAT.view(block=False, port=0)
+    with viewer, pytest.raises(InputError, match=r"use move\(q\)"):
+        viewer.page.drag(np.eye(4))
+    viewer.page.move(np.array(START))

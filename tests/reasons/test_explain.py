@@ -451,3 +451,34 @@ def test_the_picture_names_what_is_red_and_shows_its_title(spatial):
     )
     box = title.get_window_extent()
     assert box.x0 >= 0.0 and box.x1 <= figure.bbox.x1 and box.y1 <= figure.bbox.y1
+
+
+@pytest.mark.parametrize("corner", [(0.0, 0.0), (0.5, 0.4), (-1.4, 0.3)])
+def test_a_reference_point_outside_the_robot_is_named_and_moving_it_decides(corner):
+    """A wall from border to border, in a map around which an eccentric robot may reach."""
+    wall = shapely.box(1.8, -1.0, 2.2, SIDE + 1.0)
+    workspace = cspace.Workspace.from_polygons([wall], 0.1, (0.0, 0.0, SIDE, SIDE))
+    size = np.array([0.8, 0.6])
+    middle = np.array(corner) + size / 2.0
+    ends = np.array([(0.8, 2.0), (3.2, 2.0)])  # of the robot's middle
+    robot = cspace.Robot.rectangle(*size, center=middle)
+    start, goal = ends - middle
+    # Widen the map, so that both ends are in it.
+    wide = cspace.Workspace.from_polygons([wall], 0.1, (-2.0, 0.0, SIDE + 1.0, SIDE))
+    eccentric = cspace.build(wide, robot)
+    assert eccentric.classify([start, goal]).tolist() == [FREE, FREE]
+    assert not eccentric.is_disconnected(start, goal)
+    sentence = "move its shape so that the origin is in its middle"
+    assert sentence in str(eccentric.explain(start, goal))
+    moved = cspace.build(workspace, cspace.Robot.rectangle(*size))
+    assert moved.is_disconnected(*ends)
+    assert sentence not in str(moved.explain(*ends))
+
+
+def test_a_way_outside_is_not_named_if_the_outside_is_free_or_the_robot_is_central():
+    sentence = "outside the map"
+    undecided = build_door(0.6, cspace.Robot.disc(0.29), 0.1).explain((0.8, 2.0), (3.2, 2.0))
+    assert undecided.verdict == "undecided" and sentence not in str(undecided)
+    robot = cspace.Robot.disc(0.29, center=(0.5, 0.0))
+    free = build_door(0.6, robot, 0.1, outside="free").explain((0.3, 2.0), (2.7, 2.0))
+    assert sentence not in str(free)

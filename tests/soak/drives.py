@@ -91,7 +91,7 @@ def check_planners(report: Report, rng: Rng, worlds: int) -> None:
             plans += 1
             if drive == "dubins" and name in BIDIRECTIONAL_PLANNERS:
                 continue
-            minimises = name not in PLANNERS_WITHOUT_OBJECTIVE | THREADED_PLANNERS
+            minimises = name not in (*PLANNERS_WITHOUT_OBJECTIVE, *THREADED_PLANNERS)
             plan = planners.plan(
                 space,
                 start,

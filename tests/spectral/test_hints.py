@@ -7,6 +7,7 @@ import shapely
 
 from cspace import Robot, Rotations
 from cspace.spectral import (
+    BallPenetration,
     Bump,
     ContactTest,
     EarlyTest,
@@ -21,6 +22,7 @@ from tests.helpers.refusals import check_followed, refusals
 pytest.importorskip("finufft")
 
 SQUARE = Robot.rectangle(0.4, 0.4)
+SLIVER = Robot.polygon([(0, 0), (1, 1e-9), (2, 0)])
 LINE = shapely.LineString([(0, 0), (1, 0)])
 PAIR = ([(0.0, 0.0)], [0.1])
 IN_SPACE = ([(0.0, 0.0, 0.0)], [0.1])
@@ -100,6 +102,16 @@ def spectrum(lengths=1.0, counts=8, **options):
         ],
         "pass both or neither",
     ),
+    (
+        lambda: overlap().moved([3], (0.0, 0.0)),
+        lambda: overlap().moved([0], (0.0, 0.0)),
+        "pass e.g. [0]",
+    ),
+    (
+        lambda: overlap().moved([0], (1.0, 0.0)),
+        lambda: overlap(PAIR, ([(1.0, 0.0)], [0.1])),
+        "pass the moved balls to a new FourierOverlap",
+    ),
     (lambda: overlap(band=1e9), lambda: overlap(band=10.0), "pass a lower one"),
     (
         lambda: best_placements(PAIR, PAIR, 4, n=0),
@@ -116,6 +128,24 @@ def spectrum(lengths=1.0, counts=8, **options):
     (lambda: spectrum((1, 1, 1)), lambda: spectrum((1, 1)), "pass the period along each axis"),
     (lambda: spectrum(counts=2.5), lambda: spectrum(counts=256), "pass e.g. 256"),
     (lambda: spectrum(counts=2**20), lambda: spectrum(counts=2**8), "pass smaller counts"),
+    (
+        lambda: decompose(SLIVER, kind="inner", number=1),
+        lambda: [
+            decompose(SLIVER, kind="outer", number=1),
+            decompose(SQUARE, kind="inner", number=4),
+        ],
+        "pass kind='outer', or a thicker shape",
+    ),
+    (
+        lambda: BallPenetration([0.1], PAIR).value_and_gradient([(0, 0), (1, 1)]),
+        lambda: BallPenetration([0.1], PAIR).value_and_gradient([(0, 0)]),
+        "pass all balls",
+    ),
+    (
+        lambda: spectrum(tolerance=1.0),
+        lambda: spectrum(tolerance=1e-9),
+        "pass e.g. 1e-9",
+    ),
     (
         lambda: EarlyTest(PAIR, 0.0),
         lambda: EarlyTest(overlap(), 0.001),

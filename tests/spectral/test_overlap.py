@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
 
 from cspace import InputError, MissingPackageError, Robot
 from cspace.spectral import Bump, EarlyTest, FourierOverlap, Verdict
 from cspace.spectral._ball_sets import as_balls, round_radii
+from cspace.spectral._spectra import RadialFactors
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import seeds
 from tests.spectral.balls import draw_rotations, sum_pairs
@@ -80,26 +80,73 @@ def test_gradients_agree_with_finite_differences(seed, dim):
     placements = draw_near_placements(rng, (a[0] @ matrix.T, a[1]), b, 40)
     h = 1e-5
 
-    def turn(vector):
-        return overlap.rotated(vector[0] if dim == 2 else Rotation.from_rotvec(vector))
-
     slopes = [
         (overlap.value(placements + h * step) - overlap.value(placements - h * step)) / (2.0 * h)
         for step in np.eye(dim)
     ]
-    twists = [
-        (turn(h * axis).value(placements) - turn(-h * axis).value(placements)) / (2.0 * h)
-        for axis in np.eye(1 if dim == 2 else 3)
-    ]
     gradients = overlap.gradient(placements)
     scale = np.abs(gradients).max()
     assert gradients == pytest.approx(np.transpose(slopes), abs=1e-4 * scale)
-    moments = overlap.rotation_gradient(placements).reshape(40, -1)
-    arm = 1.0 + np.abs(a[0]).max()
-    assert moments == pytest.approx(np.transpose(twists), abs=1e-4 * scale * arm)
     value, gradient = overlap.value_and_gradient(placements[0])
     assert value == pytest.approx(overlap.value(placements)[0], abs=1e-7 * scale)
     assert gradient == pytest.approx(gradients[0], abs=1e-7 * scale)
+
+
+def move_inside(rng, balls, chosen):
+    """Draw a step of some balls that keeps them in the bounding box of all."""
+    (centers, radii), reach = balls, balls[1][:, None]
+    lower, upper = (centers - reach).min(axis=0), (centers + reach).max(axis=0)
+    lowest, highest = (centers - reach)[chosen].min(axis=0), (centers + reach)[chosen].max(axis=0)
+    step = rng.uniform(lower - lowest, upper - highest)
+    moved = centers.copy()
+    moved[chosen] += step
+    return step, (moved, radii)
+
+
+@settings(max_examples=16)
+@given(seeds, dims, st.sampled_from([2.0, math.inf]), st.integers(1, 4), st.booleans())
+def test_moved_balls_overlap_as_sums_over_pairs_tell(seed, dim, alpha, moves, same):
+    rng = np.random.default_rng(seed)
+    a, b = draw_ball_sets(rng, dim)
+    (matrix,) = draw_rotations(rng, 1, dim)
+    overlap = FourierOverlap(a, b, bump=Bump(alpha), band=30.0 if dim == 2 else 9.0)
+    first, chosen = overlap, []
+    for _ in range(moves):
+        if not (same and len(chosen)):
+            chosen = np.unique(rng.integers(len(b[1]), size=rng.integers(1, 6)))
+        step, b = move_inside(rng, b, chosen)
+        mask = np.isin(np.arange(len(b[1])), chosen)
+        overlap = overlap.moved(mask if rng.random() < 0.5 else chosen, step)
+    overlap = overlap.rotated(matrix)
+    turned_a = a[0] @ matrix.T, a[1]
+    placements = draw_near_placements(rng, turned_a, b, 36)
+    expected = sum_pairs(turned_a, b, alpha, placements)
+    slack = QUADRATURE_ERRORS[alpha] * expected.max()
+    bound = EarlyTest(overlap, 1.0).bound
+    assert np.abs(overlap.value(placements) - expected).max() <= bound + slack
+    assert overlap.b.centers == pytest.approx(b[0])
+    # The overlap that was moved first stays.
+    fresh = FourierOverlap(first.a, first.b, bump=Bump(alpha), band=30.0 if dim == 2 else 9.0)
+    near = placements[:9]
+    assert first.value(near) == pytest.approx(fresh.value(near), abs=1e-9 * expected.max())
+
+
+def test_steps_of_the_same_balls_take_one_transform(monkeypatch):
+    rng = np.random.default_rng(2)
+    b = rng.uniform(0.0, 3.0, (60, 2)), np.full(60, 0.1)
+    overlap = FourierOverlap(([[0.0, 0.0]], 0.2), b, band=9.0)
+    chosen = [3, 5, 8]
+    step, b = move_inside(rng, b, chosen)
+    moved = overlap.moved(chosen, step)
+    assert EarlyTest(moved, 1.0).bound > EarlyTest(overlap, 1.0).bound
+    # Steps from the same overlap and from the moved one, without any further transform.
+    monkeypatch.setattr(RadialFactors, "spectrum", None)
+    again = overlap.moved(chosen, 0.5 * step)
+    back = again.moved(chosen, -0.5 * step)
+    t = rng.uniform(0.0, 3.0, (40, 2))
+    scale = overlap.value(t).max()
+    assert back.value(t) == pytest.approx(overlap.value(t), abs=1e-9 * scale)
+    assert np.abs(moved.value(t) - overlap.value(t)).max() > 1e-3 * scale
 
 
 @settings(max_examples=8)
@@ -172,6 +219,12 @@ SMALL = ([[0.0, 0.0]], 1e-120)
     (lambda: FourierOverlap(ONE, ONE, band=9.0).rotated(np.diag([1.0, -1.0])), "rotation matrix"),
     (lambda: FourierOverlap(SPACE, SPACE, band=9.0).rotated(0.5), "Rotation"),
     (lambda: FourierOverlap(ONE, ONE, band=1e9), "pass a lower one"),
+    (lambda: FourierOverlap(ONE, ONE).moved([1], (0.0, 0.0)), "indices of the 1 balls of b"),
+    (lambda: FourierOverlap(ONE, ONE).moved([], (0.0, 0.0)), "indices of the 1 balls of b"),
+    (lambda: FourierOverlap(ONE, ONE).moved([0.0], (0.0, 0.0)), "or a mask"),
+    (lambda: FourierOverlap(ONE, ONE).moved([0], (0.0, 0.0, 0.0)), "step"),
+    (lambda: FourierOverlap(ONE, ONE).moved([0], (math.nan, 0.0)), "step"),
+    (lambda: FourierOverlap(ONE, ONE).moved([0], (0.1, 0.0)), "out of the bounding box of b"),
     (lambda: EarlyTest(FourierOverlap(ONE, ONE, band=9.0), 0.0), "threshold"),
     (lambda: EarlyTest(ONE, 1.0), "must be a FourierOverlap"),
 )

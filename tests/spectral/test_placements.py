@@ -107,8 +107,17 @@ def test_refined_placements_are_peaks_of_the_overlap(dim):
     overlap = FourierOverlap(a, b, band=12.0 if dim == 2 else 6.0)
     for t, matrix in zip(best.translations, best.rotations, strict=True):
         rotated = overlap.rotated(matrix)
-        for slope in (rotated.gradient, rotated.rotation_gradient):
-            assert np.linalg.norm(slope(t)) < 0.05 * np.linalg.norm(slope(t + 0.05))
+        slopes = [np.linalg.norm(rotated.gradient(t + step)) for step in (0.0, 0.05)]
+        assert slopes[0] < 0.05 * slopes[1]
+        # Turns about the origin of A, by differences.
+        for axis in np.eye(3)[2 if dim == 2 else 0 :]:
+            twists = []
+            for step in (0.0, 0.05):
+                turns = Rotation.from_rotvec(np.outer([-1e-4, 1e-4], axis)).as_matrix()
+                values = [rotated.rotated(turn[:dim, :dim]).value(t + step) for turn in turns]
+                twists.append(abs(values[1] - values[0]) / 2e-4)
+            moment = np.linalg.norm(a[0], axis=1).max() * slopes[1]
+            assert twists[0] < 0.05 * moment
     for matrix in unturned.rotations:
         assert np.abs(rotations - matrix).max(axis=(1, 2)).min() < 1e-12
 

@@ -2,20 +2,24 @@
 
 import re
 import tempfile
+import tomllib
+import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
 import shapely
 import trimesh
+from PIL import Image
 from scipy.spatial.transform import Rotation
 
 import cspace
 import planners
-from cspace import Grid, Robot, Rotations, Workspace, build
+from cspace import Grid, Mesh, MeshWarning, Robot, Rotations, Workspace, build
 from cspace._limits import raised_limits
+from cspace._support.reporting import import_optional
 from cspace.arms import PoseGoal
-from cspace.errors import FileError, InputError
+from cspace.errors import FileError, InputError, MissingPackageError
 from tests.helpers.refusals import check_followed, refusals
 
 FLOOR = Workspace.from_array(np.eye(30, 20, dtype=bool), 0.1)
@@ -311,6 +315,28 @@ def cells(values, **options):
         lambda: Robot.from_urdf(written_urdf(), ["base"]),
         "pass a list of strings",
     ),
+    # Shapes and messages.
+    (
+        lambda: Robot.polygon(shapely.box(0, 0, 1e-170, 1e-170)),
+        lambda: Robot.polygon(shapely.box(0, 0, 0.1, 0.1)),
+        "pass it in metres",
+    ),
+    (
+        lambda: Mesh.of(CUBE, "fill").contains((0, 0, 0)),
+        lambda: [Mesh.of(CUBE, "fill").cells(ROOM.grid), Mesh.of(CUBE, "auto").contains((0, 0, 0))],
+        "ask its cells, or pass solid='auto'",
+    ),
+    (
+        lambda: Mesh.of(CUBE).boxes,
+        lambda: Mesh.of(CUBE).boundary(),
+        "ask for its boundary",
+    ),
+    (
+        lambda: SPACE.to_costmap(cost_scaling_factor=-3.0),
+        lambda: SPACE.to_costmap(cost_scaling_factor=3.0),
+        "pass it per metre",
+    ),
+    (lambda: FLOATING.to_costmap(), lambda: SPACE.to_costmap(), "build a map of the plane"),
     # Limits of files.
     (
         lambda: raised_limits(max_cell=3).__enter__(),
@@ -323,6 +349,9 @@ def test_arguments_as_the_hint_says_are_accepted(call, advised, hint):
 
 
 FAR = shapely.box(1e5, 0, 1e5 + 8, 8)
+
+
+CUBE = trimesh.creation.box((0.2, 0.2, 0.2))
 
 
 def copy():
@@ -360,6 +389,7 @@ def test_a_limit_that_is_raised_as_the_hint_says_lets_the_file_in(tmp_path):
         (size,) = re.findall(
             r"raise it with cspace.raised_limits\(max_bytes=(\d+)\)", caught.value.hint
         )
+        assert "), if the file may be so large" in caught.value.hint
         with cspace.raised_limits(max_bytes=int(size)):
             Workspace.open(file)
 
@@ -403,3 +433,57 @@ def test_what_does_not_fit_into_memory_is_built_in_tiles_and_smaller_windows(tmp
     assert tiled.overview(1024).grid.size
     window = tiled.window(*tiled.grid.center_of([(900, 900), (1000, 1000)]))
     assert planners.plan(window, (19.0, 19.0), (19.5, 19.5)).solved
+
+
+def open_box(size):
+    """Return a box without its lid."""
+    box = trimesh.creation.box((size, size, size))
+    box.update_faces(box.face_normals[:, 2] < 0.5)
+    return box
+
+
+def test_an_open_mesh_that_fills_nothing_warns_and_each_advice_is_followed():
+    hint = "close its gaps, use cells larger than the gaps, or choose the surface only"
+    with pytest.warns(MeshWarning, match=hint):
+        Workspace.from_mesh(open_box(1.0), 0.1, solid="fill")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        Workspace.from_mesh(trimesh.creation.box((1, 1, 1)), 0.1, solid="fill")
+        Workspace.from_mesh(open_box(1.0), 0.1, solid="surface")
+
+
+def test_a_map_of_unknown_cells_is_free_as_advised(tmp_path):
+    message = cspace.ros.OccupancyGrid()
+    message.info.resolution = 0.1
+    message.info.width = message.info.height = 20
+    message.data = [-1] * 400
+    image = Image.new("RGBA", (20, 20), (255, 255, 255, 0))
+    image.save(tmp_path / "clear.png")
+    white = Image.new("RGBA", image.size, "white")
+    white.alpha_composite(image)
+    white.save(tmp_path / "white.png")
+    hint = "pass unknown='free' for a sensor map, or put a transparent image on white"
+    for unknown, known in (
+        (
+            Workspace.from_occupancy_grid(message),
+            Workspace.from_occupancy_grid(message, unknown="free"),
+        ),
+        (
+            Workspace.from_image(tmp_path / "clear.png", 0.1),
+            Workspace.from_image(tmp_path / "white.png", 0.1),
+        ),
+    ):
+        with pytest.warns(UserWarning, match=hint):
+            build(unknown, Robot.disc(0.1))
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            assert build(known, Robot.disc(0.1)).count()[0]
+
+
+def test_a_missing_package_is_installed_by_an_extra_that_exists():
+    extras = tomllib.loads(Path("pyproject.toml").read_text())["project"]["optional-dependencies"]
+    for package, extra in (("yourdfpy", "urdf"), ("viser", "view"), ("finufft", "spectral")):
+        with pytest.raises(MissingPackageError) as caught:
+            import_optional(f"missing_{package}", "it is needed", extra)
+        (named,) = re.findall(r'run: pip install "cspace\[(\w+)\]"', caught.value.hint)
+        assert any(requirement.startswith(package) for requirement in extras[named])

@@ -73,12 +73,13 @@ def test_a_build_stops_if_its_source_changes(tmp_path):
             os.utime(file, ns=(1, 1))
 
     workspace = cspace.Workspace.from_array(file, 0.1, lazy=True)
-    with pytest.raises(FileError, match="has changed"):
+    with pytest.raises(FileError, match=r"has changed.*; build the map again, into another store"):
         cspace.build(workspace, CAR, store=tmp_path / "m", tile=5, workers=1, progress=change)
     assert 0.0 < cspace.open(tmp_path / "m").progress < 1.0
     changed = cspace.Workspace.from_array(file, 0.1, lazy=True)
     with pytest.raises(FileError, match="other obstacles"):
         cspace.build(changed, CAR, store=tmp_path / "m", tile=5)
+    assert cspace.build(changed, CAR, store=tmp_path / "other", tile=5).count()[2] == 900
 
 
 def test_lazy_arrays_with_swapped_dimensions_are_refused():
@@ -134,3 +135,20 @@ def test_parts_of_lazy_shapes_equal_the_whole(seed, spacing, draw):
         outer, inner = lazy.cells.read(box)
         np.testing.assert_array_equal(outer, whole.outer[box])
         np.testing.assert_array_equal(inner, whole.inner[box])
+
+
+def test_an_array_that_is_restored_as_advised_is_read():
+    dask = pytest.importorskip("dask.array")
+    is_damaged = True
+
+    def read(block):
+        if is_damaged:
+            raise OSError("a disk error")
+        return block
+
+    cells = dask.zeros((8, 8), dtype=bool, chunks=4).map_blocks(read, dtype=bool)
+    workspace = cspace.Workspace.from_array(cells, 0.1)
+    with pytest.raises(FileError, match="restore the array and build the map again"):
+        cspace.build(workspace, CAR)
+    is_damaged = False
+    assert cspace.build(workspace, CAR).grid.shape == (8, 8)

@@ -1,0 +1,45 @@
+"""Units that comments of files without a field for them name."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+from typing import Final
+
+from cspace._support.arrays import StrPath
+from cspace._support.reporting import warn_user
+from cspace.errors import UnitWarning
+
+_COMMENT_BYTES: Final = 4096
+"""Number of bytes at the start of a file in which a comment may name a unit."""
+
+_UNIT_NOTE: Final = re.compile(
+    rb"^(?:#|//|comment|obj_info)[^\n]*?"
+    rb"\b(millimet\w+|centimet\w+|inch(?:es)?|feet|mm|cm|units?\W{1,4}(?:in|ft))\b",
+    re.MULTILINE,
+)
+"""A comment, in lower case, with a unit other than the metre."""
+
+
+def warn_of_unit(path: StrPath) -> None:
+    """Warn if a comment of a mesh or a point cloud speaks of another unit than the metre."""
+    file = Path(path)
+    suffix = file.suffix.lower()
+    if suffix not in (".stl", ".obj", ".ply", ".pcd", ".xyz", ".txt", ".csv"):
+        return
+    with file.open("rb") as stream:
+        text = stream.read(_COMMENT_BYTES).lower()
+    # The first line of an STL file is a comment.
+    note = _UNIT_NOTE.search(b"#" + text if suffix == ".stl" else text)
+    if note is not None:
+        warn_of_units(os.fspath(path), note[1].decode("latin-1"))
+
+
+def warn_of_units(name: str, units: str) -> None:
+    """Warn that coordinates in other units are taken as metres."""
+    warn_user(
+        f"{name}: says {units!r}, and its coordinates are taken as metres; scale it first, e.g. "
+        "from millimetres a mesh of trimesh by apply_scale(0.001), and points by 0.001 * points",
+        UnitWarning,
+    )

@@ -1,0 +1,140 @@
+"""Hints of messages are code: a test quotes, and follows, every hint that names something to do."""
+
+import ast
+import re
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+
+ADVICE = re.compile(
+    r"\w\(|\w=|--\w|\b(?:add|ask|build|call|convert|export|leave|pass|run|set|use|write) "
+)
+"""Part of a hint that names a call, an option or an edit."""
+
+QUOTED_CHARACTERS = 9
+"""Smallest length of a text in a test that quotes a part of a hint."""
+
+
+UNTESTED = {
+    "build the map again": "only a forged map has such a margin",
+    "check space.closest(q), and the pairs that may touch": "pairs that always touch are named first",
+}
+"""Hints that no test can follow, each with its reason."""
+
+
+@cache
+def parse(folder: str) -> dict[str, ast.Module]:
+    """Parse the Python files of a folder, by name."""
+    files = sorted((ROOT / folder).rglob("*.py"))
+    return {str(file.relative_to(ROOT)): ast.parse(file.read_text()) for file in files}
+
+
+def find_positions(trees: list[ast.Module]) -> dict[str, int]:
+    """Return the position of the argument ``hint`` of each function or class that has one."""
+    positions = {}
+    for node in (node for tree in trees for node in ast.walk(tree)):
+        if not isinstance(node, ast.Module | ast.ClassDef):
+            continue
+        for function in (part for part in node.body if isinstance(part, ast.FunctionDef)):
+            arguments = [argument.arg for argument in function.args.args]
+            if "hint" not in arguments:
+                continue
+            is_method = isinstance(node, ast.ClassDef)
+            name = node.name if function.name == "__init__" else function.name
+            positions[name] = arguments.index("hint") - is_method
+    return positions
+
+
+def iterate_hints(tree: ast.Module, positions: dict[str, int]) -> Iterator[ast.expr]:
+    """Yield the expression of each hint in a file, and of each warning."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Assign) and not isinstance(node.value, ast.Call):
+            if any(ast.unparse(target).lower().endswith("hint") for target in node.targets):
+                yield node.value
+        elif isinstance(node, ast.Call):
+            name = ast.unparse(node.func).rpartition(".")[2]
+            position = 0 if name == "warn_user" else positions.get(name, 3)
+            if (name in positions or name.endswith(("Error", "warn_user"))) and node.args:
+                yield from node.args[position : position + 1]
+            yield from (keyword.value for keyword in node.keywords if keyword.arg == "hint")
+
+
+def list_texts(expression: ast.expr) -> list[list[str]]:
+    """Return the texts that an expression may be; values split each into several pieces."""
+    if isinstance(expression, ast.Constant):
+        return [[expression.value]] if isinstance(expression.value, str) else []
+    if isinstance(expression, ast.JoinedStr):
+        return [[part.value for part in expression.values if isinstance(part, ast.Constant)]]
+    if isinstance(expression, ast.IfExp):
+        return list_texts(expression.body) + list_texts(expression.orelse)
+    return []
+
+
+@cache
+def list_hints() -> list[tuple[str, int, list[str]]]:
+    """Return the file, the line and the pieces of each hint that names something to do."""
+    sources = parse("cspace") | parse("planners")
+    positions = find_positions(list(sources.values()))
+    hints = []
+    for file, tree in sources.items():
+        for expression in iterate_hints(tree, positions):
+            texts = list_texts(expression)
+            hints += [
+                (file, expression.lineno, text) for text in texts if ADVICE.search("x".join(text))
+            ]
+    return hints
+
+
+@cache
+def list_quotes() -> list[str]:
+    """Return the texts in tests; backslashes of patterns are removed."""
+    quotes = set()
+    for file, tree in parse("tests").items():
+        for node in ast.walk(tree):
+            if (
+                isinstance(node, ast.Constant)
+                and isinstance(node.value, str)
+                and "lint" not in file
+            ):
+                quotes.add(re.sub(r"\\(.)", r"\1", node.value))
+    return sorted(quote for quote in quotes if len(quote) >= QUOTED_CHARACTERS)
+
+
+def is_quoted(pieces: list[str], quotes: list[str]) -> bool:
+    """Return True if a text in a test is a part of a hint, or has it with its values."""
+    if any(quote in piece for piece in pieces for quote in quotes):
+        return True
+    return re.search(".+?".join(map(re.escape, pieces)), "\n".join(quotes)) is not None
+
+
+def test_every_hint_that_names_something_to_do_is_followed_by_a_test():
+    untested = [
+        f"{file}:{line}: {'...'.join(pieces)}"
+        for file, line, pieces in list_hints()
+        if not is_quoted(pieces, list_quotes()) and pieces[0] not in UNTESTED
+    ]
+    assert len(list_hints()) > 300
+    assert not untested, "\n".join(untested)
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        'raise InputError("a", "is 1", "it must be 2", "pass frobnicate=2")',
+        'hint = f"pass frobnicate={n}"',
+        'warn_user("odd; call frobnicate(2)")',
+        'raise make(hint="use --frobnicate")',
+        'def make(a, hint): ...\nraise make(1, "write frobnicate")',
+        'raise InputError("a", "b", "c", "pass frobnicate=2" if a else "remove it")',
+    ],
+)
+def test_a_new_hint_without_a_test_is_found(code):
+    tree = ast.parse(code)
+    hints = list(iterate_hints(tree, find_positions([tree])))
+    pieces = [text for hint in hints for text in list_texts(hint)]
+    assert any(ADVICE.search("x".join(text)) for text in pieces)
+    assert not is_quoted(pieces[0], list_quotes())
