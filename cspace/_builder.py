@@ -23,9 +23,9 @@ from cspace._engines import ENGINES, METHODS, choose_engine
 from cspace._engines.slices import (
     Progress,
     RasterPair,
+    estimate_raster_bytes,
     fill_states,
     group_rasters,
-    raster_bytes,
     slice_rasters,
 )
 from cspace._grid import MAX_COORDINATE, SLACK, Grid
@@ -283,7 +283,7 @@ def build_contents(
     slice_of = rotations._assign_slices(robot.shape)
     n_slices = int(slice_of.max()) + 1
     states_bytes = map_bytes(grid.shape, n_slices, counts)
-    rasters_bytes = raster_bytes(robot, grid.spacing, margin, rotations, n_slices)
+    rasters_bytes = estimate_raster_bytes(robot, grid.spacing, margin, rotations, n_slices)
     check_memory(states_bytes + rasters_bytes, "the map", grid, slices=n_slices)
     rasters = slice_rasters(robot, grid.spacing, margin, rotations)
     groups = group_rasters(rasters, inner)

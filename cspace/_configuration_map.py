@@ -33,13 +33,13 @@ if TYPE_CHECKING:
     from cspace.plot._picture import PlotOptions
 
 MAX_TRIED_CELLS: Final = 2**20
-"""Number of workspace cells up to which messages try what they advise."""
+"""Largest number of workspace cells for which messages try the hints that they give."""
 
 
 class HasComponents(Protocol):
-    """Connected components of cells that share sides."""
+    """Components of cells that share sides, with their look-up."""
 
-    def of(self, cells: Ints, mixed: bool = False) -> Ints:
+    def find(self, cells: Ints, mixed: bool = False) -> Ints:
         """Return the component of each cell.
 
         Components consist of FREE cells, or of FREE and MIXED cells; -1 outside these.
@@ -60,23 +60,23 @@ class ConfigurationMap(ConfigurationSpace):
 
     @property
     @abstractmethod
-    def _kept(self) -> Contents:
-        """Contents of the map in memory, or what all tiles of a map share."""
+    def _map_contents(self) -> Contents:
+        """Contents of the map, shared by all tiles of a tiled map."""
 
     @property
     def grid(self) -> Grid:
         """Grid of the positions of the reference point, which is the workspace's grid."""
-        return self._kept.grid
+        return self._map_contents.grid
 
     @property
     def robot(self) -> Robot:
         """The robot."""
-        return self._kept.robot
+        return self._map_contents.robot
 
     @property
     def rotations(self) -> Rotations:
         """Rotation cells; a single one if the robot does not rotate."""
-        return self._kept.rotations
+        return self._map_contents.rotations
 
     @property
     def slice_of(self) -> Ints:
@@ -84,7 +84,7 @@ class ConfigurationMap(ConfigurationSpace):
 
         Rotation cells share a slice if a symmetry of the robot maps one to the other.
         """
-        return read_only(self._kept.slice_of)
+        return read_only(self._map_contents.slice_of)
 
     @property
     def slice_rotations(self) -> Floats:
@@ -111,12 +111,12 @@ class ConfigurationMap(ConfigurationSpace):
 
         It is "blocked", "free", or "unknown" around a part of a larger map.
         """
-        return self._kept.outside
+        return self._map_contents.outside
 
     @property
     def margin(self) -> float:
         """Metres by which the robot was grown to prove FREE."""
-        return self._kept.margin
+        return self._map_contents.margin
 
     @cached_property
     def axes(self) -> tuple[str, ...]:
@@ -162,7 +162,7 @@ class ConfigurationMap(ConfigurationSpace):
     def _check_configurations(self, q: ArrayLike, name: str = "q") -> Floats:
         """Return configurations as an array, shape (..., size).
 
-        Raises InputError if one is not usable.
+        Raises InputError if a value is not finite, or a rotation is invalid.
         """
         points = check_rows(q, name, self.size).astype(np.float64, copy=False)
         evaluate(points, self.size, self._write_states, np.uint8, self._angles, name)
@@ -190,7 +190,7 @@ class ConfigurationMap(ConfigurationSpace):
         -------
         bool or ndarray of bool, shape (...)
         """
-        joined: bool | Bools = self._relate(q0, q1, apart=False)
+        joined: bool | Bools = self._test_connections(q0, q1, apart=False)
         return joined
 
     @overload
@@ -213,32 +213,37 @@ class ConfigurationMap(ConfigurationSpace):
         -------
         bool or ndarray of bool, shape (...)
         """
-        apart: bool | Bools = self._relate(q0, q1, apart=True)
+        apart: bool | Bools = self._test_connections(q0, q1, apart=True)
         return apart
 
-    def _relate(self, q0: ArrayLike, q1: ArrayLike, apart: bool) -> Any:
-        """Return whether configurations are proven connected, or with ``apart`` disconnected."""
+    def _test_connections(self, q0: ArrayLike, q1: ArrayLike, apart: bool) -> Any:
+        """Return whether configurations are proven connected, or disconnected.
+
+        With ``apart``, the answer is True for disconnected ones.
+        """
         if isinstance(q0, tuple) and isinstance(q1, tuple):
             known = self._connection_of_one(q0, q1, apart)
             if known is not None:
                 return known
         write = partial(self._write_connections, apart)
-        with self._at_one_moment():
+        with self._map_lock():
             return evaluate_edges(q0, q1, self.size, write, self._angles)
 
     def _connection_of_one(
         self, q0: tuple[Any, ...], q1: tuple[Any, ...], apart: bool
     ) -> bool | None:
-        """Return whether two configurations are proven connected, or with ``apart`` disconnected.
+        """Return whether two configurations are proven connected, or disconnected.
 
-        None if only the look-up of arrays can answer or refuse.
+        With ``apart``, the answer is True for disconnected ones. Returns None if only the query of
+        arrays can answer, or raise the error.
         """
         return None
 
     def _write_connections(self, apart: bool, starts: Floats, ends: Floats, out: Bools) -> int:
-        """Write which pairs are proven connected, or with ``apart`` disconnected.
+        """Write which pairs are proven connected, or disconnected.
 
-        ``starts`` and ``ends`` have shape (n, size). Returns the first unusable pair, or -1.
+        With ``apart``, the answer is True for disconnected ones. ``starts`` and ``ends`` have shape
+        (n, size). Returns the first unusable pair, or -1.
         """
         # The higher state of both ends: only FREE ends have a component of FREE cells.
         highest = np.zeros(len(out), dtype=np.uint8)
@@ -252,11 +257,11 @@ class ConfigurationMap(ConfigurationSpace):
         end_cells = self._cells_of(ends)
 
         def find_joined(candidates: Bools, mixed: bool) -> Bools:
-            """Return which candidate pairs share a component; without any, compute no component."""
-            if not candidates.any():
+            """Return a mask of the candidate pairs that share a component."""
+            if not candidates.any():  # then components need not be computed
                 return candidates
-            first = self._components.of(start_cells, mixed)
-            second = self._components.of(end_cells, mixed)
+            first = self._components.find(start_cells, mixed)
+            second = self._components.find(end_cells, mixed)
             return np.asarray(candidates & (first == second) & (first != -1))
 
         # Pairs that FREE cells join are connected; those that not even MIXED cells join are apart.
@@ -264,10 +269,11 @@ class ConfigurationMap(ConfigurationSpace):
         if apart:
             joined |= find_joined(np.asarray((highest <= MIXED) & ~joined), mixed=True)
         # A path is proven only between configurations that no cell but FREE ones touches.
-        for rows in (starts, ends) if not apart else ():
-            touches_free = np.empty(int(joined.sum()), dtype=np.bool_)
-            self._write_motions(False, rows[joined], rows[joined], touches_free)
-            joined[joined] = touches_free
+        if not apart:
+            for rows in (starts, ends):
+                touches_only_free = np.empty(int(joined.sum()), dtype=np.bool_)
+                self._write_motions(False, rows[joined], rows[joined], touches_only_free)
+                joined[joined] = touches_only_free
         np.not_equal(joined, apart, out=out)
         return -1
 
@@ -379,7 +385,10 @@ class ConfigurationMap(ConfigurationSpace):
         return metres
 
     def _clearance_of_one(self, q: tuple[Any, ...]) -> float | None:
-        """Return the clearance of one configuration, or None if the look-up of arrays decides."""
+        """Return the clearance of one configuration, or None.
+
+        None means that only the query of arrays can answer, or raise the error.
+        """
         return None
 
     # ---- for planners ----------------------------------------------------------------------------
@@ -401,7 +410,7 @@ class ConfigurationMap(ConfigurationSpace):
         Raises ConfigurationError unless the configuration lies in the grid and a motion that stays
         there is proven free; the error names the nearest FREE configuration.
         """
-        values = self._check_one(q, name)
+        values = self._check_one_configuration(q, name)
         point: Endpoint = tuple(self.rotations._make_canonical(values, name).tolist())
         warn_of_degrees(values, self._angles, name)
         is_inside = bool(self.grid.contains(np.array(point[: self.dim])))
@@ -413,11 +422,11 @@ class ConfigurationMap(ConfigurationSpace):
     def _make_endpoint_error(
         self, point: Endpoint, name: str, is_inside: bool, exact: bool
     ) -> ConfigurationError:
-        """Make the error for a start or goal that is refused.
+        """Make the error for an invalid start or goal.
 
         ``name`` says which one it is, and ``is_inside`` whether it lies in the grid.
         """
-        # Why it is refused. Only the geometry can tell a collision from an undecided cell.
+        # Find the reason. Only geometry can distinguish a collision from an undecided cell.
         state = self.classify(point)
         is_tried = is_inside and state != BLOCKED and not exact and self.tries_exact
         is_exact = is_tried and self.edge_checker(exact=True)(*point, *point)
@@ -442,7 +451,7 @@ class ConfigurationMap(ConfigurationSpace):
         return ConfigurationError(name, problem, rule, hint, nearest=nearest)
 
     def _suggest_endpoint(self, point: Endpoint) -> tuple[str, Endpoint | None]:
-        """Return a hint for an unusable end, and the nearest FREE configuration."""
+        """Return a hint for an invalid endpoint, and the nearest FREE configuration."""
         try:
             nearest = tuple(self.nearest_free(point).tolist())
         except ConfigurationError:
@@ -473,7 +482,7 @@ class ConfigurationMap(ConfigurationSpace):
     @property
     @abstractmethod
     def _summary(self) -> str:
-        """End of the repr."""
+        """Summary of the states, for the repr."""
 
     @property
     @abstractmethod
@@ -481,26 +490,38 @@ class ConfigurationMap(ConfigurationSpace):
         """Plain values by name that describe the map, except its grid."""
 
     @abstractmethod
-    def _at_one_moment(self) -> AbstractContextManager[Any]:
-        """Return a lock that is held while an update changes the map."""
+    def _map_lock(self) -> AbstractContextManager[Any]:
+        """Return the lock that is held while an update changes the map."""
 
     @abstractmethod
     def _find_unusable(self, rows: Floats) -> int:
-        """Return the index of the first unusable configuration of rows (n, size), or -1."""
+        """Return the index of the first unusable row, or -1.
+
+        A row is a configuration; ``rows`` has shape (n, size).
+        """
 
     @abstractmethod
     def _write_free_around(self, distance: float, angle: float, rows: Floats, out: Bools) -> int:
-        """Write whether all configurations within a distance and an angle of rows are free.
+        """Write whether all configurations near each row are free.
 
+        Near means within a distance and an angle. ``rows`` has shape (n, size), ``out`` (n,).
         Returns the first unusable row, or -1.
         """
 
     @abstractmethod
     def _write_clearances(self, rows: Floats, out: Floats) -> int:
-        """Write clearances of rows, shape (n, size); return the first unusable row, or -1."""
+        """Write the clearances of configurations, metres.
+
+        ``rows`` has shape (n, size), ``out`` (n,). Returns the index of the first unusable row, or
+        -1.
+        """
 
     def _write_free(self, exact: bool, rows: Floats, out: Bools) -> int:
-        """Write whether rows, shape (n, size), are FREE; return the first unusable row, or -1."""
+        """Write whether configurations are FREE.
+
+        ``rows`` has shape (n, size), ``out`` (n,). Returns the index of the first unusable row, or
+        -1.
+        """
         states = out.view(np.uint8)  # states and answers are bytes, so they share memory
         bad = self._write_states(rows, states)
         np.equal(states, FREE, out=out)

@@ -26,14 +26,14 @@ MAX_COORDINATE: Final = 2.0**22
 
 
 FARTHEST_CELL: Final = 2**62
-"""Largest cell of a look-up; a box up to it has no end, and points beyond it count to it."""
+"""Largest index of a cell; farther points get this index, and boxes that reach it have no end."""
 
 
 def check_reach(far: float, name: str, origin: str, hint: str) -> None:
-    """Refuse shapes so far from an origin that rounding matters.
+    """Raise InputError if a shape is too far from an origin.
 
-    Raises InputError if ``far``, in cells, is above :data:`MAX_COORDINATE`, where rounding could
-    exceed :data:`SLACK`.
+    ``far``, in cells, must be at most :data:`MAX_COORDINATE`, beyond which rounding could exceed
+    :data:`SLACK`. ``name``, ``origin`` and ``hint`` are for the message.
     """
     if not far <= MAX_COORDINATE:
         rule = f"beyond {MAX_COORDINATE:.0f} cells rounding invalidates proofs"
@@ -143,7 +143,7 @@ class Grid:
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Axis labels of a picture: names and units."""
+        """Names and units of the axes, as labels of a picture."""
         return tuple(f"{axis} ({unit})" for axis, unit in zip(self.axes, self.units, strict=True))
 
     @property

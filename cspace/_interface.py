@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from cspace._queries.batches import Configuration, evaluate, evaluate_edges, evaluate_rows
 from cspace._rotations import Rotations
-from cspace._rotations.base import METRES_PER_RADIAN, angle_axes, shorter, wrapped
+from cspace._rotations.base import METRES_PER_RADIAN, angle_axes, wrap_angles, wrap_steps
 from cspace._support.arrays import FREE, Bools, Floats, States
 from cspace._support.check import check_finite, check_pairs
 from cspace.errors import ConfigurationError, InputError
@@ -39,7 +39,7 @@ GoalLike = ArrayLike | Goal | Sequence[Goal | ArrayLike]
 
 
 class SearchOptions(NamedTuple):
-    """Options of a space's own search."""
+    """Options of one of a space's own searches."""
 
     simplify: bool  # whether to shorten the path
     exact: bool  # whether geometry decides what cells do not
@@ -49,17 +49,20 @@ class SearchOptions(NamedTuple):
 
 
 def has_pose_names(axes: Sequence[str]) -> bool:
-    """Return True if all axes are coordinates of a rigid body's pose."""
+    """Return True if all axes belong to a rigid body's pose."""
     return set(axes) <= {"x", "y", "z", *Rotations._all_names()}
 
 
 def format_configuration(q: Sequence[float]) -> str:
-    """Format a configuration so that it can be typed back."""
+    """Format a configuration as a Python tuple, with all digits."""
     return f"({', '.join(map(repr, q))})"
 
 
 def rotations_of(axes: Sequence[str]) -> Rotations:
-    """Return rotations of the kind that the last axes of a pose name."""
+    """Return rotations of the kind that the axes of a pose imply.
+
+    They have a single yaw cell, or the fewest cells of quaternions.
+    """
     if "qw" in axes:
         return Rotations.quaternions(1)
     return Rotations.of(1 if "yaw" in axes else None)
@@ -178,12 +181,12 @@ class Space(ABC):
         return lower, upper
 
     def steps_between(self, q0: Floats, q1: Floats) -> Floats:
-        """Return the steps between configurations, the shorter way.
+        """Return the steps between configurations, with the shorter rotation.
 
-        A step consists of :attr:`dim` numbers and of a rotation vector, radians.
+        A step consists of :attr:`dim` numbers and a rotation vector, radians.
         """
         steps = self.rotations._steps_between(q0, q1)
-        return shorter(steps, self.periodic_axes) if any(self.periodic_axes) else steps
+        return wrap_steps(steps, self.periodic_axes) if any(self.periodic_axes) else steps
 
     def distance(self, q0: Floats, q1: Floats) -> Floats:
         """Return the lengths of motions; a radian of rotation counts as half a metre."""
@@ -194,8 +197,9 @@ class Space(ABC):
         return np.asarray(lengths + METRES_PER_RADIAN * angles)
 
     def interpolate(self, q0: Floats, q1: Floats, t: ArrayLike) -> Floats:
-        """Return the configurations at shares ``t`` of motions, shape (..., 1)."""
-        # Steps have an entry for each degree of freedom, so starts get their shape but one axis.
+        """Return the configurations at fractions ``t``, shape (..., 1), of motions."""
+        # A step has an entry for each degree of freedom, so only its leading axes are those of
+        # starts.
         steps = np.asarray(t) * self.steps_between(q0, q1)
         starts = np.broadcast_to(q0, (*steps.shape[:-1], self.size))
         return self.rotations._add_steps(starts, steps)
@@ -226,7 +230,7 @@ class Space(ABC):
         size = self.size
 
         def check(*endpoints: float) -> bool:
-            """Test the motion between the configurations that the numbers give."""
+            """Return True if the motion between both configurations is free."""
             return bool(self.motion_is_free(endpoints[:size], endpoints[size:]))
 
         return check
@@ -235,7 +239,7 @@ class Space(ABC):
         """Return ``clearance(*q)``, a fast :meth:`clearance`; 0 beyond the limits of joints."""
 
         def clearance(*q: float) -> float:
-            """Return the clearance of the configuration that the numbers give."""
+            """Return the clearance of a configuration, metres."""
             try:
                 return float(self.clearance(q))
             except ConfigurationError:
@@ -277,8 +281,8 @@ class Space(ABC):
         Raises InputError if it is no configuration, and ConfigurationError if no motion from it can
         be proven free.
         """
-        canonical = self.rotations._make_canonical(self._check_one(q, name), name)
-        canonical = wrapped(canonical, self.periodic_axes)
+        canonical = self.rotations._make_canonical(self._check_one_configuration(q, name), name)
+        canonical = wrap_angles(canonical, self.periodic_axes)
         point = tuple(canonical.tolist())
         # Continuous joints have no bounds.
         position = canonical[: self.dim]
@@ -311,8 +315,11 @@ class Space(ABC):
             )
         return [self.check_endpoint(cast("ArrayLike", goal), "goal", exact)]
 
-    def _check_one(self, q: ArrayLike, name: str) -> Floats:
-        """Check one configuration's length and finiteness; return it as an array."""
+    def _check_one_configuration(self, q: ArrayLike, name: str) -> Floats:
+        """Return one configuration as an array.
+
+        Raises InputError if it is not one configuration, or not finite.
+        """
         point = check_finite(q, name)
         if point.shape != (self.size,):
             raise InputError(
@@ -338,7 +345,7 @@ class ConfigurationSpace(Space):
 
     @cached_property
     def _angles(self) -> dict[int, str]:
-        """Index and name of each coordinate that is wrapped."""
+        """Names of the coordinates that are wrapped angles, by index."""
         return angle_axes(self.axes, self.periodic_axes)
 
     @abstractmethod
@@ -526,7 +533,7 @@ class ConfigurationSpace(Space):
         size = self.size
 
         def check(*endpoints: float) -> bool:
-            """Test the motion between the configurations that the numbers give."""
+            """Return True if the motion between both configurations is free."""
             return self.motion_is_free(endpoints[:size], endpoints[size:], exact=exact)
 
         return check
@@ -581,26 +588,41 @@ class ConfigurationSpace(Space):
     # ---- one configuration, given as a tuple: the same look-ups, without arrays ------------------
 
     def _state_of_one(self, q: tuple[Any, ...]) -> int | None:
-        """Return the state of one configuration, or None if the look-up of arrays decides."""
+        """Return the state of one configuration, or None.
+
+        None means that only the query of arrays can answer, or raise the error.
+        """
         return None
 
     def _state_of_motion(self, q0: tuple[Any, ...], q1: tuple[Any, ...]) -> int | None:
-        """Return FREE if a motion is proven free, else MIXED; None if arrays decide."""
+        """Return FREE if a motion is proven free, else MIXED, or None.
+
+        None means that only the query of arrays can answer, or raise the error.
+        """
         return None
 
     # ---- what differs ----------------------------------------------------------------------------
 
     @abstractmethod
     def _write_states(self, rows: Floats, out: States) -> int:
-        """Write the states of rows, shape (n, size), to ``out``, shape (n,).
+        """Write the states of configurations.
 
-        Returns the index of the first unusable row, or -1.
+        ``rows`` has shape (n, size), ``out`` (n,). Returns the index of the first unusable row, or
+        -1.
         """
 
     @abstractmethod
     def _write_free(self, exact: bool, rows: Floats, out: Bools) -> int:
-        """Write whether rows, shape (n, size), are free; return the first unusable one, or -1."""
+        """Write whether configurations are free.
+
+        ``rows`` has shape (n, size), ``out`` (n,). Returns the index of the first unusable row, or
+        -1.
+        """
 
     @abstractmethod
     def _write_motions(self, exact: bool, starts: Floats, ends: Floats, out: Bools) -> int:
-        """Write whether motions, shapes (n, size), are free; return the first unusable, or -1."""
+        """Write whether motions are free.
+
+        ``starts`` and ``ends`` have shape (n, size), ``out`` (n,). Returns the index of the first
+        unusable motion, or -1.
+        """

@@ -28,7 +28,7 @@ _LAZY_PACKAGES: Final = frozenset({"dask", "zarr"})
 """Packages whose arrays read their values when they are indexed."""
 
 _DIGESTED_CELLS: Final = 2**26
-"""Approximate number of cells that are read at a time for their digest."""
+"""Approximate number of cells that are read and digested at a time."""
 
 
 class Source(Protocol):
@@ -107,14 +107,15 @@ class LazyCells:
     def stamp(self) -> str:
         """Digest that changes when the cells change.
 
-        It has the sizes and times of the files of the array. An array without files, or a part of a
-        mapped file, is read as a whole, once; the name of a dask array does not serve, because it
-        may be another one in the process that resumes a build.
+        The digest is that of the sizes and times of the array's files. An array without files, or a
+        part of a mapped file, is read as a whole, once. The name of a dask array is not used,
+        because it may differ in the process that resumes a build.
         """
         if self._file is None:
             self._digest = self._digest or self._digest_cells()
             return self._digest
-        # What the numbers in the files mean, then the state of each file.
+        # The shape and type of the array, and its place in a mapped file, then the state of each
+        # file.
         parts = [f"{self.shape} {np.dtype(self.array.dtype).str}"]
         if isinstance(self.array, np.memmap):
             parts.append(f"{self.array.offset} {self.array.strides}")
@@ -162,27 +163,27 @@ class LazyCells:
 
 
 def _unwrap(array: Any) -> Any:
-    """Return the array in an xarray, which may be lazy, or the array itself."""
+    """Return the array in an xarray, or the array itself."""
     return array.data if hasattr(array, "variable") else array
 
 
 def _package_of(array: Any) -> str:
-    """Return the name of the package that defines the type of an array."""
+    """Return the name of the package that defines an array's type."""
     return type(array).__module__.partition(".")[0]
 
 
 def _open_memmap(
     file: Path, dtype: np.dtype[Any], offset: int, shape: tuple[int, ...], order: Literal["C", "F"]
 ) -> LazyCells:
-    """Map an array of a file into memory, from a byte on."""
+    """Map an array of a file into memory, from byte ``offset`` on."""
     return LazyCells(np.memmap(file, dtype, "r", offset, shape, order))
 
 
 def _files_to_watch(file: Path) -> list[Path]:
-    """Return files whose times change with an array.
+    """Return the files and folders whose times change with an array.
 
-    They are the file itself, or a folder with all its folders, whose times change when a file in
-    them is replaced.
+    For an array in a folder, these are all of its folders, whose times change when a file in them
+    is replaced, and all files of metadata.
     """
     watched = [path for path in file.rglob("*") if path.is_dir() or path.name == "zarr.json"]
     return [file, *sorted(watched)]
@@ -214,9 +215,9 @@ class ShapeCells:
 
 
 def check_no_chunk_missing(array: Any) -> None:
-    """Raise FileError if a zarr array lacks chunks.
+    """Raise FileError if chunks of a zarr array are missing.
 
-    Its attributes may declare that missing chunks have the fill value.
+    No error is raised if its attributes declare that missing chunks have the fill value.
     """
     if _package_of(array) != "zarr" or array.attrs.get(MISSING_CHUNKS_ATTRIBUTE) == "fill_value":
         return
@@ -227,13 +228,16 @@ def check_no_chunk_missing(array: Any) -> None:
 
 
 def is_lazy(array: Any) -> bool:
-    """Return True for arrays of :class:`LazyCells`."""
+    """Return True if an array reads its values when indexed.
+
+    Such arrays are kept as :class:`LazyCells`.
+    """
     data = _unwrap(array)
     return isinstance(data, ZarrArray | np.memmap) or _package_of(data) in _LAZY_PACKAGES
 
 
 def changed_source(name: str, problem: str) -> FileError:
-    """Return the error for cells that changed during a build."""
+    """Make the error for cells that changed during a build."""
     rule = "the workspace must not change while a map is built"
     return FileError(
         name, f"has changed: {problem}", rule, "build the map again, into another store"
@@ -241,8 +245,7 @@ def changed_source(name: str, problem: str) -> FileError:
 
 
 CellBox = tuple[Ints, Ints]
-"""First cell of a box, and the cell after the last one; the box of an obstacle outside the grid is
-empty."""
+"""First cell of a box, and the cell after the last one; empty for obstacles outside the grid."""
 
 
 class Obstacle(NamedTuple):
@@ -286,20 +289,19 @@ class Obstacle(NamedTuple):
 
 @dataclass(slots=True, eq=False)
 class ObstacleLayers:
-    """Cells of a workspace: a base, and obstacles over it.
-
-    The obstacles have names.
+    """Cells of a workspace: a base, and named obstacles on top of it.
 
     Attributes
     ----------
     grid : Grid
     outer, inner : ndarray of bool
-        Cells of the base; copies.
+        Cells of the base that meet obstacles, and cells inside obstacles; copies.
     unknown : ndarray of bool, or None
         Unknown cells of the base; a copy.
     shapes : tuple or None
         Obstacles of the base as shapes; None if only their cells are known.
     named : dict of str to Obstacle
+        Obstacles on top of the base.
     """
 
     grid: Grid
@@ -329,10 +331,7 @@ class ObstacleLayers:
         return (*base, *(obstacle.shape for obstacle in self.named.values()))
 
     def write(self, window: tuple[slice, ...], outer: Bools, inner: Bools) -> None:
-        """Write a box of the base's cells.
-
-        From then on, only the cells of its obstacles are known, not their shapes.
-        """
+        """Replace a box of the base's cells; forget the base's shapes."""
         self.outer[window] = outer
         self.inner[window] = inner
         if self.unknown is not None:
@@ -360,7 +359,7 @@ class ObstacleLayers:
         inner = self.inner[window].copy()
         unknown = np.zeros_like(outer) if self.unknown is None else self.unknown[window].copy()
         obstacles = list(self.named.values())
-        # All boxes are compared at once, as few of many obstacles are near.
+        # Compare all boxes at once, because few of many obstacles are near.
         firsts = np.array([obstacle.box[0] for obstacle in obstacles]).reshape(-1, len(first))
         stops = np.array([obstacle.box[1] for obstacle in obstacles]).reshape(-1, len(first))
         is_near = ((firsts < stop) & (first < stops) & (firsts < stops)).all(axis=1)

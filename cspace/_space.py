@@ -120,13 +120,16 @@ class CSpace(ConfigurationMap):
         rasters: Sequence[tuple[Raster, Raster]] | None = None,
         layers: ObstacleLayers | None = None,
     ) -> None:
-        """Make a map of given states; everything else is computed when it is first needed."""
+        """Make a map of given states.
+
+        Everything else is computed when it is first needed.
+        """
         if contents.workspace.live:  # updates of another map write to it
             contents = replace(contents, workspace=copy_workspace(contents.workspace))
         self._contents = contents
         self._layers = layers
-        # Updates write to the states of the contents; everything else reads this view.
-        self._seen: States = read_only(contents.states)
+        # Updates write to the states of the contents; everything else uses this read-only view.
+        self._states: States = read_only(contents.states)
         self._slice_of = contents.slice_of
         self.lock: AbstractContextManager[Any] = threading.RLock()
         if rasters is not None:
@@ -140,7 +143,7 @@ class CSpace(ConfigurationMap):
         return self._contents.workspace
 
     @property
-    def _kept(self) -> Contents:
+    def _map_contents(self) -> Contents:
         """The contents of the map."""
         return self._contents
 
@@ -167,7 +170,7 @@ class CSpace(ConfigurationMap):
         InputError
             If a new array does not fit into memory.
         """
-        states = self._seen
+        states = self._states
         if len(states) < len(self._slice_of):
             states = read_only(states[self._slice_of])
         return states.reshape(self._contents.stack_shape(len(states)))
@@ -179,13 +182,13 @@ class CSpace(ConfigurationMap):
         nothing, a yaw in radians, or a quaternion.
         """
         cell = self.rotations._find_cells(self.rotations._check_rotation(rotation))
-        states: States = self._seen[int(self._slice_of[cell])]
+        states: States = self._states[int(self._slice_of[cell])]
         return states
 
     def count(self) -> tuple[int, int, int]:
         """Count the FREE, MIXED and BLOCKED cells over all rotation cells."""
-        rotations_per_slice = np.bincount(self._slice_of, minlength=len(self._seen))
-        free, mixed, blocked = (rotations_per_slice @ count_states(self._seen)).tolist()
+        rotations_per_slice = np.bincount(self._slice_of, minlength=len(self._states))
+        free, mixed, blocked = (rotations_per_slice @ count_states(self._states)).tolist()
         return free, mixed, blocked
 
     @property
@@ -199,7 +202,7 @@ class CSpace(ConfigurationMap):
         """Plain values by name that describe the map."""
         grid = self.grid
         rotations = self.rotations
-        states = self._seen
+        states = self._states
         counts = self.overlap_counts
         # The free area or volume; over all rotations, the mean by their share of all rotations.
         free_cells = count_states(states)[self._slice_of, FREE]
@@ -249,7 +252,7 @@ class CSpace(ConfigurationMap):
         -------
         int or ndarray of int64, shape (...)
         """
-        return self._sum("outer", q)
+        return self._count_overlaps("outer", q)
 
     @overload
     def contains_robot(self, q: Configuration) -> bool: ...  # type: ignore[overload-overlap]
@@ -272,7 +275,7 @@ class CSpace(ConfigurationMap):
         bool or ndarray of bool, shape (...)
         """
         with self.lock:  # the sums are consistent only before and after an update
-            sums = np.asarray(self._sum("inner", q))
+            sums = np.asarray(self._count_overlaps("inner", q))
         # The robot lies inside if all its cells overlap inner cells.
         rotation_cells = self.rotations._find_cells(np.asarray(q, dtype=np.float64))
         robot_cells = np.array([outer.count for outer, _ in self._rasters])
@@ -309,13 +312,14 @@ class CSpace(ConfigurationMap):
         """
         points = check_rows(q, "q", self.size)
         rows = as_contiguous(points.reshape(-1, self.size))
-        row_lengths = _spread_spans(lengths, "lengths", points.shape[:-1])
-        row_turns = _spread_spans(turns, "turns", points.shape[:-1])
+        row_lengths = _broadcast_spans(lengths, "lengths", points.shape[:-1])
+        row_turns = _broadcast_spans(turns, "turns", points.shape[:-1])
         distances = np.zeros(len(rows))
         for k in np.flatnonzero(self.is_free(points, exact=True)):
             piece = slice(k, k + 1)
             distance = self._exact.distance(rows[piece], row_lengths[piece], row_turns[piece])
-            # The center is proven free, margin included; a piece is not, if nothing is left for it.
+            # The center is proven free, margin included. A piece is not, if its bound leaves
+            # nothing beyond the margin.
             extends = row_lengths[k] > 0.0 or row_turns[k] > 0.0
             distances[k] = 0.0 if extends and distance <= self.margin else distance
         return distances.reshape(points.shape[:-1]) if points.ndim > 1 else float(distances[0])
@@ -342,14 +346,16 @@ class CSpace(ConfigurationMap):
         change = self.steps_between(starts, ends)
         metres = np.linalg.norm(change[:, : self.dim], axis=1)
         radians = np.linalg.norm(change[:, self.dim :], axis=1)
-        # Translation and rotation of a piece move a point by a quarter of a cell each.
+        # The translation and the rotation of a piece each move a point by at most a quarter cell.
         longest = 0.25 * self.grid.spacing
         ways = np.maximum(metres, radians * max(self.robot.span, longest))
         counts = np.maximum(np.ceil(ways / longest), 1.0).astype(np.int64)
+        # For each piece: its edge, its index on that edge, and its middle as a fraction of the
+        # edge.
         edges = np.repeat(np.arange(len(starts)), counts)
         numbers = np.arange(len(edges)) - np.repeat(np.cumsum(counts) - counts, counts)
-        shares = (numbers + 0.5) / counts[edges]
-        centers = self.interpolate(starts[edges], ends[edges], shares[:, np.newaxis])
+        fractions = (numbers + 0.5) / counts[edges]
+        centers = self.interpolate(starts[edges], ends[edges], fractions[:, np.newaxis])
         pieces = (metres / counts)[edges], (radians / counts)[edges]
         try:
             if not np.all(self.motion_is_free(starts, ends, exact=True)):
@@ -359,48 +365,58 @@ class CSpace(ConfigurationMap):
             return math.nan
 
     def _state_of_one(self, q: tuple[Any, ...]) -> int | None:
-        """Return the state of one configuration, or None if the look-up of arrays decides."""
+        """Return the state of one configuration, or None.
+
+        None means that only the query of arrays can answer, or raise the error.
+        """
         try:
             state = self._look_up_state(*q)
-        except (TypeError, ValueError):  # another number of entries, or none that are numbers
+        except (TypeError, ValueError):  # the number or the type of entries is wrong
             return None
-        if state == NOT_USABLE or self._is_suspect(q):
+        if state == NOT_USABLE or self._seems_in_degrees(q):
             return None
         return state
 
     def _state_of_motion(self, q0: tuple[Any, ...], q1: tuple[Any, ...]) -> int | None:
-        """Return FREE if one motion is proven free, else MIXED; None if arrays decide."""
+        """Return FREE if a motion is proven free, else MIXED, or None.
+
+        None means that only the query of arrays can answer, or raise the error.
+        """
         try:
             state = self._look_up_motion(*q0, *q1)
         except (TypeError, ValueError):
             return None
         if state == NOT_USABLE or len(q0) != len(q1):
             return None
-        return None if self._is_suspect(q0) or self._is_suspect(q1) else state
+        return None if self._seems_in_degrees(q0) or self._seems_in_degrees(q1) else state
 
     def _connection_of_one(
         self, q0: tuple[Any, ...], q1: tuple[Any, ...], apart: bool
     ) -> bool | None:
-        """Return whether two configurations are proven connected, or with ``apart`` disconnected.
+        """Return whether two configurations are proven connected, or disconnected.
 
-        None if the look-up of arrays decides, as outside the grid.
+        With ``apart``, the answer is True for disconnected ones. Returns None if only the query of
+        arrays can answer, for example outside the grid.
         """
         with self.lock:  # an update changes the components
             try:
-                places = self._look_up_place(*q0), self._look_up_place(*q1)
+                flat_cells = self._look_up_flat_cell(*q0), self._look_up_flat_cell(*q1)
             except (TypeError, ValueError):
                 return None
-            if -1 in places or self._is_suspect(q0) or self._is_suspect(q1):
+            if -1 in flat_cells or self._seems_in_degrees(q0) or self._seems_in_degrees(q1):
                 return None
-            joined = self._components.are_joined(*places)
+            joined = self._components.are_joined(*flat_cells)
             # No component of FREE and MIXED cells may join them if they shall be apart.
             if apart:
-                return not (joined or self._components.are_joined(*places, mixed=True))
+                return not (joined or self._components.are_joined(*flat_cells, mixed=True))
             # A path is proven only between configurations that no cell but FREE ones touches.
             return joined and all(self._look_up_motion(*q, *q) == FREE for q in (q0, q1))
 
     def _clearance_of_one(self, q: tuple[Any, ...]) -> float | None:
-        """Return the clearance of one configuration, or None if the look-up of arrays decides."""
+        """Return the clearance of one configuration, or None.
+
+        None means that only the query of arrays can answer, or raise the error.
+        """
         table = self._distances.table
         if table is None:
             return None
@@ -408,10 +424,10 @@ class CSpace(ConfigurationMap):
             metres = self._look_up_clearance(table, *q)
         except (TypeError, ValueError):
             return None
-        return None if math.isnan(metres) or self._is_suspect(q) else metres
+        return None if math.isnan(metres) or self._seems_in_degrees(q) else metres
 
-    def _is_suspect(self, q: tuple[Any, ...]) -> bool:
-        """Return True if an angle seems to be in degrees, so that a warning is due."""
+    def _seems_in_degrees(self, q: tuple[Any, ...]) -> bool:
+        """Return True if an angle seems to be in degrees."""
         if not self._angles:
             return False
         return any(abs(q[axis]) > MAX_EXPECTED_ANGLE for axis in self._angles)
@@ -473,12 +489,12 @@ class CSpace(ConfigurationMap):
             ``check(*q) -> float``. Takes the coordinates as finite floats, without a check.
         """
         distances = self._distances
-        distances.whole()
+        distances.compute_all()
         look_up = self._look_up_clearance
 
         def check(*q: float) -> float:
-            """Return the clearance of the configuration in metres; 0 if it is not usable."""
-            metres = look_up(distances.whole(), *q)
+            """Return the clearance, metres; 0 for an unusable configuration."""
+            metres = look_up(distances.compute_all(), *q)
             return 0.0 if math.isnan(metres) else metres
 
         return check
@@ -507,7 +523,7 @@ class CSpace(ConfigurationMap):
         """
         search = partial(self._find_cheapest_path, factor_at=factor_at, cost=cost)
         start, goal = endpoints
-        return self._run_in_time(search, start, goal, straight, time_limit)
+        return self._run_with_time_limit(search, start, goal, straight, time_limit)
 
     # ---- paths through FREE cells ----------------------------------------------------------------
 
@@ -534,7 +550,7 @@ class CSpace(ConfigurationMap):
         """
         with self.lock:  # an update changes the components
             cell = self._cells_of(self._check_in_grid(q, "q", free=True))
-            first, last = self._components.box(cell)
+            first, last = self._components.bounding_box(cell)
         lower = np.asarray(self.grid.lower)
         return lower + self.grid.spacing * first, lower + self.grid.spacing * (last + 1)
 
@@ -585,7 +601,7 @@ class CSpace(ConfigurationMap):
         """
         check_flag(exact, "exact")
         search = self._find_exact_path if exact else self._find_free_path
-        return self._run_in_time(search, q0, q1, straight, time_limit)
+        return self._run_with_time_limit(search, q0, q1, straight, time_limit)
 
     def search(self, name: str, endpoints: Sequence[Endpoint], options: SearchOptions) -> Floats:
         """Run :meth:`find_path` as "Grid", or :meth:`find_widest_path` as "MaxClearance"."""
@@ -598,7 +614,7 @@ class CSpace(ConfigurationMap):
             start, goal, straight=straight, exact=options.exact, time_limit=seconds
         )
 
-    def _run_in_time(
+    def _run_with_time_limit(
         self,
         search: Callable[[ArrayLike, ArrayLike, bool, float], Floats],
         q0: ArrayLike,
@@ -606,9 +622,10 @@ class CSpace(ConfigurationMap):
         straight: bool,
         time_limit: float | None,
     ) -> Floats:
-        """Run a search of a path, shape (n, size), with a time limit; n is 0 if time runs out.
+        """Run a path search with a time limit.
 
-        ``search`` takes start, goal, ``straight`` and seconds; it raises TimeoutError.
+        Returns a path of shape (n, size); n is 0 if time runs out. ``search`` takes start, goal,
+        ``straight`` and seconds; it raises TimeoutError.
         """
         seconds = math.inf
         if time_limit is not None:
@@ -621,9 +638,10 @@ class CSpace(ConfigurationMap):
     def _find_free_path(
         self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float
     ) -> Floats:
-        """Find a path through FREE cells, shape (n, size); raise TimeoutError if time runs out.
+        """Find a path through FREE cells, shape (n, size).
 
-        It is one straight edge if possible, and otherwise follows a chain of cells.
+        Raises TimeoutError if time runs out. It is one straight edge if possible, and otherwise
+        follows a chain of cells.
         """
         endpoints = self._check_ends(q0, q1, free=True)
         start, goal = endpoints
@@ -633,15 +651,15 @@ class CSpace(ConfigurationMap):
             goal[dim:] = start[dim:]
         if straight and self.edge_checker()(*start, *goal):
             return endpoints
-        return self._path_along_chain(endpoints, straight, seconds)
+        return self._find_path_along_chain(endpoints, straight, seconds)
 
     def _find_exact_path(
         self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float
     ) -> Floats:
-        """Find a path that geometry proves, shape (n, size): the shortest of two searches.
+        """Find a path that geometry proves, shape (n, size).
 
-        One search keeps to FREE cells, the other one crosses MIXED cells. Raises TimeoutError if
-        time runs out before any path is found.
+        It is the shorter one of two searches. One search keeps to FREE cells, the other one crosses
+        MIXED cells. Raises TimeoutError if time runs out before any path is found.
         """
         from cspace._queries.paths import in_time, path_length, pulled_straight
 
@@ -675,13 +693,13 @@ class CSpace(ConfigurationMap):
         ``endpoints`` has shape (2, size), the path (n, size). It is empty if no path promises to be
         shorter than ``max_length``, or after the clock's time ``until``.
         """
-        from cspace._queries.undecided import UNDECIDED_BYTES_PER_CELL, Undecided
+        from cspace._queries.undecided import UNDECIDED_BYTES_PER_CELL, MixedCellSearch
 
         needed = UNDECIDED_BYTES_PER_CELL * self.grid.size * len(self.rotations)
         check_memory(needed, "the map, to search its MIXED cells,", self.grid)
         # One array for each rotation cell, because geometry decides each on its own.
         states = self.cell_states.reshape(-1, *self.grid.shape)
-        search = Undecided(
+        search = MixedCellSearch(
             self.grid,
             self.rotations,
             states,
@@ -691,7 +709,7 @@ class CSpace(ConfigurationMap):
         )
         return search.find(endpoints, self._cells_of(endpoints), max_length, until)
 
-    def _path_along_chain(
+    def _find_path_along_chain(
         self,
         endpoints: Floats,
         straight: bool,
@@ -699,10 +717,11 @@ class CSpace(ConfigurationMap):
         factors: Costs | None = None,
         cost: Callable[..., float] | None = None,
     ) -> Floats:
-        """Find a path along a short chain of cells, shape (n, size); n is 0 if there is none.
+        """Find a path along a short chain of cells, shape (n, size).
 
-        It is shortened if ``straight``. With ``factors`` of cells, shape (slices, ...), the length
-        of a move is multiplied by those of its cells, and ``cost`` is that of an edge.
+        The length n is 0 if there is none. It is shortened if ``straight``. With ``factors`` of
+        cells, shape (slices, ...), the length of a move is multiplied by those of its cells, and
+        ``cost`` is that of an edge.
         """
         from cspace._queries.guide import NO_FACTORS
         from cspace._queries.paths import (
@@ -714,7 +733,7 @@ class CSpace(ConfigurationMap):
         )
         from cspace._queries.search import WEIGHT, WEIGHT_OF_TAUT_PATHS, find_chain
 
-        # If components are known already, they save a search that cannot succeed.
+        # If components are computed already, they save a search that cannot succeed.
         start, goal = map(tuple, endpoints.tolist())
         if self.is_labelled and not self.is_connected(start, goal):
             return self._no_path()
@@ -725,7 +744,7 @@ class CSpace(ConfigurationMap):
         factors = NO_FACTORS if factors is None else factors
         is_pulled_taut = straight and cost is None and self.size == 2
         cells = find_chain(
-            self._seen,
+            self._states,
             self._slice_of,
             turns,
             first,
@@ -740,7 +759,7 @@ class CSpace(ConfigurationMap):
         path = waypoints(self.grid, rotations, endpoints, cells)
         check = self.edge_checker()
         if is_pulled_taut:
-            taut = pull_taut_in_plane(self._seen[0], self.grid, path, in_time(check, until))
+            taut = pull_taut_in_plane(self._states[0], self.grid, path, in_time(check, until))
             if len(taut):
                 return taut
         start_rotation, goal_rotation = endpoints[:, self.grid.dim :]
@@ -752,7 +771,7 @@ class CSpace(ConfigurationMap):
             still = path.copy()
             still[:, self.grid.dim :] = start_rotation
             path = still if are_free(still, check) else path
-        # Only the edges to the first and from the last center may fail, beside cells not FREE.
+        # Only the edges from start and to goal may fail, if they touch cells that are not FREE.
         if not are_free(path, check):
             return self._no_path()
         if not straight:
@@ -760,7 +779,7 @@ class CSpace(ConfigurationMap):
         return pulled_straight(path, rotations, in_time(check, until), cost)
 
     def _no_path(self) -> Floats:
-        """Return a path without waypoints, which stands for none."""
+        """Return an empty path, which means that no path was found."""
         return np.empty((0, self.size))
 
     def _find_cheapest_path(
@@ -772,9 +791,9 @@ class CSpace(ConfigurationMap):
         factor_at: Callable[[Distances], Costs],
         cost: Callable[..., float],
     ) -> Floats:
-        """Find a path of low cost, the cheapest of up to three; see :meth:`find_cheap_path`.
+        """Find a path of low cost, the cheapest of up to three.
 
-        Raises TimeoutError if time runs out before any is found.
+        See :meth:`_find_cheap_path`. Raises TimeoutError if time runs out before any is found.
         """
         from cspace._queries.paths import edge_costs, in_time, pulled_straight
 
@@ -791,7 +810,7 @@ class CSpace(ConfigurationMap):
             paths.append(pulled_straight(short_path, self.rotations, check, cost))
         with suppress(TimeoutError):
             remaining = until - clock()
-            cheap_path = self._path_along_chain(endpoints, straight, remaining, factors, cost)
+            cheap_path = self._find_path_along_chain(endpoints, straight, remaining, factors, cost)
             paths.append(cheap_path)
         paths = [path for path in paths if len(path)]
 
@@ -833,7 +852,7 @@ class CSpace(ConfigurationMap):
         # Positions in cells, and the cells that are not BLOCKED at every rotation.
         positions = self._check_ends(q0, q1)[:, : grid.dim]
         start, goal = (positions - grid.lower) / grid.spacing
-        passable = self._seen.min(axis=0) < BLOCKED
+        passable = self._states.min(axis=0) < BLOCKED
         is_open = not self._exterior.is_all_blocked(grid.shape).all()
         return grid.spacing * min_length(passable, is_open, start, goal)
 
@@ -882,14 +901,14 @@ class CSpace(ConfigurationMap):
             If a coordinate is not finite, the time limit is not above zero, or the search does not
             fit into memory.
         """
-        return self._run_in_time(self._search_widest_path, q0, q1, straight, time_limit)
+        return self._run_with_time_limit(self._search_widest_path, q0, q1, straight, time_limit)
 
     def _search_widest_path(
         self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float
     ) -> Floats:
-        """Find a path of the largest clearance, shape (n, size), empty if edges are unproven.
+        """Find a path of the largest clearance, shape (n, size).
 
-        Raises TimeoutError if time runs out.
+        It is empty if its edges are not proven. Raises TimeoutError if time runs out.
         """
         from cspace._queries.widest import WidthMap, find_widest_path
 
@@ -905,7 +924,10 @@ class CSpace(ConfigurationMap):
         return self._no_path()
 
     def _search_distances(self) -> Distances:
-        """Return the distance of each cell, by slice; refuse a search beyond free memory."""
+        """Return the distance of each cell, by slice, for a search.
+
+        Raises InputError if the search does not fit into memory.
+        """
         from cspace._queries.widest import SEARCH_BYTES_PER_CELL
 
         needed = SEARCH_BYTES_PER_CELL * self.grid.size * len(self.rotations)
@@ -969,7 +991,7 @@ class CSpace(ConfigurationMap):
         ConfigurationError
             If the map has no FREE cell.
         """
-        from cspace._queries.sampling import nearest
+        from cspace._queries.sampling import find_nearest
 
         point = self._check_configurations(q, "q")
         if point.ndim != 1:
@@ -979,14 +1001,14 @@ class CSpace(ConfigurationMap):
                 f"it must be one configuration, shape ({self.size},)",
                 "pass one configuration at a time",
             )
-        center = nearest(self._seen, self._slice_of, self.rotations, self.grid, point)
+        center = find_nearest(self._states, self._slice_of, self.rotations, self.grid, point)
         if center is None:
             raise self._make_nothing_free_error()
         return center
 
     def _make_nothing_free_error(self) -> ConfigurationError:
         """Make the error for a map without FREE cells."""
-        more = "" if self.rotations._preserve(self.robot.shape) else "more rotations, "
+        more = "" if self.rotations._preserves(self.robot.shape) else "more rotations, "
         hint = f"use a smaller robot, a finer spacing, {more}or unknown='free' for a sensor map"
         rule = "no configuration can be drawn"
         return ConfigurationError("the map", "has no FREE cell", rule, hint)
@@ -1050,7 +1072,7 @@ class CSpace(ConfigurationMap):
         """
         from cspace._record.update import Patch
 
-        self._check_whole()
+        self._check_not_window()
         patch = Patch.of(self.grid, cells, lower, inner)
         with self.lock:
             return self._updates.update(patch)
@@ -1114,7 +1136,7 @@ class CSpace(ConfigurationMap):
         ['people']
         """
         check_text(name, "name", "cart")
-        self._check_whole()
+        self._check_not_window()
         obstacle = as_shape(shape, radius, "shape")
         if obstacle.dim != self.grid.dim:
             place = "the plane" if self.grid.dim == 2 else "space"
@@ -1166,14 +1188,14 @@ class CSpace(ConfigurationMap):
 
     @lazy
     def _updates(self) -> Updater:
-        """Updater of the states."""
+        """Updater that writes to the states when obstacles change."""
         from cspace._record.update import Updater
 
         return Updater(
             self._contents, self._layers, self._rasters, self._exterior, self._drop_derived
         )
 
-    def _check_whole(self) -> None:
+    def _check_not_window(self) -> None:
         """Raise ConfigurationError if the map is a window of a larger one."""
         if self.outside == UNKNOWN:
             raise ConfigurationError(
@@ -1184,14 +1206,17 @@ class CSpace(ConfigurationMap):
             )
 
     def _drop_derived(self, workspace: Workspace, layers: ObstacleLayers | None) -> None:
-        """Drop all data that depend on the cells, and take over the workspace of an update."""
+        """Drop all data derived from the cells, after an update.
+
+        The map takes over the updated workspace.
+        """
         contents = self._contents
         self._layers = layers
         if contents.workspace is not workspace:
             # Overlap counts belong to the obstacles before the update.
             self._contents = replace(contents, workspace=workspace, overlap_counts=None)
         derived.drop(self)
-        # Checkers of planners hold these two objects, so these drop what they hold.
+        # Checkers of planners keep references to these two objects, so only their data are dropped.
         for name in ("_distances", "_exact"):
             if name in vars(self):
                 vars(self)[name].drop()
@@ -1282,8 +1307,10 @@ class CSpace(ConfigurationMap):
 
     # ---- for files and messages ------------------------------------------------------------------
 
-    def _write(self, write: Callable[[Contents], None], *, exterior: bool = False) -> None:
-        """Call ``write`` with the contents of the map while no update changes them.
+    def _call_with_contents(
+        self, write: Callable[[Contents], None], *, exterior: bool = False
+    ) -> None:
+        """Call ``write`` with the contents, while no update changes them.
 
         With ``exterior``, the exterior's states are included.
         """
@@ -1294,12 +1321,15 @@ class CSpace(ConfigurationMap):
             write(contents)
 
     def _distance_arrays(self) -> dict[str, NDArray[Any]]:
-        """Return the distances of cells by the names of a saved map's arrays."""
-        boxes = self._distances.whole().boxes
+        """Return distances of cells as named arrays of a saved map."""
+        boxes = self._distances.compute_all().boxes
         return {"distances": self._distances.array(), "distance_boxes": boxes}
 
     def _clearances_of_cells(self, number: int | None) -> Floats:
-        """Return the clearance at each cell's center, in metres, for a slice or the best of all."""
+        """Return the clearance at cell centers, metres, of slice ``number``.
+
+        If that is None, return the largest clearance among all slices.
+        """
         from cspace._queries.distance import ROUNDING_FACTOR
 
         if number is None:
@@ -1357,7 +1387,7 @@ class CSpace(ConfigurationMap):
             derived = self._distance_arrays() if clearance else None
             save(contents, path, overwrite, compress, derived)
 
-        self._write(write, exterior=True)
+        self._call_with_contents(write, exterior=True)
 
     def export(
         self, path: str | Path, *, overwrite: bool = False, rotation: ArrayLike | None = None
@@ -1371,7 +1401,7 @@ class CSpace(ConfigurationMap):
         """
         from cspace.export._writers import export
 
-        self._write(partial(export, path=path, overwrite=overwrite, rotation=rotation))
+        self._call_with_contents(partial(export, path=path, overwrite=overwrite, rotation=rotation))
 
     def to_occupancy_grid(
         self, msg: Any = None, *, rotation: ArrayLike | None = None, frame_id: str = "map"
@@ -1481,7 +1511,7 @@ class CSpace(ConfigurationMap):
     def _kernel_map(self) -> Map:
         """The map as input of compiled functions; it follows updates."""
         return make_map_record(
-            self._seen,
+            self._states,
             self.grid,
             self._exterior.table,
             self.rotations._make_lookups(self._slice_of),
@@ -1489,24 +1519,24 @@ class CSpace(ConfigurationMap):
 
     @derived
     def _blocks(self) -> Map:
-        """Map of blocks of cells, for many edges."""
-        from cspace._queries.edges import join_blocks
+        """The map coarsened to blocks of cells, which test many edges faster."""
+        from cspace._queries.edges import coarsen_map
 
-        return join_blocks(self._kernel_map)
+        return coarsen_map(self._kernel_map)
 
     @lazy
     def _exact(self) -> ExactQueries:
-        """Queries with exact geometry."""
+        """Queries that geometry decides in MIXED cells."""
         from cspace._exact.proofs import ExactQueries
 
-        return ExactQueries(self._problem)
+        return ExactQueries(self._make_problem)
 
     def _boundary_proofs(self) -> BoundaryProofs:
         """Return the proofs by the present boundaries of robot and obstacles."""
         return self._exact.boundary_proofs()
 
-    def _problem(self) -> Problem:
-        """Return the input of exact queries."""
+    def _make_problem(self) -> Problem:
+        """Return the map and the geometry as inputs of exact queries."""
         from cspace._exact.boundaries import Problem
 
         exterior_blocked = self.outside != "free"
@@ -1521,7 +1551,7 @@ class CSpace(ConfigurationMap):
 
     @property
     def is_labelled(self) -> bool:  # type: ignore[override]
-        """Whether components of cells are known."""
+        """Whether the components of cells have been computed."""
         return "_components" in vars(self)
 
     @derived
@@ -1530,20 +1560,20 @@ class CSpace(ConfigurationMap):
         from cspace._queries.components import Components
 
         exterior_open = ~self._exterior.is_all_blocked(self.grid.shape)
-        return Components(self._seen, self._slice_of, self.rotations._neighbors, exterior_open)
+        return Components(self._states, self._slice_of, self.rotations._neighbors, exterior_open)
 
     @lazy
     def _distances(self) -> DistanceMap:
         """Distances of cells to those that are not FREE; they follow updates."""
         from cspace._queries.distance import BYTES_PER_CELL, DistanceMap
 
-        needed = BYTES_PER_CELL * self._seen.size
+        needed = BYTES_PER_CELL * self._states.size
         check_memory(needed, "the map, with the clearance of its cells,", self.grid)
-        return DistanceMap(self._seen, self._exterior.table, self.lock)
+        return DistanceMap(self._states, self._exterior.table, self.lock)
 
     @lazy
     def _robot_rows(self) -> RobotRows:
-        """Rows of the outer rasters, for overlap counts."""
+        """Rows of the robot's outer raster in each slice, for overlap counts."""
         from cspace._queries.overlaps import RobotRows
 
         return RobotRows.of([outer for outer, _ in self._rasters])
@@ -1567,7 +1597,7 @@ class CSpace(ConfigurationMap):
         """FREE cells, for sampling."""
         from cspace._queries.sampling import FreeCells
 
-        return FreeCells(self._seen)
+        return FreeCells(self._states)
 
     @lazy
     def _turn_costs(self) -> Floats:
@@ -1584,15 +1614,15 @@ class CSpace(ConfigurationMap):
         return state_lookup(self._kernel_map, self.size)
 
     @lazy
-    def _look_up_place(self) -> Callable[..., int]:
-        """Look-up of the cell of one configuration."""
-        from cspace._queries.callbacks import place_lookup
+    def _look_up_flat_cell(self) -> Callable[..., int]:
+        """Look-up of the flat index of one configuration's cell."""
+        from cspace._queries.callbacks import flat_cell_lookup
 
-        return place_lookup(self._kernel_map, self.size)
+        return flat_cell_lookup(self._kernel_map, self.size)
 
     @lazy
     def _look_up_motion(self) -> Callable[..., int]:
-        """Look-up of one motion."""
+        """Look-up of whether one motion is proven free."""
         from cspace._queries.callbacks import motion_lookup
 
         return motion_lookup(self._kernel_map, self.size)
@@ -1602,44 +1632,60 @@ class CSpace(ConfigurationMap):
         """Look-up of one configuration's clearance in a table of distances."""
         from cspace._queries.distance import clearance_lookup
 
-        return clearance_lookup(self._kernel_map, self._distances.of_slices([]), self.size)
+        return clearance_lookup(self._kernel_map, self._distances.compute_slices([]), self.size)
 
     # ---- queries of rows -------------------------------------------------------------------------
 
-    def _at_one_moment(self) -> AbstractContextManager[Any]:
-        """Return the lock that updates hold."""
+    def _map_lock(self) -> AbstractContextManager[Any]:
+        """Return the lock that is held while an update changes the map."""
         return self.lock
 
     def _find_unusable(self, rows: Floats) -> int:
-        """Return the index of the first unusable configuration of rows (n, size), or -1."""
+        """Return the index of the first unusable row, or -1.
+
+        A row is a configuration; ``rows`` has shape (n, size).
+        """
         return self._write_states(rows, np.empty(len(rows), dtype=np.uint8))
 
     def _write_states(self, rows: Floats, out: States) -> int:
-        """Write the states of configurations (n, size); return the first unusable row, or -1."""
+        """Write the states of configurations.
+
+        ``rows`` has shape (n, size), ``out`` (n,). Returns the index of the first unusable row, or
+        -1.
+        """
         from cspace._queries.points import classify
 
         return write_in_threads(partial(classify, self._kernel_map), rows, out)
 
     def _write_free(self, exact: bool, rows: Floats, out: Bools) -> int:
-        """Write whether configurations (n, size) are free; return the first unusable row, or -1."""
+        """Write whether configurations are free.
+
+        ``rows`` has shape (n, size), ``out`` (n,). Returns the index of the first unusable row, or
+        -1.
+        """
         if exact:
-            return write_in_threads(partial(self._exact.points, self._kernel_map), rows, out)
+            return write_in_threads(partial(self._exact.write_points, self._kernel_map), rows, out)
         return super()._write_free(exact, rows, out)
 
     def _write_motions(self, exact: bool, starts: Floats, ends: Floats, out: Bools) -> int:
-        """Write whether motions, shapes (n, size), are free; return the first unusable, or -1."""
+        """Write whether motions are free.
+
+        ``starts`` and ``ends`` have shape (n, size), ``out`` (n,). Returns the index of the first
+        unusable motion, or -1.
+        """
         from cspace._queries import edges
 
-        test_edges = self._exact.edges if exact else edges.edges_are_free
-        write = partial(test_edges, self._kernel_map)
-        min_edges = edges.MIN_EDGES_FOR_BLOCKS + self._seen.size // edges.CELLS_PER_EDGE
+        write_edges = self._exact.write_edges if exact else edges.edges_are_free
+        write = partial(write_edges, self._kernel_map)
+        min_edges = edges.MIN_EDGES_FOR_BLOCKS + self._states.size // edges.CELLS_PER_EDGE
         if len(starts) >= min_edges:
             write = partial(edges.edges_are_free_by_blocks, self._blocks, write)
         return write_in_threads(write, starts, ends, out, min_items=MIN_EDGES_PER_THREAD)
 
     def _write_free_around(self, distance: float, angle: float, rows: Floats, out: Bools) -> int:
-        """Write whether all configurations within a distance and an angle of rows are free.
+        """Write whether all configurations near each row are free.
 
+        Near means within a distance and an angle. ``rows`` has shape (n, size), ``out`` (n,).
         Returns the first unusable row, or -1.
         """
         from cspace._queries.points import boxes_are_free
@@ -1648,8 +1694,12 @@ class CSpace(ConfigurationMap):
         return write_in_threads(write, rows, out)
 
     def _write_clearances(self, rows: Floats, out: Floats) -> int:
-        """Write clearances of rows, shape (n, size); return the first unusable row, or -1."""
-        from cspace._queries.distance import clearances
+        """Write the clearances of configurations, metres.
+
+        ``rows`` has shape (n, size), ``out`` (n,). Returns the index of the first unusable row, or
+        -1.
+        """
+        from cspace._queries.distance import write_clearances
 
         # Unless all distances are known, compute those of the slices that contain rows.
         table = self._distances.known
@@ -1658,11 +1708,14 @@ class CSpace(ConfigurationMap):
             if bad >= 0:
                 return bad
             slices = np.unique(self._slice_of[self.rotations._find_cells(rows)])
-            table = self._distances.of_slices(slices.tolist())
-        return write_in_threads(partial(clearances, self._kernel_map, table), rows, out)
+            table = self._distances.compute_slices(slices.tolist())
+        return write_in_threads(partial(write_clearances, self._kernel_map, table), rows, out)
 
-    def _sum(self, side: Literal["outer", "inner"], q: ArrayLike) -> int | Ints:
-        """Count the outer or inner cells that the robot overlaps at configurations (..., size)."""
+    def _count_overlaps(self, side: Literal["outer", "inner"], q: ArrayLike) -> int | Ints:
+        """Count the obstacle cells that the robot overlaps, outer or inner.
+
+        ``q`` are configurations, shape (..., size).
+        """
         from cspace._queries.overlaps import count_overlaps
 
         # An unknown exterior counts as occupied in the outer sum and as free in the inner sum.
@@ -1677,14 +1730,17 @@ class CSpace(ConfigurationMap):
         return counts
 
     def _check_ends(self, q0: ArrayLike, q1: ArrayLike, **options: bool) -> Floats:
-        """Check start and goal, which must be in the grid; return them, shape (2, size)."""
+        """Return start and goal, shape (2, size), if in the grid.
+
+        Raises ConfigurationError otherwise; see :meth:`_check_in_grid` for the options.
+        """
         start = self._check_in_grid(q0, "q0", **options)
         return np.stack([start, self._check_in_grid(q1, "q1", **options)])
 
     def _check_in_grid(
         self, q: ArrayLike, name: str, *, free: bool = False, exact: bool = False
     ) -> Floats:
-        """Check one configuration, which must be in the grid; return it with yaw in [-pi, pi).
+        """Return one configuration in canonical form, if in the grid.
 
         With ``free`` it must be FREE, or with ``exact`` proven free by geometry. Raises
         ConfigurationError otherwise.
@@ -1710,10 +1766,10 @@ class CSpace(ConfigurationMap):
         return point
 
 
-def _spread_spans(values: ArrayLike, name: str, shape: tuple[int, ...]) -> Floats:
-    """Return lengths or angles of pieces, one for each configuration of a batch of a shape.
+def _broadcast_spans(values: ArrayLike, name: str, shape: tuple[int, ...]) -> Floats:
+    """Broadcast lengths or angles of pieces to a batch of configurations.
 
-    One number is for all pieces. The result has shape (n,).
+    The result has shape (n,). ``shape`` is that of the batch. A single number is for all pieces.
     """
     spans = check_finite(values, name)
     if spans.shape not in ((), shape) or (spans < 0.0).any():

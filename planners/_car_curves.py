@@ -20,7 +20,7 @@ import numpy as np
 
 from cspace._bodies import ADVANCE_FACTOR, MAX_DISTANCES_PER_EDGE
 from cspace._exact.proofs import BoundaryTrees, fraction_apart
-from cspace._queries.points import around_is_free, position_in_plane
+from cspace._queries.points import neighborhood_is_free, position_in_plane
 from cspace._record.cells import Map
 from cspace._rotations.base import TWO_PI
 from cspace._rotations.lookup import matrix_rows
@@ -233,7 +233,7 @@ def piece_is_free(
     x, y, yaw = center
     position = position_in_plane(map_, x, y)
     reach = (half + spare) * radius
-    if around_is_free(map_, position, (yaw,), reach, turn + spare):
+    if neighborhood_is_free(map_, position, (yaw,), reach, turn + spare):
         return True
     # The branch of the geometry is left out if there is none.
     if geometry is None:

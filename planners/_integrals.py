@@ -146,7 +146,7 @@ def bind_cost(kernel: Any, space: CSpace, field: Field, *fixed: Any) -> Callable
     def get_values() -> Values:
         """Return the field's present values."""
         if isinstance(field, DistanceMap):
-            return Values(CLEARANCES, field.whole(), np.empty(0))
+            return Values(CLEARANCES, field.compute_all(), np.empty(0))
         if field is None:
             return Values(NO_VALUES, no_distances, np.empty(0))
         return Values(OVERLAPS, no_distances, field.reshape(-1))

@@ -46,7 +46,7 @@ from cspace._queries.paths import (
 )
 from cspace._queries.points import position_in_plane
 from cspace._record.cells import Map
-from cspace._rotations.base import METRES_PER_RADIAN, TWO_PI, wrapped
+from cspace._rotations.base import METRES_PER_RADIAN, TWO_PI, wrap_angles
 from cspace._space import CSpace
 from cspace._support.arrays import FREE, MIXED, Bools, Floats, Ints
 from cspace._support.compiling import clock, internal, kernel
@@ -261,8 +261,8 @@ def _list_headings(endpoints: Endpoints, count: int) -> tuple[Floats, Floats]:
     """
     yaws, _, move_lengths = _list_moves_by_yaw()
     own_yaws = np.unique([q[2] for q in endpoints])
-    is_new = np.abs(wrapped(yaws - own_yaws[:, None])).min(axis=1) > 1e-9
-    all_yaws = np.concatenate([wrapped(yaws), own_yaws[is_new]])
+    is_new = np.abs(wrap_angles(yaws - own_yaws[:, None])).min(axis=1) > 1e-9
+    all_yaws = np.concatenate([wrap_angles(yaws), own_yaws[is_new]])
     order = np.argsort(all_yaws)
     first = all_yaws[order]
     gaps = np.diff(first, append=first[0] + TWO_PI)
@@ -271,7 +271,7 @@ def _list_headings(endpoints: Endpoints, count: int) -> tuple[Floats, Floats]:
     lengths = np.full((len(order), count), math.sqrt(2.0))
     is_move = order < len(yaws)
     lengths[is_move, 0] = move_lengths[order[is_move]]
-    return wrapped(first[:, None] + np.outer(gaps, shares)).ravel(), lengths.ravel()
+    return wrap_angles(first[:, None] + np.outer(gaps, shares)).ravel(), lengths.ravel()
 
 
 def _list_moves_by_yaw() -> tuple[Floats, Ints, Floats]:
@@ -328,7 +328,7 @@ def _list_directions(edges: LocalPlanner, is_backwards: bool) -> Directions:
         costs = costs * weights
     numbers = np.arange(len(yaws))
     neighbors = np.stack([numbers - 1, numbers + 1], axis=1) % len(yaws)
-    turns = np.abs(wrapped(yaws[neighbors] - yaws[:, np.newaxis]))
+    turns = np.abs(wrap_angles(yaws[neighbors] - yaws[:, np.newaxis]))
     cells_per_radian = (edges.turning_radius or METRES_PER_RADIAN) / edges.cells.grid.spacing
     return Directions(
         slices=_list_slices_near(edges, yaws),
@@ -346,7 +346,7 @@ def _list_slices_near(edges: LocalPlanner, yaws: Floats) -> Ints:
     count = math.ceil(MAX_DEVIATION * len(rotations) / TWO_PI)
     deviations = MAX_DEVIATION * np.arange(-count, count + 1) / count
     deviations = deviations[np.argsort(np.abs(deviations))]
-    near = wrapped(yaws[:, np.newaxis] + deviations)
+    near = wrap_angles(yaws[:, np.newaxis] + deviations)
     return np.asarray(slice_of[rotations.cell_of(near)])
 
 
@@ -358,7 +358,7 @@ def _find_worst_state(edges: LocalPlanner) -> int:
 def _find_nearest(yaws: Floats) -> Ints:
     """Find the direction of the guide nearest to each yaw, shape (n,)."""
     guide_yaws, _, _ = _list_moves_by_yaw()
-    turns = np.abs(wrapped(guide_yaws - yaws[:, np.newaxis]))
+    turns = np.abs(wrap_angles(guide_yaws - yaws[:, np.newaxis]))
     return np.asarray(turns.argmin(axis=1))
 
 
@@ -391,7 +391,7 @@ def _list_spot_motions(edges: LocalPlanner, endpoints: Endpoints, count: int) ->
         directions.append(-1.0)
     lengths = spacing * np.outer(ahead, directions)
     next_heading = (np.arange(len(yaws))[:, None] + turns) % len(yaws)
-    radians = np.abs(wrapped(yaws[next_heading] - yaws[:, None]))
+    radians = np.abs(wrap_angles(yaws[next_heading] - yaws[:, None]))
     return Motions(
         headings=yaws,
         nearest=_find_nearest(yaws),
@@ -421,7 +421,7 @@ def _list_car_motions(
     radius = float(edges.turning_radius or math.nan)
     arc = TWO_PI / count
     spacing = edges.cells.grid.spacing
-    yaws = wrapped(np.asarray(start[2] + arc * np.arange(count), dtype=np.float64))
+    yaws = wrap_angles(np.asarray(start[2] + arc * np.arange(count), dtype=np.float64))
     # The chord of an arc is twice as long as the diagonal of a cell. In larger cells, one
     # configuration often replaces another that alone leads into a tight slot.
     side = 0.5 * max(2.0 * radius * math.sin(0.5 * arc), spacing) / math.sqrt(2.0)
@@ -473,7 +473,7 @@ def _search(
     map_ = edges.bounded_map()
     nodes = _make_nodes(2**13)
     target = Target(goal, guide.estimate)
-    heading = int(np.abs(wrapped(motions.headings - start[2])).argmin())
+    heading = int(np.abs(wrap_angles(motions.headings - start[2])).argmin())
     add_node(map_, motions, target, nodes, start, heading, 0.0, NO_NODE, 0)
     is_free = edges.edge_checker()
     reason = f"the lattice search ended at its limit of {motions.max_nodes:,} nodes"

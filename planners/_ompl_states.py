@@ -10,7 +10,7 @@ import numpy as np
 from ompl import base as ob
 
 from cspace._interface import Space
-from cspace._rotations.base import METRES_PER_RADIAN, shorter, wrapped
+from cspace._rotations.base import METRES_PER_RADIAN, wrap_angles, wrap_steps
 from cspace._support.arrays import Floats
 from cspace.errors import InputError
 
@@ -61,7 +61,7 @@ class StateKind(NamedTuple):
         unwound = path.copy()
         steps = np.diff(path, axis=0)
         # Whole turns add up along the path.
-        whole_turns = shorter(steps, self.periodic_axes) - steps
+        whole_turns = wrap_steps(steps, self.periodic_axes) - steps
         unwound[1:] += np.cumsum(whole_turns, axis=0)
         return unwound
 
@@ -70,7 +70,7 @@ class StateKind(NamedTuple):
 
         Continuous joints are compared modulo 2 pi.
         """
-        gaps = np.abs(shorter(first - second, self.periodic_axes))
+        gaps = np.abs(wrap_steps(first - second, self.periodic_axes))
         return bool((gaps <= WRAP_TOLERANCE * np.array(self.periodic_axes)).all())
 
     def reached_goal(self, path: Floats, endpoints: Sequence[Configuration]) -> int:
@@ -230,8 +230,8 @@ def with_wrapped_angles(
     def check_wrapped(*ends: float) -> Value:
         """Call the function with wrapped angles."""
         q0, q1 = np.reshape(ends, (2, -1))
-        first = wrapped(q0, periodic_axes)
-        last = first + shorter(q1 - q0, periodic_axes)
+        first = wrap_angles(q0, periodic_axes)
+        last = first + wrap_steps(q1 - q0, periodic_axes)
         return check(*first.tolist(), *last.tolist())
 
     return check_wrapped

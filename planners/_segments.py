@@ -11,7 +11,7 @@ import numpy as np
 
 from cspace._interface import Space
 from cspace._rotations import Rotations
-from cspace._rotations.base import wrapped
+from cspace._rotations.base import wrap_angles
 from cspace._support.arrays import Bools, Floats, Ints
 from planners._local_planner import LocalPlanner
 
@@ -301,7 +301,7 @@ def _test_boxes(space: Any, curves: Segments, begins: Floats, widths: Floats, le
     angle = MAX_BOX_RADIANS * size
     fits = (spreads[:, :dim].max(axis=1) <= distance) & (turns <= angle)
     if rotations.names == ("yaw",):
-        middles[:, -1] = wrapped(middles[:, -1])
+        middles[:, -1] = wrap_angles(middles[:, -1])
     distance += BOX_SLACK_CELLS * cell
     fits[fits] = space.is_free_around(middles[fits], distance, angle + ROUNDING)
     return np.asarray(fits)

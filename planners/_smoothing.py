@@ -29,7 +29,7 @@ import numpy as np
 from scipy.linalg import solveh_banded
 
 from cspace._rotations import Rotations
-from cspace._rotations.base import shorter
+from cspace._rotations.base import wrap_steps
 from cspace._support.arrays import Bools, Floats, Ints
 from planners._segments import Segments, join_segments
 from planners._timing import MotionBounds
@@ -118,7 +118,7 @@ def make_polyline(
         yaws = edges.starts[:, 2]
         ahead = np.cos(yaws) * rates[:, 0] + np.sin(yaws) * rates[:, 1]
         signs = np.where(ahead < 0.0, -1, 1)
-        turns = np.abs(shorter(np.diff(yaws)))
+        turns = np.abs(wrap_steps(np.diff(yaws)))
         stops[1:-1] = (signs[1:] != signs[:-1]) | (turns > MAX_TURN)
     if "qw" in rotations.names:
         # Rotations in space do not add up like vectors.

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from cspace._files.access import replacing
 from cspace._interface import ConfigurationSpace, Space, rotations_of
 from cspace._rotations import Rotations
-from cspace._rotations.base import wrapped
+from cspace._rotations.base import wrap_angles
 from cspace._rotations.quaternion import multiply
 from cspace._support.arrays import Bools, Floats, Ints, frozen
 from cspace._support.check import check_finite, check_positive
@@ -764,7 +764,7 @@ def _evaluate(
     velocities = first * speed[:, np.newaxis]
     accelerations = first * acceleration[:, np.newaxis] + second * (speed**2)[:, np.newaxis]
     if rotations.names == ("yaw",):
-        positions[:, -1] = wrapped(positions[:, -1])
+        positions[:, -1] = wrap_angles(positions[:, -1])
     if "qw" in rotations.names:
         # The derivative of a quaternion is its product with half the angular velocity, in the
         # robot's frame.

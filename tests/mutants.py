@@ -101,8 +101,8 @@ MUTANTS = (
     ),
     Mutant(
         "cspace/_raster/triangles.py",
-        "displacement = swept.swing * min(swept.farthest[t], max_lever)",
-        "displacement = swept.swing * min(swept.nearest[t], max_lever)",
+        "displacement = swept.unit_displacement * min(swept.farthest[t], max_axis_distance)",
+        "displacement = swept.unit_displacement * min(swept.nearest[t], max_axis_distance)",
         "tests/raster/test_turns.py",
     ),
     # Engines.
@@ -120,8 +120,8 @@ MUTANTS = (
     ),
     Mutant(
         "cspace/_engines/dilation.py",
-        "rows = round_up(shape[1] + max(rows_before, rows_after))",
-        "rows = round_up(shape[1] + min(rows_before, rows_after))",
+        "rows = round_up_to_byte(shape[1] + max(rows_before, rows_after))",
+        "rows = round_up_to_byte(shape[1] + min(rows_before, rows_after))",
         "tests/engines",
     ),
     Mutant(

@@ -46,7 +46,7 @@ def test_states_match_the_definition(problem, rotations, outside, margin):
     workspace = Workspace.from_array(outer, CELL_SIDE, inner=inner)
     options = {"rotations": rotations, "outside": outside, "margin": margin}
     counted = cspace.build(workspace, robot, counts=True, **options)
-    cells, expected = np.argwhere(np.ones_like(outer)), np.empty_like(counted._seen)
+    cells, expected = np.argwhere(np.ones_like(outer)), np.empty_like(counted._states)
     rasters = slice_rasters(robot, CELL_SIDE, margin, counted.rotations)
     for number, cell in zip(*np.unique(counted.slice_of, return_index=True), strict=True):
         far, near = rasters[number]
@@ -59,11 +59,11 @@ def test_states_match_the_definition(problem, rotations, outside, margin):
         )
         q = np.column_stack([counted.grid.center_of(cells), center])
         assert counted.overlap_count(q).tolist() == touches.ravel().tolist()
-    assert (counted._seen == expected).all()
+    assert (counted._states == expected).all()
     for method in ("fft", "direct"):
-        assert (cspace.build(workspace, robot, method=method, **options)._seen == expected).all()
+        assert (cspace.build(workspace, robot, method=method, **options)._states == expected).all()
     bare = cspace.build(workspace, robot, inner=False, **options)
-    assert (bare._seen == np.minimum(expected, MIXED)).all()
+    assert (bare._states == np.minimum(expected, MIXED)).all()
 
 
 @settings(max_examples=15)

@@ -21,7 +21,7 @@ from benchmarks.suites import drives
 from benchmarks.suites.lookups import at_half_a_cell, states_of
 from benchmarks.timing import Timing
 from cspace import CSpace, Robot, Workspace
-from cspace._rotations.base import METRES_PER_RADIAN, wrapped
+from cspace._rotations.base import METRES_PER_RADIAN, wrap_angles
 from cspace._support.arrays import Floats
 from planners._ompl_states import find_state_kind
 
@@ -181,7 +181,7 @@ def draw_queries(space: CSpace, number: int, rng: np.random.Generator) -> list[Q
 def weighted_length(path: Floats) -> float:
     """Return the length of a path in metres; a radian of rotation counts as half a metre."""
     steps = np.diff(path, axis=0)
-    rotations = np.abs(wrapped(steps[:, 2:])).sum() if path.shape[1] == 3 else 0.0
+    rotations = np.abs(wrap_angles(steps[:, 2:])).sum() if path.shape[1] == 3 else 0.0
     return float(np.hypot(steps[:, 0], steps[:, 1]).sum() + METRES_PER_RADIAN * rotations)
 
 

@@ -167,7 +167,7 @@ def _floor(report: Report, workspace: Workspace, robot: Robot) -> None:
 
     def correlated(workers: int) -> Bools:
         hits = np.empty(occupied.shape, np.bool_)
-        ENGINES["fft"].collide(occupied, [raster], [hits], outside=False, workers=workers)
+        ENGINES["fft"].write_overlaps(occupied, [raster], [hits], outside=False, workers=workers)
         return hits
 
     calls: dict[str, Callable[[], Any]] = {}

@@ -19,7 +19,7 @@ from benchmarks.suites.arm_peers import Folder
 from benchmarks.suites.paths import DEPOT, DISC_RADIUS, OFFICE, RECTANGLE, YAW_CELLS
 from benchmarks.timing import Timing
 from cspace import ConfigurationError, CSpace, Robot, Workspace
-from cspace._rotations.base import shorter
+from cspace._rotations.base import wrap_steps
 from cspace._support.arrays import Floats
 from cspace._support.words import Drive
 from planners import Plan, Trajectory
@@ -132,7 +132,7 @@ def least_duration(plan: Plan) -> float:
     driving = ramped_duration(float(metres.sum()), SPEED, ACCELERATION)
     if rows.shape[1] == 2:
         return driving
-    turns = np.abs(shorter(np.diff(rows[:, 2])))
+    turns = np.abs(wrap_steps(np.diff(rows[:, 2])))
     if plan.drive == "holonomic":
         turning = ramped_duration(float(turns.sum()), TURN_RATE, TURN_ACCELERATION)
         return max(driving, turning)

@@ -91,7 +91,7 @@ MAX_PAIRS_PER_BLOCK: Final = 2**18
 
 
 TINY: Final = 1e-300
-"""Smallest difference between two slacks; zero takes it below zero."""
+"""Smallest decrease of a slack; it makes a slack of zero negative."""
 
 
 LOOSENESS_OF_MOTIONS: Final = 0.1
@@ -110,7 +110,10 @@ _CUBE_CORNERS: Final = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 
 
 def _spread_directions(count: int) -> Floats:
-    """Spread directions, shape (count, 3), evenly over a sphere, by a Fibonacci spiral."""
+    """Return directions spread evenly over a sphere, shape (count, 3).
+
+    They lie on a Fibonacci spiral.
+    """
     steps = np.arange(count) + 0.5
     heights = 1.0 - 2.0 * steps / count
     angles = math.pi * (1.0 + math.sqrt(5.0)) * steps
@@ -128,14 +131,14 @@ class Hulls(NamedTuple):
     Attributes
     ----------
     boxes : ndarray of float64, shape (m, 9)
-        Of each node: center ([:3]) and half sides ([3:6]) of its axis-aligned box, radius of its
-        ball about that center ([6]), radius by which its hull is grown ([7]), and about how much
-        the hull exceeds its contents ([8]).
+        A row for each node: center ([:3]) and half sides ([3:6]) of its axis-aligned box, radius of
+        its ball about that center ([6]), radius by which its hull is grown ([7]), and about how
+        much the hull exceeds its contents ([8]).
     nodes : ndarray of int64, shape (m, 5)
-        The second child, or 0 for a leaf. Then the range [start, stop) of the corners of the hull:
-        0, 0 without a hull, and start = stop for a leaf that fills its box. Then 1 if the node
-        contains whole connected parts only. Last, the first child, or 0 for a leaf; in a part it is
-        the next node.
+        A row for each node. Column 0 is its second child, or 0 for a leaf. Columns 1 and 2 are the
+        range [start, stop) of its hull's corners: 0, 0 without a hull, and start = stop for a leaf
+        that fills its box. Column 3 is 1 if it contains whole connected parts only. Column 4 is its
+        first child, or 0 for a leaf; in a part it is the next node.
     corners : ndarray of float64, shape (3, n)
         Corners of all hulls.
     """
@@ -161,14 +164,15 @@ class RelativeMotion(NamedTuple):
     matrix : tuple of tuple of float
         Rows of the rotation matrix.
     position : tuple of float
+        Origin of the body's frame.
     spin, velocity : tuple of float
         A point p moves at ``velocity + spin x p`` at the central moment.
     half_time : float
-        Time to either side that the proof covers.
+        Time before and after the central moment that the proof covers.
     curvature_bound : float
-        Largest deviation from that linear motion meanwhile.
+        Largest deviation from the linear motion within that time.
     max_displacement : float
-        Largest displacement of any point meanwhile.
+        Largest displacement of any point within that time.
     required : float
         Distance that proves the bodies apart.
     """
@@ -184,9 +188,10 @@ class RelativeMotion(NamedTuple):
 
 
 def build_hulls(tree: Trees, volume: float) -> Hulls:
-    """Build the tree of hulls of a part, with the nodes of its triangles' tree.
+    """Build the tree of hulls of a part.
 
-    ``volume`` is the volume that the triangles enclose. A part that fills its hull is one node.
+    Its nodes are those of the tree of its triangles, ``tree``. ``volume`` is the volume that the
+    triangles enclose. A part that fills its hull is one node.
     """
     rows = tree.triangles
     spans = tree.spans
@@ -204,7 +209,7 @@ def build_hulls(tree: Trees, volume: float) -> Hulls:
     nodes = _link_nodes(spans, first_corners)
     is_leaf = counts == 1
     # Boxes and balls are solid, so each is a whole connected part.
-    is_box = row_radii < 0.0
+    is_box = row_radii < 0.0  # boxes are marked by the sign
     nodes[:, IS_WHOLE] = bool((is_box | _are_balls(rows)).all())
     nodes[0, IS_WHOLE] = 1
     if nodes[:, IS_WHOLE].all():
@@ -254,6 +259,7 @@ def _link_nodes(spans: Ints, first_corners: Ints) -> Ints:
     nodes = np.zeros((len(counts), 5), dtype=np.int64)
     is_leaf = counts == 1
     parents = np.flatnonzero(~is_leaf)
+    # The first child follows its parent, and the second child follows the nodes of the first.
     nodes[parents, SECOND_CHILD] = parents + 2 * (counts[parents] // 2)
     nodes[parents, FIRST_CHILD] = parents + 1
     nodes[is_leaf, FIRST_CORNER] = first_corners[starts[is_leaf]]
@@ -277,24 +283,28 @@ def _choose_hulls(nodes: Ints, ranks: Ints) -> Bools:
 
 
 def _are_balls(rows: Floats) -> Bools:
-    """Return whether each row of a tree, shape (n, 10), is a ball, with three equal corners."""
+    """Return a mask of the rows of a tree that are balls.
+
+    ``rows`` has shape (n, 10). A ball has three equal corners.
+    """
     first_corners, other_corners = rows[:, :3], rows[:, 3:9]
     return np.asarray((other_corners == np.tile(first_corners, 2)).all(axis=1))
 
 
 def _list_row_corners(rows: Floats) -> tuple[Floats, Ints]:
-    """List the corners of all rows of a tree, and where those of each row begin.
+    """List the corners of all rows of a tree.
 
-    ``rows``, shape (n, 10), are :attr:`cspace._bodies.triangle_proofs.Trees.triangles`. Triangles
-    have three corners, balls one, boxes eight, and axis-aligned boxes none.
+    Returns the corners, shape (m, 3), and the index of the first corner of each row, shape (n +
+    1,). ``rows``, shape (n, 10), are :attr:`cspace._bodies.triangle_proofs.Trees.triangles`.
+    Triangles have three corners, balls one, boxes eight, and axis-aligned boxes none.
     """
-    is_box = rows[:, RADIUS] < 0.0
+    is_box = rows[:, RADIUS] < 0.0  # boxes are marked by the sign
     is_ball = _are_balls(rows)
     off_axis = rows[:, [4, 5, 6, 8]]  # zero if the first half axes are along x and y
     is_aligned = ~off_axis.any(axis=1)
     counts = np.select([is_box & is_aligned, is_box, is_ball], [0, 8, 1], 3)
     places = np.arange(counts.max())
-    # Give every row as many corners as the largest has, then drop those in excess.
+    # Give every row as many corners as the largest has, then drop the excess.
     corners = rows[:, :9].reshape(-1, 3, 3)[:, np.minimum(places, 2)]
     is_tilted = counts == 8
     if is_tilted.any():
@@ -308,7 +318,8 @@ class HullFit(NamedTuple):
     """Convex hull of points.
 
     The hull of the ``corners``, shape (n, 3), grown by ``growth``, contains all points. ``depth``
-    is the largest depth of a point in it. Metres. ``is_exact`` means that the points enclose it.
+    is the largest depth of a point in the hull of the corners. Lengths are in metres. ``is_exact``
+    means that the triangles of the points enclose the whole hull.
     """
 
     corners: Floats
@@ -318,9 +329,9 @@ class HullFit(NamedTuple):
 
 
 def _fit_hull(points: Floats, volume: float) -> HullFit | None:
-    """Fit a convex hull with few corners to points, shape (n, 3), that enclose ``volume``.
+    """Fit a convex hull with few corners to points, shape (n, 3).
 
-    A flat set keeps all points, or has no hull if they are too many.
+    The points enclose ``volume``. A flat set keeps all points, or has no hull if they are too many.
     """
     from scipy.spatial import ConvexHull, QhullError
 
@@ -388,7 +399,7 @@ def _split_into_blocks(points: Floats, others: int) -> list[Floats]:
 
 
 def join_roots(boxes: Floats, roots: Ints, start: int) -> tuple[Floats, Ints]:
-    """Build the nodes above several roots of trees of hulls.
+    """Build a tree whose leaves are the roots of hull trees.
 
     ``boxes``, shape (n, 9), are those of the ``roots``, shape (n,). Returns rows of
     :attr:`Hulls.boxes` and :attr:`Hulls.nodes` for the nodes from ``start`` on; the first is the
@@ -399,7 +410,7 @@ def join_roots(boxes: Floats, roots: Ints, start: int) -> tuple[Floats, Ints]:
     tree_boxes, order, spans = build_boxes(centers - half_sides, centers + half_sides)
     starts, counts = spans.T
     inner = np.flatnonzero(counts > 1)
-    # A leaf is a root; the nodes above are new.
+    # The node number of a leaf is that of a given root; the nodes above are new.
     numbers = roots[order[starts]]
     numbers[inner] = start + np.arange(len(inner))
     # The first child follows its parent, the second one follows the nodes of the first.
@@ -414,9 +425,10 @@ def join_roots(boxes: Floats, roots: Ints, start: int) -> tuple[Floats, Ints]:
 
 
 def node_corners(hulls: Hulls, node: int) -> tuple[Floats, float]:
-    """Return the corners, shape (n, 3), of a node's hull, and the radius by which it is grown.
+    """Return the corners and the radius of a node's hull.
 
-    A node without a hull has the corners of its box; metres.
+    The corners have shape (n, 3); the hull is grown by the radius. A node without a hull has the
+    corners of its box; metres.
     """
     first, stop = hulls.nodes[node, FIRST_CORNER], hulls.nodes[node, STOP_CORNER]
     if first < stop:
@@ -468,7 +480,7 @@ def tree_slack(
         if slack > best:
             partial = partial or hulls.nodes[a, IS_WHOLE] + hulls.nodes[b, IS_WHOLE] < 2
             continue
-        if not is_final(hulls, a, b, motion, axes, apart, slack):
+        if not is_fine_enough(hulls, a, b, motion, axes, apart, slack):
             split_pair(hulls, a, b, center, scratch, top)
             top += 2
             if nearest_a >= 0:
@@ -482,7 +494,7 @@ def tree_slack(
         if apart and motion.half_time > 0.0:
             # The caller halves the motion next unless its central moment is blocked, so test only
             # that now.
-            motion = stop_motion(motion)
+            motion = freeze_motion(motion)
             moves = True
             continue
         best = min(slack, best - TINY) if apart else -math.inf
@@ -493,14 +505,14 @@ def tree_slack(
 
 
 @internal
-def stop_motion(motion: RelativeMotion) -> RelativeMotion:
-    """Return the central moment of a motion."""
+def freeze_motion(motion: RelativeMotion) -> RelativeMotion:
+    """Return a motion reduced to its central moment, without duration."""
     matrix, position, spin, velocity = motion[:4]
     return RelativeMotion(matrix, position, spin, velocity, 0.0, 0.0, 0.0, motion.required)
 
 
 @internal
-def is_final(
+def is_fine_enough(
     hulls: Hulls,
     a: int,
     b: int,
@@ -509,10 +521,10 @@ def is_final(
     apart: bool,
     slack: float,
 ) -> bool:
-    """Return True if the children of nodes a and b would hardly prove more than their hulls.
+    """Return True if testing the children of two nodes would hardly help.
 
-    The nodes are leaves, or the motion is too long for their children. ``apart`` and ``slack`` are
-    those of their hulls; ``axes``, shape (k, 8), are those of
+    The nodes are leaves, or the motion is too long for their children to be proven apart. ``apart``
+    and ``slack`` are those of their hulls; ``axes``, shape (k, 8), are those of
     :func:`cspace._bodies.triangle_proofs.joint_displacement`.
     """
     if not (has_hull(hulls, a) and has_hull(hulls, b)):
@@ -532,11 +544,12 @@ def is_final(
 def box_slack(
     box: Floats, fixed: Floats, motion: RelativeMotion, axes: Floats, enough: float
 ) -> tuple[float, float, Row]:
-    """Bound (distance - required distance) of two nodes from below, by their boxes.
+    """Bound the slack of two nodes from below, by their boxes.
 
-    ``box`` and ``fixed``, shape (9,), are rows of :attr:`Hulls.boxes`; ``axes`` has shape (k, 8).
-    The ball of the first node decides if the boxes' slack is at most ``enough``. Also returns a
-    bound of the displacement of the first node, and its center as seen from the second.
+    Slack is (distance - required distance). ``box`` and ``fixed``, shape (9,), are rows of
+    :attr:`Hulls.boxes`; ``axes`` has shape (k, 8). The ball of the first node decides if the boxes'
+    slack is at most ``enough``. Also returns a bound of the displacement of the first node, and its
+    center as seen from the second.
     """
     half_time = motion.half_time
     limit = motion.max_displacement
@@ -573,7 +586,7 @@ def has_hull(hulls: Hulls, node: int) -> bool:
 
 @internal
 def split_pair(hulls: Hulls, a: int, b: int, center: Row, scratch: Ints, row: int) -> None:
-    """Replace a pair of nodes by two pairs with the children of one of them.
+    """Split a pair of nodes into two pairs with children of one.
 
     Writes them to two rows of the stack ``scratch``, shape (MAX_PENDING_PAIRS, 2), from ``row`` on.
     A node without a hull is split first, then the larger node. ``center`` is that of node a, as
@@ -615,12 +628,13 @@ def hull_slack(
     offset: Row,
     direction: Floats,
 ) -> tuple[float, bool]:
-    """Bound (distance - required distance) of two hulls from below; see :func:`tree_slack`.
+    """Bound the slack of two hulls from below; see :func:`tree_slack`.
 
-    Also returns whether they are apart at the central moment. ``speed`` bounds the displacement of
-    the first hull. The first direction tried is ``direction``, shape (3,), or the ``offset`` of the
-    centers if that is zero; either may have any length. Later ones lead between the nearest points
-    that the search has found. ``direction`` becomes the best of them.
+    Slack is (distance - required distance). Also returns whether they are apart at the central
+    moment. ``speed`` bounds the displacement of the first hull. The first direction tried is
+    ``direction``, shape (3,), or the ``offset`` of the centers if that is zero; either may have any
+    length. Later ones lead between the nearest points that the search has found. ``direction``
+    becomes the best of them.
     """
     required = motion.required + hulls.boxes[a, HULL_RADIUS] + hulls.boxes[b, HULL_RADIUS]
     best = -math.inf
@@ -635,7 +649,8 @@ def hull_slack(
     for _ in range(MAX_GJK_STEPS):
         square = dot(n, n)
         if not 1e-200 < square < math.inf:
-            # No direction is left; at first, any will do.
+            # The vector is too short to be a direction, so the search ends; at first, any direction
+            # will do.
             if count:
                 break
             n = (1.0, 0.0, 0.0)
@@ -684,11 +699,11 @@ def slack_along(
     low: float,
     limits: tuple[float, float, float, float],
 ) -> float:
-    """Bound (distance - required distance) of two hulls from below by projections onto n.
+    """Bound the slack of two hulls from below, by projections onto n.
 
-    The bound is that of any motion up to a speed, or that of the linear motion if larger. ``low``
-    is the coordinate of the second hull along -n. ``limits`` are the central gap, the required
-    distance, the speed, and the slack that is enough.
+    Slack is (distance - required distance). The bound is that of any motion up to a speed, or that
+    of the linear motion if larger. ``low`` is the coordinate of the second hull along -n.
+    ``limits`` are the central gap, the required distance, the speed, and the slack that is enough.
     """
     gap, required, speed, enough = limits
     slack = gap - required - speed
@@ -714,7 +729,7 @@ def slack_along(
 
 @internal
 def support_point(hulls: Hulls, node: int, n: Row) -> tuple[Row, float]:
-    """Return the farthest corner of a node's hull along n, and its coordinate along n."""
+    """Return the farthest corner of a hull along n, and its coordinate."""
     first = hulls.nodes[node, FIRST_CORNER]
     stop = hulls.nodes[node, STOP_CORNER]
     x, y, z = n
@@ -781,10 +796,10 @@ def nearest_in_simplex(
 
 @internal
 def nearest_in_triangle(a: Row, b: Row, c: Row) -> tuple[Row, Row, Row, Row, int]:
-    """Find the point of a triangle nearest the origin; its corners may coincide.
+    """Find the point of a triangle that is nearest the origin.
 
-    Returns the point, the corners of its corner, edge or face, padded to three, and their number,
-    from 1 to 3.
+    The corners of the triangle may coincide. Returns the point, the corners of its corner, edge or
+    face, padded to three, and their number, from 1 to 3.
     """
     # The point is a + s (b - a) + t (c - a). On a corner or edge, a weight is exactly 0, or 1.
     s, t = triangle_weights(a, b, c)

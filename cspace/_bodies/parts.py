@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from cspace._shapes import RoundedSimplices
-from cspace._shapes.bodies import component_labels
+from cspace._shapes.bodies import label_components
 from cspace._support.arrays import Floats, Ints
 
 
 def as_triangles(parts: Sequence[RoundedSimplices]) -> RoundedSimplices:
-    """Join points, segments and triangles, with their radii, into triangles in space.
+    """Convert points, segments and triangles, with their radii, to triangles in space.
 
     Points and segments repeat their last corner. Pieces of the plane lie at z = 0.
     """
@@ -27,7 +27,7 @@ def as_triangles(parts: Sequence[RoundedSimplices]) -> RoundedSimplices:
     return RoundedSimplices(np.concatenate(simplices), np.concatenate(radii))
 
 
-def connected_parts(border: RoundedSimplices) -> tuple[Floats, Ints]:
+def sort_by_part(border: RoundedSimplices) -> tuple[Floats, Ints]:
     """Sort the vertices of a boundary by connected part.
 
     Returns the vertices, shape (n, d), and the index of the first vertex of each part.
@@ -35,10 +35,10 @@ def connected_parts(border: RoundedSimplices) -> tuple[Floats, Ints]:
     corners, dim = border.simplices.shape[1:]
     points, indices = np.unique(border.simplices.reshape(-1, dim), axis=0, return_inverse=True)
     simplices = indices.reshape(-1, corners)
-    # Join each corner of a simplex to the next.
+    # Corners of a simplex are connected, so link each to the next.
     edge_starts = simplices[:, :-1].ravel()
     edge_ends = simplices[:, 1:].ravel()
-    labels = component_labels(edge_starts, edge_ends, len(points))
+    labels = label_components(edge_starts, edge_ends, len(points))
     order = np.argsort(labels, kind="stable")
     is_first = np.diff(labels[order], prepend=-1) != 0
     return np.ascontiguousarray(points[order]), np.flatnonzero(is_first)
@@ -49,7 +49,7 @@ def part_anchors(border: RoundedSimplices) -> tuple[Floats, Floats]:
 
     The vertices have shape (n, d); the sizes, in metres, shape (n,).
     """
-    points, starts = connected_parts(border)
+    points, starts = sort_by_part(border)
     if not len(points):
         return points, np.empty(0)
     low = np.minimum.reduceat(points, starts)

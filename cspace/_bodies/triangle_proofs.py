@@ -54,6 +54,8 @@ from cspace._support.vectors import (
 )
 
 Corners = tuple[Row, Row, Row]
+"""Three points of a triangle, or its edge vectors."""
+
 OrientedBox = tuple[Row, Row, Row, Row]
 """Center and half axes of a box."""
 
@@ -99,8 +101,8 @@ class Trees(NamedTuple):
     spans : ndarray of int64, shape (m, 2)
         Index of the first triangle of each node, and their number.
     triangles : ndarray of float64, shape (n, 10)
-        Three corners and a radius. A box has its center, two half axes, and the length of the
-        third, negated.
+        Three corners and a radius, zero or above. A negative radius marks a box: then the row has
+        its center, two half axes, and the negated length of the third.
     """
 
     boxes: Floats
@@ -142,6 +144,7 @@ class Motion(NamedTuple):
     matrix : tuple of tuple of float
         Rows of the rotation matrix.
     position : tuple of float
+        Reference point.
     step : tuple of float
         Largest translation, in either direction.
     angle : float
@@ -161,9 +164,9 @@ class Motion(NamedTuple):
 
 
 def build_trees(borders: Sequence[RoundedSimplices], about_z: bool) -> tuple[Trees, list[int]]:
-    """Build one tree for each set of triangles, all in one record.
+    """Build a tree for each set of triangles, in one record.
 
-    Also returns the root of each, -1 for an empty one. Levers are distances from the z axis if
+    Also returns the root of each tree, -1 if it is empty. Levers are distances from the z axis if
     ``about_z``, else from the origin.
     """
     trees = []
@@ -176,7 +179,10 @@ def build_trees(borders: Sequence[RoundedSimplices], about_z: bool) -> tuple[Tre
 
 
 def build_tree(rows: Floats, levers: Floats) -> Trees:
-    """Build a tree from rows of :attr:`Trees.triangles`, shape (n, 10), and their levers, (n,)."""
+    """Build a tree of triangles and boxes.
+
+    ``rows``, shape (n, 10), are those of :attr:`Trees.triangles`; ``levers`` has shape (n,).
+    """
     low, high = bound_rows(rows)
     boxes, order, spans = build_boxes(low, high)
     longest_levers = node_maxima(levers[order], spans)
@@ -184,9 +190,10 @@ def build_tree(rows: Floats, levers: Floats) -> Trees:
 
 
 def join_trees(trees: Sequence[AnyTree], empty: AnyTree) -> tuple[AnyTree, Ints]:
-    """Join trees in one record, and return the root of each tree there, -1 if it is empty.
+    """Join trees in one record.
 
-    ``empty`` is a tree of the same type without triangles.
+    Returns the record, and the root of each tree in it, -1 if the tree is empty. ``empty`` is a
+    tree of the same type without triangles.
     """
     # Spans name triangles by their index, which moves up by the triangles of the trees before.
     shifted = [empty]
@@ -203,7 +210,7 @@ def join_trees(trees: Sequence[AnyTree], empty: AnyTree) -> tuple[AnyTree, Ints]
 
 
 def pack_triangles(border: RoundedSimplices) -> Floats:
-    """Return triangles as rows of a tree, shape (n, 10)."""
+    """Return a boundary's triangles as rows of a tree, shape (n, 10)."""
     return np.hstack([border.simplices.reshape(-1, 9), border.radii[:, None]])
 
 
@@ -215,14 +222,17 @@ def pack_boxes(lows: Floats, highs: Floats, pose: Floats) -> Floats:
     rotation = pose[:3, :3]
     half_x, half_y, half_z = 0.5 * (highs - lows).T
     centers = 0.5 * (lows + highs) @ rotation.T + pose[:3, 3]
-    # Two half axes as vectors, and the length of the third; its minus sign marks a box.
+    # Two half axes as vectors, and the length of the third, whose minus sign marks a box.
     first = half_x[:, np.newaxis] * rotation[:, 0]
     second = half_y[:, np.newaxis] * rotation[:, 1]
     return np.column_stack([centers, first, second, -half_z])
 
 
 def half_axes(boxes: Floats) -> Floats:
-    """Return the half axes of boxes, shape (n, 3, 3), from their rows of a tree, shape (n, 10)."""
+    """Return the half axes of boxes, shape (n, 3, 3).
+
+    ``boxes``, shape (n, 10), are rows of :attr:`Trees.triangles`.
+    """
     first = boxes[:, 3:6]
     second = boxes[:, 6:9]
     # The third is normal to both; only its length is stored, negated.
@@ -232,7 +242,7 @@ def half_axes(boxes: Floats) -> Floats:
 
 
 def bound_rows(rows: Floats) -> tuple[Floats, Floats]:
-    """Return the lower and upper corner of the bounding box of each row, shapes (n, 3).
+    """Return the corners of the bounding box of each row, shapes (n, 3).
 
     ``rows``, shape (n, 10), are those of :attr:`Trees.triangles`.
     """
@@ -269,8 +279,8 @@ def build_boxes(low: Floats, high: Floats) -> tuple[Floats, Ints, Ints]:
     count = np.full_like(node, len(low))
     while len(node):
         # Write the nodes of this level.
-        lower = -_maxima_between(-low[order], start, start + count)
-        upper = _maxima_between(high[order], start, start + count)
+        lower = -_maxima_of_ranges(-low[order], start, start + count)
+        upper = _maxima_of_ranges(high[order], start, start + count)
         boxes[node] = np.hstack([0.5 * (lower + upper), 0.5 * (upper - lower)])
         spans[node] = np.column_stack([start, count])
         # Go on with the nodes that have children.
@@ -279,7 +289,8 @@ def build_boxes(low: Floats, high: Floats) -> tuple[Floats, Ints, Ints]:
         node = node[has_children]
         start = start[has_children]
         count = count[has_children]
-        # Sort the items of each node by their centers along its longest side.
+        # Sort the items of each node by their centers along its longest side. For each of these
+        # items: its node, and its place in the order.
         owner = np.repeat(np.arange(len(node)), count)
         items_before = np.cumsum(count) - count
         places = np.arange(len(owner)) + (start - items_before)[owner]
@@ -295,8 +306,8 @@ def build_boxes(low: Floats, high: Floats) -> tuple[Floats, Ints, Ints]:
     return boxes, order, spans
 
 
-def _maxima_between(rows: Floats, starts: Ints, stops: Ints) -> Floats:
-    """Return the maximum, by column, of the rows from ``starts[i]`` up to ``stops[i]``, for each i.
+def _maxima_of_ranges(rows: Floats, starts: Ints, stops: Ints) -> Floats:
+    """Return the maximum of ``rows[starts[i]:stops[i]]`` for each i.
 
     ``rows`` has shape (n,) or (n, d), the result one entry or row for each i.
     """
@@ -315,7 +326,7 @@ def node_maxima(values: Floats, spans: Ints) -> Floats:
     if not len(spans):
         return np.empty(0)
     starts, counts = spans.T
-    return _maxima_between(values, starts, starts + counts)
+    return _maxima_of_ranges(values, starts, starts + counts)
 
 
 @kernel
@@ -344,7 +355,7 @@ def free_fraction(
         top += 1
     no_axes = trees.boxes[:0]
     while best >= 0.0:
-        top = next_leaves(trees, motion, best, no_axes, nodes, top)
+        top = find_close_leaves(trees, motion, best, no_axes, nodes, top)
         if top == 0:
             break
         a, b = nodes[top, 0], nodes[top, 1]
@@ -362,7 +373,7 @@ def free_fraction(
 
 
 @internal
-def next_leaves(
+def find_close_leaves(
     trees: Trees, motion: Motion, fraction: float, axes: Floats, nodes: Ints, top: int
 ) -> int:
     """Find two leaves that may come too near during a motion.
@@ -410,7 +421,8 @@ def next_leaves(
                 continue
         if a_count == 1 and b_count == 1:
             return top
-        # Split the node with the larger box; its second child goes below the first.
+        # Split the node with the larger box; its second child goes below the first. The first child
+        # follows its parent, and the second child follows the nodes of the first.
         nodes[top + 1, 0] = a
         nodes[top + 1, 1] = b
         splits_b = a_count == 1 or (b_count > 1 and b_size > a_half[0] + a_half[1] + a_half[2])
@@ -458,7 +470,7 @@ def boxes_are_apart(offset: Row, half: Row, other_half: Row) -> bool:
 
 @internal
 def pair_free_fraction(p: Floats, q: Floats, motion: Motion, drift: float, enough: float) -> float:
-    """Return the fraction of a motion during which two triangles are proven apart.
+    """Return the fraction of a motion with two triangles proven apart.
 
     It is at most ``enough``, and negative if they are too near at once. The rows p, of the robot,
     and q, shape (10,), hold three corners and a radius. The first also moves by up to ``drift`` in
@@ -500,10 +512,9 @@ def pair_free_fraction(p: Floats, q: Floats, motion: Motion, drift: float, enoug
 
 @internal
 def count_edges(edges: Corners) -> int:
-    """Return the number of edges to test.
+    """Return the number of distinct edges: 3, or 1 for a segment.
 
-    There are 3, or 1 for a segment or point: these repeat their last corner, so that the first edge
-    is the only one.
+    Segments and points repeat their last corner, so that all edges but the first have no length.
     """
     return 3 if dot(edges[1], edges[1]) > 0.0 else 1
 
@@ -518,11 +529,11 @@ def edge_vectors(a: Corners) -> Corners:
 def free_fraction_along(
     n: Row, a: Corners, b: Corners, step: Row, drift: float, required: float
 ) -> float:
-    """Return the fraction of a motion during which the projections onto n of triangles are apart.
+    """Return the fraction of a motion with disjoint projections onto n.
 
-    The result is -1 if they are too near at once, or n is too short. Corners are relative to the
-    first corner of a, which moves by ``step``, forwards or backwards, and by up to ``drift`` in any
-    direction.
+    The projections are those of triangles a and b. The result is -1 if they are too near at once,
+    or n is too short. Corners are relative to the first corner of a, which moves by ``step``,
+    forwards or backwards, and by up to ``drift`` in any direction.
     """
     squared_length = dot(n, n)
     if not MIN_SQUARED_LENGTH < squared_length < math.inf:
@@ -542,7 +553,10 @@ def free_fraction_along(
 
 @internal
 def read_box(q: Floats) -> OrientedBox:
-    """Return the center and the half axes of a box from its row of a tree, shape (10,)."""
+    """Return the center and the half axes of a box.
+
+    ``q``, shape (10,), is its row of :attr:`Trees.triangles`.
+    """
     center, u, v = row_at(q, 0), row_at(q, 3), row_at(q, 6)
     # The third half axis is normal to the others; only its length is stored, negated.
     normal = cross(u, v)
@@ -577,15 +591,19 @@ def piece_depth(row: Floats, point: Row) -> float:
 
 @internal
 def lies_beside_box(row: Floats, point: Row, reach: float) -> bool:
-    """Return True if ``row``, shape (10,), is a box, and farther from a point than ``reach``."""
+    """Return True if a row is a box farther from a point than ``reach``.
+
+    ``row``, shape (10,), is one of :attr:`Trees.triangles`.
+    """
     return row[RADIUS] < 0.0 and piece_depth(row, point) < -reach
 
 
 @internal
 def pierces(corners: Corners, q: Floats, depth: float) -> bool:
-    """Return True if a point of a triangle is found deeper than ``depth`` in a box or ball.
+    """Return True if a triangle provably pierces a box or ball.
 
-    ``q``, shape (10,), is the row of the box or ball.
+    That is, a point of it lies deeper than ``depth``. ``q``, shape (10,), is the row of the box or
+    ball. False proves nothing.
     """
     first = corners[0]
     to_second, to_third = minus(corners[1], first), minus(corners[2], first)
@@ -624,7 +642,7 @@ def crosses(a: Corners, b: Corners, tolerance: float, displacement: float) -> bo
             p, q = triangle[k], triangle[(k + 1) % 3]
             if not _passes_through(p, q, other, tolerance):
                 continue
-            if displacement == 0.0 or _stays_through(p, q, other, displacement + tolerance):
+            if displacement == 0.0 or _keeps_passing_through(p, q, other, displacement + tolerance):
                 return True
     return False
 
@@ -648,8 +666,8 @@ def _passes_through(p: Row, q: Row, b: Corners, tolerance: float) -> bool:
 
 
 @internal
-def _stays_through(p: Row, q: Row, b: Corners, displacement: float) -> bool:
-    """Return True if a segment stays through a triangle in a motion.
+def _keeps_passing_through(p: Row, q: Row, b: Corners, displacement: float) -> bool:
+    """Return True if a segment keeps passing through a triangle during a motion.
 
     The segment from p to q passes through b. All points of the one or the other move by at most
     ``displacement``. While the ends of the segment do not meet the triangle, and the segment does
@@ -678,11 +696,11 @@ def _stays_through(p: Row, q: Row, b: Corners, displacement: float) -> bool:
 
 @internal
 def _side_of_plane(p: Row, corners: Corners, tolerance: float) -> int:
-    """Return the side of a plane on which p lies.
+    """Return the side of a plane on which p lies, 1 or -1.
 
-    The sides of the plane through three corners are 1 and -1. The result is 0 if rounding could
-    change it. The determinant changes by less than ``(s + 2 e)^3 - s^3`` if each point moves by at
-    most e and none is farther than s from p. Rounding adds less than ``64 * 2^-52 s^3``.
+    The plane passes through three corners. The result is 0 if rounding could change it. The
+    determinant changes by less than ``(s + 2 e)^3 - s^3`` if each point moves by at most e and none
+    is farther than s from p. Rounding adds less than ``64 * 2^-52 s^3``.
     """
     u, v, w = minus(corners[0], p), minus(corners[1], p), minus(corners[2], p)
     s = math.sqrt(max(dot(u, u), dot(v, v), dot(w, w)))

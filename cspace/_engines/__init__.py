@@ -1,4 +1,4 @@
-"""Engines, which decide for all robot positions at once if the robot overlaps obstacles.
+"""Engines, which test all robot positions at once for overlaps with obstacles.
 
 There are two; they share no code and build the same map. The cost of transforms hardly depends on
 the robot; dilation handles 64 cells at a time, at the cost of one step for each row of the robot.
@@ -31,7 +31,7 @@ class Engine(Protocol):
     COUNTS: bool
     """True if the engine can count overlaps."""
 
-    def collide(
+    def write_overlaps(
         self,
         occupied: Bools,
         rasters: Sequence[Raster],
@@ -42,9 +42,9 @@ class Engine(Protocol):
         workers: int | None = None,
         progress: Callable[[int, int], None] | None = None,
     ) -> None:
-        """Write the overlaps at every cell k of the map.
+        """Write the overlaps of robot and obstacles at each cell.
 
-        The overlaps at k are the offsets m with ``W[k + m]`` set.
+        The overlaps at cell k are the offsets m of the robot with ``W[k + m]`` set.
 
         Parameters
         ----------
@@ -59,7 +59,7 @@ class Engine(Protocol):
         outside : bool
             True if the cells outside the map are obstacles.
         add : bool
-            Add 1 to ``out``, arrays of uint8, for any overlap.
+            Instead, add 1 to ``out``, arrays of uint8, at each cell with any overlap.
         workers : int, optional
             Threads; by default one for each core that the process may use.
         progress : callable, optional

@@ -54,7 +54,7 @@ _LAST_BIT = np.uint64(63)
 
 
 class Block(NamedTuple):
-    """Part of the results: all rows of some layers, or some rows of one layer."""
+    """Part of a result array: all rows of some layers, or some rows of one layer."""
 
     first_layer: int
     stop_layer: int
@@ -62,13 +62,13 @@ class Block(NamedTuple):
     stop_row: int
 
 
-class RowTask(NamedTuple):
+class BlockTask(NamedTuple):
     """A block of the results of one raster.
 
     Attributes
     ----------
     lengths, distances : ndarray of int64, shape (n,)
-        Cells of each run, ascending, and bits from a cell to its run.
+        Number of cells of each run, ascending, and number of bits from a cell to its run.
     block : Block
     out : ndarray of uint8, shape (layers, rows, cells)
         All results.
@@ -80,7 +80,7 @@ class RowTask(NamedTuple):
     out: Cells
 
 
-def collide(
+def write_overlaps(
     occupied: Bools,
     rasters: Sequence[Raster],
     out: Sequence[NDArray[Any]],
@@ -92,7 +92,7 @@ def collide(
 ) -> None:
     """Dilate one bitmap by several rasters; see :class:`cspace._engines.Engine`.
 
-    Small work takes one thread.
+    Small inputs are dilated in one thread.
     """
     shape = to_three_axes(occupied.shape)
     results = to_three_axes(out[0].shape)
@@ -100,7 +100,7 @@ def collide(
     used_runs = []
     used_outputs = []
     for raster, runs, result in zip(rasters, ClippedRuns.of(rasters, shape), out, strict=True):
-        is_blocked = outside and runs.clipped  # everywhere, by obstacles outside
+        is_blocked = outside and runs.clipped  # at every cell, by obstacles outside
         if len(runs.table) and not is_blocked:
             used_rasters.append(raster)
             used_runs.append(runs.table)
@@ -112,7 +112,7 @@ def collide(
     if not used_rasters:
         return
     bits = PaddedBits(occupied.reshape(shape), results, used_rasters, outside)
-    tasks: list[RowTask] = []
+    tasks: list[BlockTask] = []
     for table, result in zip(used_runs, used_outputs, strict=True):
         tasks += bits.make_tasks(table, result)
     word_runs = bits.words.size * sum(map(len, used_runs))
@@ -124,9 +124,9 @@ def collide(
 
 
 class ClippedRuns(NamedTuple):
-    """Runs of the offsets of a raster.
+    """Runs of a raster's offsets that can fall on a map.
 
-    They lie along the last axis. Only offsets that can fall on a map are included.
+    Runs lie along the last axis.
 
     Attributes
     ----------
@@ -165,20 +165,20 @@ class ClippedRuns(NamedTuple):
 
 
 def to_three_axes(values: Sequence[int], fill: int = 1) -> tuple[int, int, int]:
-    """Prepend ``fill`` to values along two axes."""
+    """Prepend ``fill`` to two values; return three values unchanged."""
     if len(values) == 2:
         values = fill, *values
     layers, rows, cells = values
     return layers, rows, cells
 
 
-def round_up(number: int) -> int:
-    """Return the next multiple of 8."""
+def round_up_to_byte(number: int) -> int:
+    """Round a number of bits up to a multiple of 8."""
     return -(-number // BYTE_BITS) * BYTE_BITS
 
 
 class Padding(NamedTuple):
-    """Padding of a map by the reach of robots.
+    """Size of a map that is padded by the reach of robots.
 
     The padding has one value, so the end of a row serves as the beginning of the next one, and the
     last rows of a layer as the first rows of the next.
@@ -213,12 +213,12 @@ class Padding(NamedTuple):
         unused = np.subtract(shape, results)
         layers_before, rows_before, cells_before = np.clip(-lower, 0, largest).tolist()
         layers_after, rows_after, cells_after = np.clip(upper - unused, 0, largest).tolist()
-        cells_before = round_up(cells_before)
-        rows = round_up(shape[1] + max(rows_before, rows_after))
-        cells = round_up(shape[2] + max(cells_before, cells_after))
+        cells_before = round_up_to_byte(cells_before)
+        rows = round_up_to_byte(shape[1] + max(rows_before, rows_after))
+        cells = round_up_to_byte(shape[2] + max(cells_before, cells_after))
         layers = layers_before + shape[0] + layers_after
-        # The last row of a layer may be padding; its farthest offset is so many rows behind it.
-        # Three more are for whole words that are read at the end.
+        # The last row of a layer may be padding, and its farthest offset lies these rows behind it.
+        # Three more rows hold the words that are read at the end.
         _, unused_rows, _ = unused.tolist()
         rows_behind = rows_before + rows_after + unused_rows + 3
         before = layers_before, rows_before, cells_before
@@ -239,7 +239,7 @@ class PaddedBits:
         rasters: Sequence[Raster],
         outside: bool,
     ) -> None:
-        """Pack the map into bits, amid padding."""
+        """Pack the map into bits, with padding around it."""
         self.results = results
         self.padding = Padding.of(occupied.shape, results, rasters)
         packed = np.packbits(occupied, axis=2, bitorder="little")
@@ -262,21 +262,21 @@ class PaddedBits:
         padded = padded[first_layer:, first_row : first_row + rows]
         padded[:, :, first_byte : first_byte + row_bytes] = packed
 
-    def make_tasks(self, runs: Ints, out: Cells) -> list[RowTask]:
+    def make_tasks(self, runs: Ints, out: Cells) -> list[BlockTask]:
         """Return the tasks of one raster, by its runs from :class:`ClippedRuns`."""
         layer_bits = self.padding.rows * self.padding.cells
         strides = np.array([layer_bits, self.padding.cells, 1])
-        # Runs are (x, y, z, length). From a result to a run there are so many bits.
+        # Runs are (x, y, z, length). A distance is the number of bits from a result to a run.
         distances = (runs[:, :3] + self.padding.before) @ strides
         lengths = np.ascontiguousarray(runs[:, 3])
         blocks = self._split_results(int(distances.max()) // WORD_BITS)
-        return [RowTask(lengths, distances, block, out) for block in blocks]
+        return [BlockTask(lengths, distances, block, out) for block in blocks]
 
     def _split_results(self, reach: int) -> list[Block]:
         """Split the results into blocks that begin at a word.
 
-        ``reach`` is the number of words between a cell and the farthest run. They are read and
-        widened for each block, so a block has about as many words at least.
+        ``reach`` is the number of words between a cell and the farthest run. Each block reads and
+        widens that many additional words, so it has at least about as many words of its own.
         """
         layers, rows, _ = self.results
         rows_of_block = max(MIN_WORDS_PER_BLOCK, reach) * WORD_BITS / self.padding.cells
@@ -285,11 +285,11 @@ class PaddedBits:
             starts = range(0, layers, step)
             return [Block(layer, min(layer + step, layers), 0, rows) for layer in starts]
         blocks_of_layer = max(1, round(rows / rows_of_block))
-        step = round_up(math.ceil(rows / blocks_of_layer))
+        step = round_up_to_byte(math.ceil(rows / blocks_of_layer))
         corners = itertools.product(range(layers), range(0, rows, step))
         return [Block(layer, layer + 1, row, min(row + step, rows)) for layer, row in corners]
 
-    def dilate_blocks(self, add: bool, tasks: Sequence[RowTask]) -> None:
+    def dilate_blocks(self, add: bool, tasks: Sequence[BlockTask]) -> None:
         """Dilate blocks, and write their results, or add them to ``out``."""
         row_bits = self.padding.cells
         scratch = np.empty((3, 0), dtype=np.uint64)
@@ -324,7 +324,7 @@ class PaddedBits:
 def dilate(
     source: Words, lengths: Ints, distances: Ints, wide: Words, wider: Words, result: Words
 ) -> bool:
-    """Unite shifted runs of a string of bits in ``result``.
+    """Dilate a string of bits by runs, into ``result``.
 
     Sets bit k of the result if a run of bits that begins ``distance`` after bit k has a set bit.
     Returns False, without a result, if no bit of the source is set. ``wide`` and ``wider`` are
@@ -346,10 +346,10 @@ def dilate(
             step = min(lengths[run] - length, length)
             # The last words are out of date from here on, but all runs end before them.
             for k in range(np.uint64(source.size - step // WORD_BITS - 1)):
-                wider[k] = wide[k] | word_from(wide, k, step)
+                wider[k] = wide[k] | read_word(wide, k, step)
             wide, wider = wider, wide
             length += step
-        # Four runs of one length share a pass over the result; a last one stands for missing ones.
+        # Four runs of one length share a pass over the result; the last one replaces missing ones.
         last = run
         while last < min(run + 3, lengths.size - 1) and lengths[last + 1] == length:
             last += 1
@@ -358,14 +358,14 @@ def dilate(
         c = distances[min(run + 2, last)]
         d = distances[last]
         for k in range(np.uint64(result.size)):
-            first_two = word_from(wide, k, a) | word_from(wide, k, b)
-            result[k] |= first_two | word_from(wide, k, c) | word_from(wide, k, d)
+            first_two = read_word(wide, k, a) | read_word(wide, k, b)
+            result[k] |= first_two | read_word(wide, k, c) | read_word(wide, k, d)
         run = last + 1
     return True
 
 
 @inlined
-def word_from(words: Words, k: int, distance: int) -> np.uint64:
+def read_word(words: Words, k: int, distance: int) -> np.uint64:
     """Return the 64 bits that begin ``distance`` bits after word k."""
     first = k + np.uint64(distance // WORD_BITS)
     shift = np.uint64(distance % WORD_BITS)

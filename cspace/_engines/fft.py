@@ -58,17 +58,17 @@ PASS_ERRORS: Final = {2: 4.3, 3: 15.5, 5: 22.3}
 ROUNDOFFS: Final = {"float32": 2.0**-24, "float64": 4.0 * 2.0**-53}
 """Unit roundoff of each precision, as the proof counts it."""
 
-STEPS: Final = tuple(2**k for k in range(5, 13))
-"""Numbers of results of a tile along an axis that are tried."""
+TILE_STEPS: Final = tuple(2**k for k in range(5, 13))
+"""Numbers of results of a tile along an axis, among which the cheapest is chosen."""
 
 CACHE_BYTES: Final = 2**22
-"""Size of a tile whose transform takes twice as long per point as a small one's, bytes."""
+"""Size of a tile, in bytes, whose transform takes twice as long per point as a small tile's."""
 
 MAX_SPECTRA_BYTES: Final = 2**26
 """Memory for the spectra of the rasters that are used at a time, bytes."""
 
 
-def collide(
+def write_overlaps(
     occupied: Bools,
     rasters: Sequence[Raster],
     out: Sequence[NDArray[Any]],
@@ -82,33 +82,33 @@ def collide(
 
     With one worker everything runs in the calling thread, where ``scipy.fft.set_backend`` holds.
     """
-    members = []
+    outputs = []
     for raster, result in zip(rasters, out, strict=True):
         clipped = clip_raster(raster, occupied.shape)
-        # Half of each cell, which was subtracted, and the offsets that always fall outside.
-        missing = clipped.count / 2.0 + (raster.count - clipped.count) * outside
+        # Add back the subtracted halves, and add the offsets that always fall outside.
+        correction = clipped.count / 2.0 + (raster.count - clipped.count) * outside
         if clipped.count:
-            members.append(Member(clipped, missing, result))
+            outputs.append(RasterOutput(clipped, correction, result))
         else:
-            _write(result, 0.0, missing, add)
-    if not members:
+            _write(result, 0.0, correction, add)
+    if not outputs:
         return
-    tiling = choose_tiling(out[0].shape, [member.raster for member in members])
+    tiling = choose_tiling(out[0].shape, [output.raster for output in outputs])
     axes = zip(out[0].shape, tiling.step.tolist(), strict=True)
     starts = [range(0, n, step) for n, step in axes]
     corners = list(itertools.product(*starts))
     threads = workers or count_cores()
     # If there are fewer tiles than threads, several threads share a tile, and each takes a group
     # of its rasters.
-    group_count = min(len(members), math.ceil(threads / len(corners)))
+    group_count = min(len(outputs), math.ceil(threads / len(corners)))
     batch_size = max(1, MAX_SPECTRA_BYTES // tiling.bytes)
-    batches = [members[first : first + batch_size] for first in range(0, len(members), batch_size)]
+    batches = [outputs[first : first + batch_size] for first in range(0, len(outputs), batch_size)]
     total = len(batches) * len(corners) * group_count
     finished = itertools.count(1)
     advance = None if progress is None else lambda _: progress(next(finished), total)
     for batch in batches:
         spectra = map_in_threads(
-            tiling.transform_raster, [member.raster for member in batch], threads
+            tiling.transform_raster, [output.raster for output in batch], threads
         )
         pairs = list(zip(batch, spectra, strict=True))
         groups = [pairs[first::group_count] for first in range(group_count)]
@@ -116,20 +116,27 @@ def collide(
         map_in_threads(partial(fill_tile, occupied, outside, add, tiling), tasks, threads, advance)
 
 
-class Member(NamedTuple):
-    """A raster, what its sums over cells minus 1/2 miss, and the array for its results."""
+class RasterOutput(NamedTuple):
+    """A raster with the array for its overlaps, and a correction.
+
+    Sums are over the raster's cells of a tile, whose values are lower by 1/2. Adding the correction
+    to a sum gives the number of overlaps.
+    """
 
     raster: Raster
-    missing: float
+    correction: float
     out: NDArray[Any]
 
 
 def clip_raster(raster: Raster, shape: Sequence[int]) -> Raster:
-    """Leave out the offsets that never fall on a map of a shape."""
+    """Clip a raster to the offsets that can fall on a map.
+
+    ``shape`` is that of the map.
+    """
     lower = np.array(raster.lower)
     cells = np.array(shape)
     start, stop = _intersect(lower, lower + raster.cells.shape, 1 - cells, cells)
-    window = _make_box(start - lower, stop - lower)
+    window = _make_window(start - lower, stop - lower)
     return Raster(raster.cells[window], tuple(start.tolist()))
 
 
@@ -164,11 +171,14 @@ class Tiling(NamedTuple):
         return np.asarray(scipy.fft.rfftn(flipped, s=self.size))
 
     def read_tile(self, occupied: Bools, outside: bool, corner: Ints) -> NDArray[Any]:
-        """Return the cells, minus 1/2, that decide the results from ``corner`` on."""
+        """Return the cells, minus 1/2, that a tile's results depend on.
+
+        The first result is at ``corner``.
+        """
         first = corner + self.lower
         start, stop = _intersect(first, first + self.size, 0, occupied.shape)
         cells = np.full(self.size, outside, self.precision)
-        cells[_make_box(start - first, stop - first)] = occupied[_make_box(start, stop)]
+        cells[_make_window(start - first, stop - first)] = occupied[_make_window(start, stop)]
         cells -= 0.5
         return cells
 
@@ -178,7 +188,7 @@ class Tiling(NamedTuple):
         The window reaches from ``first`` up to ``stop``. Other numbers are left out after the
         transform along each axis.
         """
-        *leading_windows, last_window = _make_box(first, stop)
+        *leading_windows, last_window = _make_window(first, stop)
         for axis, window in enumerate(leading_windows):
             product = scipy.fft.ifft(product, axis=axis, overwrite_x=True)
             axes_before = (slice(None),) * axis
@@ -195,7 +205,7 @@ def choose_tiling(shape: Sequence[int], rasters: Sequence[Raster]) -> Tiling:
     count = max(raster.count for raster in rasters)
     # A tile reads ``reach`` cells more than it has results, so small tiles read much twice.
     tilings_by_cost = {}
-    for step in STEPS:
+    for step in TILE_STEPS:
         tiles = np.ceil(np.array(shape) / step)
         lengths = np.ceil(np.array(shape) / tiles).astype(int) + reach
         size = np.array([scipy.fft.next_fast_len(n, real=True) for n in lengths.tolist()])
@@ -213,7 +223,7 @@ def error_bound(size: Ints, count: int, precision: str) -> float:
 
     ``size`` is the number of cells of a tile along each axis, and ``count`` that of a raster.
     """
-    # The names of the proof: g, |w|, |a| and u.
+    # These are g, |w|, |a| and u of the proof above.
     growth = 0.0
     for length in size.tolist():
         for prime, error in PASS_ERRORS.items():
@@ -225,7 +235,7 @@ def error_bound(size: Ints, count: int, precision: str) -> float:
     return (3.0 * growth + 8.0) * ROUNDOFFS[precision] * tile_norm * raster_norm
 
 
-Task: TypeAlias = tuple[tuple[int, ...], Sequence[tuple[Member, NDArray[Any]]]]
+Task: TypeAlias = tuple[tuple[int, ...], Sequence[tuple[RasterOutput, NDArray[Any]]]]
 """First result of a tile, and rasters with their spectra."""
 
 
@@ -233,21 +243,21 @@ def fill_tile(occupied: Bools, outside: bool, add: bool, tiling: Tiling, task: T
     """Write the results of a tile for some rasters."""
     first_result, pairs = task
     corner = np.array(first_result)
-    results = _make_box(corner, corner + tiling.step)
+    results = _make_window(corner, corner + tiling.step)
     cells = tiling.read_tile(occupied, outside, corner)
-    # In a tile of one value, all sums are equal, and no transform is needed.
+    # If all cells of a tile are equal, so are all sums, and no transform is needed.
     level = cells.flat[0]
     if (cells == level).all():
-        for member, _ in pairs:
-            sums = level * member.raster.count
-            _write(member.out[results], sums, member.missing, add)
+        for output, _ in pairs:
+            sums = level * output.raster.count
+            _write(output.out[results], sums, output.correction, add)
         return
     spectrum = scipy.fft.rfftn(cells)
-    for member, raster_spectrum in pairs:
-        out = member.out[results]
-        first = member.raster.upper - tiling.lower
+    for output, raster_spectrum in pairs:
+        out = output.out[results]
+        first = output.raster.upper - tiling.lower
         sums = tiling.invert(spectrum * raster_spectrum, first, first + out.shape)
-        _write(out, sums, member.missing, add)
+        _write(out, sums, output.correction, add)
 
 
 def _intersect(start: Ints, stop: Ints, lower: Any, upper: Any) -> tuple[Ints, Ints]:
@@ -256,19 +266,19 @@ def _intersect(start: Ints, stop: Ints, lower: Any, upper: Any) -> tuple[Ints, I
     return start, np.maximum(start, np.minimum(stop, upper))
 
 
-def _make_box(start: Ints, stop: Ints) -> tuple[slice, ...]:
-    """Return the slices from start to stop along each axis."""
+def _make_window(start: Ints, stop: Ints) -> tuple[slice, ...]:
+    """Return the index window from ``start`` to before ``stop`` along each axis."""
     return tuple(map(slice, start.tolist(), stop.tolist()))
 
 
-def _write(out: NDArray[Any], sums: Any, missing: float, add: bool) -> None:
-    """Write the overlaps ``sums + missing``.
+def _write(out: NDArray[Any], sums: Any, correction: float, add: bool) -> None:
+    """Write the overlap counts ``sums + correction``.
 
-    An array of booleans gets True if there are any; with ``add``, the array grows by 1 if so.
+    An array of booleans gets True if the count is above zero; with ``add``, 1 is added then.
     """
     if add:
-        out += np.greater(sums, 0.5 - missing)
+        out += np.greater(sums, 0.5 - correction)
     elif out.dtype == np.bool_:
-        np.greater(sums, 0.5 - missing, out=out)
+        np.greater(sums, 0.5 - correction, out=out)
     else:
-        out[...] = np.rint(sums + np.float64(missing))
+        out[...] = np.rint(sums + np.float64(correction))

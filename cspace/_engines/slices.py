@@ -39,20 +39,21 @@ def slice_rasters(
 ) -> list[RasterPair]:
     """Rasterize the robot for each slice.
 
-    Returns outer and inner raster; ``spacing`` and ``margin`` are in metres. Rasters are made from
-    the rotated geometry, unless a slice is the image of an earlier slice by quarter turns or
-    mirrors. Then the raster is an image too.
+    Returns the outer and inner raster of each slice; ``spacing`` and ``margin`` are in metres.
+    Rasters are made from the rotated geometry, unless a slice is the image of an earlier slice by
+    quarter turns or mirrors. Then the raster is an image too.
     """
-    if rotations._preserve(robot.shape):
+    if rotations._preserves(robot.shape):
         return [robot.rasters(spacing, margin)]
     rotation_cells = rotations._make_shape_cells(robot.dim)
     slice_of = rotations._assign_slices(robot.shape)
     _, first_cells = np.unique(slice_of, return_index=True)
-    # Each slice comes from the smallest of its images; the transposed matrix maps it back.
+    # The source of a slice is the smallest of its images; the transposed matrix maps it back.
     images = rotations._find_images(robot.shape)
     image_slices = np.array([slice_of[image_cells[first_cells]] for _, image_cells in images])
     sources = image_slices.min(axis=0).tolist()
     image_of_source = image_slices.argmin(axis=0).tolist()
+    # Rasterize the slices that are their own source.
     originals = [number for number, source in enumerate(sources) if source == number]
     sides = np.ptp(robot.shape.outer.bounds, axis=0) / spacing
     cells = float(np.prod(sides + 1.0))
@@ -71,14 +72,14 @@ def slice_rasters(
     return [rasters[number] for number in range(len(sources))]
 
 
-def raster_bytes(
+def estimate_raster_bytes(
     robot: Robot,
     spacing: float,
     margin: float,
     rotations: Rotations,
     slices: int,
 ) -> float:
-    """Estimate the memory for the rasters of all slices.
+    """Estimate the memory for the rasters of all slices, in bytes.
 
     The estimate uses the robot's bounds at some rotations; ``slices`` is the number of slices.
     """
@@ -106,7 +107,7 @@ STEPS_PER_CORRELATION: Final = 1000
 
 
 def group_rasters(pairs: Sequence[RasterPair], inner: bool) -> RasterGroups:
-    """Split pairs of rasters into outer and inner rasters.
+    """Separate pairs of rasters into outer and inner rasters.
 
     Inner rasters are left out unless ``inner`` is True.
     """
@@ -146,12 +147,12 @@ def fill_states(
     hits = states.view(np.bool_)
     outer_output = hits if overlaps is None else overlaps
     outputs = [outer_output, states]
-    for index, (occupied, rasters, out) in enumerate(zip(cells, groups, outputs, strict=False)):
-        advance = partial(_advance, progress, index, len(groups))
-        engine.collide(
-            occupied,
+    for index, rasters in enumerate(groups):
+        advance = partial(_report_progress, progress, index, len(groups))
+        engine.write_overlaps(
+            cells[index],
             rasters,
-            list(out),
+            list(outputs[index]),
             outside=outside == "blocked",
             add=index == 1,
             workers=workers,
@@ -162,8 +163,10 @@ def fill_states(
             np.not_equal(overlaps, 0, out=hits)
 
 
-def _advance(progress: Progress | None, index: int, count: int, done: int, total: int) -> None:
-    """Report the progress of one of several correlations."""
+def _report_progress(
+    progress: Progress | None, index: int, count: int, done: int, total: int
+) -> None:
+    """Report the progress of one of ``count`` correlations as that of all."""
     if progress is not None:
         steps_before = STEPS_PER_CORRELATION * index
         steps = STEPS_PER_CORRELATION * done // total

@@ -22,7 +22,7 @@ CLIP_ROUNDING: Final = 2.0**-48
 
 
 class Proofs(Protocol):
-    """Proofs for configurations and edges that cells leave undecided."""
+    """Proofs, by geometry, for configurations and edges that cells leave undecided."""
 
     @property
     def edge(self) -> Callable[..., bool]:
@@ -87,7 +87,7 @@ class Problem(NamedTuple):
 
 
 class ObstacleBoundary(NamedTuple):
-    """Boundaries of obstacles, and the rounding of clipping them, metres."""
+    """Boundaries of obstacles, and the rounding error of clipping them, metres."""
 
     pieces: list[RoundedSimplices]
     error: float
@@ -105,7 +105,7 @@ def obstacle_boundary(workspace: Workspace, *, exterior_blocked: bool) -> Obstac
     for obstacle in workspace.obstacles:
         shape = obstacle.outer
         boundary = shape.boundary()
-        pieces = clip(boundary, workspace.grid)
+        pieces = clip_to_grid(boundary, workspace.grid)
         is_clipped = pieces is not boundary
         if is_clipped and len(pieces.radii):
             error = max(error, CLIP_ROUNDING * float(np.abs(boundary.simplices).max()))
@@ -113,15 +113,15 @@ def obstacle_boundary(workspace: Workspace, *, exterior_blocked: bool) -> Obstac
         has_inside = shape.encloses and boundary.simplices.shape[1] > 1
         if is_clipped and has_inside and not exterior_blocked:
             caps = _make_caps(shape, workspace)
-            pieces = _without_radii(np.concatenate([pieces.simplices, *caps]))
+            pieces = _make_boundary(np.concatenate([pieces.simplices, *caps]))
         pieces_of_obstacles.append(pieces)
     return ObstacleBoundary(pieces_of_obstacles, error)
 
 
-def clip(border: RoundedSimplices, grid: Grid) -> RoundedSimplices:
+def clip_to_grid(border: RoundedSimplices, grid: Grid) -> RoundedSimplices:
     """Clip a boundary to the closed box of the grid.
 
-    Balls that reach the box stay whole. A boundary inside the box is returned itself.
+    Balls that reach the box stay whole. A boundary inside the box is returned unchanged.
     """
     simplices = border.simplices
     lower = np.asarray(grid.lower)
@@ -141,13 +141,14 @@ def clip(border: RoundedSimplices, grid: Grid) -> RoundedSimplices:
     for axis in range(grid.dim):
         for wall, sign in ((lower[axis], 1.0), (upper[axis], -1.0)):
             simplices = _clip_to_half_space(simplices, axis, wall, sign)
-    return _without_radii(simplices)
+    return _make_boundary(simplices)
 
 
 def _clip_to_half_space(simplices: Floats, axis: int, wall: float, sign: float) -> Floats:
-    """Clip segments or triangles to the side ``sign * (coordinate - wall) >= 0`` of a wall.
+    """Clip segments or triangles to one side of a wall.
 
-    ``simplices`` have shape (n, corners, d), with two or three corners. Those beyond are dropped.
+    The side is that of ``sign * (coordinate - wall) >= 0`` along the axis. ``simplices`` have shape
+    (n, corners, d), with two or three corners. Those beyond are dropped.
     """
     corners = simplices.shape[1]
     heights = sign * (simplices[:, :, axis] - wall)
@@ -180,7 +181,7 @@ def _clip_to_half_space(simplices: Floats, axis: int, wall: float, sign: float) 
 
 
 def _make_caps(shape: ExactShape, workspace: Workspace) -> Iterator[Floats]:
-    """Yield the caps of a shape on the sides of the grid that it crosses.
+    """Yield the caps of a shape on the crossed sides of the grid.
 
     They are triangles of outer cells in space, shape (n, 3, 3), and segments in the plane, shape
     (n, 2, 2).
@@ -197,7 +198,7 @@ def _make_caps(shape: ExactShape, workspace: Workspace) -> Iterator[Floats]:
             if grid.dim == 3:
                 yield _cap_cells(workspace, side)
             else:
-                yield from (_cap_region(region, grid, side) for region in shape.regions)
+                yield from (_cap_region(region, grid, side) for region in shape.filled_boundaries)
 
 
 class _Side(NamedTuple):
@@ -208,7 +209,10 @@ class _Side(NamedTuple):
 
 
 def _cap_cells(workspace: Workspace, side: _Side) -> Floats:
-    """Return faces of outer cells on a side of the grid as triangles, shape (n, 3, 3)."""
+    """Triangulate the faces of outer cells on a side of the grid.
+
+    The result has shape (n, 3, 3).
+    """
     layers = np.moveaxis(workspace.outer, side.axis, 0)
     # One layer of faces before each layer of cells, and one after the last.
     faces = np.zeros((layers.shape[0] + 1, *layers.shape[1:]), dtype=np.bool_)
@@ -219,10 +223,10 @@ def _cap_cells(workspace: Workspace, side: _Side) -> Floats:
 
 
 def _cap_region(region: Floats, grid: Grid, side: _Side) -> Floats:
-    """Return the segments of a grid's side that lie inside a region of the plane.
+    """Return the segments of a grid's side inside a plane region.
 
-    ``region``, shape (n, 4) or (n, 2, 2), has the ends of its edges. The result has shape (m, 2,
-    2).
+    They have shape (m, 2, 2). ``region`` has the ends of the edges around it, shape (n, 4) or (n,
+    2, 2).
     """
     axis = side.axis
     along = 1 - axis
@@ -243,6 +247,6 @@ def _cap_region(region: Floats, grid: Grid, side: _Side) -> Floats:
     return segments
 
 
-def _without_radii(simplices: Floats) -> RoundedSimplices:
-    """Return simplices, shape (n, corners, d), as a boundary whose radii are zero."""
+def _make_boundary(simplices: Floats) -> RoundedSimplices:
+    """Make a boundary of simplices, shape (n, corners, d), with radii of zero."""
     return RoundedSimplices(simplices, np.zeros(len(simplices)))

@@ -13,7 +13,7 @@ from typing import Final, NamedTuple, cast
 import numpy as np
 
 from cspace._bodies import ADVANCE_FACTOR, DISTANCE_ROUNDING, MAX_DISTANCES_PER_EDGE, MIN_ADVANCE
-from cspace._bodies.parts import as_triangles, connected_parts, part_anchors
+from cspace._bodies.parts import as_triangles, part_anchors, sort_by_part
 from cspace._bodies.triangle_proofs import (
     LEVER,
     MAX_PENDING_PAIRS,
@@ -90,7 +90,7 @@ class ExactQueries:
         self._proofs: Proofs | None = None
         self._lock = threading.RLock()
 
-    def points(self, map_: Map, q: Floats, out: Bools) -> int:
+    def write_points(self, map_: Map, q: Floats, out: Bools) -> int:
         """Write whether configurations, shape (n, size), are free to ``out``, shape (n,).
 
         Returns the index of the first invalid one, or -1.
@@ -107,7 +107,7 @@ class ExactQueries:
                 out[undecided] = proofs.are_free(ends, ends)
         return bad
 
-    def edges(self, map_: Map, q0: Floats, q1: Floats, out: Bools) -> int:
+    def write_edges(self, map_: Map, q0: Floats, q1: Floats, out: Bools) -> int:
         """Write whether edges, shapes (n, size), are free to ``out``, shape (n,).
 
         Edges rotate along the shorter arc. Returns the index of the first invalid edge, or -1.
@@ -210,12 +210,23 @@ class Containment(NamedTuple):
 
 
 class BoundaryTrees(NamedTuple):
-    """Trees of robot, walls and obstacles, given by their roots.
+    """Trees of the robot, the walls and the obstacles, in scaled lengths.
 
-    All lengths are scaled: metres times ``scale``. ``others`` are the roots of the walls and of the
-    obstacles, -1 for none. Walls are the faces of the grid, used if the exterior is blocked.
-    ``max_lever`` is the longest lever of the robot, and ``required`` the distance that proves a
-    configuration free.
+    Attributes
+    ----------
+    trees : Trees
+    robot : int
+        Root of the robot.
+    others : tuple of int
+        Roots of the walls and of the obstacles, -1 for none. Walls are the faces of the grid, used
+        if the exterior is blocked.
+    max_lever : float
+        Largest distance of a point of the robot from the reference point, or from the z axis if it
+        rotates about z alone.
+    scale : float
+        Factor from metres to scaled lengths.
+    required : float
+        Distance that proves a configuration free.
     """
 
     trees: Trees
@@ -227,7 +238,7 @@ class BoundaryTrees(NamedTuple):
 
 
 class ProofInputs(NamedTuple):
-    """The map, the boundaries and the solids that every proof uses."""
+    """Inputs of every edge proof: the map, the boundaries and the solids."""
 
     map: Map
     boundaries: BoundaryTrees
@@ -270,9 +281,9 @@ class BoundaryProofs:
         workspace = problem.workspace
         grid = workspace.grid
         robot = self._robot
-        missing_axis = (0, 3 - grid.dim)
+        missing_axis = (0, 3 - grid.dim)  # padding of plane corners to space
         # The robot's corners by part; the first of each part is an anchor of the robot.
-        corners, starts = connected_parts(boundary)
+        corners, starts = sort_by_part(boundary)
         stops = np.append(starts[1:], len(corners))
         self._anchors = corners[starts]
         stop_of_corners = np.repeat(stops, stops - starts)
@@ -304,7 +315,10 @@ class BoundaryProofs:
         )
 
     def edge(self, *ends: float) -> bool:
-        """Return True if an edge, given by the numbers of both ends, is proven free."""
+        """Return True if an edge is proven free.
+
+        ``ends`` are the coordinates of both configurations.
+        """
         q0, q1 = np.array(ends, dtype=np.float64).reshape(2, 1, self._size)
         return bool(self.are_free(q0, q1)[0])
 
@@ -348,7 +362,7 @@ class BoundaryProofs:
         boundaries = self.boundaries
         scale = boundaries.scale
         positions, matrices = self._place_robot(points)
-        # The farthest way of any point of the robot from where it is at the midpoint.
+        # Largest displacement of a point of the robot from its place at the midpoint.
         spans = 0.5 * (scale * lengths + boundaries.max_lever * angles)
         node_pairs = make_scratch().node_pairs
         slack = path_slack(boundaries, scale * positions, matrices, spans, node_pairs)
@@ -367,7 +381,7 @@ class BoundaryProofs:
         return positions, matrices
 
     def _are_nested(self, q: Floats) -> Bools:
-        """Return whether robot or obstacles contain a part of the other, shape (n,).
+        """Return whether robot and obstacles contain a part of each other, shape (n,).
 
         ``q``, shape (n, size), are configurations at which no boundaries meet, so that one point of
         each part, its anchor, decides.
@@ -388,13 +402,14 @@ class BoundaryProofs:
 def _build_boundary_trees(
     problem: Problem, robot: RoundedSimplices, walls: ObstacleBoundary
 ) -> BoundaryTrees:
-    """Build the trees of robot, obstacles and walls, scaled to coordinates of about one.
+    """Build the trees of robot, obstacles and walls.
 
-    ``robot`` is its boundary; ``walls`` are the boundaries of the obstacles.
+    They are scaled to coordinates of about one. ``robot`` is its boundary; ``walls`` are the
+    boundaries of the obstacles.
     """
     grid = problem.workspace.grid
     obstacles = as_triangles(walls.pieces)
-    missing_axis = (0, 3 - grid.dim)
+    missing_axis = (0, 3 - grid.dim)  # padding of plane corners to space
     # Walls of a plane grid are so high that their sides, not their tops, are nearest.
     sides = np.pad(np.subtract(grid.upper, grid.lower), missing_axis, mode="maximum")
     center = np.pad(np.add(grid.lower, grid.upper) / 2.0, missing_axis)
@@ -467,9 +482,9 @@ class EdgeArc(NamedTuple):
     Attributes
     ----------
     p0, p1 : tuple of float
-        Positions at the ends.
+        Positions at both ends.
     r0, r1 : tuple of float
-        Rotations at the ends.
+        Rotations at both ends.
     number : int
         Number of the arc; 0 for the shorter one.
     step : tuple of float
@@ -498,7 +513,10 @@ class EdgeArc(NamedTuple):
 def prove_edges(
     inputs: ProofInputs, first: Floats, second: Floats, scratch: Scratch, out: States
 ) -> None:
-    """Write the states of edges, shapes (n, size), to ``out``, shape (n,); see `edge_state`."""
+    """Write the states of edges; see `edge_state`.
+
+    Edges lead from ``first`` to ``second``, shape (n, size); ``out`` has shape (n,).
+    """
     for k in range(first.shape[0]):
         p0, r0 = configuration_in(inputs.map, first, k)
         p1, r1 = configuration_in(inputs.map, second, k)
@@ -509,7 +527,7 @@ def prove_edges(
 def edge_state(
     inputs: ProofInputs, p0: Row, r0: Numbers, p1: Row, r1: Numbers, scratch: Scratch
 ) -> int:
-    """Prove an edge free: return FREE, or BLOCKED if it is not proven.
+    """Return FREE for a proven edge, and BLOCKED for an unproven one.
 
     The edge leads from position p0 and rotation r0 to p1 and r1. MIXED means that no boundaries
     meet along the edge: it is free if neither robot nor obstacles contain the other at the first
@@ -561,6 +579,7 @@ def prove_arc(inputs: ProofInputs, arc: EdgeArc, scratch: Scratch) -> bool:
     length = math.sqrt(dot(arc.step, arc.step)) + arc.angle * boundaries.max_lever
     max_length = PIECE_CELLS * boundaries.scale * inputs.map.spacing
     count = math.ceil(length / max_length)
+    # Piece -1 is the end alone.
     for piece in range(-1, count):
         first = piece / count if piece >= 0 else 1.0
         last = (piece + 1) / count if piece >= 0 else 1.0
@@ -573,10 +592,10 @@ def prove_arc(inputs: ProofInputs, arc: EdgeArc, scratch: Scratch) -> bool:
 def prove_part(
     inputs: ProofInputs, arc: EdgeArc, first: float, last: float, scratch: Scratch
 ) -> bool:
-    """Return True if the part of an arc from ``first`` to ``last``, in [0, 1], is proven free.
+    """Return True if a part of an arc is proven free.
 
-    The map proves the part, or the distance at its midpoint proves an interval around the midpoint
-    and leaves the remainders on both sides.
+    The part reaches from ``first`` to ``last``, in [0, 1]. The map proves the part, or the distance
+    at its midpoint proves an interval around the midpoint and leaves the remainders on both sides.
     """
     boundaries = inputs.boundaries
     # A stack of unproven parts, each with its beginning and its end.
@@ -627,7 +646,10 @@ def prove_part(
 
 @internal
 def cells_are_free(map_: Map, arc: EdgeArc, first: float, last: float) -> bool:
-    """Return True if FREE cells prove the part of an arc from ``first`` to ``last``, in [0, 1]."""
+    """Return True if FREE cells prove a part of an arc.
+
+    The part reaches from ``first`` to ``last``, in [0, 1].
+    """
     if arc.angle_error > 0.0:
         return False
     start = position_along(arc.p0, arc.p1, first)
@@ -675,10 +697,11 @@ def fraction_apart(
     enough: float,
     scratch: Ints,
 ) -> float:
-    """Return the fraction of a motion, at most ``enough``, on which boundaries stay apart.
+    """Return the fraction of a motion with boundaries proven apart.
 
-    From its position, the robot moves by up to ``step`` forwards or backwards, by up to ``drift``
-    in any direction, and rotates by up to ``angle``. All lengths are scaled like the trees.
+    The fraction is at most ``enough``. From its position, the robot moves by up to ``step``
+    forwards or backwards, by up to ``drift`` in any direction, and rotates by up to ``angle``. All
+    lengths are scaled like the trees.
     """
     x, y, z = position
     rounding = 2.0 * DISTANCE_ROUNDING * (abs(x) + abs(y) + abs(z))
@@ -701,9 +724,9 @@ def reference_point(map_: Map, position: Row, scale: float) -> Row:
 
 @kernel
 def corner_state(containment: Containment, position: Row, matrix: Matrix) -> int:
-    """Test by cells whether a part of the robot lies inside an obstacle.
+    """Test by cells whether obstacles contain a part of the robot.
 
-    Returns BLOCKED if one does, MIXED if that is undecided, otherwise FREE. No boundaries may meet,
+    Returns BLOCKED if they do, MIXED if that is undecided, otherwise FREE. No boundaries may meet,
     so that any corner of a part decides for the whole part.
     """
     spacing = containment.spacing

@@ -88,10 +88,10 @@ def evaluate_edges(
     write: Write,
     angles: Mapping[int, str] = NO_ANGLES,
 ) -> Any:
-    """Evaluate a query on straight edges from ``q0`` to ``q1``, one or many, which broadcast.
+    """Evaluate a query on one straight edge or many.
 
-    Both have shape (d,) or (..., d). ``write`` writes True or False for each edge; other
-    parameters, results and errors are those of :func:`evaluate`.
+    Both have shape (d,) or (..., d) and broadcast. ``write`` writes True or False for each edge;
+    other parameters, results and errors are those of :func:`evaluate`.
     """
     starts = check_rows(q0, "q0", size)
     ends = check_rows(q1, "q1", size)
@@ -116,7 +116,7 @@ def evaluate_edges(
 
 
 def evaluate_rows(starts: Floats, ends: Floats, write: Write) -> Bools:
-    """Evaluate a query on edges between rows, shape (n, size).
+    """Evaluate a query on edges between the rows of two arrays.
 
     Raises InputError, with the index of the edge, if a row is not usable.
     """
@@ -136,7 +136,10 @@ def write_in_threads(
     """
 
     def write_chunk(start: int, stop: int) -> int:
-        """Run the kernel on some rows; return the first unusable one, counted from ``start``."""
+        """Run the kernel on rows [start, stop).
+
+        Returns the first unusable row, counted from ``start``, or -1.
+        """
         chunks = [array[start:stop] for array in arrays]
         return int(kernel(*chunks))
 
@@ -144,20 +147,26 @@ def write_in_threads(
 
 
 def as_contiguous(rows: NDArray[Any]) -> Floats:
-    """Return rows as a contiguous, writeable float64 array, the only type kernels accept."""
+    """Return rows as a contiguous, writeable float64 array.
+
+    Kernels accept no other type.
+    """
     floats = np.ascontiguousarray(rows, dtype=np.float64)
     return floats if floats.flags.writeable else floats.copy()
 
 
 def _shape_answers(answers: NDArray[Any], shape: tuple[int, ...], is_array: bool) -> Any:
-    """Reshape answers; return a Python value for one configuration that is not an array."""
+    """Return answers in the shape of the query.
+
+    That is a Python value for one configuration that is not an array.
+    """
     if shape or is_array:
         return answers.reshape(shape)[()]  # a numpy scalar if the shape is ()
     return answers.item()
 
 
 def _make_unusable_error(values: NDArray[Any], name: str, index: int) -> InputError:
-    """Make the error for an unusable row of a batch, with its values and index."""
+    """Make the error for an unusable row of a batch."""
     numbers = tuple(values.astype(np.float64).tolist())
     problem = f"number {index} is {numbers}"
     hint = "correct or remove such configurations first"

@@ -20,28 +20,34 @@ MAX_SIZE: Final = 7
 
 
 def state_lookup(map_: Map, size: int) -> Callable[..., int]:
-    """Return ``look_up(*q)``: the state of a configuration, or NOT_USABLE."""
-    return bind_numbers(state_of, (map_,), size)
+    """Return a function ``look_up(*q)`` of the state of a configuration, or NOT_USABLE."""
+    return bind_numbers(look_up_state, (map_,), size)
 
 
-def place_lookup(map_: Map, size: int) -> Callable[..., int]:
-    """Return ``look_up(*q)``: the index of a cell over all rotation cells, or -1 outside."""
-    return bind_numbers(place_of, (map_,), size)
+def flat_cell_lookup(map_: Map, size: int) -> Callable[..., int]:
+    """Return a function ``look_up(*q)`` of a cell's flat index, or -1.
+
+    Flat indices count the cells of all rotation cells.
+    """
+    return bind_numbers(look_up_flat_cell, (map_,), size)
 
 
 def motion_lookup(map_: Map, size: int) -> Callable[..., int]:
-    """Return ``look_up(*q0, *q1)``: FREE, MIXED if the motion is not proven, or NOT_USABLE."""
-    return bind_numbers(motion_of, (map_, size), 2 * size, 2 * MAX_SIZE)
+    """Return a function ``look_up(*q0, *q1)`` that gives FREE for a proven motion.
+
+    Otherwise it gives MIXED, or NOT_USABLE if an end is not usable.
+    """
+    return bind_numbers(look_up_motion, (map_, size), 2 * size, 2 * MAX_SIZE)
 
 
 def edge_checker(map_: Map, size: int) -> Callable[..., bool]:
-    """Return ``check(*q0, *q1)``, True if an edge is FREE."""
+    """Return a function ``check(*q0, *q1)`` that gives True for a FREE edge."""
     look_up = motion_lookup(map_, size)
     return lambda *endpoints: look_up(*endpoints) == FREE
 
 
 def bind_kernel(kernel: Any, fixed: tuple[Any, ...], *examples: Any) -> Callable[..., Any]:
-    """Bind a kernel to its first arguments.
+    """Compile a kernel, and bind it to its first arguments.
 
     Calls skip numba's dispatch, so that all other arguments must have the types of ``examples``.
     """
@@ -55,9 +61,10 @@ def bind_kernel(kernel: Any, fixed: tuple[Any, ...], *examples: Any) -> Callable
 def bind_numbers(
     kernel: Any, fixed: tuple[Any, ...], given: int, total: int = MAX_SIZE
 ) -> Callable[..., Any]:
-    """Bind a kernel of ``fixed`` and a tuple of ``total`` numbers; calls give the last ``given``.
+    """Bind a kernel to its arguments before a tuple of numbers.
 
-    So a kernel is compiled once for configurations of all sizes.
+    Calls give the last ``given`` numbers, and zeros precede them. So a kernel is compiled once for
+    configurations of all sizes.
     """
     look_up = bind_kernel(kernel, fixed, (0.0,) * total)
     padding = (0.0,) * (total - given)
@@ -66,7 +73,10 @@ def bind_numbers(
 
 @inlined
 def configuration_before(map_: Map, numbers: Numbers, end: int) -> tuple[Row, Numbers]:
-    """Return position and rotation of the configuration whose numbers end before ``end``."""
+    """Return position and rotation of the configuration that ends before ``end``.
+
+    Its coordinates are the last of ``numbers[:end]``.
+    """
     borders = map_.rotations.borders
     rotation = rotation_before(borders, numbers, end)
     first = end - map_.dim
@@ -81,7 +91,7 @@ def configuration_before(map_: Map, numbers: Numbers, end: int) -> tuple[Row, Nu
 
 @inlined
 def rotation_before(borders: Floats, numbers: Numbers, end: int) -> Numbers:
-    """Return the rotation of the configuration whose numbers end before ``end``."""
+    """Return the rotation at the end of ``numbers[:end]``."""
     if borders.ndim == 2:  # a quaternion
         return numbers[end - 4], numbers[end - 3], numbers[end - 2], numbers[end - 1]
     yaw = numbers[end - 1] if borders.shape[0] > 0 else 0.0
@@ -89,7 +99,7 @@ def rotation_before(borders: Floats, numbers: Numbers, end: int) -> Numbers:
 
 
 @kernel
-def state_of(map_: Map, numbers: Numbers) -> int:
+def look_up_state(map_: Map, numbers: Numbers) -> int:
     """Return the state of a configuration, or NOT_USABLE."""
     position, rotation = configuration_before(map_, numbers, MAX_SIZE)
     if not is_rotation(rotation):
@@ -98,8 +108,11 @@ def state_of(map_: Map, numbers: Numbers) -> int:
 
 
 @kernel
-def place_of(map_: Map, numbers: Numbers) -> int:
-    """Return the index of a configuration's cell over all rotation cells, or -1 outside."""
+def look_up_flat_cell(map_: Map, numbers: Numbers) -> int:
+    """Return the flat index of a configuration's cell, or -1.
+
+    Flat indices count the cells of all rotation cells. It is -1 outside the grid.
+    """
     position, rotation = configuration_before(map_, numbers, MAX_SIZE)
     i, j, k = cell_of(map_, position)
     _, nx, ny, nz = map_.states.shape
@@ -111,8 +124,11 @@ def place_of(map_: Map, numbers: Numbers) -> int:
 
 
 @kernel
-def motion_of(map_: Map, size: int, numbers: Numbers) -> int:
-    """Return FREE if a motion is FREE, else MIXED; NOT_USABLE if an end is not usable."""
+def look_up_motion(map_: Map, size: int, numbers: Numbers) -> int:
+    """Return FREE for a motion through FREE cells, else MIXED or NOT_USABLE.
+
+    It is NOT_USABLE if an end is not usable.
+    """
     end = 2 * MAX_SIZE
     p0, r0 = configuration_before(map_, numbers, end - size)
     p1, r1 = configuration_before(map_, numbers, end)

@@ -64,12 +64,12 @@ class Components:
         return self._join(MIXED, self._exterior_open)
 
     def _join(self, highest: int, exterior_open: Bools) -> JoinedCells:
-        """Join the cells whose state is at most ``highest``."""
+        """Compute the components of cells whose state is at most ``highest``."""
         runs = label_runs(list_runs(self._states, highest), self._states.shape)
         shape = self._states.shape
         return JoinedCells.of(runs, shape, self._slice_of, self._rotation_pairs, exterior_open)
 
-    def of(self, cells: Ints, mixed: bool = False) -> Ints:
+    def find(self, cells: Ints, mixed: bool = False) -> Ints:
         """Return the component of each cell, or -1.
 
         Components join FREE cells, or FREE and MIXED cells if ``mixed``. Cells are ``(rotation, x,
@@ -80,25 +80,26 @@ class Components:
         return joined.component_of(cells)
 
     def count(self, mixed: bool = False) -> int:
-        """Return a number above all components of :meth:`of`."""
+        """Return a number above all components that :meth:`find` returns."""
         joined = self._passable if mixed else self._free
         return joined.count
 
-    def are_joined(self, place: int, other: int, mixed: bool = False) -> bool:
-        """Return True if two cells of the grid are in one component, as of :meth:`of`.
+    def are_joined(self, flat_cell: int, other: int, mixed: bool = False) -> bool:
+        """Return True if two cells of the grid are in one component.
 
-        A cell is given by its index over all rotation cells.
+        Components are those of :meth:`find`. A cell is given by its flat index over all rotation
+        cells.
         """
         joined = self._passable if mixed else self._free
-        component = joined.component_at(place)
+        component = joined.component_at(flat_cell)
         return component != -1 and component == joined.component_at(other)
 
-    def box(self, cell: Ints) -> Ints:
+    def bounding_box(self, cell: Ints) -> Ints:
         """Return the first and last cell of a FREE component's box.
 
         ``cell``, shape (1 + d,), is one cell of the component; the result has shape (2, d).
         """
-        boxes: Ints = self._free.boxes[int(self.of(cell))]
+        boxes: Ints = self._free.boxes[int(self.find(cell))]
         return boxes
 
 
@@ -110,7 +111,7 @@ class Runs(NamedTuple):
     starts, stops : ndarray of int64, shape (n,)
         First cell of each run, and the cell after its last one, as indices over all slices.
     labels : ndarray of int64, shape (n,)
-        Number of each run, label or node.
+        Label of each run; at first its own number, or later its node.
     """
 
     starts: Ints
@@ -118,7 +119,7 @@ class Runs(NamedTuple):
     labels: Ints
 
     def select(self, chosen: Bools | slice, shift: int = 0, first_label: int = 0) -> Runs:
-        """Return some runs, moved by ``shift`` cells, with labels raised by ``first_label``."""
+        """Return chosen runs, moved by ``shift`` cells, with ``first_label`` added to labels."""
         return Runs(
             self.starts[chosen] + shift,
             self.stops[chosen] + shift,
@@ -172,8 +173,8 @@ class JoinedCells:
         size = math.prod(shape[1:])
         first_run = np.searchsorted(runs.starts, size * np.arange(shape[0] + 1))
         first_label = np.append(runs.labels, runs.labels.max(initial=-1) + 1)[first_run]
-        # A rotation cell has a node for each label of its slice; after all these nodes comes one
-        # for the outside of each rotation cell.
+        # A rotation cell has a node for each label of its slice: ``first_node`` plus the label.
+        # Then comes a node for the outside of each rotation cell.
         label_counts = np.diff(first_label)[slice_of]
         number_of_nodes = int(label_counts.sum())
         first_node = np.cumsum(label_counts) - label_counts - first_label[slice_of]
@@ -181,7 +182,10 @@ class JoinedCells:
         parents = np.arange(number_of_nodes + len(slice_of))
 
         def runs_at(rotation: int) -> Runs:
-            """Return the runs at a rotation cell, as places in a slice, with their nodes."""
+            """Return the runs at a rotation cell, labelled by their nodes.
+
+            Their cells are indices within the slice.
+            """
             number = int(slice_of[rotation])
             span = slice(first_run[number], first_run[number + 1])
             return runs.select(span, -number * size, int(first_node[rotation]))
@@ -193,7 +197,7 @@ class JoinedCells:
                 join_nodes(outside[[first]], outside[[second]], parents)
         for rotation in np.flatnonzero(is_open).tolist():
             own_runs = runs_at(rotation)
-            nodes = own_runs.labels[touch_border(own_runs, shape[1:])]
+            nodes = own_runs.labels[find_border_runs(own_runs, shape[1:])]
             join_nodes(nodes, np.full_like(nodes, outside[rotation]), parents)
         components, components_outside = np.split(number_components(parents), [number_of_nodes])
         components_outside[~is_open] = -1
@@ -207,7 +211,7 @@ class JoinedCells:
 
     @cached_property
     def component_at(self) -> Callable[[int], int]:
-        """Look-up of the component of a cell by its index over all rotation cells; -1 without."""
+        """Look-up of a cell's component by its flat index, or -1."""
         *lines, cells_of_line = self.shape
         cells_of_slice = math.prod(self.shape[1:])
         first_cells = cells_of_line * np.arange(math.prod(lines) + 1)
@@ -220,9 +224,9 @@ class JoinedCells:
         first_node = self.first_node.data
         components = self.components.data
 
-        def look_up(place: int) -> int:
+        def look_up(flat_cell: int) -> int:
             """Return the component of a cell, or -1."""
-            rotation, position = divmod(place, cells_of_slice)
+            rotation, position = divmod(flat_cell, cells_of_slice)
             cell = slice_of[rotation] * cells_of_slice + position
             line = cell // cells_of_line
             end = first_runs[line + 1]
@@ -236,7 +240,7 @@ class JoinedCells:
         return look_up
 
     def component_of(self, cells: Ints) -> Ints:
-        """Return the component of each cell ``(rotation, x, ...)``; -1 without one."""
+        """Return the component of each cell ``(rotation, x, ...)``, or -1."""
         rotations = cells[..., 0]
         positions = cells[..., 1:]
         shape = self.shape[1:]
@@ -274,9 +278,9 @@ class JoinedCells:
 
 
 def list_runs(states: States, highest: int) -> Runs:
-    """List the runs of cells whose state is at most ``highest``, numbered from 0 on.
+    """List the runs of cells whose state is at most ``highest``.
 
-    ``states`` has shape (slices, ...).
+    Runs are labelled by their number, from 0 on. ``states`` has shape (slices, ...).
     """
     number_of_slices, *shape = states.shape
     rows = states.reshape(number_of_slices, -1, shape[-1])
@@ -284,11 +288,13 @@ def list_runs(states: States, highest: int) -> Runs:
     def list_slice(number: int) -> Ints:
         """Return the starts and stops of a slice's runs, shape (2, n)."""
         lines, length = rows[number].shape
-        # One cell that is no member precedes and follows each line.
+        # A cell that is not a member precedes and follows each line.
         is_member = np.zeros(1 + lines * (length + 1), dtype=np.bool_)
         members = is_member[1:].reshape(lines, length + 1)[:, :length]
         np.less_equal(rows[number], highest, out=members)
+        # A run starts at one change, and stops at the next.
         borders = np.flatnonzero(is_member[1:] != is_member[:-1]).reshape(-1, 2).T
+        # Leave out the added cells of the lines before, one each.
         first_cell: Ints = number * lines * length - borders[0] // (length + 1)
         return borders + first_cell
 
@@ -298,9 +304,10 @@ def list_runs(states: States, highest: int) -> Runs:
 
 
 def label_runs(runs: Runs, shape: tuple[int, ...]) -> Runs:
-    """Label numbered runs of slices so that connected runs of a slice share a label.
+    """Label runs so that connected runs of a slice share a label.
 
-    ``shape`` has the number of slices, and that of cells along each axis.
+    The runs are those of :func:`list_runs`. ``shape`` has the number of slices, and that of cells
+    along each axis.
     """
     parents = np.arange(len(runs.starts))
     for axis in range(1, len(shape) - 1):
@@ -313,10 +320,10 @@ def label_runs(runs: Runs, shape: tuple[int, ...]) -> Runs:
 
 
 def number_components(parents: Ints) -> Ints:
-    """Return the component of each node, numbered in the order of their first nodes.
+    """Return the component of each node.
 
-    ``parents`` is a forest: the parent of each node, itself at a root, which is the first node of
-    its tree.
+    Components are numbered in the order of their first nodes. ``parents`` is a forest: the parent
+    of each node, itself at a root, which is the first node of its tree.
     """
     roots = parents
     while True:
@@ -330,7 +337,7 @@ def number_components(parents: Ints) -> Ints:
 
 
 def find_corners(runs: Runs, shape: tuple[int, ...]) -> tuple[Ints, Ints]:
-    """Return the first and the last cell of runs in their slices, shapes (n, d)."""
+    """Return the first and the last cell of each run, shapes (n, d)."""
     size = math.prod(shape)
     low = np.stack(np.unravel_index(runs.starts % size, shape), axis=1)
     high = low.copy()
@@ -338,25 +345,27 @@ def find_corners(runs: Runs, shape: tuple[int, ...]) -> tuple[Ints, Ints]:
     return low, high
 
 
-def touch_border(runs: Runs, shape: tuple[int, ...]) -> Bools:
-    """Return which runs have a cell at the border of the grid."""
+def find_border_runs(runs: Runs, shape: tuple[int, ...]) -> Bools:
+    """Return a mask of the runs that touch the grid's border."""
     low, high = find_corners(runs, shape)
     is_last = high == np.array(shape) - 1
     return np.asarray(((low == 0) | is_last).any(axis=1))
 
 
 def join_nodes(first: Ints, second: Ints, parents: Ints) -> None:
-    """Join pairs of nodes."""
+    """Join pairs of nodes, ``first[i]`` and ``second[i]``."""
+    # Runs of one cell each, the same in both records.
     places = np.arange(len(first))
     join_overlaps(Runs(places, places + 1, first), Runs(places, places + 1, second), parents)
 
 
 @kernel
 def join_overlaps(first: Runs, second: Runs, parents: Ints) -> None:
-    """Join the nodes of runs that have a common cell; the runs of each record are in order.
+    """Join the nodes of runs that have a common cell.
 
-    The parent of a node is never above it. Two trees are joined on the way to their roots, whose
-    nodes change trees, by M. Rem's algorithm (E. Dijkstra, "A discipline of programming", 1976).
+    The runs of each record are in the order of their cells. The parent of a node is never above it.
+    Two trees are joined on the way to their roots, whose nodes change trees, by M. Rem's algorithm
+    (E. Dijkstra, "A discipline of programming", 1976).
     """
     next_of_second = 0
     for i in range(len(first.starts)):

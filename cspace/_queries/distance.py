@@ -56,7 +56,7 @@ BYTES_PER_CELL: Final = 4
 """Memory of the table for each cell of each slice, bytes."""
 
 ROUNDING_FACTOR: Final = 1.0 - 2.0**-22
-"""Factor of a distance that must not be above the true one despite rounding."""
+"""Factor that keeps a computed distance below the true one, despite rounding."""
 
 MIN_LINES_PER_THREAD: Final = 64
 """Lines of cells below which a further thread costs more time than it saves."""
@@ -70,8 +70,8 @@ class DistanceTable(NamedTuple):
     cells : ndarray of float32, shape (slices * cells,)
         Distance of each cell of all slices in a row, in cells; zero if the cell is not FREE.
     boxes : ndarray of float64, shape (slices, 2, d)
-        Corners of the box that contains all cells that are not FREE, in the grid and outside, in
-        cells. Without such cells, the lower corner is infinite and the upper one minus infinite.
+        Corners, in cells, of the box that contains all cells that are not FREE, in the grid and
+        outside. Without such cells, the lower corner is inf and the upper one -inf.
     is_ready : ndarray of bool, shape (slices,)
         True for slices whose distances are computed.
     """
@@ -96,7 +96,7 @@ class DistanceMap:
     """
 
     def __init__(self, states: States, exterior: Ints, lock: AbstractContextManager[Any]) -> None:
-        """Share the states of all slices and the exterior table; no distance is computed yet."""
+        """Keep the shared states and exterior table, without distances."""
         self._states = states
         self._exterior = exterior
         self._lock = lock
@@ -110,22 +110,28 @@ class DistanceMap:
         """
         self.table = self.known = None
 
-    def whole(self) -> DistanceTable:
-        """Return the table with the distances of all slices."""
-        return self.known or self.of_slices(range(len(self._states)))
+    def compute_all(self) -> DistanceTable:
+        """Compute the missing distances of all slices; return the table."""
+        return self.known or self.compute_slices(range(len(self._states)))
 
     def array(self) -> Distances:
-        """Return the distances of all slices, shape (slices, x, y) or (slices, x, y, z)."""
-        return self.whole().cells.reshape(self._states.shape)
+        """Return the distances of all slices.
+
+        They have shape (slices, x, y) or (slices, x, y, z).
+        """
+        return self.compute_all().cells.reshape(self._states.shape)
 
     def array_of(self, number: int) -> Distances:
         """Return the distances of one slice, shape (x, y) or (x, y, z)."""
-        distances: Distances = self.of_slices([number]).cells.reshape(self._states.shape)[number]
+        table = self.compute_slices([number])
+        distances: Distances = table.cells.reshape(self._states.shape)[number]
         return distances
 
-    def of_slices(self, slices: Iterable[int]) -> DistanceTable:
-        """Return a table with the distances of at least the given slices."""
-        # Distances that are missing are computed in threads, one slice in each.
+    def compute_slices(self, slices: Iterable[int]) -> DistanceTable:
+        """Compute missing distances of the given slices, and return the table.
+
+        Slices are computed in threads.
+        """
         with self._lock:
             if self.table is None:
                 n_slices, *shape = self._states.shape
@@ -144,7 +150,7 @@ class DistanceMap:
         """Write the distances and the box of a slice to the table."""
         states = self._states[number]
         exterior = self._exterior[number]
-        table.boxes[number] = find_box(states, exterior)
+        table.boxes[number] = find_bounding_box(states, exterior)
         distances = table.cells.reshape(self._states.shape)
         compute_distances(states, exterior, distances[number])
 
@@ -152,8 +158,8 @@ class DistanceMap:
 # ---- the table -----------------------------------------------------------------------------------
 
 
-def find_box(states: States, exterior: Ints) -> Floats:
-    """Return the corners of the box that contains all cells that are not FREE, shape (2, d).
+def find_bounding_box(states: States, exterior: Ints) -> Floats:
+    """Return the bounding box of the cells that are not FREE, shape (2, d).
 
     ``exterior`` is a row of :attr:`cspace._record.exterior.Exterior.table`.
     """
@@ -180,20 +186,21 @@ def compute_distances(states: States, exterior: Ints, out: Distances) -> None:
 
     ``states`` and ``out`` have the shape of the grid; ``exterior`` is a row of the exterior table.
     """
-    # Squared distances grow from zero in cells that are not FREE, along one axis after the other.
+    # Squared distances spread from cells that are not FREE, along one axis after the other.
     out[...] = np.where(states == FREE, np.float32(math.inf), np.float32(0.0))
     for axis, count in enumerate(out.shape):
         n_before = math.prod(out.shape[:axis])
-        _spread_along(out.reshape(n_before, count, -1))
+        _transform_axis(out.reshape(n_before, count, -1))
     for low, high in boxes_outside(exterior, out.shape):
-        np.minimum(out, measure_squares(low, high, out.shape), out=out)
+        np.minimum(out, squared_box_distances(low, high, out.shape), out=out)
     np.sqrt(out, out=out)
 
 
 def boxes_outside(exterior: Ints, shape: tuple[int, ...]) -> list[tuple[Floats, Floats]]:
-    """List the boxes of cells outside the grid that are not FREE, as corners in cells.
+    """List boxes of the cells outside the grid that are not FREE.
 
-    There is at most one box beyond each side of the grid.
+    Boxes are given by their corners, in cells. There is at most one box beyond each side of the
+    grid.
     """
     dim = len(shape)
     # The exterior row has the first and the last cell of a box, then the state of all other cells.
@@ -214,8 +221,8 @@ def boxes_outside(exterior: Ints, shape: tuple[int, ...]) -> list[tuple[Floats, 
     return [(first, stop) for first, stop in boxes if (first < stop).all()]
 
 
-def measure_squares(low: Floats, high: Floats, shape: tuple[int, ...]) -> Distances:
-    """Return the squared distances from the centers of cells to a box.
+def squared_box_distances(low: Floats, high: Floats, shape: tuple[int, ...]) -> Distances:
+    """Return the squared distances of cell centers from a box.
 
     ``low`` and ``high`` are the corners of the box, in cells; ``shape`` is that of the grid.
     """
@@ -228,8 +235,8 @@ def measure_squares(low: Floats, high: Floats, shape: tuple[int, ...]) -> Distan
     return squares.reshape(shape)
 
 
-def _spread_along(squares: Distances) -> None:
-    """Lower squared distances to those by way of other cells along the middle axis, in place.
+def _transform_axis(squares: Distances) -> None:
+    """Apply a distance transform along the middle axis, in place.
 
     ``squares`` has shape (cells before, cells along the axis, cells after).
     """
@@ -237,18 +244,21 @@ def _spread_along(squares: Distances) -> None:
     n_borders = count + 1
 
     def spread_lines(start: int, stop: int) -> int:
-        """Treat lines of cells [start, stop) with their own scratch; -1 means that none failed."""
+        """Transform lines [start, stop) with their own scratch.
+
+        Returns -1, because no line is invalid.
+        """
         borders = np.empty(n_borders, dtype=np.int64)
         heights = np.empty(n_borders)
         firsts = np.empty(n_borders, dtype=np.int64)
-        spread_squares(squares, borders, heights, firsts, start, stop)
+        transform_lines(squares, borders, heights, firsts, start, stop)
         return -1
 
     run_in_chunks(spread_lines, n_before * n_after, MIN_LINES_PER_THREAD)
 
 
 @kernel
-def spread_squares(
+def transform_lines(
     squares: Distances,
     borders: Ints,
     heights: Floats,
@@ -256,8 +266,10 @@ def spread_squares(
     start: int,
     stop: int,
 ) -> None:
-    """Lower squared distances of lines [start, stop) along the middle axis of ``squares``.
+    """Apply the distance transform to some lines of cells, in place.
 
+    They are lines [start, stop) of ``squares``. Lines lie along the middle axis. Each square
+    becomes the lowest sum of the square at a cell of the line and the squared gap to that cell.
     Border j lies between cells j - 1 and j, so half a cell below the center of cell j. A parabola
     stands on it, as high as the lower square of the two cells. The scratch arrays are a stack of
     the parabolas of the lower envelope: border, height, and the first cell whose center is nearer
@@ -364,9 +376,10 @@ def clearance_at(map_: Map, table: DistanceTable, position: Row, rotation: Numbe
 
 @internal
 def center_coordinates(map_: Map, position: Row, axis: int) -> tuple[float, float]:
-    """Return a coordinate in cells from the first center, and the nearest one among centers.
+    """Return a coordinate, and the nearest one between the outermost centers.
 
-    Coordinates farther than MAX_CELL are as far from everything.
+    Both are in cells from the first center. Coordinates farther than MAX_CELL are as far from
+    everything.
     """
     cell_place = (position[axis] - map_.lower[axis]) / map_.spacing
     place = min(max(cell_place, -MAX_CELL), MAX_CELL) - 0.5
@@ -375,10 +388,11 @@ def center_coordinates(map_: Map, position: Row, axis: int) -> tuple[float, floa
 
 
 @kernel
-def clearances(map_: Map, table: DistanceTable, points: Floats, out: Floats) -> int:
-    """Compute clearances of configurations, shape (n, size), in metres.
+def write_clearances(map_: Map, table: DistanceTable, points: Floats, out: Floats) -> int:
+    """Write the clearances of configurations, metres.
 
-    Return the index of the first unusable configuration, or -1.
+    ``points`` has shape (n, size), ``out`` (n,). Returns the index of the first unusable
+    configuration, or -1.
     """
     for n in range(points.shape[0]):
         position, rotation = configuration_in(map_, points, n)
@@ -389,7 +403,7 @@ def clearances(map_: Map, table: DistanceTable, points: Floats, out: Floats) -> 
 
 
 @kernel
-def clearance_of(map_: Map, table: DistanceTable, numbers: Numbers) -> float:
+def look_up_clearance(map_: Map, table: DistanceTable, numbers: Numbers) -> float:
     """Return the clearance of one configuration, in metres.
 
     It is NaN if the configuration is not usable, or the table lacks its slice. The numbers are
@@ -402,11 +416,11 @@ def clearance_of(map_: Map, table: DistanceTable, numbers: Numbers) -> float:
 
 
 def clearance_lookup(map_: Map, table: DistanceTable, size: int) -> Callable[..., float]:
-    """Return ``look_up(table, *q)``: the clearance of a configuration, or NaN.
+    """Return a function ``look_up(table, *q)`` of clearance, or NaN.
 
-    ``table`` is any table of the map.
+    ``table`` is any table of the map, which determines types.
     """
     # The kernel is compiled once for configurations of all sizes, so it takes MAX_SIZE numbers.
     padding = (0.0,) * (MAX_SIZE - size)
-    measure = bind_kernel(clearance_of, (map_,), table, (0.0,) * MAX_SIZE)
+    measure = bind_kernel(look_up_clearance, (map_,), table, (0.0,) * MAX_SIZE)
     return lambda table, *q: measure(table, (*padding, *q))

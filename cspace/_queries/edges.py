@@ -19,8 +19,8 @@ from cspace._queries.points import (
     box_to_test,
     closed_cells,
     configuration_in,
-    in_cells,
     is_usable,
+    position_in_cells,
     run_is_free,
     state_at,
 )
@@ -29,8 +29,8 @@ from cspace._record.states import read_only
 from cspace._rotations.lookup import (
     arc_count,
     find_arc,
+    find_cell_exit,
     first_widened_cell,
-    next_part,
     signed_angle,
     widened_bounds,
     wrap_to_cells,
@@ -52,11 +52,12 @@ MIN_EDGES_FOR_BLOCKS: Final = 100
 """Edges below which the second call costs more than blocks save."""
 
 
-def join_blocks(map_: Map) -> Map:
-    """Return a map whose cells are blocks of cells; a block is FREE if all of its cells are.
+def coarsen_map(map_: Map) -> Map:
+    """Coarsen a map into blocks of cells.
 
-    An edge that touches a cell touches its block, also by SLACK, which is as many blocks as cells.
-    So edges that are FREE in the result are FREE in ``map_``. Nothing outside the grid is FREE.
+    A block is FREE if all of its cells are. An edge that touches a cell touches its block, also by
+    SLACK, which is as many blocks as cells. So edges that are FREE in the result are FREE in
+    ``map_``. Nothing outside the grid is FREE.
     """
     states = map_.states
     for axis in range(4 - map_.dim, 4):
@@ -80,9 +81,10 @@ def join_blocks(map_: Map) -> Map:
 def edges_are_free_by_blocks(
     blocks: Map, test_edges: Callable[..., int], starts: Floats, ends: Floats, out: Bools
 ) -> int:
-    """Write which edges are FREE in ``blocks``, and the answers of ``test_edges`` for all others.
+    """Write which edges are FREE, testing them in ``blocks`` before ``test_edges``.
 
-    Returns the index of the first unusable edge, or -1.
+    Only edges that are not FREE in ``blocks`` are tested by ``test_edges``. Returns the index of
+    the first unusable edge, or -1.
     """
     bad = edges_are_free(blocks, starts, ends, out)
     if bad < 0:
@@ -93,9 +95,10 @@ def edges_are_free_by_blocks(
 
 @kernel
 def edges_are_free(map_: Map, starts: Floats, ends: Floats, out: Bools) -> int:
-    """Write which edges are FREE; return the index of the first unusable edge, or -1.
+    """Write which edges are FREE.
 
-    Edges lead from `starts` to `ends`, shape (n, size); ``out`` has shape (n,).
+    Returns the index of the first unusable edge, or -1. Edges lead from `starts` to `ends`, shape
+    (n, size); ``out`` has shape (n,).
     """
     for k in range(starts.shape[0]):
         p0, r0 = configuration_in(map_, starts, k)
@@ -130,7 +133,7 @@ def edge_is_free(map_: Map, p0: Row, r0: Numbers, p1: Row, r1: Numbers) -> bool:
         index, low, high = widened_bounds(borders, cell)
         # This goes on for NaN as well, which the test of the segment refuses.
         while not low > max(start, start + angle):
-            enter, leave = shares_of_turn(start, angle, low, high)
+            enter, leave = turn_fractions(start, angle, low, high)
             s = int(map_.rotations.slice_of[index])
             first = position_along(p0, p1, enter)
             last = position_along(p0, p1, leave)
@@ -142,10 +145,11 @@ def edge_is_free(map_: Map, p0: Row, r0: Numbers, p1: Row, r1: Numbers) -> bool:
 
 
 @inlined
-def shares_of_turn(start: float, angle: float, low: float, high: float) -> tuple[float, float]:
-    """Return the range of shares of a turn, in [0, 1], that is between two yaws.
+def turn_fractions(start: float, angle: float, low: float, high: float) -> tuple[float, float]:
+    """Return the fractions at which a turn enters and leaves an interval.
 
-    The turn leads from the yaw ``start`` by ``angle``.
+    The interval is of yaws, from ``low`` to ``high``. The turn leads from the yaw ``start`` by
+    ``angle``; fractions are from 0 to 1.
     """
     if angle == 0.0:
         return 0.0, 1.0
@@ -164,14 +168,14 @@ def quaternion_edge_is_free(map_: Map, p0: Row, r0: Numbers, p1: Row, r1: Number
     borders = map_.rotations.borders[0]
     for number in range(arc_count(r0, r1)):
         arc = find_arc(r0, r1, number)
-        if not arc.tangent < 2.0:  # NaN
+        if not arc.tangent < 2.0:  # only for NaN
             return False
         # Each part of the arc lies in one rotation cell.
         chord_share = 0.0
         enter = 0.0
         has_next = True
         while has_next:
-            cell, chord_share, time, has_next = next_part(borders, arc, chord_share)
+            cell, chord_share, time, has_next = find_cell_exit(borders, arc, chord_share)
             leave = max(time, enter) if has_next else 1.0
             first = p0
             last = p1
@@ -189,12 +193,15 @@ def quaternion_edge_is_free(map_: Map, p0: Row, r0: Numbers, p1: Row, r1: Number
 @inlined
 def position_along(p0: Row, p1: Row, t: float) -> Row:
     """Return the position at t, from 0 to 1, between two positions."""
-    return between(p0[0], p1[0], t), between(p0[1], p1[1], t), between(p0[2], p1[2], t)
+    return interpolate(p0[0], p1[0], t), interpolate(p0[1], p1[1], t), interpolate(p0[2], p1[2], t)
 
 
 @inlined
-def between(first: float, second: float, t: float) -> float:
-    """Interpolate between two numbers at t in [0, 1]; rounding does not lead beyond them."""
+def interpolate(first: float, second: float, t: float) -> float:
+    """Interpolate linearly between two numbers, at t in [0, 1].
+
+    Despite rounding, the result stays between them.
+    """
     if t == 0.0:
         return first
     if t == 1.0:
@@ -205,9 +212,12 @@ def between(first: float, second: float, t: float) -> float:
 
 @internal
 def segment_is_free(map_: Map, s: int, first: Row, last: Row) -> bool:
-    """Return True if a segment from `first` to `last` touches only FREE cells of a slice."""
-    p = in_cells(map_, first)
-    q = in_cells(map_, last)
+    """Return True if a segment touches only FREE cells of a slice.
+
+    It leads from `first` to `last`.
+    """
+    p = position_in_cells(map_, first)
+    q = position_in_cells(map_, last)
     total = 0.0
     for axis in range(3):
         total += abs(p[axis]) + abs(q[axis])
@@ -244,10 +254,11 @@ def segment_is_free(map_: Map, s: int, first: Row, last: Row) -> bool:
 
 @inlined
 def slab_times(p: float, q: float, cell: int) -> tuple[float, float]:
-    """Return the range of t in [0, 1] in which p + t (q - p) is in a slab of cells.
+    """Return the times at which a segment enters and leaves a slab.
 
-    Coordinates are in cells. The slab is widened by SLACK, which covers rounding, because that
-    grows with the length of the segment. If the segment misses the slab, start > stop.
+    The segment is p + t (q - p) for times t in [0, 1]. Coordinates are in cells. The slab is
+    widened by SLACK, which covers rounding, because that grows with the length of the segment. If
+    the segment misses the slab, start > stop.
     """
     if abs(q - p) < MIN_EXTENT_CELLS:
         return 0.0, 1.0
@@ -259,9 +270,9 @@ def slab_times(p: float, q: float, cell: int) -> tuple[float, float]:
 
 @inlined
 def cells_between(p: float, q: float, start: float, stop: float) -> tuple[int, int]:
-    """Return the first and last cell that p + t (q - p) touches for t from start to stop.
+    """Return the first and last cell that part of a segment touches.
 
-    Coordinates are in cells.
+    The part is p + t (q - p) for t from start to stop. Coordinates are in cells.
     """
     begin = p + start * (q - p)
     end = p + stop * (q - p)

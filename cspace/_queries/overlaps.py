@@ -1,4 +1,4 @@
-"""Overlaps without stored counts, from rows of the robot."""
+"""Overlap counts at configurations, summed over rows of the robot."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ class RobotRows(NamedTuple):
     Attributes
     ----------
     rows : ndarray of int64, shape (n, 4)
-        ``(dx, dy, first dz, number of dz)``; in the plane dx is 0, and dy and dz stand for the two
-        axes.
+        Offsets ``(dx, dy, first dz, number of dz)`` of each row from the robot's cell; in the plane
+        dx is 0, and dy and dz are along the two axes.
     stops : ndarray of int64, shape (slices,)
-        End of the rows of each slice.
+        Index after the last row of each slice.
     """
 
     rows: Ints
@@ -41,7 +41,7 @@ class RobotRows(NamedTuple):
 
 
 def sum_columns(cells: Bools) -> NDArray[np.int32]:
-    """Sum obstacle cells along the last axis.
+    """Return running counts of obstacle cells along the last axis.
 
     Entry ``[i, j, k]`` of the result, shape (nx, ny, nz + 1), counts the first k cells of a column.
     In the plane, nx is 1, and j and k are the two axes.
@@ -63,11 +63,11 @@ def count_overlaps(
     points: Floats,
     out: Ints,
 ) -> int:
-    """Count the obstacle cells that the robot overlaps at configurations, shape (n, size).
+    """Count the obstacle cells that the robot overlaps at configurations.
 
-    Writes them to ``out``, shape (n,); returns the index of the first unusable configuration, or
-    -1. ``counts`` are those of :func:`sum_columns`. ``outside`` is 1 if cells outside the grid are
-    obstacles, otherwise 0.
+    ``points`` has shape (n, size). Writes the counts to ``out``, shape (n,); returns the index of
+    the first unusable configuration, or -1. ``counts`` are those of :func:`sum_columns`.
+    ``outside`` is 1 if cells outside the grid are obstacles, otherwise 0.
     """
     nx, ny, n_sums = counts.shape
     nz = n_sums - 1

@@ -12,7 +12,7 @@ import numpy as np
 from cspace._grid import Grid
 from cspace._queries.taut import pull_taut
 from cspace._rotations import Rotations
-from cspace._rotations.base import METRES_PER_RADIAN, wrapped
+from cspace._rotations.base import METRES_PER_RADIAN, wrap_angles
 from cspace._support.arrays import Floats, Ints, States
 from cspace._support.compiling import clock
 
@@ -140,7 +140,7 @@ def _cut_corners(path: Floats, rotations: Rotations, check: Check, cost: Cost | 
         points += _cut_corner(points[-1], corner, after, rotations, check, cost)
     dim = path.shape[1] - len(rotations.names)
     is_yaw = [False] * dim + [name == "yaw" for name in rotations.names]
-    return wrapped(np.array([*points, path[-1]]), is_yaw)
+    return wrap_angles(np.array([*points, path[-1]]), is_yaw)
 
 
 def _cut_corner(

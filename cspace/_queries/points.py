@@ -34,7 +34,7 @@ Cell = tuple[int, int, int]
 """A cell along three axes."""
 
 NOT_USABLE: Final = 255
-"""Answer for numbers that are not finite, or no rotation."""
+"""Answer for coordinates that are not finite, or of an invalid rotation."""
 
 MAX_CELL: Final = 2.0**62
 """Largest coordinate, in cells; larger ones are clamped so that they fit 64-bit integers."""
@@ -48,7 +48,7 @@ MAX_POSITION: Final = 8.0 * MAX_COORDINATE
 
 @inlined
 def position_in_plane(map_: Map, x: float, y: float) -> Row:
-    """Return a position in the plane, which is in the middle of the layer."""
+    """Return a plane position in space, in the middle of the layer."""
     return 0.5 * map_.spacing, x, y
 
 
@@ -63,13 +63,13 @@ def configuration_in(map_: Map, points: Floats, k: int) -> tuple[Row, Numbers]:
 
 @inlined
 def is_usable(position: Row, rotation: Numbers) -> bool:
-    """Return True if a configuration is finite and its rotation exact enough."""
+    """Return True if a configuration is finite and its rotation valid."""
     x, y, z = position
     return math.isfinite(x) and math.isfinite(y) and math.isfinite(z) and is_rotation(rotation)
 
 
 @inlined
-def in_cells(map_: Map, position: Row) -> Row:
+def position_in_cells(map_: Map, position: Row) -> Row:
     """Return a position in cells from the lower corner of the grid."""
     x, y, z = position
     x0, y0, z0 = map_.lower
@@ -82,9 +82,10 @@ def in_cells(map_: Map, position: Row) -> Row:
 
 @inlined
 def cell_along(place: float, coordinate: float, upper: float, count: int) -> int:
-    """Return the cell of a coordinate along an axis; it may be outside the grid.
+    """Return the cell of a coordinate along an axis.
 
-    ``place`` is the coordinate in cells. The upper border belongs to the last of ``count`` cells.
+    It may be outside the grid. ``place`` is the coordinate in cells. The upper border belongs to
+    the last of ``count`` cells.
     """
     cell = math.floor(min(max(place, -MAX_CELL), MAX_CELL))
     return count - 1 if cell == count and coordinate <= upper else cell
@@ -93,7 +94,7 @@ def cell_along(place: float, coordinate: float, upper: float, count: int) -> int
 @inlined
 def cell_of(map_: Map, position: Row) -> Cell:
     """Return the cell of a position, which may be outside the grid."""
-    u, v, w = in_cells(map_, position)
+    u, v, w = position_in_cells(map_, position)
     x, y, z = map_.upper
     _, nx, ny, nz = map_.states.shape
     return (
@@ -111,9 +112,12 @@ def slice_of(map_: Map, rotation: Numbers) -> int:
 
 @inlined
 def state_at(map_: Map, position: Row, rotation: Numbers) -> int:
-    """Return the state of a configuration; NOT_USABLE if its position is not finite."""
+    """Return the state of a configuration, or NOT_USABLE.
+
+    It is NOT_USABLE if its position is not finite.
+    """
     s = slice_of(map_, rotation)
-    u, v, w = in_cells(map_, position)
+    u, v, w = position_in_cells(map_, position)
     _, nx, ny, nz = map_.states.shape
     # Most positions are in the grid, so all tests are done at once. Indices without a sign need no
     # test for negative ones.
@@ -124,7 +128,10 @@ def state_at(map_: Map, position: Row, rotation: Numbers) -> int:
 
 @internal
 def state_outside(map_: Map, s: int, position: Row) -> int:
-    """Return the state of a position outside the grid, or on its upper border."""
+    """Return the state of a position outside the grid.
+
+    The position may also be on the upper border of the grid.
+    """
     i, j, k = cell_of(map_, position)
     _, nx, ny, nz = map_.states.shape
     if 0 <= i < nx and 0 <= j < ny and 0 <= k < nz:
@@ -140,8 +147,11 @@ def state_outside(map_: Map, s: int, position: Row) -> int:
 
 @internal
 def exterior_box(map_: Map, s: int) -> tuple[Cell, Cell]:
-    """Return the first and the last cell of the box of MIXED cells outside the grid."""
-    # First cell, last cell, and the state of all other cells outside.
+    """Return the first and the last cell of a slice's exterior box.
+
+    The box contains the MIXED cells outside the grid.
+    """
+    # A row has the first cell, the last cell, and the state of all other cells outside.
     row = map_.exterior[s]
     if map_.dim == 2:
         return (0, row[0], row[1]), (0, row[2], row[3])
@@ -150,7 +160,10 @@ def exterior_box(map_: Map, s: int) -> tuple[Cell, Cell]:
 
 @kernel
 def classify(map_: Map, points: Floats, out: States) -> int:
-    """Write the states of points, shape (n, size); return the first unusable row, or -1."""
+    """Write the states of configurations.
+
+    ``points`` has shape (n, size), ``out`` (n,). Returns the first unusable row, or -1.
+    """
     for k in range(points.shape[0]):
         position, rotation = configuration_in(map_, points, k)
         if not is_rotation(rotation):
@@ -166,9 +179,10 @@ def classify(map_: Map, points: Floats, out: States) -> int:
 
 @inlined
 def run_is_free(map_: Map, s: int, i: int, j: int, first: int, last: int) -> bool:
-    """Return True if cells ``first`` to ``last`` along the last axis are FREE.
+    """Return True if a run of cells along the last axis is FREE.
 
-    Outside the grid, cells in the exterior box are MIXED; all others must be known to be FREE.
+    The run reaches from ``first`` to ``last``. Outside the grid, cells in the exterior box are
+    MIXED; all others must be known to be FREE.
     """
     _, nx, ny, nz = map_.states.shape
     in_grid = 0 <= i < nx and 0 <= j < ny
@@ -194,9 +208,10 @@ def run_is_free(map_: Map, s: int, i: int, j: int, first: int, last: int) -> boo
 
 @internal
 def box_to_test(map_: Map, s: int, inside: bool) -> tuple[Cell, Cell]:
-    """Return the first and the last cell of the grid, if `inside`, or around grid and exterior box.
+    """Return the first and last cell that a test must visit.
 
-    All cells beyond the second box have one state.
+    They are those of the grid, if `inside`, and otherwise of the box around the grid and the
+    exterior box, beyond which all cells have one state.
     """
     _, nx, ny, nz = map_.states.shape
     if inside:
@@ -209,20 +224,21 @@ def box_to_test(map_: Map, s: int, inside: bool) -> tuple[Cell, Cell]:
 
 @inlined
 def closed_cells(low: float, high: float) -> tuple[int, int]:
-    """Return the first and the last closed cell between two coordinates, in cells."""
+    """Return the first and last closed cell that an interval meets."""
+    # A coordinate on a boundary belongs to the cells on both sides.
     return math.ceil(low) - 1, math.floor(high)
 
 
 @internal
 def box_is_free(map_: Map, s: int, position: Row, distance: float) -> bool:
-    """Return True if all cells of a slice within ``distance`` along each axis are FREE.
+    """Return True if all cells near a position are FREE.
 
-    The cells are closed, and SLACK is added to the distance. In the plane, the box stays in the
-    layer.
+    They are the cells of slice ``s`` within ``distance`` along each axis. The cells are closed, and
+    SLACK is added to the distance. In the plane, the box stays in the layer.
     """
-    u, v, w = in_cells(map_, position)
+    u, v, w = position_in_cells(map_, position)
     reach = distance / map_.spacing + SLACK
-    if not abs(u) + abs(v) + abs(w) + reach <= MAX_POSITION:  # True for NaN
+    if not abs(u) + abs(v) + abs(w) + reach <= MAX_POSITION:  # refuses NaN too
         return False
     # First and last cell of the box along each axis.
     across = reach if map_.dim == 3 else 0.0
@@ -245,28 +261,29 @@ def box_is_free(map_: Map, s: int, position: Row, distance: float) -> bool:
 
 @kernel
 def boxes_are_free(map_: Map, distance: float, angle: float, points: Floats, out: Bools) -> int:
-    """Write whether all configurations near each point are proven free; see `around_is_free`.
+    """Write whether all configurations near each point are proven free.
 
-    ``points`` has shape (n, size), ``out`` (n,). Returns the first unusable row, or -1.
+    See `neighborhood_is_free`. ``points`` has shape (n, size), ``out`` (n,). Returns the first
+    unusable row, or -1.
     """
     for k in range(points.shape[0]):
         position, rotation = configuration_in(map_, points, k)
         if not is_usable(position, rotation):
             return k
-        out[k] = around_is_free(map_, position, rotation, distance, angle)
+        out[k] = neighborhood_is_free(map_, position, rotation, distance, angle)
     return -1
 
 
 @internal
-def around_is_free(
+def neighborhood_is_free(
     map_: Map, position: Row, rotation: Numbers, distance: float, angle: float
 ) -> bool:
-    """Return True if all configurations near a position and rotation are proven free.
+    """Return True if all configurations near a given one are proven free.
 
     They are at most ``distance`` away along each axis, metres, and rotated by at most ``angle``.
     """
     if len(rotation) == 4:
-        return quaternions_around_are_free(map_, position, rotation, distance, angle)
+        return quaternion_neighborhood_is_free(map_, position, rotation, distance, angle)
     borders = map_.rotations.borders
     if borders.shape[0] == 0:
         return box_is_free(map_, int(map_.rotations.slice_of[0]), position, distance)
@@ -285,12 +302,13 @@ def around_is_free(
 
 
 @internal
-def quaternions_around_are_free(
+def quaternion_neighborhood_is_free(
     map_: Map, position: Row, rotation: Numbers, distance: float, angle: float
 ) -> bool:
-    """Return True if all configurations near a position and quaternion are proven free.
+    """Return True if all configurations near a given one are proven free.
 
-    They are at most ``distance`` away along each axis, metres, and rotated by at most ``angle``.
+    Its rotation is a quaternion. They are at most ``distance`` away along each axis, metres, and
+    rotated by at most ``angle``.
     """
     borders = map_.rotations.borders[0]
     q = normalise(rotation, 1.0)

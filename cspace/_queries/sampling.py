@@ -13,11 +13,10 @@ from cspace._rotations.base import METRES_PER_RADIAN
 from cspace._support.arrays import FREE, Floats, Ints, States
 
 BORDER_MARGIN: Final = 2.0**-20
-"""Share of a cell, along its border, without samples, so that rounding never moves one into the
-next cell."""
+"""Fraction of a cell's width without samples at each border, so that rounding moves none out."""
 
 FIRST_REACH_CELLS: Final = 16.0
-"""Distance, in cells, within which the nearest FREE cell is searched first."""
+"""Distance, in cells, within which the search for the nearest FREE cell begins."""
 
 
 class FreeCells:
@@ -40,7 +39,7 @@ class FreeCells:
         )
 
     def draw(self, slices: Ints, rng: np.random.Generator) -> Ints:
-        """Draw a uniform FREE cell of each slice; return the cells' flat indices.
+        """Draw a uniform FREE cell of each slice, as flat indices.
 
         ``slices``, shape (n,), may repeat; each must have a FREE cell.
         """
@@ -66,7 +65,7 @@ def sample(
 
     There must be at least one FREE cell.
     """
-    # Rotation cells first, in proportion to their FREE cells; then a cell of each; then a point.
+    # Draw rotation cells by volume and number of FREE cells, then a cell of each, then a point.
     rotation_cells = rotations._draw_cells(free.counts[slice_of], n, rng)
     indices = free.draw(slice_of[rotation_cells], rng)
     cells = np.stack(np.unravel_index(indices, grid.shape), axis=1)
@@ -76,7 +75,7 @@ def sample(
     return np.concatenate([positions, turns], axis=1)
 
 
-def nearest(
+def find_nearest(
     states: States, slice_of: Ints, rotations: Rotations, grid: Grid, q: Floats
 ) -> Floats | None:
     """Return the center of the FREE cell nearest to a configuration, or None.
@@ -91,10 +90,10 @@ def nearest(
     tested_slices = set[int]()
     for rotation in nearest_first.tolist():
         number = int(slice_of[rotation])
-        # Rotating there alone is longer than the best way so far.
+        # All further rotations alone cost more than the best cell so far.
         if turn_lengths[rotation] >= min_distance:
             break
-        # The first rotation cell of a slice is the nearest one.
+        # The first rotation cell of a slice is its nearest one.
         if number in tested_slices:
             continue
         tested_slices.add(number)
@@ -109,11 +108,11 @@ def nearest(
 
 
 def _find_nearest_center(states: States, grid: Grid, position: Floats) -> Floats | None:
-    """Find the FREE cell of a slice nearest to a position; return its center, or None.
+    """Return the center of a slice's FREE cell nearest to a position.
 
-    The search looks at cells within a distance of the grid's point nearest to the position, and
-    doubles it until it finds one. Each cell nearer to the position is within that distance of this
-    point, because the grid is convex.
+    Returns None if no cell is FREE. The search looks at cells within a distance of the grid's point
+    nearest to the position, and doubles it until it finds one. Each cell nearer to the position is
+    within that distance of this point, because the grid is convex.
     """
     shape = np.array(states.shape)
     nearest_point = np.clip(position, grid.lower, grid.upper)
@@ -127,7 +126,7 @@ def _find_nearest_center(states: States, grid: Grid, position: Floats) -> Floats
         cells = np.argwhere(states[window] == FREE) + first
         if len(cells):
             centers = grid.center_of(cells)
-            nearest_row = np.argmin(_compare_distances(centers, nearest_point, position))
+            nearest_row = np.argmin(_distance_keys(centers, nearest_point, position))
             center = centers[nearest_row]
             # A nearer cell may be beyond the window, unless it reaches as far as this center.
             needed_reach = float(np.linalg.norm(center - position)) / grid.spacing + 1.0
@@ -140,11 +139,11 @@ def _find_nearest_center(states: States, grid: Grid, position: Floats) -> Floats
         reach = min(needed_reach, farthest)
 
 
-def _compare_distances(centers: Floats, nearest_point: Floats, position: Floats) -> Floats:
-    """Return numbers, shape (n,), in the order of the distances of centers from a position.
+def _distance_keys(centers: Floats, nearest_point: Floats, position: Floats) -> Floats:
+    """Return sort keys for the distances of centers from a position.
 
-    ``centers`` has shape (n, d). The numbers are squared distances less the one of
-    ``nearest_point``, and scaled, because squares of far positions would lose the difference, or
+    They have shape (n,). ``centers`` has shape (n, d). The keys are squared distances less the one
+    of ``nearest_point``, and scaled, because squares of far positions would lose the difference, or
     overflow.
     """
     offsets = centers - nearest_point

@@ -17,21 +17,19 @@ from cspace._support.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, St
 from cspace._support.compiling import clock
 
 MAX_CHAIN_EXCESS: Final = 1.15
-"""Length of a chain of cells over that of the path, from which a chain no longer promises a shorter
-path."""
+"""Largest ratio of a chain's length to that of a known path at which it promises a shorter path."""
 
 UNDECIDED_BYTES_PER_CELL: Final = 8
-"""Bytes of memory that a search takes for each cell of the map: states, marks, costs, and how a
-cell was reached."""
+"""Memory of a search for each cell of the map, bytes: states, marks, costs and predecessors."""
 
 
 @dataclass(frozen=True, slots=True)
-class Undecided:
-    """A search in which geometry decides MIXED cells.
+class MixedCellSearch:
+    """A path search in which geometry decides the MIXED cells on the way.
 
-    It decides the cells on the way of the search. MIXED cells count as FREE until geometry tests
-    their centers. The search then repeats without the cells that failed, until all cells near a
-    chain are decided and geometry proves the edges along it.
+    MIXED cells count as FREE until geometry tests their centers. The search then repeats without
+    the cells that failed, until all cells near a chain are decided and geometry proves the edges
+    along it.
 
     Attributes
     ----------
@@ -59,8 +57,8 @@ class Undecided:
         """Find a path between two configurations.
 
         ``cells``, shape (2, 1 + d), are their cells. Returns waypoints of shape (n, size), joined
-        by edges that geometry proves. The length n is 0 if no chain is found, if all chains left
-        promise no path of at most ``max_length``, or if time is over.
+        by edges that geometry proves. The length n is 0 if no chain is found, if no remaining chain
+        promises a path of at most ``max_length``, or after the clock's time ``until``.
         """
         no_path = np.empty((0, endpoints.shape[1]))
         is_mixed = self.states == MIXED
@@ -108,10 +106,10 @@ class Undecided:
         return [(start, end) for start, end in edges if not self.edge_is_free(*start, *end)]
 
     def _path_along(self, chain: Ints, endpoints: Floats) -> Floats:
-        """Return the path through the centers of cells, without MIXED cells at its ends.
+        """Return the path through the centers of a chain of cells.
 
-        ``chain``, shape (n, 1 + d), are the cells; ``endpoints``, shape (2, size), need no center
-        of their own cell beside them.
+        ``chain`` has shape (n, 1 + d), ``endpoints`` (2, size). The centers of the first and the
+        last cell are left out if these are MIXED, because the ends lie in them.
         """
         path = waypoints(self.grid, self.rotations, endpoints, chain)
         is_needed = np.ones(len(path), dtype=np.bool_)
@@ -120,9 +118,10 @@ class Undecided:
         return path[is_needed]
 
     def _select_beside(self, edges: Floats, candidates: Bools) -> Ints:
-        """Return the candidate cells in the boxes around edges, shape (m, 1 + d).
+        """Return the candidate cells around edges, shape (m, 1 + d).
 
-        ``edges`` has shape (n, 2, size); ``candidates``, shape (rotations, ...), is a mask.
+        They lie in the boxes around the edges. ``edges`` has shape (n, 2, size); ``candidates``,
+        shape (rotations, ...), is a mask.
         """
         rotations = self.rotations._find_cells(edges)
         corners = np.sort(self.grid.cell_of(edges[..., : self.grid.dim]), axis=1)
@@ -137,9 +136,10 @@ class Undecided:
 
 
 def _select_near(chain: Ints, candidates: Bools) -> Ints:
-    """Return the candidate cells at most one cell away from a chain, at its rotations.
+    """Return the candidate cells next to a chain, at its rotations.
 
-    ``chain`` has shape (n, 1 + d), the result (m, 1 + d); ``candidates`` is a mask of all cells.
+    They are at most one cell away. ``chain`` has shape (n, 1 + d), the result (m, 1 + d);
+    ``candidates`` is a mask of all cells.
     """
     dim = chain.shape[1] - 1
     offsets = np.array(list(itertools.product((-1, 0, 1), repeat=dim)))

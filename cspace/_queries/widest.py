@@ -100,11 +100,11 @@ class WidthMap:
                 return np.array(path)
             path.append(best)
 
-    def bottleneck(self, start: Ints, goal: Ints, until: float) -> float:
-        """Return the largest minimum width of a chain, rounded down to a 64th of a cell.
+    def find_bottleneck(self, start: Ints, goal: Ints, until: float) -> float:
+        """Return the largest minimum width among all chains between two cells.
 
-        ``start`` and ``goal`` are cells, shape (1 + d,). The result is 0 if no chain exists. Raises
-        TimeoutError after ``until``.
+        ``start`` and ``goal`` are cells, shape (1 + d,). The width is rounded down to a 64th of a
+        cell. The result is 0 if no chain exists. Raises TimeoutError after ``until``.
         """
         first = int(np.ravel_multi_index(tuple(start), self.shape))
         last = int(np.ravel_multi_index(tuple(goal), self.shape))
@@ -119,18 +119,21 @@ class WidthMap:
             is_done = flood(layered, self.slice_of, self.rotations._neighbors, last, queue)
         return float(queue.level[0]) / LEVELS_PER_CELL
 
-    def shortest(self, start: Ints, goal: Ints, min_width: float, until: float) -> Ints:
-        """Return a short chain of cells with ``min_width`` or above, shape (n, 1 + d).
+    def find_short_chain(self, start: Ints, goal: Ints, min_width: float, until: float) -> Ints:
+        """Find a short chain of cells of ``min_width`` or above.
 
-        Raises TimeoutError after ``until``.
+        The chain has shape (n, 1 + d). Raises TimeoutError after ``until``.
         """
-        states = narrow_states(self.widths, min_width)
+        states = threshold_widths(self.widths, min_width)
         turns = self.rotations._neighbors, self.turns
         return find_chain(states, self.slice_of, turns, start, goal, until)
 
 
-def narrow_states(widths: Distances, min_width: float) -> Bytes:
-    """Return states in which cells of ``min_width`` or above are FREE, all others MIXED."""
+def threshold_widths(widths: Distances, min_width: float) -> Bytes:
+    """Return states that are FREE for cells wide enough, else MIXED.
+
+    These cells have a width of ``min_width`` or above.
+    """
     is_narrow = widths < np.float32(min_width)
     return read_only(is_narrow.view(np.uint8))  # False is FREE, and True is MIXED
 
@@ -139,18 +142,19 @@ def narrow_states(widths: Distances, min_width: float) -> Bytes:
 
 
 class LevelQueue(NamedTuple):
-    """Queue of cells by level, widest first.
+    """Bucket queue of cells, widest first, with a list per level.
 
     Attributes
     ----------
     level : ndarray of int64, shape (1,)
         Lowest level of the cells taken from the queue so far.
     first : ndarray of int64, shape (MAX_LEVEL + 1,)
-        First waiting cell of each level; -1 if there is none.
+        First queued cell of each level; -1 if there is none.
     following : ndarray of int64, shape (cells,)
-        Next waiting cell of the same level, for waiting cells; -1 at the end.
+        Next cell of the same level, for each queued cell; -1 at the end.
     reached : ndarray of bool, shape (cells,)
-        Whether a cell was queued. Like ``following``, it takes memory only where written.
+        True for cells that are or were queued. Like ``following``, it takes memory only where
+        written.
     """
 
     level: Ints
@@ -177,11 +181,11 @@ class LevelQueue(NamedTuple):
 def flood(
     levels: NDArray[np.uint16], slice_of: Ints, neighbors: Ints, goal: int, queue: LevelQueue
 ) -> bool:
-    """Take cells from the queue, widest first; return True at the goal, or at the end.
+    """Expand cells, widest first; return True if the search has ended.
 
-    The level of the queue is then the bottleneck's, or 0 if no chain leads to the goal. Return
-    False if a clock check is due; the next call goes on from there. ``levels``, shape (slices, nx,
-    ny, nz), are those of the widths.
+    It ends at the goal, or without any cell. The level of the queue is then the bottleneck's, or 0
+    if no chain leads to the goal. False means that a clock check is due; the next call goes on from
+    there. ``levels``, shape (slices, nx, ny, nz), are those of the widths.
     """
     _, nx, ny, nz = levels.shape
     level = queue.level[0]
@@ -244,18 +248,19 @@ def find_widest_path(
     cells passed. Raises TimeoutError after ``until``.
     """
     rotations = widths.rotations
-    configurations, (start, goal) = endpoints
+    configurations, end_cells = endpoints
+    start, goal = end_cells
     q = rotations._make_canonical(configurations)
     # Climb from both ends, and connect the two local maxima.
     from_start = widths.climb(start)
     from_goal = widths.climb(goal)
-    width = widths.bottleneck(from_start[-1], from_goal[-1], until)
+    width = widths.find_bottleneck(from_start[-1], from_goal[-1], until)
     if width == 0.0:
         return np.empty((0, q.shape[1]))
-    # The climbs end where they reach the width of the bottleneck.
+    # Cut both climbs where they reach the width of the bottleneck.
     n_ascent = sum(widths.width(cell) < width for cell in from_start)
     n_descent = sum(widths.width(cell) < width for cell in from_goal)
-    chain = widths.shortest(from_start[n_ascent], from_goal[n_descent], width, until)
+    chain = widths.find_short_chain(from_start[n_ascent], from_goal[n_descent], width, until)
     descent = np.flipud(from_goal[:n_descent])
     cells = np.concatenate([from_start[:n_ascent], chain, descent])
     path = waypoints(grid, rotations, q, cells)
@@ -284,14 +289,15 @@ def find_widest_path(
 def _cut_wide_map(
     widths: Distances, map_: Map, grid: Grid, positions: Ints, min_width: float
 ) -> Map:
-    """Cut out a map around positions in which cells of ``min_width`` or above are FREE.
+    """Cut out a map in which cells wide enough are FREE.
 
-    ``positions``, shape (n, d), are indices of cells along the axes.
+    It contains ``positions``; cells are FREE from ``min_width`` on. ``positions``, shape (n, d),
+    are indices of cells along the axes.
     """
     # One more cell on each side, because edges may touch it.
     first = np.maximum(positions.min(axis=0) - 1, 0)
     stop = np.minimum(positions.max(axis=0) + 2, widths.shape[1:])
     window = (slice(None), *map(slice, first, stop))
-    states = narrow_states(widths[window], min_width)
+    states = threshold_widths(widths[window], min_width)
     window_grid = Grid(grid.lower + grid.spacing * first, grid.spacing, states.shape[1:])
     return make_map_record(states, window_grid, map_.exterior, map_.rotations)

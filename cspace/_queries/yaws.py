@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from cspace._rotations.base import TWO_PI, wrapped
+from cspace._rotations.base import TWO_PI, wrap_angles
 from cspace._support.arrays import Bools, Floats
 
 
@@ -23,7 +23,7 @@ def join_yaw_cells(is_free: Bools, bounds: Floats) -> Floats:
     if len(first_cells) and last_cells[0] < first_cells[0]:
         # The last interval goes on at the first cell.
         last_cells = np.roll(last_cells, -1)
-    low = wrapped(bounds[first_cells, 0])
+    low = wrap_angles(bounds[first_cells, 0])
     widths = (bounds[last_cells, 1] - bounds[first_cells, 0]) % TWO_PI
     intervals = np.column_stack([low, low + widths])
     return intervals[np.argsort(low)]

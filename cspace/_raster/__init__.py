@@ -38,13 +38,13 @@ class Raster:
 
     @classmethod
     def from_bitmap(cls, cells: Bools, lower: tuple[int, ...]) -> Raster:
-        """Trim a bitmap; its first entry is the offset ``lower``."""
+        """Make a raster from a bitmap whose first entry is the offset ``lower``."""
         window = []
         for axis in range(cells.ndim):
             # Indices along the axis at which a cell is set.
             other_axes = tuple(k for k in range(cells.ndim) if k != axis)
             occupied = np.flatnonzero(cells.any(axis=other_axes))
-            if not len(occupied):
+            if not len(occupied):  # the empty set
                 return cls(np.zeros((0,) * cells.ndim, dtype=np.bool_), (0,) * cells.ndim)
             window.append(slice(int(occupied[0]), int(occupied[-1]) + 1))
         trimmed = np.ascontiguousarray(cells[tuple(window)])
@@ -108,34 +108,35 @@ def extract_runs(rasters: Sequence[Raster]) -> tuple[Ints, Ints]:
     return table, owner
 
 
-def index_boxes(lows: Floats, highs: Floats, shape: Sequence[int]) -> tuple[Ints, Ints]:
-    """Return the first and last indices of an array in boxes.
+def find_index_ranges(lows: Floats, highs: Floats, shape: Sequence[int]) -> tuple[Ints, Ints]:
+    """Return the first and last index of an array's entries inside each box.
 
-    The boxes are given by their corners, shape (n, d), and so are the indices.
+    ``lows`` and ``highs`` are the corners of the boxes, ``shape`` is that of the array. The corners
+    and both results have the shape (n, d).
     """
     first = np.maximum(np.ceil(lows), 0.0).astype(np.int64)
     last = np.minimum(np.floor(highs), np.array(shape) - 1.0).astype(np.int64)
     return first, last
 
 
-def in_slabs(kernel: Callable[..., None], out: NDArray[Any], *inputs: Any) -> None:
-    """Call ``kernel(out, *inputs, start, stop)`` over slabs of an array, in threads.
+def run_in_slabs(kernel: Callable[..., None], out: NDArray[Any], *inputs: Any) -> None:
+    """Run ``kernel(out, *inputs, start, stop)`` on slabs of ``out``, in threads.
 
     A slab is a range of first indices.
     """
 
     def run_kernel(start: int, stop: int) -> int:
         kernel(out, *inputs, start, stop)
-        return -1
+        return -1  # no slab is invalid
 
     run_in_chunks(run_kernel, len(out), MIN_SLABS_PER_THREAD)
 
 
 def allocate_bitmap(low: Floats, high: Floats) -> tuple[Bools, tuple[int, ...]]:
-    """Allocate an empty bitmap around a box of lattice points.
+    """Allocate an empty bitmap that contains a box of lattice points.
 
-    It is padded by two cells. Returns the bitmap and the offset of its first entry. Raises
-    InputError if the box has more cells than a raster may.
+    It is two cells larger on each side. Returns the bitmap and the offset of its first entry.
+    Raises InputError if the box has more cells than a raster may.
     """
     lower = np.floor(low) - 2
     shape = np.ceil(high) + 3 - lower  # up to two cells beyond the last one

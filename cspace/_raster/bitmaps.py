@@ -31,7 +31,7 @@ _QUAD_TRIANGLES: Final = (0, 1, 2, 0, 2, 3)
 def ring_segments(polygon: Polygon) -> Floats:
     """Return the segments of all rings of a polygon.
 
-    Each is ``(x0, y0, x1, y1)``; shape (E, 4).
+    A segment is ``(x0, y0, x1, y1)``; the result has shape (E, 4).
     """
     rings = [polygon.exterior, *polygon.interiors]
     return np.concatenate([point_segments(np.asarray(ring.coords)[:, :2]) for ring in rings])
@@ -126,7 +126,7 @@ def boundary_triangles(cells: Bools, spacing: float, lower: Any) -> Floats:
 def rectangle_triangles(squares: Bools, axis: int, spacing: float, lower: Any) -> Floats:
     """Triangulate lattice squares across an axis.
 
-    ``squares[k, i, j]`` lies in the lattice plane k. Returns shape (n, 3, 3).
+    Set entries of ``squares[k, i, j]`` are squares in the lattice plane k. Returns shape (n, 3, 3).
     """
     # Corners of rectangles are (layer, row, column).
     low, high = merge_into_rectangles(squares)
@@ -179,7 +179,8 @@ def boundary_mesh(cells: Bools, spacing: float, lower: Any) -> tuple[Floats, Int
 def cover_with_boxes(cells: Bools, spacing: float, lower: Any) -> tuple[Floats, Floats]:
     """Partition a union of closed cells into boxes.
 
-    Runs are merged along two axes. Returns the lower and upper corners, shape (n, d) each, metres.
+    Cells are merged along the last two axes. Returns the lower and upper corners of the boxes,
+    shape (n, d) each, metres.
     """
     corner = np.asarray(lower, dtype=np.float64)
     layers = cells if cells.ndim == 3 else cells[None]
@@ -201,7 +202,7 @@ def merge_into_rectangles(squares: Bools) -> tuple[Ints, Ints]:
     is_edge[..., :-1] = squares
     is_edge[..., 1:] ^= squares
     layer, row, column = np.nonzero(is_edge)
-    # Edges come in pairs: where a run starts, at even places, and where it stops, at odd ones.
+    # Edges alternate: a run starts at each even one, and stops at the odd one after it.
     layer = layer[::2]
     row = row[::2]
     start = column[::2]
@@ -242,6 +243,7 @@ def boxes_within_cells(
     for axis, start in enumerate(lows):
         count = cells.shape[axis]
         # ceil - 1 and floor take both cells at a shared face; SLACK also if a face is merely near.
+        # -1 and count stand for cells outside.
         first = np.clip(np.ceil((start - SLACK) / cell_size) - 1.0, -1, count).astype(np.int64)
         last = np.clip(np.floor((start + size + SLACK) / cell_size), -1, count).astype(np.int64)
         within = (first >= 0) & (last < count)
@@ -298,9 +300,10 @@ def align_image(
 
 
 def _count_quarter_turns(yaw: float, shape: tuple[int, ...]) -> int | None:
-    """Return how many quarter turns, 0 to 3, a yaw is.
+    """Express a yaw as a number of quarter turns, 0 to 3.
 
-    Returns None if ``yaw`` is no multiple of pi / 2 up to rounding.
+    Returns None if ``yaw`` is not a multiple of pi / 2 up to rounding. ``shape`` is the number of
+    cells of the image along each axis.
     """
     # Beyond two turns, multiples of pi / 2 have a rounding error above the tolerance.
     if abs(yaw) > 4.0 * math.pi:

@@ -41,7 +41,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cspace._grid import SLACK, Grid, check_reach
-from cspace._raster import Raster, allocate_bitmap, in_slabs, index_boxes
+from cspace._raster import Raster, allocate_bitmap, find_index_ranges, run_in_slabs
 from cspace._raster.rounded_segments import OBSTACLE_REACH
 from cspace._support.arrays import Bools, Floats, Ints
 from cspace._support.compiling import kernel
@@ -84,6 +84,7 @@ def rounded_rasters(
     inner = np.zeros_like(outer)
     lows = lows - lower
     highs = highs - lower
+    # Outer offsets m have cubes m + [-1, 1]^d that meet a box; inner offsets are points.
     mark_touched(outer, RoundedBoxes(lows, highs, outer_radii), -1.0, 1.0)
     mark_inside(inner, RoundedBoxes(lows, highs, inner_radii), 0.0, 0.0)
     return Raster.from_bitmap(outer, lower), Raster.from_bitmap(inner, lower)
@@ -138,7 +139,7 @@ def mark_inside(out: Bools, boxes: RoundedBoxes, b0: float, b1: float) -> None:
 
 
 def _mark_in_slabs(out: Bools, boxes: RoundedBoxes, b0: float, b1: float) -> None:
-    """Run the kernel in threads, each on its own slab."""
+    """Mark cubes near boxes, in threads with a slab each; see :func:`_mark_near`."""
     # In the plane, boxes extend along a third axis past the single layer of cells.
     lows = boxes.lows
     highs = boxes.highs
@@ -148,9 +149,9 @@ def _mark_in_slabs(out: Bools, boxes: RoundedBoxes, b0: float, b1: float) -> Non
         lows = np.insert(lows, 1, -2.0, axis=1)
         highs = np.insert(highs, 1, 3.0, axis=1)
     radii = boxes.radii[:, None]
-    first, last = index_boxes(lows - radii - b1, highs + radii - b0, out.shape)
+    first, last = find_index_ranges(lows - radii - b1, highs + radii - b0, out.shape)
     contiguous = RoundedBoxes(*map(np.ascontiguousarray, (lows, highs, boxes.radii)))
-    in_slabs(_mark_near, out, contiguous, first, last, b0, b1)
+    run_in_slabs(_mark_near, out, contiguous, first, last, b0, b1)
 
 
 @kernel
@@ -164,12 +165,12 @@ def _mark_near(
     start: int,
     stop: int,
 ) -> None:
-    """Set ``out[i]`` if cube ``i``, ``i + [b0, b1]^3``, is within the radius of a box.
+    """Set ``out[i]`` if cube ``i`` is within the radius of a box.
 
-    Covers first indices in ``[start, stop)``. ``first`` and ``last``, shape (n, 3), are the indices
-    of the cubes around each box. The gap along an axis is zero if the intervals of cube and box
-    meet. With ``b0`` above ``b1`` it is measured to the farther end of the cube, so it becomes the
-    excess of the cube over the box.
+    Cube ``i`` is ``i + [b0, b1]^3``. Covers first indices in ``[start, stop)``. ``first`` and
+    ``last``, shape (n, 3), are the indices of the cubes around each box. The gap along an axis is
+    zero if the intervals of cube and box meet. With ``b0`` above ``b1`` it is measured to the
+    farther end of the cube, so it becomes the excess of the cube over the box.
     """
     lows, highs, radii = boxes
     for n in range(len(radii)):

@@ -84,10 +84,11 @@ def outline_rasters(
     origin = np.asarray(lower, dtype=np.float64)
     for outline, growth, (_, filled) in zip(outlines, growths, parts, strict=True):
         segments = np.ascontiguousarray(outline - origin).reshape(-1, 4)
+        # Outer offsets m have squares m + [-1, 1]^2 that meet the part.
         mark_touched(outer, segments, growth + radius, -1.0, 1.0, SLACK)
         if not filled:
             continue
-        # Points that the boundary may reach are not inner ones.
+        # Inner offsets are enclosed points that the boundary cannot reach.
         enclosed = np.zeros_like(outer)
         mark_inside(enclosed, segments, 0.0)
         outer |= enclosed
@@ -107,7 +108,7 @@ def outline_cells(parts: Sequence[tuple[Floats, bool]], grid: Grid) -> tuple[Boo
     outer = np.zeros(grid.shape, dtype=np.bool_)
     inner = np.zeros(grid.shape, dtype=np.bool_)
     for segments, filled in parts:
-        local, window = _to_window(segments, grid)
+        local, window = _find_window(segments, grid)
         if local is None:
             continue
         # A cell that the boundary does not touch lies in the region if its center does.
@@ -121,11 +122,11 @@ def outline_cells(parts: Sequence[tuple[Floats, bool]], grid: Grid) -> tuple[Boo
     return outer, inner
 
 
-def _to_window(segments: Floats, grid: Grid) -> tuple[Floats | None, tuple[slice, slice]]:
-    """Convert segments to cells of the window that they can touch.
+def _find_window(segments: Floats, grid: Grid) -> tuple[Floats | None, tuple[slice, slice]]:
+    """Find the window of a grid that segments, shape (E, 4), can touch.
 
-    Returns the segments, or None if they miss the grid, and the window of the grid, which reaches
-    one cell past their bounding box.
+    Returns the segments in cells from the window's corner, or None if they miss the grid. Also
+    returns the window, which reaches one cell past their bounding box.
     """
     local = (segments - np.tile(grid.lower, 2)) / grid.spacing
     check_reach(float(np.abs(local).max(initial=0.0)), *OBSTACLE_REACH)
@@ -142,15 +143,18 @@ def _to_window(segments: Floats, grid: Grid) -> tuple[Floats | None, tuple[slice
 
 
 def _cut_segments(segments: Floats, rotation: RotationCell) -> Floats:
-    """Cut segments so that the displacement hardly varies along each.
+    """Cut segments so that the displacement by rotation hardly varies along each.
 
-    Within a rotation cell it varies by less than a quarter of a cell along a piece.
+    Along a piece, the largest displacement within the rotation cell varies by less than a quarter
+    of a cell. ``segments`` and the pieces are ``(x0, y0, x1, y1)``, shape (n, 4), in cells.
     """
-    swing = float(rotation.displacement(np.array([1.0, 0.0])))
+    # Displacement of a point at distance 1 from the origin.
+    unit_displacement = float(rotation.displacement(np.array([1.0, 0.0])))
     x0, y0, x1, y1 = segments.T
     lengths = np.hypot(x1 - x0, y1 - y0)
     # Along a piece the distance from the origin varies by at most its length.
-    counts = np.maximum(np.ceil(4.0 * swing * lengths).astype(np.int64), 1)
+    counts = np.maximum(np.ceil(4.0 * unit_displacement * lengths).astype(np.int64), 1)
+    # For each piece: its segment, its index within the segment, and the pieces of that segment.
     owner = np.repeat(np.arange(len(counts)), counts)
     first_piece = np.cumsum(counts) - counts
     index = np.arange(len(owner)) - first_piece[owner]
@@ -174,9 +178,10 @@ def _segment_over_slab(
     x0: float,
     x1: float,
 ) -> tuple[float, float]:
-    """Return the y-interval of a segment over a slab.
+    """Return the y-interval of a segment's part in a slab.
 
-    The slab is ``x0 <= x <= x1``. Returns (inf, -inf) if they are disjoint.
+    The slab is ``x0 <= x <= x1``. The segment leads from p to q. Returns (inf, -inf) if they are
+    disjoint.
     """
     if max(px, qx) < x0 or min(px, qx) > x1:
         return math.inf, -math.inf
@@ -199,12 +204,13 @@ def mark_touched(
     b1: float,
     slack: float,
 ) -> None:
-    """Set ``out[i]`` if box ``i``, ``i + [b0, b1]^2``, meets a segment grown by its radius.
+    """Set ``out[i]`` if box ``i`` meets a segment grown by its radius.
 
-    ``segments`` are (px, py, qx, qy), shape (n, 4), in cells; ``radii`` have shape (n,). Gaps up to
-    ``slack`` count as touching. The grown segment is convex, so its part over the x-slab of a box
-    spans a y-interval; the box meets it if and only if their y-intervals overlap. That interval is
-    the hull of the intervals of the two end discs and the rectangle between them.
+    Box ``i`` is ``i + [b0, b1]^2``. ``segments`` are (px, py, qx, qy), shape (n, 4), in cells;
+    ``radii`` have shape (n,). Gaps up to ``slack`` count as touching. The grown segment is convex,
+    so its part over the x-slab of a box spans a y-interval; the box meets it if and only if their
+    y-intervals overlap. That interval is the hull of the intervals of the two end discs and the
+    rectangle between them.
     """
     nx, ny = out.shape
     for e in range(segments.shape[0]):
@@ -242,7 +248,7 @@ def mark_touched(
 
 @kernel
 def mark_inside(out: Bools, segments: Floats, c: float) -> None:
-    """Fill closed curves by even-odd parity.
+    """Mark the points that closed curves enclose by even-odd parity.
 
     ``segments`` are (px, py, qx, qy), shape (n, 4), in cells. Sets ``out[i, j]`` if the point
     ``(i + c, j + c)`` is inside. Exact for points farther from the curve than rounding; ``out``

@@ -42,7 +42,7 @@ import numpy as np
 import scipy  # loads its submodules on first use
 
 from cspace._grid import SLACK, Grid, check_reach
-from cspace._raster import Raster, allocate_bitmap, in_slabs
+from cspace._raster import Raster, allocate_bitmap, run_in_slabs
 from cspace._raster.triangles import (
     SweptTriangles,
     interpolate_at,
@@ -106,7 +106,7 @@ def mark_enclosed(out: Bools, triangles: Floats, windings: Ints) -> None:
     :class:`WindingNumber`.
     """
     changes = np.zeros((*out.shape[:2], out.shape[2] + 1), dtype=np.int32)
-    in_slabs(_mark_enclosed, out, np.ascontiguousarray(triangles), windings, changes)
+    run_in_slabs(_mark_enclosed, out, np.ascontiguousarray(triangles), windings, changes)
 
 
 @internal
@@ -151,10 +151,10 @@ def _cut_triangle(triangle: Floats, x: float) -> tuple[int, float, float, float,
 
 @internal
 def signed_crossing(triangle: Floats, x: float, y: float, z: float) -> int:
-    """Return whether an upward ray crosses a triangle.
+    """Return the sign of an upward ray's crossing of a triangle.
 
-    The ray begins at the point (x, y, z). The result is 1 if it crosses a triangle that faces up,
-    -1 if the triangle faces down, and 0 if it misses the triangle.
+    The ray begins at the point (x, y, z). The sign is 1 if the triangle faces up, -1 if it faces
+    down, and 0 if the ray misses it.
     """
     facing, low_y, low_z, high_y, high_z = _cut_triangle(triangle, x)
     if facing == 0 or not low_y <= y < high_y:
@@ -172,7 +172,7 @@ def _sum_crossings(
     first: Ints,
     stop: Ints,
 ) -> None:
-    """Add ``windings`` of the triangles that an upward ray from each point crosses.
+    """Sum the signed crossings of an upward ray from each point, times ``windings``.
 
     ``points`` have the shape (n, 3), ``triangles`` (m, 3, 3), ``sums`` (n,), and the rest (m,).
     Points ``first[t]`` to ``stop[t]`` have an x-coordinate within that of triangle ``t``.
@@ -237,8 +237,8 @@ class SolidSurface(NamedTuple):
     windings : ndarray of int64, shape (m,)
         Weight of each triangle of the shell; -1 reverses it, and 0 leaves it out.
     on_empty : callable or None
-        If given, the surface is filled: its interior is whatever its raster encloses. Called with
-        the spacing if that is nothing.
+        If given, the surface is filled: its interior is whatever its raster encloses. It is called
+        with the spacing if the raster encloses nothing.
     source : str
         Name of the shape in messages.
     """
@@ -314,9 +314,9 @@ def surface_rasters(
     distances = np.linalg.norm(corners, axis=1) if is_turned else np.abs(corners)
     hint = _REACH_HINT.format("move it to its origin")
     check_reach(float(distances.max()) + radius, solid.source, "its origin", hint)
-    swing = float(rotation.displacement(np.array([1.0, 0.0, 0.0])))
-    swept = sweep_triangles(triangles, swing, rotation.about_z)
-    growth = swing * float(swept.farthest.max())
+    unit_displacement = float(rotation.displacement(np.array([1.0, 0.0, 0.0])))
+    swept = sweep_triangles(triangles, unit_displacement, rotation.about_z)
+    growth = unit_displacement * float(swept.farthest.max())
     room = radius + growth + 1.0
     outer, lower = allocate_bitmap(corners.min(axis=0) - room, corners.max(axis=0) + room)
     origin = np.asarray(lower, dtype=np.float64)
@@ -331,7 +331,7 @@ def surface_rasters(
         shell = rotation.apply(solid.shell) / spacing - origin
         mark_enclosed(inner, shell, solid.windings)
         outer |= inner
-        return Raster.from_bitmap(outer, lower), _shrink(inner, lower, local, swept)
+        return Raster.from_bitmap(outer, lower), _find_always_enclosed(inner, lower, local, swept)
     mark_touched(inner, local, -0.5, 0.5)
     inner = _find_enclosed(inner, spacing, solid.on_empty)
     outer |= _dilate(inner, radius + growth)
@@ -360,32 +360,33 @@ def _check_filled_size(shape: Ints, source: str) -> None:
         )
 
 
-def _shrink(
+def _find_always_enclosed(
     inner: Bools,
     lower: tuple[int, ...],
     triangles: Floats,
     swept: SweptTriangles,
 ) -> Raster:
-    """Return the enclosed points that stay enclosed at all rotations.
+    """Return the raster of the points that are enclosed at all rotations.
 
-    The first point is ``lower``; ``triangles`` are in the frame of ``inner``.
+    ``inner`` marks the points enclosed at the representative rotation, from the offset ``lower``
+    on. ``triangles`` are in the frame of ``inner``; ``swept`` are the same, about the origin.
     """
-    # Points so near to the surface that rounding could matter stay undecided.
+    # Leave out points so near to the surface that rounding could matter.
     near_surface = np.zeros_like(inner)
     mark_touched(near_surface, triangles, 0.0, 0.0, 2.0 * SLACK)
     within = Raster.from_bitmap(inner & ~near_surface, lower)
-    if swept.swing == 0.0 or not within.cells.size:
+    if swept.unit_displacement == 0.0 or not within.cells.size:
         return within
-    near_surface = ~within.cells  # skips the other points
+    near_surface = ~within.cells  # so that other points are skipped
     local_swept = swept.translate(-np.array(within.lower, dtype=np.float64))
     mark_within(near_surface, local_swept, 0.0, 0.0)
     return Raster.from_bitmap(~near_surface, within.lower)
 
 
 def _find_enclosed(touched: Bools, spacing: float, on_empty: Callable[[float], None]) -> Bools:
-    """Find untouched boxes that are cut off from the array's boundary.
+    """Return a mask of the boxes that touched boxes enclose.
 
-    Boxes are cut off if no untouched boxes connect them to it. Calls ``on_empty`` with
+    No chain of untouched boxes connects these to the boundary of the array. Calls ``on_empty`` with
     the spacing if there are none.
     """
     labels, count = scipy.ndimage.label(~touched)
@@ -400,12 +401,12 @@ def _find_enclosed(touched: Bools, spacing: float, on_empty: Callable[[float], N
 
 
 def _dilate(cells: Bools, radius: float) -> Bools:
-    """Dilate cubes by a radius.
+    """Return a mask of the lattice points whose cubes are near set cells.
 
-    Returns the lattice points m whose ``m + [-1, 1]^3`` is within the radius of
-    ``n + [-1/2, 1/2]^3`` for a cell n. Along each axis, the gap is half a cell less than the
-    distance from the cells grown by one, less than one cell in total. So the result is complete and
-    has no point more than one cell too far.
+    These are the points m whose ``m + [-1, 1]^3`` is within the radius of ``n + [-1/2, 1/2]^3`` for
+    a cell n. Along each axis, the gap is half a cell less than the distance from the cells grown by
+    one, less than one cell in total. So the result is complete and has no point more than one cell
+    too far.
     """
     # The lattice points of a cube and its neighbours touch it in any case.
     grown = np.asarray(scipy.ndimage.binary_dilation(cells, np.ones((3, 3, 3))))

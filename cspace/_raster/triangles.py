@@ -52,7 +52,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace._grid import SLACK
-from cspace._raster import in_slabs, index_boxes
+from cspace._raster import find_index_ranges, run_in_slabs
 from cspace._support.arrays import Bools, Floats, Ints, Row
 from cspace._support.compiling import allocating, internal, kernel
 from cspace._support.vectors import (
@@ -76,7 +76,7 @@ _MAX_GROWTH_VARIATION: Final = 0.35
 """Maximum variation, in cells, of the displacement in a rotation cell along the side of a piece."""
 
 _MAX_RELATIVE_VARIATION: Final = 0.25
-"""Maximum of the same variation relative to the displacement; the larger maximum applies."""
+"""Maximum variation of that displacement, relative to it; the larger of both maxima applies."""
 
 _MAX_HALVINGS: Final = 63
 """Maximum number of times that a triangle is halved."""
@@ -108,34 +108,38 @@ def mark_touched(
     after = b1 + slack
     lows = triangles.min(axis=1) - (after + _CLIPPING_ROOM)
     highs = triangles.max(axis=1) - (before - _CLIPPING_ROOM)
-    boxes = index_boxes(lows, highs, out.shape)
-    in_slabs(_mark_touched, out, triangles, *boxes, before, after)
+    boxes = find_index_ranges(lows, highs, out.shape)
+    run_in_slabs(_mark_touched, out, triangles, *boxes, before, after)
 
 
 class SweptTriangles(NamedTuple):
-    """Triangles with the region that they sweep by rotations.
+    """Triangles, with bounds of the regions that they sweep when they rotate.
 
     The rotations are about the origin, up to an angle. A point of a triangle stays within the
-    triangle's growth, ``swing * farthest``, of its position. It keeps its distance from the origin,
-    so it stays in the spherical shell between the triangle's nearest and farthest point, and within
-    ``swing`` times that distance of its position. For rotations about the z axis it also keeps its
-    height, and distances are from the axis.
+    triangle's growth, ``unit_displacement * farthest``, of its position. It keeps its distance from
+    the origin, so it stays in the spherical shell between the triangle's nearest and farthest
+    point, and within ``unit_displacement`` times that distance of its position. For rotations about
+    the z axis it also keeps its height, and distances are from the axis.
 
     Attributes
     ----------
     triangles : ndarray of float64, shape (n, 3, 3)
+        Corners at the representative rotation, in cells.
     nearest, farthest : ndarray of float64, shape (n,)
+        Bounds of the distances of each triangle's points from the origin, or from the axis.
     origin : ndarray of float64, shape (3,)
-    swing : float
+        Center of the rotations.
+    unit_displacement : float
         Maximum displacement of a point at distance 1 from the origin.
     about_z : bool
+        True if all rotations are about the z axis.
     """
 
     triangles: Floats
     nearest: Floats
     farthest: Floats
     origin: Floats
-    swing: float
+    unit_displacement: float
     about_z: bool
 
     def translate(self, shift: Floats) -> SweptTriangles:
@@ -143,20 +147,20 @@ class SweptTriangles(NamedTuple):
         return self._replace(triangles=self.triangles + shift, origin=self.origin + shift)
 
 
-def sweep_triangles(triangles: Floats, swing: float, about_z: bool) -> SweptTriangles:
+def sweep_triangles(triangles: Floats, unit_displacement: float, about_z: bool) -> SweptTriangles:
     """Cut rotating triangles into pieces of nearly constant growth.
 
-    ``swing`` is the maximum displacement of a point at distance 1 from the origin (from the z axis,
-    if ``about_z``); 0 if the triangles do not rotate. All lengths are in cells.
+    ``unit_displacement`` is the maximum displacement of a point at distance 1 from the origin (from
+    the z axis, if ``about_z``); 0 if the triangles do not rotate. All lengths are in cells.
     """
-    max_side = _MAX_GROWTH_VARIATION / swing if swing > 0.0 else math.inf
+    max_side = _MAX_GROWTH_VARIATION / unit_displacement if unit_displacement > 0.0 else math.inf
     pieces = subdivide(triangles, max_side, _MAX_RELATIVE_VARIATION, about_z)
     centers = pieces.sum(axis=1) / 3.0
-    to_corners = _measure_levers(pieces - centers[:, None], about_z)
-    nearest = _measure_levers(centers, about_z) - to_corners.max(axis=1)
+    to_corners = _measure_axis_distances(pieces - centers[:, None], about_z)
+    nearest = _measure_axis_distances(centers, about_z) - to_corners.max(axis=1)
     # The distance from the origin is convex, so it is largest at a corner.
-    farthest = _measure_levers(pieces, about_z).max(axis=1)
-    return SweptTriangles(pieces, nearest, farthest, np.zeros(3), swing, about_z)
+    farthest = _measure_axis_distances(pieces, about_z).max(axis=1)
+    return SweptTriangles(pieces, nearest, farthest, np.zeros(3), unit_displacement, about_z)
 
 
 def subdivide(
@@ -165,7 +169,7 @@ def subdivide(
     max_relative: float,
     about_z: bool,
 ) -> Floats:
-    """Halve triangles across the longest side until it is short.
+    """Subdivide triangles by halving the longest side until it is short.
 
     Returns shape (n, 3, 3). The maximum side is ``max_side``, or ``max_relative`` times the
     distance of the nearest corner from the origin (from the z axis, if ``about_z``), whichever is
@@ -176,7 +180,7 @@ def subdivide(
     for _ in range(_MAX_HALVINGS):
         # Side e leads from corner e to the next one.
         sides = np.linalg.norm(corners[[1, 2, 0]] - corners, axis=2)
-        nearest = _measure_levers(corners, about_z).min(axis=0)
+        nearest = _measure_axis_distances(corners, about_z).min(axis=0)
         is_long = sides.max(axis=0) > np.maximum(max_side, max_relative * nearest)
         pieces.append(corners[:, ~is_long])
         corners = corners[:, is_long]
@@ -194,41 +198,41 @@ def subdivide(
     return np.concatenate([*pieces, corners], axis=1).swapaxes(0, 1).copy()
 
 
-def _measure_levers(points: Floats, about_z: bool) -> Floats:
+def _measure_axis_distances(points: Floats, about_z: bool) -> Floats:
     """Return the distances of points from the origin, or the z axis.
 
     The points have shape (..., 3).
     """
-    arms = points[..., :2] if about_z else points
-    return np.asarray(np.linalg.norm(arms, axis=-1))
+    offsets = points[..., :2] if about_z else points
+    return np.asarray(np.linalg.norm(offsets, axis=-1))
 
 
 def mark_within(out: Bools, swept: SweptTriangles, half: float, radius: float) -> None:
-    """Mark cubes near swept triangles.
+    """Set ``out[i]`` if cube ``i`` is within a radius of a swept triangle.
 
-    ``out[i]`` is set if cube ``i`` is within a radius of a swept triangle. Cube ``i`` is
-    ``i + [-half, half]^3``. The cubes that meet a triangle must be set already, unless ``half`` is
-    zero. Lengths are in cells, in the index frame of ``out``.
+    Cube ``i`` is ``i + [-half, half]^3``. The cubes that meet a triangle must be set already,
+    unless ``half`` is zero. Lengths are in cells, in the index frame of ``out``.
     """
     extent = float(np.ptp(swept.triangles.reshape(-1, 3), axis=0).max())
     # Distances are rounded in proportion to the coordinates.
     slack = _RADIUS_SLACK + 2.0**-34 * extent
-    growth = np.tile(swept.swing * swept.farthest[:, None], 3)
+    growth = np.tile(swept.unit_displacement * swept.farthest[:, None], 3)
     if swept.about_z:
         growth[:, 2] = 0.0  # a point that rotates about z keeps its height
     reach = half + growth + (radius + slack)
     lows = swept.triangles.min(axis=1) - reach
     highs = swept.triangles.max(axis=1) + reach
-    boxes = index_boxes(lows, highs, out.shape)
-    in_slabs(_mark_within, out, swept, *boxes, half, radius, slack)
+    boxes = find_index_ranges(lows, highs, out.shape)
+    run_in_slabs(_mark_within, out, swept, *boxes, half, radius, slack)
 
 
 @internal
 def interpolate_at(plane: float, pa: float, qa: float, pc: float, qc: float) -> float:
-    """Return coordinate c where a segment meets a plane of axis a.
+    """Interpolate a coordinate of a segment where it meets a plane.
 
-    The segment leads from p to q. The result is computed from the nearer end, for the smaller
-    rounding.
+    The segment leads from p to q. Along the axis of the plane, its ends have the coordinates ``pa``
+    and ``qa``; the ends of the interpolated coordinate are ``pc`` and ``qc``. The result is
+    computed from the nearer end, for the smaller rounding.
     """
     from_p = (plane - pa) / (qa - pa)
     if from_p <= 0.5:
@@ -238,11 +242,11 @@ def interpolate_at(plane: float, pa: float, qa: float, pc: float, qc: float) -> 
 
 
 @internal
-def _clip(triangle: Floats, low: float, high: float, clipped: Floats) -> int:
-    """Clip a triangle, shape (3, 3), to the slab ``low <= x <= high``.
+def _clip_to_slab(triangle: Floats, low: float, high: float, clipped: Floats) -> int:
+    """Clip a triangle to the slab ``low <= x <= high``.
 
-    Writes the (y, z) of the corners in order into ``clipped``, shape (9, 2), and returns the number
-    of corners.
+    The triangle has shape (3, 3). Writes the (y, z) of the corners in order into ``clipped``, shape
+    (9, 2), and returns the number of corners.
     """
     count = 0
     for e in range(3):
@@ -264,10 +268,10 @@ def _clip(triangle: Floats, low: float, high: float, clipped: Floats) -> int:
 
 @internal
 def _heights_between(polygon: Floats, n: int, low: float, high: float) -> tuple[float, float]:
-    """Return the z-interval of a polygon between two y-values.
+    """Return the z-interval of a polygon's part with ``low <= y <= high``.
 
-    That is the part with ``low <= y <= high``. The polygon is convex; its ``n`` corners (y, z) are
-    the first rows of ``polygon``, shape (9, 2). Returns (inf, -inf) if there is no such part.
+    The polygon is convex; its ``n`` corners (y, z) are the first rows of ``polygon``, shape (9, 2).
+    Returns (inf, -inf) if there is no such part.
     """
     lowest = math.inf
     highest = -math.inf
@@ -309,7 +313,7 @@ def _mark_touched(
         first_i, first_j, first_k = first[t]
         last_i, last_j, last_k = last[t]
         for i in range(max(start, first_i), min(stop - 1, last_i) + 1):
-            corners = _clip(triangles[t], i + before, i + after, polygon)
+            corners = _clip_to_slab(triangles[t], i + before, i + after, polygon)
             if corners == 0:
                 continue
             # Cut the polygon into strips along z, as wide as a box.
@@ -331,7 +335,7 @@ def _mark_touched(
 
 @internal
 def _cube_point_distance(point: Row, half: float) -> float:
-    """Return the distance of a point from a cube at the origin."""
+    """Return the distance of a point from the cube ``[-half, half]^3``."""
     x = max(abs(point[0]) - half, 0.0)
     y = max(abs(point[1]) - half, 0.0)
     z = max(abs(point[2]) - half, 0.0)
@@ -394,9 +398,10 @@ def _is_near(
     max_distance: float,
     slack: float,
 ) -> bool:
-    """Return True if a triangle is within ``max_distance`` of a cube.
+    """Return True if a triangle is within ``max_distance`` of a disjoint cube.
 
-    They are disjoint. Up to ``slack`` beyond that, the answer may be True as well.
+    The cube has the sides ``2 * half``. Up to ``slack`` beyond that distance, the answer may also
+    be True.
     """
     a = minus(row_at(triangle[0], 0), center)
     b = minus(row_at(triangle[1], 0), center)
@@ -430,7 +435,10 @@ def _is_swept_near(
     radius: float,
     slack: float,
 ) -> bool:
-    """Return True if a cube is near what triangle ``t`` sweeps."""
+    """Return True if a cube is within ``radius`` of a swept triangle.
+
+    That is the region that triangle ``t`` sweeps.
+    """
     x, y, z = minus(center, row_at(swept.origin, 0))
     level = 0.0 if swept.about_z else z
     if _cube_point_distance((x, y, level), half) > swept.farthest[t] + radius + slack:
@@ -439,10 +447,10 @@ def _is_swept_near(
     if not swept.about_z:
         square += (abs(z) + half) ** 2
     # No point within the radius of the cube is farther from the origin.
-    max_lever = math.sqrt(square) + radius
-    if max_lever < swept.nearest[t] - slack:
+    max_axis_distance = math.sqrt(square) + radius
+    if max_axis_distance < swept.nearest[t] - slack:
         return False
-    displacement = swept.swing * min(swept.farthest[t], max_lever)
+    displacement = swept.unit_displacement * min(swept.farthest[t], max_axis_distance)
     return _is_near(swept.triangles[t], center, half, displacement + radius, slack)
 
 
@@ -466,7 +474,7 @@ def _mark_within(
     for t in range(len(swept.triangles)):
         triangle = swept.triangles[t]
         # Cubes far from the plane of the triangle cannot be near either.
-        reach = swept.swing * swept.farthest[t] + radius + slack
+        reach = swept.unit_displacement * swept.farthest[t] + radius + slack
         x, y, z = triangle[0]
         slope_x, slope_y, half_height = _plane_heights(triangle, reach, half)
         first_i, first_j, first_k = first[t]
@@ -484,11 +492,12 @@ def _mark_within(
 
 @internal
 def _plane_heights(triangle: Floats, distance: float, half: float) -> tuple[float, float, float]:
-    """Return the plane of a triangle as heights over (x, y).
+    """Bound the heights of cubes near the plane of a triangle.
 
-    Returns the slopes along x and y, and the half height of the cubes within a distance of the
-    plane. It is unlimited if the plane is steep or the triangle thin. The distance includes the
-    allowance for rounding; with the slope it grows faster than the error of the heights.
+    Returns the slopes of the plane along x and y, and how far above or below it the center of a
+    cube within the distance can be. That is unlimited if the plane is steep or the triangle thin.
+    The distance includes the allowance for rounding; with the slope it grows faster than the error
+    of the heights.
     """
     normal = normal_of(triangle)
     normal_x, normal_y, normal_z = normal

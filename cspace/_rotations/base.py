@@ -40,9 +40,9 @@ MAX_EXPECTED_ANGLE: Final = TWO_PI * (1.0 + 1e-9)
 
 
 def angle_axes(axes: Sequence[str], periodic_axes: Sequence[bool] = ()) -> dict[int, str]:
-    """Return index and name of the wrapped coordinates.
+    """Return the names of the coordinates that are wrapped angles, by index.
 
-    These are yaws and continuous joints.
+    Yaws are wrapped, and the angles of continuous joints.
     """
     wrapped_axes = {k for k, is_periodic in enumerate(periodic_axes) if is_periodic}
     return {k: name for k, name in enumerate(axes) if name == "yaw" or k in wrapped_axes}
@@ -62,27 +62,28 @@ def warn_of_degrees(q: Sequence[float] | Floats, angles: Mapping[int, str], name
             warn_user(f"{name}: {problem}; {rule}; {hint}", AngleWarning)
 
 
-def shorter(steps: Floats, periodic_axes: ArrayLike = True) -> Floats:
-    """Reduce angles of steps, shape (..., size), to [-pi, pi].
+def wrap_steps(steps: Floats, periodic_axes: ArrayLike = True) -> Floats:
+    """Wrap the angles of steps, shape (..., size), to [-pi, pi].
 
-    It equals :func:`math.remainder` to the last bit, so that half turns have the same sign
-    everywhere.
+    The angles are those along ``periodic_axes``. The result equals :func:`math.remainder` to the
+    last bit, so that half turns have the same sign everywhere.
     """
-    # Both the remainder and the difference are exact.
+    # The remainder keeps up to two turns, because half turns go to the even number of turns. Both
+    # the remainder and the difference are exact.
     remainder = np.fmod(steps, 2.0 * TWO_PI)
     shortest = remainder - TWO_PI * np.rint(remainder / TWO_PI)
     return np.where(periodic_axes, shortest, steps)
 
 
-def wrapped(angles: Floats, periodic_axes: ArrayLike = True) -> Floats:
+def wrap_angles(angles: Floats, periodic_axes: ArrayLike = True) -> Floats:
     """Wrap angles to [-pi, pi); angles in that range are unchanged."""
-    shortest = shorter(angles, periodic_axes)
+    shortest = wrap_steps(angles, periodic_axes)
     is_half_turn = np.logical_and(periodic_axes, shortest >= math.pi)
     return np.where(is_half_turn, -math.pi, shortest)
 
 
-def beside(angle: Floats, other: Floats) -> Floats:
-    """Shift angles by whole turns to within pi of other angles."""
+def unwrap_near(angle: Floats, other: Floats) -> Floats:
+    """Shift angles by whole turns to within pi of other angles, like :func:`numpy.unwrap`."""
     whole_turns = np.rint((other - angle) / TWO_PI)
     return angle + TWO_PI * whole_turns
 
@@ -93,7 +94,7 @@ MAX_PAIRS_PER_BATCH: Final = 2**20
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RotationCell:
-    """A rotation cell as used by shapes.
+    """A rotation cell in the form that shapes use.
 
     Attributes
     ----------
@@ -125,8 +126,8 @@ class RotationCell:
 
     def displacement(self, points: Floats) -> Floats:
         """Return the maximum displacement of points, shape (..., d), within the cell."""
-        arms = points[..., :2] if self.about_z else points
-        levers = np.linalg.norm(arms, axis=-1)
+        offsets = points[..., :2] if self.about_z else points
+        levers = np.linalg.norm(offsets, axis=-1)
         # A point turns along a circle around its axis, by at most this chord of the unit circle.
         chord = 2.0 * math.sin(min(self.covering_angle, math.pi) / 2.0)
         return np.asarray(chord * levers)
@@ -137,14 +138,14 @@ NO_ROTATION: Final[RotationCell] = RotationCell()
 
 
 class Coordinate(NamedTuple):
-    """Description of an array by rotation cell.
-
-    Files have such arrays, with one entry for each rotation cell.
+    """Description of an array in files, with a value per rotation cell.
 
     Attributes
     ----------
     about : str
+        Meaning of the values.
     units : str
+        Unit of the values.
     axes : dict of str to int
         Names and lengths of its axes after the first.
     bounds : str
@@ -179,8 +180,8 @@ class RotationTable(NamedTuple):
     slice_of: Ints
 
 
-class Symmetric(Protocol):
-    """Symmetries of a robot's shape, as rotation cells use them."""
+class HasSymmetries(Protocol):
+    """A robot's shape with its symmetries."""
 
     @property
     def symmetry(self) -> int:
@@ -273,7 +274,7 @@ class Rotations(ABC):
         Raises
         ------
         InputError
-            If it is no such number.
+            If `n` is not a whole number from 1 to 64.
 
         Examples
         --------
@@ -289,7 +290,7 @@ class Rotations(ABC):
 
         Other arrays are ignored.
         """
-        # The first kind, OneRotation, has no arrays, so that it matches if no other kind does.
+        # OneRotation, the first kind, has no arrays, so it always matches; a later match wins.
         matching = [
             kind
             for kind in Rotations._KINDS.values()
@@ -299,10 +300,7 @@ class Rotations(ABC):
 
     @staticmethod
     def _all_names() -> list[str]:
-        """Return the coordinate names of all kinds of rotations.
-
-        No other coordinate has such a name.
-        """
+        """Return the names that are reserved for coordinates of rotations."""
         return list(Rotations._all_units())
 
     @staticmethod
@@ -384,11 +382,11 @@ class Rotations(ABC):
         return canonical
 
     def _format_rotation(self, rotation: Floats) -> str:
-        """Format a rotation for people."""
+        """Format a rotation for messages."""
         return ""
 
     def _from_matrix(self, matrix: Floats) -> Floats:
-        """Return the rotation of a rotation matrix.
+        """Convert a rotation matrix to the coordinates of a rotation.
 
         The matrix is in space; for a yaw, its part about z counts.
         """
@@ -413,19 +411,19 @@ class Rotations(ABC):
         return q[..., :dim], q[..., dim:]
 
     def _canonical_rotation(self, rotation: Floats, name: str) -> Floats:
-        """Return canonical coordinates of rotations."""
+        """Return the canonical coordinates of rotations, shape (..., size)."""
         return rotation
 
     def _rotation_between(self, first: Floats, second: Floats) -> Floats:
-        """Return the rotation vectors from rotations to others."""
+        """Return the rotation vectors from first to second rotations."""
         return second - first
 
     def _rotate(self, rotation: Floats, by: Floats) -> Floats:
-        """Apply rotation vectors to rotations."""
+        """Rotate rotations further by rotation vectors."""
         return rotation
 
     def _make_matrices(self, rotation: Floats, dim: int) -> Floats:
-        """Return the matrices of rotations."""
+        """Convert rotations to matrices, shape (..., dim, dim)."""
         return np.broadcast_to(np.eye(dim), (*rotation.shape[:-1], dim, dim))
 
     # ---- cells of rotations
@@ -463,29 +461,20 @@ class Rotations(ABC):
         return np.zeros(q.shape[:-1], dtype=np.int64)
 
     def _leading_axes(self, n: int) -> tuple[int, ...]:
-        """Return the leading axes of n grids.
+        """Return the axes of an array of n slices before the grid's.
 
-        The axes of such an array are (), or (n,) if there can be several.
+        They are (n,), or () if the robot does not turn.
         """
         return (n,)
 
-    def _preserve(self, shape: Symmetric) -> bool:
-        """Return True if rotations leave a shape unchanged.
-
-        All rotations of all cells must map the shape to itself.
-        """
+    def _preserves(self, shape: HasSymmetries) -> bool:
+        """Return True if every rotation of every cell maps a shape to itself."""
         return True
 
     def _check_dimension(self, dim: int) -> None:  # noqa: B027
-        """Refuse dimensions that do not have such rotations.
+        """Raise InputError if a space of ``dim`` dimensions has no such rotations."""
 
-        Raises
-        ------
-        InputError
-            If ``dim`` is one.
-        """
-
-    def _assign_slices(self, shape: Symmetric) -> Ints:
+    def _assign_slices(self, shape: HasSymmetries) -> Ints:
         """Return the slice of each cell for a robot, shape (count,).
 
         Cells whose rotations differ by a symmetry of the robot share a slice. Slices are numbered
@@ -494,7 +483,7 @@ class Rotations(ABC):
         return np.zeros(1, dtype=np.int64)
 
     def _make_shape_cells(self, dim: int) -> list[RotationCell]:
-        """Return the cells in the form for shapes of dimension ``dim``."""
+        """Return the rotation cells in the form that shapes use."""
         matrices = self._make_matrices(self.centers, dim)
         angles = self.covering_angles.tolist()
         return [
@@ -505,7 +494,7 @@ class Rotations(ABC):
     @property
     def centers(self) -> Floats:
         """Representative rotation of each cell, shape (count, size)."""
-        return np.zeros((1, 0))
+        return np.zeros((1, 0))  # one cell, whose rotation has no coordinates
 
     @property
     def covering_angles(self) -> Floats:
@@ -530,7 +519,7 @@ class Rotations(ABC):
         return np.ones(1)
 
     def _draw_cells(self, shares: Ints, n: int, rng: np.random.Generator) -> Ints:
-        """Draw cells with probabilities proportional to volume times share, shape (n,).
+        """Draw n cells with probabilities proportional to volume times share.
 
         ``shares``, shape (count,), has an entry above zero.
         """
@@ -538,11 +527,11 @@ class Rotations(ABC):
         return rng.choice(len(self), size=n, p=sizes / sizes.sum())
 
     def _sample(self, cells: Ints, margin: float, rng: np.random.Generator) -> Floats:
-        """Draw a rotation uniformly from each of some cells, shape (n, size).
+        """Draw a uniform rotation from each of the given cells, shape (n, size).
 
         ``margin`` is the fraction of a cell that is left out at each boundary.
         """
-        return np.zeros((len(cells), 0))
+        return np.zeros((len(cells), 0))  # rotations without coordinates
 
     def _angles_to_centers(self, q: Floats) -> Floats:
         """Return the angles between rotations and the representatives of all cells.
@@ -553,11 +542,11 @@ class Rotations(ABC):
         return np.zeros((*q.shape[:-1], 1))
 
     def _find_cells_within(self, q: Floats, angles: Floats) -> tuple[Ints, Ints]:
-        """Return the rotation cells near configurations.
+        """Find the rotation cells within an angle of each configuration's rotation.
 
-        They have a rotation within an angle of the rotation of each configuration. ``q`` has the
-        shape (n, d + size), ``angles`` the shape (n,). Returns pairs of configuration index and
-        cell, shape (m,) each, in the order of the configurations; rounding is included.
+        ``q`` has the shape (n, d + size), ``angles``, in radians, the shape (n,). Returns pairs of
+        configuration index and cell, shape (m,) each, in the order of the configurations; rounding
+        is included.
         """
         indices = []
         cells = []
@@ -576,10 +565,10 @@ class Rotations(ABC):
 
         Missing neighbours are -1.
         """
-        return np.zeros((1, 0), dtype=np.int64)
+        return np.zeros((1, 0), dtype=np.int64)  # one cell without neighbours
 
-    def _find_images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
-        """Return the rotations and mirrors that map cells to cells.
+    def _find_images(self, shape: HasSymmetries) -> list[tuple[Floats, Ints]]:
+        """List the rotations and mirrors of the map that permute its rotation cells.
 
         Let S and M be signed permutation matrices, and M map the robot A to itself. Then S R A
         equals S R M A for every rotation R, so S maps the raster for R to that for S R M. Returns
@@ -589,12 +578,12 @@ class Rotations(ABC):
         return [(np.eye(len(shape.symmetries[0])), np.arange(len(self)))]
 
     def _make_lookups(self, slice_of: Ints) -> RotationTable:
-        """Return the rotation cells for kernels."""
+        """Return the rotation cells in the form that kernels use."""
         return RotationTable(np.empty(0), np.ascontiguousarray(slice_of))
 
     @property
     def _facts(self) -> dict[str, object]:
-        """Facts about the cells, for people, by name."""
+        """Plain values that describe the cells, by name, for reports."""
         width = float(np.degrees(2.0 * self.covering_angles.max()))
         return {"rotations": len(self), "rotation_cell_deg": round(width, 6)}
 
@@ -641,16 +630,16 @@ class OneRotation(Rotations):
 
     @property
     def _facts(self) -> dict[str, object]:
-        """No facts."""
+        """An empty mapping, because one rotation needs no description."""
         return {}
 
     @property
     def _only_rotation(self) -> Floats:
-        """The rotation, shape (0,)."""
+        """The rotation without coordinates, shape (0,)."""
         return np.empty(0)
 
     def _describe(self, rotation: Floats | None) -> str:
-        """Return an empty text."""
+        """Return an empty text, because one rotation needs no description."""
         return ""
 
     def _make_shape_cells(self, dim: int) -> list[RotationCell]:
@@ -658,5 +647,5 @@ class OneRotation(Rotations):
         return [NO_ROTATION]
 
     def _leading_axes(self, n: int) -> tuple[int, ...]:
-        """Return no axes."""
+        """Return (), because there is one slice."""
         return ()

@@ -42,9 +42,10 @@ MIN_ARC_ANGLE: Final = 1e-9
 
 @inlined
 def rotation_in(borders: Floats, row: Floats) -> Numbers:
-    """Return the rotation at the end of the numbers of a configuration.
+    """Return the rotation in a row, which has the coordinates of a configuration.
 
-    ``borders`` have two axes for quaternions, and no entry for a robot that does not turn.
+    ``borders``, of :class:`cspace._rotations.base.RotationTable`, have two axes for quaternions,
+    and no entry for a robot that does not turn.
     """
     if borders.ndim == 2:
         return row[-4], row[-3], row[-2], row[-1]
@@ -53,7 +54,10 @@ def rotation_in(borders: Floats, row: Floats) -> Numbers:
 
 @inlined
 def is_rotation(rotation: Numbers) -> bool:
-    """Return True if the coordinates of a rotation are finite and exact enough."""
+    """Return True if the coordinates of a rotation are valid.
+
+    They are finite, a yaw is not too large, and a quaternion has norm 1.
+    """
     if len(rotation) == 4:
         return abs(dot_product(rotation, rotation) - 1.0) <= 2.0 * NORM_SLACK  # False for NaN
     return abs(rotation[0]) <= MAX_ANGLE  # False for NaN
@@ -118,7 +122,7 @@ def rotation_along(first: Numbers, second: Numbers, arc: int, t: float) -> Numbe
         if angle > MIN_ARC_ANGLE:
             first_weight = math.sin(first_weight * angle)
             second_weight = math.sin(second_weight * angle)
-        return normalise(mix(path.first, path.second, first_weight, second_weight), 1.0)
+        return normalise(weighted_sum(path.first, path.second, first_weight, second_weight), 1.0)
     return (first[0] + t * signed_angle(first[0], second[0], arc),)
 
 
@@ -192,9 +196,10 @@ def first_widened_cell(borders: Floats, angle: float) -> int:
 
 @inlined
 def widened_bounds(borders: Floats, cell: int) -> tuple[int, float, float]:
-    """Return the index and the widened bounds of a cell.
+    """Return the index and the widened bounds of a yaw cell.
 
-    The index is within one turn. The bounds are widened by ANGLE_SLACK.
+    The index is within one turn, the bounds are widened by ANGLE_SLACK. The given index may lie in
+    another turn; the bounds then do too.
     """
     count = borders.shape[0] - 1
     revolutions = math.floor(cell / count)
@@ -258,7 +263,7 @@ def find_part(borders: Floats, quotient: float) -> int:
     # This polynomial is the arc tangent to a few thousandths.
     angle = quotient * (QUARTER_PI + 0.273 * (1.0 - abs(quotient)))
     guess = (angle + QUARTER_PI) * (parts / (2.0 * QUARTER_PI))
-    # From the guess, step to the part that contains the quotient.
+    # Step from the guess to the part that contains the quotient.
     part = int(min(max(guess, 0.0), parts - 1.0))
     while part > 0 and quotient < borders[part]:
         part -= 1
@@ -289,7 +294,7 @@ def find_parts(borders: Floats, q: Numbers) -> tuple[int, int, int, int]:
 
 @internal
 def cell_index(borders: Floats, chart: int, i: int, j: int, k: int) -> int:
-    """Return the index of a cell by its chart and its parts of the three axes.
+    """Encode a chart and three parts as the index of a cell.
 
     ``borders``, shape (n + 1,), bound the n parts of an axis.
     """
@@ -304,7 +309,7 @@ def dot_product(a: Numbers, b: Numbers) -> float:
 
 
 @internal
-def mix(a: Numbers, b: Numbers, a_weight: float, b_weight: float) -> Numbers:
+def weighted_sum(a: Numbers, b: Numbers, a_weight: float, b_weight: float) -> Numbers:
     """Return the weighted sum of two quaternions."""
     return (
         a_weight * a[0] + b_weight * b[0],
@@ -316,7 +321,7 @@ def mix(a: Numbers, b: Numbers, a_weight: float, b_weight: float) -> Numbers:
 
 @internal
 def normalise(q: Numbers, scale: float) -> Numbers:
-    """Scale a quaternion to a norm of ``scale``."""
+    """Normalise a quaternion, and multiply it by ``scale``, 1 or -1."""
     scale /= math.sqrt(dot_product(q, q))
     return q[0] * scale, q[1] * scale, q[2] * scale, q[3] * scale
 
@@ -333,16 +338,16 @@ def find_arc(q0: Numbers, q1: Numbers, arc: int) -> Arc:
     if is_beyond_right_angle != (arc == 1):
         b = normalise(b, -1.0)
     # For unit vectors at an angle t, |b - a| = 2 sin(t / 2) and |b + a| = 2 cos(t / 2).
-    difference = mix(b, a, 1.0, -1.0)
-    total = mix(b, a, 1.0, 1.0)
+    difference = weighted_sum(b, a, 1.0, -1.0)
+    total = weighted_sum(b, a, 1.0, 1.0)
     tangent = math.sqrt(dot_product(difference, difference) / dot_product(total, total))
     is_tiny = dot_product(a, b) > 1.0 - OMPL_EQUALITY_SLACK
     return Arc(a, b, tangent, math.atan(tangent), is_tiny)
 
 
 @internal
-def next_part(borders: Floats, arc: Arc, done: float) -> tuple[int, float, float, bool]:
-    """Find where the chord of an arc leaves its current cell.
+def find_cell_exit(borders: Floats, arc: Arc, done: float) -> tuple[int, float, float, bool]:
+    """Find the point at which the chord of an arc leaves its current cell.
 
     ``done`` is the fraction of the chord before the point. Returns the cell, the fraction before
     the next cell, the time from 0 to 1 at which SLERP passes it, and whether there is a next cell.
@@ -351,14 +356,14 @@ def next_part(borders: Floats, arc: Arc, done: float) -> tuple[int, float, float
     twice.
     """
     end = arc.second
-    point = mix(arc.first, mix(end, arc.first, 1.0, -1.0), 1.0, done)
+    point = weighted_sum(arc.first, weighted_sum(end, arc.first, 1.0, -1.0), 1.0, done)
     chart, i, j, k = find_parts(borders, point)
     parts = i, j, k
     # With the sign that makes the largest component positive, quotients compare without division.
     sign = math.copysign(1.0, point[chart])
     largest = sign * point[chart]
     largest_at_end = sign * end[chart]
-    share = 1.0  # of the rest of the chord, to the boundary of the cell that it meets first
+    share = 1.0  # fraction of the remaining chord before it leaves the cell
     for n in range(3):
         component = OTHER_COMPONENTS[chart][n]
         value = sign * point[component]
@@ -383,12 +388,13 @@ def next_part(borders: Floats, arc: Arc, done: float) -> tuple[int, float, float
 
 @internal
 def parts_around(borders: Floats, largest: float, other: float, reach: float) -> tuple[int, int]:
-    """Return the first and last part of an axis near a quaternion.
+    """Return the range of an axis' parts within reach of a quaternion.
 
-    The first is above the last if there are none. Near quaternions are within an angle whose sine
-    is ``reach``. ``largest`` and ``other`` are two components of the quaternion. A plane through
-    zero has the quotient u, and is within reach if ``r |sin(atan u - atan(other / largest))| <=
-    reach``, where r is the length of the two components.
+    The range is given by its first and last part. The first is above the last if there are none.
+    ``reach`` is the sine of an angle. ``largest`` and ``other`` are the two components of the
+    quaternion whose quotient the axis has. The plane through zero of quotient u is within reach if
+    ``r |sin(atan u - atan(other / largest))| <= reach``, where r is the length of the two
+    components.
     """
     last = borders.shape[0] - 2
     length = math.hypot(largest, other)

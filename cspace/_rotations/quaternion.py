@@ -15,9 +15,9 @@ from cspace._rotations.base import (
     ANGLE_SLACK,
     COVERING_ANGLE,
     Coordinate,
+    HasSymmetries,
     Rotations,
     RotationTable,
-    Symmetric,
 )
 from cspace._rotations.lookup import NORM_SLACK, OTHER_COMPONENTS, QUOTIENT_SLACK
 from cspace._support.arrays import Floats, Ints, frozen
@@ -80,12 +80,12 @@ class QuaternionRotations(Rotations):
 
     @classmethod
     def _of_stored_arrays(cls, coordinates: Mapping[str, NDArray[Any]]) -> QuaternionRotations:
-        """Create as many cells as there are centers."""
+        """Create the cells from their centers, whose number determines n."""
         cells_per_chart = len(coordinates["quaternion"]) / 4.0  # n^3 for each largest component
         return cls(max(1, round(cells_per_chart ** (1.0 / 3.0))))
 
     def _format_rotation(self, rotation: Floats) -> str:
-        """Format a rotation for people."""
+        """Format a rotation as its angle and axis, for messages."""
         identity = np.array([0.0, 0.0, 0.0, 1.0])
         vector = self._rotation_between(identity, rotation)
         angle = float(np.linalg.norm(vector))
@@ -96,7 +96,7 @@ class QuaternionRotations(Rotations):
         return f"turned {round(math.degrees(angle), 1):g}° about ({axis_text})"
 
     def _from_matrix(self, matrix: Floats) -> Floats:
-        """Return the rotation of a rotation matrix."""
+        """Convert a rotation matrix to a quaternion (x, y, z, w)."""
         from scipy.spatial.transform import Rotation
 
         return np.asarray(Rotation.from_matrix(matrix).as_quat())
@@ -108,7 +108,7 @@ class QuaternionRotations(Rotations):
 
         ``angle`` is in radians; ``numbers`` yields numbers from 0 to 1.
         """
-        # A cube of rotation vectors, in the ball of that angle.
+        # Draw from the largest cube of rotation vectors in the ball of that angle.
         half_side = angle / math.sqrt(3.0)
         vector = [(2.0 * next(numbers) - 1.0) * half_side for _ in range(3)]
         rotated: list[float] = self._rotate(np.array(rotation), np.array(vector)).tolist()
@@ -156,7 +156,7 @@ class QuaternionRotations(Rotations):
         return np.asarray(rotated / np.linalg.norm(rotated, axis=-1, keepdims=True))
 
     def _make_matrices(self, rotation: Floats, dim: int) -> Floats:
-        """Return the matrices of quaternions, shape (..., 3, 3)."""
+        """Convert quaternions to matrices, shape (..., 3, 3)."""
         from scipy.spatial.transform import Rotation
 
         matrices = Rotation.from_quat(rotation.reshape(-1, 4)).as_matrix()
@@ -172,7 +172,7 @@ class QuaternionRotations(Rotations):
 
         Their shape is (n + 1,).
         """
-        return _chart(self.n).borders
+        return _compute_cells(self.n).borders
 
     def cell_of(self, rotation: ArrayLike) -> Ints:
         """Return the cells that contain quaternions.
@@ -202,14 +202,11 @@ class QuaternionRotations(Rotations):
             hint = "pass e.g. rotations=72"
             raise InputError("rotations", f"are {self}", rule, hint)
 
-    def _preserve(self, shape: Symmetric) -> bool:
-        """Return True if rotations leave a shape unchanged.
-
-        It must be a ball about its reference point.
-        """
+    def _preserves(self, shape: HasSymmetries) -> bool:
+        """Return True if a shape is a ball about its reference point."""
         return shape.is_round
 
-    def _assign_slices(self, shape: Symmetric) -> Ints:
+    def _assign_slices(self, shape: HasSymmetries) -> Ints:
         """Return the slice of each cell.
 
         Cells related by a half turn of the robot share a slice. In quaternions, half turns about
@@ -219,26 +216,26 @@ class QuaternionRotations(Rotations):
         if shape.is_round:
             return np.zeros(len(self), dtype=np.int64)
         smallest = np.arange(len(self))
-        for matrix, change in self._list_changes(shape):
+        for matrix, change in self._list_image_matrices(shape):
             # Positions stay, so the change is a symmetry of the robot.
             if (matrix == np.eye(3)).all():
                 images = self.cell_of(self.centers @ change)
                 smallest = np.minimum(smallest, smallest[images])
         return np.unique(smallest, return_inverse=True)[1].astype(np.int64)
 
-    def _find_images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
-        """List the rotations and mirrors between cells.
+    def _find_images(self, shape: HasSymmetries) -> list[tuple[Floats, Ints]]:
+        """List the rotations and mirrors that permute the cells.
 
-        They permute and negate quaternion components. So they map cells to cells. Each has its
-        matrix, and the cell to which it maps each cell.
+        They permute and negate quaternion components, and so map cells to cells. For each, the list
+        has its matrix and the image of each cell.
         """
-        changes = self._list_changes(shape)
+        changes = self._list_image_matrices(shape)
         return [(matrix, self.cell_of(self.centers @ change)) for matrix, change in changes]
 
-    def _list_changes(self, shape: Symmetric) -> Iterable[tuple[Floats, Floats]]:
-        """Return each image as two matrices.
+    def _list_image_matrices(self, shape: HasSymmetries) -> Iterable[tuple[Floats, Floats]]:
+        """List the matrices by which each image transforms positions and quaternions.
 
-        The first transforms positions, the second quaternions.
+        The matrices have shapes (3, 3) and (4, 4).
         """
         symmetries = np.array(shape.symmetries)  # shape (n, 3, 3)
         signs = np.linalg.det(symmetries)
@@ -247,7 +244,8 @@ class QuaternionRotations(Rotations):
         symmetries = symmetries[order]
         # A mirror is a rotation times the point reflection.
         rotations = self._from_matrix(symmetries * signs[order, None, None])[:, None, None]
-        # Products with the unit quaternions are the columns of linear maps of quaternions.
+        # Let r be a rotation, r* its inverse, and h a half turn. They map a quaternion u to h r* u
+        # r, a linear map, whose matrix has the images of the unit quaternions as rows.
         units = np.eye(4)
         half_turns = multiply(units, rotations * _CONJUGATE).swapaxes(1, 2)
         changes = np.round(multiply(multiply(half_turns, units), rotations))
@@ -265,7 +263,7 @@ class QuaternionRotations(Rotations):
 
         The center of a cell is the quaternion with the smallest covering angle.
         """
-        return _chart(self.n).centers
+        return _compute_cells(self.n).centers
 
     @property
     def covering_angles(self) -> Floats:
@@ -273,7 +271,7 @@ class QuaternionRotations(Rotations):
 
         It is in radians, shape (count,).
         """
-        return _chart(self.n).covering_angles
+        return _compute_cells(self.n).covering_angles
 
     @property
     def _stored_arrays(self) -> dict[str, Floats]:
@@ -289,13 +287,12 @@ class QuaternionRotations(Rotations):
 
         The measures sum to 1.
         """
-        return _chart(self.n).volumes
+        return _compute_cells(self.n).volumes
 
     def _sample(self, cells: Ints, margin: float, rng: np.random.Generator) -> Floats:
-        """Draw a quaternion from each of several cells.
+        """Draw a quaternion from each cell, uniformly in Haar measure.
 
-        It is uniform in Haar measure. ``margin`` is a fraction of the width of a cell at each
-        boundary that is left out.
+        ``margin`` is the fraction of a cell's width that is left out at each boundary.
         """
         n = self.n
         borders = self.borders
@@ -316,7 +313,7 @@ class QuaternionRotations(Rotations):
             accepted = rng.random(len(pending)) * max_density[pending] <= density
             quotients[pending[accepted]] = drawn[accepted]
             pending = pending[~accepted]
-        return _quaternions(charts, quotients)
+        return _make_quaternions(charts, quotients)
 
     def _angles_to_centers(self, q: Floats) -> Floats:
         """Return the angles to all centers.
@@ -333,7 +330,7 @@ class QuaternionRotations(Rotations):
         Their shape is (count, 6). They may lie in another chart, in which another component is
         largest.
         """
-        # A cell has a chart, its largest component, and a part of each of three axes.
+        # A cell has a chart, which is its largest component, and a part along three axes.
         charts, *parts_by_axis = np.indices((4, self.n, self.n, self.n)).reshape(4, -1)
         parts = np.stack(parts_by_axis, axis=1)
         middles = (self.borders[:-1] + self.borders[1:]) / 2.0
@@ -345,11 +342,11 @@ class QuaternionRotations(Rotations):
             for quotient in (low - FACE_STEP, high + FACE_STEP):
                 beyond = middles[parts]
                 beyond[:, axis] = quotient
-                neighbors.append(self.cell_of(_quaternions(charts, beyond)))
+                neighbors.append(self.cell_of(_make_quaternions(charts, beyond)))
         return np.stack(neighbors, axis=1)
 
     def _make_lookups(self, slice_of: Ints) -> RotationTable:
-        """Return the rotation cells for kernels."""
+        """Return the rotation cells in the form that kernels use."""
         return RotationTable(self.borders[None].copy(), np.ascontiguousarray(slice_of))
 
     def __str__(self) -> str:
@@ -357,10 +354,19 @@ class QuaternionRotations(Rotations):
         return f"{len(self)} rotations in space"
 
 
-class _Chart(NamedTuple):
+class _CellArrays(NamedTuple):
     """Arrays of the quaternion cells for one n.
 
-    They are cached.
+    Attributes
+    ----------
+    borders : ndarray of float64, shape (n + 1,)
+        Boundaries of the parts of an axis.
+    centers : ndarray of float64, shape (4 n^3, 4)
+        Representative quaternions.
+    covering_angles : ndarray of float64, shape (4 n^3,)
+        Radians.
+    volumes : ndarray of float64, shape (4 n^3,)
+        Haar measures, whose sum is 1.
     """
 
     borders: Floats
@@ -370,7 +376,7 @@ class _Chart(NamedTuple):
 
 
 @lru_cache(maxsize=4)
-def _chart(n: int) -> _Chart:
+def _compute_cells(n: int) -> _CellArrays:
     """Compute the quaternion cells for n parts an axis.
 
     One chart is computed first, because all charts have the same cells.
@@ -393,12 +399,12 @@ def _chart(n: int) -> _Chart:
     np.put_along_axis(quotients, order, class_centers[class_of], axis=1)
     quotients *= np.where(mirrored == parts, 1.0, -1.0)
     charts = np.repeat(np.arange(4), n**3)
-    centers = _quaternions(charts, np.tile(quotients, (4, 1)))
+    centers = _make_quaternions(charts, np.tile(quotients, (4, 1)))
     covering_angles = np.tile(class_angles[class_of], 4)
     measures = _integrate_measure(classes, n)[class_of]
     volumes = np.tile(measures / (4.0 * measures.sum()), 4)
     arrays = borders, centers, covering_angles, volumes
-    return _Chart(*map(frozen, arrays))
+    return _CellArrays(*map(frozen, arrays))
 
 
 def _integrate_measure(parts: Ints, n: int) -> Floats:
@@ -423,7 +429,7 @@ _CORNERS: Final = np.indices((2, 2, 2)).reshape(3, -1).T
 
 
 def _find_smallest_caps(boxes: Floats) -> tuple[Floats, Floats]:
-    """Return the center and covering angle of boxes.
+    """Find the smallest spherical cap around each box: its center and covering angle.
 
     The boxes of quotients are given by their corners, shape (m, 8, 3). The center is the rotation
     nearest to all corners. It has the direction of the point nearest to zero in the convex hull of
@@ -453,10 +459,10 @@ def _find_smallest_caps(boxes: Floats) -> tuple[Floats, Floats]:
     return center[:, :3] / center[:, 3:], angles
 
 
-def _quaternions(charts: Ints, quotients: Floats) -> Floats:
-    """Return unit quaternions of quotients.
+def _make_quaternions(charts: Ints, quotients: Floats) -> Floats:
+    """Return the unit quaternions that have the given quotients.
 
-    They have shape (n, 4), and ``quotients`` has shape (n, 3). ``charts``, shape (n,), are the
+    The result has shape (n, 4), and ``quotients`` shape (n, 3). ``charts``, shape (n,), are the
     indices of their largest components.
     """
     quaternions = np.ones((len(charts), 4))

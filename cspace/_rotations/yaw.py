@@ -16,10 +16,10 @@ from cspace._rotations.base import (
     MAX_ANGLE,
     TWO_PI,
     Coordinate,
+    HasSymmetries,
     Rotations,
     RotationTable,
-    Symmetric,
-    wrapped,
+    wrap_angles,
 )
 from cspace._support.arrays import Floats, Ints
 from cspace._support.check import check_count, check_finite
@@ -32,6 +32,7 @@ MAX_YAW_CELLS: Final = 2**16
 _QUARTER_MATRICES: Final = np.array(
     [[[1, 0], [0, 1]], [[0, -1], [1, 0]], [[-1, 0], [0, -1]], [[0, 1], [-1, 0]]], dtype=float
 )
+"""Rotation matrices of 0 to 3 quarter turns in the plane."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -77,20 +78,20 @@ class YawRotations(Rotations):
 
     @classmethod
     def _of_stored_arrays(cls, coordinates: Mapping[str, NDArray[Any]]) -> YawRotations:
-        """Make cells from their bounds."""
+        """Make cells from their stored boundaries."""
         starts, stops = coordinates["yaw_bounds"].T
         return cls._of_value([*starts.tolist(), float(stops[-1])])
 
     def _format_rotation(self, rotation: Floats) -> str:
-        """Format a rotation for people."""
+        """Format a yaw in degrees, for messages."""
         degrees = round(math.degrees(rotation[0]), 1)
         wrapped_degrees = round((degrees + 180.0) % 360.0 - 180.0, 1)
         return f"yaw {wrapped_degrees + 0.0:g}°"  # adding zero drops the sign of -0
 
     def _from_matrix(self, matrix: Floats) -> Floats:
-        """Return the rotation of a rotation matrix, shape (1,)."""
+        """Convert a rotation matrix to its yaw, shape (1,)."""
         # The image of the x axis is the first column.
-        return wrapped(np.arctan2(matrix[1, :1], matrix[0, :1]))
+        return wrap_angles(np.arctan2(matrix[1, :1], matrix[0, :1]))
 
     def _find_yaw(self, q: Floats) -> float | None:
         """Return the yaw of a configuration, radians."""
@@ -103,7 +104,7 @@ class YawRotations(Rotations):
         turn = (2.0 * next(numbers) - 1.0) * angle
         (center,) = rotation
         yaw = math.remainder(center + turn, TWO_PI)
-        if yaw == math.pi:
+        if yaw == math.pi:  # yaws lie in [-pi, pi)
             yaw = -math.pi
         return (yaw,)
 
@@ -113,7 +114,7 @@ class YawRotations(Rotations):
         Raises InputError if one is too large to be wrapped exactly.
         """
         check_wrappable(rotation, name)
-        return wrapped(rotation)
+        return wrap_angles(rotation)
 
     def _rotation_between(self, first: Floats, second: Floats) -> Floats:
         """Return the shorter angles from yaws to others, radians."""
@@ -126,7 +127,7 @@ class YawRotations(Rotations):
         return rotation + by
 
     def _make_matrices(self, rotation: Floats, dim: int) -> Floats:
-        """Return the matrices of yaws."""
+        """Convert yaws to matrices, shape (..., dim, dim)."""
         yaws = rotation[..., 0]
         cos = np.cos(yaws)
         sin = np.sin(yaws)
@@ -146,7 +147,7 @@ class YawRotations(Rotations):
     def _yaws(self) -> Floats:
         """Center of each cell, in [-pi, pi), shape (n,)."""
         edges = np.asarray(self.borders)
-        return wrapped((edges[:-1] + edges[1:]) / 2)
+        return wrap_angles((edges[:-1] + edges[1:]) / 2)
 
     @property
     def covering_angles(self) -> Floats:
@@ -179,14 +180,14 @@ class YawRotations(Rotations):
         """Return the cells of configurations."""
         return self.cell_of(q[..., -1])
 
-    def _preserve(self, shape: Symmetric) -> bool:
+    def _preserves(self, shape: HasSymmetries) -> bool:
         """Return True if a shape is round about the z axis."""
         return shape.symmetry == 0
 
-    def _assign_slices(self, shape: Symmetric) -> Ints:
+    def _assign_slices(self, shape: HasSymmetries) -> Ints:
         """Return the slice of each cell.
 
-        Cells a symmetry apart share a slice if all cells have one width.
+        If all cells have one width, cells that a symmetry of the shape maps to each other share it.
         """
         cells = np.arange(len(self), dtype=np.int64)
         if shape.symmetry == 0:
@@ -216,11 +217,12 @@ class YawRotations(Rotations):
         """Draw a yaw uniformly from each cell, in [-pi, pi)."""
         low = np.asarray(self.borders)[cells]
         fractions = rng.uniform(margin, 1.0 - margin, len(cells))
-        return wrapped(low + self._volumes[cells] * fractions)[:, None]
+        return wrap_angles(low + self._volumes[cells] * fractions)[:, None]
 
     def _angles_to_centers(self, q: Floats) -> Floats:
         """Return the angles to all representatives."""
         angles = self._yaws - q[..., -1:]
+        # The modulus of an angle that is wrapped to [-pi, pi) is the shorter way.
         return np.asarray(np.abs((angles + np.pi) % TWO_PI - np.pi))
 
     @property
@@ -231,7 +233,7 @@ class YawRotations(Rotations):
         cells = np.arange(len(self))
         return (cells[:, None] + steps) % len(self)
 
-    def _find_images(self, shape: Symmetric) -> list[tuple[Floats, Ints]]:
+    def _find_images(self, shape: HasSymmetries) -> list[tuple[Floats, Ints]]:
         """Return the quarter turns and mirrors that map yaw cells to yaw cells.
 
         Turns are about z; mirror planes contain z.
@@ -239,13 +241,13 @@ class YawRotations(Rotations):
         if not self.is_uniform():
             return Rotations._find_images(self, shape)
         images: list[tuple[Floats, Ints]] = []
-        for determinant in (1.0, -1.0):
+        for determinant in (1.0, -1.0):  # turns, then mirrors
             # Any other symmetry of the robot gives the same images in another order.
             symmetry = _find_symmetry_about_z(shape, determinant)
             if symmetry is None:
                 continue
             for quarter in _QUARTER_MATRICES:
-                plane_matrix = quarter * (1.0, determinant)
+                plane_matrix = quarter * (1.0, determinant)  # mirrors negate y first
                 matrix = np.eye(len(symmetry))
                 matrix[:2, :2] = plane_matrix
                 x, y = plane_matrix @ symmetry[:2, 0]  # image of the robot's x axis
@@ -259,12 +261,15 @@ class YawRotations(Rotations):
         return images
 
     def _make_lookups(self, slice_of: Ints) -> RotationTable:
-        """Return the rotation cells for kernels."""
+        """Return the rotation cells in the form that kernels use."""
         return RotationTable(np.array(self.borders), np.ascontiguousarray(slice_of))
 
 
 def _check_borders(value: ArrayLike) -> Floats:
-    """Return the boundaries of yaw cells if they ascend over a whole turn."""
+    """Return boundaries of yaw cells that ascend over a turn.
+
+    Raises InputError if they do not.
+    """
     if np.ndim(value) != 1 or not 2 <= np.size(value) <= MAX_YAW_CELLS + 1:
         problem = f"has shape {np.shape(value)}"
         rule = f"it must be a count, or from 2 to {MAX_YAW_CELLS + 1} borders"
@@ -292,7 +297,7 @@ def check_wrappable(yaws: Floats, name: str) -> None:
         raise InputError(name, f"has a yaw of {largest:g} rad", rule, "wrap it first")
 
 
-def _find_symmetry_about_z(shape: Symmetric, determinant: float) -> Floats | None:
+def _find_symmetry_about_z(shape: HasSymmetries, determinant: float) -> Floats | None:
     """Return a symmetry of a shape about the z axis, or None.
 
     Its determinant is 1 for a turn, -1 for a mirror.

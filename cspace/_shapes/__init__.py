@@ -43,7 +43,7 @@ class HasShape(Protocol):
 
     @property
     def shape(self) -> Shape:
-        """The shape."""
+        """Shape of the object, metres."""
         ...
 
 
@@ -76,7 +76,7 @@ def as_shape(source: ShapeLike, radius: ArrayLike | None = None, name: str = "sh
     Raises InputError if `source` describes no shape, and FileError if it names a missing or
     malformed file.
     """
-    # From the most specific type to the least.
+    # Test for the most specific types first.
     if isinstance(source, Shape) and radius is None:
         return source
     value: Any = source
@@ -112,7 +112,7 @@ _SHAPE_NEEDED: Final = (
 def _convert_sequence(values: Any, name: str) -> Shape:
     """Make the shape of a list or array.
 
-    It holds geometries, corners of a polygon, or vertices and faces.
+    It holds geometries, the corners of a polygon, or vertices and faces.
     """
     from cspace._files.vector import read_shapes
 
@@ -120,7 +120,7 @@ def _convert_sequence(values: Any, name: str) -> Shape:
         rule = "their size must be given"
         hint = "pass cspace.Robot.from_bitmap(cells, spacing), in metres"
         raise InputError(name, "is an array of cells", rule, hint)
-    first: Any = next(iter(values), {})
+    first: Any = next(iter(values), {})  # read_shapes refuses an empty list
     if isinstance(first, Mapping) or hasattr(first, "__geo_interface__"):
         return Polygons(read_shapes(values))
     # The shape of a row tells points from vertices and faces; () is a plain number.
@@ -139,7 +139,7 @@ def _convert_sequence(values: Any, name: str) -> Shape:
 
 
 def _make_mesh(source: MeshLike) -> Mesh:
-    """Make a mesh, and warn of open bodies.
+    """Make a mesh with a warning of open bodies.
 
     The caller takes shapes, but has no option ``solid``.
     """
@@ -149,9 +149,9 @@ def _make_mesh(source: MeshLike) -> Mesh:
 
 
 def _read_text(source: str | os.PathLike[str], name: str) -> Shape:
-    """Make the shape that a text describes.
+    """Make the shape of a short text, WKT, or a file.
 
-    The text is a short text, WKT, or the path of a file of polygons or a mesh.
+    A file holds polygons or a mesh.
     """
     from cspace._files.meshes import MESH_SUFFIXES
     from cspace._files.vector import POLYGON_SUFFIXES, is_wkt, read_shapes

@@ -71,7 +71,7 @@ class Balls(ExactShape):
 
     @property
     def noun(self) -> str:
-        """Name of one ball, "disc" or "ball"."""
+        """Word for one ball: "disc" in the plane, "ball" in space."""
         return ("disc", "ball")[self.dim - 2]
 
     @property
@@ -104,9 +104,9 @@ class Balls(ExactShape):
 
     @property
     def inscribed_radius(self) -> float:
-        """Radius of a circle around the origin in the discs, metres.
+        """Radius of a circle around the origin inside the discs, metres.
 
-        It is a lower bound.
+        It is a lower bound of the largest one.
         """
         # The polygons of the outline can give less than a single disc around the origin does.
         radii_around_origin = self.radii - np.linalg.norm(self.centers, axis=1)
@@ -169,7 +169,7 @@ class Balls(ExactShape):
         ball = trimesh.creation.icosphere(subdivisions=subdivisions)
         corners = np.asarray(ball.vertices)
         corners_of_balls = self.centers[:, None] + self.radii[:, None, None] * corners
-        # Faces of a ball count its corners behind those of the balls before it.
+        # The corners of a ball are numbered after those of the balls before it.
         first_corners = len(corners) * np.arange(len(self.radii))
         faces_of_balls = np.asarray(ball.faces, dtype=np.int64) + first_corners[:, None, None]
         return corners_of_balls.reshape(-1, 3), faces_of_balls.reshape(-1, 3)
@@ -249,7 +249,7 @@ class OriginPoint(Balls):
 
 
 def check_balls(centers: ArrayLike | BallSet, radii: ArrayLike | None) -> tuple[Floats, Floats]:
-    """Return checked copies of centers and radii.
+    """Check centers and radii of balls; return copies of them.
 
     Centers have shape (n, 2) or (n, 3), radii (n,).
 

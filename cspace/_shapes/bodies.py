@@ -11,10 +11,7 @@ from cspace._shapes.shape import unique_rows
 from cspace._support.arrays import Bools, Floats, Ints
 
 _VOLUME_ROUNDING: Final = 2.0**-30
-"""Relative volume below which the sign is uncertain because of rounding.
-
-It is relative to the sum of the absolute volumes of the tetrahedra that are added.
-"""
+"""Largest rounding of a volume, relative to the sum of its tetrahedra's absolute volumes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,9 +22,9 @@ class MeshBody:
     ----------
     faces : ndarray of int64, shape (n,)
         Indices of its triangles.
-    turns : ndarray of int64, shape (n,)
-        Multiplicity of each triangle: how often it counts, negative if reversed, 0 if it repeats
-        another one. All 0 for an open body.
+    multiplicities : ndarray of int64, shape (n,)
+        How often each triangle counts, negative if reversed, 0 if it repeats another one. All 0 for
+        an open body.
     closed : bool
         True if the counted triangles cancel along each edge.
     volume : float
@@ -36,7 +33,7 @@ class MeshBody:
     """
 
     faces: Ints
-    turns: Ints
+    multiplicities: Ints
     closed: bool
     volume: float
 
@@ -62,7 +59,7 @@ def find_bodies(vertices: Floats, faces: Ints) -> tuple[MeshBody, ...]:
 
     Returns
     -------
-    tuple of Body
+    tuple of MeshBody
     """
     # Equal vertices get one number, so that triangles meet where only coordinates agree.
     _, vertex_numbers = unique_rows(vertices)
@@ -99,7 +96,7 @@ def find_bodies(vertices: Floats, faces: Ints) -> tuple[MeshBody, ...]:
     return tuple(sorted(bodies, key=lambda body: int(body.faces[0])))
 
 
-def component_labels(first: Ints, second: Ints, count: int) -> Ints:
+def label_components(first: Ints, second: Ints, count: int) -> Ints:
     """Label the connected components of a graph.
 
     Labels ascend in the order of the components' first vertices. The graph has `count` vertices,
@@ -135,18 +132,18 @@ def _split_bodies(triangles: Floats, corners: Ints, max_shared: int) -> list[Mes
     # Arrays of triangles, shape (n,): first, copies, net, body and multiplicity. Arrays of bodies,
     # shape (count,): balanced, manifold, closed, and directed if they keep the given directions.
     edge, direction = _number_edges(corners)
-    first, copies, net = _find_repeated(corners)
+    first, copies, net = _find_copies(corners)
     triangles_at_edge = np.bincount(edge[first].ravel(), minlength=int(edge.max()) + 1)
     body, count = _label_bodies(edge, triangles_at_edge <= max_shared)
-    balanced, manifold = _balance(edge, direction, body, count, first)
+    balanced, manifold = _test_closed_and_manifold(edge, direction, body, count, first)
     # Rule 1. The given directions decide which way a body faces, unless copies cancel.
     multiplicity = first.astype(np.int64)
     closed = balanced.copy()
     directed = balanced.copy()
-    directed[body[np.abs(net) < copies]] = False
+    directed[body[np.abs(net) < copies]] = False  # copies that face both ways
     if not first.all():  # rule 2
         all_triangles = np.ones(len(first), dtype=np.bool_)
-        balanced_by_all, _ = _balance(edge, direction, body, count, all_triangles)
+        balanced_by_all, _ = _test_closed_and_manifold(edge, direction, body, count, all_triangles)
         by_rule_2 = ~closed & balanced_by_all
         # A body whose triangles all cancel encloses nothing.
         by_rule_2 &= np.bincount(body, weights=net != 0, minlength=count) > 0
@@ -157,7 +154,7 @@ def _split_bodies(triangles: Floats, corners: Ints, max_shared: int) -> list[Mes
     by_rule_3 = manifold & ~closed
     if by_rule_3.any():
         members = np.flatnonzero(by_rule_3[body] & first)
-        signs, is_orientable = _orient_alike(
+        signs, is_orientable = _orient_consistently(
             edge[members], direction[members], body[members], count
         )
         multiplicity[members] = signs
@@ -168,6 +165,7 @@ def _split_bodies(triangles: Floats, corners: Ints, max_shared: int) -> list[Mes
     is_reversed = closed & ~directed & (volume < 0.0)
     multiplicity = np.where(is_reversed[body], -multiplicity, multiplicity)
     volume = np.where(is_reversed, -volume, volume)
+    # List the triangles of each body.
     by_body = np.argsort(body, kind="stable")
     stops = np.cumsum(np.bincount(body, minlength=count))
     members_of_bodies = np.split(by_body, stops[:-1])
@@ -188,7 +186,7 @@ def _orient_outward(vertices: Floats, faces: Ints, bodies: list[MeshBody]) -> li
     inward = volume < 0.0
     if not inward.any():
         return bodies
-    multiplicity = np.concatenate([body.turns for body in bodies])
+    multiplicity = np.concatenate([body.multiplicities for body in bodies])
     owner = np.repeat(np.arange(len(bodies)), [len(body.faces) for body in bodies])
     triangles = vertices[faces[np.concatenate([body.faces for body in bodies])]]
     is_reversed = inward.copy()
@@ -209,16 +207,16 @@ def _orient_outward(vertices: Floats, faces: Ints, bodies: list[MeshBody]) -> li
     oriented = list(bodies)
     for number in np.flatnonzero(is_reversed).tolist():
         body = bodies[number]
-        oriented[number] = replace(body, turns=-body.turns, volume=-body.volume)
+        oriented[number] = replace(body, multiplicities=-body.multiplicities, volume=-body.volume)
     return oriented
 
 
-def _compute_volumes(triangles: Floats, turns: Ints, body: Ints, count: int) -> Floats:
+def _compute_volumes(triangles: Floats, multiplicity: Ints, body: Ints, count: int) -> Floats:
     """Return the enclosed volume of each body.
 
     The result has shape (count,), in cubic metres. ``triangles`` has shape (n, 3, 3), metres;
-    ``turns`` and ``body``, shape (n,), are the multiplicity and the body of each. Volumes whose
-    sign rounding leaves uncertain become zero.
+    ``multiplicity`` and ``body``, shape (n,), belong to each triangle, as in :class:`MeshBody`.
+    Volumes whose sign rounding leaves uncertain become zero.
     """
     # Sum the signed volumes of the tetrahedra between a point near the body's center and its
     # triangles.
@@ -226,7 +224,7 @@ def _compute_volumes(triangles: Floats, turns: Ints, body: Ints, count: int) -> 
     triangle_counts = np.maximum(np.bincount(body, minlength=count), 1)
     center = np.stack([x, y, z], axis=-1) / triangle_counts[:, None]
     a, b, c = np.moveaxis(triangles - center[body][:, None], 1, 0)
-    tetrahedra = np.einsum("ij,ij->i", a, np.cross(b, c)) * turns / 6.0
+    tetrahedra = np.einsum("ij,ij->i", a, np.cross(b, c)) * multiplicity / 6.0
     volume = np.bincount(body, weights=tetrahedra, minlength=count)
     moduli = np.bincount(body, weights=np.abs(tetrahedra), minlength=count)
     is_certain = np.abs(volume) > _VOLUME_ROUNDING * moduli
@@ -234,11 +232,11 @@ def _compute_volumes(triangles: Floats, turns: Ints, body: Ints, count: int) -> 
 
 
 def _number_edges(corners: Ints) -> tuple[Ints, Ints]:
-    """Find the edge of each triangle side.
+    """Assign a number to each edge of triangles.
 
-    ``corners``, shape (n, 3), has vertex indices. Returns the edge of each side, and its direction
-    along that edge, 1 or -1, each of shape (n, 3). Sides on the same two vertices have the same
-    edge.
+    ``corners``, shape (n, 3), has vertex indices. Sides on the same two vertices share an edge.
+    Returns the edge of each triangle side, and the direction of the side along it, 1 or -1, each of
+    shape (n, 3).
     """
     start = corners
     end = np.roll(corners, -1, axis=1)
@@ -249,12 +247,11 @@ def _number_edges(corners: Ints) -> tuple[Ints, Ints]:
     return edge.reshape(key.shape), np.where(start < end, 1, -1)
 
 
-def _find_repeated(corners: Ints) -> tuple[Bools, Ints, Ints]:
-    """Find triangles that have the same three corners.
+def _find_copies(corners: Ints) -> tuple[Bools, Ints, Ints]:
+    """Find the copies of each triangle, on the same three corners.
 
-    ``corners`` has shape (n, 3). Returns three arrays of shape (n,): whether a triangle is the
-    first on its corners, the number of triangles on these corners, and the sum of their signs, 1 or
-    -1 by direction.
+    ``corners`` has shape (n, 3). Returns three arrays of shape (n,): True for the first of its
+    copies, the number of copies, and the sum of their signs, which are 1 or -1 by direction.
     """
     a, b, c = corners.T
     is_odd = (a > b) ^ (b > c) ^ (a > c)  # an odd permutation of the sorted corners
@@ -278,15 +275,15 @@ def _label_bodies(edge: Ints, joining: Bools) -> tuple[Ints, int]:
     triangle, side = np.nonzero(joining[edge])
     # The graph has a vertex for each triangle, followed by one for each edge.
     edge_vertex = triangle_count + edge[triangle, side]
-    labels = component_labels(triangle, edge_vertex, triangle_count + len(joining))
+    labels = label_components(triangle, edge_vertex, triangle_count + len(joining))
     body_labels, body = np.unique(labels[:triangle_count], return_inverse=True)
     return body.astype(np.int64), len(body_labels)
 
 
-def _balance(
+def _test_closed_and_manifold(
     edge: Ints, direction: Ints, body: Ints, count: int, chosen: Bools
 ) -> tuple[Bools, Bools]:
-    """Test which bodies are closed, and which are manifolds.
+    """Return which bodies are balanced, and which are manifolds.
 
     A body is balanced if its chosen triangles cancel along each edge, and a manifold if exactly two
     of them meet at each edge. ``edge`` and ``direction`` have shape (n, 3), ``body`` and `chosen`
@@ -308,12 +305,12 @@ def _balance(
     return balanced, manifold
 
 
-def _orient_alike(edge: Ints, direction: Ints, body: Ints, count: int) -> tuple[Ints, Bools]:
-    """Orient adjacent triangles alike.
+def _orient_consistently(edge: Ints, direction: Ints, body: Ints, count: int) -> tuple[Ints, Bools]:
+    """Orient adjacent triangles consistently.
 
-    Returns signs of 1 or -1, shape (n,), that multiply the given directions, and the bodies for
-    which such signs exist, shape (count,). Exactly two triangles must meet at each edge. ``edge``
-    and ``direction`` have shape (n, 3), ``body`` (n,).
+    Returns signs of 1 or -1, shape (n,), that multiply the given directions, and a mask of the
+    bodies for which such signs exist, shape (count,). Exactly two triangles must meet at each edge.
+    ``edge`` and ``direction`` have shape (n, 3), ``body`` (n,).
     """
     triangle_count = len(edge)
     # One number for a pair of body and edge. Sides are numbered through all triangles.
@@ -330,7 +327,7 @@ def _orient_alike(edge: Ints, direction: Ints, body: Ints, count: int) -> tuple[
     stop = np.concatenate(
         [np.where(disagree, reversed_b, triangle_b), np.where(disagree, triangle_b, reversed_b)]
     )
-    labels = component_labels(start, stop, 2 * triangle_count)
+    labels = label_components(start, stop, 2 * triangle_count)
     given_label = labels[:triangle_count]
     reversed_label = labels[triangle_count:]
     is_orientable = np.ones(count, dtype=np.bool_)

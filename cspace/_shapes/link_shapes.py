@@ -115,7 +115,7 @@ def read_urdf(
 def _check_shapes(
     urdf: URDF, chosen: str | Sequence[str] | None, links: Sequence[str], file: str
 ) -> None:
-    """Refuse links without collision geometry.
+    """Raise InputError if links have no collision geometry.
 
     Warns if links that move are left out, unless the user has chosen ``links``.
     """
@@ -135,7 +135,7 @@ def _check_shapes(
 
 
 def _iterate_collisions(urdf: URDF, link: str, file: str) -> Iterator[tuple[str, Any]]:
-    """Yield the place, for messages, of each collision geometry of a link, and the geometry."""
+    """Yield each collision geometry of a link, after its place for messages."""
     for number, collision in enumerate(urdf.link_map[link].collisions):
         yield f"{file}: link {link!r}, collision {number}", collision
 
@@ -169,11 +169,11 @@ def link_shapes(
 
 
 def _make_bounds(geometry: Any, meshes: Mapping[str, Path], place: str) -> BoundsPair:
-    """Return an outer and an inner surface of a geometry.
+    """Return an outer and an inner surface of a collision geometry, metres.
 
-    They are the same object if it is not curved.
+    They are the same object if the geometry is not curved.
     """
-    # A geometry has one kind, and None for the others.
+    # One attribute of a geometry is its shape, and the others are None.
     kind = next(name for name in GEOMETRIES if getattr(geometry, name) is not None)
     shape = getattr(geometry, kind)
     place = f"{place}: {kind}"
@@ -264,11 +264,11 @@ class SceneContent(NamedTuple):
         has no obstacle.
         """
         obstacles = [
-            _transform(scene_shape.shape, scene_shape.pose)
+            _move_shape(scene_shape.shape, scene_shape.pose)
             for scene_shape in self.shapes
             if not scene_shape.link
         ]
-        _check_any(obstacles, self.source)
+        _check_not_empty(obstacles, self.source)
         carried = dict.fromkeys(each.object_id for each in self.shapes if each.link)
         if carried:
             problem = f"attached objects ({', '.join(carried)}) enlarge the robot and are not read"
@@ -276,7 +276,7 @@ class SceneContent(NamedTuple):
         return obstacles
 
 
-def _check_any(shapes: Sequence[object], source: str) -> None:
+def _check_not_empty(shapes: Sequence[object], source: str) -> None:
     """Raise GeometryError for a scene without shapes."""
     if not shapes:
         raise GeometryError(source, "holds no shape", "a scene needs one", "pass another scene")
@@ -313,7 +313,7 @@ def read_scene(source: object, package_dirs: PackageDirs = ()) -> SceneContent:
         ids = {each.object_id for each in shapes if each.object_id != each.name}
         names = [each.name for each in shapes]
         check_distinct([*names, *ids], "", "ids and names of shapes must differ", "rename one")
-        _check_any(shapes, name)
+        _check_not_empty(shapes, name)
         frame = find_frame({each.frame for each in shapes if each.frame != each.link})
         contacts = fields.allowed_collision_matrix
         return SceneContent(name, frame, shapes, state.joint_state, contacts)
@@ -322,9 +322,10 @@ def read_scene(source: object, package_dirs: PackageDirs = ()) -> SceneContent:
 def _read_object(
     item: Any, source: str, folders: Sequence[Path], link: str = ""
 ) -> list[SceneShape]:
-    """Return the shapes of a collision object, which a link may carry.
+    """Read the shapes of a collision object.
 
-    Meshes lie beside the file `source` or in the folders.
+    ``link`` carries the object, unless it is empty. Mesh files lie beside the file `source` or in
+    the folders.
     """
     name = item.id
     place = f"object {name!r}"
@@ -353,7 +354,7 @@ def _read_object(
 
 
 def _read_mesh(mesh: Any, place: str, source: str, folders: Sequence[Path]) -> Mesh:
-    """Read the file that a mesh names, or else its listed triangles."""
+    """Read a mesh from the file that it names, or its triangles."""
     resource = mesh.resource
     dimensions = mesh.dimensions
     is_inline = bool(mesh.vertices or mesh.triangles)
@@ -396,7 +397,7 @@ _PRIMITIVE_MAKERS: Final[Mapping[str, Callable[..., Shape]]] = {
 """Function that makes each primitive from its dimensions, metres."""
 
 
-def _transform(shape: Shape, pose: Floats) -> Shape:
+def _move_shape(shape: Shape, pose: Floats) -> Shape:
     """Apply a rigid motion, shape (4, 4), to a shape."""
     rotation = pose[:3, :3]
     translation = pose[:3, 3]

@@ -67,9 +67,10 @@ SOLIDS: Final = ("auto", "surface", "fill")
 """Solid parts of a mesh: its closed bodies, only the surface, or all that its raster encloses."""
 
 _MAX_COORDINATE: Final = 1e100
+"""Largest modulus of a coordinate of a mesh, metres."""
+
 _MIN_MESH_EXTENT: Final = 1e-100
-"""The largest modulus of a coordinate lies between `_MIN_MESH_EXTENT` and `_MAX_COORDINATE`, or is
-zero."""
+"""Smallest value of a mesh's largest coordinate, metres, unless all coordinates are zero."""
 
 _MIN_MESH_COORDINATE: Final = 1e-200
 """Smaller coordinates of a mesh are set to zero, because quotients of them overflow."""
@@ -182,7 +183,7 @@ class Mesh(ExactShape):
 
     @classmethod
     def convert(cls, shape: MeshLike, solid: Solid = "auto", up: Up | None = None) -> Mesh:
-        """Make a mesh like :meth:`of`, without a warning of open bodies."""
+        """Make a mesh as :meth:`of` does, without a warning of open bodies."""
         if isinstance(shape, Mesh):
             solid = shape.solid if solid == "auto" else solid
             if solid == shape.solid and up is None:
@@ -216,7 +217,7 @@ class Mesh(ExactShape):
 
     @cached_property
     def bodies(self) -> tuple[MeshBody, ...]:
-        """Parts that are connected through shared edges."""
+        """Bodies: sets of triangles connected through shared edges."""
         return find_bodies(self.vertices, self.faces)
 
     @property
@@ -236,7 +237,7 @@ class Mesh(ExactShape):
 
     @property
     def facts(self) -> dict[str, object]:
-        """Number of triangles, bodies and the like, for reports."""
+        """Plain values about the mesh, by name, for reports."""
         closed = sum(body.closed for body in self.bodies)
         facts: dict[str, object] = {
             "triangles": len(self.faces),
@@ -308,7 +309,8 @@ class Mesh(ExactShape):
         first_x, first_y = sides[:, 0].T
         second_x, second_y = sides[:, 1].T
         twice_area = np.abs(first_x * second_y - first_y * second_x)
-        # Unions and buffers lose triangles seen edge-on, so their sides stand for them.
+        # Unions and buffers lose triangles seen edge-on, so their sides stand for them. They are at
+        # most a quarter of the margin wide.
         is_line = 4.0 * twice_area <= _SHADOW_MARGIN * longest_side
         union = shapely.union_all(shapely.polygons(corners[~is_line]))
         shadow = _fill_cracks(union, _MAX_CRACK_WIDTH * self.span)
@@ -327,7 +329,7 @@ class Mesh(ExactShape):
         return BoundedShape(Polygons.of(outer), Polygons.of(inner))
 
     def check_origin(self, warn: bool = False) -> None:
-        """Refuse a mesh far from its origin; see ``Shape.check_origin``."""
+        """Raise GeometryError far from the origin; see ``Shape.check_origin``."""
         lower, upper = self.bounds
         size = float(np.linalg.norm(upper - lower))
         gaps = np.maximum(np.maximum(lower, -upper), 0.0)  # from the origin, along each axis
@@ -409,15 +411,18 @@ class Mesh(ExactShape):
     @cached_property
     def windings(self) -> Ints:
         """Multiplicity of each triangle in the enclosing surface, shape (F,)."""
-        turns = np.zeros(len(self.faces), dtype=np.int64)
+        windings = np.zeros(len(self.faces), dtype=np.int64)
         for body in self.bodies:
             if body.closed:
-                turns[body.faces] = body.turns
-        return turns
+                windings[body.faces] = body.multiplicities
+        return windings
 
     @cached_property
     def _winding(self) -> WindingNumber:
-        """Winding number of the closed bodies, relative to the lower corner of the bounds."""
+        """Winding number of the closed bodies.
+
+        Points are relative to the lower corner of the bounds.
+        """
         from cspace._raster.surfaces import WindingNumber
 
         counted = self.windings != 0
@@ -425,17 +430,17 @@ class Mesh(ExactShape):
 
     @property
     def _solid(self) -> SolidSurface:
-        """The triangles with their interior."""
+        """The triangles with their interior, to be rasterised."""
         from cspace._raster.surfaces import SolidSurface
 
         triangles = self.triangles
         windings = np.zeros(len(self.faces), dtype=np.int64)
         if self.solid == "auto":
             windings = self.windings
-        on_empty = self._warn_of_nothing if self.solid == "fill" else None
+        on_empty = self._warn_of_empty_fill if self.solid == "fill" else None
         return SolidSurface(triangles, triangles, windings, on_empty, self.source)
 
-    def _warn_of_nothing(self, spacing: float) -> None:
+    def _warn_of_empty_fill(self, spacing: float) -> None:
         """Warn once if filling an open mesh added nothing to its surface."""
         if self._warned or self.is_watertight:
             return
@@ -493,7 +498,10 @@ def _fill_cracks(shadow: BaseGeometry, width: float) -> BaseGeometry:
 
 
 def _read_arrays(shape: Any, up: Up | None) -> tuple[Any, Any, str]:
-    """Return vertices, faces and a name; the axis ``up`` of the shape becomes z."""
+    """Return the vertices, faces and name of a mesh.
+
+    Its axis ``up`` becomes z.
+    """
     from cspace._files.meshes import flatten_trimesh, read_mesh, turn_upright
     from cspace._files.unit_notes import warn_of_unit
 
@@ -516,7 +524,8 @@ def _read_arrays(shape: Any, up: Up | None) -> tuple[Any, Any, str]:
 def _check_vertices(values: Any, source: str) -> Floats:
     """Return vertices as an array, shape (V, 3), metres.
 
-    Raises GeometryError if the shape or the size is not usable. Tiny coordinates become zero.
+    Tiny coordinates become zero. Raises GeometryError if the array has another shape, or its
+    largest coordinate is too small or too large.
     """
     vertices = check_finite(values, f"vertices of {source}")
     if vertices.ndim != 2 or vertices.shape[1] != 3:
@@ -533,8 +542,10 @@ def _check_vertices(values: Any, source: str) -> Floats:
 
 
 def _check_faces(values: Any, vertices: int, source: str) -> Ints:
-    """Return faces as an array, shape (F, 3), if they name vertices."""
-    # First what a list of triangles must be, then the vertices that it names.
+    """Return faces as an array, shape (F, 3).
+
+    Raises GeometryError unless they are triples of indices below ``vertices``, the vertex count.
+    """
     faces = np.asarray(values)
     if faces.size == 0:
         hint = "for a cloud of points use Workspace.from_points"
@@ -553,12 +564,12 @@ def _check_faces(values: Any, vertices: int, source: str) -> Ints:
 
 
 def _encode(array: NDArray[Any], dtype: str) -> str:
-    """Write an array as text, base64 of its bytes."""
+    """Encode an array as text, base64 of its bytes."""
     data = np.ascontiguousarray(array, dtype=dtype).tobytes()
     return base64.b64encode(data).decode()
 
 
 def _decode(text: str, dtype: str) -> NDArray[Any]:
-    """Read an array, shape (n, 3), from the text of :func:`_encode`."""
+    """Decode an array, shape (n, 3), from the text of :func:`_encode`."""
     data = base64.b64decode(text, validate=True)
     return np.frombuffer(data, dtype=dtype).reshape(-1, 3)

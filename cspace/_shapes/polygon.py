@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
 _MIN_COORDINATE: Final = 1e-200
-"""Smaller coordinates are set to zero, metres, because shapely fails on numbers whose products
-underflow."""
+"""Smallest modulus of a coordinate, metres; smaller ones are set to zero, because shapely fails if
+products underflow."""
 
 
 class Polygons(ExactShape):
@@ -54,12 +54,12 @@ class Polygons(ExactShape):
 
     @classmethod
     def of(cls, shape: ArrayLike | BaseGeometry | Sequence[BaseGeometry]) -> Polygons:
-        """Make polygons with an area from the values that :meth:`cspace.Robot.polygon` takes.
+        """Make polygons from the values that :meth:`cspace.Robot.polygon` takes.
 
-        Raises GeometryError if a part is empty, has no area, crosses itself, or is not a polygon.
-        Raises InputError if a coordinate is NaN or infinite.
+        They must have an area. Raises GeometryError if a part is empty, has no area, crosses
+        itself, or is not a polygon. Raises InputError if a coordinate is NaN or infinite.
         """
-        # Check every simple polygon of the shape by a name of its own.
+        # Split the shape into its parts, which messages number if there are several.
         parts = [part for each in _as_geometries(shape) for part in split_parts(each, "polygon")]
         if not parts:
             hint = "pass at least three vertices"
@@ -81,7 +81,7 @@ class Polygons(ExactShape):
 
     @cached_property
     def parts(self) -> list[tuple[Floats, bool]]:
-        """Boundary of each simple geometry, and True if filled.
+        """Boundary segments of each simple geometry, and True for a polygon.
 
         Segments are ``(x0, y0, x1, y1)``. The segments of a polygon form closed curves, which
         enclose it by even-odd parity.
@@ -134,7 +134,7 @@ class Polygons(ExactShape):
         """Return the parts that can touch a grid."""
         import shapely
 
-        # One cell more on each side, for rounding.
+        # One cell more on each side covers rounding.
         lower = np.asarray(grid.lower) - grid.spacing
         upper = np.asarray(grid.upper) + grid.spacing
         low, high = self.bounds
@@ -166,11 +166,10 @@ class Polygons(ExactShape):
         return RoundedSimplices(segments, np.zeros(len(segments)))
 
     @property
-    def regions(self) -> list[Floats]:
-        """Boundary segments of each filled part.
+    def filled_boundaries(self) -> list[Floats]:
+        """Boundary segments of each polygon; lines and points are left out.
 
-        They are ``(x0, y0, x1, y1)``, shape (E, 4); lines are left out. They enclose the part by
-        even-odd parity.
+        They are ``(x0, y0, x1, y1)``, shape (E, 4), and enclose the polygon by even-odd parity.
         """
         return [segments for segments, filled in self.parts if filled]
 
@@ -184,7 +183,7 @@ class Polygons(ExactShape):
         return shapely.union_all(list(self.geometries))
 
     def transform_features(self, matrix: Floats) -> Floats:
-        """Return the transformed segments, both ways round, with the number of their part."""
+        """Return the transformed segments in both directions, with the number of their part."""
         segments_of_parts = [segments for segments, _ in self.parts]
         part_numbers = np.repeat(np.arange(len(self.parts)), list(map(len, segments_of_parts)))
         # A segment (x0, y0, x1, y1) has a start and an end.
@@ -221,7 +220,7 @@ def _drop_tiny(coordinates: Floats) -> Floats:
 def _as_geometries(
     shape: ArrayLike | BaseGeometry | Sequence[BaseGeometry],
 ) -> Sequence[BaseGeometry]:
-    """Return geometries as they are, or vertices as a polygon."""
+    """Return geometries, or the polygon of an array of vertices."""
     import shapely
 
     if isinstance(shape, shapely.Geometry):

@@ -63,9 +63,9 @@ def rectangle(length: float, width: float, center: ArrayLike = (0.0, 0.0)) -> Na
 
 
 def ellipse(radius_x: float, radius_y: float, center: ArrayLike = (0.0, 0.0)) -> NamedShape:
-    """Make an ellipse between two polygons; metres.
+    """Make an ellipse with semi-axes along x and y; metres.
 
-    Its semi-axes lie along x and y.
+    It is bounded by two polygons.
     """
     radii = check_positive(radius_x, "radius_x"), check_positive(radius_y, "radius_y")
     center_point = check_point(center)
@@ -83,14 +83,14 @@ def box(extents: ArrayLike, center: ArrayLike = (0.0, 0.0, 0.0)) -> NamedShape:
 
 
 def cylinder(radius: float, height: float, center: ArrayLike = (0.0, 0.0, 0.0)) -> NamedShape:
-    """Make an upright cylinder between two prisms; metres."""
+    """Make an upright cylinder, bounded by two prisms; metres."""
     bounds = cylinder_bounds(check_positive(radius, "radius"), check_positive(height, "height"))
     name = f"cylinder {radius:g} m, {height:g} m high"
     return NamedShape(name, _translate(bounds, center))
 
 
 def capsule(radius: float, length: float, center: ArrayLike = (0.0, 0.0, 0.0)) -> NamedShape:
-    """Make an upright capsule between two polyhedra; metres.
+    """Make an upright capsule, bounded by two polyhedra; metres.
 
     It holds the points within `radius` of a vertical segment of `length`.
     """
@@ -108,9 +108,10 @@ def _translate(bounds: BoundsPair, center: ArrayLike) -> BoundedShape:
 
 
 def footprint(corners: str | ArrayLike, padding: float = 0.0) -> NamedShape:
-    """Make a polygon from a footprint, grown by a padding along both axes; metres.
+    """Make a polygon from a footprint and a padding; metres.
 
-    `corners` may be the text of Nav2, ``"[[0.3, 0.2], ...]"``.
+    The polygon grows by the padding along both axes. `corners` may be the text of Nav2, ``"[[0.3,
+    0.2], ...]"``.
     """
     from cspace._files.ros_maps import parse_footprint
 
@@ -122,15 +123,16 @@ def footprint(corners: str | ArrayLike, padding: float = 0.0) -> NamedShape:
 
 
 def _grow_by_square(points: Floats, padding: float) -> BaseGeometry:
-    """Return the Minkowski sum of a polygon, corners (n, 2), and a square of sides 2 padding.
+    """Return the Minkowski sum of a polygon and a square.
 
-    It contains what Nav2 makes of the polygon, and all within `padding` of it. A warning says by
-    how much Nav2's differs.
+    The corners of the polygon, ``points``, have shape (n, 2); the square has sides 2 padding. It
+    contains all points within `padding` of the polygon, and Nav2's padded polygon. A warning says
+    by how much Nav2's is smaller.
     """
     import numpy as np
     import shapely
 
-    # The sum is the polygon and what a square covers that moves along its sides.
+    # The sum is the polygon together with the area that a square sweeps along its sides.
     square = padding * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
     ends = np.stack([points, np.roll(points, -1, axis=0)], axis=1)
     corners = (ends[:, :, np.newaxis] + square).reshape(len(points), 8, 2)
@@ -160,8 +162,8 @@ class ShortText(NamedTuple):
     Attributes
     ----------
     make : callable
-        Makes the shape from its sizes and, if it is not at the origin, its center. For a
-        footprint, from the text after the colon.
+        Function that makes the shape from its sizes and, if it is not at the origin, its center. A
+        footprint is made from the text after the colon.
     form : str
         Names of the sizes with the separator between them; each is above zero, in metres.
     dimension : int
@@ -218,13 +220,13 @@ SHORT_TEXT_FORMS: Final = ", ".join(f"{name}:{kind.form}" for name, kind in SHOR
 
 
 def is_short_text(text: str) -> bool:
-    """Return True if a text is a short text of a shape."""
+    """Return True if a text begins with a kind of short text."""
     name, colon, _ = text.partition(":")
     return bool(colon) and name in SHORT_TEXTS
 
 
 def parse_short_text(text: str, argument: str = "shape") -> NamedShape:
-    """Make the shape of a short text such as ``rect:0.9x0.6`` or ``disc:0.3@0.1,0``.
+    """Make the shape of a short text, such as ``disc:0.3@0.1,0``.
 
     Parameters
     ----------
@@ -256,7 +258,10 @@ def parse_short_text(text: str, argument: str = "shape") -> NamedShape:
 
 
 def _parse_footprint(text: str, rest: str, argument: str) -> NamedShape:
-    """Make a polygon from its corners, or the projection of another short text."""
+    """Make a footprint from its corners, or by projecting a shape.
+
+    The shape is given by its short text.
+    """
     if rest.lstrip().startswith("["):
         return footprint(rest)
     if is_short_text(rest):

@@ -75,13 +75,13 @@ class Shape(ABC):
     dim: int
     shown: bool = True
     kind: ClassVar[str]
-    """Word for the class in its plain values."""
+    """Name of the class in its :attr:`spec`."""
 
     KINDS: ClassVar[dict[str, type[Shape]]] = {}
     """Classes of shapes by kind."""
 
     def __init_subclass__(cls) -> None:
-        """List the class by its kind."""
+        """Add the class to :attr:`KINDS`, by its kind."""
         if "kind" in vars(cls):
             Shape.KINDS[cls.kind] = cls
 
@@ -199,12 +199,10 @@ class Shape(ABC):
         return order
 
     def check_origin(self, warn: bool = False) -> None:  # noqa: B027 - most shapes have nothing to refuse
-        """Refuse a robot's mesh too far from its reference point.
+        """Raise GeometryError if a mesh is too far from its origin.
 
-        With `warn`, warn of a doubtful one. Only meshes are checked, because other shapes are
-        placed by their numbers.
-
-        Raises GeometryError if the mesh is too far away.
+        A robot's origin is its reference point. With `warn`, warn of a doubtful one. Only meshes
+        are checked, because other shapes are placed by their numbers.
         """
 
     def is_same(self, matrix: Floats) -> bool:
@@ -222,15 +220,15 @@ class Shape(ABC):
         return self._sort_features(np.eye(self.dim))
 
     def _sort_features(self, matrix: Floats) -> Floats:
-        """Return the sorted rows that identify the shape under a matrix."""
+        """Return the sorted rows that identify the shape after a linear map."""
         rows, _ = unique_rows(self.transform_features(matrix) + 0.0)  # -0 becomes 0
         return rows
 
     @abstractmethod
     def transform_features(self, matrix: Floats) -> Floats:
-        """Return rows that identify the shape under a matrix.
+        """Return rows of numbers that identify the shape after a linear map.
 
-        The entries of the matrix are -1, 0 and 1.
+        The entries of its ``matrix`` are -1, 0 and 1.
         """
 
     @property
@@ -335,10 +333,7 @@ class ExactShape(Shape):
 
     @abstractmethod
     def boundary(self) -> RoundedSimplices:
-        """Return the boundary for exact tests.
-
-        It may include pieces inside the shape.
-        """
+        """Return the boundary for exact tests, which may include pieces inside the shape."""
 
     @property
     def boxes(self) -> Boxes:
@@ -348,11 +343,11 @@ class ExactShape(Shape):
         raise GeometryError("shape", problem, rule, "ask for its boundary")
 
     @property
-    def regions(self) -> list[Floats]:
-        """Segments of each filled part of a plane shape.
+    def filled_boundaries(self) -> list[Floats]:
+        """Boundary segments of each filled part of a plane shape.
 
-        Each part has shape (E, 4) and is enclosed by even-odd parity. Empty for a shape in space or
-        of balls.
+        They are ``(x0, y0, x1, y1)``, shape (E, 4), and enclose the part by even-odd parity. The
+        list is empty for a shape in space or of balls.
         """
         simplices = self.boundary().simplices
         return [simplices.reshape(-1, 4)] if simplices.shape[1:] == (2, 2) else []
@@ -505,6 +500,7 @@ def cylinder_bounds(radius: float, height: float) -> BoundsPair:
 
     Its axis is the z axis, with the origin halfway up.
     """
+    # Corners (distance from the axis, height), from the bottom up.
     profile = np.array([(0.0, -0.5), (1.0, -0.5), (1.0, 0.5), (0.0, 0.5)]) * (radius, height)
     return _revolve_bounds(profile * (_CORNER_RADIUS, 1.0), profile)
 
@@ -514,6 +510,7 @@ def cone_bounds(radius: float, height: float) -> BoundsPair:
 
     Its axis is the z axis, with the origin halfway up.
     """
+    # Corners (distance from the axis, height), from the bottom up.
     profile = np.array([(0.0, -0.5), (1.0, -0.5), (0.0, 0.5)]) * (radius, height)
     return _revolve_bounds(profile * (_CORNER_RADIUS, 1.0), profile)
 
@@ -561,14 +558,14 @@ def ellipse_bounds(radii: tuple[float, float], center: Floats) -> tuple[Floats, 
         max_ratio = _MAX_ELLIPSE_SLACK * 2.0**50
         rule = f"it may be at most {max_ratio:.1g} times the radius along each axis"
         raise InputError("center", problem, rule, "check the units (metres)")
-    ring = _make_ring() * radii
+    ring = _make_unit_polygon() * radii
     outer = center + _CORNER_RADIUS * (1.0 + slack) * ring
     inner = center + (1.0 - slack) * ring
     return outer, inner
 
 
-def _make_ring() -> Floats:
-    """Return a polygon in the unit circle, shape (CIRCLE_SIDES, 2).
+def _make_unit_polygon() -> Floats:
+    """Return a regular polygon inscribed in the unit circle, shape (CIRCLE_SIDES, 2).
 
     Quarter turns map it to itself exactly.
     """
@@ -584,14 +581,14 @@ def _make_ring() -> Floats:
 
 
 def _revolve(profile: Floats) -> Surface:
-    """Revolve a polygon about the z axis in `CIRCLE_SIDES` steps.
+    """Revolve a profile about the z axis, in `CIRCLE_SIDES` steps.
 
     `profile`, shape (n, 2), holds the distance of each corner from the axis and its height, from
     the lowest corner to the highest, which lie on the axis. Quarter turns about the axis map the
     surface to itself, bit for bit. So do half turns about the other axes if the profile is its own
     mirror image.
     """
-    ring = _make_ring()
+    ring = _make_unit_polygon()
     (_, lowest), *inner_corners, (_, highest) = profile.tolist()
     rings = [np.insert(radius * ring, 2, height, axis=1) for radius, height in inner_corners]
     poles = np.array([(0.0, 0.0, lowest), (0.0, 0.0, highest)])

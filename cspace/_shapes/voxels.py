@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from cspace._raster.rounded_boxes import RoundedBoxes
     from cspace._raster.surfaces import SolidSurface
 
+# Corners, triangles and facing of the unit cube.
 _UNIT_CORNERS, _FACES, _WINDINGS = boundary_mesh(np.array([[[True]]]), 1.0, np.zeros(3))
 _BOX_TRIANGLES = np.where(_WINDINGS[:, None] > 0, _FACES, _FACES[:, ::-1])
 """Triangles of a box with the corners `_UNIT_CORNERS`, facing outward."""
@@ -157,7 +158,7 @@ class Voxels(ExactShape):
     kind = "cells"
 
     def __init__(self, occupied: Bools, side: float, lower: Floats) -> None:
-        """Keep the bitmap, the side of its cells and the corner of the first cell."""
+        """Keep the bitmap and the place of its cells."""
         self.occupied = frozen(occupied)
         self.side = side
         self.lower = frozen(lower)
@@ -216,7 +217,7 @@ class Voxels(ExactShape):
         from cspace._raster.rounded_boxes import rounded_rasters
 
         boxes = self._boxes
-        # The boxes give the outer cells. The inner ones are cells within the union, not one box.
+        # The boxes give the outer raster only; inner offsets need to lie in the union, not one box.
         outward = np.full(len(boxes.radii), margin)
         no_inner = np.full(len(boxes.radii), np.inf)
         outer, _ = rounded_rasters(boxes, spacing, outward, no_inner)
@@ -244,7 +245,7 @@ class Voxels(ExactShape):
     def contains(self, points: ArrayLike) -> Bools:
         """Return a mask of the points in the cells; see :meth:`ExactShape.contains`."""
         array = check_points(points, "points", self.dim)
-        # Points outside fall into the padding, which is empty.
+        # Points outside are clipped into the padding, which is empty.
         padded = np.pad(self.occupied, 1)
         cells = np.floor((array - self.lower) / self.side) + 1.0  # in the padded bitmap
         cells = np.clip(cells, 0, np.array(padded.shape) - 1).astype(np.int64)
@@ -282,7 +283,7 @@ class Voxels(ExactShape):
 
     @cached_property
     def _boxes(self) -> RoundedBoxes:
-        """Boxes that cover the occupied cells."""
+        """Disjoint boxes whose union is that of the occupied cells."""
         from cspace._raster.rounded_boxes import RoundedBoxes
 
         lows, highs = cover_with_boxes(self.occupied, self.side, self.lower)
@@ -290,7 +291,7 @@ class Voxels(ExactShape):
 
     @cached_property
     def _solid(self) -> SolidSurface:
-        """Boundary of the cells in space, and the same without T-junctions."""
+        """Boundary of the cells, with a shell without T-junctions."""
         from cspace._raster.surfaces import SolidSurface
 
         vertices, faces, windings = boundary_mesh(self.occupied, self.side, self.lower)

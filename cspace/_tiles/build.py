@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from cspace._engines.slices import raster_bytes
+from cspace._engines.slices import estimate_raster_bytes
 from cspace._files.access import discard_folder
 from cspace._limits import WORKSPACE_CELL_BYTES, map_bytes
 from cspace._obstacles import Source, changed_source
@@ -103,7 +103,9 @@ def estimate_build_bytes(folder: TileFolder) -> float:
     window = [min(side + border, n) for side, n in zip(folder.tile, folder.grid.shape, strict=True)]
     frame = folder.frame
     slices = folder.slices
-    rasters = raster_bytes(frame.robot, frame.grid.spacing, frame.margin, frame.rotations, slices)
+    rasters = estimate_raster_bytes(
+        frame.robot, frame.grid.spacing, frame.margin, frame.rotations, slices
+    )
     copies = (2 * WORKSPACE_CELL_BYTES + slices) * math.prod(window)
     return float(map_bytes(window, slices) + copies + rasters)
 

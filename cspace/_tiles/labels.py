@@ -151,7 +151,7 @@ class TiledComponents:
             MapNodes(folder, passable, mixed=True),
         ]
 
-    def of(self, cells: Ints, mixed: bool = False) -> Ints:
+    def find(self, cells: Ints, mixed: bool = False) -> Ints:
         """Return the component of each cell, inside the grid or not; -1 for none.
 
         Cells have shape (n, 1 + d). Components consist of FREE cells, or with ``mixed`` of cells

@@ -52,7 +52,7 @@ class OpenTile(NamedTuple):
 
         Cells have shape (..., 1 + d).
         """
-        return self.components.of(cells - np.array([0, *self.first]), mixed)
+        return self.components.find(cells - np.array([0, *self.first]), mixed)
 
 
 def open_tile(folder: TileFolder, number: int) -> OpenTile:

@@ -80,7 +80,7 @@ class TiledCSpace(ConfigurationMap):
         """Pickle the path, not the tiles."""
         return TiledCSpace.open, (self.path, self._cache_bytes)
 
-    def _at_one_moment(self) -> AbstractContextManager[Any]:
+    def _map_lock(self) -> AbstractContextManager[Any]:
         """Return the lock of a complete map, held while tiles are read.
 
         One thread at a time opens and closes tiles.
@@ -121,12 +121,12 @@ class TiledCSpace(ConfigurationMap):
         return self._folder.grid
 
     @property
-    def _kept(self) -> Contents:
+    def _map_contents(self) -> Contents:
         return self._folder.frame
 
     def count(self) -> tuple[int, int, int]:
         """Return the number of FREE, MIXED and BLOCKED cells over all rotation cells."""
-        with self._at_one_moment():
+        with self._map_lock():
             free, mixed, blocked = self._folder.layout["counts"]
         return free, mixed, blocked
 
@@ -159,7 +159,7 @@ class TiledCSpace(ConfigurationMap):
         queried in a part with all cells within ``reach``, a number of cells. Returns the index of
         the first unusable row, or -1.
         """
-        with self._at_one_moment():
+        with self._map_lock():
             bad = self._find_unusable(rows)
             if bad < 0:
                 cells = self.grid.cell_of(rows[:, : self.dim])
@@ -190,7 +190,7 @@ class TiledCSpace(ConfigurationMap):
 
     def _write_motions(self, exact: bool, starts: Floats, ends: Floats, out: Bools) -> int:
         self._refuse_geometry(exact)
-        with self._at_one_moment():
+        with self._map_lock():
             ends_in_turn = np.stack([starts, ends], axis=1).reshape(-1, self.size)
             # A motion has two rows; -1, for none, stays -1.
             bad = self._find_unusable(ends_in_turn) // 2
@@ -234,7 +234,7 @@ class TiledCSpace(ConfigurationMap):
         progress : callable, optional
             Called with (tiles done, number of tiles).
         """
-        with self._at_one_moment():
+        with self._map_lock():
             self._labels = self._labels or TiledComponents(self._tiles, client, progress)
 
     @property
@@ -264,7 +264,7 @@ class TiledCSpace(ConfigurationMap):
         make_canonical = self.rotations._make_canonical
         start = make_canonical(self._check_configurations(q0, "q0"), "q0")
         goal = make_canonical(self._check_configurations(q1, "q1"), "q1")
-        with self._at_one_moment():
+        with self._map_lock():
             tiles, cells = self._components.chain(self._cells_of(start), self._cells_of(goal))
         # Each subproblem leads from the start or a crossing to the next crossing or the goal.
         crossings = self._centers_of(np.array(cells, dtype=np.int64).reshape(-1, 1 + self.dim))
@@ -275,7 +275,7 @@ class TiledCSpace(ConfigurationMap):
 
     def _open_part(self, tile: int) -> CSpace:
         """Return a tile as a map in memory."""
-        with self._at_one_moment():
+        with self._map_lock():
             return self._tiles.tile(tile).space
 
     def nearest_free(self, q: ArrayLike) -> Floats:
@@ -332,7 +332,7 @@ class TiledCSpace(ConfigurationMap):
         reached = grow_box(cells, folder.reach)
         inside = folder.clip(reached)
         is_whole = (inside[1] - inside[0] == grid.shape).all()
-        with self._at_one_moment():
+        with self._map_lock():
             if is_whole:
                 return self._tiles.window(inside, folder.frame.exterior)
             return self._tiles.window(reached)
@@ -349,5 +349,5 @@ class TiledCSpace(ConfigurationMap):
             Maximum number of cells along an axis.
         """
         count = check_count(max_cells, "max_cells", 1, hint="pass e.g. 1024")
-        with self._at_one_moment():
+        with self._map_lock():
             return self._tiles.overview(count)

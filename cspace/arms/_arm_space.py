@@ -20,7 +20,13 @@ from cspace._interface import (
     GoalLike,
     SearchOptions,
 )
-from cspace._rotations.base import MAX_EXPECTED_ANGLE, TWO_PI, beside, warn_of_degrees, wrapped
+from cspace._rotations.base import (
+    MAX_EXPECTED_ANGLE,
+    TWO_PI,
+    unwrap_near,
+    warn_of_degrees,
+    wrap_angles,
+)
 from cspace._shapes import ShapeLike, as_shape
 from cspace._support.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, States
 from cspace._support.check import (
@@ -659,12 +665,12 @@ class ArmSpace(ConfigurationSpace):
         Raises ConfigurationError if it is beyond the limits or not proven free, and InputError if
         it is no configuration.
         """
-        given = self._check_one(q, name)
+        given = self._check_one_configuration(q, name)
         point = self.arm._clamp(self._check_configurations(given, name))
         warn_of_degrees(given, self._angles, name)
         if not self.is_free(point):
             raise _make_collision_error(self.snapshot, point, name)
-        return tuple(wrapped(point, self.periodic_axes).tolist())
+        return tuple(wrap_angles(point, self.periodic_axes).tolist())
 
     def find_goals(
         self, goal: GoalLike, start: Endpoint, seed: int | None, exact: bool = False
@@ -709,7 +715,7 @@ class ArmSpace(ConfigurationSpace):
         Raises ConfigurationError, which blames ``name``, if there are none.
         """
         solutions = self.arm._solve_pose(goal, name, start, MAX_SOLUTIONS_PER_POSE, seed or 0)
-        points = wrapped(solutions, self.periodic_axes)
+        points = wrap_angles(solutions, self.periodic_axes)
         free_points = points[np.asarray(self.is_free(points))]
         if len(free_points):
             return [tuple(q) for q in free_points.tolist()]
@@ -1093,7 +1099,7 @@ class ArmSpace(ConfigurationSpace):
         ``start`` has shape (dof,), ``goals`` (n, dof), the result (m, dof). Its first n rows are
         the goals the shorter way round; a goal that already is, is unchanged to the last bit.
         """
-        images = np.where(self.periodic_axes, beside(goals, start), goals)
+        images = np.where(self.periodic_axes, unwrap_near(goals, start), goals)
         for joint in np.flatnonzero(self.periodic_axes)[:MAX_DOUBLED_JOINTS]:
             # Each joint doubles the images: all so far, and all with this joint a turn further.
             other_way = images.copy()

@@ -333,7 +333,7 @@ class JointMap(CSpace):
     @lazy
     def _exact(self) -> ExactQueries:
         """Queries with exact geometry."""
-        return ExactQueries(self._problem, self._make_proofs)
+        return ExactQueries(self._make_problem, self._make_proofs)
 
     def _make_proofs(self, problem: Problem) -> Proofs:
         """Return proofs by the arm, or by the cells once they changed."""

@@ -33,8 +33,8 @@ from cspace._bodies.triangle_proofs import (
     Trees,
     boxes_are_apart,
     crosses,
+    find_close_leaves,
     joint_displacement,
-    next_leaves,
     pierces,
 )
 from cspace._raster.surfaces import signed_crossing
@@ -670,13 +670,13 @@ def parts_cross(trees: Trees, motion: Motion, axes: Floats, required: float, nod
     shift = motion.position
     displacement = 0.0
     # The search returns the row of two leaves whose boxes meet, until none is left.
-    top = next_leaves(trees, motion, 0.0, axes, nodes, 2)
+    top = find_close_leaves(trees, motion, 0.0, axes, nodes, 2)
     while top > 0:
         leaf = nodes[top, 0]
         other_leaf = nodes[top, 1]
         piece = trees.triangles[trees.spans[leaf, FIRST_ITEM]]
         other = trees.triangles[trees.spans[other_leaf, FIRST_ITEM]]
-        top = next_leaves(trees, motion, 0.0, axes, nodes, top)
+        top = find_close_leaves(trees, motion, 0.0, axes, nodes, top)
         if len(axes) > 0:
             half = row_at(trees.boxes[leaf], HALF_SIDES)
             center = apply_pose(matrix, shift, row_at(trees.boxes[leaf], CENTER))

@@ -330,7 +330,7 @@ class ResizedRobot:
         """
         hits = np.zeros((len(rasters), *occupied.shape), dtype=np.bool_)
         engine = ENGINES[choose_engine(rasters)]
-        engine.collide(occupied, rasters, list(hits), outside=outside)
+        engine.write_overlaps(occupied, rasters, list(hits), outside=outside)
         return hits
 
     def _split_margin(self, margin: float) -> tuple[float, float]:
@@ -353,7 +353,7 @@ class ResizedRobot:
     def _rotation_cells(self) -> list[RotationCell]:
         """Rotation cell of each slice."""
         space = self.space
-        if space.rotations._preserve(space.robot.shape):
+        if space.rotations._preserves(space.robot.shape):
             return [RotationCell()]
         _, first_cells = np.unique(space.slice_of, return_index=True)
         all_cells = space.rotations._make_shape_cells(space.dim)

@@ -170,7 +170,7 @@ def _compute_masks(space: CSpace, names: Sequence[str]) -> Ints:
         occupied: Bools = np.zeros(space.grid.shape, dtype=np.bool_)
         occupied[tuple(map(slice, *obstacle.box))] = obstacle.outer
         hits: NDArray[np.bool_] = np.zeros(shape, dtype=np.bool_)
-        engine.collide(occupied, outer_rasters, list(hits), outside=False)
+        engine.write_overlaps(occupied, outer_rasters, list(hits), outside=False)
         masks[hits] |= 1 << bit
     without = remove_obstacles(space, names)
     states = without._kernel_map.states.reshape(shape)

@@ -115,7 +115,7 @@ class ShapeBoundary:
             return 0.0, 0.0
         # The volumes of bodies add up only if there is one, which winds once around its inside.
         closed = [body for body in getattr(self.shape, "bodies", ()) if body.closed]
-        if not closed or (len(closed) == 1 and (np.abs(closed[0].turns) == 1).all()):
+        if not closed or (len(closed) == 1 and (np.abs(closed[0].multiplicities) == 1).all()):
             measure = abs(self.shape.measure)
             return measure, measure
         return _bound_volume(self.shape)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from cspace._files.polygons import transform_surface
-from cspace._rotations.base import TWO_PI, wrapped
+from cspace._rotations.base import TWO_PI, wrap_angles
 from cspace._shapes.balls import Balls
 from cspace._support.arrays import BLOCKED, FREE, MIXED, Floats
 from cspace.errors import InputError
@@ -117,7 +117,7 @@ class ArmCanvas(Canvas):
 
     def dial_values(self, q: Floats) -> tuple[float, ...]:
         """Return the joint values of a configuration, degrees or metres."""
-        joints = wrapped(q, self._space.periodic_axes)
+        joints = wrap_angles(q, self._space.periodic_axes)
         return tuple(np.round(joints * self._scale, 3).tolist())
 
     def configuration_of(self, numbers: tuple[float, ...]) -> Floats:

@@ -74,7 +74,7 @@ def test_engines_agree_with_each_other(seed, dim):
     for engine in ENGINES.values():
         marks = collide(engine, occupied, rasters, outside, np.uint8, add=True, workers=1)
         parts = [np.empty_like(each[corner]) for each in expected]
-        engine.collide(occupied, rasters, parts, outside=outside, workers=2)
+        engine.write_overlaps(occupied, rasters, parts, outside=outside, workers=2)
         for each, hit, mark, part in zip(expected, hits, marks, parts, strict=True):
             assert (hit == each).all() and (mark == 7 + each.astype(int)).all()
             assert (part == each[corner]).all()

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 import cspace
 from cspace import Workspace
-from cspace._exact.boundaries import clip, obstacle_boundary
+from cspace._exact.boundaries import clip_to_grid, obstacle_boundary
 from cspace._shapes import RoundedSimplices
 from tests.helpers.strategies import seeds, stars
 
@@ -30,13 +30,13 @@ def test_clip_keeps_the_part_in_the_box(seed):
     grid = cspace.Grid((0.0, 0.0, 0.0), 0.5, (2, 2, 2))
     triangles = rng.uniform(-1, 2, (5, 3, 3))
     triangles[0, :, 0] = 1.0  # on a face of the box
-    parts = clip(to_pieces(triangles), grid).simplices
+    parts = clip_to_grid(to_pieces(triangles), grid).simplices
     assert (parts >= 0.0).all() and (parts <= 1.0).all()
     weights = rng.dirichlet(np.ones(3), 20_000)
     for triangle in triangles:
         inside = (np.abs(weights @ triangle - 0.5) <= 0.5 + 1e-9).all(axis=1).mean()
         whole = compute_areas(triangle[None])[0]
-        part = clip(to_pieces(triangle[None]), grid).simplices
+        part = clip_to_grid(to_pieces(triangle[None]), grid).simplices
         assert compute_areas(part).sum() == pytest.approx(inside * whole, abs=0.03 * whole)
 
 
@@ -78,4 +78,4 @@ def test_clip_keeps_balls_that_reach_the_grid():
         np.array([[[1.5, 0.5]], [[1.5, 1.5]], [[0.5, 0.5]], [[5.0, 0.5]]]),
         np.array([0.5, 0.6, 0.0, 1.0]),
     )
-    np.testing.assert_array_equal(clip(balls, grid).radii, [0.5, 0.0])
+    np.testing.assert_array_equal(clip_to_grid(balls, grid).radii, [0.5, 0.0])

@@ -62,7 +62,7 @@ def collide(engine, occupied, rasters, outside, dtype=np.bool_, **options):
         [np.full(occupied.shape, 7 if options.get("add") else 0, dtype) for _ in rasters],
     )
     occupied.setflags(write=False)  # like the cells of a workspace
-    engine.collide(occupied, rasters, out, outside=outside, **options)
+    engine.write_overlaps(occupied, rasters, out, outside=outside, **options)
     return out
 
 

@@ -18,7 +18,7 @@ def draw_near_mixed(space, rng, n, share=0.5, around=0.5):
     q = rng.uniform(
         np.subtract(space.grid.lower, around), np.add(space.grid.upper, around), (n, dim)
     )
-    cells = np.argwhere(space._seen == MIXED)
+    cells = np.argwhere(space._states == MIXED)
     if len(cells):
         chosen = cells[rng.integers(len(cells), size=int(share * n)), -dim:]
         q[: len(chosen)] = space.grid.lower + space.grid.spacing * (

@@ -118,7 +118,7 @@ def worlds(draw, kinds=MAP_KINDS):
 
 def check(space, fresh, world):
     """Compare the answers of a map with a fresh build."""
-    np.testing.assert_array_equal(space._seen, fresh._seen)
+    np.testing.assert_array_equal(space._states, fresh._states)
     assert space.count() == fresh.count()
     np.testing.assert_array_equal(space.workspace.outer, fresh.workspace.outer)
     np.testing.assert_array_equal(space.workspace.inner, fresh.workspace.inner)
@@ -142,7 +142,7 @@ def check(space, fresh, world):
     )
     one = tuple(q[0].tolist())  # looked up without arrays
     assert space.clearance(one) == fresh.clearance(one)
-    if (fresh._seen == FREE).any():
+    if (fresh._states == FREE).any():
         draws = [one.sample_free(9, np.random.default_rng(1)) for one in (space, fresh)]
         np.testing.assert_array_equal(*draws)
         np.testing.assert_array_equal(space.nearest_free(q[0]), fresh.nearest_free(q[0]))

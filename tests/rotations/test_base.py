@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from cspace import InputError
 from cspace._rotations import Rotations
-from cspace._rotations.base import wrapped
+from cspace._rotations.base import wrap_angles
 from tests.helpers.refusals import refusals
 
 NONE = Rotations.of(None)
@@ -123,7 +123,7 @@ def test_wrapped_yaws_are_unchanged_and_others_are_wrapped():
     angles = np.concatenate(
         [np.linspace(-20.0, 20.0, 997), [-math.pi, math.pi, np.nextafter(math.pi, 0.0)]]
     )
-    yaws = wrapped(angles)
+    yaws = wrap_angles(angles)
     assert ((yaws >= -math.pi) & (yaws < math.pi)).all()
     inside = (angles >= -math.pi) & (angles < math.pi)
     assert np.array_equal(yaws[inside], angles[inside])

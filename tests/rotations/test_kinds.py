@@ -39,7 +39,7 @@ class PitchRotations(YawRotations):
     def _from_matrix(self, matrix):
         return np.arctan2(matrix[0, 2:], matrix[0, :1])
 
-    def _preserve(self, shape):
+    def _preserves(self, shape):
         return shape.is_round
 
     def _assign_slices(self, shape):

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 import cspace
 from cspace import InputError, Robot, Workspace
 from cspace._rotations import Rotations
-from cspace._rotations.base import ANGLE_SLACK, MAX_ANGLE, TWO_PI, wrapped
+from cspace._rotations.base import ANGLE_SLACK, MAX_ANGLE, TWO_PI, wrap_angles
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import rotation_cells, seeds
 
@@ -19,7 +19,7 @@ from tests.helpers.strategies import rotation_cells, seeds
 def test_a_count_cuts_the_circle_evenly_around_zero(count):
     cells = Rotations.of(count)
     assert len(cells) == count == len(cells.centers[:, 0])
-    assert wrapped(cells.centers[:, 0] - TWO_PI / count * np.arange(count)) == pytest.approx(
+    assert wrap_angles(cells.centers[:, 0] - TWO_PI / count * np.arange(count)) == pytest.approx(
         np.zeros(count), abs=1e-12
     )
     assert (cells.centers[:, 0] >= -math.pi).all() and (cells.centers[:, 0] < math.pi).all()

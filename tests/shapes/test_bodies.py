@@ -77,7 +77,9 @@ def test_bodies_agree_with_their_winding_numbers(seed, count):
     numbers = np.zeros(len(points), dtype=int)
     for body in bodies:
         assert body.closed
-        turned = np.where(body.turns[:, None] == 1, faces[body.faces], faces[body.faces][:, ::-1])
+        turned = np.where(
+            body.multiplicities[:, None] == 1, faces[body.faces], faces[body.faces][:, ::-1]
+        )
         numbers += winding_numbers(points, vertices[turned])
     assert (Mesh.of((vertices, faces)).contains(points) == (numbers != 0)).all()
 
