@@ -14,12 +14,18 @@ from cspace.errors import UnitWarning
 _COMMENT_BYTES: Final = 4096
 """Number of bytes at the start of a file in which a comment may name a unit."""
 
+_STL_COMMENT_BYTES: Final = 80
+"""Number of bytes of the comment of a binary STL file."""
+
+_END_OF_HEADER: Final = re.compile(rb"\n(?:end_header|data)\b")
+"""Last line, in lower case, of the headers of PLY and PCD files; binary data may follow."""
+
 _UNIT_NOTE: Final = re.compile(
     rb"^(?:#|//|comment|obj_info)[^\n]*?"
-    rb"\b(millimet\w+|centimet\w+|inch(?:es)?|feet|mm|cm|units?\W{1,4}(?:in|ft))\b",
+    rb"\b(millimet\w+|centimet\w+|inch(?:es)?|feet|(?<!\d)(?<!\d )[cm]m|units?\W{1,4}(?:in|ft))\b",
     re.MULTILINE,
 )
-"""A comment, in lower case, with a unit other than the metre."""
+"""A comment, in lower case, with a unit other than the metre; a length such as 2 mm is none."""
 
 
 def warn_of_unit(path: StrPath) -> None:
@@ -30,8 +36,10 @@ def warn_of_unit(path: StrPath) -> None:
         return
     with file.open("rb") as stream:
         text = stream.read(_COMMENT_BYTES).lower()
-    # The first line of an STL file is a comment.
-    note = _UNIT_NOTE.search(b"#" + text if suffix == ".stl" else text)
+    if suffix == ".stl":
+        # The file begins with a comment, behind which binary data may follow.
+        text = b"#" + text[:_STL_COMMENT_BYTES]
+    note = _UNIT_NOTE.search(_END_OF_HEADER.split(text)[0])
     if note is not None:
         warn_of_units(os.fspath(path), note[1].decode("latin-1"))
 

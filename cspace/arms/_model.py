@@ -897,12 +897,14 @@ def _read_joint(joint: Any, file: str) -> Joint:
     # Continuous joints have no limits.
     lower = -math.inf
     upper = math.inf
-    limit = joint.limit
-    if joint.type == "continuous" and limit is not None and limit.lower != limit.upper:
-        warn_user(
-            f"{where}: a continuous joint has no limits, so {limit.lower} and {limit.upper} do not "
-            "count, by the format; make the joint revolute if it has them"
-        )
+    if joint.type == "continuous" and joint.limit is not None:
+        written = joint.limit.lower or 0.0, joint.limit.upper or 0.0
+        # Often both are zero, or far enough apart for every angle.
+        if 0.0 < written[1] - written[0] < math.tau - LIMIT_SLACK:
+            warn_user(
+                f"{where}: a continuous joint has no limits, so {written[0]} and {written[1]} do "
+                "not count, by the format; make the joint revolute if it has them"
+            )
     if joint.type in ("revolute", "prismatic"):
         lower, upper = _read_limits(joint, where)
     # A joint that mimics no other is its own leader.

@@ -121,7 +121,12 @@ def test_many_turns_prove_nothing_below_their_rounding(tmp_path):
     """Test 10^9 turns, whose rounding is 1e-7 rad."""
     bar = link("arm", ((1.0, 0.02, 0.02), (0.5, 0, 0)))
     arm = Arm.from_urdf(
-        write_urdf(tmp_path, link("base"), bar, joint("turn", "base", "arm", kind="continuous"))
+        write_urdf(
+            tmp_path,
+            link("base"),
+            bar,
+            joint("turn", "base", "arm", kind="continuous", limits=None),
+        )
     )
     space = build_arm_space({"wall": posed_box((0.4, 0.1, 1.0), 0.5, 0.01 + 1e-8 + 0.05)}, arm)
     assert space.is_free((0.0,))

@@ -1,5 +1,6 @@
 """Scenes in glTF and COLLADA."""
 
+import warnings
 from contextlib import nullcontext
 
 import numpy as np
@@ -266,7 +267,12 @@ def test_a_z_up_file_is_read_without_a_warning(tmp_path):
 NOTES = {
     "obj": [("# File units = millimeters\n", True), ("# units: mm\n", True), ("o inches\n", False)],
     "ply": [("comment exported in inches\n", True), ("comment unit: metre\n", False)],
-    "stl": [("units=mm", True), ("part (mm)", True), ("made in min", False)],
+    "stl": [
+        ("units=mm", True),
+        ("part (mm)", True),
+        ("made in min", False),
+        ("within 2 mm", False),
+    ],
 }
 
 
@@ -285,6 +291,16 @@ def test_a_comment_that_names_another_unit_is_warned_of(tmp_path, form, note, wa
     scaled.write_text(f'<robot name="r"><link name="l">{mesh}</link></robot>')
     assert measure(Robot.from_urdf(scaled).shape) == [0.004] * 3  # the scale answers the question
     with pytest.warns(UnitWarning, match="taken as metres") if warns else nullcontext():
+        assert measure(Mesh.of(path)) == [4.0] * 3
+
+
+def test_bytes_of_triangles_that_read_as_a_unit_are_no_comment(tmp_path):
+    data = bytearray(BOX_MESH.export(file_type="stl"))
+    data[132:134] = b"mm"  # the attribute of the first triangle
+    path = tmp_path / "box.stl"
+    path.write_bytes(data)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
         assert measure(Mesh.of(path)) == [4.0] * 3
 
 
