@@ -620,11 +620,6 @@ class Arm:
         InputError
             If both or neither of ``number`` and ``tolerance`` are passed, an argument is not
             usable, an attached object consists of balls, or balls cannot meet the tolerance.
-
-        Examples
-        --------
-        >>> spheres = arm.spheres(number=8)  # doctest: +SKIP
-        >>> spheres.save("spheres.yaml")  # doctest: +SKIP
         """
         from cspace.arms._sphere_models import find_spheres
 
