@@ -426,7 +426,9 @@ def _engines(report: Report, rng: np.random.Generator) -> None:
                 rasters = [Raster.from_bitmap(cells, (-(size // 2),) * len(shape))]
                 out = [np.empty(shape, dtype=bool)]
                 calls = {
-                    method: partial(engine.write_overlaps, occupied, rasters, out, outside=True, workers=1)
+                    method: partial(
+                        engine.write_overlaps, occupied, rasters, out, outside=True, workers=1
+                    )
                     for method, engine in ENGINES.items()
                 }
                 _cpu_times(report, f"{name} of {size} cells", calls)
