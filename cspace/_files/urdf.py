@@ -63,7 +63,7 @@ FIELDS: Final = (
             "`disable_collisions`, `enable_collisions`, `disable_default_collisions`; `group`, "
             "`group_state`, `end_effector`"
         ),
-        warned="names that the URDF lacks",
+        warned="names that the URDF lacks; joints that move though they are `passive_joint`",
     ),
 )
 
@@ -572,12 +572,15 @@ class Srdf(NamedTuple):
         Values of the revolute and prismatic joints, by ``GROUP/STATE``, or by ``STATE`` without a
         group. States without known joints are omitted.
     end_effectors : dict of str to EndEffector
+    passive_joints : set of str
+        Joints without a motor.
     """
 
     allowed: dict[tuple[str, str], str]
     groups: dict[str, set[str]]
     states: dict[str, dict[str, float]]
     end_effectors: dict[str, EndEffector]
+    passive_joints: set[str]
 
 
 def read_srdf(path: str | os.PathLike[str], urdf: URDF) -> Srdf:
@@ -597,6 +600,7 @@ def read_srdf(path: str | os.PathLike[str], urdf: URDF) -> Srdf:
             reader.read_groups(),
             reader.read_states(),
             reader.read_end_effectors(),
+            {_get_attribute(element, "name") for element in root.findall("passive_joint")},
         )
     # The reader has collected the names that it skipped.
     skipped = []

@@ -46,8 +46,8 @@ _MIN_SIZES_FROM_ORIGIN: Final = 50.0
 FIELDS: Final = (
     Fields(
         "`.geojson`, `.json`, `__geo_interface__`",
-        honoured="type; `crs` of a UTM zone, or null",
-        refused="`crs` in degrees, or web Mercator; altitudes",
+        honoured="type; `crs` or `coordRefSys` of a UTM zone, or null",
+        refused="`crs` or `coordRefSys` in degrees, or web Mercator; altitudes; `place`",
         warned="other `crs`; no `crs` and coordinates like degrees",
     ),
     Fields(
@@ -188,7 +188,7 @@ def _read_geojson(document: Mapping[str, Any], name: str) -> Iterator[tuple[str,
 
     named_shapes = list(_parse_geojson(document, name))
     yield from named_shapes
-    if "crs" in document or not named_shapes:
+    if not named_shapes or not document.keys().isdisjoint(("crs", "coordRefSys")):
         return
     corners = shapely.total_bounds([shape for _, shape in named_shapes]).reshape(2, 2)
     size = np.ptp(corners, axis=0).max()
@@ -212,6 +212,16 @@ def _parse_geojson(document: Any, name: str) -> Iterator[tuple[str, BaseGeometry
         raise GeometryError(name, problem, "an obstacle needs one", hint)
     # Collections and features hold geometries, in which the recursion ends.
     kind = document.get("type")
+    if isinstance(document.get("place"), Mapping):
+        raise GeometryError(
+            name,
+            "has a place, the geometry of JSON-FG in its own coordinates",
+            "only geometry is read",
+            "write it as the geometry, with its coordRefSys",
+        )
+    systems = document.get("coordRefSys") or []
+    for system in systems if isinstance(systems, list) else [systems]:
+        check_crs(system, name)
     crs = document.get("crs")
     if crs is not None:
         properties = crs.get("properties") if isinstance(crs, Mapping) else None

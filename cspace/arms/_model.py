@@ -271,7 +271,7 @@ class Arm:
         base = base or root_link(urdf)
         read_joints = [_read_joint(joint, file) for joint in _sort_joints(urdf.robot.joints, base)]
         joints_below = {joint.name: joint for joint in read_joints}
-        semantics = Srdf({}, {}, {}, {}) if srdf is None else read_srdf(srdf, urdf)
+        semantics = Srdf({}, {}, {}, {}, set()) if srdf is None else read_srdf(srdf, urdf)
         chosen = None if joints is None else _choose_joints(joints, semantics.groups, joints_below)
         builder = _ArmBuilder(file, urdf, joints_below, base, tip, chosen)
         builder.hold_joints({} if held_joints is None else held_joints)
@@ -279,6 +279,12 @@ class Arm:
         # Only an SRDF says which links may touch; without one, the geometry does.
         if srdf is None:
             arm = replace(arm, allowed_collisions=builder.find_allowed_pairs(arm))
+        passive = [joint for joint in arm.joints if joint in semantics.passive_joints]
+        if passive:
+            warn_user(
+                f"{srdf}: says that {', '.join(passive)} have no motor, and plans move them; name "
+                "the other joints by joints="
+            )
         return arm
 
     @property
@@ -892,14 +898,20 @@ def _read_joint(joint: Any, file: str) -> Joint:
     # Continuous joints have no limits.
     lower = -math.inf
     upper = math.inf
-    if joint.type == "continuous" and joint.limit is not None:
-        written = joint.limit.lower or 0.0, joint.limit.upper or 0.0
-        # Often both are zero, or far enough apart for every angle.
-        if 0.0 < written[1] - written[0] < math.tau - LIMIT_SLACK:
-            warn_user(
-                f"{where}: a continuous joint has no limits, so {written[0]} and {written[1]} do "
-                "not count, by the format; make the joint revolute if it has them"
-            )
+    if joint.type == "continuous":
+        limit = joint.limit
+        soft = joint.safety_controller
+        ranges = [
+            *([] if limit is None else [(limit.lower, limit.upper)]),
+            *([] if soft is None else [(soft.soft_lower_limit, soft.soft_upper_limit)]),
+        ]
+        for written in ranges:
+            # Often both are zero, or far enough apart for every angle.
+            if 0.0 < (written[1] or 0.0) - (written[0] or 0.0) < math.tau - LIMIT_SLACK:
+                warn_user(
+                    f"{where}: a continuous joint has no limits, so {written[0]} and {written[1]} "
+                    "do not count, by the format; make the joint revolute if it has them"
+                )
     if joint.type in ("revolute", "prismatic"):
         lower, upper = _read_limits(joint, where)
     # A joint that mimics no other is its own leader.

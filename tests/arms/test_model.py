@@ -1,6 +1,7 @@
 """Arms from URDF and SRDF files, against yourdfpy."""
 
 import sys
+import warnings
 
 import numpy as np
 import pytest
@@ -265,6 +266,16 @@ def test_srdf_names_are_read_and_missing_ones_skipped_with_one_warning(tmp_path)
         "hand/home": [0.0, 0.5, 0.01],
         "hand/open": [0.0, 0.5, 0.04],
     }
+
+
+def test_joints_without_motors_warn_and_the_hint_is_followed(tmp_path):
+    path, _ = write_arm_with_states(tmp_path)
+    srdf = write_srdf(tmp_path, '<passive_joint name="two"/><passive_joint name="four"/>')
+    with pytest.warns(UserWarning, match="two have no motor.* name the other joints by joints="):
+        Arm.from_urdf(path, srdf)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert Arm.from_urdf(path, srdf, joints=["one", "three"]).dof == 2
 
 
 @IGNORE_NAMES

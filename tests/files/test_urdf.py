@@ -363,3 +363,6 @@ def test_limits_of_a_continuous_joint_warn_and_the_hint_is_followed(tmp_path):
         arm = Arm.from_urdf(write_urdf(tmp_path, body.replace("continuous", "revolute")))
         Arm.from_urdf(write_urdf(tmp_path))
     assert (arm.lower[0], arm.upper[0]) == (-1.0, 2.0)
+    soft = '<axis xyz="0 1 0"/><safety_controller soft_lower_limit="-1" soft_upper_limit="1" k_velocity="1"/>'
+    with pytest.warns(UserWarning, match="-1.0 and 1.0 do not count"):
+        Arm.from_urdf(write_urdf(tmp_path, BASE.replace('<axis xyz="0 1 0"/>', soft)))

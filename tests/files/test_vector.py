@@ -199,6 +199,31 @@ def test_reference_systems_that_are_not_metres_are_refused(tmp_path, crs):
             Workspace.from_polygons(source, 0.5)
 
 
+@pytest.mark.parametrize(
+    "systems",
+    [
+        "http://www.opengis.net/def/crs/EPSG/0/4326",
+        "[EPSG:4326]",
+        {"type": "Reference", "href": "http://www.opengis.net/def/crs/OGC/0/CRS84"},
+        [
+            "http://www.opengis.net/def/crs/EPSG/0/4258",
+            "http://www.opengis.net/def/crs/EPSG/0/5703",
+        ],
+    ],
+    ids=str,
+)
+def test_reference_systems_of_json_fg_are_heard(systems):
+    with pytest.raises(GeometryError, match="not metres on the ground"):
+        read_shapes(town(coordRefSys=systems))
+    metres = {"coordRefSys": "http://www.opengis.net/def/crs/EPSG/0/25832"}
+    assert read_shapes(mapping(L_SHAPE) | metres) == [L_SHAPE]
+    place = {"type": "Feature", "geometry": None, "place": mapping(L_SHAPE), **metres}
+    with pytest.raises(GeometryError, match="write it as the geometry, with its coordRefSys"):
+        read_shapes(place)
+    moved = {"type": "Feature", "geometry": place["place"], "properties": {}, **metres}
+    assert read_shapes(moved) == [L_SHAPE]
+
+
 @pytest.mark.parametrize("crs", ["urn:ogc:def:crs:EPSG::32632", "EPSG:25832", "EPSG:32719"])
 def test_what_the_hint_projects_to_is_read_without_a_warning(crs):
     plan = {"type": "Polygon", "coordinates": mapping(L_SHAPE)["coordinates"]}
