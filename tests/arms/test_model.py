@@ -271,7 +271,9 @@ def test_srdf_names_are_read_and_missing_ones_skipped_with_one_warning(tmp_path)
 def test_joints_without_motors_warn_and_the_hint_is_followed(tmp_path):
     path, _ = write_arm_with_states(tmp_path)
     srdf = write_srdf(tmp_path, '<passive_joint name="two"/><passive_joint name="four"/>')
-    with pytest.warns(UserWarning, match="two have no motor.* name the other joints by joints="):
+    with pytest.warns(
+        UserWarning, match="have no motor, and plans move them; name the other joints by joints="
+    ):
         Arm.from_urdf(path, srdf)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
