@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 
 from cspace._cli.options import (
     AS_JSON,
+    DROP_MISSING,
     PACKAGE_DIRS,
     SOLID,
     SRDF,
@@ -32,7 +33,7 @@ FileKind = Literal["map", "workspace", "robot", "arm"]
 
 _OPTIONS_BY_KIND: Final[dict[FileKind, tuple[str, ...]]] = {
     "map": (),
-    "workspace": ("spacing", "solid"),
+    "workspace": ("spacing", "solid", "drop_missing"),
     "robot": ("spacing", "solid", "package_dirs", "visuals"),
     "arm": ("solid", "srdf", "package_dirs", "visuals"),
 }
@@ -49,6 +50,7 @@ def info(
     package_dirs: list[Path] | None = PACKAGE_DIRS,
     visuals: bool = VISUALS,
     srdf: Path | None = SRDF,
+    drop_missing: bool = DROP_MISSING,
     as_json: bool = AS_JSON,
 ) -> None:
     """Show what a map, a workspace, a robot or an arm holds.
@@ -60,7 +62,7 @@ def info(
 
     kind = kind or _guess_kind(file)
     for_shapes = drop_unset(solid=solid, package_dirs=package_dirs, visuals=visuals, srdf=srdf)
-    options = {**for_shapes, **drop_unset(spacing=spacing)}
+    options = {**for_shapes, **drop_unset(spacing=spacing, drop_missing=drop_missing)}
     refuse_options(options, _OPTIONS_BY_KIND[kind], f"{file} is read as {kind}")
     if spacing is not None:
         check_positive(spacing, "spacing")
@@ -205,7 +207,9 @@ def describe_workspace(path: Path, options: dict[str, Any]) -> dict[str, Any]:
     return document
 
 
-def _measure_shapes(kind: str, path: Path, solid: Solid = "auto") -> tuple[Any, dict[str, Any]]:
+def _measure_shapes(
+    kind: str, path: Path, solid: Solid = "auto", drop_missing: bool = False
+) -> tuple[Any, dict[str, Any]]:
     """Return the bounding box of the shapes in a file, and facts about them.
 
     ``kind`` is the constructor of a workspace that reads it.
@@ -221,7 +225,7 @@ def _measure_shapes(kind: str, path: Path, solid: Solid = "auto") -> tuple[Any, 
         mesh = Mesh.of(path, solid)
         return np.array(mesh.bounds), mesh.facts
     if kind == "from_points":
-        points = read_points(path)
+        points = read_points(path, drop_missing)
         return np.array([points.min(axis=0), points.max(axis=0)]), {"points": len(points)}
     shapes = read_shapes(path)
     count = int(shapely.get_num_coordinates(shapes).sum())

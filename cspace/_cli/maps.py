@@ -17,6 +17,7 @@ from cspace._cli.files import (
 from cspace._cli.info import describe_map
 from cspace._cli.options import (
     AS_JSON,
+    DROP_MISSING,
     MAP_FILE,
     MARK,
     OVERWRITE,
@@ -29,7 +30,6 @@ from cspace._cli.options import (
     Up,
     argument,
     drop_unset,
-    flag,
     open_robot,
     option,
     parse_box,
@@ -88,7 +88,7 @@ def make(
     visuals: bool = VISUALS,
     package_dirs: list[Path] | None = PACKAGE_DIRS,
     radius: float | None = option("METRES", "Of the ball around each point of a point cloud."),
-    drop_missing: bool = flag("--drop-missing", "Leave out points of a cloud that are not finite."),
+    drop_missing: bool = DROP_MISSING,
     offset: str | None = option(
         "X,Y[,Z]",
         "Metres to add to the coordinates of polygons, meshes and points, before the bounds apply, "

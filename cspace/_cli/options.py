@@ -69,6 +69,7 @@ SRDF: Final = option("FILE", "For an arm: which links may touch, and its groups.
 VISUALS: Final = flag(
     "--visuals", "Also take what a URDF only draws, of links with <visual> alone."
 )
+DROP_MISSING: Final = flag("--drop-missing", "Leave out points of a cloud that are not finite.")
 """Declarations that commands share."""
 
 

@@ -24,7 +24,7 @@ from cspace.plot import animate
 from cspace.plot._artists import PATH_COLOR
 from cspace.view._scene import hex_to_rgb
 from tests.helpers import urdfs
-from tests.helpers.commands import document, run
+from tests.helpers.commands import document, flatten, run
 from tests.helpers.repository import ROOT
 
 ENDPOINTS = {
@@ -240,6 +240,13 @@ SRDF = """<robot name="small">
   </group_state>
   <disable_collisions link1="foot" link2="upper" reason="Adjacent"/>
 </robot>"""
+
+
+def test_info_names_its_option_for_missing_points(tmp_path):
+    path = tmp_path / "cloud.xyz"
+    path.write_text("0 0 0\n1 nan 2\n3 4 5\n")
+    assert "pass --drop-missing to leave them out" in flatten(run("info", path).output)
+    assert document("info --drop-missing", path)["points"] == 2
 
 
 def test_info_describes_arms(arm_file, tmp_path):
