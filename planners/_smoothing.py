@@ -55,7 +55,7 @@ VIA_ROUNDS: Final = 5
 MAX_TRIES: Final = 2
 """Number of times that an unproven curve is smoothed less before it is split."""
 
-LESS: Final = 0.3
+LESS: Final = 0.2
 """Factor of the smoothing length near an unproven part."""
 
 REACH: Final = 2.0
