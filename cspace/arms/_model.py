@@ -899,19 +899,7 @@ def _read_joint(joint: Any, file: str) -> Joint:
     lower = -math.inf
     upper = math.inf
     if joint.type == "continuous":
-        limit = joint.limit
-        soft = joint.safety_controller
-        ranges = [
-            *([] if limit is None else [(limit.lower, limit.upper)]),
-            *([] if soft is None else [(soft.soft_lower_limit, soft.soft_upper_limit)]),
-        ]
-        for written in ranges:
-            # Often both are zero, or far enough apart for every angle.
-            if 0.0 < (written[1] or 0.0) - (written[0] or 0.0) < math.tau - LIMIT_SLACK:
-                warn_user(
-                    f"{where}: a continuous joint has no limits, so {written[0]} and {written[1]} "
-                    "do not count, by the format; make the joint revolute if it has them"
-                )
+        _warn_of_unused_limits(joint, where)
     if joint.type in ("revolute", "prismatic"):
         lower, upper = _read_limits(joint, where)
     # A joint that mimics no other is its own leader.
@@ -936,6 +924,23 @@ def _read_joint(joint: Any, file: str) -> Joint:
         offset=offset,
         max_velocity=velocity if velocity > 0.0 else math.inf,
     )
+
+
+def _warn_of_unused_limits(joint: Any, where: str) -> None:
+    """Warn if a continuous joint has limits, which do not count by the format."""
+    limit = joint.limit
+    soft = joint.safety_controller
+    ranges = [
+        *([] if limit is None else [(limit.lower, limit.upper)]),
+        *([] if soft is None else [(soft.soft_lower_limit, soft.soft_upper_limit)]),
+    ]
+    for lower, upper in ranges:
+        # Often both are zero, or far enough apart for every angle.
+        if 0.0 < (upper or 0.0) - (lower or 0.0) < math.tau - LIMIT_SLACK:
+            warn_user(
+                f"{where}: a continuous joint has no limits, so {lower} and {upper} do not count, "
+                "by the format; make the joint revolute if it has them"
+            )
 
 
 def _read_limits(joint: Any, where: str) -> tuple[float, float]:
