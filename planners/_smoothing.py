@@ -224,9 +224,13 @@ class CurveSection:
 
     def smooth_less(self, proven: Bools, reach: float) -> None:
         """Reduce the smoothing lengths within ``reach`` seconds of unproven spans."""
-        spans = np.arange(len(proven))
-        distances = np.arange(len(self.smoothing))[:, np.newaxis] - spans[~proven] - 0.5
-        is_near = np.abs(distances).min(axis=1) <= reach / self.step + 0.5
+        # Point p lies between spans p - 1 and p; count the unproven spans around it.
+        reached_spans = reach / self.step + 0.5
+        before = np.arange(len(self.smoothing)) - 0.5
+        first = np.ceil(before - reached_spans).clip(0, len(proven)).astype(np.int64)
+        last = np.floor(before + reached_spans).clip(-1, len(proven) - 1).astype(np.int64)
+        counts = np.append(0, np.cumsum(~proven))
+        is_near = counts[last + 1] > counts[first]
         self.smoothing = np.where(is_near, LESS * self.smoothing, self.smoothing)
         self.tries += 1
 
@@ -235,7 +239,8 @@ class CurveSection:
         middles = np.flatnonzero(~proven) + 0.5
         corners = np.arange(self.first + 1, self.last)
         times = polyline.times[self.first] + self.step * middles
-        nearest = np.abs(polyline.times[corners] - times[:, np.newaxis]).argmin(axis=1)
+        corner_times = polyline.times[corners]
+        nearest = np.searchsorted(0.5 * (corner_times[1:] + corner_times[:-1]), times)
         stops = np.unique([self.first, *corners[nearest].tolist(), self.last]).tolist()
         return _make_sections(polyline, stops)
 
