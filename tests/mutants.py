@@ -397,8 +397,8 @@ MUTANTS = (
     ),
     Mutant(
         "cspace/_queries/taut.py",
-        "gates[0, 0] = limit(gates[0, 0], start)",
-        "gates[0, 0] = limit(gates[0, 0], goal)",
+        "gates[0, 0] = farther(gates[0, 0], start)",
+        "gates[0, 0] += 0.0",
         "tests/queries/test_taut.py",
     ),
     Mutant(

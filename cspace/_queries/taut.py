@@ -37,7 +37,7 @@ def pull_taut(states: States, path: Floats) -> Floats:
     window = states[first[0] : last[0] + 1, first[1] : last[1] + 1]
     start, goal = (path[[0, -1]] - first).tolist()
     gates = list_gates(window, *list_crossings(path - first, window.shape))
-    keep_ends_outside(gates, start[0], goal[0])
+    begin_before_gates(gates, start[0])
     taut: Floats = first + np.array(pass_gates(tuple(start), tuple(goal), gates.tolist()))
     return taut
 
@@ -86,17 +86,14 @@ def list_gates(states: States, columns: Ints, rows: Ints) -> Floats:
     return np.array(gates).transpose(2, 0, 1).reshape(-1, 3)
 
 
-def keep_ends_outside(gates: Floats, start: float, goal: float) -> None:
-    """Move the outer gates if the path begins or ends between a gate and its border.
+def begin_before_gates(gates: Floats, start: float) -> None:
+    """Move the first gate to the start if the start lies between the gate and its border.
 
-    ``start`` and ``goal`` are along x; ``gates``, shape (m, 3), come in pairs around a border.
+    ``start`` is along x; ``gates``, shape (m, 3), come in pairs around a border.
     """
-    if not len(gates):
-        return
-    limit = np.maximum if gates[1, 0] > gates[0, 0] else np.minimum
-    gates[0, 0] = limit(gates[0, 0], start)
-    limit = np.minimum if gates[-1, 0] > gates[-2, 0] else np.maximum
-    gates[-1, 0] = limit(gates[-1, 0], goal)
+    if len(gates):
+        farther = np.maximum if gates[1, 0] > gates[0, 0] else np.minimum
+        gates[0, 0] = farther(gates[0, 0], start)
 
 
 def skip_returns(before: Sequence[int], after: Sequence[int]) -> list[int]:

@@ -25,15 +25,8 @@ TWO_PI: Final = 2.0 * math.pi
 MAX_ANGLE: Final = 2.0**20
 """Largest angle of a configuration, in radians, that is wrapped."""
 
-MAX_JOINT_ANGLE: Final = 256.0
-"""Largest angle of a continuous joint, in radians, that is wrapped.
-
-The rounding of larger angles could exceed a cell's slack.
-"""
-
 ANGLE_SLACK: Final = 1e-9
 """Rounding allowance in radians, by which rotation cells are widened on both sides."""
-
 
 MAX_EXPECTED_ANGLE: Final = TWO_PI * (1.0 + 1e-9)
 """Largest angle, in radians, that is not suspected to be in degrees."""
