@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from cspace._grid import Grid
 from cspace._interface import (
+    INSTANTS_PER_TUBE,
     ConfigurationSpace,
     Endpoint,
     format_configuration,
@@ -29,6 +30,7 @@ from cspace.errors import ConfigurationError, InputError
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from cspace._queries.chunks import Chunk
     from cspace._record.contents import Contents
     from cspace.plot._picture import PlotOptions
 
@@ -307,6 +309,59 @@ class ConfigurationMap(ConfigurationSpace):
         free: bool | Bools = evaluate(q, self.size, write, np.bool_, self._angles)
         return free
 
+    def certify_twists(
+        self,
+        q: ArrayLike,
+        twists: ArrayLike,
+        dt: float,
+        tracking: ArrayLike = 0.0,
+        *,
+        max_velocity: ArrayLike | None = None,
+        turning_radius: float | None = None,
+    ) -> Chunk:
+        """Prove the arcs of a chunk of twists, and all motions near them.
+
+        Each twist drives the robot along an arc. The arcs are proven as such: a tube around chords
+        that is wide enough to contain them, with the tracking error in addition.
+
+        Parameters
+        ----------
+        q : array-like, shape (3,) or (B, 3)
+            Pose of the robot: x, y, yaw.
+        twists : array-like, shape (n, 2) or (B, n, 2)
+            Velocities ahead, m/s, negative in reverse, and yaw rates, rad/s; or a batch of chunks.
+        dt : float
+            Seconds for which each twist is driven.
+        tracking : array-like, shape () or (3,)
+            As for :meth:`certify_chunk`.
+        max_velocity : array-like, shape (2,), optional
+            Largest speed and yaw rate; faster twists are refused.
+        turning_radius : float, optional
+            Smallest turning radius of a car, metres; twists that turn tighter are refused.
+
+        Returns
+        -------
+        Chunk
+            As of :meth:`certify_chunk`; its rows are the poses at the ends of the twists.
+
+        Raises
+        ------
+        InputError
+            If the axes of the map are not x, y, yaw; and as :meth:`certify_chunk`.
+
+        Examples
+        --------
+        >>> import numpy as np, cspace
+        >>> workspace = cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1)
+        >>> space = cspace.build(workspace, cspace.Robot.rectangle(0.3, 0.2), rotations=36)
+        >>> chunk = space.certify_twists((0.5, 1.5, 1.5), [(0.5, 0.2)] * 2 + [(0.5, -4.0)] * 2, 0.5)
+        >>> chunk.proven, chunk.rows[1].round(2).tolist()
+        (2, [0.49, 2.0, 1.7])
+        """
+        from cspace._queries.chunks import certify_twists
+
+        return certify_twists(self, q, twists, dt, tracking, max_velocity, turning_radius)
+
     def free_yaws(self, position: ArrayLike) -> Floats:
         """Return the intervals of yaw at which the robot is proven free at a position.
 
@@ -526,6 +581,25 @@ class ConfigurationMap(ConfigurationSpace):
         bad = self._write_states(rows, states)
         np.equal(states, FREE, out=out)
         return bad
+
+    def _explain_tube(self, points: Floats, radii: Floats) -> tuple[tuple[str, ...], str]:
+        """Name the obstacles near tubes through points, shape (n, size), and say where."""
+        shares = np.linspace(0.0, 1.0, INSTANTS_PER_TUBE)[:, np.newaxis, np.newaxis]
+        instants = self.interpolate(points[:-1], points[1:], shares)
+        rows = np.swapaxes(instants, 0, 1).reshape(-1, self.size)
+        is_free = np.empty(len(rows), dtype=np.bool_)
+        turn = float(radii[self.dim :].sum())
+        self._write_free_around(float(radii[: self.dim].max()), turn, rows, is_free)
+        # If all of them are free, the tube is not somewhere between.
+        q = rows[int(is_free.argmin())]
+        names = self._name_obstacles(q, radii[: self.dim], turn)
+        where = ", ".join(f"{value:.3f}" for value in q.tolist())
+        near = f", near {', '.join(names)}" if names else ""
+        return names, f"the motion is not proven free at ({where}){near}"
+
+    def _name_obstacles(self, q: Floats, distances: Floats, turn: float) -> tuple[str, ...]:
+        """Return the names of what keeps configurations near one from being proven free."""
+        return ()
 
     @property
     @abstractmethod

@@ -6,7 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, NamedTuple, Unpack, cast, overload
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, Unpack, cast, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,11 +14,12 @@ from numpy.typing import ArrayLike
 from cspace._queries.batches import Configuration, evaluate, evaluate_edges, evaluate_rows
 from cspace._rotations import Rotations
 from cspace._rotations.base import METRES_PER_RADIAN, angle_axes, wrap_angles, wrap_steps
-from cspace._support.arrays import FREE, Bools, Floats, States
+from cspace._support.arrays import FREE, Bools, Floats, Ints, States
 from cspace._support.check import check_finite, check_pairs
 from cspace.errors import ConfigurationError, InputError
 
 if TYPE_CHECKING:
+    from cspace._queries.chunks import Chunk, RowCheck
     from cspace.view._viewer import Viewer, ViewOptions
 
 Endpoint = tuple[float, ...]
@@ -26,6 +27,10 @@ Endpoint = tuple[float, ...]
 
 Checker = Callable[..., bool]
 """Test of a configuration or a motion, given by its numbers."""
+
+
+INSTANTS_PER_TUBE: Final = 33
+"""Instants of a motion at which the reason is sought that it is not proven."""
 
 
 class Goal:
@@ -522,6 +527,63 @@ class ConfigurationSpace(Space):
         rows = evaluate_rows(starts.reshape(-1, self.size), ends.reshape(-1, self.size), write)
         return rows.reshape(starts.shape[:-1])
 
+    def certify_chunk(
+        self,
+        q: ArrayLike,
+        rows: ArrayLike,
+        tracking: ArrayLike = 0.0,
+        *,
+        dt: float | None = None,
+        max_velocity: ArrayLike | None = None,
+    ) -> Chunk:
+        """Prove the motions through a chunk of targets, and all motions near them.
+
+        The robot moves straight from where it is to the first row, and from each row to the next,
+        as for :meth:`certify_path`. A controller does not follow that exactly, so each row is
+        proven with the whole tube around the motion that leads to it.
+
+        Parameters
+        ----------
+        q : array-like, shape (size,) or (B, size)
+            Where the robot is, as measured; it may be beyond a limit of a joint.
+        rows : array-like, shape (n, size) or (B, n, size)
+            Next targets, metres and radians; or a batch of chunks. Continuous joints count whole
+            turns. Rows that are not finite are never proven.
+        tracking : array-like, shape () or (k,)
+            Largest error of the controller: one number for all coordinates, metres and radians, or
+            one for each. A quaternion counts as one rotation.
+        dt : float, optional
+            Seconds between rows. Then rows that need a higher speed than ``max_velocity`` are
+            refused.
+        max_velocity : array-like, shape () or (k,), optional
+            Largest speed of each coordinate, m/s and rad/s; by default that of an arm's URDF.
+
+        Returns
+        -------
+        Chunk
+            The number of rows that are proven, the first one that is not with its reason, and the
+            largest tracking error for which all are proven.
+
+        Raises
+        ------
+        InputError
+            If ``q`` is not finite, a shape is wrong, or an option is negative or missing.
+
+        Examples
+        --------
+        >>> import numpy as np, cspace
+        >>> workspace = cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1)
+        >>> space = cspace.build(workspace, cspace.Robot.disc(0.2))
+        >>> chunk = space.certify_chunk((0.5, 1.5), [(0.5, 2.0), (1.0, 2.0)], 0.05)
+        >>> chunk.proven, round(chunk.max_tracking, 2)
+        (2, 0.25)
+        >>> space.certify_chunk((0.5, 1.5), [(0.5, 2.0), (1.0, 2.0)], 0.5).proven
+        0
+        """
+        from cspace._queries.chunks import certify_rows
+
+        return certify_rows(self, q, rows, tracking, dt, max_velocity)
+
     # ---- for planners ----------------------------------------------------------------------------
 
     def point_checker(self, *, exact: bool = False) -> Checker:
@@ -626,3 +688,25 @@ class ConfigurationSpace(Space):
         ``starts`` and ``ends`` have shape (n, size), ``out`` (n,). Returns the index of the first
         unusable motion, or -1.
         """
+
+    @abstractmethod
+    def _count_free_tubes(
+        self, starts: Floats, ends: Floats, radii: Floats, counts: Ints
+    ) -> None:
+        """Lower counts to the number of tubes that are free, from the first on.
+
+        Tubes lead from ``starts``, shape (b, size), to each of ``ends``, shape (b, n, size), in
+        turn. ``radii`` has the error of each coordinate; a quaternion has one. ``counts``, shape
+        (b,), says how many to test.
+        """
+
+    @abstractmethod
+    def _explain_tube(self, points: Floats, radii: Floats) -> tuple[tuple[str, ...], str]:
+        """Return the names of what is near tubes that are not proven, and a text about them.
+
+        The tubes lead through ``points``, shape (n, size); the one at least is not free.
+        """
+
+    def _check_targets(self, before: Floats, targets: Floats) -> list[RowCheck]:
+        """Return checks of targets, shape (b, n, size), and of the steps from those before."""
+        return []

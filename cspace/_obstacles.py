@@ -351,6 +351,16 @@ class ObstacleLayers:
             self.named[name] = obstacle
         return [item.box for item in changed if item is not None and item.outer.size]
 
+    def find_names(self, cells: Ints) -> set[str]:
+        """Return the names of obstacles that touch any of the cells, shape (n, d)."""
+        names = set[str]()
+        for name, obstacle in self.named.items():
+            first, stop = obstacle.box
+            near = cells[((cells >= first) & (cells < stop)).all(axis=1)] - first
+            if obstacle.outer[tuple(near.T)].any():
+                names.add(name)
+        return names
+
     def cells(self, first: Ints, stop: Ints) -> tuple[Bools, Bools, Bools]:
         """Return the outer, inner and unknown cells from ``first`` to before ``stop``."""
         window = tuple(map(slice, first, stop))

@@ -1693,6 +1693,41 @@ class CSpace(ConfigurationMap):
         write = partial(boxes_are_free, self._kernel_map, distance, angle)
         return write_in_threads(write, rows, out)
 
+    def _count_free_tubes(
+        self, starts: Floats, ends: Floats, radii: Floats, counts: Ints
+    ) -> None:
+        """Lower counts to the number of tubes that are free, from the first on.
+
+        Arguments are as for the base class.
+        """
+        from cspace._queries.edges import count_free_tubes
+
+        # In the plane, the map is one layer.
+        *metres, turn = (*radii.tolist(), 0.0)[: self.dim + 1]
+        layers = (0.0,) * (3 - self.dim)
+        count = partial(count_free_tubes, self._kernel_map, (*layers, *metres), turn)
+        min_chunks = max(1, MIN_EDGES_PER_THREAD // ends.shape[1])
+        write_in_threads(count, starts, ends, counts, min_items=min_chunks)
+
+    def _name_obstacles(self, q: Floats, distances: Floats, turn: float) -> tuple[str, ...]:
+        """Return the names of obstacles that reach the nearest cells that are not FREE."""
+        layers = self._layers
+        if layers is None or not layers.named:
+            return ()
+        cell = self.grid.cell_of(q[: self.dim])
+        reach = np.ceil(distances / self.grid.spacing).astype(np.int64) + 1
+        first = np.clip(cell - reach, 0, self.grid.shape)
+        stop = np.clip(cell + reach + 1, 0, self.grid.shape)
+        _, rotation_cells = self.rotations._find_cells_within(q[np.newaxis], np.array([turn]))
+        names = set[str]()
+        for s in np.unique(self._slice_of[rotation_cells]).tolist():
+            taken = np.argwhere(self._states[s][tuple(map(slice, first, stop))] != FREE) + first
+            if len(taken):
+                nearest = taken[np.abs(taken - cell).max(axis=1).argmin()]
+                outer, _ = self._rasters[s]
+                names |= layers.find_names(nearest + outer.lower + np.argwhere(outer.cells))
+        return tuple(sorted(names))
+
     def _write_clearances(self, rows: Floats, out: Floats) -> int:
         """Write the clearances of configurations, metres.
 

@@ -170,8 +170,8 @@ MUTANTS = (
     ),
     Mutant(
         "cspace/_queries/edges.py",
-        "return closed_cells(min(begin, end) - SLACK,",
-        "return closed_cells(min(begin, end) + SLACK,",
+        "return closed_cells(min(begin, end) - reach,",
+        "return closed_cells(min(begin, end) + reach,",
         "tests/laws",
     ),
     Mutant(

@@ -3,10 +3,14 @@
 An edge is cut at the borders of rotation cells. Each piece lies in one slice of the map and is
 walked slab by slab. Positions and rotations are as in :mod:`cspace._queries.points`. Many edges are
 tested on a map of blocks of cells first.
+
+A tube is an edge with all configurations near it: each coordinate of the position may differ by a
+radius of its own, and the rotation by an angle. The walk is that of an edge, with wider cells.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Final
 
@@ -21,21 +25,24 @@ from cspace._queries.points import (
     configuration_in,
     is_usable,
     position_in_cells,
+    quaternion_neighborhood_is_free,
     run_is_free,
     state_at,
 )
 from cspace._record.cells import Map
 from cspace._record.states import read_only
 from cspace._rotations.lookup import (
+    arc_angle_and_error,
     arc_count,
     find_arc,
     find_cell_exit,
     first_widened_cell,
+    rotation_along,
     signed_angle,
     widened_bounds,
     wrap_to_cells,
 )
-from cspace._support.arrays import FREE, MIXED, Bools, Floats, Numbers, Row
+from cspace._support.arrays import FREE, MIXED, Bools, Floats, Ints, Numbers, Row
 from cspace._support.compiling import inlined, internal, kernel
 
 MIN_EXTENT_CELLS: Final = 2.0**-500
@@ -50,6 +57,15 @@ CELLS_PER_EDGE: Final = 1_000
 
 MIN_EDGES_FOR_BLOCKS: Final = 100
 """Edges below which the second call costs more than blocks save."""
+
+MIN_TURN_PER_PIECE: Final = 0.05
+"""Turn of the pieces of a tube of quaternions, radians, unless the rotation may differ by more."""
+
+MAX_PIECES_PER_TUBE: Final = 2.0**16
+"""Number of pieces beyond which a tube of quaternions counts as not free."""
+
+NO_RADII: Final = (0.0, 0.0, 0.0)
+"""Radii of a tube that is an edge, metres."""
 
 
 def coarsen_map(map_: Map) -> Map:
@@ -109,6 +125,30 @@ def edges_are_free(map_: Map, starts: Floats, ends: Floats, out: Bools) -> int:
     return -1
 
 
+@kernel
+def count_free_tubes(
+    map_: Map, radii: Row, turn: float, starts: Floats, ends: Floats, counts: Ints
+) -> int:
+    """Lower the counts to the numbers of tubes that are FREE, from the first on.
+
+    In each of b chunks, tubes lead from a row of ``starts``, shape (b, size), to each of ``ends``,
+    shape (b, n, size), in turn. Only as many as ``counts``, shape (b,), are tested. A tube with an
+    end that is not usable is not FREE. Returns -1; see `tube_is_free` for ``radii`` and ``turn``.
+    """
+    for chunk in range(starts.shape[0]):
+        p0, r0 = configuration_in(map_, starts, chunk)
+        wanted = counts[chunk] if is_usable(p0, r0) else 0
+        counts[chunk] = 0
+        for row in range(wanted):
+            p1, r1 = configuration_in(map_, ends[chunk], row)
+            if not (is_usable(p1, r1) and tube_is_free(map_, p0, r0, p1, r1, radii, turn)):
+                break
+            counts[chunk] = row + 1
+            p0 = p1
+            r0 = r1
+    return -1
+
+
 @inlined
 def edge_is_free(map_: Map, p0: Row, r0: Numbers, p1: Row, r1: Numbers) -> bool:
     """Return True if an edge is FREE.
@@ -117,27 +157,42 @@ def edge_is_free(map_: Map, p0: Row, r0: Numbers, p1: Row, r1: Numbers) -> bool:
     the rotation takes the shortest arc; if two arcs are equally short up to rounding, both must be
     FREE.
     """
+    return tube_is_free(map_, p0, r0, p1, r1, NO_RADII, 0.0)
+
+
+@inlined
+def tube_is_free(
+    map_: Map, p0: Row, r0: Numbers, p1: Row, r1: Numbers, radii: Row, turn: float
+) -> bool:
+    """Return True if an edge is FREE with all configurations near it.
+
+    These differ from those of the edge by at most ``radii`` along each axis, metres, and are
+    rotated by at most ``turn``. In the plane, the first radius is zero.
+    """
     if len(r0) == 4:
-        return quaternion_edge_is_free(map_, p0, r0, p1, r1)
+        if turn > 0.0:
+            return quaternion_tube_is_free(map_, p0, r0, p1, r1, max(radii), turn)
+        return quaternion_edge_is_free(map_, p0, r0, p1, r1, radii)
     # Most edges of a planner that collide do so at their end.
     if state_at(map_, p1, r1) != FREE:
         return False
     borders = map_.rotations.borders
     if borders.shape[0] == 0:
-        return segment_is_free(map_, int(map_.rotations.slice_of[0]), p0, p1)
+        return segment_is_free(map_, int(map_.rotations.slice_of[0]), p0, p1, radii)
     # Cut the edge at the borders of rotation cells, from the lowest yaw on.
     start = wrap_to_cells(borders, r0[0])
     for arc in range(arc_count(r0, r1)):
         angle = signed_angle(r0[0], r1[0], arc)
-        cell = first_widened_cell(borders, min(start, start + angle))
+        cell = first_widened_cell(borders, min(start, start + angle) - turn)
         index, low, high = widened_bounds(borders, cell)
         # This goes on for NaN as well, which the test of the segment refuses.
-        while not low > max(start, start + angle):
-            enter, leave = turn_fractions(start, angle, low, high)
+        while not low > max(start, start + angle) + turn:
+            # Within the turn of the cell, a yaw of the edge may differ so much that it lies there.
+            enter, leave = turn_fractions(start, angle, low - turn, high + turn)
             s = int(map_.rotations.slice_of[index])
             first = position_along(p0, p1, enter)
             last = position_along(p0, p1, leave)
-            if not segment_is_free(map_, s, first, last):
+            if not segment_is_free(map_, s, first, last, radii):
                 return False
             cell += 1
             index, low, high = widened_bounds(borders, cell)
@@ -159,11 +214,13 @@ def turn_fractions(start: float, angle: float, low: float, high: float) -> tuple
 
 
 @internal
-def quaternion_edge_is_free(map_: Map, p0: Row, r0: Numbers, p1: Row, r1: Numbers) -> bool:
-    """Return True if an edge of a robot with quaternions is FREE.
+def quaternion_edge_is_free(
+    map_: Map, p0: Row, r0: Numbers, p1: Row, r1: Numbers, radii: Row
+) -> bool:
+    """Return True if an edge of a robot with quaternions is FREE, with all positions near it.
 
-    It leads from position p0 and quaternion r0 to p1 and r1. All closed cells within SLACK of it
-    must be FREE, along both arcs if they are equally short up to rounding.
+    It leads from position p0 and quaternion r0 to p1 and r1. All closed cells within SLACK and
+    ``radii`` of it must be FREE, along both arcs if they are equally short up to rounding.
     """
     borders = map_.rotations.borders[0]
     for number in range(arc_count(r0, r1)):
@@ -184,9 +241,36 @@ def quaternion_edge_is_free(map_: Map, p0: Row, r0: Numbers, p1: Row, r1: Number
                 first = position_along(p0, p1, enter)
                 last = position_along(p0, p1, leave)
             s = int(map_.rotations.slice_of[cell])
-            if not segment_is_free(map_, s, first, last):
+            if not segment_is_free(map_, s, first, last, radii):
                 return False
             enter = leave
+    return True
+
+
+@internal
+def quaternion_tube_is_free(
+    map_: Map, p0: Row, r0: Numbers, p1: Row, r1: Numbers, radius: float, turn: float
+) -> bool:
+    """Return True if an edge of a robot with quaternions is FREE with all configurations near it.
+
+    They are at most ``radius`` away along each axis, metres, and rotated by at most ``turn``. Each
+    piece of the edge is proven with all configurations near its middle.
+    """
+    length = max(abs(p1[0] - p0[0]), abs(p1[1] - p0[1]), abs(p1[2] - p0[2]))
+    for number in range(arc_count(r0, r1)):
+        angle, error = arc_angle_and_error(r0, r1, number)
+        pieces = max(length / max(radius, 0.5 * map_.spacing), angle / max(turn, MIN_TURN_PER_PIECE))
+        if not pieces < MAX_PIECES_PER_TUBE:  # refuses NaN too
+            return False
+        count = math.ceil(max(pieces, 1.0))
+        reach = radius + 0.5 * length / count
+        swing = turn + 0.5 * angle / count + error
+        for piece in range(count):
+            middle = (piece + 0.5) / count
+            position = position_along(p0, p1, middle)
+            rotation = rotation_along(r0, r1, number, middle)
+            if not quaternion_neighborhood_is_free(map_, position, rotation, reach, swing):
+                return False
     return True
 
 
@@ -211,22 +295,27 @@ def interpolate(first: float, second: float, t: float) -> float:
 
 
 @internal
-def segment_is_free(map_: Map, s: int, first: Row, last: Row) -> bool:
+def segment_is_free(map_: Map, s: int, first: Row, last: Row, radii: Row) -> bool:
     """Return True if a segment touches only FREE cells of a slice.
 
-    It leads from `first` to `last`.
+    It leads from `first` to `last`. Cells within ``radii`` of it along each axis, metres, and SLACK
+    must be FREE as well.
     """
     p = position_in_cells(map_, first)
     q = position_in_cells(map_, last)
+    h = map_.spacing
+    reach = radii[0] / h + SLACK, radii[1] / h + SLACK, radii[2] / h + SLACK
     total = 0.0
     for axis in range(3):
-        total += abs(p[axis]) + abs(q[axis])
+        total += abs(p[axis]) + abs(q[axis]) + reach[axis]
     inside = total <= MAX_POSITION  # False for NaN
     if not inside:
         return False
     for axis in range(3):
-        inside &= min(first[axis], last[axis]) >= map_.lower[axis]
-        inside &= max(first[axis], last[axis]) <= map_.upper[axis]
+        # Rounding counts where a radius is added. A mere segment may lie on the border of the grid.
+        radius = reach[axis] * h if radii[axis] > 0.0 else 0.0
+        inside &= min(first[axis], last[axis]) - radius >= map_.lower[axis]
+        inside &= max(first[axis], last[axis]) + radius <= map_.upper[axis]
     # The closed cells of the grid contain all of a segment inside. Any other segment is proven only
     # if all cells outside both grid and exterior box are FREE.
     if not inside and map_.exterior[s, 2 * map_.dim] != FREE:
@@ -234,46 +323,46 @@ def segment_is_free(map_: Map, s: int, first: Row, last: Row) -> bool:
     low, high = box_to_test(map_, s, inside)
     # Cut the segment into slabs along x, and each slab along y. Each piece touches one run of cells
     # along z.
-    west, east = cells_between(p[0], q[0], 0.0, 1.0)
+    west, east = cells_between(p[0], q[0], 0.0, 1.0, reach[0])
     for i in range(max(low[0], west), min(high[0], east) + 1):
-        start, stop = slab_times(p[0], q[0], i)
+        start, stop = slab_times(p[0], q[0], i, reach[0])
         if start > stop:
             continue
-        left, right = cells_between(p[1], q[1], start, stop)
+        left, right = cells_between(p[1], q[1], start, stop, reach[1])
         for j in range(max(low[1], left), min(high[1], right) + 1):
-            enter, leave = slab_times(p[1], q[1], j)
+            enter, leave = slab_times(p[1], q[1], j, reach[1])
             enter = max(enter, start)
             leave = min(leave, stop)
             if enter > leave:
                 continue
-            bottom, top = cells_between(p[2], q[2], enter, leave)
+            bottom, top = cells_between(p[2], q[2], enter, leave, reach[2])
             if not run_is_free(map_, s, i, j, max(low[2], bottom), min(high[2], top)):
                 return False
     return True
 
 
 @inlined
-def slab_times(p: float, q: float, cell: int) -> tuple[float, float]:
+def slab_times(p: float, q: float, cell: int, reach: float) -> tuple[float, float]:
     """Return the times at which a segment enters and leaves a slab.
 
     The segment is p + t (q - p) for times t in [0, 1]. Coordinates are in cells. The slab is
-    widened by SLACK, which covers rounding, because that grows with the length of the segment. If
-    the segment misses the slab, start > stop.
+    widened by ``reach``, at least SLACK, which covers rounding, because that grows with the length
+    of the segment. If the segment misses the slab, start > stop.
     """
     if abs(q - p) < MIN_EXTENT_CELLS:
         return 0.0, 1.0
     rate = 1.0 / (q - p)
-    enter = (cell - SLACK - p) * rate
-    leave = (cell + 1 + SLACK - p) * rate
+    enter = (cell - reach - p) * rate
+    leave = (cell + 1 + reach - p) * rate
     return max(min(enter, leave), 0.0), min(max(enter, leave), 1.0)
 
 
 @inlined
-def cells_between(p: float, q: float, start: float, stop: float) -> tuple[int, int]:
-    """Return the first and last cell that part of a segment touches.
+def cells_between(p: float, q: float, start: float, stop: float, reach: float) -> tuple[int, int]:
+    """Return the first and last cell within reach of part of a segment.
 
     The part is p + t (q - p) for t from start to stop. Coordinates are in cells.
     """
     begin = p + start * (q - p)
     end = p + stop * (q - p)
-    return closed_cells(min(begin, end) - SLACK, max(begin, end) + SLACK)
+    return closed_cells(min(begin, end) - reach, max(begin, end) + reach)

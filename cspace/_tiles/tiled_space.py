@@ -203,6 +203,20 @@ class TiledCSpace(ConfigurationMap):
         reach = math.ceil(distance / self.grid.spacing) + 1  # cells
         return self._query_parts(query, rows, out, reach)
 
+    def _count_free_tubes(
+        self, starts: Floats, ends: Floats, radii: Floats, counts: Ints
+    ) -> None:
+        # A window around all tubes proves them, because all beyond it counts as MIXED.
+        positions = np.concatenate([starts[:, np.newaxis], ends], axis=1)[..., : self.dim]
+        positions = positions[np.isfinite(positions).all(axis=-1)]
+        reach = radii[: self.dim] + self.grid.spacing
+        lower = np.maximum(positions.min(axis=0) - reach, self.grid.lower)
+        upper = np.minimum(positions.max(axis=0) + reach, self.grid.upper)
+        if (lower >= upper).any():  # all tubes are outside the map
+            counts[:] = 0
+            return
+        self.window(lower, upper)._count_free_tubes(starts, ends, radii, counts)
+
     def _write_clearances(self, rows: Floats, out: Floats) -> int:
         # Cells beyond the halo of a tile count as not FREE, and a clearance may be two cells too
         # small. So a value above the halo less two cells would depend on the tile.

@@ -14,12 +14,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace._interface import (
+    INSTANTS_PER_TUBE,
     ConfigurationSpace,
     Endpoint,
     Goal,
     GoalLike,
     SearchOptions,
 )
+from cspace._queries.chunks import RowCheck
 from cspace._rotations.base import (
     MAX_EXPECTED_ANGLE,
     TWO_PI,
@@ -1140,6 +1142,38 @@ class ArmSpace(ConfigurationSpace):
         self._check_configurations(ends, "q1")
         out[:] = self.snapshot.are_free(starts, ends)
         return -1
+
+    def _count_free_tubes(
+        self, starts: Floats, ends: Floats, radii: Floats, counts: Ints
+    ) -> None:
+        """Lower counts to the number of tubes that are free, from the first on.
+
+        Arguments are as for the base class.
+        """
+        self.snapshot.count_free(starts, ends, radii, counts)
+
+    def _check_targets(self, before: Floats, targets: Floats) -> list[RowCheck]:
+        """Return checks of the limits of joints, and of turns of continuous ones."""
+        excesses = np.maximum(self.arm.lower - targets, targets - self.arm.upper)
+        slacks = np.full(self.size, LIMIT_SLACK)
+        turns = np.abs(targets - before)
+        return [
+            RowCheck("limit", self.axes, "exceeds its limits by", excesses, slacks),
+            RowCheck("limit", self.axes, "turns by", turns, self._spans),
+        ]
+
+    def _explain_tube(self, points: Floats, radii: Floats) -> tuple[tuple[str, ...], str]:
+        """Name the link that comes nearest to touching in tubes through points, and the other."""
+        shares = np.linspace(0.0, 1.0, INSTANTS_PER_TUBE)[:, np.newaxis, np.newaxis]
+        instants = points[:-1] + shares * np.diff(points, axis=0)
+        rows = np.swapaxes(instants, 0, 1).reshape(-1, self.size)
+        snapshot = self.snapshot
+        scene = snapshot.pad_scene(radii)
+        distances, _ = snapshot.distances(rows, scene)
+        nearest = int(distances.argmin())
+        contact = snapshot.contact(scene, rows[nearest : nearest + 1])
+        names = contact.link, contact.other
+        return names, f"{contact.link} is not proven apart from {contact.other}"
 
     def _check_configurations(self, q: ArrayLike, name: str = "q") -> Floats:
         """Check configurations, and return them as an array.

@@ -330,6 +330,14 @@ class JointMap(CSpace):
             counts.update(geometry.snapshot.nearest_parts(pair, pair_configurations))
         return dict(counts.most_common())
 
+    def _name_obstacles(self, q: Floats, distances: Floats, turn: float) -> tuple[str, ...]:
+        """Return the two solids nearest to touching at a configuration."""
+        if self._geometry is None:
+            return ()
+        snapshot = self._geometry.snapshot
+        contact = snapshot.contact(snapshot.outer, self._geometry.extend(q[np.newaxis]))
+        return contact.link, contact.other
+
     @lazy
     def _exact(self) -> ExactQueries:
         """Queries with exact geometry."""

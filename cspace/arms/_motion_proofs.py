@@ -277,6 +277,26 @@ def motions_are_free(
         out[k] = motion_is_free(padded, firsts[k], lasts[k], scratch)
 
 
+@kernel
+def count_free_motions(
+    scene: ArmScene, starts: Floats, ends: Floats, counts: Ints, scratch: SceneScratch
+) -> None:
+    """Lower the counts to the numbers of motions that are proven free, from the first on.
+
+    In each of b chunks, motions lead from a row of ``starts``, shape (b, dof), to each of ``ends``,
+    shape (b, n, dof), in turn. Only as many as ``counts``, shape (b,), are tested.
+    """
+    for chunk in range(len(starts)):
+        wanted = counts[chunk]
+        counts[chunk] = 0
+        start = starts[chunk]
+        for row in range(wanted):
+            if not motion_is_free(scene, start, ends[chunk, row], scratch):
+                break
+            start = ends[chunk, row]
+            counts[chunk] = row + 1
+
+
 @internal
 def find_required_distance(scene: ArmScene, q0: Floats, q1: Floats) -> float:
     """Return the distance that proves a pair apart on a motion from ``q0`` to ``q1``.

@@ -26,6 +26,7 @@ from cspace.arms._motion_proofs import (
     ArmScene,
     are_blocked,
     bound_distances,
+    count_free_motions,
     make_scene_scratch,
     motions_are_free,
 )
@@ -144,6 +145,21 @@ class Snapshot:
         """
         paddings = self.outer.padding + self._bound_displacements(deviations)
         return self.are_free(firsts, lasts, paddings=paddings)
+
+    def count_free(self, starts: Floats, ends: Floats, deviations: Floats, counts: Ints) -> None:
+        """Lower counts to the number of motions that are free with any deviation.
+
+        Arguments are as for :meth:`cspace.ArmSpace.certify_chunk`; ``deviations``, shape (dof,),
+        bound that of each joint.
+        """
+        min_chunks = max(1, MIN_MOTIONS_PER_THREAD // ends.shape[1])
+        scene = self.pad_scene(deviations)
+        _run_in_threads(count_free_motions, scene, starts, ends, counts, min_items=min_chunks)
+
+    def pad_scene(self, deviations: Floats) -> ArmScene:
+        """Return the outer scene with padding for deviations of the joints, shape (dof,)."""
+        displacements = self._bound_displacements(deviations[np.newaxis])[0]
+        return self.outer._replace(padding=self.outer.padding + displacements)
 
     def _bound_displacements(self, joint_motions: Floats) -> Floats:
         """Bound how far joint motions, shape (n, dof), move each pair, shape (n, p); metres.
@@ -426,7 +442,12 @@ def _refuse_always(snapshot: Snapshot) -> None:
         )
 
 
-def _run_in_threads(kernel: Callable[..., None], scene: ArmScene, *arrays: NDArray[Any]) -> None:
+def _run_in_threads(
+    kernel: Callable[..., None],
+    scene: ArmScene,
+    *arrays: NDArray[Any],
+    min_items: int = MIN_MOTIONS_PER_THREAD,
+) -> None:
     """Call ``kernel(scene, *arrays, scratch)`` on slices of contiguous arrays, in threads."""
 
     def run_slice(first: int, stop: int) -> int:
@@ -434,7 +455,7 @@ def _run_in_threads(kernel: Callable[..., None], scene: ArmScene, *arrays: NDArr
         kernel(scene, *(array[first:stop] for array in arrays), make_scene_scratch(scene))
         return -1
 
-    run_in_chunks(run_slice, len(arrays[0]), MIN_MOTIONS_PER_THREAD)
+    run_in_chunks(run_slice, len(arrays[0]), min_items)
 
 
 def _find_nearest(points_a: Floats, points_b: Floats, radius_a: float, radius_b: float) -> Floats:

@@ -1,0 +1,541 @@
+"""Chunks of commands that a policy or a sampler makes, proven before they are executed.
+
+A chunk is proven row by row. From each row to the next, the robot may be anywhere in the tube
+around the straight motion: each coordinate may differ by the tracking error of the controller.
+
+An arc of a twist lies in such a tube. Its yaw turns evenly. If it has length L and turns by angle
+a, its second derivative, by the share of the arc that is done, is at most L a. So its position
+differs by at most L a / 8 from even motion along the chord.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Final, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cspace._queries.batches import as_contiguous
+from cspace._rotations.base import TWO_PI, wrap_angles
+from cspace._support.arrays import Bools, Floats, Ints, frozen
+from cspace._support.check import check_finite, check_positive, check_rows
+from cspace.errors import InputError
+
+if TYPE_CHECKING:
+    from cspace._interface import ConfigurationSpace
+
+Cause = Literal["collision", "limit", "speed", "number"]
+"""Why a row is refused: a collision, a limit, a speed, or numbers that are no configuration."""
+
+GateState = Literal["go", "shortened", "hold"]
+"""How much of a chunk may be executed: all of it, a part, or nothing."""
+
+FIRST_TRACKING: Final = 1e-3
+"""Smallest tracking error above zero that is tried for the largest one, metres and radians."""
+
+MAX_TRACKING: Final = 1e3
+"""Tracking error from which on no larger one is tried, metres and radians."""
+
+TRACKING_HALVINGS: Final = 8
+"""Number of times that the range of the largest tracking error is halved."""
+
+LIMIT_ROUNDING: Final = 1e-9
+"""Rounding of values that are compared with limits, relative to these."""
+
+MAX_ARCS_PER_TWIST: Final = 64
+"""Largest number of arcs that a twist is cut into."""
+
+SAG_PER_CELL: Final = 1.0 / 16.0
+"""Largest distance between an arc and even motion along its chord, in cells."""
+
+ROLL_OUT_ROUNDING: Final = 2.0**-30
+"""Rounding of a pose, in cells, for each arc that leads to it."""
+
+
+class Refusal(NamedTuple):
+    """The first row of a chunk that is not proven, and why.
+
+    Attributes
+    ----------
+    row : int
+        Its index, from 0.
+    cause : str
+        "collision", "limit", "speed", or "number" if the row is not finite.
+    names : tuple of str
+        A link and what it is near, obstacles of a map, or the coordinate that exceeds a limit.
+    message : str
+        The same in words, with numbers.
+    """
+
+    row: int
+    cause: Cause
+    names: tuple[str, ...]
+    message: str
+
+
+class RowCheck(NamedTuple):
+    """Values of rows that may not exceed limits.
+
+    Attributes
+    ----------
+    cause : str
+        As for :class:`Refusal`.
+    names : sequence of str
+        Names of the k values.
+    verb : str
+        Words between the name and the value in messages.
+    values : ndarray of float64, shape (B, n, k)
+    limits : ndarray of float64
+        Largest values; broadcast against these.
+    """
+
+    cause: Cause
+    names: Sequence[str]
+    verb: str
+    values: Floats
+    limits: Floats
+
+    @property
+    def exceeds(self) -> Bools:
+        """Whether each value exceeds its limit, or is NaN; shape (B, n, k)."""
+        return ~(self.values <= self.limits * (1.0 + LIMIT_ROUNDING))
+
+    def refuse(self, row: int) -> Refusal | None:
+        """Return why a row of the only chunk is refused, or None."""
+        for column in np.flatnonzero(self.exceeds[0, row])[:1].tolist():
+            name = self.names[column]
+            value = self.values[0, row, column]
+            limit = np.broadcast_to(self.limits, self.values.shape)[0, row, column]
+            message = f"row {row}: {name} {self.verb} {value:.6g}, at most {limit:.6g} is allowed"
+            return Refusal(row, self.cause, (name,), message)
+        return None
+
+
+class Tubes(NamedTuple):
+    """The motions that chunks stand for.
+
+    Attributes
+    ----------
+    space : ConfigurationSpace
+    starts : ndarray of float64, shape (B, size)
+    ends : ndarray of float64, shape (B, n * per_row, size)
+        End of each tube, which is the start of the next.
+    checks : list of RowCheck
+        Limits that the rows keep.
+    per_row : int
+        Number of tubes for each of the n rows.
+    sag : float
+        Distance between the motions and the straight ones, metres.
+    """
+
+    space: ConfigurationSpace
+    starts: Floats
+    ends: Floats
+    checks: list[RowCheck]
+    per_row: int = 1
+    sag: float = 0.0
+
+    def count_proven(self, tracking: Floats) -> Ints:
+        """Count the rows of each chunk that are proven, from the first on; shape (B,).
+
+        ``tracking`` is the error of each coordinate, metres and radians.
+        """
+        chunks, tubes, _ = self.ends.shape
+        counts = np.full(chunks, tubes)
+        for check in self.checks:
+            is_refused = check.exceeds.any(axis=2)
+            first_refused = np.where(
+                is_refused.any(axis=1), is_refused.argmax(axis=1), tubes // self.per_row
+            )
+            np.minimum(counts, first_refused * self.per_row, out=counts)
+        self.space._count_free_tubes(self.starts, self.ends, self._find_radii(tracking), counts)
+        return counts // self.per_row
+
+    def explain(self, row: int, tracking: Floats) -> Refusal:
+        """Explain why a row of the only chunk is not proven."""
+        target = self.ends[0, (row + 1) * self.per_row - 1]
+        if not np.isfinite(target).all():
+            return Refusal(row, "number", (), f"row {row} is not finite")
+        for check in self.checks:
+            refusal = check.refuse(row)
+            if refusal is not None:
+                return refusal
+        points = np.concatenate([self.starts, self.ends[0]])
+        part = points[row * self.per_row : (row + 1) * self.per_row + 1]
+        names, text = self.space._explain_tube(part, self._find_radii(tracking))
+        return Refusal(row, "collision", names, f"row {row}: {text}")
+
+    def _find_radii(self, tracking: Floats) -> Floats:
+        """Return the radius of the tubes along each coordinate, metres and radians."""
+        radii = tracking.copy()
+        radii[: self.space.dim] += self.sag
+        return radii
+
+
+@dataclass(frozen=True, eq=False)
+class Chunk:
+    """A chunk of commands with its proof, as :meth:`cspace.CSpace.certify_chunk` makes it.
+
+    Attributes
+    ----------
+    rows : ndarray of float64, shape (n, size) or (B, n, size), read-only
+        The targets. Those of twists are the poses that they lead to.
+    proven : int or ndarray of int64, shape (B,)
+        Number of rows, from the first on, that are proven: the whole tube to each is free, and it
+        keeps all limits.
+    """
+
+    rows: Floats
+    proven: int | Ints
+    _tubes: Tubes
+    _tracking: Floats
+    _has_one_tracking: bool
+
+    @property
+    def is_proven(self) -> bool | Bools:
+        """Whether all rows are proven; shape (B,) for a batch."""
+        are_proven: Bools = np.equal(self.proven, self.rows.shape[-2])
+        return are_proven if self.rows.ndim == 3 else bool(are_proven)
+
+    @cached_property
+    def refusal(self) -> Refusal | None:
+        """The first row that is not proven, and why; None if all are.
+
+        It is found when it is first asked for, among the obstacles of that moment. InputError for
+        a batch.
+        """
+        self._check_alone()
+        return None if self.is_proven else self._tubes.explain(int(self.proven), self._tracking)
+
+    @cached_property
+    def max_tracking(self) -> float | Floats:
+        """Largest tracking error for which all rows are proven, within 1 %.
+
+        It is a proven lower bound, and NaN if not even the motion without error is proven. Errors
+        of several coordinates are scaled together. It is found when it is first asked for, among
+        the obstacles of that moment. InputError for a batch.
+        """
+        self._check_alone()
+        largest = float(self._tracking.max())
+        shape = self._tracking / largest if largest > 0.0 else np.ones_like(self._tracking)
+
+        def is_proven(error: float) -> bool:
+            """Return True if all rows are proven with an error."""
+            return int(self._tubes.count_proven(error * shape)[0]) == len(self.rows)
+
+        error = _find_largest(is_proven)
+        return error if self._has_one_tracking else error * shape
+
+    def _check_alone(self) -> None:
+        """Raise InputError for a batch."""
+        if self.rows.ndim == 3:
+            raise InputError(
+                "chunk",
+                f"is a batch of {len(self.rows)}",
+                "only a single chunk has a refusal and a largest tracking error",
+                "pass rows[k] to certify_chunk",
+            )
+
+
+def _find_largest(is_proven: Callable[[float], bool]) -> float:
+    """Return the largest error that is proven; NaN if zero is not."""
+    if not is_proven(0.0):
+        return math.nan
+    low = 0.0
+    high = FIRST_TRACKING
+    while high < MAX_TRACKING and is_proven(high):
+        low = high
+        high *= 2.0
+    for _ in range(TRACKING_HALVINGS):
+        middle = 0.5 * (low + high)
+        if is_proven(middle):
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+def certify_rows(
+    space: ConfigurationSpace,
+    q: ArrayLike,
+    rows: ArrayLike,
+    tracking: ArrayLike,
+    dt: float | None,
+    max_velocity: ArrayLike | None,
+) -> Chunk:
+    """Prove a chunk of targets; see :meth:`cspace.CSpace.certify_chunk`."""
+    starts, targets, is_batch = _check_chunk(space, q, rows, space.size)
+    errors, has_one_error = _check_numbers(space, tracking, "tracking")
+    checks = list[RowCheck]()
+    with np.errstate(all="ignore"):  # rows may hold any numbers
+        before = np.concatenate([starts[:, np.newaxis], targets[:, :-1]], axis=1)
+        checks += space._check_targets(before, targets)
+        if dt is not None:
+            seconds = check_positive(dt, "dt", "seconds")
+            steps = space.steps_between(before, targets)
+            angles = np.linalg.norm(steps[..., space.dim :], axis=-1, keepdims=True)
+            distances = np.concatenate([np.abs(steps[..., : space.dim]), angles], axis=-1)
+            names = _list_steps(space)
+            speeds = distances[..., : len(names)] / seconds
+            limits = _check_velocities(space, max_velocity)
+            checks.append(RowCheck("speed", names, "moves by a second", speeds, limits))
+        elif max_velocity is not None:
+            raise InputError(
+                "dt",
+                "is missing",
+                "speeds are compared with max_velocity",
+                "pass the seconds between rows, e.g. dt=0.02",
+            )
+    tubes = Tubes(space, starts, targets, checks)
+    return _prove(tubes, targets, is_batch, errors, has_one_error)
+
+
+def certify_twists(
+    space: ConfigurationSpace,
+    q: ArrayLike,
+    twists: ArrayLike,
+    dt: float,
+    tracking: ArrayLike,
+    max_velocity: ArrayLike | None,
+    turning_radius: float | None,
+) -> Chunk:
+    """Prove a chunk of twists; see :meth:`cspace.CSpace.certify_twists`."""
+    if space.axes != ("x", "y", "yaw"):
+        raise InputError(
+            "space",
+            f"has the axes {', '.join(space.axes)}",
+            "twists move a robot with x, y and yaw",
+            "build a map of a plane with rotations=72",
+        )
+    starts, commands, is_batch = _check_chunk(space, q, twists, 2)
+    errors, has_one_error = _check_numbers(space, tracking, "tracking")
+    seconds = check_positive(dt, "dt", "seconds")
+    magnitudes = np.abs(commands)
+    checks = list[RowCheck]()
+    if max_velocity is not None:
+        limits = check_finite(max_velocity, "max_velocity")
+        if limits.shape != (2,) or (limits < 0.0).any():
+            raise InputError(
+                "max_velocity",
+                f"is {max_velocity!r}",
+                "twists have two limits, zero or above",
+                "pass (m/s, rad/s), e.g. (0.5, 1.0)",
+            )
+        checks.append(RowCheck("speed", ("v", "omega"), "is", magnitudes, limits))
+    if turning_radius is not None:
+        radius = check_positive(turning_radius, "turning_radius")
+        largest = magnitudes[..., :1] / radius
+        checks.append(RowCheck("limit", ("omega",), "is", magnitudes[..., 1:], largest))
+    # Cut each twist into arcs that stay near their chords, and turn by at most a radian.
+    lengths, angles = np.moveaxis(magnitudes * seconds, -1, 0)
+    spacing = 2.0 * space.resolution
+    with np.errstate(all="ignore"):
+        arcs = np.sqrt(lengths * angles / (8.0 * SAG_PER_CELL * spacing))
+        arcs = np.ceil(np.maximum(arcs, angles))[..., np.newaxis]
+    most_arcs = np.array([float(MAX_ARCS_PER_TWIST)])
+    checks.append(RowCheck("limit", ("twist",), "is cut into arcs, whose number is", arcs, most_arcs))
+    is_used = ~np.concatenate([check.exceeds for check in checks], axis=2).any(axis=2)
+    # Twists from the first refused one on are never driven.
+    is_used = np.logical_and.accumulate(is_used, axis=1)
+    per_row = int(max(arcs[is_used].max(initial=1.0), 1.0))
+    driven = np.where(is_used[..., np.newaxis], commands, 0.0)
+    poses = _roll_out(starts, np.repeat(driven * seconds / per_row, per_row, axis=1))
+    sag = float((lengths * angles)[is_used].max(initial=0.0)) / (8.0 * per_row**2)
+    sag += ROLL_OUT_ROUNDING * spacing * poses.shape[1]
+    tubes = Tubes(space, starts, poses, checks, per_row, sag)
+    return _prove(tubes, poses[:, per_row - 1 :: per_row], is_batch, errors, has_one_error)
+
+
+def _roll_out(starts: Floats, arcs: Floats) -> Floats:
+    """Return the poses at the ends of arcs, shape (B, n, 3).
+
+    ``arcs``, shape (B, n, 2), are lengths and angles, from ``starts``, shape (B, 3).
+    """
+    lengths, angles = np.moveaxis(arcs, -1, 0)
+    yaws = wrap_angles(starts[:, 2:]) + np.cumsum(angles, axis=1)
+    headings = yaws - 0.5 * angles
+    chords = lengths * np.sinc(angles / TWO_PI)
+    x = starts[:, :1] + np.cumsum(chords * np.cos(headings), axis=1)
+    y = starts[:, 1:2] + np.cumsum(chords * np.sin(headings), axis=1)
+    return np.stack([x, y, yaws], axis=-1)
+
+
+def _prove(
+    tubes: Tubes, rows: Floats, is_batch: bool, tracking: Floats, has_one_tracking: bool
+) -> Chunk:
+    """Prove the rows of chunks, shape (B, n, size), and return them with their proof."""
+    counts = tubes.count_proven(tracking)
+    shown = rows.copy() if is_batch else rows[0].copy()
+    proven = counts if is_batch else int(counts[0])
+    return Chunk(frozen(shown), proven, tubes, tracking, has_one_tracking)
+
+
+def _check_chunk(
+    space: ConfigurationSpace, q: ArrayLike, rows: ArrayLike, length: int
+) -> tuple[Floats, Floats, bool]:
+    """Return where the robot is, shape (B, size), and its rows, shape (B, n, length).
+
+    The third value is True for a batch. Raises InputError for other shapes, or if ``q`` is not
+    finite; rows may be.
+    """
+    name = "rows" if length == space.size else "twists"
+    array = check_rows(rows, name, length)
+    if array.ndim not in (2, 3) or array.shape[-2] == 0:
+        raise InputError(
+            name,
+            f"has shape {array.shape}",
+            "a chunk has at least one row",
+            f"pass an array of shape (n, {length}), or (B, n, {length}) for a batch",
+        )
+    chunks = array if array.ndim == 3 else array[np.newaxis]
+    points = check_finite(check_rows(q, "q", space.size), "q")
+    if points.shape not in ((space.size,), (len(chunks), space.size)):
+        raise InputError(
+            "q",
+            f"has shape {points.shape}",
+            "each chunk begins at one configuration",
+            f"pass one of {space.size} numbers",
+        )
+    starts = np.broadcast_to(points, (len(chunks), space.size))
+    return as_contiguous(starts), as_contiguous(chunks), array.ndim == 3
+
+
+def _list_steps(space: ConfigurationSpace) -> tuple[str, ...]:
+    """Return the names of the coordinates that stray: a quaternion counts as one rotation."""
+    names = space.rotations.names if space.has_poses else ()
+    return (*space.axes[: space.dim], *(("rotation",) if len(names) == 4 else names))
+
+
+def _check_numbers(
+    space: ConfigurationSpace, value: ArrayLike, name: str
+) -> tuple[Floats, bool]:
+    """Return a number for each coordinate that strays, and whether one was given for all."""
+    names = _list_steps(space)
+    numbers = check_finite(value, name)
+    if numbers.shape not in ((), (len(names),)) or (numbers < 0.0).any():
+        raise InputError(
+            name,
+            f"is {value!r}",
+            "it must be zero or above",
+            f"pass one number, or one for each of {', '.join(names)}",
+        )
+    return np.broadcast_to(numbers, (len(names),)).copy(), numbers.ndim == 0
+
+
+def _check_velocities(space: ConfigurationSpace, max_velocity: ArrayLike | None) -> Floats:
+    """Return the largest speed of each coordinate; by default those that the space knows."""
+    if max_velocity is not None:
+        return _check_numbers(space, max_velocity, "max_velocity")[0]
+    known = space.max_velocity
+    if not known:
+        raise InputError(
+            "max_velocity",
+            "is missing",
+            "the speeds of rows at dt have limits",
+            f"pass one number, or one for each of {', '.join(_list_steps(space))}",
+        )
+    return np.array([known.get(axis, math.inf) for axis in space.axes])
+
+
+class GatedCommands(NamedTuple):
+    """What a gate lets through.
+
+    Attributes
+    ----------
+    commands : ndarray of float64, shape (n, size) or (n, 2)
+        The proven rows or twists, then rest: the last proven row, or where the robot is; zeros for
+        twists.
+    state : str
+        "go" if all rows are proven, "shortened" if some are, "hold" if none is.
+    chunk : Chunk
+        The proof, with the refusal.
+    """
+
+    commands: Floats
+    state: GateState
+    chunk: Chunk
+
+
+class Gate:
+    """A gate for commands that others make, such as a policy.
+
+    It lets through the proven part of a chunk, then holds. A robot does not stop at once, so
+    ``tracking`` must cover the way that it needs to stop behind a row.
+
+    Parameters
+    ----------
+    space : CSpace, TiledCSpace or ArmSpace
+        Its obstacles may change at any time.
+    tracking, dt, max_velocity, turning_radius
+        As for :meth:`cspace.CSpace.certify_chunk` and :meth:`cspace.CSpace.certify_twists`.
+
+    Examples
+    --------
+    >>> import numpy as np, cspace
+    >>> workspace = cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1)
+    >>> space = cspace.build(workspace, cspace.Robot.disc(0.2))
+    >>> gate = cspace.Gate(space, tracking=0.05)
+    >>> passed = gate.check_rows((0.5, 1.5), [(0.5, 2.0), (1.0, 2.0), (2.0, 1.0)])
+    >>> passed.state, passed.commands.tolist()
+    ('shortened', [[0.5, 2.0], [1.0, 2.0], [1.0, 2.0]])
+    >>> passed.chunk.refusal.cause
+    'collision'
+    """
+
+    def __init__(
+        self,
+        space: ConfigurationSpace,
+        *,
+        tracking: ArrayLike = 0.0,
+        dt: float | None = None,
+        max_velocity: ArrayLike | None = None,
+        turning_radius: float | None = None,
+    ) -> None:
+        """Keep the space and the limits."""
+        self.space = space
+        self.tracking = tracking
+        self.dt = dt
+        self.max_velocity = max_velocity
+        self.turning_radius = turning_radius
+
+    def check_rows(self, q: ArrayLike, rows: ArrayLike) -> GatedCommands:
+        """Let through the proven part of a chunk of targets.
+
+        Parameters and errors are those of :meth:`cspace.CSpace.certify_chunk`, for a single chunk.
+        """
+        chunk = certify_rows(self.space, q, rows, self.tracking, self.dt, self.max_velocity)
+        chunk._check_alone()
+        commands = chunk.rows.copy()
+        proven = int(chunk.proven)
+        commands[proven:] = commands[proven - 1] if proven else check_finite(q, "q")
+        return GatedCommands(commands, _name_state(chunk), chunk)
+
+    def check_twists(self, q: ArrayLike, twists: ArrayLike) -> GatedCommands:
+        """Let through the proven part of a chunk of twists.
+
+        Parameters and errors are those of :meth:`cspace.CSpace.certify_twists`, for a single chunk.
+        """
+        if self.dt is None:
+            raise InputError(
+                "dt",
+                "is missing",
+                "a twist is driven for some time",
+                "pass its seconds, e.g. Gate(space, dt=0.1)",
+            )
+        limits = self.max_velocity, self.turning_radius
+        chunk = certify_twists(self.space, q, twists, self.dt, self.tracking, *limits)
+        chunk._check_alone()
+        commands = np.array(twists, dtype=np.float64)
+        commands[int(chunk.proven) :] = 0.0
+        return GatedCommands(commands, _name_state(chunk), chunk)
+
+
+def _name_state(chunk: Chunk) -> GateState:
+    """Return how much of a single chunk may be executed."""
+    if chunk.is_proven:
+        return "go"
+    return "shortened" if chunk.proven else "hold"
