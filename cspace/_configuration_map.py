@@ -582,6 +582,10 @@ class ConfigurationMap(ConfigurationSpace):
         np.equal(states, FREE, out=out)
         return bad
 
+    def _is_configuration(self, q: Floats) -> bool:
+        """Return True if numbers, shape (size,), are finite, with a valid rotation."""
+        return self._find_unusable(q[np.newaxis]) < 0
+
     def _explain_tube(self, points: Floats, radii: Floats) -> tuple[tuple[str, ...], str]:
         """Name the obstacles near tubes through points, shape (n, size), and say where."""
         shares = np.linspace(0.0, 1.0, INSTANTS_PER_TUBE)[:, np.newaxis, np.newaxis]
@@ -593,7 +597,7 @@ class ConfigurationMap(ConfigurationSpace):
         # If all of them are free, the tube is not somewhere between.
         q = rows[int(is_free.argmin())]
         names = self._name_obstacles(q, radii[: self.dim], turn)
-        where = ", ".join(f"{value:.3f}" for value in q.tolist())
+        where = ", ".join(f"{value:.6g}" for value in q.tolist())
         near = f", near {', '.join(names)}" if names else ""
         return names, f"the motion is not proven free at ({where}){near}"
 

@@ -707,6 +707,10 @@ class ConfigurationSpace(Space):
         The tubes lead through ``points``, shape (n, size); the one at least is not free.
         """
 
+    def _is_configuration(self, q: Floats) -> bool:
+        """Return True if numbers, shape (size,), can be a configuration."""
+        return bool(np.isfinite(q).all())
+
     def _check_targets(self, before: Floats, targets: Floats) -> list[RowCheck]:
         """Return checks of targets, shape (b, n, size), and of the steps from those before."""
         return []

@@ -46,6 +46,9 @@ TRACKING_HALVINGS: Final = 8
 LIMIT_ROUNDING: Final = 1e-9
 """Rounding of values that are compared with limits, relative to these."""
 
+MAX_SPEED: Final = 1e100
+"""Largest speed of a twist that is a usable number, m/s and rad/s."""
+
 MAX_ARCS_PER_TWIST: Final = 64
 """Largest number of arcs that a twist is cut into."""
 
@@ -64,7 +67,7 @@ class Refusal(NamedTuple):
     row : int
         Its index, from 0.
     cause : str
-        "collision", "limit", "speed", or "number" if the row is not finite.
+        "collision", "limit", "speed", or "number" if the row is no configuration.
     names : tuple of str
         A link and what it is near, obstacles of a map, or the coordinate that exceeds a limit.
     message : str
@@ -157,9 +160,8 @@ class Tubes(NamedTuple):
 
     def explain(self, row: int, tracking: Floats) -> Refusal:
         """Explain why a row of the only chunk is not proven."""
-        target = self.ends[0, (row + 1) * self.per_row - 1]
-        if not np.isfinite(target).all():
-            return Refusal(row, "number", (), f"row {row} is not finite")
+        if not self.space._is_configuration(self.ends[0, (row + 1) * self.per_row - 1]):
+            return Refusal(row, "number", (), f"row {row} is no configuration")
         for check in self.checks:
             refusal = check.refuse(row)
             if refusal is not None:
@@ -282,7 +284,7 @@ def certify_rows(
             names = _list_steps(space)
             speeds = distances[..., : len(names)] / seconds
             limits = _check_velocities(space, max_velocity)
-            checks.append(RowCheck("speed", names, "moves by a second", speeds, limits))
+            checks.append(RowCheck("speed", names, "changes per second by", speeds, limits))
         elif max_velocity is not None:
             raise InputError(
                 "dt",
@@ -315,7 +317,7 @@ def certify_twists(
     errors, has_one_error = _check_numbers(space, tracking, "tracking")
     seconds = check_positive(dt, "dt", "seconds")
     magnitudes = np.abs(commands)
-    checks = list[RowCheck]()
+    checks = [RowCheck("number", ("v", "omega"), "is", magnitudes, np.array([MAX_SPEED]))]
     if max_velocity is not None:
         limits = check_finite(max_velocity, "max_velocity")
         if limits.shape != (2,) or (limits < 0.0).any():

@@ -1,0 +1,185 @@
+"""Chunks of joint targets: whole tubes are proven, against FCL and shapely."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import cspace
+from cspace.arms import Arm, build_arm_space, build_joint_map
+from tests.arms.test_space import approach_contact, draw_scene
+from tests.helpers.solids import sample_configurations
+from tests.helpers.strategies import seeds
+from tests.helpers.urdfs import planar, planar_arm_meets, posed_box
+
+INSTANTS = 2000
+"""Instants within a tube at which shapely looks for contacts."""
+
+
+@pytest.fixture(scope="module")
+def scenes(tmp_path_factory):
+    return [draw_scene(tmp_path_factory.mktemp("scene"), seed)[:2] for seed in range(6)]
+
+
+@pytest.fixture(scope="module")
+def planar_arm(tmp_path_factory):
+    return Arm.from_urdf(planar(tmp_path_factory.mktemp("arm")))
+
+
+def make_post(arm, *center):
+    """Build the space of a planar arm with a post, which its foot may touch."""
+    return build_arm_space(
+        {"post": posed_box((0.2,) * 3, *center)}, arm, allowed_collisions=[("foot", "post")]
+    )
+
+
+def draw_instants(points, tracking, rng, count):
+    """Draw configurations within tubes through points, many of them in corners."""
+    first = rng.integers(0, len(points) - 1, count)
+    exact = points[first] + rng.random((count, 1)) * (points[first + 1] - points[first])
+    return exact + tracking * rng.choice([-1.0, 1.0, rng.uniform(-1.0, 1.0)], exact.shape)
+
+
+@given(number=st.integers(0, 5), seed=seeds)
+@settings(max_examples=25)
+def test_no_tube_with_a_contact_is_proven_and_proven_tubes_have_none(scenes, number, seed):
+    space, oracle = scenes[number]
+    rng = np.random.default_rng(seed)
+    free, touching = approach_contact(
+        oracle, space.sample_free(rng=rng), sample_configurations(space.arm, rng, 1)[0]
+    )
+    tracking = rng.uniform(0.0, 0.1, space.dof) * rng.choice([0.0, 1.0], space.dof)
+    if oracle.apart(touching) == 0.0:
+        # A contact lies in the tube of the second row, away from its motion.
+        near = touching + (1.0 - 1e-9) * tracking * rng.choice([-1.0, 1.0], space.dof)
+        step = 0.05 * rng.normal(size=space.dof)
+        rows = [near - 0.5 * step, near + 0.5 * step, near]
+        assert space.certify_chunk(near - step, rows, tracking).proven <= 1
+    # Rows lead towards the contact.
+    rows = free + np.linspace(-0.3, 0.0, 7)[1:, np.newaxis] * (touching - free + 0.2)
+    chunk = space.certify_chunk(free, rows, tracking)
+    if chunk.proven:
+        points = np.vstack([free, rows[: chunk.proven]])
+        for q in draw_instants(points, tracking, rng, 60):
+            assert oracle.apart(q) > 0.0
+    if chunk.refusal is not None and chunk.refusal.cause == "collision":
+        points = np.vstack([free, rows])[chunk.proven : chunk.proven + 2]
+        instants = draw_instants(points, 1.5 * tracking, rng, 20)
+        assert min(oracle.apart(q, chunk.refusal.names) for q in instants) < 0.6
+
+
+@given(seed=seeds, center=st.tuples(st.floats(0.3, 2.1), st.floats(-2.0, 2.0)))
+@settings(max_examples=30)
+def test_the_arm_meets_nothing_at_any_instant_within_proven_tubes(planar_arm, seed, center):
+    space = make_post(planar_arm, *center)
+    rng = np.random.default_rng(seed)
+    start = rng.uniform(-2.0, 2.0, 2)
+    rows = start + np.cumsum(rng.normal(0.0, 0.05, (12, 2)), axis=0)
+    tracking = rng.choice([0.0, 0.01, 0.1], 2)
+    chunk = space.certify_chunk(start, rows, tracking)
+    points = np.vstack([start, rows])
+    if chunk.proven:
+        instants = draw_instants(points[: chunk.proven + 1], tracking, rng, INSTANTS)
+        assert not planar_arm_meets(instants, [(*center, 0.2)]).any()
+    if not chunk.is_proven:
+        tube = points[chunk.proven : chunk.proven + 2]
+        assert planar_arm_meets(
+            draw_instants(tube, 1.1 * tracking, rng, INSTANTS), [(*center, 0.3)]
+        ).any()
+    if not np.isnan(chunk.max_tracking).any():
+        assert space.certify_chunk(start, rows, chunk.max_tracking).is_proven
+        instants = draw_instants(points, chunk.max_tracking, rng, INSTANTS)
+        assert not planar_arm_meets(instants, [(*center, 0.2)]).any()
+        assert not space.certify_chunk(start, rows, 1.02 * chunk.max_tracking + 1e-4).is_proven
+
+
+def test_without_tracking_as_many_rows_are_proven_as_edges(scenes):
+    for space, _ in scenes:
+        rng = np.random.default_rng(1)
+        starts = np.array([space.sample_free(rng=rng) for _ in range(20)])
+        steps = rng.normal(0.0, 0.1, (20, 8, space.dof))
+        rows = starts[:, np.newaxis] + np.cumsum(steps, axis=1)
+        rows = np.clip(rows, space.arm.lower, space.arm.upper)
+        paths = np.concatenate([starts[:, np.newaxis], rows], axis=1)
+        expected = np.logical_and.accumulate(space.certify_path(paths), axis=1).sum(axis=1)
+        assert space.certify_chunk(starts, rows).proven.tolist() == expected.tolist()
+        assert 0 < expected.sum() < expected.size * 8
+
+
+def test_a_refusal_names_the_pair_that_is_near(planar_arm):
+    space = make_post(planar_arm, 1.5, 0.5)
+    chunk = space.certify_chunk((-0.3, 0.0), [(-0.1, 0.0), (0.1, 0.0), (0.3, 0.0)], 0.01)
+    assert chunk.proven == 2
+    assert chunk.refusal.row == 2
+    assert set(chunk.refusal.names) == {"fore", "post"}
+    assert chunk.refusal.message == "row 2: fore is not proven apart from post"
+    # Elsewhere the largest error follows from the distance.
+    free = space.certify_chunk((-0.3, 0.0), [(-0.2, 0.0)])
+    assert 0.1 < free.max_tracking < 0.3
+
+
+def test_rows_beyond_limits_or_too_fast_are_refused(planar_arm):
+    space = make_post(planar_arm, 0.0, 5.0)
+    past = space.certify_chunk((0.0, 0.0), [(0.0, 2.9), (0.0, 3.1)])
+    assert past.proven == 1
+    assert past.refusal[:3] == (1, "limit", ("elbow",))
+    assert "exceeds its limits by 0.1," in past.refusal.message
+    # The robot itself may be beyond a limit, and comes back.
+    assert space.certify_chunk((0.0, 3.05), [(0.0, 2.9)]).is_proven
+    # The velocity limits of the URDF are 1 rad/s.
+    rows = [(0.09, 0.0), (0.18, 0.0), (0.30, 0.0)]
+    assert space.certify_chunk((0.0, 0.0), rows).is_proven
+    fast = space.certify_chunk((0.0, 0.0), rows, dt=0.1)
+    assert fast.proven == 2
+    assert fast.refusal[:3] == (2, "speed", ("shoulder",))
+    assert math.isnan(fast.max_tracking)
+    assert space.certify_chunk((0.0, 0.0), rows, dt=0.1, max_velocity=1.3).is_proven
+    still = space.certify_chunk((0.1, 0.2), [(0.1, 0.2), (0.1, 0.2), (0.2, 0.2)], dt=0.1, max_velocity=0)
+    assert still.proven == 2
+
+
+def test_rows_that_are_no_numbers_are_refused(planar_arm):
+    space = make_post(planar_arm, 0.0, 5.0)
+    for bad in (math.nan, math.inf, -math.inf, 1e300):
+        chunk = space.certify_chunk((0.0, 0.0), [(0.1, 0.0), (0.1, bad), (0.1, 0.0)], dt=1.0)
+        assert chunk.proven == 1
+        assert chunk.refusal.cause == ("limit" if bad == 1e300 else "number")
+
+
+def test_half_turns_of_continuous_joints_are_refused(tmp_path):
+    path = planar(tmp_path, kind="continuous", limits=None)
+    space = make_post(Arm.from_urdf(path), 0.0, 5.0)
+    chunk = space.certify_chunk((3.1, 0.0), [(3.2, 0.0), (3.3 - 2.0 * math.pi, 0.0)])
+    assert chunk.proven == 1
+    assert chunk.refusal[:3] == (1, "limit", ("shoulder",))
+    assert space.certify_chunk((3.1, 0.0), np.unwrap([3.2, 3.3 - 2.0 * math.pi])[:, np.newaxis] * (1, 0)).is_proven
+
+
+def test_joint_maps_prove_chunks_and_name_pairs(planar_arm):
+    space = make_post(planar_arm, 1.5, 0.5)
+    joint_map = build_joint_map(space, 0.1)
+    rng = np.random.default_rng(0)
+    rows = np.cumsum(rng.normal(0.0, 0.1, (200, 6, 2)), axis=1)
+    starts = np.array([joint_map.sample_free(rng=rng) for _ in range(200)])
+    batch = starts[:, np.newaxis] + rows
+    proven = joint_map.certify_chunk(starts, batch, (0.05, 0.02)).proven
+    assert (proven <= space.certify_chunk(starts, batch, (0.05, 0.02)).proven).all()
+    assert 0 < proven.sum() < 1200
+    chunk = joint_map.certify_chunk((-0.3, 0.0), [(-0.1, 0.0), (0.1, 0.0), (0.3, 0.0)])
+    assert set(chunk.refusal.names) == {"fore", "post"}
+
+
+def test_a_gate_follows_the_scene(planar_arm):
+    space = make_post(planar_arm, 0.0, 5.0)
+    gate = cspace.Gate(space, tracking=0.01, dt=0.2)
+    rows = [(-0.1, 0.0), (0.1, 0.0), (0.3, 0.0)]
+    assert gate.check_rows((-0.2, 0.0), rows).state == "go"
+    space.add_obstacle("post", posed_box((0.2,) * 3, 1.5, 0.5), touch_links="foot")
+    shortened = gate.check_rows((-0.2, 0.0), rows)
+    assert shortened.state == "shortened"
+    assert shortened.commands.tolist() == [[-0.1, 0.0], [0.1, 0.0], [0.1, 0.0]]
+    held = gate.check_rows((0.3, 0.0), rows)
+    assert held.state == "hold"
+    assert held.commands.tolist() == [[0.3, 0.0]] * 3
