@@ -9,8 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import cspace
-from cspace import FREE, Robot, Rotations, Workspace
-from cspace._interface import INSTANTS_PER_TUBE
+from cspace import FREE, Robot, Workspace
 from cspace.errors import InputError
 from tests.helpers.placements import move
 from tests.helpers.refusals import check_followed, refusals
@@ -174,3 +173,241 @@ def check_instants(space, obstacles, points, tracking, rng):
     errors = rng.choice([-1.0, 1.0, rng.uniform(-1.0, 1.0)], (INSTANTS, 3))
     placed = place_polygon(shapely.Polygon(WEDGE), exact + errors * tracking)
     assert not shapely.intersects(obstacles, placed).any()
+
+
+# ---- twists --------------------------------------------------------------------------------------
+
+
+def drive(pose, twist, seconds):
+    """Return the poses at times of a twist, by integrals of the unicycle."""
+    x, y, yaw = pose
+    v, omega = twist
+    if omega == 0.0:
+        return np.column_stack(
+            [x + v * seconds * np.cos(yaw), y + v * seconds * np.sin(yaw), 0.0 * seconds + yaw]
+        )
+    after = yaw + omega * seconds
+    return np.column_stack(
+        [
+            x + v / omega * (np.sin(after) - np.sin(yaw)),
+            y - v / omega * (np.cos(after) - np.cos(yaw)),
+            after,
+        ]
+    )
+
+
+@given(
+    seeds,
+    st.sampled_from([0.0, 0.05, (0.0, 0.1, 0.2)]),
+    st.sampled_from([(0.05, 1.0), (0.5, 1.0), (1.0, 4.0)]),
+)
+@settings(max_examples=20)
+def test_the_robot_meets_nothing_on_proven_arcs(seed, tracking, scale):
+    space, obstacles = make_flat(seed % 3, rotations=48)
+    shapely.prepare(obstacles)
+    rng = np.random.default_rng(seed)
+    dt, turn = scale
+    start = space.sample_free(rng=rng)
+    twists = rng.normal(0.0, (0.5, turn), (8, 2)) * (rng.random((8, 2)) < 0.8)
+    chunk = space.certify_twists(start, twists, dt, tracking)
+    pose = start
+    for row in range(chunk.proven):
+        exact = drive(pose, twists[row], dt * rng.random(INSTANTS // 8))
+        errors = rng.choice([-1.0, 1.0, rng.uniform(-1.0, 1.0)], exact.shape)
+        placed = place_polygon(shapely.Polygon(WEDGE), exact + errors * tracking)
+        assert not shapely.intersects(obstacles, placed).any()
+        pose = drive(pose, twists[row], np.array([dt]))[0]
+        np.testing.assert_allclose(chunk.rows[row], pose, atol=1e-9)
+
+
+@given(seeds)
+@settings(max_examples=10)
+def test_no_arc_with_a_contact_is_proven(seed):
+    """The robot touches a point obstacle somewhere along the arc, with an error in addition."""
+    rng = np.random.default_rng(seed)
+    robot = Robot.polygon(WEDGE)
+    post = np.array([5.03, 5.04])
+    occupied = np.zeros((100, 100), dtype=bool)
+    occupied[50, 50] = True
+    space = cspace.build(Workspace.from_array(occupied, 0.1), robot, rotations=48)
+    for _ in range(30):
+        dt = rng.uniform(0.05, 1.5)
+        twist = rng.normal(0.0, (0.7, 2.0)) * (rng.random(2) < 0.9)
+        yaw = rng.uniform(-3.0, 3.0)
+        path = drive((0.0, 0.0, yaw), twist, dt * rng.random(1))[0]
+        tracking = rng.uniform(0.0, 0.2, 3) * (rng.random(3) < 0.5)
+        errors = rng.choice([-1.0, 1.0], 3) * tracking
+        at = path[2] + errors[2]
+        touching = rng.dirichlet((0.3, 0.3, 0.3)) @ WEDGE
+        turned = touching[0] * np.array([np.cos(at), np.sin(at)])
+        turned += touching[1] * np.array([-np.sin(at), np.cos(at)])
+        start = np.array([*(post - turned - path[:2] - errors[:2]), yaw])
+        assert space.certify_twists(start, [twist, twist], dt, tracking).proven == 0
+
+
+@pytest.fixture(scope="module")
+def room():
+    """Build a room with a pallet and a post, for a robot that turns."""
+    space = cspace.build(
+        Workspace.from_array(np.zeros((100, 100), dtype=bool), 0.05),
+        Robot.rectangle(0.4, 0.25),
+        rotations=36,
+    )
+    space.add_obstacle("pallet", [(3.0, 2.5)], radius=0.3)
+    space.add_obstacle("post", [(1.0, 4.0)], radius=0.3)
+    return space
+
+
+START = (1.0, 2.5, 0.0)
+
+
+def test_twists_that_exceed_limits_are_refused(room):
+    twists = [(0.5, 0.2), (0.5, 1.1), (0.2, 0.0)]
+    assert room.certify_twists(START, twists, 0.1).is_proven
+    tight = room.certify_twists(START, twists, 0.1, turning_radius=0.5)
+    assert tight.refusal[:3] == (1, "limit", ("omega",))
+    assert room.certify_twists(START, [(-0.5, 1.0)], 0.1, turning_radius=0.5).is_proven
+    fast = room.certify_twists(START, twists, 0.1, max_velocity=(0.4, 9.0))
+    assert fast.refusal[:3] == (0, "speed", ("v",))
+    for bad in (math.nan, math.inf, 1e200):
+        chunk = room.certify_twists(START, [(0.5, 0.2), (0.5, bad), (0.1, 0.0)], 0.1)
+        assert (chunk.proven, chunk.refusal.cause) == (1, "number")
+    for bad in ((1e9, 1.0), (0.0, 1e3)):
+        chunk = room.certify_twists(START, [(0.5, 0.2), bad], 0.1)
+        assert chunk.refusal[:3] == (1, "limit", ("twist",))
+
+
+def test_a_batch_of_twists_equals_single_chunks(room):
+    rng = np.random.default_rng(0)
+    twists = rng.normal(0.3, (0.3, 1.0), (100, 20, 2))
+    batch = room.certify_twists(START, twists, 0.2, 0.05)
+    single = [room.certify_twists(START, each, 0.2, 0.05).proven for each in twists]
+    # The arcs of a batch are as short as its tightest one needs.
+    assert np.abs(batch.proven - single).max() <= 1
+    assert 0 < batch.is_proven.sum() < 100
+
+
+# ---- answers -------------------------------------------------------------------------------------
+
+
+def test_a_refusal_names_the_obstacles_of_a_map(room):
+    chunk = room.certify_chunk(START, [(1.5, 2.5, 0.0), (2.0, 2.5, 0.0), (2.6, 2.5, 0.3)], 0.05)
+    assert chunk.proven == 2
+    assert chunk.refusal[:3] == (2, "collision", ("pallet",))
+    assert "near pallet" in chunk.refusal.message
+    assert math.isnan(chunk.max_tracking)
+    # A robot that is in collision holds.
+    stuck = room.certify_chunk((1.0, 4.0, 0.0), [(1.0, 4.0, 0.0), START])
+    assert stuck.refusal[:3] == (0, "collision", ("post",))
+    # At the edge of the map, there is no obstacle to name.
+    assert room.certify_chunk((0.6, 0.6, 0.0), [(0.1, 0.6, 0.0)]).refusal.names == ()
+    # An error that is larger than any clearance is never proven.
+    assert room.certify_chunk(START, [START], 50.0).proven == 0
+    assert 0.2 < room.certify_chunk(START, [START], 50.0).max_tracking < 1.0
+
+
+def test_rows_that_are_no_configurations_are_refused(room, any_map):
+    for bad in (math.nan, -math.inf):
+        chunk = room.certify_chunk(START, [START, (1.0, bad, 0.0), START], 0.01, dt=1.0, max_velocity=1.0)
+        assert (chunk.proven, chunk.refusal.cause) == (1, "number")
+    for far in (1e9, 1e300):
+        chunk = room.certify_chunk(START, [START, (far, 2.5, 0.0)])
+        assert (chunk.proven, chunk.refusal.cause) == (1, "collision")
+    if any_map.space.size == 7:
+        q = any_map.draw_inside(np.random.default_rng(0), 300)[0]
+        q = q[any_map.space.certify_chunk(q, q[:, np.newaxis]).is_proven][0]
+        assert any_map.space.certify_chunk(q, [q, 1.1 * q]).refusal.cause == "number"
+
+
+def test_speeds_of_rows_are_limited(room):
+    rows = [(1.1, 2.5, 0.0), (1.2, 2.5, 0.1), (1.3, 2.5, 0.4)]
+    chunk = room.certify_chunk(START, rows, dt=0.1, max_velocity=(1.0, 1.0, 2.0))
+    assert chunk.refusal[:3] == (2, "speed", ("yaw",))
+    assert chunk.refusal.message == "row 2: yaw changes per second by 3, at most 2 is allowed"
+    assert room.certify_chunk(START, rows, dt=0.1, max_velocity=3.0).is_proven
+    assert room.certify_chunk(START, [START] * 2, dt=0.1, max_velocity=0.0).is_proven
+
+
+def test_a_gate_passes_the_proven_part_then_holds(room):
+    gate = cspace.Gate(room, tracking=0.02, dt=0.2, max_velocity=(1.0, 2.0))
+    passed = gate.check_twists(START, [(0.5, 0.2)] * 3 + [(2.0, 0.0), (0.5, 0.0)])
+    assert passed.state == "shortened"
+    assert passed.commands.tolist() == [[0.5, 0.2]] * 3 + [[0.0, 0.0]] * 2
+    assert passed.chunk.refusal.cause == "speed"
+    assert gate.check_twists(START, [(0.5, 0.2)]).state == "go"
+    rows = cspace.Gate(room, tracking=0.05).check_rows(START, [(3.0, 2.5, 0.0), START])
+    assert rows.state == "hold"
+    assert rows.commands.tolist() == [list(START)] * 2
+
+
+@refusals(
+    "call, message",
+    (lambda s: s.certify_chunk(START, np.empty((0, 3))), "at least one row"),
+    (lambda s: s.certify_chunk(START, START), "at least one row"),
+    (lambda s: s.certify_chunk(START, [(1.0, 2.0)]), "last axis must be 3 long"),
+    (lambda s: s.certify_chunk((1.0, math.nan, 0.0), [START]), "q[1] is nan"),
+    (lambda s: s.certify_chunk([START] * 2, [START]), "begins at one configuration"),
+    (lambda s: s.certify_chunk(START, [START], -0.1), "zero or above"),
+    (lambda s: s.certify_chunk(START, [START], (0.1, 0.1)), "one for each of x, y, yaw"),
+    (lambda s: s.certify_chunk(START, [START], math.nan), "tracking is nan"),
+    (lambda s: s.certify_chunk(START, [START], dt=0.0, max_velocity=1.0), "above zero"),
+    (lambda s: s.certify_twists(START, [(0.1, 0.1)], 0.0), "dt"),
+    (lambda s: s.certify_twists(START, [(0.1, 0.1)], 0.1, max_velocity=1.0), "two limits"),
+    (lambda s: s.certify_twists(START, [(0.1, 0.1)], 0.1, turning_radius=-1.0), "turning_radius"),
+)
+def test_wrong_arguments_are_refused(room, call, message):
+    with pytest.raises(InputError) as caught:
+        call(room)
+    assert message in str(caught.value)
+
+
+FLAT = (1.0, 2.5)
+
+
+@pytest.mark.parametrize(
+    "wrong, right, hint",
+    [
+        (
+            lambda s: s.certify_chunk(START, [START], dt=0.1),
+            lambda s: s.certify_chunk(START, [START], dt=0.1, max_velocity=(1.0, 1.0, 2.0)),
+            "pass one number, or one for each of x, y, yaw",
+        ),
+        (
+            lambda s: s.certify_chunk(START, [START], max_velocity=1.0),
+            lambda s: s.certify_chunk(START, [START], max_velocity=1.0, dt=0.02),
+            "pass the seconds between rows, e.g. dt=0.02",
+        ),
+        (
+            lambda s: s.certify_chunk(START, START),
+            lambda s: [s.certify_chunk(START, [START]), s.certify_chunk(START, [[START]])],
+            "pass an array of shape (n, 3), or (B, n, 3) for a batch",
+        ),
+        (
+            lambda s: s.certify_chunk([START] * 2, [START]),
+            lambda s: s.certify_chunk(START, [START]),
+            "pass one of 3 numbers",
+        ),
+        (
+            lambda s: s.certify_chunk(START, [[START]] * 2).refusal,
+            lambda s: s.certify_chunk(START, [START]).refusal,
+            "pass rows[k] to certify_chunk",
+        ),
+        (
+            lambda s: s.certify_twists(START, [(0.1, 0.1)], 0.1, max_velocity=1.0),
+            lambda s: s.certify_twists(START, [(0.1, 0.1)], 0.1, max_velocity=(0.5, 1.0)),
+            "pass (m/s, rad/s), e.g. (0.5, 1.0)",
+        ),
+        (
+            lambda s: cspace.Gate(s).check_twists(START, [(0.1, 0.1)]),
+            lambda s: cspace.Gate(s, dt=0.1).check_twists(START, [(0.1, 0.1)]),
+            "pass its seconds, e.g. Gate(space, dt=0.1)",
+        ),
+        (
+            lambda s: make_flat(0)[0].certify_twists(FLAT, [(0.1, 0.1)], 0.1),
+            lambda s: make_flat(0, rotations=72)[0].certify_twists(START, [(0.1, 0.1)], 0.1),
+            "build a map of a plane with rotations=72",
+        ),
+    ],
+)
+def test_hints_are_followed(room, wrong, right, hint):
+    check_followed(lambda: wrong(room), lambda: right(room), hint)
