@@ -1,6 +1,7 @@
 // Answers of the C++ header for tests, which compare them with Python's.
 //
 //   answers query MAP QUERIES ANSWERS [unchecked]   rows of two configurations: states of the first, motions, clearances
+//   answers prefix MAP ROWS N TRACKING...           proven rows of chunks of N rows, a line a chunk
 //   answers open MAP...                             one line a map: "opened", or the text of the error
 //   answers time MAP QUERIES                        nanoseconds of CPU time a state at random, a state in cache, and a motion
 #include <ctime>
@@ -49,6 +50,19 @@ void query(const cspace::Map& map, const std::vector<double>& rows, const std::s
   std::ofstream file(answers, std::ios::binary);
   file.write(states.data(), static_cast<std::streamsize>(n)).write(motions.data(), static_cast<std::streamsize>(n));
   file.write(reinterpret_cast<const char*>(clearances.data()), static_cast<std::streamsize>(n * sizeof(double)));
+}
+
+/// Print how many rows of each chunk of `n` rows are proven, or the text of an error.
+void count_proven(const cspace::Map& map, const std::vector<double>& rows, std::size_t n,
+                  const std::vector<std::string>& numbers) {
+  std::vector<double> tracking;
+  for (const std::string& number : numbers) tracking.push_back(std::stod(number));
+  try {
+    for (std::size_t k = 0; k < rows.size(); k += n * map.size())
+      std::cout << map.proven_prefix(&rows[k], n, tracking) << "\n";
+  } catch (const cspace::InputError& error) {
+    std::cout << error.what() << "\n";
+  }
 }
 
 /// Open a map with and without its digest, and query it around its grid.
@@ -102,6 +116,9 @@ int main(int count, char** arguments) {
   const std::vector<std::string> words(arguments + 1, arguments + count);
   if (words.size() >= 4 && words[0] == "query")
     query(cspace::Map::open(words[1], words.size() == 4), read_numbers(words[2]), words[3]);
+  else if (words.size() >= 4 && words[0] == "prefix")
+    count_proven(cspace::Map::open(words[1]), read_numbers(words[2]), std::stoul(words[3]),
+                 {words.begin() + 4, words.end()});
   else if (words.size() == 3 && words[0] == "time")
     time(cspace::Map::open(words[1]), read_numbers(words[2]));
   else if (words.size() >= 2 && words[0] == "open")

@@ -15,6 +15,7 @@ from tests.helpers.cpp import (
     build_program,
     build_space,
     count_differences,
+    count_prefixes,
     draw_queries,
     open_in_cpp,
     why_no_compiler,
@@ -86,6 +87,40 @@ def test_frozen_maps_give_the_answers_of_their_day(
     states, motions, _ = answers_of(program, tmp_path / name, np.array(answers["queries"]))
     assert states.tolist() == answers["states"]
     assert motions.tolist() == answers["motions"]
+
+
+@pytest.mark.parametrize("name", ["R2", "SE2 uneven", "SE2 one cell", "R3", "R3 yaw", "SE3"])
+def test_proven_prefixes_of_chunks_equal_those_of_python(
+    tmp_path: Path, program: Path, name: str
+) -> None:
+    outside = "free" if "R3" in name else "blocked"
+    space = build_space(name, outside)
+    space.save(tmp_path / "map")
+    rng = np.random.default_rng(4)
+    queries = draw_queries(space, 3 * N, rng).reshape(-1, 6, space.size)
+    starts = space.sample_free(len(queries), rng)
+    queries[:, :2] = starts[:, np.newaxis]
+    queries[:, 2, : space.dim] = starts[:, : space.dim] + rng.uniform(-0.3, 0.3, (len(queries), space.dim))
+    for size in (0.0, 0.03, 0.2, 4.0):
+        tracking = size * rng.random(space.dim + bool(space.rotations.names))
+        if name == "SE3":
+            tracking[-1] = 0.0
+        found = count_prefixes(program, tmp_path / "map", queries, tracking)
+        expected = space.certify_chunk(queries[:, 0], queries[:, 1:], tracking).proven
+        assert list(map(int, found)) == expected.tolist()
+        assert size > 1.0 or 0 < expected.sum() < 5 * len(queries)
+
+
+def test_wrong_tracking_is_refused(tmp_path: Path, program: Path) -> None:
+    space = build_space("SE3", "free")
+    space.save(tmp_path / "map")
+    rows = draw_queries(space, 1, np.random.default_rng(0)).reshape(1, 2, 7)
+    for tracking in ((0.0,) * 3, (0.1, 0.1, -0.1, 0.0), (np.nan,) * 4):
+        (answer,) = count_prefixes(program, tmp_path / "map", rows, tracking)
+        assert "zero or above" in answer
+    (answer,) = count_prefixes(program, tmp_path / "map", rows, (0.0, 0.0, 0.0, 0.1))
+    assert "use space.certify_chunk in Python" in answer
+    assert space.certify_chunk(rows[0, 0], rows[0, 1:], (0.0, 0.0, 0.0, 0.1)).proven in (0, 1)
 
 
 # ---- files that are no map -----------------------------------------------------------------------

@@ -148,6 +148,17 @@ def count_differences(
     return differences
 
 
+def count_prefixes(program: Path, map_: Path, chunks: Floats, tracking: Any) -> list[str]:
+    """Return the number of proven rows of chunks, shape (b, n, size), or the text of an error."""
+    rows = map_.parent / "chunks.bin"
+    rows.write_bytes(np.ascontiguousarray(chunks).tobytes())
+    numbers = [repr(float(error)) for error in tracking]
+    command = [str(program), "prefix", str(map_), str(rows), str(chunks.shape[1]), *numbers]
+    done = subprocess.run(command, text=True, capture_output=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.splitlines()
+
+
 def open_in_cpp(program: Path, *maps: Path) -> list[str]:
     """Open maps in C++ and query them; return "opened" or the text of the error of each."""
     command = [str(program), "open", *map(str, maps)]

@@ -398,27 +398,31 @@ inline Row position_along(const Row& p0, const Row& p1, double t) {
   return {between(p0[0], p1[0]), between(p0[1], p1[1]), between(p0[2], p1[2])};
 }
 
-/// A segment along one axis, from `p` to `p + extent`, in cells.
+/// A segment along one axis, from `p` to `p + extent`, and all within `reach`, at least SLACK, of it; in cells.
 struct Walk {
-  double p, extent, rate;
+  double p, extent, rate, reach;
   bool is_still;
 
-  Walk(double from, double to)
-      : p(from), extent(to - from), rate(1.0 / extent), is_still(std::abs(extent) < MIN_EXTENT_CELLS) {}
+  Walk(double from, double to, double around)
+      : p(from),
+        extent(to - from),
+        rate(1.0 / extent),
+        reach(around),
+        is_still(std::abs(extent) < MIN_EXTENT_CELLS) {}
 
-  /// Narrow a range of t in [0, 1] to where the segment is in a slab of cells, widened by SLACK.
+  /// Narrow a range of t in [0, 1] to where the segment is in a slab of cells, widened by the reach.
   void narrow(Index cell, double& start, double& stop) const {
     if (is_still) return;
-    const double enter = (static_cast<double>(cell) - SLACK - p) * rate;
-    const double leave = (static_cast<double>(cell + 1) + SLACK - p) * rate;
+    const double enter = (static_cast<double>(cell) - reach - p) * rate;
+    const double leave = (static_cast<double>(cell + 1) + reach - p) * rate;
     start = std::max(std::min(enter, leave), start);
     stop = std::min(std::max(enter, leave), stop);
   }
 
-  /// Write the first and the last closed cell, from `lowest` to `highest`, that the segment touches from start to stop.
+  /// Write the first and the last closed cell, from `lowest` to `highest`, near the segment from start to stop.
   void cells_between(double start, double stop, Index lowest, Index highest, Index& first, Index& last) const {
     const double begin = p + start * extent, end = p + stop * extent;
-    const double low = std::min(begin, end) - SLACK, high = std::max(begin, end) + SLACK;
+    const double low = std::min(begin, end) - reach, high = std::max(begin, end) + reach;
     // Casts drop fractions, which is quicker than std::floor.
     first = static_cast<Index>(low);
     last = static_cast<Index>(high);
@@ -489,14 +493,33 @@ class Map {
   bool motion_is_free(const double* q0, const double* q1) const {
     check_usable(q0);
     check_usable(q1);
-    const Row p0 = position_of(q0), p1 = position_of(q1);
-    if (kind_ == QUATERNION) return quaternion_edge_is_free(p0, rotation_of(q0), p1, rotation_of(q1));
-    if (state_at(slice_of(q1), p1) != FREE) return false;
-    return kind_ == YAW ? yaw_edge_is_free(p0, q0[dim_], p1, q1[dim_])
-                        : segment_is_free(slice_of_[0], p0, p1, 0.0, 1.0);
+    return tube_is_free(q0, q1, {}, 0.0);
   }
   bool motion_is_free(const std::vector<double>& q0, const std::vector<double>& q1) const {
     return motion_is_free(check_size(q0), check_size(q1));
+  }
+
+  /// Return how many of n rows after the first one are proven: the motions that lead to them, with all near motions.
+  ///
+  /// The rows follow each other, and the first one is where the robot is. Rows that are not usable are not proven.
+  /// @param tracking      largest error of the controller, zero or above: one number along each axis of the grid,
+  ///                      metres, and one for the rotation, radians, if there is one
+  /// @throws InputError   if the tracking has another size or is negative; or if the rotation of a quaternion strays,
+  ///                      which Python alone proves
+  std::size_t proven_prefix(const double* rows, std::size_t n, const std::vector<double>& tracking) const {
+    const bool is_negative = !std::all_of(tracking.begin(), tracking.end(), [](double x) { return x >= 0.0; });
+    if (tracking.size() != dim() + (kind_ != FIXED) || is_negative)
+      throw InputError("cspace: tracking has one number along each axis and one for a rotation, zero or above");
+    Row radii{};
+    std::copy(tracking.begin(), tracking.begin() + dim_, radii.end() - dim_);
+    const double turn = kind_ == FIXED ? 0.0 : tracking.back();
+    if (kind_ == QUATERNION && turn > 0.0)
+      throw InputError("cspace: the rotation of a quaternion may not stray; use space.certify_chunk in Python");
+    std::size_t proven = 0;
+    if (n == 0 || !is_usable(rows)) return proven;
+    for (const double* q = rows; proven < n - 1; ++proven, q += size())
+      if (!is_usable(q + size()) || !tube_is_free(q, q + size(), radii, turn)) break;
+    return proven;
   }
 
   /// Return a lower bound of the distance, at this rotation, to the nearest position that is not FREE, in metres.
@@ -795,7 +818,16 @@ class Map {
     return cell;
   }
 
-  bool yaw_edge_is_free(const Row& p0, double yaw0, const Row& p1, double yaw1) const {
+  /// Return true if a motion is FREE, with all positions within `radii` of it and rotations within `turn`.
+  bool tube_is_free(const double* q0, const double* q1, const Row& radii, double turn) const {
+    const Row p0 = position_of(q0), p1 = position_of(q1);
+    if (kind_ == QUATERNION) return quaternion_edge_is_free(p0, rotation_of(q0), p1, rotation_of(q1), radii);
+    if (state_at(slice_of(q1), p1) != FREE) return false;
+    return kind_ == YAW ? yaw_edge_is_free(p0, q0[dim_], p1, q1[dim_], radii, turn)
+                        : segment_is_free(slice_of_[0], p0, p1, 0.0, 1.0, radii);
+  }
+
+  bool yaw_edge_is_free(const Row& p0, double yaw0, const Row& p1, double yaw1, const Row& radii, double stray) const {
     const Index count = static_cast<Index>(slice_of_.size());
     const double start = wrap_to_cells(yaw0);
     double angle = yaw1 - yaw0;
@@ -805,7 +837,7 @@ class Map {
     const int arcs = detail::PI - std::abs(angle) <= detail::ANGLE_SLACK ? 2 : 1;
     for (int arc = 0; arc < arcs; ++arc) {
       if (arc == 1) angle += angle > 0.0 ? -detail::TWO_PI : detail::TWO_PI;
-      const double lowest = std::min(start, start + angle), highest = std::max(start, start + angle);
+      const double lowest = std::min(start, start + angle) - stray, highest = std::max(start, start + angle) + stray;
       // Begin with the first cell, widened by ANGLE_SLACK, that contains the lowest yaw.
       double turn = std::floor((lowest - borders_[0]) / detail::TWO_PI);
       Index cell = find_cell(lowest);
@@ -818,16 +850,17 @@ class Map {
         const double low = borders_[cell] + turn * detail::TWO_PI - detail::ANGLE_SLACK;
         const double high = borders_[cell + 1] + turn * detail::TWO_PI + detail::ANGLE_SLACK;
         if (low > highest) break;
-        const double at_low = angle == 0.0 ? 0.0 : std::clamp((low - start) / angle, 0.0, 1.0);
-        const double at_high = angle == 0.0 ? 1.0 : std::clamp((high - start) / angle, 0.0, 1.0);
-        if (!segment_is_free(slice_of_[cell], p0, p1, std::min(at_low, at_high), std::max(at_low, at_high)))
-          return false;
+        const double at_low = angle == 0.0 ? 0.0 : std::clamp((low - stray - start) / angle, 0.0, 1.0);
+        const double at_high = angle == 0.0 ? 1.0 : std::clamp((high + stray - start) / angle, 0.0, 1.0);
+        const double enter = std::min(at_low, at_high), leave = std::max(at_low, at_high);
+        if (!segment_is_free(slice_of_[cell], p0, p1, enter, leave, radii)) return false;
       }
     }
     return true;
   }
 
-  bool quaternion_edge_is_free(const Row& p0, const Quaternion& r0, const Row& p1, const Quaternion& r1) const {
+  bool quaternion_edge_is_free(const Row& p0, const Quaternion& r0, const Row& p1, const Quaternion& r1,
+                               const Row& radii) const {
     const Quaternion a = detail::normalise(r0, 1.0), target = detail::normalise(r1, 1.0);
     const double cosine = detail::dot_product(a, target);
     const int arcs = std::abs(cosine) <= detail::QUOTIENT_SLACK ? 2 : 1;
@@ -847,22 +880,28 @@ class Map {
         // rounding.
         const double slerp = std::atan((2.0 * done - 1.0) * tangent) / std::atan(tangent);
         leave = has_next ? std::min(0.5 + 0.5 * slerp, 1.0) : 1.0;
-        if (!segment_is_free(slice_of_[cell], p0, p1, is_tiny ? 0.0 : enter, is_tiny ? 1.0 : leave)) return false;
+        if (!segment_is_free(slice_of_[cell], p0, p1, is_tiny ? 0.0 : enter, is_tiny ? 1.0 : leave, radii)) return false;
       }
     }
     return true;
   }
 
-  /// Return true if a motion from p0 to p1 touches only FREE cells of a slice from time `enter` to `leave`.
-  bool segment_is_free(Index s, const Row& p0, const Row& p1, double enter, double leave) const {
+  /// Return true if all cells of a slice near a motion from p0 to p1 are FREE from time `enter` to `leave`.
+  ///
+  /// They are those within `radii` along each axis, metres, and SLACK.
+  bool segment_is_free(Index s, const Row& p0, const Row& p1, double enter, double leave, const Row& radii) const {
     const Row first = detail::position_along(p0, p1, enter), last = detail::position_along(p0, p1, leave);
     const Row p = in_cells(first), q = in_cells(last);
     bool inside = true;
     double total = 0.0;
+    Row reach;
     for (int axis = 0; axis < 3; ++axis) {
-      inside = inside && std::min(first[axis], last[axis]) >= lower_[axis];
-      inside = inside && std::max(first[axis], last[axis]) <= upper_[axis];
-      total += std::abs(p[axis]) + std::abs(q[axis]);
+      reach[axis] = radii[axis] / spacing_ + detail::SLACK;
+      // Rounding counts where a radius is added. A mere segment may lie on the border of the grid.
+      const double radius = radii[axis] > 0.0 ? reach[axis] * spacing_ : 0.0;
+      inside = inside && std::min(first[axis], last[axis]) - radius >= lower_[axis];
+      inside = inside && std::max(first[axis], last[axis]) + radius <= upper_[axis];
+      total += std::abs(p[axis]) + std::abs(q[axis]) + reach[axis];
     }
     if (!(total <= detail::MAX_POSITION)) return false;
     // The closed cells of the grid contain all of a segment inside. Any other segment is proven only if all cells
@@ -875,7 +914,7 @@ class Map {
       high[axis] = inside ? cells_[axis] - 1 : std::max(exterior.last[axis], cells_[axis] - 1);
     }
     // Cut the segment into slabs along x, and each slab along y. Each piece touches one run of cells along z.
-    const detail::Walk x(p[0], q[0]), y(p[1], q[1]), z(p[2], q[2]);
+    const detail::Walk x(p[0], q[0], reach[0]), y(p[1], q[1], reach[1]), z(p[2], q[2], reach[2]);
     Index west, east, left, right, bottom, top;
     x.cells_between(0.0, 1.0, low[0], high[0], west, east);
     for (Index i = west; i <= east; ++i) {
