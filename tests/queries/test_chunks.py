@@ -9,8 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import cspace
-from cspace import FREE, Robot, Workspace
+from cspace import FREE, MIXED, Robot, Workspace
 from cspace.errors import InputError
+from tests.helpers.handmade import MAP_KINDS, configurations, make_map, random_states
 from tests.helpers.placements import move
 from tests.helpers.refusals import check_followed, refusals
 from tests.helpers.regions import place_polygon
@@ -109,6 +110,48 @@ def test_all_within_a_proven_tube_is_free(any_map, seed):
         strayed = stray(any_map, between, tracking, signs, draw_axes(any_map, rng, count))
         assert any_map.memory.is_free(strayed).all()
     assert found
+
+
+@pytest.mark.parametrize("kind", MAP_KINDS)
+def test_a_tube_is_not_proven_if_any_cell_within_it_is_taken(kind):
+    """Draw a configuration in a tube, often in a corner, and take its cell alone."""
+    rng = np.random.default_rng(7)
+    taken_by_errors = 0
+    for _ in range(60):
+        cells = random_states(rng, kind, max_side=12, mixture=(FREE,))
+        space = make_map(cells, kind, "free")
+        dim, turns = space.dim, bool(space.rotations.names)
+        low, high = space.grid.lower, space.grid.upper
+        ends = configurations(
+            space,
+            np.column_stack(
+                [rng.uniform(low, high, (2, dim)), rng.uniform(-4.0, 4.0, (2, space.size - dim))]
+            ),
+        )
+        if rng.random() < 0.7:  # a short turn
+            ends[1, dim:] = configurations(space, ends[:1] + 0.1 * (ends[1:] - ends[:1]))[0, dim:]
+        tracking = rng.choice([0.0, 0.1, 0.5, 1.0], dim + turns) * (rng.random(dim + turns) < 0.7)
+        assert space.certify_chunk(ends[0], ends[1:], tracking).is_proven
+        for share in rng.choice([0.0, 0.5, 1.0, rng.random()], 6):
+            exact = space.interpolate(ends[0], ends[1:], [[share]])
+            signs = (1.0 - 1e-9) * rng.choice([-1.0, 0.0, 1.0, rng.random()], (1, dim + 1))
+            axis = rng.normal(size=(1, 3)) if space.size == 7 else np.array([[0.0, 0.0, 1.0]])
+            angle = signs[:, dim:] * (tracking[-1] if turns else 0.0)
+            inside = move(
+                space,
+                exact,
+                signs[:, :dim] * tracking[:dim],
+                angle * axis / np.linalg.norm(axis),
+            )
+            cell = tuple(space._cells_of(inside)[0].tolist())
+            if not space.grid.contains(inside[0, :dim]):
+                continue
+            taken = cells.copy()
+            taken[cell] = MIXED
+            one_taken = make_map(taken, kind, "free")
+            assert one_taken.certify_chunk(ends[0], ends[1:], tracking).proven == 0
+            taken_by_errors += bool(one_taken.motion_is_free(ends[0], ends[1]))
+    assert taken_by_errors > 20
 
 
 def make_flat(seed, rotations=None):
@@ -218,6 +261,28 @@ def test_the_robot_meets_nothing_on_proven_arcs(seed, tracking, scale):
         assert not shapely.intersects(obstacles, placed).any()
         pose = drive(pose, twists[row], np.array([dt]))[0]
         np.testing.assert_allclose(chunk.rows[row], pose, atol=1e-9)
+
+
+def test_an_arc_is_not_proven_if_any_cell_on_it_is_taken():
+    rng = np.random.default_rng(3)
+    cells = np.full((5, 16, 16), FREE, dtype=np.uint8)
+    space = make_map(cells, "turning", "free")
+    missed_by_chords = 0
+    for _ in range(60):
+        start = np.array([*rng.uniform(1.0, 3.0, 2), rng.uniform(-3.0, 3.0)])
+        twist = rng.uniform(-1.0, 1.0), rng.uniform(-1.0, 1.0)
+        assert space.certify_twists(start, [twist], 1.0).is_proven
+        poses = drive(start, twist, np.linspace(0.0, 1.0, 400))
+        poses = poses[space.grid.contains(poses[:, :2])]
+        for cell in np.unique(space._cells_of(poses), axis=0).tolist():
+            taken = cells.copy()
+            taken[tuple(cell)] = MIXED
+            one_taken = make_map(taken, "turning", "free")
+            chunk = one_taken.certify_twists(start, [twist], 1.0)
+            assert chunk.proven == 0
+            points = np.vstack([chunk._tubes.starts, chunk._tubes.ends[0]])
+            missed_by_chords += bool(one_taken.certify_path(points).all())
+    assert missed_by_chords > 0
 
 
 @given(seeds)
