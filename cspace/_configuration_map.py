@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike
 
 from cspace._grid import Grid
 from cspace._interface import (
-    INSTANTS_PER_TUBE,
     ConfigurationSpace,
     Endpoint,
     format_configuration,
@@ -354,9 +353,9 @@ class ConfigurationMap(ConfigurationSpace):
         >>> import numpy as np, cspace
         >>> workspace = cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1)
         >>> space = cspace.build(workspace, cspace.Robot.rectangle(0.3, 0.2), rotations=36)
-        >>> chunk = space.certify_twists((0.5, 1.5, 1.5), [(0.5, 0.2)] * 2 + [(0.5, -4.0)] * 2, 0.5)
+        >>> chunk = space.certify_twists((0.5, 1.5, 0.0), [(0.5, 0.2)] * 4, 0.5)
         >>> chunk.proven, chunk.rows[1].round(2).tolist()
-        (2, [0.49, 2.0, 1.7])
+        (2, [1.0, 1.55, 0.2])
         """
         from cspace._queries.chunks import certify_twists
 
@@ -586,11 +585,8 @@ class ConfigurationMap(ConfigurationSpace):
         """Return True if numbers, shape (size,), are finite, with a valid rotation."""
         return self._find_unusable(q[np.newaxis]) < 0
 
-    def _explain_tube(self, points: Floats, radii: Floats) -> tuple[tuple[str, ...], str]:
-        """Name the obstacles near tubes through points, shape (n, size), and say where."""
-        shares = np.linspace(0.0, 1.0, INSTANTS_PER_TUBE)[:, np.newaxis, np.newaxis]
-        instants = self.interpolate(points[:-1], points[1:], shares)
-        rows = np.swapaxes(instants, 0, 1).reshape(-1, self.size)
+    def _explain_tube(self, rows: Floats, radii: Floats) -> tuple[tuple[str, ...], str]:
+        """Name the obstacles near a tube with instants ``rows``, shape (n, size), and say where."""
         is_free = np.empty(len(rows), dtype=np.bool_)
         turn = float(radii[self.dim :].sum())
         self._write_free_around(float(radii[: self.dim].max()), turn, rows, is_free)

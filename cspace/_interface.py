@@ -6,7 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, Unpack, cast, overload
+from typing import TYPE_CHECKING, Any, NamedTuple, Unpack, cast, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,10 +27,6 @@ Endpoint = tuple[float, ...]
 
 Checker = Callable[..., bool]
 """Test of a configuration or a motion, given by its numbers."""
-
-
-INSTANTS_PER_TUBE: Final = 33
-"""Instants of a motion at which the reason is sought that it is not proven."""
 
 
 class Goal:
@@ -576,7 +572,7 @@ class ConfigurationSpace(Space):
         >>> space = cspace.build(workspace, cspace.Robot.disc(0.2))
         >>> chunk = space.certify_chunk((0.5, 1.5), [(0.5, 2.0), (1.0, 2.0)], 0.05)
         >>> chunk.proven, round(chunk.max_tracking, 2)
-        (2, 0.25)
+        (2, 0.2)
         >>> space.certify_chunk((0.5, 1.5), [(0.5, 2.0), (1.0, 2.0)], 0.5).proven
         0
         """
@@ -701,10 +697,10 @@ class ConfigurationSpace(Space):
         """
 
     @abstractmethod
-    def _explain_tube(self, points: Floats, radii: Floats) -> tuple[tuple[str, ...], str]:
-        """Return the names of what is near tubes that are not proven, and a text about them.
+    def _explain_tube(self, rows: Floats, radii: Floats) -> tuple[tuple[str, ...], str]:
+        """Return the names of what is near a tube that is not proven, and a text about it.
 
-        The tubes lead through ``points``, shape (n, size); the one at least is not free.
+        ``rows``, shape (n, size), are instants of its motion.
         """
 
     def _is_configuration(self, q: Floats) -> bool:

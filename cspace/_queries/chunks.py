@@ -46,6 +46,9 @@ TRACKING_HALVINGS: Final = 8
 LIMIT_ROUNDING: Final = 1e-9
 """Rounding of values that are compared with limits, relative to these."""
 
+INSTANTS_PER_TUBE: Final = 33
+"""Instants of a tube at which the reason is sought that it is not proven."""
+
 MAX_SPEED: Final = 1e100
 """Largest speed of a twist that is a usable number, m/s and rad/s."""
 
@@ -145,7 +148,7 @@ class Tubes(NamedTuple):
     def count_proven(self, tracking: Floats) -> Ints:
         """Count the rows of each chunk that are proven, from the first on; shape (B,).
 
-        ``tracking`` is the error of each coordinate, metres and radians.
+        ``tracking`` is the error of all coordinates, or of each, metres and radians.
         """
         chunks, tubes, _ = self.ends.shape
         counts = np.full(chunks, tubes)
@@ -168,12 +171,15 @@ class Tubes(NamedTuple):
                 return refusal
         points = np.concatenate([self.starts, self.ends[0]])
         part = points[row * self.per_row : (row + 1) * self.per_row + 1]
-        names, text = self.space._explain_tube(part, self._find_radii(tracking))
+        shares = np.linspace(0.0, 1.0, INSTANTS_PER_TUBE)[:, np.newaxis, np.newaxis]
+        instants = self.space.interpolate(part[:-1], part[1:], shares).swapaxes(0, 1)
+        rows = instants.reshape(-1, self.space.size)
+        names, text = self.space._explain_tube(rows, self._find_radii(tracking))
         return Refusal(row, "collision", names, f"row {row}: {text}")
 
     def _find_radii(self, tracking: Floats) -> Floats:
         """Return the radius of the tubes along each coordinate, metres and radians."""
-        radii = tracking.copy()
+        radii = np.full(len(_list_steps(self.space)), tracking)
         radii[: self.space.dim] += self.sag
         return radii
 
@@ -194,8 +200,7 @@ class Chunk:
     rows: Floats
     proven: int | Ints
     _tubes: Tubes
-    _tracking: Floats
-    _has_one_tracking: bool
+    _tracking: Floats  # one for all coordinates, or one for each
 
     @property
     def is_proven(self) -> bool | Bools:
@@ -230,7 +235,7 @@ class Chunk:
             return int(self._tubes.count_proven(error * shape)[0]) == len(self.rows)
 
         error = _find_largest(is_proven)
-        return error if self._has_one_tracking else error * shape
+        return error * shape if shape.ndim else error
 
     def _check_alone(self) -> None:
         """Raise InputError for a batch."""
@@ -271,18 +276,18 @@ def certify_rows(
 ) -> Chunk:
     """Prove a chunk of targets; see :meth:`cspace.CSpace.certify_chunk`."""
     starts, targets, is_batch = _check_chunk(space, q, rows, space.size)
-    errors, has_one_error = _check_numbers(space, tracking, "tracking")
+    errors = _check_numbers(space, tracking, "tracking")
     checks = list[RowCheck]()
     with np.errstate(all="ignore"):  # rows may hold any numbers
         before = np.concatenate([starts[:, np.newaxis], targets[:, :-1]], axis=1)
         checks += space._check_targets(before, targets)
         if dt is not None:
             seconds = check_positive(dt, "dt", "seconds")
-            steps = space.steps_between(before, targets)
-            angles = np.linalg.norm(steps[..., space.dim :], axis=-1, keepdims=True)
-            distances = np.concatenate([np.abs(steps[..., : space.dim]), angles], axis=-1)
             names = _list_steps(space)
-            speeds = distances[..., : len(names)] / seconds
+            steps = np.abs(space.steps_between(before, targets))
+            if steps.shape[-1] > len(names):  # rotation vectors
+                steps[..., space.dim] = np.linalg.norm(steps[..., space.dim :], axis=-1)
+            speeds = steps[..., : len(names)] / seconds
             limits = _check_velocities(space, max_velocity)
             checks.append(RowCheck("speed", names, "changes per second by", speeds, limits))
         elif max_velocity is not None:
@@ -293,7 +298,7 @@ def certify_rows(
                 "pass the seconds between rows, e.g. dt=0.02",
             )
     tubes = Tubes(space, starts, targets, checks)
-    return _prove(tubes, targets, is_batch, errors, has_one_error)
+    return _prove(tubes, targets, is_batch, errors)
 
 
 def certify_twists(
@@ -314,7 +319,7 @@ def certify_twists(
             "build a map of a plane with rotations=72",
         )
     starts, commands, is_batch = _check_chunk(space, q, twists, 2)
-    errors, has_one_error = _check_numbers(space, tracking, "tracking")
+    errors = _check_numbers(space, tracking, "tracking")
     seconds = check_positive(dt, "dt", "seconds")
     magnitudes = np.abs(commands)
     checks = [RowCheck("number", ("v", "omega"), "is", magnitudes, np.array([MAX_SPEED]))]
@@ -349,7 +354,7 @@ def certify_twists(
     sag = float((lengths * angles)[is_used].max(initial=0.0)) / (8.0 * per_row**2)
     sag += ROLL_OUT_ROUNDING * spacing * poses.shape[1]
     tubes = Tubes(space, starts, poses, checks, per_row, sag)
-    return _prove(tubes, poses[:, per_row - 1 :: per_row], is_batch, errors, has_one_error)
+    return _prove(tubes, poses[:, per_row - 1 :: per_row], is_batch, errors)
 
 
 def _roll_out(starts: Floats, arcs: Floats) -> Floats:
@@ -366,14 +371,12 @@ def _roll_out(starts: Floats, arcs: Floats) -> Floats:
     return np.stack([x, y, yaws], axis=-1)
 
 
-def _prove(
-    tubes: Tubes, rows: Floats, is_batch: bool, tracking: Floats, has_one_tracking: bool
-) -> Chunk:
+def _prove(tubes: Tubes, rows: Floats, is_batch: bool, tracking: Floats) -> Chunk:
     """Prove the rows of chunks, shape (B, n, size), and return them with their proof."""
     counts = tubes.count_proven(tracking)
-    shown = rows.copy() if is_batch else rows[0].copy()
-    proven = counts if is_batch else int(counts[0])
-    return Chunk(frozen(shown), proven, tubes, tracking, has_one_tracking)
+    if is_batch:
+        return Chunk(frozen(rows.copy()), counts, tubes, tracking)
+    return Chunk(frozen(rows[0].copy()), int(counts[0]), tubes, tracking)
 
 
 def _check_chunk(
@@ -412,10 +415,8 @@ def _list_steps(space: ConfigurationSpace) -> tuple[str, ...]:
     return (*space.axes[: space.dim], *(("rotation",) if len(names) == 4 else names))
 
 
-def _check_numbers(
-    space: ConfigurationSpace, value: ArrayLike, name: str
-) -> tuple[Floats, bool]:
-    """Return a number for each coordinate that strays, and whether one was given for all."""
+def _check_numbers(space: ConfigurationSpace, value: ArrayLike, name: str) -> Floats:
+    """Return one number for all coordinates that stray, or one for each."""
     names = _list_steps(space)
     numbers = check_finite(value, name)
     if numbers.shape not in ((), (len(names),)) or (numbers < 0.0).any():
@@ -425,13 +426,13 @@ def _check_numbers(
             "it must be zero or above",
             f"pass one number, or one for each of {', '.join(names)}",
         )
-    return np.broadcast_to(numbers, (len(names),)).copy(), numbers.ndim == 0
+    return numbers
 
 
 def _check_velocities(space: ConfigurationSpace, max_velocity: ArrayLike | None) -> Floats:
     """Return the largest speed of each coordinate; by default those that the space knows."""
     if max_velocity is not None:
-        return _check_numbers(space, max_velocity, "max_velocity")[0]
+        return np.full(len(_list_steps(space)), _check_numbers(space, max_velocity, "max_velocity"))
     known = space.max_velocity
     if not known:
         raise InputError(

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace._interface import (
-    INSTANTS_PER_TUBE,
     ConfigurationSpace,
     Endpoint,
     Goal,
@@ -1162,11 +1161,8 @@ class ArmSpace(ConfigurationSpace):
             RowCheck("limit", self.axes, "turns by", turns, self._spans),
         ]
 
-    def _explain_tube(self, points: Floats, radii: Floats) -> tuple[tuple[str, ...], str]:
-        """Name the link that comes nearest to touching in tubes through points, and the other."""
-        shares = np.linspace(0.0, 1.0, INSTANTS_PER_TUBE)[:, np.newaxis, np.newaxis]
-        instants = points[:-1] + shares * np.diff(points, axis=0)
-        rows = np.swapaxes(instants, 0, 1).reshape(-1, self.size)
+    def _explain_tube(self, rows: Floats, radii: Floats) -> tuple[tuple[str, ...], str]:
+        """Name the link that comes nearest to touching at instants of a tube, and the other."""
         snapshot = self.snapshot
         scene = snapshot.pad_scene(radii)
         distances, _ = snapshot.distances(rows, scene)
