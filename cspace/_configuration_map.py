@@ -548,13 +548,6 @@ class ConfigurationMap(ConfigurationSpace):
         """Return the lock that is held while an update changes the map."""
 
     @abstractmethod
-    def _find_unusable(self, rows: Floats) -> int:
-        """Return the index of the first unusable row, or -1.
-
-        A row is a configuration; ``rows`` has shape (n, size).
-        """
-
-    @abstractmethod
     def _write_free_around(self, distance: float, angle: float, rows: Floats, out: Bools) -> int:
         """Write whether all configurations near each row are free.
 
@@ -580,10 +573,6 @@ class ConfigurationMap(ConfigurationSpace):
         bad = self._write_states(rows, states)
         np.equal(states, FREE, out=out)
         return bad
-
-    def _is_configuration(self, q: Floats) -> bool:
-        """Return True if numbers, shape (size,), are finite, with a valid rotation."""
-        return self._find_unusable(q[np.newaxis]) < 0
 
     def _explain_tube(self, rows: Floats, radii: Floats) -> tuple[tuple[str, ...], str]:
         """Name the obstacles near a tube with instants ``rows``, shape (n, size), and say where."""

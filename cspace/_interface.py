@@ -686,9 +686,7 @@ class ConfigurationSpace(Space):
         """
 
     @abstractmethod
-    def _count_free_tubes(
-        self, starts: Floats, ends: Floats, radii: Floats, counts: Ints
-    ) -> None:
+    def _count_free_tubes(self, starts: Floats, ends: Floats, radii: Floats, counts: Ints) -> None:
         """Lower counts to the number of tubes that are free, from the first on.
 
         Tubes lead from ``starts``, shape (b, size), to each of ``ends``, shape (b, n, size), in
@@ -703,9 +701,13 @@ class ConfigurationSpace(Space):
         ``rows``, shape (n, size), are instants of its motion.
         """
 
-    def _is_configuration(self, q: Floats) -> bool:
-        """Return True if numbers, shape (size,), can be a configuration."""
-        return bool(np.isfinite(q).all())
+    def _find_unusable(self, rows: Floats) -> int:
+        """Return the index of the first row, of shape (n, size), that is no configuration, or -1.
+
+        Limits of joints do not count.
+        """
+        unusable = np.flatnonzero(~np.isfinite(rows).all(axis=1))
+        return int(unusable[0]) if len(unusable) else -1
 
     def _check_targets(self, before: Floats, targets: Floats) -> list[RowCheck]:
         """Return checks of targets, shape (b, n, size), and of the steps from those before."""

@@ -1693,9 +1693,7 @@ class CSpace(ConfigurationMap):
         write = partial(boxes_are_free, self._kernel_map, distance, angle)
         return write_in_threads(write, rows, out)
 
-    def _count_free_tubes(
-        self, starts: Floats, ends: Floats, radii: Floats, counts: Ints
-    ) -> None:
+    def _count_free_tubes(self, starts: Floats, ends: Floats, radii: Floats, counts: Ints) -> None:
         """Lower counts to the number of tubes that are free, from the first on.
 
         Arguments are as for the base class.

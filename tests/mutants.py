@@ -170,6 +170,30 @@ MUTANTS = (
     ),
     Mutant(
         "cspace/_queries/edges.py",
+        "turn_fractions(start, angle, low - turn, high + turn)",
+        "turn_fractions(start, angle, low, high)",
+        "tests/queries/test_chunks.py",
+    ),
+    Mutant(
+        "cspace/_queries/edges.py",
+        "reach = radius + 0.5 * length / count",
+        "reach = radius + 0.2 * length / count",
+        "tests/queries/test_chunks.py",
+    ),
+    Mutant(
+        "cspace/_queries/chunks.py",
+        "radii[: self.space.dim] += self.sag",
+        "radii[: self.space.dim] += 0.0",
+        "tests/queries/test_chunks.py",
+    ),
+    Mutant(
+        "cspace/arms/_snapshots.py",
+        "padding=self.outer.padding + displacements)",
+        "padding=self.outer.padding + 0.5 * displacements)",
+        "tests/arms/test_chunks.py",
+    ),
+    Mutant(
+        "cspace/_queries/edges.py",
         "return closed_cells(min(begin, end) - reach,",
         "return closed_cells(min(begin, end) + reach,",
         "tests/laws",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
 from functools import partial
@@ -53,7 +54,9 @@ def _time_batches(report: Report, seed: int) -> None:
     )
     start = space.nearest_free((5.0, 5.0, 0.3))
     speeds = np.clip(0.4 + 0.1 * rng.standard_normal((ROLL_OUTS, POSES)), 0.0, 1.0)
-    turns = 0.6 * rng.standard_normal((ROLL_OUTS, 1)) + 0.3 * rng.standard_normal((ROLL_OUTS, POSES))
+    turns = 0.6 * rng.standard_normal((ROLL_OUTS, 1)) + 0.3 * rng.standard_normal(
+        (ROLL_OUTS, POSES)
+    )
     twists = np.stack([speeds, turns], axis=-1)
     rows = space.certify_twists(start, twists, 0.05).rows
     path = np.concatenate([np.broadcast_to(start, (ROLL_OUTS, 1, 3)), rows], axis=1)
@@ -171,7 +174,7 @@ def _sweep(path: Floats, posts: Floats) -> Floats:
 def _split(path: Floats, step: float) -> Floats:
     """Return poses along a path, at most a step apart, with its rows."""
     rows = [path[:1]]
-    for first, last in zip(path[:-1], path[1:], strict=True):
+    for first, last in itertools.pairwise(path):
         count = max(math.ceil(float(np.linalg.norm(last - first)) / step), 1)
         shares = np.arange(1, count + 1)[:, np.newaxis] / count
         rows.append(first + shares * (last - first))

@@ -163,7 +163,8 @@ class Tubes(NamedTuple):
 
     def explain(self, row: int, tracking: Floats) -> Refusal:
         """Explain why a row of the only chunk is not proven."""
-        if not self.space._is_configuration(self.ends[0, (row + 1) * self.per_row - 1]):
+        last = (row + 1) * self.per_row
+        if self.space._find_unusable(self.ends[0, last - 1 : last]) >= 0:
             return Refusal(row, "number", (), f"row {row} is no configuration")
         for check in self.checks:
             refusal = check.refuse(row)
@@ -344,7 +345,9 @@ def certify_twists(
         arcs = np.sqrt(lengths * angles / (8.0 * SAG_PER_CELL * spacing))
         arcs = np.ceil(np.maximum(arcs, angles))[..., np.newaxis]
     most_arcs = np.array([float(MAX_ARCS_PER_TWIST)])
-    checks.append(RowCheck("limit", ("twist",), "is cut into arcs, whose number is", arcs, most_arcs))
+    checks.append(
+        RowCheck("limit", ("twist",), "is cut into arcs, whose number is", arcs, most_arcs)
+    )
     is_used = ~np.concatenate([check.exceeds for check in checks], axis=2).any(axis=2)
     # Twists from the first refused one on are never driven.
     is_used = np.logical_and.accumulate(is_used, axis=1)
@@ -404,6 +407,13 @@ def _check_chunk(
             f"has shape {points.shape}",
             "each chunk begins at one configuration",
             f"pass one of {space.size} numbers",
+        )
+    if space._find_unusable(as_contiguous(points.reshape(-1, space.size))) >= 0:
+        raise InputError(
+            "q",
+            f"is {q!r}",
+            "it must be where the robot is",
+            "normalise its quaternion, and wrap its yaw",
         )
     starts = np.broadcast_to(points, (len(chunks), space.size))
     return as_contiguous(starts), as_contiguous(chunks), array.ndim == 3

@@ -259,7 +259,9 @@ def quaternion_tube_is_free(
     length = max(abs(p1[0] - p0[0]), abs(p1[1] - p0[1]), abs(p1[2] - p0[2]))
     for number in range(arc_count(r0, r1)):
         angle, error = arc_angle_and_error(r0, r1, number)
-        pieces = max(length / max(radius, 0.5 * map_.spacing), angle / max(turn, MIN_TURN_PER_PIECE))
+        pieces = max(
+            length / max(radius, 0.5 * map_.spacing), angle / max(turn, MIN_TURN_PER_PIECE)
+        )
         if not pieces < MAX_PIECES_PER_TUBE:  # refuses NaN too
             return False
         count = math.ceil(max(pieces, 1.0))

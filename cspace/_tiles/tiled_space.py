@@ -203,9 +203,7 @@ class TiledCSpace(ConfigurationMap):
         reach = math.ceil(distance / self.grid.spacing) + 1  # cells
         return self._query_parts(query, rows, out, reach)
 
-    def _count_free_tubes(
-        self, starts: Floats, ends: Floats, radii: Floats, counts: Ints
-    ) -> None:
+    def _count_free_tubes(self, starts: Floats, ends: Floats, radii: Floats, counts: Ints) -> None:
         # A window around all tubes proves them, because all beyond it counts as MIXED.
         positions = np.concatenate([starts[:, np.newaxis], ends], axis=1)[..., : self.dim]
         positions = positions[np.isfinite(positions).all(axis=-1)]

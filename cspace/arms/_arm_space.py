@@ -1142,9 +1142,7 @@ class ArmSpace(ConfigurationSpace):
         out[:] = self.snapshot.are_free(starts, ends)
         return -1
 
-    def _count_free_tubes(
-        self, starts: Floats, ends: Floats, radii: Floats, counts: Ints
-    ) -> None:
+    def _count_free_tubes(self, starts: Floats, ends: Floats, radii: Floats, counts: Ints) -> None:
         """Lower counts to the number of tubes that are free, from the first on.
 
         Arguments are as for the base class.

@@ -100,7 +100,9 @@ def test_proven_prefixes_of_chunks_equal_those_of_python(
     queries = draw_queries(space, 3 * N, rng).reshape(-1, 6, space.size)
     starts = space.sample_free(len(queries), rng)
     queries[:, :2] = starts[:, np.newaxis]
-    queries[:, 2, : space.dim] = starts[:, : space.dim] + rng.uniform(-0.3, 0.3, (len(queries), space.dim))
+    queries[:, 2, : space.dim] = starts[:, : space.dim] + rng.uniform(
+        -0.3, 0.3, (len(queries), space.dim)
+    )
     for size in (0.0, 0.03, 0.2, 4.0):
         tracking = size * rng.random(space.dim + bool(space.rotations.names))
         if name == "SE3":

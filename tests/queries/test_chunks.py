@@ -11,7 +11,13 @@ from hypothesis import strategies as st
 import cspace
 from cspace import FREE, MIXED, Robot, Workspace
 from cspace.errors import InputError
-from tests.helpers.handmade import MAP_KINDS, configurations, make_map, random_states
+from tests.helpers.handmade import (
+    MAP_KINDS,
+    configurations,
+    full_states,
+    make_map,
+    random_states,
+)
 from tests.helpers.placements import move
 from tests.helpers.refusals import check_followed, refusals
 from tests.helpers.regions import place_polygon
@@ -154,6 +160,22 @@ def test_a_tube_is_not_proven_if_any_cell_within_it_is_taken(kind):
     assert taken_by_errors > 20
 
 
+@pytest.mark.parametrize("kind", MAP_KINDS)
+def test_a_tube_that_leaves_the_grid_is_proven_only_if_all_outside_is_free(kind):
+    states = full_states(kind, 8)
+    for outside in ("free", "blocked"):
+        space = make_map(states, kind, outside)
+        middle = 0.5 * np.array(space.grid.upper)
+        q = np.array([*middle, *space.rotations.centers[0]])
+        tracking = np.zeros(space.dim + bool(space.rotations.names))
+        for axis in range(space.dim):
+            for radius in (0.9, 1.1):
+                tracking[:] = 0.0
+                tracking[axis] = radius * middle[axis]
+                proven = space.certify_chunk(q, [q], tracking).proven
+                assert proven == (radius < 1.0 or outside == "free")
+
+
 def make_flat(seed, rotations=None):
     """Build a map of a wedge among random cells, with the cells as boxes."""
     rng = np.random.default_rng(seed)
@@ -181,7 +203,7 @@ def test_a_tube_in_the_plane_is_proven_exactly_if_no_cell_near_it_is_taken(seed)
         corners = [end + tracking * (i, j) for end in ends for i in (-1, 1) for j in (-1, 1)]
         tube = shapely.MultiPoint(corners).convex_hull
         nearest = cells[tree.nearest(tube)].distance(tube)
-        if 1e-9 < nearest or shapely.buffer(tube, -1e-6).intersects(cells[tree.nearest(tube)]):
+        if nearest > 1e-9 or shapely.buffer(tube, -1e-6).intersects(cells[tree.nearest(tube)]):
             proven = space.certify_chunk(ends[0], ends[1:], tracking).proven
             assert proven == (nearest > 1e-9)
 
@@ -373,7 +395,9 @@ def test_a_refusal_names_the_obstacles_of_a_map(room):
 
 def test_rows_that_are_no_configurations_are_refused(room, any_map):
     for bad in (math.nan, -math.inf):
-        chunk = room.certify_chunk(START, [START, (1.0, bad, 0.0), START], 0.01, dt=1.0, max_velocity=1.0)
+        chunk = room.certify_chunk(
+            START, [START, (1.0, bad, 0.0), START], 0.01, dt=1.0, max_velocity=1.0
+        )
         assert (chunk.proven, chunk.refusal.cause) == (1, "number")
     for far in (1e9, 1e300):
         chunk = room.certify_chunk(START, [START, (far, 2.5, 0.0)])
@@ -382,6 +406,8 @@ def test_rows_that_are_no_configurations_are_refused(room, any_map):
         q = any_map.draw_inside(np.random.default_rng(0), 300)[0]
         q = q[any_map.space.certify_chunk(q, q[:, np.newaxis]).is_proven][0]
         assert any_map.space.certify_chunk(q, [q, 1.1 * q]).refusal.cause == "number"
+        with pytest.raises(InputError, match="normalise its quaternion"):
+            any_map.space.certify_chunk(1.1 * q, [q])
 
 
 def test_speeds_of_rows_are_limited(room):
