@@ -62,7 +62,7 @@ ROLL_OUT_ROUNDING: Final = 2.0**-30
 """Rounding of a pose, in cells, for each arc that leads to it."""
 
 
-class Refusal(NamedTuple):
+class RowRefusal(NamedTuple):
     """The first row of a chunk that is not proven, and why.
 
     Attributes
@@ -89,7 +89,7 @@ class RowCheck(NamedTuple):
     Attributes
     ----------
     cause : str
-        As for :class:`Refusal`.
+        As for :class:`RowRefusal`.
     names : sequence of str
         Names of the k values.
     verb : str
@@ -108,16 +108,16 @@ class RowCheck(NamedTuple):
     @property
     def exceeds(self) -> Bools:
         """Whether each value exceeds its limit, or is NaN; shape (B, n, k)."""
-        return ~(self.values <= self.limits * (1.0 + LIMIT_ROUNDING))
+        return np.asarray(~(self.values <= self.limits * (1.0 + LIMIT_ROUNDING)))
 
-    def refuse(self, row: int) -> Refusal | None:
+    def refuse(self, row: int) -> RowRefusal | None:
         """Return why a row of the only chunk is refused, or None."""
         for column in np.flatnonzero(self.exceeds[0, row])[:1].tolist():
             name = self.names[column]
             value = self.values[0, row, column]
             limit = np.broadcast_to(self.limits, self.values.shape)[0, row, column]
             message = f"row {row}: {name} {self.verb} {value:.6g}, at most {limit:.6g} is allowed"
-            return Refusal(row, self.cause, (name,), message)
+            return RowRefusal(row, self.cause, (name,), message)
         return None
 
 
@@ -153,7 +153,7 @@ class Tubes(NamedTuple):
         chunks, tubes, _ = self.ends.shape
         counts = np.full(chunks, tubes)
         for check in self.checks:
-            is_refused = check.exceeds.any(axis=2)
+            is_refused = np.logical_or.reduce(check.exceeds, axis=2)
             first_refused = np.where(
                 is_refused.any(axis=1), is_refused.argmax(axis=1), tubes // self.per_row
             )
@@ -161,11 +161,11 @@ class Tubes(NamedTuple):
         self.space._count_free_tubes(self.starts, self.ends, self._find_radii(tracking), counts)
         return counts // self.per_row
 
-    def explain(self, row: int, tracking: Floats) -> Refusal:
+    def find_refusal(self, row: int, tracking: Floats) -> RowRefusal:
         """Explain why a row of the only chunk is not proven."""
         last = (row + 1) * self.per_row
         if self.space._find_unusable(self.ends[0, last - 1 : last]) >= 0:
-            return Refusal(row, "number", (), f"row {row} is no configuration")
+            return RowRefusal(row, "number", (), f"row {row} is no configuration")
         for check in self.checks:
             refusal = check.refuse(row)
             if refusal is not None:
@@ -176,7 +176,7 @@ class Tubes(NamedTuple):
         instants = self.space.interpolate(part[:-1], part[1:], shares).swapaxes(0, 1)
         rows = instants.reshape(-1, self.space.size)
         names, text = self.space._explain_tube(rows, self._find_radii(tracking))
-        return Refusal(row, "collision", names, f"row {row}: {text}")
+        return RowRefusal(row, "collision", names, f"row {row}: {text}")
 
     def _find_radii(self, tracking: Floats) -> Floats:
         """Return the radius of the tubes along each coordinate, metres and radians."""
@@ -210,14 +210,16 @@ class Chunk:
         return are_proven if self.rows.ndim == 3 else bool(are_proven)
 
     @cached_property
-    def refusal(self) -> Refusal | None:
+    def refusal(self) -> RowRefusal | None:
         """The first row that is not proven, and why; None if all are.
 
         It is found when it is first asked for, among the obstacles of that moment. InputError for
         a batch.
         """
         self._check_alone()
-        return None if self.is_proven else self._tubes.explain(int(self.proven), self._tracking)
+        return (
+            None if self.is_proven else self._tubes.find_refusal(int(self.proven), self._tracking)
+        )
 
     @cached_property
     def max_tracking(self) -> float | Floats:
