@@ -3,6 +3,7 @@
 from ._catalogue import planner_names as planner_names
 from ._objectives import ClearanceObjective as ClearanceObjective
 from ._objectives import WeightedLength as WeightedLength
+from ._lanes import audit as audit
 from ._ompl_callbacks import FreeStateSampler as FreeStateSampler
 from ._ompl_callbacks import MotionValidator as MotionValidator
 from ._ompl_callbacks import StateValidityChecker as StateValidityChecker
