@@ -217,7 +217,7 @@ class Audit:
             middles = [float(row[0].mean()) if len(row) else 0.0 for row in free]
             yaws = list(ways[0]) if ways else middles
         points = [
-            (*self.graph.positions[node].tolist(), *yaws[k : k + 1]) for k, node in enumerate(ends)
+            (*self.graph.places[node], *yaws[k : k + 1]) for k, node in enumerate(ends)
         ]
         return planners.plan(self.space, *points, exact=self.space.in_memory)
 
@@ -334,7 +334,7 @@ def audit_graph(
         is_free[rows] = prove_by_geometry(space, motions.take(rows))
     free = cover(is_free)
     places = places.take(~free[places.lanes])
-    collisions, obstacles = find_collisions(space, places)
+    collisions, obstacles = find_collisions(space, places, exact)
     rooms, margins = _measure_lanes(space, graph, motions, by_cells, free, room)
     first: dict[int, tuple[float, ...]] = {}
     for found in (places.firsts(), collisions):  # collisions replace what is only not FREE
@@ -400,12 +400,11 @@ def _judge_graph(
     pairs = list(dict.fromkeys(pairs))
     lost = [pair for pair, found in zip(pairs, reach.reaches(pairs), strict=True) if not found]
     ways = judge_ways(space, cells, lost)
-    places = [(float(x), float(y)) for x, y in graph.positions]
     return Audit(
         space,
         graph,
         lanes,
-        [NodeVerdict(*row) for row in zip(graph.names, places, yaws, strict=True)],
+        [NodeVerdict(*row) for row in zip(graph.names, graph.places, yaws, strict=True)],
         parts,
         [
             LostWay(graph.names[first], graph.names[last], exists)

@@ -10,6 +10,7 @@ from scipy import sparse
 from scipy.sparse import csgraph
 
 from cspace._queries.yaws import join_yaw_cells
+from cspace._rotations.base import ANGLE_SLACK
 from cspace._support.arrays import BLOCKED, Bools, Floats, Ints
 from cspace.lanes._route_graph import RouteGraph
 from cspace.lanes._tubes import Tubes, tubes_are_free
@@ -84,7 +85,7 @@ def prove_nodes(space: ConfigurationMap, positions: Floats, exact: bool) -> Node
         points = np.column_stack(
             [np.repeat(positions, len(yaws), axis=0), np.tile(yaws, len(positions))]
         )
-        turns = np.tile(0.5 * np.ptp(bounds, axis=1), len(positions))
+        turns = np.tile(0.5 * np.ptp(bounds, axis=1) + ANGLE_SLACK, len(positions))
     else:
         points, turns = positions, np.zeros(len(positions))
     is_free = np.array(space.motion_is_free(points, points))
@@ -92,7 +93,7 @@ def prove_nodes(space: ConfigurationMap, positions: Floats, exact: bool) -> Node
         rest = np.flatnonzero(~is_free & (np.asarray(space.classify(points)) != BLOCKED))
         tubes = Tubes(points[rest], points[rest], np.zeros(len(rest)), turns[rest])
         is_free[rest] = tubes_are_free(space, tubes, exact=True)
-    shape = len(positions), -1
+    shape = len(positions), len(space.rotations)
     cells = space._cells_of(points)
     return NodeCells(is_free.reshape(shape), cells.reshape(*shape, cells.shape[1]))
 
@@ -150,11 +151,11 @@ def judge_ways(
         return []
     components = space._components
     used = np.unique(np.array(pairs))
-    free, open_ = (components.find(nodes.cells[used], mixed) for mixed in (False, True))
+    cells = nodes.cells[used].reshape(-1, nodes.cells.shape[2])
+    shape = nodes.is_free[used].shape
+    free, open_ = (components.find(cells, mixed).reshape(shape) for mixed in (False, True))
     free = np.where(nodes.is_free[used], free, -1)
-    sets = [
-        [set(row.tolist()) - {-1} for row in labels] for labels in (free, open_)
-    ]
+    sets = [[set(row.tolist()) - {-1} for row in labels] for labels in (free, open_)]
     place = {node: k for k, node in enumerate(used.tolist())}
     ways: list[bool | None] = []
     for first, last in pairs:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
@@ -114,6 +115,11 @@ class RouteGraph:
     lanes: tuple[Lane, ...]
     yaws: Floats
     stations: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+
+    @cached_property
+    def places(self) -> list[tuple[float, float]]:
+        """Positions of the nodes as numbers."""
+        return [(x, y) for x, y in self.positions.tolist()]
 
     def __repr__(self) -> str:
         """Return the numbers of nodes and lanes."""

@@ -9,6 +9,7 @@ import numpy as np
 import shapely
 from shapely import affinity
 
+from cspace._rotations.base import ANGLE_SLACK
 from cspace._support.arrays import BLOCKED, FREE, Bools, Floats, Ints
 from cspace.errors import InputError
 from cspace.lanes._curves import Leg
@@ -33,6 +34,9 @@ MIN_OVERLAP: Final = 1e-9
 
 SAME_YAW: Final = 1e-9
 """Angle, radians, up to which two legs of a lane need no turn between them."""
+
+POINTS_PER_SIDE: Final = 16
+"""Number of points along each side of the robot that look for the obstacle that it touches."""
 
 BORDER: Final = "the border of the map"
 """Name of the space outside the map as an obstacle."""
@@ -90,9 +94,9 @@ def legs_of(graph: RouteGraph, lane: Lane) -> tuple[Leg, ...]:
     """Return the legs of a lane, of which a straight lane has one."""
     if lane.legs:
         return lane.legs
-    (x0, y0), (x1, y1) = graph.positions[[lane.start, lane.end]].tolist()
-    direction = math.atan2(y1 - y0, x1 - x0)
-    return (Leg((x0, y0), (x1, y1), direction, direction),)
+    start, end = graph.places[lane.start], graph.places[lane.end]
+    direction = math.atan2(end[1] - start[1], end[0] - start[0])
+    return (Leg(start, end, direction, direction),)
 
 
 def end_yaws(graph: RouteGraph, lane: Lane) -> list[tuple[float, float]]:
@@ -110,8 +114,7 @@ def end_yaws(graph: RouteGraph, lane: Lane) -> list[tuple[float, float]]:
 
 def has_no_direction(graph: RouteGraph, lane: Lane) -> bool:
     """Return True for a straight lane without length, along which all yaws are possible."""
-    start, end = graph.positions[[lane.start, lane.end]]
-    return not lane.legs and bool((start == end).all())
+    return not lane.legs and graph.places[lane.start] == graph.places[lane.end]
 
 
 def list_motions(space: ConfigurationMap, graph: RouteGraph) -> Motions:
@@ -120,7 +123,7 @@ def list_motions(space: ConfigurationMap, graph: RouteGraph) -> Motions:
     bounds = space.rotations._stored_arrays["yaw_bounds"] if has_yaw else np.zeros((1, 2))
     # All yaws are those of all rotation cells.
     all_yaws = bounds.mean(axis=1).tolist()
-    half_widths = (0.5 * np.ptp(bounds, axis=1)).tolist()
+    half_widths = (0.5 * np.ptp(bounds, axis=1) + ANGLE_SLACK).tolist()
     rows: list[tuple[float, ...]] = []
     for number, lane in enumerate(graph.lanes):
         legs = legs_of(graph, lane)
@@ -257,13 +260,15 @@ def find_places(space: ConfigurationMap, motions: Motions) -> Places:
     return Places(points[order], lanes[order], states[order])
 
 
-def find_collisions(space: ConfigurationMap, places: Places) -> tuple[Places, dict[int, str]]:
+def find_collisions(
+    space: ConfigurationMap, places: Places, exact: bool
+) -> tuple[Places, dict[int, str]]:
     """Find the first place of each lane that is proven in collision, with its obstacle."""
     first_blocked = places.take(places.states == BLOCKED).firsts()
     is_decided = np.isin(places.lanes, first_blocked.lanes)
     rows = []
     named: dict[int, str] = {}
-    rest = places.take(~is_decided)
+    rest = places.take(~is_decided & exact)
     # Cells prove some; of the other lanes the shapes are laid over the obstacles.
     for k, (point, lane) in enumerate(zip(rest.points, rest.lanes.tolist(), strict=True)):
         if lane not in named:
@@ -272,10 +277,41 @@ def find_collisions(space: ConfigurationMap, places: Places) -> tuple[Places, di
                 named[lane] = obstacle
                 rows.append(k)
     found = rest.take(np.array(rows, dtype=np.int64))
-    for point, lane in zip(first_blocked.points, first_blocked.lanes.tolist(), strict=True):
-        named[lane] = name_obstacle(space, point) or "an obstacle"
+    texts = _name_cells(space, first_blocked.points)
+    for k, lane in enumerate(first_blocked.lanes.tolist()):
+        named[lane] = texts[k] or name_obstacle(space, first_blocked.points[k]) or "an obstacle"
     joined = [np.concatenate(pair) for pair in zip(first_blocked, found, strict=True)]
     return Places(*joined), named
+
+
+def _name_cells(space: ConfigurationMap, points: Floats) -> list[str]:
+    """Name a cell of the workspace that contains a point of the robot, for each configuration.
+
+    A text is empty if that is not the way to name the obstacle: none of some points of the robot
+    is in such a cell, the cells are on disk, or obstacles have names.
+    """
+    if not space.in_memory or not len(points) or space.obstacles:  # type: ignore[attr-defined]
+        return [""] * len(points)
+    outline = space.robot.shape.inner.outline
+    lower, upper = np.array(outline.bounds).reshape(2, 2)
+    axes = [np.linspace(a, b, POINTS_PER_SIDE) for a, b in zip(lower, upper, strict=True)]
+    inside = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
+    inside = inside[shapely.contains_xy(outline, inside)]
+    yaws = points[:, 2:3] if points.shape[1] > 2 else np.zeros((len(points), 1))
+    cos, sin = np.cos(yaws), np.sin(yaws)
+    x = points[:, :1] + cos * inside[:, 0] - sin * inside[:, 1]
+    y = points[:, 1:2] + sin * inside[:, 0] + cos * inside[:, 1]
+    cells = space.grid.cell_of(np.stack([x, y], axis=-1))
+    in_grid = ((cells >= 0) & (cells < space.grid.shape)).all(axis=-1)
+    hits = np.zeros(in_grid.shape, dtype=np.bool_)
+    hits[in_grid] = space.workspace.inner[tuple(cells[in_grid].T)]  # type: ignore[attr-defined]
+    if not hits.size:
+        return [""] * len(points)
+    first = hits.argmax(axis=1)
+    rows = np.arange(len(points))
+    centers = space.grid.center_of(cells[rows, first]).tolist()
+    texts = [f"the obstacle at ({x:.2f}, {y:.2f})" for x, y in centers]
+    return [text if hit else "" for text, hit in zip(texts, hits[rows, first], strict=True)]
 
 
 def name_obstacle(space: ConfigurationMap, q: Floats) -> str:
