@@ -74,7 +74,8 @@ def cut_nurbs(degree: int, knots: Floats, points: Floats, weights: Floats) -> tu
     """Cut a NURBS curve into legs.
 
     ``points`` are the control points, shape (n, 2). Raises ValueError, with the reason, if the
-    numbers are no such curve, or the curve turns back at a point.
+    numbers are no such curve, or the curve turns too sharply. The directions of legs jump where the
+    curve has a corner, or turns back.
     """
     if len(knots) != len(points) + degree + 1:
         count = len(points) + degree + 1
@@ -117,7 +118,7 @@ def _cut_piece(controls: Floats) -> list[Leg]:
             pending += [(second, halvings + 1), (first, halvings + 1)]
         elif leg is not None:
             x, y = leg.start
-            raise ValueError(f"turns back at ({x:.6g}, {y:.6g})")
+            raise ValueError(f"turns too sharply at ({x:.6g}, {y:.6g}); check its unit (metres)")
     return legs
 
 
