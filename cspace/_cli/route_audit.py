@@ -114,7 +114,7 @@ def _list_maps(
             rule = "a saved map has one"
             raise InputError("robot", f"is given for {file}", rule, "leave it out")
         return {"": partial(open_map, file)}
-    specs = {}
+    specs: dict[str, str] = {}
     for text in robots:
         found = _NAME.fullmatch(text)
         name, spec = found.groups() if found else ("", text)

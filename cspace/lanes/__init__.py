@@ -7,7 +7,8 @@ from typing import Any
 
 from cspace.errors import InputError
 from cspace.lanes._audit import Audit, LaneVerdict, LostWay, NodeVerdict, audit_graph
-from cspace.lanes._route_graph import HeadingRule, Lane, RouteGraph
+from cspace.lanes._headings import HeadingRule, Lane
+from cspace.lanes._route_graph import RouteGraph
 
 __all__ = ["Audit", "HeadingRule", "Lane", "LaneVerdict", "LostWay", "NodeVerdict", "RouteGraph"]
 

@@ -208,7 +208,9 @@ class Audit:
         """
         import planners
 
-        ends = [_index_of(self.graph, name, word) for name, word in ((start, "start"), (end, "end"))]
+        ends = [
+            _index_of(self.graph, name, word) for name, word in ((start, "start"), (end, "end"))
+        ]
         yaws: list[float] = []
         if self.space.rotations.names:
             drawn = [lane for lane in self.graph.lanes if [lane.start, lane.end] == ends]
@@ -216,9 +218,7 @@ class Audit:
             free = [self.nodes[node].free_yaws for node in ends]
             middles = [float(row[0].mean()) if len(row) else 0.0 for row in free]
             yaws = list(ways[0]) if ways else middles
-        points = [
-            (*self.graph.places[node], *yaws[k : k + 1]) for k, node in enumerate(ends)
-        ]
+        points = [(*self.graph.places[node], *yaws[k : k + 1]) for k, node in enumerate(ends)]
         return planners.plan(self.space, *points, exact=self.space.in_memory)
 
     def plot(self) -> Axes:
@@ -246,8 +246,8 @@ class Audit:
         for chosen, face, text in ((turns, "white", "turns around"), (~turns, "black", "does not")):
             if chosen.any():
                 places = self.graph.positions[chosen]
-                style = {"markerfacecolor": face, "color": "black", "linestyle": "none", "ms": 5}
-                axes.plot(*places.T, "o", label=f"node: {text}", zorder=6, **style)
+                label = f"node: {text}"
+                axes.plot(*places.T, "ok", ms=5, markerfacecolor=face, label=label, zorder=6)
         axes.legend(loc="best", fontsize="small")
         return axes
 
@@ -269,7 +269,7 @@ class Audit:
 
     def to_csv(self, path: StrPath, overwrite: bool = False) -> None:
         """Write one row for each lane and direction."""
-        with replacing(path, overwrite) as file, file.open("w", newline="") as stream:  # type: ignore[arg-type]
+        with replacing(path, overwrite) as file, file.open("w", newline="") as stream:
             writer = csv.DictWriter(stream, COLUMNS)
             writer.writeheader()
             for row in self.lanes:
@@ -300,18 +300,16 @@ class Audit:
                 tag = "failure" if row.verdict in failing else "skipped"
                 text = f"{row.verdict} at {_format(row.at)} {row.obstacle}".rstrip()
                 ElementTree.SubElement(case, tag, message=_as_xml(text))
-        with replacing(path, overwrite) as file:  # type: ignore[arg-type]
+        with replacing(path, overwrite) as file:
             ElementTree.ElementTree(suite).write(file, encoding="utf-8", xml_declaration=True)
 
     def write_geojson(self, path: StrPath, overwrite: bool = False) -> None:
         """Write :meth:`to_geojson` to a file."""
-        with replacing(path, overwrite) as file:  # type: ignore[arg-type]
+        with replacing(path, overwrite) as file:
             file.write_text(json.dumps(self.to_geojson(), allow_nan=False))
 
 
-def audit_graph(
-    space: ConfigurationMap, graph: RouteGraph, exact: bool, max_room: float
-) -> Audit:
+def audit_graph(space: ConfigurationMap, graph: RouteGraph, exact: bool, max_room: float) -> Audit:
     """Audit a route graph; see :func:`planners.audit`."""
     check_flag(exact, "exact")
     room = check_not_negative(max_room, "max_room")
@@ -356,7 +354,8 @@ def audit_graph(
                 str(proven_by[k]) if free[k] else "",
                 None if free[k] else first[k],
                 obstacles.get(k, ""),
-                *map(float, rooms[k]),
+                float(rooms[k, 0]),
+                float(rooms[k, 1]),
                 float(margins[k]),
             )
         )
@@ -438,5 +437,3 @@ def _format(value: Any) -> str:
 def _as_xml(text: str) -> str:
     """Replace characters that XML does not allow."""
     return "".join(letter if letter.isprintable() else "?" for letter in text)
-
-

@@ -14,9 +14,9 @@ import numpy as np
 import yaml
 
 from cspace._files.access import ContentError, check_suffix, decoding, read_text
-from cspace._support.arrays import StrPath
+from cspace._support.arrays import Floats, StrPath
 from cspace.lanes._curves import Leg, cut_nurbs
-from cspace.lanes._route_graph import HEADINGS, HeadingRule, Lane, RouteGraph, find_repeated
+from cspace.lanes._headings import HEADINGS, HeadingRule, Lane, find_repeated
 
 SUFFIXES: Final = (".geojson", ".json", ".yaml", ".yml")
 """Suffixes of route graphs."""
@@ -28,10 +28,18 @@ METRIC_CRS: Final = ("EPSG::3857", "EPSG:3857")
 """Coordinate systems that Nav2's example graphs name for metres of the map."""
 
 RMF_LANE_OPTIONS: Final = frozenset(
-    "orientation_constraint is_bidirectional speed_limit dock_name undock_name door_name mutex "
-    "graph_idx demo_mock_floor_name demo_mock_lift_name".split()
+    (
+        *("orientation_constraint", "is_bidirectional", "speed_limit", "dock_name", "undock_name"),
+        *("door_name", "mutex", "graph_idx", "demo_mock_floor_name", "demo_mock_lift_name"),
+    )
 )
 """Options of Open-RMF lanes that are honoured, or do not change where the robot drives."""
+
+Stations = Mapping[str, tuple[str, ...]]
+"""Nodes of each station."""
+
+GraphContents = tuple[tuple[str, ...], Floats, tuple[Lane, ...], Floats, Stations]
+"""Attributes of a route graph, in their order."""
 
 Rule = HeadingRule | None
 """Rule of lanes for which a file does not give one."""
@@ -51,9 +59,7 @@ class GraphBuilder:
         self.deviations: list[float] = []
         self.lanes: list[Lane] = []
 
-    def add_node(
-        self, name: Any, x: Any, y: Any, yaw: Any = None, deviation: float = 0.0
-    ) -> None:
+    def add_node(self, name: Any, x: Any, y: Any, yaw: Any = None, deviation: float = 0.0) -> None:
         """Add a node at a position, metres."""
         where = f"node {name!r}"
         if str(name) in self.indices:
@@ -88,14 +94,16 @@ class GraphBuilder:
             allowed = max(allowed, gap)
         self.lanes.append(Lane(str(name), start, end, heading, legs, allowed))
 
-    def build(self, stations: Mapping[str, tuple[str, ...]] | None = None) -> RouteGraph:
-        """Return the graph."""
+    def build(self, stations: Stations | None = None) -> GraphContents:
+        """Return what was added."""
         positions = np.array(self.points, dtype=np.float64).reshape(-1, 2)
         yaws = np.array(self.yaws, dtype=np.float64)
-        return RouteGraph(tuple(self.indices), positions, tuple(self.lanes), yaws, stations or {})
+        return tuple(self.indices), positions, tuple(self.lanes), yaws, stations or {}
 
 
-def read_graph(path: StrPath, heading: Rule, level: str | None, vehicle: str | None) -> RouteGraph:
+def read_graph(
+    path: StrPath, heading: Rule, level: str | None, vehicle: str | None
+) -> GraphContents:
     """Read a route graph; see :meth:`cspace.lanes.RouteGraph.open`."""
     suffix = check_suffix(path, SUFFIXES, f"a route graph ends in {', '.join(SUFFIXES)}")
     text = read_text(path, "route graph", memory=30.0)
@@ -104,7 +112,7 @@ def read_graph(path: StrPath, heading: Rule, level: str | None, vehicle: str | N
         document = yaml.load(text, yaml.CSafeLoader) if is_yaml else json.loads(text)
         if not isinstance(document, Mapping):
             raise fail("is not a mapping", "a route graph has nodes and edges")
-        readers: dict[str, Callable[[], RouteGraph]] = {
+        readers: dict[str, Callable[[], GraphContents]] = {
             "features": lambda: _read_nav2(document, heading),
             "levels": lambda: _read_rmf(document, heading, level),
             "layouts": lambda: _read_lif(document, heading, level, vehicle),
@@ -165,7 +173,7 @@ def refuse(element: Mapping[str, Any], where: str, **allowed: Iterable[Any]) -> 
 # ---- Nav2 ----------------------------------------------------------------------------------------
 
 
-def _read_nav2(document: Mapping[str, Any], heading: Rule) -> RouteGraph:
+def _read_nav2(document: Mapping[str, Any], heading: Rule) -> GraphContents:
     """Read a GeoJSON graph: points are nodes, and lines are edges in one direction.
 
     The route server drives straight from node to node, whatever line is drawn.
@@ -227,7 +235,7 @@ def _check_drawn(
 # ---- Open-RMF ------------------------------------------------------------------------------------
 
 
-def _read_rmf(document: Mapping[str, Any], heading: Rule, level: str | None) -> RouteGraph:
+def _read_rmf(document: Mapping[str, Any], heading: Rule, level: str | None) -> GraphContents:
     """Read the vertices and lanes of one level of an Open-RMF navigation graph."""
     levels = document["levels"]
     if not isinstance(levels, Mapping):
@@ -256,7 +264,7 @@ def _read_rmf(document: Mapping[str, Any], heading: Rule, level: str | None) -> 
         word = options.get("orientation_constraint") or ""
         refuse({"orientation_constraint": word}, label, orientation_constraint=("", *_RMF_WORDS))
         rule = HEADINGS[word] if word else heading or HEADINGS["both"]
-        builder.add_lane(number, *ends, rule)
+        builder.add_lane(number, ends[0], ends[1], rule)
         if options.get("is_bidirectional"):
             builder.lanes.append(builder.lanes[-1].reverse())
     return builder.build()
@@ -284,7 +292,7 @@ def _choose(choices: dict[str, Any], wanted: str | None, kind: str) -> tuple[str
 
 def _read_lif(
     document: Mapping[str, Any], heading: Rule, level: str | None, vehicle: str | None
-) -> RouteGraph:
+) -> GraphContents:
     """Read a layout of LIF, for one type of vehicle."""
     layouts = {
         str(layout.get("layoutId", number)): layout
@@ -337,7 +345,7 @@ def _types_of(entry: Mapping[str, Any]) -> list[str]:
     return [*entry.get("vehicleTypeIds", ()), *filter(None, [entry.get("vehicleTypeId")])]
 
 
-def _read_order(document: Mapping[str, Any], heading: Rule, level: str | None) -> RouteGraph:
+def _read_order(document: Mapping[str, Any], heading: Rule, level: str | None) -> GraphContents:
     """Read the nodes and edges of a VDA 5050 order, one map of it."""
     builder = GraphBuilder()
     maps = set()
@@ -422,7 +430,9 @@ def _read_trajectory(trajectory: Any, where: str) -> tuple[Leg, ...]:
         coordinates = [read_number(need(point, key, place), place, key) for key in ("x", "y")]
         rows.append((*coordinates, read_number(point.get("weight", 1.0), place, "weight")))
     table = np.array(rows, dtype=np.float64).reshape(-1, 3)
-    knots = [read_number(knot, where, "knot") for knot in read_list(trajectory, "knotVector", where)]
+    knots = [
+        read_number(knot, where, "knot") for knot in read_list(trajectory, "knotVector", where)
+    ]
     degree = trajectory.get("degree", 1)
     if type(degree) is not int:
         degree = int(read_number(degree, where, "degree"))

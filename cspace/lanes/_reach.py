@@ -110,9 +110,7 @@ def list_free_yaws(space: ConfigurationMap, nodes: NodeCells) -> list[Floats]:
     return [join_yaw_cells(free, bounds) for free in nodes.is_free]
 
 
-def connect(
-    graph: RouteGraph, is_free: Bools, free_yaws: list[Floats], has_yaw: bool
-) -> Reach:
+def connect(graph: RouteGraph, is_free: Bools, free_yaws: list[Floats], has_yaw: bool) -> Reach:
     """Connect the ports of nodes by the free lanes."""
     numbers: dict[Port, int] = {}
 

@@ -1,6 +1,6 @@
 """Room of lanes: how far one may shift to either side, and how much its robot may grow.
 
-A straight lane at a constant yaw that shifts sideways sweeps a parallelogram, and a robot grown by m
+A straight lane at a constant yaw that shifts sideways sweeps a parallelogram. A robot grown by m
 lies within m of itself. So both rooms are regions of positions. A cell that meets a strip narrower
 than a cell meets the outline of the strip, too. So motions along the outlines of strips prove a
 region, if each is narrower than a cell.
@@ -15,7 +15,7 @@ import numpy as np
 
 from cspace._support.arrays import Bools, Floats, Ints
 from cspace.lanes._tubes import Tubes, tubes_are_free
-from cspace.lanes._verdicts import Motions
+from cspace.lanes._verdicts import LaneMotions
 
 if TYPE_CHECKING:
     from cspace._configuration_map import ConfigurationMap
@@ -31,13 +31,17 @@ Prove = Callable[[Ints, Floats, Floats], Bools]
 
 
 def measure_rooms(
-    space: ConfigurationMap, motions: Motions, by_cells: Bools, is_simple: Bools, max_room: float
+    space: ConfigurationMap,
+    motions: LaneMotions,
+    by_cells: Bools,
+    is_simple: Bools,
+    max_room: float,
 ) -> tuple[Floats, Floats]:
     """Return lower bounds of the rooms of proven motions, and of their margins, metres.
 
     The rooms have shape (n, 2), left and right in the direction of travel, the margins (n,).
-    ``by_cells`` says which motions cells alone prove, ``is_simple`` which shift sideways; all others
-    have their margin as room. No bound exceeds ``max_room``.
+    ``by_cells`` says which motions cells alone prove, ``is_simple`` which shift sideways; all
+    others have their margin as room. No bound exceeds ``max_room``.
     """
     tubes = motions.tubes
     count = len(motions.lanes)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple, cast
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from cspace._support.vectors import dot, minus
 if TYPE_CHECKING:
     from cspace._configuration_map import ConfigurationMap
     from cspace._space import CSpace
+    from cspace._tiles.tiled_space import TiledCSpace
 
 Geometry = tuple[BoundaryTrees, Ints] | None
 """Boundaries of robot and obstacles, and scratch memory; None if only cells prove tubes."""
@@ -59,12 +60,13 @@ class Tubes(NamedTuple):
 def open_part(space: ConfigurationMap, points: Floats, reach: float) -> CSpace:
     """Return the map in memory around points, shape (n, d), as far as ``reach`` from them."""
     if space.in_memory:
-        return space  # type: ignore[return-value]
+        return cast("CSpace", space)
     more = reach + 2.0 * space.grid.spacing
     lower, upper = points.min(axis=0) - more, points.max(axis=0) + more
     # A point beside the map has a window at its border.
     least, most = np.array(space.grid.lower), np.array(space.grid.upper)
-    return space.window(np.minimum(lower, most - more), np.maximum(upper, least + more))  # type: ignore[attr-defined]
+    tiles = cast("TiledCSpace", space)
+    return tiles.window(np.minimum(lower, most - more), np.maximum(upper, least + more))
 
 
 def tubes_are_free(
@@ -88,11 +90,12 @@ def tubes_are_free(
     geometry = None
     if exact:
         geometry = part._boundary_proofs().boundaries, make_scratch().node_pairs
-    prove_tubes(part._kernel_map, geometry, *map(np.ascontiguousarray, tubes), out)
+    starts, ends, drifts, turns = map(np.ascontiguousarray, tubes)
+    prove_tubes(part._kernel_map, geometry, starts, ends, drifts, turns, out)
     if exact and not is_joined:
         # No boundaries meet in a tube, so that its start decides containment.
-        for k in np.flatnonzero(out & ~part.is_free(tubes.starts)):
-            out[k] = part._boundary_proofs().is_outside(*tubes.starts[k].tolist())
+        for row in np.flatnonzero(out & ~part.is_free(starts)).tolist():
+            out[row] = part._boundary_proofs().is_outside(*starts[row].tolist())
     return out
 
 

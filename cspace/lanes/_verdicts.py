@@ -10,10 +10,11 @@ import shapely
 from shapely import affinity
 
 from cspace._rotations.base import ANGLE_SLACK
-from cspace._support.arrays import BLOCKED, FREE, Bools, Floats, Ints
+from cspace._support.arrays import BLOCKED, FREE, Bools, Floats, Ints, States
 from cspace.errors import InputError
 from cspace.lanes._curves import Leg
-from cspace.lanes._route_graph import HeadingRule, Lane, RouteGraph
+from cspace.lanes._headings import HeadingRule, Lane
+from cspace.lanes._route_graph import RouteGraph
 from cspace.lanes._tubes import Tubes, open_part, tubes_are_free
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ BORDER: Final = "the border of the map"
 """Name of the space outside the map as an obstacle."""
 
 
-class Motions(NamedTuple):
+class LaneMotions(NamedTuple):
     """The motions of all lanes, each a tube.
 
     Attributes
@@ -70,9 +71,15 @@ class Motions(NamedTuple):
         """Whether a straight motion alone proves the tube by cells."""
         return np.asarray((self.tubes.drifts == 0.0) & ((self.tubes.turns == 0.0) | self.in_cell))
 
-    def take(self, rows: Ints | Bools) -> Motions:
+    def take(self, rows: Ints | Bools) -> LaneMotions:
         """Return some of the motions."""
-        return Motions(self.tubes.take(rows), *(column[rows] for column in self[1:]))
+        return LaneMotions(
+            self.tubes.take(rows),
+            self.lanes[rows],
+            self.order[rows],
+            self.is_straight[rows],
+            self.in_cell[rows],
+        )
 
 
 def check_map(space: ConfigurationMap, graph: RouteGraph) -> None:
@@ -117,7 +124,7 @@ def has_no_direction(graph: RouteGraph, lane: Lane) -> bool:
     return not lane.legs and graph.places[lane.start] == graph.places[lane.end]
 
 
-def list_motions(space: ConfigurationMap, graph: RouteGraph) -> Motions:
+def list_motions(space: ConfigurationMap, graph: RouteGraph) -> LaneMotions:
     """List the motions of all lanes, in the order of the lanes."""
     has_yaw = bool(space.rotations.names)
     bounds = space.rotations._stored_arrays["yaw_bounds"] if has_yaw else np.zeros((1, 2))
@@ -146,7 +153,7 @@ def list_motions(space: ConfigurationMap, graph: RouteGraph) -> Motions:
         table[:, 7].copy() if has_yaw else np.zeros(len(table)),
     )
     lanes, order = table[:, 8].astype(np.int64), table[:, 9].astype(np.int64)
-    return Motions(tubes, lanes, order, table[:, 10] > 0.0, table[:, 11] > 0.0)
+    return LaneMotions(tubes, lanes, order, table[:, 10] > 0.0, table[:, 11] > 0.0)
 
 
 def _list_way(
@@ -185,7 +192,7 @@ def _list_way(
     return rows
 
 
-def prove_by_cells(space: ConfigurationMap, motions: Motions) -> Bools:
+def prove_by_cells(space: ConfigurationMap, motions: LaneMotions) -> Bools:
     """Return whether FREE cells prove each motion, shape (n,)."""
     is_free = np.zeros(len(motions.lanes), dtype=np.bool_)
     plain = motions.is_plain
@@ -194,7 +201,7 @@ def prove_by_cells(space: ConfigurationMap, motions: Motions) -> Bools:
     return is_free
 
 
-def prove_by_geometry(space: ConfigurationMap, motions: Motions) -> Bools:
+def prove_by_geometry(space: ConfigurationMap, motions: LaneMotions) -> Bools:
     """Return whether the geometry proves each motion, shape (n,)."""
     is_free = np.zeros(len(motions.lanes), dtype=np.bool_)
     alone = (motions.tubes.drifts == 0.0) & (motions.tubes.turns == 0.0) & space.in_memory
@@ -217,18 +224,18 @@ class Places(NamedTuple):
 
     points: Floats
     lanes: Ints
-    states: Ints
+    states: States
 
     def take(self, rows: Ints | Bools) -> Places:
         """Return some of the places."""
-        return Places(*(column[rows] for column in self))
+        return Places(self.points[rows], self.lanes[rows], self.states[rows])
 
     def firsts(self) -> Places:
         """Return the first place of each lane."""
         return self.take(np.unique(self.lanes, return_index=True)[1])
 
 
-def find_places(space: ConfigurationMap, motions: Motions) -> Places:
+def find_places(space: ConfigurationMap, motions: LaneMotions) -> Places:
     """Find the configurations on motions that are not FREE, a fraction of a cell apart."""
     starts, ends = motions.tubes.starts, motions.tubes.ends
     metres = np.hypot(*(ends - starts)[:, :2].T)
@@ -280,8 +287,12 @@ def find_collisions(
     texts = _name_cells(space, first_blocked.points)
     for k, lane in enumerate(first_blocked.lanes.tolist()):
         named[lane] = texts[k] or name_obstacle(space, first_blocked.points[k]) or "an obstacle"
-    joined = [np.concatenate(pair) for pair in zip(first_blocked, found, strict=True)]
-    return Places(*joined), named
+    both = Places(
+        np.concatenate([first_blocked.points, found.points]),
+        np.concatenate([first_blocked.lanes, found.lanes]),
+        np.concatenate([first_blocked.states, found.states]),
+    )
+    return both, named
 
 
 def _name_cells(space: ConfigurationMap, points: Floats) -> list[str]:

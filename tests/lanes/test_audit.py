@@ -115,8 +115,9 @@ def test_depot_agrees_with_swept_hulls(data, exact):
     rng = np.random.default_rng(1)
     positions = rng.uniform(space.grid.lower, space.grid.upper, (300, 2))
     free = positions[space.is_free(np.column_stack([positions, np.zeros(300)]))][:40]
-    edges = [(a, b) for a in range(len(free)) for b in np.argsort(
-        np.hypot(*(free - free[a]).T))[1:4]]
+    edges = [
+        (a, b) for a in range(len(free)) for b in np.argsort(np.hypot(*(free - free[a]).T))[1:4]
+    ]
     audit = planners.audit(space, RouteGraph.from_arrays(free, edges), exact=exact)
     assert audit.counts["free"] > 10
     assert audit.counts["blocked"] > 0
@@ -161,7 +162,12 @@ def test_a_lane_pushed_into_a_wall_by_a_centimetre_is_blocked(rooms):
 
 def test_rooms_of_straight_lanes_are_within_two_cells_of_the_truth(rooms):
     spacing = rooms.grid.spacing
-    for p, q in (((1, 1), (3, 1)), ((1, 0.202), (3, 0.202)), ((5, 1), (7, 3)), ((1, 2.5), (7, 2.5))):
+    for p, q in (
+        ((1, 1), (3, 1)),
+        ((1, 0.202), (3, 0.202)),
+        ((5, 1), (7, 3)),
+        ((1, 2.5), (7, 2.5)),
+    ):
         graph = RouteGraph.from_arrays([p, q], [(0, 1)])
         (row,) = planners.audit(rooms, graph, max_room=2.0).lanes
         assert row.verdict == "free"
@@ -260,10 +266,14 @@ def test_a_map_without_a_yaw_is_for_a_round_robot_or_one_that_never_turns():
     still = RouteGraph.from_arrays([(1, 1), (3, 2)], [(0, 1)], 0.0)
 
     def build_again():
-        assert "rotations=72, or set heading=0.0" in "build it with rotations=72, or set heading=0.0"
+        assert (
+            "rotations=72, or set heading=0.0" in "build it with rotations=72, or set heading=0.0"
+        )
         return planners.audit(bar, still)
 
-    check_followed(lambda: planners.audit(bar, graph), build_again, "or set heading=0.0 for a robot")
+    check_followed(
+        lambda: planners.audit(bar, graph), build_again, "or set heading=0.0 for a robot"
+    )
 
 
 def test_tiles_give_the_verdicts_of_memory(tmp_path):
@@ -299,7 +309,7 @@ def test_wrong_tables_are_refused(make, text):
 
 def test_wrong_arguments_are_refused(rooms):
     graph = RouteGraph.from_arrays([(1, 1)], [])
-    with pytest.raises(InputError, match="pass RouteGraph.from_arrays"):
+    with pytest.raises(InputError, match=r"pass RouteGraph\.from_arrays"):
         planners.audit(rooms, [(0, 1)])
     with pytest.raises(InputError, match="it must be a map"):
         planners.audit("map", graph)

@@ -41,7 +41,10 @@ RMF = {
     "building_name": "office",
     "levels": {
         "L1": {
-            "vertices": [[1.0, 2.0, {"name": "dock", "is_charger": True}], [4.0, 2.0, {"name": ""}]],
+            "vertices": [
+                [1.0, 2.0, {"name": "dock", "is_charger": True}],
+                [4.0, 2.0, {"name": ""}],
+            ],
             "lanes": [
                 [0, 1, {"orientation_constraint": "forward", "speed_limit": 0.5}],
                 [1, 0, {}],
