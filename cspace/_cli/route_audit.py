@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -11,7 +11,16 @@ from typing import TYPE_CHECKING, Any, Final
 import typer
 
 from cspace._cli.files import check_outputs
-from cspace._cli.options import AS_JSON, OVERWRITE, argument, drop_unset, flag, open_robot, option
+from cspace._cli.options import (
+    AS_JSON,
+    OVERWRITE,
+    argument,
+    drop_unset,
+    flag,
+    open_robot,
+    option,
+    parse_angle,
+)
 from cspace._cli.report import Stopwatch, show
 from cspace.errors import InputError
 
@@ -64,23 +73,17 @@ def audit(
     Exit codes: 0 if no lane is blocked, 1 if one is, 2 with --strict if one is undecided.
     """
     import planners
-    from cspace._cli.options import parse_angle
     from cspace.lanes import RouteGraph
 
-    words = ("forward", "backward", "both", "any")
-    rule: Any = heading
-    if heading is not None and heading not in words:
-        rule = parse_angle(heading, "heading", "yaw")
     options = drop_unset(spacing=spacing, unknown=unknown)
     makers = _list_maps(file, robot or [], rotations, margin, options)
-    outputs = {
-        name: [path.with_stem(f"{path.stem}-{name}") if name else path for path in output or ()]
-        for name in makers
-    }
+    outputs = _list_outputs(output or [], makers)
     check_outputs([path for paths in outputs.values() for path in paths], _REPORTS, overwrite)
     clock = Stopwatch()
     with clock.step("read"):
-        lanes = RouteGraph.open(graph, heading=rule, level=level, vehicle=vehicle)
+        lanes = RouteGraph.open(
+            graph, heading=_parse_heading(heading), level=level, vehicle=vehicle
+        )
     audits = {}
     for name, make in makers.items():
         with clock.step(f"build {name}".strip()):
@@ -95,10 +98,29 @@ def audit(
         show({**counts, "reports": reports, "seconds": clock.seconds}, as_json)
     else:
         typer.echo("\n\n".join(map(str, audits.values())))
-    if any(count["blocked"] for count in counts.values()):
-        raise typer.Exit(1)
-    if strict and any(count["undecided"] for count in counts.values()):
-        raise typer.Exit(2)
+    raise typer.Exit(_choose_exit_code(list(counts.values()), strict))
+
+
+def _choose_exit_code(counts: list[dict[str, int]], strict: bool) -> int:
+    """Return 1 if a lane is blocked, 2 if ``strict`` and one is undecided, otherwise 0."""
+    if any(count["blocked"] for count in counts):
+        return 1
+    return 2 if strict and any(count["undecided"] for count in counts) else 0
+
+
+def _parse_heading(text: str | None) -> Any:
+    """Return a heading as of :meth:`cspace.lanes.RouteGraph.open`."""
+    if text in (None, "forward", "backward", "both", "any"):
+        return text
+    return parse_angle(str(text), "heading", "yaw")
+
+
+def _list_outputs(paths: list[Path], robots: Collection[str]) -> dict[str, list[Path]]:
+    """Return the outputs of each robot, with its name if it has one."""
+    return {
+        name: [path.with_stem(f"{path.stem}-{name}") if name else path for path in paths]
+        for name in robots
+    }
 
 
 def _list_maps(

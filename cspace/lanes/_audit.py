@@ -228,6 +228,8 @@ class Audit:
         -------
         matplotlib.axes.Axes
         """
+        from cspace.plot._artists import add_legend_below
+
         axes = self.space.plot(title=repr(self))
         for verdict, color in COLORS.items():
             rows = [k for k, row in enumerate(self.lanes) if row.verdict == verdict]
@@ -248,7 +250,10 @@ class Audit:
                 places = self.graph.positions[chosen]
                 label = f"node: {text}"
                 axes.plot(*places.T, "ok", ms=5, markerfacecolor=face, label=label, zorder=6)
-        axes.legend(loc="best", fontsize="small")
+        figure: Any = axes.figure
+        (legend,) = figure.legends
+        legend.remove()
+        add_legend_below(figure, [*legend.legend_handles, *axes.get_legend_handles_labels()[0]])
         return axes
 
     def to_geojson(self) -> dict[str, Any]:

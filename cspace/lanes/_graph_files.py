@@ -21,6 +21,9 @@ from cspace.lanes._headings import HEADINGS, HeadingRule, Lane, find_repeated
 SUFFIXES: Final = (".geojson", ".json", ".yaml", ".yml")
 """Suffixes of route graphs."""
 
+EDGE_PROPERTIES: Final = "vehicleTypeEdgeProperties"
+"""Field of a LIF edge with its rules for each type of vehicle."""
+
 MAX_GAP: Final = 0.01
 """Largest distance, metres, of a drawn line or a trajectory from the nodes that it joins."""
 
@@ -188,32 +191,46 @@ def _read_nav2(document: Mapping[str, Any], heading: Rule) -> GraphContents:
         geometry = feature.get("geometry") or {}
         number = properties.get("id")
         kind = geometry.get("type")
-        where = f"feature {number!r}"
         if number is None:
             raise fail(f"has a {kind} without an id", "every feature needs one")
         if kind == "Point":
-            refuse(properties, f"node {number!r}", frame=("map", ""))
+            where = f"node {number!r}"
+            refuse(properties, where, frame=("map", ""))
             place = read_list(geometry, "coordinates", where)
             if len(place) < 2:
-                raise fail(f"node {number!r} has the coordinates {place!r}", "x and y are needed")
+                raise fail(f"{where} has the coordinates {place!r}", "x and y are needed")
             builder.add_node(number, *place[:2])
         elif kind in ("LineString", "MultiLineString"):
-            edges.append((number, properties, geometry, kind == "MultiLineString"))
+            edges.append((number, properties, geometry))
         else:
-            raise fail(f"{where} is a {kind}", "nodes are Points, edges are MultiLineStrings")
+            rule = "nodes are Points, edges are MultiLineStrings"
+            raise fail(f"feature {number!r} is a {kind}", rule)
     twice = find_repeated([*builder.indices, *(str(edge[0]) for edge in edges)])
     if twice is not None:
         raise fail(f"has the id {twice!r} twice", "ids must differ")
-    for number, properties, geometry, is_multiple in edges:
-        where = f"edge {number!r}"
-        start, end = (
-            builder.index_of(need(properties, key, where), where) for key in ("startid", "endid")
-        )
-        lines = read_list(geometry, "coordinates", where)
-        drawn = [point for line in lines for point in line] if is_multiple else lines
-        _check_drawn(drawn, builder.points[start], builder.points[end], where)
-        builder.add_lane(number, start, end, heading or HEADINGS["forward"])
+    for edge in edges:
+        _add_nav2_edge(builder, *edge, heading or HEADINGS["forward"])
     return builder.build()
+
+
+def _add_nav2_edge(
+    builder: GraphBuilder,
+    number: Any,
+    properties: Mapping[str, Any],
+    geometry: Mapping[str, Any],
+    rule: HeadingRule,
+) -> None:
+    """Add an edge of Nav2, which knows its nodes by their ids."""
+    where = f"edge {number!r}"
+    start, end = (
+        builder.index_of(need(properties, key, where), where) for key in ("startid", "endid")
+    )
+    lines = read_list(geometry, "coordinates", where)
+    if geometry["type"] == "LineString":
+        lines = [lines]
+    drawn = [point for line in lines for point in line]
+    _check_drawn(drawn, builder.points[start], builder.points[end], where)
+    builder.add_lane(number, start, end, rule)
 
 
 def _check_drawn(
@@ -248,26 +265,30 @@ def _read_rmf(document: Mapping[str, Any], heading: Rule, level: str | None) -> 
             raise fail(f"vertex {number} is {vertex!r:.60}", "it must be [x, y, options]")
         options = vertex[2] if len(vertex) > 2 and isinstance(vertex[2], Mapping) else {}
         builder.add_node(options.get("name") or number, *vertex[:2])
-    names = list(builder.indices)
     for number, lane in enumerate(read_list(content, "lanes", where)):
-        label = f"lane {number}"
-        if not isinstance(lane, list) or len(lane) < 2:
-            raise fail(f"{label} is {lane!r:.60}", "it must be [start, end, options]")
-        ends = lane[:2]
-        for end in ends:
-            if type(end) is not int or not 0 <= end < len(names):
-                raise fail(f"{label} names the vertex {end!r}", f"there are 0 to {len(names) - 1}")
-        options = lane[2] if len(lane) > 2 and isinstance(lane[2], Mapping) else {}
-        unknown = sorted(map(str, options.keys() - RMF_LANE_OPTIONS))
-        if unknown:
-            raise fail(f"{label} has the option {unknown[0]!r}", "audits do not know it")
-        word = options.get("orientation_constraint") or ""
-        refuse({"orientation_constraint": word}, label, orientation_constraint=("", *_RMF_WORDS))
-        rule = HEADINGS[word] if word else heading or HEADINGS["both"]
-        builder.add_lane(number, ends[0], ends[1], rule)
-        if options.get("is_bidirectional"):
-            builder.lanes.append(builder.lanes[-1].reverse())
+        _add_rmf_lane(builder, number, lane, heading)
     return builder.build()
+
+
+def _add_rmf_lane(builder: GraphBuilder, number: int, lane: Any, heading: Rule) -> None:
+    """Add a lane ``[start, end, options]`` of Open-RMF."""
+    label = f"lane {number}"
+    if not isinstance(lane, list) or len(lane) < 2:
+        raise fail(f"{label} is {lane!r:.60}", "it must be [start, end, options]")
+    last = len(builder.points) - 1
+    for node in lane[:2]:
+        if type(node) is not int or not 0 <= node <= last:
+            raise fail(f"{label} names the vertex {node!r}", f"there are 0 to {last}")
+    options = lane[2] if len(lane) > 2 and isinstance(lane[2], Mapping) else {}
+    unknown = sorted(map(str, options.keys() - RMF_LANE_OPTIONS))
+    if unknown:
+        raise fail(f"{label} has the option {unknown[0]!r}", "audits do not know it")
+    word = options.get("orientation_constraint") or ""
+    refuse(options, label, orientation_constraint=("", *_RMF_WORDS))
+    rule = HEADINGS[word] if word else heading or HEADINGS["both"]
+    builder.add_lane(number, lane[0], lane[1], rule)
+    if options.get("is_bidirectional"):
+        builder.lanes.append(builder.lanes[-1].reverse())
 
 
 _RMF_WORDS: Final = ("forward", "backward")
@@ -299,19 +320,7 @@ def _read_lif(
         for number, layout in enumerate(iterate_elements(document, "layouts", "the file"))
     }
     _, layout = _choose(layouts, level, "layout")
-    properties = "vehicleTypeEdgeProperties"
-    types = {
-        name
-        for edge in iterate_elements(layout, "edges", "the layout")
-        for entry in iterate_elements(edge, properties, f"edge {edge.get('edgeId')!r}")
-        for name in _types_of(entry)
-    }
-    if vehicle is None and len(types) > 1:
-        listed = ", ".join(map(repr, sorted(types)))
-        raise ContentError(
-            f"has vehicles of the types {listed}", "lanes are for one", "pass vehicle="
-        )
-    vehicle = vehicle if vehicle is not None or not types else next(iter(types))
+    vehicle = _choose_vehicle(layout, vehicle)
     builder = GraphBuilder()
     for node in iterate_elements(layout, "nodes", "the layout"):
         name = need(node, "nodeId", "a node")
@@ -322,14 +331,34 @@ def _read_lif(
         _add_place(builder, name, place, yaw)
     for edge in iterate_elements(layout, "edges", "the layout"):
         where = f"edge {edge.get('edgeId')!r}"
-        own = [e for e in iterate_elements(edge, properties, where) if vehicle in _types_of(e)]
-        if not own and edge.get(properties):
+        own = [e for e in iterate_elements(edge, EDGE_PROPERTIES, where) if vehicle in _types_of(e)]
+        if not own and edge.get(EDGE_PROPERTIES):
             continue  # not for this type of vehicle
         entry = own[0] if own else {}
         for end in ("rotationAtStartNodeAllowed", "rotationAtEndNodeAllowed"):
             refuse(entry, where, **{end: ("BOTH",)})
         turning = bool(entry.get("rotationAllowed", False))
         _add_edge(builder, edge, entry, entry.get("vehicleOrientation"), turning, heading)
+    return builder.build(_read_stations(builder, layout))
+
+
+def _choose_vehicle(layout: Mapping[str, Any], vehicle: str | None) -> str | None:
+    """Return the type of vehicle that is wanted, or the only one of a layout."""
+    types = {
+        name
+        for edge in iterate_elements(layout, "edges", "the layout")
+        for entry in iterate_elements(edge, EDGE_PROPERTIES, f"edge {edge.get('edgeId')!r}")
+        for name in _types_of(entry)
+    }
+    listed = ", ".join(map(repr, sorted(types)))
+    if (vehicle is None and len(types) > 1) or (vehicle is not None and vehicle not in types):
+        problem = f"has vehicles of the types {listed}"
+        raise ContentError(problem, "lanes are for one of them", "pass vehicle=")
+    return vehicle if vehicle is not None or not types else next(iter(types))
+
+
+def _read_stations(builder: GraphBuilder, layout: Mapping[str, Any]) -> Stations:
+    """Return the nodes of each station."""
     stations = {}
     for station in iterate_elements(layout, "stations", "the layout"):
         name = str(need(station, "stationId", "a station"))
@@ -337,7 +366,7 @@ def _read_lif(
         for node in nodes:
             builder.index_of(node, f"station {name!r}")
         stations[name] = tuple(map(str, nodes))
-    return builder.build(stations)
+    return stations
 
 
 def _types_of(entry: Mapping[str, Any]) -> list[str]:

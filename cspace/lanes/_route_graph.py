@@ -9,7 +9,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from cspace._support.arrays import Floats, StrPath
 from cspace._support.check import check_finite, check_points
@@ -127,21 +127,7 @@ class RouteGraph:
         InputError
             If an argument has another shape, or names are not unique.
         """
-        points = check_points(positions, "positions", 2)
-        ends = np.asarray(edges).reshape(-1, 2) if np.size(edges) == 0 else np.asarray(edges)
-        if points.ndim != 2:
-            raise InputError(
-                "positions", f"has shape {points.shape}", "it must be one row for each node"
-            )
-        is_pairs = ends.ndim == 2 and ends.shape[1] == 2
-        if not is_pairs or (ends.size and ends.dtype.kind not in "iu"):
-            rule = "it must be pairs of indices of nodes"
-            raise InputError("edges", f"has shape {ends.shape} of {ends.dtype}", rule)
-        is_known = ((ends >= 0) & (ends < len(points))).all(axis=1)
-        if not is_known.all():
-            number = int(np.argmin(is_known))
-            rule = f"its nodes must be 0 to {len(points) - 1}"
-            raise InputError(f"edges[{number}]", f"is {ends[number].tolist()}", rule)
+        points, ends = _check_edges(positions, edges)
         is_one = isinstance(headings, str | int | float | np.number | HeadingRule)
         rules: Iterable[Any] = [headings] * len(ends) if is_one else list(headings)  # type: ignore[arg-type]
         labels = [str(k) for k in range(len(ends))] if edge_names is None else list(edge_names)
@@ -209,6 +195,26 @@ class RouteGraph:
             names=[str(node) for node in graph.nodes],
             yaws=yaws,
         )
+
+
+def _check_edges(positions: ArrayLike, edges: ArrayLike) -> tuple[Floats, NDArray[Any]]:
+    """Return nodes, shape (n, 2), and pairs of their indices, shape (m, 2), if they fit."""
+    points = check_points(positions, "positions", 2)
+    ends = np.asarray(edges).reshape(-1, 2) if np.size(edges) == 0 else np.asarray(edges)
+    if points.ndim != 2:
+        raise InputError(
+            "positions", f"has shape {points.shape}", "it must be one row for each node"
+        )
+    is_pairs = ends.ndim == 2 and ends.shape[1] == 2
+    if not is_pairs or (ends.size and ends.dtype.kind not in "iu"):
+        rule = "it must be pairs of indices of nodes"
+        raise InputError("edges", f"has shape {ends.shape} of {ends.dtype}", rule)
+    is_known = ((ends >= 0) & (ends < len(points))).all(axis=1)
+    if not is_known.all():
+        number = int(np.argmin(is_known))
+        rule = f"its nodes must be 0 to {len(points) - 1}"
+        raise InputError(f"edges[{number}]", f"is {ends[number].tolist()}", rule)
+    return points, ends
 
 
 def _check_length(name: str, values: Any, count: int) -> None:
