@@ -177,6 +177,26 @@ def test_rooms_of_straight_lanes_are_within_two_cells_of_the_truth(rooms):
             assert truth - 2 * spacing <= room <= truth + 1e-3, (p, q, side, room, truth)
 
 
+def test_no_post_is_skipped_beside_a_lane():
+    # Posts of one cell, and a robot smaller than a cell, fit between wide strips.
+    rng = np.random.default_rng(0)
+    workspace = cspace.Workspace.from_array(rng.random((60, 60)) < 0.02, 0.1)
+    space = cspace.build(workspace, "disc:0.02")
+    walls = obstacles_of(space)
+    positions = rng.uniform(0.5, 5.5, (120, 2))
+    graph = RouteGraph.from_arrays(positions, np.arange(120).reshape(60, 2))
+    free = 0
+    for lane, row in zip(graph.lanes, planners.audit(space, graph).lanes, strict=True):
+        if row.verdict == "free":
+            free += 1
+            line = shapely.LineString(positions[[lane.start, lane.end]])
+            for side, room in ((1, row.left), (-1, row.right)):
+                strip = shapely.buffer(line, side * room, single_sided=True, cap_style="flat")
+                assert not shapely.intersects(shapely.buffer(strip, 0.019), walls)
+            assert not shapely.intersects(shapely.buffer(line, row.margin + 0.019), walls)
+    assert free > 5
+
+
 def test_headings_decide_the_yaw(rooms):
     # Through the door, 0.8 m wide, only along the robot; across it, the robot is 0.7 m long.
     nodes = [(3.0, 2.5), (5.0, 2.5)]
