@@ -10,9 +10,11 @@ import pytest
 import yaml
 from scipy.interpolate import BSpline
 
+import cspace
 from cspace.errors import CspaceError, FileError, InputError
 from cspace.lanes import RouteGraph
 from cspace.lanes._curves import cut_nurbs
+from cspace.lanes._verdicts import list_motions
 from tests.helpers.refusals import refusals
 
 NAV2 = {
@@ -311,6 +313,17 @@ def contains(leg, point, angle):
     if np.hypot(*(point - start - share * chord)) > leg.drift + 1e-9:
         return False
     return abs(math.remainder(angle - leg.first, math.tau)) <= leg.spread + 1e-6
+
+
+def test_the_motions_of_a_curve_are_as_wide_as_it_deviates(tmp_path):
+    graph = RouteGraph.open(write(tmp_path, "lif.json", LIF))
+    workspace = cspace.Workspace.from_array(np.zeros((20, 20), dtype=np.bool_), 0.1)
+    motions = list_motions(cspace.build(workspace, "rect:0.2x0.1", rotations=8), graph)
+    legs = graph.lanes[0].legs
+    of_legs = (motions.lanes == 0) & (motions.tubes.drifts > 0.0)
+    assert motions.tubes.drifts[of_legs].tolist() == [leg.drift for leg in legs]
+    assert motions.tubes.turns[of_legs].tolist() == [leg.spread for leg in legs]
+    assert min(leg.drift for leg in legs) > 0.0
 
 
 def test_a_curve_that_turns_back_jumps_there():
