@@ -19,6 +19,7 @@ from cspace._cli.info import info
 from cspace._cli.maps import export, make, picture, view
 from cspace._cli.planning import demo, explain, plan
 from cspace._cli.report import Options, format_error, format_warning, join_lines, list_option_names
+from cspace._cli.route_audit import audit
 from cspace._cli.spheres import spheres
 from cspace.errors import AngleWarning, CspaceError
 
@@ -107,6 +108,7 @@ _COMMANDS: dict[str, Callable[..., None]] = {
     "map": make,
     "plan": plan,
     "explain": explain,
+    "audit": audit,
     "info": info,
     "plot": picture,
     "view": view,

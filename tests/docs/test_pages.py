@@ -5,6 +5,7 @@ and ``py`` need a network or other machines.
 """
 
 import doctest
+import json
 import re
 import runpy
 import shlex
@@ -54,9 +55,25 @@ def write_files(folder: Path) -> None:
     (folder / "room.yaml").write_text(
         "\n".join([*lines, "occupied_thresh: 0.65", "free_thresh: 0.196", ""])
     )
+    write_lanes(folder / "lanes.geojson")
     field = np.zeros((800, 600), dtype=bool)
     field[300:320, :400] = True
     zarr.create_array(folder / "occupied.zarr", data=field, config={"write_empty_chunks": True})
+
+
+def write_lanes(file: Path) -> None:
+    """Write a Nav2 route graph of one edge."""
+    ends = [[-3.0, -2.0], [-1.0, -2.0]]
+    shapes = [("Point", ends[0]), ("Point", ends[1]), ("MultiLineString", [ends])]
+    features = [
+        {
+            "type": "Feature",
+            "properties": {"id": number, "startid": 0, "endid": 1},
+            "geometry": {"type": kind, "coordinates": coordinates},
+        }
+        for number, (kind, coordinates) in enumerate(shapes)
+    ]
+    file.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
 
 
 @pytest.mark.parametrize("page", PAGES_WITH_CODE)

@@ -17,7 +17,7 @@ UPWARD_METHODS = {
 }
 """Methods of classes that hand their object to a wing: one import and one call."""
 
-WINGS = "cspace.arms cspace._cli cspace.export cspace.plot cspace.reasons cspace.spectral cspace._tiles cspace.view"
+WINGS = "cspace.arms cspace._cli cspace.export cspace.lanes cspace.plot cspace.reasons cspace.spectral cspace._tiles cspace.view"
 """Folders that a plan does not load."""
 
 

@@ -147,8 +147,8 @@ def test_every_list_is_on_a_page():
 # ---- the API page --------------------------------------------------------------------------------
 
 PUBLIC_MODULES = (
-    *(cspace, cspace.arms, cspace.errors, cspace.export, cspace.plot, cspace.reasons, cspace.ros),
-    *(cspace.spectral, cspace.view, planners),
+    *(cspace, cspace.arms, cspace.errors, cspace.export, cspace.lanes, cspace.plot),
+    *(cspace.reasons, cspace.ros, cspace.spectral, cspace.view, planners),
 )
 
 

@@ -40,6 +40,7 @@ except ModuleNotFoundError as error:
         ("arms", ["view"], "cspace.Arm.from_urdf"),
         ("_cli", [], "import cspace._cli"),
         ("export", [], "space.export('map.npz')"),
+        ("lanes", [], "planners.audit(space, 'graph.yaml')"),
         ("plot", ["view"], "space.plot()"),
         ("reasons", [], "space.explain(*ends)"),
         ("spectral", [], "cspace.spectral.Bump"),

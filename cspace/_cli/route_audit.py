@@ -1,0 +1,173 @@
+"""The command that audits a route graph."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Collection
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import typer
+
+from cspace._cli.files import check_outputs
+from cspace._cli.options import (
+    AS_JSON,
+    OVERWRITE,
+    argument,
+    drop_unset,
+    flag,
+    open_robot,
+    option,
+    parse_angle,
+)
+from cspace._cli.report import Stopwatch, show
+from cspace.errors import InputError
+
+if TYPE_CHECKING:
+    from cspace.lanes import Audit
+
+_REPORTS: Final = (".csv", ".geojson", ".xml", ".png")
+"""Suffixes of reports."""
+
+_NAME: Final = re.compile(r"([\w-]+)=(.+)")
+"""Robot with a name: ``NAME=SPEC``."""
+
+
+def audit(
+    file: Path = argument("MAP", "A workspace in the plane, or a saved map: .zarr."),
+    graph: Path = argument(
+        "GRAPH", "Lanes: .geojson of Nav2, .yaml of Open-RMF, .json of LIF or VDA 5050."
+    ),
+    robot: list[str] | None = option(
+        "[NAME=]SPEC",
+        "A robot, as of cspace map, or corners such as [[0.4,0.3],...]; may be given again, each "
+        "with a name.",
+        "--robot",
+        "--footprint",
+    ),
+    rotations: int = option("COUNT", "Cells of yaw.", default=72),
+    spacing: float | None = option("METRES", "Side of a cell, where the file does not say."),
+    unknown: str | None = option(None, "What unknown cells count as: occupied or free."),
+    margin: float = option("METRES", "Grow the robot by this much.", default=0.0),
+    heading: str | None = option(
+        None,
+        "Yaw on lanes for which the file gives none: forward, backward, both, any, or an angle.",
+    ),
+    level: str | None = option("NAME", "Level, layout or map of the graph, if it has several."),
+    vehicle: str | None = option("NAME", "Type of vehicle of a LIF file, if it has several."),
+    output: list[Path] | None = option(
+        "PATH",
+        "A report: .csv, .geojson, .xml (JUnit) or .png; may be given again. Of several robots, "
+        "each has files with its name.",
+        "--output",
+        "-o",
+    ),
+    cells_only: bool = flag("--cells-only", "Do not ask the geometry where cells cannot decide."),
+    strict: bool = flag("--strict", "Undecided lanes give the exit code 2, and fail in JUnit."),
+    overwrite: bool = OVERWRITE,
+    as_json: bool = AS_JSON,
+) -> None:
+    """Prove the lanes of a route graph free or blocked.
+
+    Exit codes: 0 if no lane is blocked, 1 if one is, 2 with --strict if one is undecided.
+    """
+    import planners
+    from cspace.lanes import RouteGraph
+
+    options = drop_unset(spacing=spacing, unknown=unknown)
+    makers = _list_maps(file, robot or [], rotations, margin, options)
+    outputs = _list_outputs(output or [], makers)
+    check_outputs([path for paths in outputs.values() for path in paths], _REPORTS, overwrite)
+    clock = Stopwatch()
+    with clock.step("read"):
+        lanes = RouteGraph.open(
+            graph, heading=_parse_heading(heading), level=level, vehicle=vehicle
+        )
+    audits = {}
+    for name, make in makers.items():
+        with clock.step(f"build {name}".strip()):
+            space = make()
+        with clock.step(f"audit {name}".strip()):
+            audits[name] = planners.audit(space, lanes, exact=not cells_only)
+        for path in outputs[name]:
+            _write(audits[name], path, strict, overwrite)
+    counts = {name or "lanes": audit.counts for name, audit in audits.items()}
+    if as_json:
+        reports = {name or "graph": audit.to_geojson() for name, audit in audits.items()}
+        show({**counts, "reports": reports, "seconds": clock.seconds}, as_json)
+    else:
+        typer.echo("\n\n".join(map(str, audits.values())))
+    raise typer.Exit(_choose_exit_code(list(counts.values()), strict))
+
+
+def _choose_exit_code(counts: list[dict[str, int]], strict: bool) -> int:
+    """Return 1 if a lane is blocked, 2 if ``strict`` and one is undecided, otherwise 0."""
+    if any(count["blocked"] for count in counts):
+        return 1
+    return 2 if strict and any(count["undecided"] for count in counts) else 0
+
+
+def _parse_heading(text: str | None) -> Any:
+    """Return a heading as of :meth:`cspace.lanes.RouteGraph.open`."""
+    if text in (None, "forward", "backward", "both", "any"):
+        return text
+    return parse_angle(str(text), "heading", "yaw")
+
+
+def _list_outputs(paths: list[Path], robots: Collection[str]) -> dict[str, list[Path]]:
+    """Return the outputs of each robot, with its name if it has one."""
+    return {
+        name: [path.with_stem(f"{path.stem}-{name}") if name else path for path in paths]
+        for name in robots
+    }
+
+
+def _list_maps(
+    file: Path, robots: list[str], rotations: int, margin: float, options: dict[str, Any]
+) -> dict[str, Callable[[], Any]]:
+    """Return functions that make the map of each robot, by its name; "" for the only one."""
+    from cspace._builder import build
+    from cspace._opening import open_map
+    from cspace._workspace import Workspace
+
+    if file.suffix.lower() == ".zarr":
+        if robots:
+            rule = "a saved map has one"
+            raise InputError("robot", f"is given for {file}", rule, "leave it out")
+        return {"": partial(open_map, file)}
+    specs: dict[str, str] = {}
+    for text in robots:
+        found = _NAME.fullmatch(text)
+        name, spec = found.groups() if found else ("", text)
+        if name in specs or (specs and "" in (name, *specs)):
+            rule = "each of several robots needs a name of its own"
+            raise InputError("robot", f"is {text!r}", rule, "write NAME=SPEC")
+        specs[name] = f"footprint:{spec}" if spec.startswith("[") else spec
+    if not specs:
+        raise InputError("robot", "is missing", f"{file} is no saved map", "write e.g. disc:0.3")
+    shapes = {name: open_robot(spec) for name, spec in specs.items()}
+    workspace = Workspace.open(file, **options)
+
+    def make(name: str) -> Any:
+        """Build the map of a robot; one that is round needs no yaw."""
+        shape = shapes[name]
+        cells = None if shape.shape.is_round else rotations
+        return build(workspace, shape, rotations=cells, margin=margin)
+
+    return {name: partial(make, name) for name in shapes}
+
+
+def _write(audit: Audit, path: Path, strict: bool, overwrite: bool) -> None:
+    """Write a report in the format of its suffix."""
+    from cspace.plot._picture import save_figure
+
+    suffix = path.suffix.lower()
+    if suffix == ".csv":
+        audit.to_csv(path, overwrite)
+    elif suffix == ".geojson":
+        audit.write_geojson(path, overwrite)
+    elif suffix == ".xml":
+        audit.to_junit(path, overwrite, strict=strict)
+    else:
+        save_figure(lambda: audit.plot().figure, path, overwrite, dpi=150.0)

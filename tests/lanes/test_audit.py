@@ -1,0 +1,335 @@
+"""Audits of route graphs, against shapely's hulls of the swept shape."""
+
+import math
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given
+from hypothesis import strategies as st
+from shapely import affinity
+
+import cspace
+import planners
+from cspace.errors import InputError
+from cspace.lanes import RouteGraph
+from tests.helpers.refusals import check_followed, refusals
+
+ROBOT = [(0.4, 0.2), (-0.3, 0.25), (-0.3, -0.2), (0.4, -0.2)]
+
+
+def place(yaw, x, y):
+    """Return the robot at a pose."""
+    return affinity.translate(
+        affinity.rotate(shapely.Polygon(ROBOT), yaw, (0, 0), use_radians=True), x, y
+    )
+
+
+def sweep(p, q, yaw):
+    """Return what the robot sweeps on a straight motion without a turn; it is convex."""
+    return shapely.convex_hull(shapely.union(place(yaw, *p), place(yaw, *q)))
+
+
+def obstacles_of(space):
+    """Return the occupied cells and all outside, as one geometry."""
+    grid = space.grid
+    cells = np.argwhere(space.workspace.outer)
+    lower = np.array(grid.lower) + grid.spacing * cells
+    inside = shapely.box(*lower.T, *(lower + grid.spacing).T)
+    frame = shapely.box(*grid.lower, *grid.upper)
+    outside = shapely.difference(shapely.buffer(frame, 5.0), frame)
+    return shapely.union_all([*inside, outside])
+
+
+def build(occupied, spacing=0.1, rotations=72, **options):
+    workspace = cspace.Workspace.from_array(occupied, spacing)
+    return cspace.build(workspace, cspace.Robot.polygon(ROBOT), rotations=rotations, **options)
+
+
+@pytest.fixture(scope="module")
+def rooms():
+    """Return the map of two rooms of 4 m with a door of 0.8 m."""
+    occupied = np.zeros((80, 50), dtype=np.bool_)
+    occupied[40:42] = True
+    occupied[40:42, 21:29] = False
+    occupied[10:13, 30:34] = True
+    return build(occupied)
+
+
+def true_room(space, p, q, yaw, side):
+    """Return how far a lane may shift to a side, within a millimetre."""
+    walls = obstacles_of(space)
+    ahead = np.subtract(q, p) / np.hypot(*np.subtract(q, p))
+    left = side * np.array([-ahead[1], ahead[0]])
+    shape = sweep(p, q, yaw)
+    far = shapely.convex_hull(shapely.union(shape, affinity.translate(shape, *(2.0 * left))))
+    hit = shapely.intersection(far, walls)
+    if hit.is_empty:
+        return 2.0
+    low, high = 0.0, 2.0
+    while high - low > 1e-3:
+        middle = 0.5 * (low + high)
+        swept = shapely.convex_hull(
+            shapely.union(shape, affinity.translate(shape, *(middle * left)))
+        )
+        low, high = (low, middle) if shapely.intersects(swept, walls) else (middle, high)
+    return high
+
+
+def check(space, audit, offset=0.0):
+    """Compare the verdicts of straight lanes with the shape that the robot sweeps."""
+    walls = obstacles_of(space)
+    graph = audit.graph
+    for lane, row in zip(graph.lanes, audit.lanes, strict=True):
+        p, q = graph.positions[[lane.start, lane.end]]
+        yaw = math.atan2(*(q - p)[::-1]) + offset
+        common = shapely.intersection(sweep(p, q, yaw), walls).area
+        if row.verdict == "free":
+            assert common == 0.0, row
+            for side, room in ((1, row.left), (-1, row.right)):
+                assert room <= true_room(space, p, q, yaw, side) + 1e-3, row
+            grown = shapely.buffer(sweep(p, q, yaw), row.margin * (1 - 1e-9))
+            assert shapely.intersection(grown, walls).area < 1e-9, row
+        if row.verdict == "blocked":
+            assert shapely.intersects(place(row.at[2], *row.at[:2]), walls), row
+            assert shapely.distance(shapely.LineString([p, q]), shapely.Point(row.at[:2])) < 1e-9
+            assert common > 0.0
+        if row.verdict == "undecided":  # only at contact
+            assert shapely.distance(sweep(p, q, yaw).buffer(-1e-4), walls) < 1e-3, row
+
+
+def test_random_graphs_agree_with_swept_hulls(rooms):
+    rng = np.random.default_rng(0)
+    positions = rng.uniform((0.2, 0.2), (7.8, 4.8), (60, 2))
+    edges = rng.integers(0, 60, (150, 2))
+    edges = edges[edges[:, 0] != edges[:, 1]]
+    audit = planners.audit(rooms, RouteGraph.from_arrays(positions, edges))
+    assert min(audit.counts["free"], audit.counts["blocked"]) > 10
+    check(rooms, audit)
+
+
+@pytest.mark.parametrize("exact", [True, False])
+def test_depot_agrees_with_swept_hulls(data, exact):
+    workspace = cspace.Workspace.open(data / "maps" / "depot.yaml", unknown="free")
+    space = cspace.build(workspace, cspace.Robot.polygon(ROBOT), rotations=72)
+    rng = np.random.default_rng(1)
+    positions = rng.uniform(space.grid.lower, space.grid.upper, (300, 2))
+    free = positions[space.is_free(np.column_stack([positions, np.zeros(300)]))][:40]
+    edges = [
+        (a, b) for a in range(len(free)) for b in np.argsort(np.hypot(*(free - free[a]).T))[1:4]
+    ]
+    audit = planners.audit(space, RouteGraph.from_arrays(free, edges), exact=exact)
+    assert audit.counts["free"] > 10
+    assert audit.counts["blocked"] > 0
+    if exact:
+        check(space, audit)
+
+
+@given(
+    x=st.floats(0.5, 7.5),
+    y=st.floats(0.3, 4.7),
+    angle=st.floats(-math.pi, math.pi),
+    gap=st.sampled_from([-0.01, -1e-3, 1e-3, 0.01, 0.05]),
+)
+def test_lanes_near_contact_are_decided(rooms, x, y, angle, gap):
+    # Move a lane of 1 m sideways until it is a given gap from contact.
+    ahead = np.array([math.cos(angle), math.sin(angle)])
+    left = np.array([-ahead[1], ahead[0]])
+    p, q = np.array([x, y]), np.array([x, y]) + ahead
+    if shapely.intersects(sweep(p, q, angle), obstacles_of(rooms)):
+        return
+    room = true_room(rooms, p, q, angle, 1) - gap
+    if not 0.0 < room < 1.9:
+        return
+    ends = np.array([p + room * left, q + room * left])
+    audit = planners.audit(rooms, RouteGraph.from_arrays(ends, [(0, 1)]))
+    check(rooms, audit)
+    if gap == 0.05:
+        assert audit.lanes[0].verdict == "free"
+    if gap == -0.01:
+        # A corner that is 1 cm deep leaves too little area only if it is very sharp.
+        assert audit.lanes[0].verdict != "free"
+
+
+def test_a_lane_pushed_into_a_wall_by_a_centimetre_is_blocked(rooms):
+    for y, verdict in ((0.201, "free"), (0.19, "blocked")):
+        graph = RouteGraph.from_arrays([(1, y), (3, y)], [(0, 1)])
+        (row,) = planners.audit(rooms, graph).lanes
+        assert row.verdict == verdict
+    assert row.obstacle == "the border of the map"
+    assert row.at[:2] == (1, 0.19)
+
+
+def test_rooms_of_straight_lanes_are_within_two_cells_of_the_truth(rooms):
+    spacing = rooms.grid.spacing
+    for p, q in (
+        ((1, 1), (3, 1)),
+        ((1, 0.202), (3, 0.202)),
+        ((5, 1), (7, 3)),
+        ((1, 2.5), (7, 2.5)),
+    ):
+        graph = RouteGraph.from_arrays([p, q], [(0, 1)])
+        (row,) = planners.audit(rooms, graph, max_room=2.0).lanes
+        assert row.verdict == "free"
+        yaw = math.atan2(q[1] - p[1], q[0] - p[0])
+        for side, room in ((1, row.left), (-1, row.right)):
+            truth = true_room(rooms, p, q, yaw, side)
+            assert truth - 2 * spacing <= room <= truth + 1e-3, (p, q, side, room, truth)
+
+
+@pytest.mark.parametrize("row", [14, 15, 16, 24, 25, 26])
+def test_no_post_is_skipped_beside_a_lane(row):
+    # A post of one cell, and a robot smaller than a cell, fit between wide strips.
+    occupied = np.zeros((60, 40), dtype=np.bool_)
+    occupied[30, row] = True
+    space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), "disc:0.02")
+    graph = RouteGraph.from_arrays([(2, 2), (4, 2)], [(0, 1)])
+    (lane,) = planners.audit(space, graph).lanes
+    beside = abs(0.1 * row + 0.05 - 2.0) - 0.05 - 0.02
+    room = lane.left if row > 20 else lane.right
+    assert beside - 0.2 <= room <= beside
+    assert beside - 0.2 <= lane.margin <= beside
+    assert max(lane.left, lane.right) == 1.0
+
+
+def test_headings_decide_the_yaw(rooms):
+    # Through the door, 0.8 m wide, only along the robot; across it, the robot is 0.7 m long.
+    nodes = [(3.0, 2.5), (5.0, 2.5)]
+    for heading, verdict in (
+        ("forward", "free"),
+        ("backward", "free"),
+        ("both", "free"),
+        (0.0, "free"),
+        ("any", "blocked"),
+        (math.radians(45), "blocked"),
+    ):
+        graph = RouteGraph.from_arrays(nodes, [(0, 1)], heading)
+        (row,) = planners.audit(rooms, graph).lanes
+        assert row.verdict == verdict, heading
+
+
+def test_an_asymmetric_robot_differs_backwards():
+    occupied = np.zeros((40, 20), dtype=np.bool_)
+    space = build(occupied)
+    for heading, verdict in (("forward", "blocked"), ("backward", "free"), ("both", "blocked")):
+        graph = RouteGraph.from_arrays([(1, 1), (3.65, 1)], [(0, 1)], heading)
+        assert planners.audit(space, graph).lanes[0].verdict == verdict
+
+
+def test_a_node_with_a_yaw_needs_the_turn(rooms):
+    nodes = [(1.0, 0.3), (3.0, 0.3)]
+    for yaws, verdict in (((math.nan, math.nan), "free"), ((math.pi / 2, math.nan), "blocked")):
+        graph = RouteGraph.from_arrays(nodes, [(0, 1)], yaws=yaws)
+        assert planners.audit(rooms, graph).lanes[0].verdict == verdict
+
+
+def test_lanes_without_length_and_loops_and_borders(rooms):
+    nodes = [(2, 1), (0.0, 2.5), (8.0, 2.5), (20.0, 2.5), (2, 1)]
+    edges = [(0, 0), (0, 4), (0, 1), (0, 2), (0, 3)]
+    audit = planners.audit(rooms, RouteGraph.from_arrays(nodes, edges))
+    verdicts = [row.verdict for row in audit.lanes]
+    assert verdicts == ["free", "free", "blocked", "blocked", "blocked"]
+    assert audit.nodes[0].turns_around
+    assert not len(audit.nodes[1].free_yaws)
+    fixed = RouteGraph.from_arrays(nodes, [(0, 0)], 1.0)
+    assert planners.audit(rooms, fixed).lanes[0].verdict == "free"
+    empty = planners.audit(rooms, RouteGraph.from_arrays(np.empty((0, 2)), np.empty((0, 2))))
+    assert empty.lanes == empty.parts == []
+    assert "0 free" in str(empty)
+
+
+def test_nodes_turn_between_proven_yaws(rooms):
+    walls = obstacles_of(rooms)
+    nodes = [(4.1, 2.5), (2, 1), (0.35, 2.5), (1.0, 2.75)]
+    audit = planners.audit(rooms, RouteGraph.from_arrays(nodes, []))
+    assert [row.turns_around for row in audit.nodes] == [False, True, False, False]
+    for row in audit.nodes:
+        for low, high in row.free_yaws:
+            for yaw in np.linspace(low, high, 100):
+                assert not shapely.intersects(place(yaw, *row.position), walls)
+
+
+def test_named_obstacles_are_named():
+    space = build(np.zeros((60, 40), dtype=np.bool_))
+    space.add_obstacle("crate", shapely.box(2.0, 1.5, 2.5, 2.5))
+    graph = RouteGraph.from_arrays([(1, 2), (4, 2), (1, 3)], [(0, 1), (0, 2)])
+    first, second = planners.audit(space, graph).lanes
+    assert first.obstacle == "'crate'"
+    assert second.verdict == "free"
+
+
+def test_polygons_are_exact_obstacles():
+    walls = [shapely.box(0, 0, 4, 0.523), shapely.box(0, 1.0, 4, 1.5)]
+    bounds = (0, 0, 4, 1.5)
+    workspace = cspace.Workspace.from_polygons(walls, spacing=0.1, bounds=bounds)
+    space = cspace.build(workspace, cspace.Robot.rectangle(0.5, 0.4), rotations=36)
+    for y, verdict in ((0.76, "free"), (0.715, "blocked"), (0.805, "blocked")):
+        graph = RouteGraph.from_arrays([(1, y), (3, y)], [(0, 1)])
+        (row,) = planners.audit(space, graph).lanes
+        assert row.verdict == verdict, y
+        assert planners.audit(space, graph, exact=False).lanes[0].verdict == "undecided"
+
+
+def test_a_map_without_a_yaw_is_for_a_round_robot_or_one_that_never_turns():
+    workspace = cspace.Workspace.from_array(np.zeros((40, 30), dtype=np.bool_), 0.1)
+    disc = cspace.build(workspace, "disc:0.3")
+    graph = RouteGraph.from_arrays([(1, 1), (3, 2)], [(0, 1)])
+    audit = planners.audit(disc, graph)
+    assert audit.lanes[0].verdict == "free"
+    assert audit.nodes[0].turns_around
+    bar = cspace.build(workspace, "rect:0.6x0.2")
+    still = RouteGraph.from_arrays([(1, 1), (3, 2)], [(0, 1)], 0.0)
+
+    def build_again():
+        assert (
+            "rotations=72, or set heading=0.0" in "build it with rotations=72, or set heading=0.0"
+        )
+        return planners.audit(bar, still)
+
+    check_followed(
+        lambda: planners.audit(bar, graph), build_again, "or set heading=0.0 for a robot"
+    )
+
+
+def test_tiles_give_the_verdicts_of_memory(tmp_path):
+    rng = np.random.default_rng(3)
+    occupied = rng.random((120, 90)) < 0.004
+    whole = build(occupied, rotations=24)
+    workspace = cspace.Workspace.from_array(occupied, 0.1)
+    robot = cspace.Robot.polygon(ROBOT)
+    tiled = cspace.build(workspace, robot, rotations=24, store=tmp_path / "map.zarr", tile=40)
+    positions = rng.uniform((0, 0), (12, 9), (15, 2))
+    graph = RouteGraph.from_arrays(positions, rng.integers(0, 15, (25, 2)), two_way=True)
+    one, other = planners.audit(whole, graph), planners.audit(tiled, graph)
+    assert [row[3] for row in one.lanes] == [row[3] for row in other.lanes]
+    assert one.parts == other.parts
+    assert one.lost == other.lost
+
+
+@refusals(
+    "make, text",
+    (lambda: RouteGraph.from_arrays([(0, 0, 0)], []), "last axis"),
+    (lambda: RouteGraph.from_arrays([(0, 0)], [(0, 1)]), "edges[0]"),
+    (lambda: RouteGraph.from_arrays([(0, 0)], [(0.5, 0)]), "pairs of indices"),
+    (lambda: RouteGraph.from_arrays([(0, 0)], [(0, 0)], "sideways"), "pass e.g. 'forward'"),
+    (lambda: RouteGraph.from_arrays([(0, 0)], [(0, 0)], [0.0, 0.0]), "must have 1"),
+    (lambda: RouteGraph.from_arrays([(0, 0)] * 2, [], names=["a", "a"]), "'a' twice"),
+    (lambda: RouteGraph.from_arrays([(0, 0)], [], yaws=[math.inf]), "yaws"),
+)
+def test_wrong_tables_are_refused(make, text):
+    with pytest.raises(InputError) as caught:
+        make()
+    assert text in str(caught.value)
+
+
+def test_wrong_arguments_are_refused(rooms):
+    graph = RouteGraph.from_arrays([(1, 1)], [])
+    with pytest.raises(InputError, match=r"pass RouteGraph\.from_arrays"):
+        planners.audit(rooms, [(0, 1)])
+    with pytest.raises(InputError, match="it must be a map"):
+        planners.audit("map", graph)
+    with pytest.raises(InputError, match="name of a node"):
+        planners.audit(rooms, graph).find_way("0", "1")
+    solid = cspace.Workspace.from_array(np.zeros((9, 9, 9), dtype=np.bool_), 0.1)
+    with pytest.raises(InputError, match="footprint, with rotations=72"):
+        planners.audit(cspace.build(solid, "ball:0.1"), graph)

@@ -1,0 +1,336 @@
+"""Route graphs of Nav2, Open-RMF, LIF and VDA 5050, and damaged ones."""
+
+import copy
+import json
+import math
+
+import networkx
+import numpy as np
+import pytest
+import yaml
+from scipy.interpolate import BSpline
+
+import cspace
+from cspace.errors import CspaceError, FileError, InputError
+from cspace.lanes import RouteGraph
+from cspace.lanes._curves import cut_nurbs
+from cspace.lanes._verdicts import list_motions
+from tests.helpers.refusals import refusals
+
+NAV2 = {
+    "type": "FeatureCollection",
+    "name": "graph",
+    "crs": {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::3857"}},
+    "features": [
+        {
+            "type": "Feature",
+            "properties": {"id": 0, "frame": "map"},
+            "geometry": {"type": "Point", "coordinates": [1.0, 2.0]},
+        },
+        {
+            "type": "Feature",
+            "properties": {"id": 1},
+            "geometry": {"type": "Point", "coordinates": [4.0, 2.0]},
+        },
+        {
+            "type": "Feature",
+            "properties": {"id": 2, "startid": 0, "endid": 1, "metadata": {"speed_limit": 50}},
+            "geometry": {"type": "MultiLineString", "coordinates": [[[1.0, 2.0], [4.0, 2.0]]]},
+        },
+    ],
+}
+RMF = {
+    "building_name": "office",
+    "levels": {
+        "L1": {
+            "vertices": [
+                [1.0, 2.0, {"name": "dock", "is_charger": True}],
+                [4.0, 2.0, {"name": ""}],
+            ],
+            "lanes": [
+                [0, 1, {"orientation_constraint": "forward", "speed_limit": 0.5}],
+                [1, 0, {}],
+                [0, 1, {"is_bidirectional": True, "orientation_constraint": "backward"}],
+            ],
+        }
+    },
+}
+ARC = {
+    "degree": 2,
+    "knotVector": [0, 0, 0, 1, 1, 1],
+    "controlPoints": [
+        {"x": 1, "y": 0},
+        {"x": 1, "y": 1, "weight": math.sqrt(0.5)},
+        {"x": 0, "y": 1},
+    ],
+}
+"""A quarter of a circle, exactly."""
+LIF = {
+    "metaInformation": {"lifVersion": "1.0.0"},
+    "layouts": [
+        {
+            "layoutId": "hall",
+            "nodes": [
+                {
+                    "nodeId": "a",
+                    "nodePosition": {"x": 1.0, "y": 0.0},
+                    "vehicleTypeNodeProperties": [{"vehicleTypeId": "fork", "theta": 1.5}],
+                },
+                {"nodeId": "b", "nodePosition": {"x": 0.0, "y": 1.0}},
+            ],
+            "edges": [
+                {
+                    "edgeId": "ab",
+                    "startNodeId": "a",
+                    "endNodeId": "b",
+                    "vehicleTypeEdgeProperties": [
+                        {
+                            "vehicleTypeId": "fork",
+                            "vehicleOrientation": math.pi,
+                            "orientationType": "TANGENTIAL",
+                            "rotationAllowed": False,
+                            "trajectory": ARC,
+                        }
+                    ],
+                },
+                {
+                    "edgeId": "ba",
+                    "startNodeId": "b",
+                    "endNodeId": "a",
+                    "vehicleTypeEdgeProperties": [{"vehicleTypeId": "fork"}],
+                },
+            ],
+            "stations": [{"stationId": "S", "interactionNodeIds": ["a"]}],
+        }
+    ],
+}
+ORDER = {
+    "version": "2.0.0",
+    "nodes": [
+        {"nodeId": "a", "nodePosition": {"x": 1.0, "y": 0.0, "mapId": "m", "theta": 0.5}},
+        {
+            "nodeId": "b",
+            "nodePosition": {"x": 0.0, "y": 1.0, "mapId": "m", "allowedDeviationXY": 0.25},
+        },
+    ],
+    "edges": [
+        {
+            "edgeId": "ab",
+            "startNodeId": "a",
+            "endNodeId": "b",
+            "orientation": 0.3,
+            "orientationType": "GLOBAL",
+            "rotationAllowed": False,
+        },
+        {"edgeId": "ba", "startNodeId": "b", "endNodeId": "a", "corridor": {"leftWidth": 0.4}},
+    ],
+}
+FILES = {"nav.geojson": NAV2, "rmf.yaml": RMF, "lif.json": LIF, "order.json": ORDER}
+
+
+def write(folder, name, document):
+    """Write a graph as JSON or YAML, and return its file."""
+    text = yaml.safe_dump(document) if name.endswith("yaml") else json.dumps(document)
+    file = folder / name
+    file.write_text(text)
+    return file
+
+
+def test_nav2_graphs_are_one_way_and_forward(tmp_path):
+    graph = RouteGraph.open(write(tmp_path, "nav.geojson", NAV2))
+    (lane,) = graph.lanes
+    assert (graph.names, graph.places) == (("0", "1"), [(1.0, 2.0), (4.0, 2.0)])
+    assert (lane.name, lane.start, lane.end, lane.heading.yaws) == ("2", 0, 1, (0.0,))
+    back = RouteGraph.open(tmp_path / "nav.geojson", heading="backward")
+    assert back.lanes[0].heading.yaws == (math.pi,)
+
+
+def test_rmf_graphs_have_constraints(tmp_path):
+    graph = RouteGraph.open(write(tmp_path, "rmf.yaml", RMF))
+    assert graph.names == ("dock", "1")
+    rows = [(lane.start, lane.end, lane.heading.yaws) for lane in graph.lanes]
+    back = (math.pi,)
+    assert rows == [(0, 1, (0.0,)), (1, 0, (0.0, math.pi)), (0, 1, back), (1, 0, back)]
+
+
+def test_lif_layouts_have_curves_stations_and_orientations(tmp_path):
+    graph = RouteGraph.open(write(tmp_path, "lif.json", LIF))
+    first, second = graph.lanes
+    assert first.heading == ("lane", (math.pi,))
+    assert second.heading == ("any", ())
+    assert graph.stations == {"S": ("a",)}
+    np.testing.assert_array_equal(graph.yaws, [1.5, math.nan])
+    assert first.legs[0].first == pytest.approx(math.pi / 2)
+    assert first.legs[-1].last == pytest.approx(math.pi)
+    other = copy.deepcopy(LIF)
+    other["layouts"][0]["edges"][0]["vehicleTypeEdgeProperties"][0]["rotationAllowed"] = True
+    assert RouteGraph.open(write(tmp_path, "b.json", other)).lanes[0].heading.frame == "any"
+
+
+def test_orders_have_deviations_and_corridors(tmp_path):
+    graph = RouteGraph.open(write(tmp_path, "order.json", ORDER))
+    first, second = graph.lanes
+    assert first.heading == ("map", (0.3,))
+    assert (first.deviation, second.deviation) == (0.25, 0.4)
+    np.testing.assert_array_equal(graph.yaws, [0.5, math.nan])
+
+
+def edit(name, path, value):
+    """Return a copy of a document with another value at a path of keys."""
+    document = copy.deepcopy(FILES[name])
+    place = document
+    for key in path[:-1]:
+        place = place[key]
+    place[path[-1]] = value
+    return document
+
+
+NODE = ("features", 0, "properties", "id")
+EDGE = ("features", 2, "properties", "endid")
+DRAWN = ("features", 2, "geometry", "coordinates")
+LANES = ("levels", "L1", "lanes", 0)
+LIF_EDGE = ("layouts", 0, "edges", 0)
+ENTRY = (*LIF_EDGE, "vehicleTypeEdgeProperties", 0)
+POINTS = (*ENTRY, "trajectory", "controlPoints")
+
+
+@refusals(
+    "name, path, value, text",
+    ("nav.geojson", ("crs",), {"name": "CRS84"}, "has the crs"),
+    ("nav.geojson", NODE, None, "without an id"),
+    ("nav.geojson", NODE, 1, "the node 1 twice"),
+    ("nav.geojson", NODE, 2, "the id '2' twice"),
+    ("nav.geojson", ("features", 0, "properties", "frame"), "odom", "node 0 has frame 'odom'"),
+    ("nav.geojson", ("features", 0, "geometry", "coordinates"), [1], "node 0 has the coordinates"),
+    ("nav.geojson", ("features", 0, "geometry", "coordinates"), ["1", 2], "node 0 has the x '1'"),
+    ("nav.geojson", ("features", 0, "geometry", "type"), "Polygon", "feature 0 is a Polygon"),
+    ("nav.geojson", ("features", 0), 3, "features[0]"),
+    ("nav.geojson", EDGE, 7, "edge 2 names the node 7"),
+    ("nav.geojson", DRAWN, [[[1, 2], [2, 3], [4, 2]]], "edge 2 is drawn by way of"),
+    ("nav.geojson", DRAWN, [[3]], "edge 2 has the coordinates"),
+    ("rmf.yaml", ("levels", "L2"), {}, "pass level= with one of them"),
+    ("rmf.yaml", ("levels",), [], "has levels"),
+    ("rmf.yaml", ("levels", "L1"), [], "level 'L1' is no mapping"),
+    ("rmf.yaml", ("levels", "L1", "vertices", 1), [3], "vertex 1 is [3]"),
+    ("rmf.yaml", ("levels", "L1", "vertices", 1), [math.nan, 0], "node 1 has the x nan"),
+    ("rmf.yaml", ("levels", "L1", "vertices", 1), [0, 0, {"name": "dock"}], "'dock' twice"),
+    ("rmf.yaml", (*LANES, 1), 9, "lane 0 names the vertex 9"),
+    ("rmf.yaml", LANES, 5, "lane 0 is 5"),
+    ("rmf.yaml", (*LANES, 2), {"orientation_constraint": "left"}, "orientation_constraint 'left'"),
+    ("rmf.yaml", (*LANES, 2), {"curvature": 1}, "lane 0 has the option 'curvature'"),
+    ("lif.json", (*LIF_EDGE, "endNodeId"), "z", "edge 'ab' names the node 'z'"),
+    ("lif.json", (*ENTRY, "vehicleOrientation"), "left", "edge 'ab' has the orientation"),
+    ("lif.json", (*ENTRY, "orientationType"), "LOCAL", "edge 'ab' has orientationType"),
+    ("lif.json", (*ENTRY, "rotationAtStartNodeAllowed"), "CCW", "rotationAtStartNodeAllowed 'CCW'"),
+    ("lif.json", (*ENTRY, "vehicleTypeId"), "tug", "pass vehicle="),
+    ("lif.json", (*ENTRY, "trajectory", "knotVector"), [0, 1], "edge 'ab' has a trajectory"),
+    ("lif.json", (*ENTRY, "trajectory", "knotVector"), [0, 0, 0, 1, 1, -1], "do not rise"),
+    ("lif.json", (*ENTRY, "trajectory", "degree"), 0, "of degree 0"),
+    ("lif.json", (*POINTS, 1, "weight"), 0.0, "weight that is not above zero"),
+    ("lif.json", (*POINTS, 1, "x"), None, "control point 1, has the x None"),
+    ("lif.json", (*POINTS, 1, "orientation"), 0.5, "has orientation 0.5"),
+    ("lif.json", (*POINTS, 0, "x"), 1.5, "edge 'ab' ends 0.5 m from a node"),
+    ("lif.json", (*ENTRY, "trajectory"), 5, "trajectory that is no mapping"),
+    ("lif.json", ("layouts", 0, "stations", 0, "interactionNodeIds"), ["z"], "station 'S'"),
+    ("lif.json", ("layouts", 0, "nodes", 0, "nodePosition"), 1, "node 'a' has the nodePosition"),
+    ("order.json", ("nodes", 0, "nodePosition", "mapId"), "n", "has nodes on the maps"),
+    ("order.json", ("nodes", 0, "nodePosition", "allowedDeviationTheta"), 1, "DeviationTheta 1"),
+    ("order.json", ("nodes",), None, "edge 'ab' names the node 'a'"),
+    ("order.json", ("edges", 0, "startNodeId"), "z", "edge 'ab' names the node 'z'"),
+)
+def test_damaged_files_name_the_element(name, path, value, text, tmp_path):
+    file = write(tmp_path, name, edit(name, path, value))
+    with pytest.raises(FileError) as caught:
+        RouteGraph.open(file)
+    assert text in str(caught.value)
+    assert str(file) in str(caught.value)
+
+
+def test_files_of_no_graph_are_refused(tmp_path):
+    for name, text in (("a.json", "[]"), ("a.json", "{}"), ("a.json", "{"), ("a.yaml", "a: [")):
+        (tmp_path / name).write_text(text)
+        with pytest.raises(FileError):
+            RouteGraph.open(tmp_path / name)
+    with pytest.raises(InputError, match=r"\.geojson"):
+        RouteGraph.open(tmp_path / "a.png")
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_no_damage_gives_another_error(name, tmp_path):
+    rng = np.random.default_rng(0)
+    text = write(tmp_path, name, FILES[name]).read_text()
+    for _ in range(300):
+        first, last = np.sort(rng.integers(0, len(text), 2))
+        middle = rng.choice(["", "null", "-1", '"x"', "[]", "1e999"])
+        (tmp_path / name).write_text(text[:first] + middle + text[min(last, first + 9) :])
+        try:
+            RouteGraph.open(tmp_path / name)
+        except CspaceError as error:
+            assert "Error:" not in str(error) or "cannot be read as" in str(error)
+
+
+def test_a_graph_of_networkx_has_the_same_lanes():
+    graph = networkx.Graph()
+    graph.add_node("a", pos=(1, 2))
+    graph.add_node("b", x=4, y=2, yaw=0.5)
+    graph.add_edge("a", "b", heading=0.0)
+    found = RouteGraph.from_networkx(graph)
+    assert [(lane.start, lane.end, lane.heading.frame) for lane in found.lanes] == [
+        (0, 1, "map"),
+        (1, 0, "map"),
+    ]
+    assert len(RouteGraph.from_networkx(graph.to_directed()).lanes) == 2
+    graph.add_node("c")
+    with pytest.raises(InputError, match="node 'c'"):
+        RouteGraph.from_networkx(graph)
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3, 5])
+def test_legs_contain_a_random_curve_and_its_directions(degree):
+    rng = np.random.default_rng(degree)
+    for _ in range(10):
+        count = degree + int(rng.integers(1, 6))
+        points = np.cumsum(rng.uniform(0.1, 1.0, (count, 2)), axis=0) * rng.choice([-1, 1], 2)
+        weights = rng.uniform(0.3, 3.0, count)
+        inner = np.sort(rng.uniform(0, 1, count - degree - 1))
+        knots = np.concatenate([np.zeros(degree + 1), inner, np.ones(degree + 1)])
+        legs = cut_nurbs(degree, knots, points, weights)
+        spline = BSpline(knots, np.column_stack([points * weights[:, None], weights]), degree)
+        for t in rng.uniform(0, 1, 200):
+            *top, bottom = spline(t)
+            *rise, drop = spline(t, 1)
+            point = np.array(top) / bottom
+            tangent = (np.array(rise) - point * drop) / bottom
+            angle = math.atan2(tangent[1], tangent[0])
+            assert any(contains(leg, point, angle) for leg in legs)
+
+
+def contains(leg, point, angle):
+    """Return True if a leg contains a point of its curve, with its direction."""
+    start, end = np.array(leg.start), np.array(leg.end)
+    chord = end - start
+    share = np.clip((point - start) @ chord / (chord @ chord), 0, 1)
+    if np.hypot(*(point - start - share * chord)) > leg.drift + 1e-9:
+        return False
+    return abs(math.remainder(angle - leg.first, math.tau)) <= leg.spread + 1e-6
+
+
+def test_the_motions_of_a_curve_are_as_wide_as_it_deviates(tmp_path):
+    graph = RouteGraph.open(write(tmp_path, "lif.json", LIF))
+    workspace = cspace.Workspace.from_array(np.zeros((20, 20), dtype=np.bool_), 0.1)
+    motions = list_motions(cspace.build(workspace, "rect:0.2x0.1", rotations=8), graph)
+    legs = graph.lanes[0].legs
+    of_legs = (motions.lanes == 0) & (motions.tubes.drifts > 0.0)
+    assert motions.tubes.drifts[of_legs].tolist() == [leg.drift for leg in legs]
+    assert motions.tubes.turns[of_legs].tolist() == [leg.spread for leg in legs]
+    assert min(leg.drift for leg in legs) > 0.0
+
+
+def test_a_curve_that_turns_back_jumps_there():
+    points = np.array([(0, 0), (2, 0), (-1, 0), (1, 0.0)])
+    knots = np.array([0, 0, 0, 0, 1, 1, 1, 1.0])
+    legs = cut_nurbs(3, knots, points, np.ones(4))
+    directions = [leg.first for leg in legs]
+    assert {round(abs(angle), 9) for angle in directions} == {0.0, round(math.pi, 9)}
+    with pytest.raises(ValueError, match="too sharply"):
+        cut_nurbs(3, knots, 1e7 * points, np.ones(4))
