@@ -112,6 +112,12 @@ class Arrangement:
             rng = np.random.default_rng(seed)
             means, _ = kmeans2(self.points, number, minit="++", rng=rng, missing="warn")
             starts.append(self._keep_valid(means))
+        if is_few:
+            # Balls one by one lead to other arrangements.
+            grown = self.candidates[:1]
+            for count in range(1, number + 1):
+                grown, _ = self._alternate(self._insert(grown, count))
+            starts.append(grown)
         best, smallest = min(map(self._alternate, starts), key=lambda arranged: arranged[1])
         if len(best) < number:
             best, smallest = self._alternate(self._insert(best, number))

@@ -12,7 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
-from cspace import InputError, Robot, Workspace
+from cspace import InputError, Robot, build_arm_space
+from cspace._shapes import as_shape
 from cspace.arms import Arm
 from cspace.errors import FileError, GeometryError
 from tests.helpers.commands import document, run
@@ -167,7 +168,7 @@ def test_written_urdf_is_an_arm_of_spheres(tmp_path):
 
 def surfaces(shape):
     """Return the vertices of the outer and the inner surface of a shape."""
-    return [side.surface.vertices.tolist() for side in (shape.outer, shape.inner)]
+    return [side.surface[0].tolist() for side in (shape.outer, shape.inner)]
 
 
 @pytest.mark.parametrize("suffix", [".yaml", ".json", ".srdf"])
@@ -191,7 +192,8 @@ def test_written_spheres_are_read_back(tmp_path, suffix):
             assert surfaces(part.shape) == surfaces(other.shape)
             assert (part.pose == other.pose).all()
     q = np.random.default_rng(0).uniform(-2.0, 2.0, (200, 2))
-    spaces = [each.space([Robot.box(0.6, 0.6, 0.6).shape]) for each in (arm, named)]
+    solids = {"box": (as_shape(trimesh.creation.box((0.6, 0.6, 0.6))), pose_at(1.2, 1.2))}
+    spaces = [build_arm_space(solids, each) for each in (arm, named)]
     free = spaces[0].is_free(q)
     assert 0 < free.sum() < len(q)
     assert (free == spaces[1].is_free(q)).all()
