@@ -19,8 +19,8 @@ from cspace.spectral._regions import Lattice, cube_gaps
 MAX_SEARCHED_BALLS: Final = 16
 """Largest number of balls for which further arrangements are searched, for the time it takes."""
 
-STARTS: Final = 4
-"""Number of random arrangements that few balls start from."""
+STARTS: Final = 2
+"""Number of first balls from which few balls are placed one by one."""
 
 MAX_FAILURES: Final = 6
 """Number of balls that move to another part of the shape in vain before the search ends."""
@@ -103,21 +103,15 @@ class Arrangement:
 
     def place(self, number: int) -> Floats:
         """Return at most ``number`` centers (n, d), metres, with a small largest growth."""
-        from scipy.cluster.vq import kmeans2
-
         # Many arrangements are poor, so several are improved.
         starts = [self._choose_nearest(number)]
         is_few = number <= MAX_SEARCHED_BALLS
-        for seed in range(min(STARTS, number) if is_few else 0):
-            rng = np.random.default_rng(seed)
-            means, _ = kmeans2(self.points, number, minit="++", rng=rng, missing="warn")
-            starts.append(self._keep_valid(means))
         if is_few:
-            # Balls one by one lead to other arrangements.
-            grown = self.candidates[:1]
-            for count in range(1, number + 1):
-                grown, _ = self._alternate(self._insert(grown, count))
-            starts.append(grown)
+            for first in self.candidates[:STARTS]:
+                grown = first[None]
+                for count in range(2, number + 1):
+                    grown, _ = self._alternate(self._insert(grown, count))
+                starts.append(grown)
         best, smallest = min(map(self._alternate, starts), key=lambda arranged: arranged[1])
         if len(best) < number:
             best, smallest = self._alternate(self._insert(best, number))
