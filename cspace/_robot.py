@@ -371,6 +371,7 @@ class Robot:
         solid: Solid = "auto",
         package_dirs: PackageDirs = (),
         visuals: bool = False,
+        spheres: str | os.PathLike[str] | None = None,
     ) -> Robot:
         """Read the collision geometry of a URDF.
 
@@ -404,11 +405,15 @@ class Robot:
         visuals : bool
             Use the visual geometry of links without collision geometry. By default such a link is
             left out, as by MoveIt, and a warning names it.
+        spheres : path-like, optional
+            A file with spheres of links, which replace their collision geometry: ``.yaml`` or
+            ``.yml`` of cuRobo, ``.json`` of foam, or an SRDF with ``link_sphere_approximation``.
+            Links that it does not name keep their geometry.
 
         Raises
         ------
         FileError
-            If the file or a mesh is missing or malformed, or the name of a mesh is ambiguous.
+            If a file or a mesh is missing or malformed, or the name of a mesh is ambiguous.
         InputError
             If a folder or link does not exist, the links have no collision geometry, a size is not
             above zero, or ``solid`` is "surface" and a link has a box, a cylinder or a sphere.
@@ -417,7 +422,7 @@ class Robot:
         """
         from cspace._shapes.link_shapes import read_urdf
 
-        surfaces = read_urdf(path, link, package_dirs, solid != "surface", visuals)
+        surfaces = read_urdf(path, link, package_dirs, solid != "surface", visuals, spheres)
         name = Path(path).name
         # Surfaces around and inside the links, or a single one if their meshes are exact.
         outer, *inner = (Mesh(*surface, solid, name) for surface in surfaces)

@@ -712,8 +712,8 @@ MUTANTS = (
     ),
     Mutant(
         "cspace/spectral/_decompose.py",
-        "stop = math.floor(center + length + 0.5)",
-        "stop = math.ceil(center + length + 0.5)",
+        "radii = (radii + growths) * (1.0 + 2.0**-40)",
+        "radii = (radii + 0.98 * growths) * (1.0 + 2.0**-40)",
         "tests/spectral/test_decompose.py",
     ),
     Mutant(

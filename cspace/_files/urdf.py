@@ -24,7 +24,9 @@ import numpy as np
 from cspace._files.access import ContentError, decoding, read_bytes
 from cspace._files.fields import Fields
 from cspace._files.plain import check_expanded, parse_finite, parse_xml
+from cspace._files.sphere_files import read_spheres, replace_geometry
 from cspace._support.arrays import Floats
+from cspace._support.check import check_known
 from cspace._support.reporting import import_optional, warn_user
 from cspace.errors import AngleWarning, FileError, InputError
 
@@ -98,11 +100,16 @@ _MAX_LISTED_MESHES: Final = 3
 """Largest number of meshes that a warning names."""
 
 
-def load_urdf(path: str | os.PathLike[str], visuals: bool = False) -> URDF:
+def load_urdf(
+    path: str | os.PathLike[str],
+    visuals: bool = False,
+    spheres: str | os.PathLike[str] | None = None,
+) -> URDF:
     """Load a URDF with yourdfpy.
 
     Its structure is checked first, because yourdfpy assumes that it is right. With ``visuals``, the
-    visual geometry of a link without collision geometry becomes its collision geometry. A joint
+    visual geometry of a link without collision geometry becomes its collision geometry. A file of
+    ``spheres`` replaces the collision geometry of the links that it names. A joint
     that mimics a mimicking joint mimics the leader of that joint instead.
 
     Raises MissingPackageError without yourdfpy, and FileError if the file is missing or malformed.
@@ -111,8 +118,16 @@ def load_urdf(path: str | os.PathLike[str], visuals: bool = False) -> URDF:
     # Silence its log, because the errors here give the same reasons.
     logging.getLogger("yourdfpy").addHandler(logging.NullHandler())
     data = read_bytes(path, _URDF_KIND, 20.0, "max_description_bytes")
+    links = {} if spheres is None else read_spheres(spheres)
     with decoding(path, _URDF_KIND):
         root = _parse_robot(data, _URDF_KIND)
+        unknown = links.keys() - {link.get("name") for link in root.iter("link")}
+        if unknown:
+            warn_user(
+                f"{spheres}: names links that the URDF lacks, which are skipped: "
+                f"{', '.join(sorted(unknown))}"
+            )
+        replace_geometry(root, links)
         root.set("name", root.get("name", Path(path).stem))
         _choose_geometry(root, visuals)
         large_angles = _check_robot(root)

@@ -67,10 +67,11 @@ def read_urdf(
     package_dirs: PackageDirs = (),
     primitives: bool = True,
     visuals: bool = False,
+    spheres: str | os.PathLike[str] | None = None,
 ) -> list[Surface]:
     """Read the surface of a robot's collision geometry, metres.
 
-    It is in the frame of the first link. Links and `visuals` are as for
+    It is in the frame of the first link. Links, `visuals` and `spheres` are as for
     :meth:`cspace.Robot.from_urdf`. If a shape is curved, return an outer and an inner surface.
     Without `primitives`, only meshes are accepted.
 
@@ -80,7 +81,7 @@ def read_urdf(
     """
     folders = package_folders(package_dirs)
     file = os.fspath(path)
-    urdf = load_urdf(path, visuals)
+    urdf = load_urdf(path, visuals, spheres)
     links = fixed_links(urdf) if link is None else check_names(link, "link")
     for name in links:
         check_known(name, "link", urdf.link_map)

@@ -202,6 +202,7 @@ class Arm:
         solid: SolidMode = "auto",
         package_dirs: PackageDirs = (),
         visuals: bool = False,
+        spheres: str | os.PathLike[str] | None = None,
     ) -> Arm:
         """Read an arm from a URDF file with collision geometry.
 
@@ -240,6 +241,8 @@ class Arm:
         visuals : bool
             Use the visual geometry of links without collision geometry. By default a warning names
             such links, and no proof covers them.
+        spheres : path-like, optional
+            A file of spheres, as for :meth:`cspace.Robot.from_urdf`. Proofs are about the spheres.
 
         Raises
         ------
@@ -256,7 +259,7 @@ class Arm:
 
         check_word(solid, "solid", ("auto", "surface"))
         folders = package_folders(package_dirs)
-        urdf = load_urdf(path, visuals)
+        urdf = load_urdf(path, visuals, spheres)
         file = os.fspath(path)
         for argument, link in (("tip", tip), ("base", base)):
             if link is not None:

@@ -16,6 +16,7 @@ import numpy as np
 from cspace._files.access import check_output, decoding, read_bytes, replacing
 from cspace._files.plain import parse_xml
 from cspace._files.polygons import join_surfaces, transform_surface
+from cspace._files.sphere_files import Sphere, join_numbers, replace_geometry
 from cspace._shapes import Balls, BoundedShape, Mesh, Shape
 from cspace._support.check import check_known
 from cspace._support.reporting import warn_user
@@ -124,17 +125,8 @@ def _write_urdf(model: SphereModel, template: PathLike | None) -> str:
             "pass the URDF that the arm was read from",
         )
     root = _read_template(template)
-    for link in root.iter("link"):
-        balls = model.links.get(link.get("name", ""))
-        if balls is None:
-            continue
-        for collision in link.findall("collision"):
-            link.remove(collision)
-        for center, radius in _list_balls(balls):
-            collision = ElementTree.SubElement(link, "collision")
-            ElementTree.SubElement(collision, "origin", xyz=_join(center), rpy="0 0 0")
-            geometry = ElementTree.SubElement(collision, "geometry")
-            ElementTree.SubElement(geometry, "sphere", radius=repr(radius))
+    links = {name: _list_balls(balls) for name, balls in model.links.items()}
+    replace_geometry(root, links)
     return _format_xml(root)
 
 
@@ -149,7 +141,7 @@ def _write_srdf(model: SphereModel, template: PathLike | None) -> str:
     for name, balls in model.links.items():
         approximation = ElementTree.SubElement(root, "link_sphere_approximation", link=name)
         for center, radius in _list_balls(balls):
-            attributes = {"center": _join(center), "radius": repr(radius)}
+            attributes = {"center": join_numbers(center), "radius": repr(radius)}
             ElementTree.SubElement(approximation, "sphere", attributes)
     return _format_xml(root)
 
@@ -186,14 +178,9 @@ _WRITERS: Final[dict[str, Callable[[SphereModel, PathLike | None], str]]] = {
 """Writers by suffix; each takes a sphere model and the template."""
 
 
-def _list_balls(balls: BallDecomposition) -> list[tuple[list[float], float]]:
+def _list_balls(balls: BallDecomposition) -> list[Sphere]:
     """Return the center and radius of each ball."""
     return list(zip(balls.centers.tolist(), balls.radii.tolist(), strict=True))
-
-
-def _join(numbers: list[float]) -> str:
-    """Return numbers as an attribute, without loss."""
-    return " ".join(map(repr, numbers))
 
 
 def _read_template(path: PathLike) -> ElementTree.Element:

@@ -12,9 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
-from cspace import InputError, Robot
+from cspace import InputError, Robot, build_arm_space
+from cspace._shapes import as_shape
 from cspace.arms import Arm
-from cspace.errors import GeometryError
+from cspace.errors import FileError, GeometryError
 from tests.helpers.commands import document, run
 from tests.helpers.refusals import refusals
 from tests.helpers.urdfs import collision, joint, link, planar, pose_at, write_urdf
@@ -163,6 +164,103 @@ def test_written_urdf_is_an_arm_of_spheres(tmp_path):
     low, high = (np.array(corner) for corner in bar.bounds)
     assert (low <= (balls.centers - balls.radii[:, None]).min(axis=0)).all()
     assert (high >= (balls.centers + balls.radii[:, None]).max(axis=0)).all()
+
+
+def surfaces(shape):
+    """Return the vertices of the outer and the inner surface of a shape."""
+    return [side.surface[0].tolist() for side in (shape.outer, shape.inner)]
+
+
+@pytest.mark.parametrize("suffix", [".yaml", ".json", ".srdf"])
+def test_written_spheres_are_read_back(tmp_path, suffix):
+    source = planar(tmp_path)
+    model = Arm.from_urdf(source).spheres(number=3)
+    file = tmp_path / f"spheres{suffix}"
+    model.save(file)
+    model.save(tmp_path / "spheres.urdf", source)
+    arm = Arm.from_urdf(source, spheres=file)
+    for each in arm.links:
+        centers = np.linalg.inv(arm.placements[each.name].pose) @ [p.pose for p in each.parts]
+        balls = model.links[each.name]
+        assert centers[:, :3, 3] == pytest.approx(balls.centers, abs=1e-12)
+        sizes = [np.ptp(np.reshape(part.shape.inner.bounds, (2, 3)), axis=0) for part in each.parts]
+        assert np.array(sizes) / 2.0 == pytest.approx(balls.radii[:, None] * np.ones(3), rel=0.1)
+    # The same spheres in a URDF give the same shapes, so all proofs are equal.
+    named = Arm.from_urdf(tmp_path / "spheres.urdf")
+    for read, written in zip(arm.links, named.links, strict=True):
+        for part, other in zip(read.parts, written.parts, strict=True):
+            assert surfaces(part.shape) == surfaces(other.shape)
+            assert (part.pose == other.pose).all()
+    q = np.random.default_rng(0).uniform(-2.0, 2.0, (200, 2))
+    solids = {"box": (as_shape(trimesh.creation.box((0.6, 0.6, 0.6))), pose_at(1.2, 1.2))}
+    spaces = [build_arm_space(solids, each) for each in (arm, named)]
+    free = spaces[0].is_free(q)
+    assert 0 < free.sum() < len(q)
+    assert (free == spaces[1].is_free(q)).all()
+    robots = [
+        Robot.from_urdf(source, "upper", spheres=file),
+        Robot.from_urdf(tmp_path / "spheres.urdf", "upper"),
+    ]
+    assert surfaces(robots[0].shape) == surfaces(robots[1].shape)
+
+
+def test_spheres_of_a_description_for_curobo_are_read(data):
+    file = data / "arms/spheres/curobo_franka.yml"
+    arm = Arm.from_urdf(data / "arms/panda/panda.urdf", spheres=file)
+    spheres = yaml.safe_load(file.read_text())["robot_cfg"]["kinematics"]["collision_spheres"]
+    counts = {each.name: len(each.parts) for each in arm.links}
+    assert counts == {name: len(spheres[name]) for name in counts}
+
+
+def test_spheres_of_unknown_links_are_skipped_with_a_warning(tmp_path):
+    file = tmp_path / "spheres.json"
+    file.write_text('{"tool": {"spheres": [{"origin": [0, 0, 0], "radius": 1}]}}')
+    with pytest.warns(UserWarning, match="the URDF lacks, which are skipped: tool"):
+        arm = Arm.from_urdf(planar(tmp_path), spheres=file)
+    assert [len(each.parts) for each in arm.links] == [1, 1, 1]
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("a.yaml", "collision_spheres: 3", "is a int"),
+        ("a.yaml", "collision_spheres: {}", "has no spheres"),
+        ("a.yaml", "collision_spheres: {foot: []}", "no spheres of link 'foot'"),
+        ("a.yaml", "collision_spheres: {foot: spheres/foot.yml}", "no spheres of link 'foot'"),
+        ("a.yaml", "foot: [{center: [0, 0], radius: 1}]", "three finite numbers"),
+        ("a.yaml", "foot: [{center: [0, 0, .nan], radius: 1}]", "three finite numbers"),
+        ("a.yaml", "foot: [{center: [0, 0, 0], radius: -10}]", "one above zero"),
+        ("a.json", "[1]", "has no table of links"),
+        ("a.json", '{"foot": {"mean": 1}}', "no spheres of link 'foot'"),
+        ("a.json", '{"foot": {"spheres": [{"origin": "0 0 0", "radius": 1}]}}', "finite numbers"),
+        ("a.json", '{"foot"', "JSON"),
+        ("a.srdf", "<robot/>", "has no spheres"),
+        (
+            "a.srdf",
+            '<robot><link_sphere_approximation link="foot"><sphere center="0 0 0" radius="x"/>'
+            "</link_sphere_approximation></robot>",
+            "radius None",
+        ),
+        ("a.srdf", "<robot", "XML"),
+    ],
+)
+def test_damaged_files_of_spheres_are_refused(tmp_path, name, text, message):
+    file = tmp_path / name
+    file.write_text(text)
+    with pytest.raises(FileError, match=message):
+        Arm.from_urdf(planar(tmp_path), spheres=file)
+
+
+def test_spheres_need_a_known_suffix_and_are_corrected_as_the_hint_says(tmp_path):
+    source = planar(tmp_path)
+    with pytest.raises(InputError, match=r"spheres.*\.yaml"):
+        Arm.from_urdf(source, spheres=tmp_path / "spheres.txt")
+    file = tmp_path / "spheres.yaml"
+    file.write_text("foot: [{center: [0, 0, 0], radius: 0}]")
+    with pytest.raises(FileError, match="correct that sphere"):
+        Arm.from_urdf(source, spheres=file)
+    file.write_text("foot: [{center: [0, 0, 0], radius: 1}]")
+    assert len(Arm.from_urdf(source, spheres=file).links[0].parts) == 1
 
 
 def test_srdf_keeps_its_content_and_gets_the_spheres_once(tmp_path):
