@@ -27,7 +27,7 @@ A node from which a motion was blocked ignores farther samples (A. Yershova and 
 "Dynamic-domain RRTs", 2005). Distances between random configurations grow with that square root.
 """
 
-SAMPLES_PER_BATCH: Final = 48
+SAMPLES_PER_BATCH: Final = 128
 """Samples between two checks of the clock."""
 
 
@@ -48,10 +48,10 @@ MIN_GAIN: Final = 0.01
 """Share of the length that a batch of pulls, or MAX_VAIN_SEARCHES searches together, must gain for
 more to follow."""
 
-BATCHES_PER_SEARCH: Final = 4
-"""Batches of attempts that a further search may take beyond the mean of the searches before it."""
+BATCHES_PER_SEARCH: Final = 1
+"""Batches of samples that a further search may take beyond the mean of the searches before it."""
 
-MAX_VAIN_SEARCHES: Final = 10
+MAX_VAIN_SEARCHES: Final = 8
 """Searches in a row that together may gain less than :data:`MIN_GAIN` before the search stops."""
 
 
