@@ -848,7 +848,7 @@ class ArmSpace(ConfigurationSpace):
         straight : bool
             Whether to leave out waypoints that straight motions do not need.
         iterations : int, optional
-            Largest number of further searches for a shorter path. None: until ten searches in a row
+            Largest number of further searches for a shorter path. None: until eight searches in a row
             shorten it by less than 1 %. They also stop if the path is at most 1 % longer than the
             straight motion to the nearest goal.
         seed : int, optional
