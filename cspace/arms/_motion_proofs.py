@@ -196,8 +196,8 @@ class SceneScratch(NamedTuple):
         Nodes of each pair that last were not proven apart, -1 for none. They are tested early,
         because the same nodes often decide again.
     directions : ndarray of float64, shape (p, 3)
-        Direction along which hulls of each pair were last farthest apart, zero at first. It is tried
-        first, because it often proves the next part or motion too.
+        Direction along which hulls of each pair were last farthest apart, zero if none were. It is
+        tried first, because it often proves the next part or motion too.
     first_pair : ndarray of int64, shape (1,)
         Pair that last was not apart, which is tested first.
     axes : ndarray of float64, shape (b, 8)

@@ -167,10 +167,10 @@ def path_is_free(scene: ArmScene, path: Floats, spans: Floats, scratch: SceneScr
     for k in range(1, len(path) - 1):
         if not motion_is_free(scene, path[k], path[k], scratch):
             return False
+    is_free = True
     for k in range(1, len(path)):
-        if not motion_is_free(scene, path[k - 1], path[k], scratch):
-            return False
-    return True
+        is_free = is_free and motion_is_free(scene, path[k - 1], path[k], scratch)
+    return is_free
 
 
 @kernel
@@ -248,8 +248,8 @@ def pull_parts(
     """Pull random parts of a path towards their straight motions, where these are proven free.
 
     Each row of ``draws``, shape (n, 5), has random numbers in [0, 1) for one part. The path is the
-    first ``count`` rows of ``path``, shape (m, dof), which has 2 n more; ``trial`` is scratch of the
-    same shape. Returns the new number of rows.
+    first ``count`` rows of ``path``, shape (m, dof), which has 2 n more; ``trial`` is scratch of
+    the same shape. Returns the new number of rows.
     """
     dof = path.shape[1]
     for k in range(len(draws)):
