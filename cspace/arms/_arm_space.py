@@ -849,9 +849,9 @@ class ArmSpace(ConfigurationSpace):
         straight : bool
             Whether to leave out waypoints that straight motions do not need.
         iterations : int, optional
-            Largest number of further searches for a shorter path. None: until ten searches in a row
-            shorten it by less than 1 %. They also stop if the path is at most 1 % longer than the
-            straight motion to the nearest goal.
+            Largest number of further searches for a shorter path. None: until eight searches in a
+            row shorten it by less than 1 %. They also stop if the path is at most 1 % longer than
+            the straight motion to the nearest goal.
         seed : int, optional
         time_limit : float
             Seconds after which the search returns the shortest path so far.

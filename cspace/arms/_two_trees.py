@@ -27,7 +27,7 @@ A node from which a motion was blocked ignores farther samples (A. Yershova and 
 "Dynamic-domain RRTs", 2005). Distances between random configurations grow with that square root.
 """
 
-SAMPLES_PER_BATCH: Final = 48
+SAMPLES_PER_BATCH: Final = 128
 """Samples between two checks of the clock."""
 
 
@@ -48,10 +48,10 @@ MIN_GAIN: Final = 0.01
 """Share of the length that a batch of pulls, or MAX_VAIN_SEARCHES searches together, must gain for
 more to follow."""
 
-BATCHES_PER_SEARCH: Final = 4
-"""Batches of attempts that a further search may take beyond the mean of the searches before it."""
+BATCHES_PER_SEARCH: Final = 1
+"""Batches of samples that a further search may take beyond the mean of the searches before it."""
 
-MAX_VAIN_SEARCHES: Final = 10
+MAX_VAIN_SEARCHES: Final = 8
 """Searches in a row that together may gain less than :data:`MIN_GAIN` before the search stops."""
 
 
@@ -154,16 +154,136 @@ def grow_trees(
 
 
 @kernel
-def path_is_free(scene: ArmScene, path: Floats, scratch: SceneScratch) -> bool:
-    """Return True if the motions of a path, shape (n, dof), between free ends are proven free."""
+def path_is_free(scene: ArmScene, path: Floats, spans: Floats, scratch: SceneScratch) -> bool:
+    """Return True if the motions of a path between free ends are proven free.
+
+    The path has shape (n, dof). No joint may move farther than its span, shape (dof,).
+    """
+    for k in range(1, len(path)):
+        for d in range(path.shape[1]):
+            if abs(path[k, d] - path[k - 1, d]) > spans[d]:
+                return False
     # Waypoints come first, because most colliding motions end in a collision.
     for k in range(1, len(path) - 1):
         if not motion_is_free(scene, path[k], path[k], scratch):
             return False
     is_free = True
-    for k in range(len(path) - 1):
-        is_free = is_free and motion_is_free(scene, path[k], path[k + 1], scratch)
+    for k in range(1, len(path)):
+        is_free = is_free and motion_is_free(scene, path[k - 1], path[k], scratch)
     return is_free
+
+
+@kernel
+def measure_length(path: Floats) -> float:
+    """Return the length of a path, shape (n, dof), in the joints."""
+    length = 0.0
+    for k in range(1, len(path)):
+        square = 0.0
+        for d in range(path.shape[1]):
+            square += (path[k, d] - path[k - 1, d]) ** 2
+        length += math.sqrt(square)
+    return length
+
+
+@internal
+def copy_distinct(path: Floats, out: Floats) -> int:
+    """Copy the rows of a path that differ from the row before; return their number."""
+    count = 0
+    for k in range(len(path)):
+        differs = k == 0
+        for d in range(path.shape[1]):
+            out[count, d] = path[k, d]
+            differs = differs or path[k, d] != path[k - 1, d]
+        if differs:
+            count += 1
+    return count
+
+
+@internal
+def insert_waypoint(path: Floats, count: int, position: float) -> tuple[int, int]:
+    """Insert the point of a path at a position, counted in rows, unless it is a waypoint.
+
+    The path is the first ``count`` rows of ``path``. Returns the point's row, and the new count.
+    """
+    row = int(position)
+    share = position - row
+    if share == 0.0:
+        return row, count
+    for d in range(path.shape[1]):
+        for k in range(count, row + 1, -1):
+            path[k, d] = path[k - 1, d]
+        path[row + 1, d] = (1.0 - share) * path[row, d] + share * path[row + 2, d]
+    return row + 1, count + 1
+
+
+@internal
+def straighten(path: Floats, joint: int, weight: float) -> None:
+    """Move waypoints towards the straight motion between the ends of a path, shape (n, dof).
+
+    A ``weight`` of 1 moves them all the way. If ``joint`` is none, all joints move.
+    """
+    dof = path.shape[1]
+    length = measure_length(path)
+    # Each waypoint has its place on the straight motion, at its share of the length.
+    along = measure_length(path[:2])
+    for k in range(1, len(path) - 1):
+        step = measure_length(path[k : k + 2])
+        for d in range(dof):
+            if d == joint or joint >= dof:
+                straight = path[0, d] + along / length * (path[-1, d] - path[0, d])
+                path[k, d] += weight * (straight - path[k, d])
+        along += step
+
+
+@kernel
+def pull_parts(
+    scene: ArmScene,
+    path: Floats,
+    count: int,
+    draws: Floats,
+    spans: Floats,
+    trial: Floats,
+    scratch: SceneScratch,
+) -> int:
+    """Pull random parts of a path towards their straight motions, where these are proven free.
+
+    Each row of ``draws``, shape (n, 5), has random numbers in [0, 1) for one part. The path is the
+    first ``count`` rows of ``path``, shape (m, dof), which has 2 n more; ``trial`` is scratch of
+    the same shape. Returns the new number of rows.
+    """
+    dof = path.shape[1]
+    for k in range(len(draws)):
+        # The part's ends, as rows of the path that need not be whole.
+        first = min(draws[k, 0], draws[k, 1]) * (count - 1)
+        last = max(draws[k, 0], draws[k, 1]) * (count - 1)
+        if draws[k, 2] < WAYPOINT_SHARE:
+            first = math.floor(first + 0.5)
+            last = math.floor(last + 0.5)
+        # Half of the pulls move one joint, half of them all; half of them go all the way.
+        joint = int(2 * dof * draws[k, 3])
+        weight = min(2.0 * draws[k, 4], 1.0)
+        rows = copy_distinct(path[:count], trial)
+        # The last end comes first, so that the other still is where it was.
+        end, rows = insert_waypoint(trial, rows, last)
+        start, more_rows = insert_waypoint(trial, rows, first)
+        end += more_rows - rows
+        rows = more_rows
+        if end - start < 2:
+            continue
+        straighten(trial[start : end + 1], joint, weight)
+        if joint >= dof and weight == 1.0:
+            # A straight motion needs no waypoints.
+            for d in range(dof):
+                for row in range(end, rows):
+                    trial[start + 1 + row - end, d] = trial[row, d]
+            rows -= end - start - 1
+        # The motions from the row before the part to the row after it are new.
+        before = path[math.floor(first) : math.ceil(last) + 1]
+        pulled = trial[math.floor(first) : rows - (count - 1 - math.ceil(last))]
+        gain = measure_length(before) - measure_length(pulled)
+        if gain >= MIN_PULL and path_is_free(scene, pulled, spans, scratch):
+            count = copy_distinct(trial[:rows], path)
+    return count
 
 
 class PathSearch:
@@ -228,7 +348,7 @@ class PathSearch:
         """
         path = self._pull(path)
         # Length before and after each search.
-        lengths = [_measure_length(path)]
+        lengths = [measure_length(path)]
         while searches is None or len(lengths) <= searches:
             length = lengths[-1]
             near_goals = self._goals[self._distances < (1.0 - MIN_GAIN) * length]
@@ -244,9 +364,9 @@ class PathSearch:
                 near_goals, _make_empty(near_goals), length, max_batches, straight=True
             )
             if len(other_path):
-                path = min(path, self._pull(other_path), key=_measure_length)
+                path = min(path, self._pull(other_path), key=measure_length)
             path = self._pull(path)
-            lengths.append(_measure_length(path))
+            lengths.append(measure_length(path))
         return path
 
     def _connect(
@@ -291,17 +411,13 @@ class PathSearch:
         while here < last:
             # Try the farthest waypoint first, then half as far; the next one is always reached.
             ahead = last
-            while ahead > here + 1 and not self._is_free(path[[here, ahead]]):
+            while ahead > here + 1 and not path_is_free(
+                self._scene, path[[here, ahead]], self._spans, self._scratch
+            ):
                 ahead = here + (ahead - here) // 2
             here = ahead
             rows.append(here)
         return path[rows]
-
-    def _is_free(self, path: Floats) -> bool:
-        """Return True if all motions from a configuration are within spans and proven free."""
-        if (np.abs(np.diff(path, axis=0)) > self._spans).any():
-            return False
-        return path_is_free(self._scene, path, self._scratch)
 
     def _sample(self, goals: Floats, length: float) -> Floats:
         """Sample configurations on possible paths of at most ``length``.
@@ -334,75 +450,25 @@ class PathSearch:
 
     def _pull(self, path: Floats) -> Floats:
         """Pull parts of a path straight while it gains :data:`MIN_GAIN`."""
-        length = _measure_length(path)
+        length = measure_length(path)
         last = math.inf
         while len(path) > 2 and length < (1.0 - MIN_GAIN) * last and clock() < self._end:
-            for _ in range(PULLS_PER_BATCH):
-                path = self._pull_part(path)
+            draws = self._rng.random((PULLS_PER_BATCH, 5))
+            # Each part may begin and end between waypoints, which adds two.
+            rows = np.concatenate([path, np.empty((2 * PULLS_PER_BATCH, path.shape[1]))])
+            trial = np.empty_like(rows)
+            count = pull_parts(
+                self._scene, rows, len(path), draws, self._spans, trial, self._scratch
+            )
+            path = rows[:count]
             last = length
-            length = _measure_length(path)
+            length = measure_length(path)
         return path
-
-    def _pull_part(self, path: Floats) -> Floats:
-        """Pull a random part of a path towards its straight motion.
-
-        All joints of the part move, or a single one. The result is shorter and proven free, or the
-        given path.
-        """
-        # Draw the part's ends, as rows of the path that need not be whole.
-        first, last = np.sort(self._rng.uniform(0, len(path) - 1, 2))
-        if self._rng.random() < WAYPOINT_SHARE:
-            first, last = np.rint((first, last))
-        start = math.floor(first)
-        stop = math.ceil(last)
-        rows = np.concatenate(
-            [_interpolate(path, first), path[start + 1 : stop], _interpolate(path, last)]
-        )
-        if len(rows) < 3:
-            return path
-        # Each row has its place on the straight motion, at its share of the part's length.
-        step_lengths = np.linalg.norm(np.diff(rows, axis=0), axis=1)
-        along = np.append(0.0, np.cumsum(step_lengths))
-        shares = along / max(along[-1], MIN_PULL)
-        straight = rows[0] + shares[:, np.newaxis] * (rows[-1] - rows[0])
-        towards_straight = straight - rows
-        # Half of the pulls move one joint, half of them all; half of them go all the way.
-        dof = path.shape[1]
-        joint = self._rng.integers(2 * dof)
-        weight = min(2.0 * self._rng.random(), 1.0)
-        if joint < dof:
-            rows[1:-1, joint] += weight * towards_straight[1:-1, joint]
-        elif weight < 1.0:
-            rows[1:-1] += weight * towards_straight[1:-1]
-        else:
-            rows = rows[[0, -1]]
-        pulled = _drop_repeated(np.vstack([path[start], rows, path[stop]]))
-        gain = _measure_length(path[start : stop + 1]) - _measure_length(pulled)
-        if gain < MIN_PULL or not self._is_free(pulled):
-            return path
-        return np.concatenate([path[:start], pulled, path[stop + 1 :]])
 
 
 def _make_empty(path: Floats) -> Floats:
     """Return a path without rows, for the same number of joints."""
     return path[:0]
-
-
-def _interpolate(path: Floats, position: float) -> Floats:
-    """Interpolate a path between its rows: position 1.5 is halfway from row 1 to row 2.
-
-    Returns the configuration, shape (1, dof).
-    """
-    row = min(int(position), len(path) - 2)
-    share = position - row
-    before, after = path[row : row + 2]
-    return np.asarray((1.0 - share) * before + share * after)[np.newaxis]
-
-
-def _drop_repeated(path: Floats) -> Floats:
-    """Return a path without rows that are equal to the row before."""
-    differs = np.append(True, (path[1:] != path[:-1]).any(axis=1))
-    return np.asarray(path[differs])
 
 
 def _trace_branch(forest: Forest, side: int, node: int) -> list[Floats]:
@@ -412,12 +478,6 @@ def _trace_branch(forest: Forest, side: int, node: int) -> list[Floats]:
         rows.append(forest.nodes[side, node])
         node = int(forest.parents[side, node])
     return rows
-
-
-def _measure_length(path: Floats) -> float:
-    """Return the length of a path, shape (n, dof), in the joints."""
-    steps = np.diff(path, axis=0)
-    return float(np.linalg.norm(steps, axis=1).sum())
 
 
 def _plant_trees(start: Floats, goals: Floats) -> Forest:
