@@ -95,12 +95,30 @@ class MotionBounds(NamedTuple):
     gap: float  # largest relative gap between segments
 
 
-def find_phases(segments: Segments, rotations: Rotations, bounds: MotionBounds) -> Phases:
-    """Return the fastest motion along segments, from rest to rest.
+class Intervals(NamedTuple):
+    """The n parts of segments with one acceleration each, or up to three on a straight or an arc.
 
-    A straight segment or an arc has one largest speed and acceleration, so it is accelerated,
-    driven and slowed down as a whole. A curve is cut into intervals of constant acceleration, in
-    each of which the limits hold for bounds of its derivatives.
+    The velocity is the rate times the speed. The acceleration is the rate times the acceleration u
+    along the path, plus the bend times the squared speed x. So c limits are ``p |u| + q x <= 1``.
+    """
+
+    owners: Ints  # (n,), the segments
+    begins: Floats  # (n,), lengths along these
+    lengths: Floats  # (n,)
+    is_curved: Bools  # (n,)
+    rate_shares: Floats  # (n, c), the numbers p
+    bend_shares: Floats  # (n, c), the numbers q
+    caps: Floats  # (n,), the largest squared speeds by the velocities
+    end_caps: Floats  # (n + 1,), those at the ends; zero where the robot must stop
+
+
+def measure_intervals(
+    segments: Segments, rotations: Rotations, bounds: MotionBounds
+) -> Intervals:
+    """Return the intervals of segments, with their limits.
+
+    A straight segment or an arc has one largest speed and acceleration, so it is one interval. A
+    curve is cut into intervals, in each of which the limits hold for bounds of its derivatives.
     """
     counts = np.where(segments.is_curve, INTERVALS_PER_CURVE, 1)
     owners = np.repeat(np.arange(len(counts)), counts)
@@ -108,8 +126,6 @@ def find_phases(segments: Segments, rotations: Rotations, bounds: MotionBounds) 
     begins = (np.arange(len(owners)) - (np.cumsum(counts) - counts)[owners]) * lengths
     parts = segments.select(owners)
     rates, bends = bound_derivatives(parts, rotations, begins, lengths)
-    # The velocity is the rate times the speed. The acceleration is the rate times the acceleration
-    # along the path, plus the bend times the squared speed.
     rate_shares = bounds.acceleration.shares(rates)
     bend_shares = bounds.acceleration.shares(bends)
     shares = [bounds.velocity.shares(rates) ** 2, bend_shares]
@@ -123,16 +139,69 @@ def find_phases(segments: Segments, rotations: Rotations, bounds: MotionBounds) 
     rate_shares = np.maximum(rate_shares, MIN_RAMP_SHARE * duration)
     may_pass = np.ones(len(owners) - 1, dtype=np.bool_)
     may_pass[np.cumsum(counts)[:-1] - 1] = find_passes(segments, rotations, bounds)
-    squares = np.zeros(len(owners) + 1)
-    squares[1:-1] = np.where(may_pass, np.minimum(caps[:-1], caps[1:]), 0.0)
-    bound_squares(lengths, rate_shares, bend_shares, squares)
+    end_caps = np.zeros(len(owners) + 1)
+    end_caps[1:-1] = np.where(may_pass, np.minimum(caps[:-1], caps[1:]), 0.0)
+    return Intervals(
+        owners, begins, lengths, parts.is_curve, rate_shares, bend_shares, caps, end_caps
+    )
+
+
+def find_phases(segments: Segments, rotations: Rotations, bounds: MotionBounds) -> Phases:
+    """Return the fastest motion along segments, from rest to rest."""
+    intervals = measure_intervals(segments, rotations, bounds)
+    lengths = intervals.lengths
+    squares = intervals.end_caps
+    bound_squares(lengths, intervals.rate_shares, intervals.bend_shares, squares)
 
     # A curved interval has one acceleration, so its largest squared speed is that at an end.
-    is_curved = parts.is_curve
+    is_curved = intervals.is_curved
     changes = np.abs(np.diff(squares)) / (2.0 * np.maximum(lengths, MIN_SPEED))
-    gains = np.where(is_curved, changes, 1.0 / rate_shares.max(axis=1))
-    caps = np.where(is_curved, 0.0, caps)
-    return _make_phases(owners, begins, lengths, caps, gains, squares)
+    gains = np.where(is_curved, changes, 1.0 / intervals.rate_shares.max(axis=1))
+    caps = np.where(is_curved, 0.0, intervals.caps)
+    return _make_phases(intervals.owners, intervals.begins, lengths, caps, gains, squares)
+
+
+def find_stop(
+    segments: Segments,
+    rotations: Rotations,
+    bounds: MotionBounds,
+    begin: tuple[int, float, float],
+) -> Phases:
+    """Return the quickest stop from a state of a motion: segment, length along it, and speed.
+
+    In each interval the robot slows down as much as the limits allow. From a lower speed it may
+    slow down more, so by induction it is nowhere faster than the motion, which keeps the limits.
+    """
+    intervals = measure_intervals(segments, rotations, bounds)
+    segment, position, speed = begin
+    ends = intervals.begins + intervals.lengths
+    k = int(np.searchsorted(intervals.owners, segment))
+    while k + 1 < len(ends) and intervals.owners[k + 1] == segment and ends[k] <= position:
+        k += 1
+    first = k
+    begins = [position]
+    lengths: list[float] = []
+    squares = [speed**2]
+    while True:
+        square = squares[-1]
+        rests = (1.0 - intervals.bend_shares[k] * square) / intervals.rate_shares[k]
+        slowing = max(float(rests.min()), 0.0)
+        length = max(float(ends[k]) - begins[-1], 0.0)
+        after = min(square - 2.0 * slowing * length, float(intervals.end_caps[k + 1]))
+        if after <= 0.0:
+            # The motion itself ends at a stop, up to rounding.
+            lengths.append(min(length, 0.5 * square / max(slowing, MIN_SPEED)))
+            squares.append(0.0)
+            break
+        lengths.append(length)
+        squares.append(after)
+        k += 1
+        begins.append(float(intervals.begins[k]))
+    moved = np.array(lengths)
+    ends_of_speed = np.array(squares)
+    gains = -np.diff(ends_of_speed) / (2.0 * np.maximum(moved, MIN_SPEED))
+    owners = intervals.owners[first : k + 1]
+    return _make_phases(owners, np.array(begins), moved, 0.0 * moved, gains, ends_of_speed)
 
 
 @kernel

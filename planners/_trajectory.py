@@ -30,6 +30,7 @@ from planners._segments import (
     Segments,
     align_quaternions,
     can_prove_curves,
+    cut_segments,
     make_lines,
     measure_sizes,
     place_along,
@@ -42,6 +43,7 @@ from planners._timing import (
     MotionBounds,
     Phases,
     find_phases,
+    find_stop,
     is_motion,
     slow_down,
 )
@@ -60,6 +62,16 @@ MAX_ROWS: Final = 10**6
 """Largest number of rows of a trajectory."""
 
 
+MAX_ARC: Final = 1.0
+"""Largest turn of a part of an arc, radians, to which no other curve of a car is as short."""
+
+STOP_NODES: Final = 8
+"""Number of instants of each part of a stop at which its speed is summed."""
+
+STOP_STEP: Final = 0.1
+"""Largest time between rows of a stop, seconds."""
+
+
 class LinearMotion(Protocol):
     """A motion along straight lines, as :meth:`cspace.ArmSpace.follow_line` makes it."""
 
@@ -69,9 +81,9 @@ class LinearMotion(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Trajectory:
-    """A path with times, from rest to rest.
+    """A path with times, that ends at rest.
 
-    :meth:`planners.Plan.trajectory` and :meth:`planners.Trajectory.along` make it.
+    :meth:`planners.Plan.trajectory`, :meth:`planners.Trajectory.braked` and :meth:`planners.Trajectory.along` make it.
 
     Attributes
     ----------
@@ -101,6 +113,7 @@ class Trajectory:
     _rotations: Rotations
     _segments: Segments
     _phases: Phases
+    _bounds: MotionBounds
 
     @classmethod
     def along(
@@ -237,8 +250,90 @@ class Trajectory:
                 "pass a map of the same robot",
             )
         if self._segments.is_curve.any():
-            return prove_segments(space, route.exact, self._segments)
+            driven = _cut_driven(self._segments, self._phases, self._rotations)
+            return prove_segments(space, route.exact, driven)
         return edges.edges_are_free(route.waypoints)
+
+    def braked(self, t: float) -> Trajectory:
+        """Return the quickest stop on this curve from the state at a time.
+
+        It begins in motion and keeps the limits of this trajectory, so positions and velocities are
+        continuous if the robot drives it from ``t`` on. It is a part of what was proven, and
+        :meth:`recheck` proves that part alone.
+
+        Parameters
+        ----------
+        t : float
+            Seconds. From the end on, and wherever the robot rests, the stop takes no time.
+
+        Returns
+        -------
+        Trajectory
+            Its time 0 is ``t``.
+
+        Raises
+        ------
+        InputError
+            If the time is not one finite number.
+
+        Examples
+        --------
+        >>> import numpy as np, cspace, planners
+        >>> workspace = cspace.Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
+        >>> space = cspace.build(workspace, cspace.Robot.disc(0.3))
+        >>> plan = planners.plan(space, (0.5, 1.5), (3.5, 1.5))
+        >>> trajectory = plan.trajectory(max_velocity=1.0, max_acceleration=0.5)
+        >>> stop = trajectory.braked(1.0)  # at 0.5 m/s
+        >>> stop.duration, stop.positions[-1].tolist()
+        (1.0, [1.0, 1.5])
+        """
+        segment, length, speed = self._locate_one(t)
+        phases = find_stop(self._segments, self._rotations, self._bounds, (segment, length, speed))
+        driven = slice(segment, int(phases.segments[-1]) + 1)
+        segments = Segments._make(column[driven] for column in self._segments)
+        phases = phases._replace(segments=phases.segments - segment)
+        cut = _cut_driven(segments, phases, self._rotations)
+        waypoints = self._rotations._make_canonical(_make_waypoints(cut, self._rotations))
+        times = _row_times(phases, STOP_STEP)
+        positions, velocities, accelerations = _evaluate(segments, phases, self._rotations, times)
+        return replace(
+            self,
+            times=frozen(times),
+            positions=frozen(positions),
+            velocities=frozen(velocities),
+            accelerations=frozen(accelerations),
+            _route=self._route._replace(waypoints=waypoints),
+            _segments=segments,
+            _phases=phases,
+        )
+
+    def stop_time(self, t: float) -> float:
+        """Return the seconds of the quickest stop from the state at a time; see :meth:`braked`."""
+        return self.braked(t).duration
+
+    def stop_distance(self, t: float) -> float:
+        """Return the distance of the quickest stop from the state at a time; see :meth:`braked`.
+
+        It is measured along the curve as :attr:`planners.Plan.length`: in metres that the reference
+        point moves, or for an arm in its joints.
+        """
+        stop = self.braked(t)
+        nodes, weights = np.polynomial.legendre.leggauss(STOP_NODES)
+        begins = stop._phases.times[:-1, np.newaxis]
+        halves = 0.5 * np.diff(stop._phases.times)[:, np.newaxis]
+        _, velocities, _ = stop.sample(begins + halves * (1.0 + nodes))
+        dim = len(self.axes) - len(self._rotations.names)
+        speeds = np.linalg.norm(velocities[..., :dim], axis=-1)
+        return float((halves * weights * speeds).sum())
+
+    def _locate_one(self, t: float) -> tuple[int, float, float]:
+        """Return the segment at a time, the length along it, and the speed."""
+        times = check_finite(t, "t")
+        if times.ndim:
+            raise InputError("t", f"has shape {times.shape}", "it is one time", "pass e.g. 0.5")
+        found = _locate(self._phases, np.clip(times.reshape(1), 0.0, self.duration))
+        segments, lengths, (speeds, _) = found
+        return int(segments[0]), float(lengths[0]), float(speeds[0])
 
     def __repr__(self) -> str:
         """Return the duration and the number of rows."""
@@ -252,7 +347,7 @@ class Trajectory:
         Parameters
         ----------
         t : array-like, shape (...)
-            Seconds. The robot rests before the start and after the end.
+            Seconds. The robot rests after the end, and before the start unless it begins in motion.
 
         Returns
         -------
@@ -583,6 +678,7 @@ def make_trajectory(
         _rotations=rotations,
         _segments=segments,
         _phases=phases,
+        _bounds=bounds,
     )
     if path.space is None:
         return made
@@ -708,6 +804,22 @@ def _make_segments(
     rates = steps[kept] / lengths[:, np.newaxis]
     lines = make_lines(points[:-1][kept], rates, lengths, points[1:][kept])
     return lines._replace(curvatures=radians[kept] / lengths)
+
+
+def _cut_driven(segments: Segments, phases: Phases, rotations: Rotations) -> Segments:
+    """Return segments without what lies before the first phase and after the last one."""
+    return cut_segments(segments, rotations, *phases.positions[[0, -1]].tolist())
+
+
+def _make_waypoints(segments: Segments, rotations: Rotations) -> Floats:
+    """Return configurations that the edges of a drive join along straights and arcs."""
+    turns = np.abs(segments.curvatures * segments.lengths)
+    counts = np.ceil(np.maximum(turns / MAX_ARC, 1.0)).astype(np.int64)
+    owners = np.repeat(np.arange(len(counts)), counts)
+    shares = (np.arange(len(owners)) - (np.cumsum(counts) - counts)[owners]) / counts[owners]
+    parts = segments.select(owners)
+    rows = place_along(parts, rotations, shares * parts.lengths)[0]
+    return np.concatenate([rows, segments.ends[-1:]])
 
 
 def _stretch(phases: Phases, duration: float | None) -> Phases:
