@@ -152,9 +152,7 @@ def place_along(
     return q, first, second
 
 
-def cut_segments(
-    segments: Segments, rotations: Rotations, begin: float, end: float
-) -> Segments:
+def cut_segments(segments: Segments, rotations: Rotations, begin: float, end: float) -> Segments:
     """Return segments of which the first begins, and the last ends, at a length along it."""
     cut = Segments._make(column.copy() for column in segments)
     if end < (1.0 - ROUNDING) * cut.lengths[-1]:
@@ -169,6 +167,17 @@ def cut_segments(
         cut.bends[0] += begin * cut.twists[0]
         cut.lengths[0] -= begin
     return cut
+
+
+def scale_segments(segments: Segments, factor: float) -> Segments:
+    """Return the same segments with ``factor`` as the new unit of length."""
+    return segments._replace(
+        rates=factor * segments.rates,
+        bends=factor**2 * segments.bends,
+        twists=factor**3 * segments.twists,
+        curvatures=factor * segments.curvatures,
+        lengths=segments.lengths / factor,
+    )
 
 
 def bound_derivatives(

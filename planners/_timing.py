@@ -113,12 +113,13 @@ class Intervals(NamedTuple):
 
 
 def measure_intervals(
-    segments: Segments, rotations: Rotations, bounds: MotionBounds
+    segments: Segments, rotations: Rotations, bounds: MotionBounds, begin: float = 0.0
 ) -> Intervals:
     """Return the intervals of segments, with their limits.
 
     A straight segment or an arc has one largest speed and acceleration, so it is one interval. A
-    curve is cut into intervals, in each of which the limits hold for bounds of its derivatives.
+    curve is cut into intervals, in each of which the limits hold for bounds of its derivatives. The
+    robot begins at a length along the first segment.
     """
     counts = np.where(segments.is_curve, INTERVALS_PER_CURVE, 1)
     owners = np.repeat(np.arange(len(counts)), counts)
@@ -141,17 +142,31 @@ def measure_intervals(
     may_pass[np.cumsum(counts)[:-1] - 1] = find_passes(segments, rotations, bounds)
     end_caps = np.zeros(len(owners) + 1)
     end_caps[1:-1] = np.where(may_pass, np.minimum(caps[:-1], caps[1:]), 0.0)
-    return Intervals(
-        owners, begins, lengths, parts.is_curve, rate_shares, bend_shares, caps, end_caps
-    )
+    first = np.count_nonzero((owners == 0)[:-1] & ((begins + lengths)[:-1] <= begin))
+    lengths[first] -= max(begin - begins[first], 0.0)
+    begins[first] = max(begin, begins[first])
+    columns = (owners, begins, lengths, parts.is_curve, rate_shares, bend_shares, caps, end_caps)
+    return Intervals._make(column[first:] for column in columns)
 
 
-def find_phases(segments: Segments, rotations: Rotations, bounds: MotionBounds) -> Phases:
-    """Return the fastest motion along segments, from rest to rest."""
-    intervals = measure_intervals(segments, rotations, bounds)
+def find_phases(
+    segments: Segments,
+    rotations: Rotations,
+    bounds: MotionBounds,
+    begin: float = 0.0,
+    begin_speed: float = 0.0,
+) -> Phases | None:
+    """Return the fastest motion along segments to rest, by default from rest.
+
+    It begins at a length along the first segment, at a speed. None if that is too fast.
+    """
+    intervals = measure_intervals(segments, rotations, bounds, begin)
     lengths = intervals.lengths
     squares = intervals.end_caps
+    squares[0] = min(begin_speed**2, intervals.caps[0])
     bound_squares(lengths, intervals.rate_shares, intervals.bend_shares, squares)
+    if squares[0] < (1.0 - MAX_ERROR) * begin_speed**2:
+        return None
 
     # A curved interval has one acceleration, so its largest squared speed is that at an end.
     is_curved = intervals.is_curved
@@ -162,46 +177,31 @@ def find_phases(segments: Segments, rotations: Rotations, bounds: MotionBounds) 
 
 
 def find_stop(
-    segments: Segments,
-    rotations: Rotations,
-    bounds: MotionBounds,
-    begin: tuple[int, float, float],
+    segments: Segments, rotations: Rotations, bounds: MotionBounds, begin: float, speed: float
 ) -> Phases:
-    """Return the quickest stop from a state of a motion: segment, length along it, and speed.
+    """Return the shortest stop of a motion, from a length along its first segment and a speed.
 
     In each interval the robot slows down as much as the limits allow. From a lower speed it may
     slow down more, so by induction it is nowhere faster than the motion, which keeps the limits.
     """
-    intervals = measure_intervals(segments, rotations, bounds)
-    segment, position, speed = begin
-    ends = intervals.begins + intervals.lengths
-    k = int(np.searchsorted(intervals.owners, segment))
-    while k + 1 < len(ends) and intervals.owners[k + 1] == segment and ends[k] <= position:
-        k += 1
-    first = k
-    begins = [position]
-    lengths: list[float] = []
+    intervals = measure_intervals(segments, rotations, bounds, begin)
     squares = [speed**2]
-    while True:
-        square = squares[-1]
-        rests = (1.0 - intervals.bend_shares[k] * square) / intervals.rate_shares[k]
-        slowing = max(float(rests.min()), 0.0)
-        length = max(float(ends[k]) - begins[-1], 0.0)
-        after = min(square - 2.0 * slowing * length, float(intervals.end_caps[k + 1]))
+    moved: list[float] = []
+    for k, length in enumerate(intervals.lengths.tolist()):
+        room = 1.0 - intervals.bend_shares[k] * squares[-1]
+        slowing = max(float((room / intervals.rate_shares[k]).min()), MIN_SPEED)
+        stopping = 0.5 * squares[-1] / slowing
+        # The caps at ends are where the motion itself stops; others are reached up to rounding.
+        after = min(squares[-1] - 2.0 * slowing * length, float(intervals.end_caps[k + 1]))
+        moved.append(min(length, stopping) if after <= 0.0 else length)
+        squares.append(max(after, 0.0))
         if after <= 0.0:
-            # The motion itself ends at a stop, up to rounding.
-            lengths.append(min(length, 0.5 * square / max(slowing, MIN_SPEED)))
-            squares.append(0.0)
             break
-        lengths.append(length)
-        squares.append(after)
-        k += 1
-        begins.append(float(intervals.begins[k]))
-    moved = np.array(lengths)
-    ends_of_speed = np.array(squares)
-    gains = -np.diff(ends_of_speed) / (2.0 * np.maximum(moved, MIN_SPEED))
-    owners = intervals.owners[first : k + 1]
-    return _make_phases(owners, np.array(begins), moved, 0.0 * moved, gains, ends_of_speed)
+    count = len(moved)
+    lengths = np.array(moved)
+    gains = -np.diff(squares) / (2.0 * np.maximum(lengths, MIN_SPEED))
+    owners, begins = intervals.owners[:count], intervals.begins[:count]
+    return _make_phases(owners, begins, lengths, 0.0 * lengths, gains, np.array(squares))
 
 
 @kernel
@@ -269,6 +269,15 @@ def _make_phases(
     )
 
 
+def join_phases(first: Phases, second: Phases, segments: int) -> Phases:
+    """Join a motion along some segments to rest, and one from there along further segments."""
+    second = second._replace(
+        times=second.times + first.times[-1], segments=second.segments + segments
+    )
+    pairs = zip(first, second, strict=True)
+    return Phases._make(np.concatenate([before[:-1], after]) for before, after in pairs)
+
+
 def slow_down(phases: Phases, factor: float) -> Phases:
     """Slow a motion evenly by a factor."""
     return Phases(
@@ -295,9 +304,14 @@ def find_passes(segments: Segments, rotations: Rotations, bounds: MotionBounds) 
 
 
 def is_motion(
-    rows: Floats, segments: Segments, rotations: Rotations, phases: Phases, bounds: MotionBounds
+    rows: Floats,
+    segments: Segments,
+    rotations: Rotations,
+    phases: Phases,
+    bounds: MotionBounds,
+    begin_speed: float = 0.0,
 ) -> bool:
-    """Return True if phases move from the first to the last row, from rest to rest.
+    """Return True if phases move from the first to the last row, to rest.
 
     Configurations and velocities may not jump between phases. Comparisons are False for NaN.
     """
@@ -313,7 +327,8 @@ def is_motion(
     after = np.concatenate([first_rows, rows[-1:]])
     gaps = np.abs(rotations._steps_between(before, after))
     rest = np.zeros((1, first_rates.shape[1]))
-    velocities_before = np.concatenate([rest, last_rates * end_speeds[:, np.newaxis]])
+    begin = begin_speed * place_along(segments.select([0]), rotations, phases.positions[:1])[1]
+    velocities_before = np.concatenate([begin, last_rates * end_speeds[:, np.newaxis]])
     velocities_after = np.concatenate([first_rates * begin_speeds[:, np.newaxis], rest])
     jumps = bounds.acceleration.shares(velocities_after - velocities_before)
     largest = bounds.acceleration.shares(velocities_after).max()
