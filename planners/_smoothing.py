@@ -91,7 +91,7 @@ TO_POLYNOMIAL: Final = (
 class Junction(NamedTuple):
     """Derivatives of the curve along which a robot arrives at the start of a path, in motion."""
 
-    rates: Floats  # (k,), per second at its speed, or at a part of full speed if it is slower
+    rates: Floats  # (k,), per second at full speed
     bends: Floats  # (k,), second derivatives
 
 
@@ -275,7 +275,7 @@ class CurveSection:
 
 def _make_sections(polyline: Polyline, stops: list[int]) -> list[CurveSection]:
     """Return the sections between stops that have a corner, or begin at the junction."""
-    least = 2 if polyline.junction is None else 1
+    least = 1 if polyline.junction is not None and polyline.times[-1] > 0.0 else 2
     return [
         CurveSection.between(polyline, first, last)
         for first, last in itertools.pairwise(stops)

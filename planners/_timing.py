@@ -95,6 +95,16 @@ class MotionBounds(NamedTuple):
     gap: float  # largest relative gap between segments
 
 
+def are_same_bounds(first: MotionBounds, second: MotionBounds) -> bool:
+    """Return True if two motions have the same limits."""
+    pairs = zip(
+        (*first.velocity, *first.acceleration, first.lateral),
+        (*second.velocity, *second.acceleration, second.lateral),
+        strict=True,
+    )
+    return all(np.array_equal(*pair) for pair in pairs)
+
+
 class Intervals(NamedTuple):
     """The n parts of segments with one acceleration each, or up to three on a straight or an arc.
 
@@ -189,7 +199,8 @@ def find_stop(
     moved: list[float] = []
     for k, length in enumerate(intervals.lengths.tolist()):
         room = 1.0 - intervals.bend_shares[k] * squares[-1]
-        slowing = max(float((room / intervals.rate_shares[k]).min()), MIN_SPEED)
+        slowing = float((room / np.maximum(intervals.rate_shares[k], MIN_SPEED)).min())
+        slowing = max(slowing, MIN_SPEED)
         stopping = 0.5 * squares[-1] / slowing
         # The caps at ends are where the motion itself stops; others are reached up to rounding.
         after = min(squares[-1] - 2.0 * slowing * length, float(intervals.end_caps[k + 1]))

@@ -44,6 +44,7 @@ from planners._timing import (
     LimitRates,
     MotionBounds,
     Phases,
+    are_same_bounds,
     find_phases,
     find_stop,
     is_motion,
@@ -71,8 +72,8 @@ MAX_ARC: Final = 1.0
 MAX_BEGIN_GAP: Final = 1e-6
 """Largest distance of a plan from the state where it goes on, relative, in metres or radians."""
 
-MIN_JUNCTION_SHARE: Final = 0.2
-"""Least share of full speed for which the curve after a junction begins."""
+SLOW_SHARE: Final = 0.5
+"""Share of full speed below which a stop may be quicker than a curve that goes on."""
 
 MIN_FACTOR: Final = 1e-3
 """Least ratio of the rates of two curves in the same direction."""
@@ -732,12 +733,13 @@ def continue_trajectory(
     path = path._replace(waypoints=rows)
     rotations = stop._rotations
     edges = _split(path, rotations, bounds)
+    motion: Motion | None
     if stop.duration == 0.0:
         motion = _start(path, edges, rotations, bounds)
     else:
         motion = _go_on(stop, path, edges, bounds)
         path = path._replace(waypoints=np.concatenate([stop._route.waypoints, rows[1:]]))
-    made = _make(path, motion, rotations, bounds, step)
+    made = None if motion is None else _make(path, motion, rotations, bounds, step)
     return made if made is not None and made.certified else stop
 
 
@@ -752,10 +754,13 @@ def _start(path: DrivenPath, edges: Segments, rotations: Rotations, bounds: Moti
     return min(motions, key=_end_time)
 
 
-def _go_on(stop: Trajectory, path: DrivenPath, edges: Segments, bounds: MotionBounds) -> Motion:
+def _go_on(
+    stop: Trajectory, path: DrivenPath, edges: Segments, bounds: MotionBounds
+) -> Motion | None:
     """Return the fastest motion along a stop and on along a path from its end.
 
-    The robot rests there if no proven curve goes on, or if it arrives too fast for that curve.
+    The robot rests there if no proven curve goes on, or if it arrives too fast for that curve. None
+    if it does so with other limits than before, which its stop does not keep.
     """
     rotations = stop._rotations
     begin, end = stop._phases.positions[[0, -1]].tolist()
@@ -764,9 +769,9 @@ def _go_on(stop: Trajectory, path: DrivenPath, edges: Segments, bounds: MotionBo
     last = head.select([-1])
     _, rates, bends = place_along(last, rotations, last.lengths)
     first_rates = place_along(head.select([0]), rotations, np.array([begin]))[1]
-    shares = bounds.velocity.shares(first_rates * speed)
-    junction = _make_junction(rates, bends, float(shares.max()), rotations, bounds, path)
-    smooth = None if junction is None else _smooth(path, edges, rotations, bounds, junction)
+    is_slow = float(bounds.velocity.shares(first_rates * speed).max()) < SLOW_SHARE
+    junction = _make_junction(rates, bends, rotations, bounds, path)
+    smooth = _smooth(path, edges, rotations, bounds, junction)
     none_proven = np.zeros(len(head.lengths), dtype=np.bool_)
     motions: list[Motion] = []
     for tail in (edges,) if smooth is None else (smooth, edges):
@@ -780,13 +785,14 @@ def _go_on(stop: Trajectory, path: DrivenPath, edges: Segments, bounds: MotionBo
         if phases is not None:
             proven = np.concatenate([none_proven, tail.is_curve])
             motions.append(Motion(segments, phases, proven, speed / factor))
-    if smooth is None or not motions:
+    may_stop = are_same_bounds(bounds, stop._bounds)
+    if may_stop and (smooth is None or not motions or is_slow):
         rest = _start(path, edges, rotations, bounds)
         segments = join_segments([head, rest.segments])
         phases = join_phases(stop._phases, rest.phases, len(head.lengths))
         proven = np.concatenate([none_proven, rest.proven])
         motions.append(Motion(segments, phases, proven, speed))
-    return min(motions, key=_end_time)
+    return min(motions, key=_end_time, default=None)
 
 
 def _end_time(motion: Motion) -> float:
@@ -846,26 +852,22 @@ def _smooth(
 
 
 def _make_junction(
-    rates: Floats,
-    bends: Floats,
-    share: float,
-    rotations: Rotations,
-    bounds: MotionBounds,
-    path: DrivenPath,
+    rates: Floats, bends: Floats, rotations: Rotations, bounds: MotionBounds, path: DrivenPath
 ) -> Junction | None:
-    """Return the derivatives with which a curve goes on; None if it cannot.
+    """Return the derivatives, at full speed, with which a curve goes on; None if it cannot.
 
-    A robot at a small share of full speed may turn at once, so its curve begins with smaller ones.
+    A change of speed along the curve is left out of the second derivatives.
     """
-    rates, bends = rates[0].copy(), bends[0].copy()
+    rates, bends = rates.copy(), bends.copy()
     if path.drive in ON_THE_SPOT:
         # The yaw follows the curve.
-        rates[2] = bends[2] = 0.0
-    full = float(bounds.velocity.shares(rates[np.newaxis]).max())
-    if full == 0.0 or ("qw" in rotations.names and rates[-3:].any()):
+        rates[:, 2] = bends[:, 2] = 0.0
+    full = float(bounds.velocity.shares(rates).max())
+    if full == 0.0 or ("qw" in rotations.names and rates[:, -3:].any()):
         return None
-    factor = min(max(share, MIN_JUNCTION_SHARE), 1.0) / full
-    return Junction(factor * rates, factor**2 * bends)
+    squares = bounds.velocity.multiply(rates, rates).sum()
+    bends -= bounds.velocity.multiply(rates, bends).sum() / squares * rates
+    return Junction(rates[0] / full, bends[0] / full**2)
 
 
 def _check_bounds(path: DrivenPath, limits: MotionLimits) -> MotionBounds:
