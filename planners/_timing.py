@@ -97,12 +97,13 @@ class MotionBounds(NamedTuple):
 
 def are_same_bounds(first: MotionBounds, second: MotionBounds) -> bool:
     """Return True if two motions have the same limits."""
-    pairs = zip(
-        (*first.velocity, *first.acceleration, first.lateral),
-        (*second.velocity, *second.acceleration, second.lateral),
-        strict=True,
+    numbers = [
+        np.hstack([each.linear.ravel(), each.angular or np.inf])
+        for each in (first.velocity, second.velocity, first.acceleration, second.acceleration)
+    ]
+    return first.lateral == second.lateral and all(
+        np.array_equal(numbers[k], numbers[k + 1]) for k in (0, 2)
     )
-    return all(np.array_equal(*pair) for pair in pairs)
 
 
 class Intervals(NamedTuple):
