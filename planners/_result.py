@@ -511,13 +511,16 @@ class Plan:
         duration: float | None = None,
         time_step: float = 0.1,
         blend: bool = True,
+        after: Trajectory | None = None,
+        at: float = 0.0,
     ) -> Trajectory:
         """Compute the fastest motion along the path within limits.
 
-        It begins and ends at rest. The path becomes a smooth curve that passes outside its corners,
-        a cubic B-spline, as far as the map proves it free. The robot stops at corners where no
-        curve is proven, at cusps, and before and after other turns on the spot. It does not stop
-        between edges of the same direction, nor between the arcs and straights of a car.
+        It ends at rest, and begins at rest unless it goes on after another one. The path becomes a
+        smooth curve that passes outside its corners, a cubic B-spline, as far as the map proves it
+        free. The robot stops at corners where no curve is proven, at cusps, and before and after
+        other turns on the spot. It does not stop between edges of the same direction, nor between
+        the arcs and straights of a car.
 
         Limits hold at every instant. Speeds along a curve are the largest that they allow, with
         constant accelerations between points of the curve (J. E. Bobrow and others, 1985; H. Pham
@@ -548,12 +551,21 @@ class Plan:
         blend : bool
             Whether corners become curves. If False, the robot stays on the edges of the path, and
             stops at corners.
+        after : Trajectory, optional
+            A motion of this robot, which it drives until the time ``at``. The new one begins in
+            that state. It follows the old curve as far as the robot needs to stop, to the end of
+            ``after.braked(at)``, where the plan starts. It does not stop there if the curve can go
+            on smoothly, with a continuous velocity and curvature. If the plan has no path, or
+            none that is proven, it is ``after.braked(at)`` itself.
+        at : float
+            Seconds from the start of ``after``, time 0 of the new trajectory.
 
         Raises
         ------
         InputError
             If the plan has no path; a limit is missing, not above zero, or for another kind of
-            robot; or the limits do not allow the duration.
+            robot; the limits do not allow the duration; or the plan does not start at the
+            end of ``after.braked(at)``, which has its axes.
 
         Examples
         --------
@@ -565,9 +577,16 @@ class Plan:
         >>> trajectory.duration, trajectory.sample(2.0)[0].tolist()
         (5.0, [1.5, 1.5])
         """
-        from planners._trajectory import DrivenPath, MotionLimits, make_trajectory
+        from planners._trajectory import (
+            DrivenPath,
+            MotionLimits,
+            check_after,
+            continue_trajectory,
+            make_trajectory,
+        )
 
-        self._check_solved("a trajectory follows a path")
+        if after is None:
+            self._check_solved("a trajectory follows a path")
         limits = MotionLimits(
             max_velocity,
             max_acceleration,
@@ -588,7 +607,10 @@ class Plan:
             certified=self.certified,
             blend=bool(blend),
         )
-        return make_trajectory(path, limits, duration, time_step)
+        if after is None:
+            return make_trajectory(path, limits, duration, time_step)
+        check_after(after, self.axes, duration)
+        return continue_trajectory(after.braked(at), path, limits, time_step)
 
     @property
     def _moves_joints(self) -> bool:

@@ -63,7 +63,7 @@ class Segments(NamedTuple):
     lengths: Floats  # (m,)
     ends: Floats  # (m, size), configurations
 
-    def select(self, index: Ints | Bools) -> Segments:
+    def select(self, index: Ints | Bools | list[int]) -> Segments:
         """Return some of the segments."""
         return Segments._make(column[index] for column in self)
 
@@ -150,6 +150,34 @@ def place_along(
         second[driven, 2] = (x * dddy - y * dddx) / squares
         second[driven, 2] -= 2.0 * turn_rates * (x * ddx + y * ddy) / squares
     return q, first, second
+
+
+def cut_segments(segments: Segments, rotations: Rotations, begin: float, end: float) -> Segments:
+    """Return segments of which the first begins, and the last ends, at a length along it."""
+    cut = Segments._make(column.copy() for column in segments)
+    if end < (1.0 - ROUNDING) * cut.lengths[-1]:
+        cut.lengths[-1] = end
+        cut.ends[-1:] = place_along(cut.select([-1]), rotations, np.array([end]))[0]
+    if begin > 0.0:
+        q, rates, _ = place_along(cut.select([0]), rotations, np.array([begin]))
+        if cut.drives[0]:
+            rates[:, 2:] = cut.rates[:1, 2:]
+        cut.starts[:1] = q
+        cut.rates[:1] = rates
+        cut.bends[0] += begin * cut.twists[0]
+        cut.lengths[0] -= begin
+    return cut
+
+
+def scale_segments(segments: Segments, factor: float) -> Segments:
+    """Return the same segments with ``factor`` as the new unit of length."""
+    return segments._replace(
+        rates=factor * segments.rates,
+        bends=factor**2 * segments.bends,
+        twists=factor**3 * segments.twists,
+        curvatures=factor * segments.curvatures,
+        lengths=segments.lengths / factor,
+    )
 
 
 def bound_derivatives(

@@ -40,6 +40,12 @@ FIRST_STEPS: Final = 8
 STEPS_PER_EDGE: Final = 4
 """Number of spans for each edge that a curve replaces."""
 
+STEPS_PER_RAMP: Final = 4
+"""Least number of spans in the time in which the robot reaches full speed, after a junction."""
+
+MAX_STEPS: Final = 200
+"""Largest number of spans of a curve after a junction, unless its edges need more."""
+
 FIXED: Final = 3
 """Number of control points at either end that stay on the edge, so the curve begins along it."""
 
@@ -82,6 +88,13 @@ TO_POLYNOMIAL: Final = (
 """Matrix from four control points to the value and the three derivatives at the start of a span."""
 
 
+class Junction(NamedTuple):
+    """Derivatives of the curve along which a robot arrives at the start of a path, in motion."""
+
+    rates: Floats  # (k,), per second at full speed
+    bends: Floats  # (k,), second derivatives
+
+
 class Polyline(NamedTuple):
     """The m edges along which a robot moves, without its turns on the spot.
 
@@ -99,10 +112,16 @@ class Polyline(NamedTuple):
     outward: Floats  # (m + 1, k), unit vectors away from the inside of corners, per full speed
     via_points: Floats  # (m + 1, k), points just outside the corners
     stops: Bools  # (m + 1,), True if the robot must stop at the waypoint
+    junction: Junction | None  # None if the robot starts from rest
 
 
 def make_polyline(
-    edges: Segments, rotations: Rotations, bounds: MotionBounds, drives: bool, gap: float
+    edges: Segments,
+    rotations: Rotations,
+    bounds: MotionBounds,
+    drives: bool,
+    gap: float,
+    junction: Junction | None = None,
 ) -> Polyline:
     """Make the polyline of a path, with via points ``gap`` metres outside its corners."""
     numbers = np.arange(len(edges.lengths))
@@ -144,6 +163,7 @@ def make_polyline(
         outward=outward / fastest,
         via_points=waypoints + gap / fastest[0] * outward * fastest,
         stops=stops,
+        junction=junction,
     )
 
 
@@ -178,12 +198,20 @@ class CurveSection:
         times = polyline.times[first : last + 1]
         ramps = polyline.ramps[first:last]
         steps = FIRST_STEPS + STEPS_PER_EDGE * (last - first)
+        junction = polyline.junction if first == 0 else None
+        if junction is not None:
+            short_steps = STEPS_PER_RAMP * (times[-1] - times[0]) / ramps[0]
+            steps = int(np.clip(short_steps, steps, MAX_STEPS))
         step = float(times[-1] - times[0]) / steps
         marks = times[0] + step * np.arange(-1, steps + 2)
         waypoints = polyline.waypoints[first : last + 1]
         points = np.column_stack([np.interp(marks, times, column) for column in waypoints.T])
         shifts = step * np.array([[-1.0], [0.0], [1.0]])
         points[:FIXED] = waypoints[0] + shifts * polyline.rates[first]
+        if junction is not None:
+            # A B-spline begins at (P0 + 4 P1 + P2) / 6, with (P2 - P0) / 2 and P0 - 2 P1 + P2.
+            bends = step**2 * junction.bends * np.array([[1.0 / 3.0], [-1.0 / 6.0], [1.0 / 3.0]])
+            points[:FIXED] = waypoints[0] + shifts * junction.rates + bends
         points[-FIXED:] = waypoints[-1] + shifts * polyline.rates[last - 1]
         edges = np.clip(np.searchsorted(times, marks[1:-1]) - 1, 0, len(ramps) - 1)
         return cls(first, last, step, points, ramps[edges] / step)
@@ -246,9 +274,13 @@ class CurveSection:
 
 
 def _make_sections(polyline: Polyline, stops: list[int]) -> list[CurveSection]:
-    """Return the sections between stops that have a corner."""
-    pairs = itertools.pairwise(stops)
-    return [CurveSection.between(polyline, *pair) for pair in pairs if pair[1] > pair[0] + 1]
+    """Return the sections between stops that have a corner, or begin at the junction."""
+    least = 1 if polyline.junction is not None and polyline.times[-1] > 0.0 else 2
+    return [
+        CurveSection.between(polyline, first, last)
+        for first, last in itertools.pairwise(stops)
+        if last - first >= (least if first == 0 else 2)
+    ]
 
 
 def _combine(rows: Floats, values: Floats) -> Floats:
@@ -319,13 +351,14 @@ def smooth_path(
                 ramps = polyline.ramps[section.first : section.last]
                 section.smooth_less(proven, REACH * float(np.median(ramps)))
                 unproven.append(section)
-            else:
+            elif section.last - section.first > 1:
                 unproven += section.split(polyline, proven)
         waiting = unproven
-    if not proven_curves:
+    if not proven_curves or (polyline.junction is not None and 0 not in proven_curves):
         return None
     joined: list[Segments] = []
-    done = 0
+    # A curve from the junction also replaces a turn on the spot before the first edge.
+    done = 0 if polyline.junction is None else int(polyline.numbers[0])
     for first, (last, curve) in sorted(proven_curves.items()):
         joined += [edges.select(np.arange(done, polyline.numbers[first])), curve]
         done = int(polyline.numbers[last - 1]) + 1

@@ -95,12 +95,42 @@ class MotionBounds(NamedTuple):
     gap: float  # largest relative gap between segments
 
 
-def find_phases(segments: Segments, rotations: Rotations, bounds: MotionBounds) -> Phases:
-    """Return the fastest motion along segments, from rest to rest.
+def are_same_bounds(first: MotionBounds, second: MotionBounds) -> bool:
+    """Return True if two motions have the same limits."""
+    numbers = [
+        np.hstack([each.linear.ravel(), each.angular or np.inf])
+        for each in (first.velocity, second.velocity, first.acceleration, second.acceleration)
+    ]
+    return first.lateral == second.lateral and all(
+        np.array_equal(numbers[k], numbers[k + 1]) for k in (0, 2)
+    )
 
-    A straight segment or an arc has one largest speed and acceleration, so it is accelerated,
-    driven and slowed down as a whole. A curve is cut into intervals of constant acceleration, in
-    each of which the limits hold for bounds of its derivatives.
+
+class Intervals(NamedTuple):
+    """The n parts of segments with one acceleration each, or up to three on a straight or an arc.
+
+    The velocity is the rate times the speed. The acceleration is the rate times the acceleration u
+    along the path, plus the bend times the squared speed x. So c limits are ``p |u| + q x <= 1``.
+    """
+
+    owners: Ints  # (n,), the segments
+    begins: Floats  # (n,), lengths along these
+    lengths: Floats  # (n,)
+    is_curved: Bools  # (n,)
+    rate_shares: Floats  # (n, c), the numbers p
+    bend_shares: Floats  # (n, c), the numbers q
+    caps: Floats  # (n,), the largest squared speeds by the velocities
+    end_caps: Floats  # (n + 1,), those at the ends; zero where the robot must stop
+
+
+def measure_intervals(
+    segments: Segments, rotations: Rotations, bounds: MotionBounds, begin: float = 0.0
+) -> Intervals:
+    """Return the intervals of segments, with their limits.
+
+    A straight segment or an arc has one largest speed and acceleration, so it is one interval. A
+    curve is cut into intervals, in each of which the limits hold for bounds of its derivatives. The
+    robot begins at a length along the first segment.
     """
     counts = np.where(segments.is_curve, INTERVALS_PER_CURVE, 1)
     owners = np.repeat(np.arange(len(counts)), counts)
@@ -108,8 +138,6 @@ def find_phases(segments: Segments, rotations: Rotations, bounds: MotionBounds) 
     begins = (np.arange(len(owners)) - (np.cumsum(counts) - counts)[owners]) * lengths
     parts = segments.select(owners)
     rates, bends = bound_derivatives(parts, rotations, begins, lengths)
-    # The velocity is the rate times the speed. The acceleration is the rate times the acceleration
-    # along the path, plus the bend times the squared speed.
     rate_shares = bounds.acceleration.shares(rates)
     bend_shares = bounds.acceleration.shares(bends)
     shares = [bounds.velocity.shares(rates) ** 2, bend_shares]
@@ -123,16 +151,69 @@ def find_phases(segments: Segments, rotations: Rotations, bounds: MotionBounds) 
     rate_shares = np.maximum(rate_shares, MIN_RAMP_SHARE * duration)
     may_pass = np.ones(len(owners) - 1, dtype=np.bool_)
     may_pass[np.cumsum(counts)[:-1] - 1] = find_passes(segments, rotations, bounds)
-    squares = np.zeros(len(owners) + 1)
-    squares[1:-1] = np.where(may_pass, np.minimum(caps[:-1], caps[1:]), 0.0)
-    bound_squares(lengths, rate_shares, bend_shares, squares)
+    end_caps = np.zeros(len(owners) + 1)
+    end_caps[1:-1] = np.where(may_pass, np.minimum(caps[:-1], caps[1:]), 0.0)
+    first = np.count_nonzero((owners == 0)[:-1] & ((begins + lengths)[:-1] <= begin))
+    lengths[first] -= max(begin - begins[first], 0.0)
+    begins[first] = max(begin, begins[first])
+    columns = (owners, begins, lengths, parts.is_curve, rate_shares, bend_shares, caps, end_caps)
+    return Intervals._make(column[first:] for column in columns)
+
+
+def find_phases(
+    segments: Segments,
+    rotations: Rotations,
+    bounds: MotionBounds,
+    begin: float = 0.0,
+    begin_speed: float = 0.0,
+) -> Phases | None:
+    """Return the fastest motion along segments to rest, by default from rest.
+
+    It begins at a length along the first segment, at a speed. None if that is too fast.
+    """
+    intervals = measure_intervals(segments, rotations, bounds, begin)
+    lengths = intervals.lengths
+    squares = intervals.end_caps
+    squares[0] = min(begin_speed**2, intervals.caps[0])
+    bound_squares(lengths, intervals.rate_shares, intervals.bend_shares, squares)
+    if squares[0] < (1.0 - MAX_ERROR) * begin_speed**2:
+        return None
 
     # A curved interval has one acceleration, so its largest squared speed is that at an end.
-    is_curved = parts.is_curve
+    is_curved = intervals.is_curved
     changes = np.abs(np.diff(squares)) / (2.0 * np.maximum(lengths, MIN_SPEED))
-    gains = np.where(is_curved, changes, 1.0 / rate_shares.max(axis=1))
-    caps = np.where(is_curved, 0.0, caps)
-    return _make_phases(owners, begins, lengths, caps, gains, squares)
+    gains = np.where(is_curved, changes, 1.0 / intervals.rate_shares.max(axis=1))
+    caps = np.where(is_curved, 0.0, intervals.caps)
+    return _make_phases(intervals.owners, intervals.begins, lengths, caps, gains, squares)
+
+
+def find_stop(
+    segments: Segments, rotations: Rotations, bounds: MotionBounds, begin: float, speed: float
+) -> Phases:
+    """Return the shortest stop of a motion, from a length along its first segment and a speed.
+
+    In each interval the robot slows down as much as the limits allow. From a lower speed it may
+    slow down more, so by induction it is nowhere faster than the motion, which keeps the limits.
+    """
+    intervals = measure_intervals(segments, rotations, bounds, begin)
+    squares = [speed**2]
+    moved: list[float] = []
+    for k, length in enumerate(intervals.lengths.tolist()):
+        room = 1.0 - intervals.bend_shares[k] * squares[-1]
+        slowing = float((room / np.maximum(intervals.rate_shares[k], MIN_SPEED)).min())
+        slowing = max(slowing, MIN_SPEED)
+        stopping = 0.5 * squares[-1] / slowing
+        # The caps at ends are where the motion itself stops; others are reached up to rounding.
+        after = min(squares[-1] - 2.0 * slowing * length, float(intervals.end_caps[k + 1]))
+        moved.append(min(length, stopping) if after <= 0.0 else length)
+        squares.append(max(after, 0.0))
+        if after <= 0.0:
+            break
+    count = len(moved)
+    lengths = np.array(moved)
+    gains = -np.diff(squares) / (2.0 * np.maximum(lengths, MIN_SPEED))
+    owners, begins = intervals.owners[:count], intervals.begins[:count]
+    return _make_phases(owners, begins, lengths, 0.0 * lengths, gains, np.array(squares))
 
 
 @kernel
@@ -200,6 +281,15 @@ def _make_phases(
     )
 
 
+def join_phases(first: Phases, second: Phases, segments: int) -> Phases:
+    """Join a motion along some segments to rest, and one from there along further segments."""
+    second = second._replace(
+        times=second.times + first.times[-1], segments=second.segments + segments
+    )
+    pairs = zip(first, second, strict=True)
+    return Phases._make(np.concatenate([before[:-1], after]) for before, after in pairs)
+
+
 def slow_down(phases: Phases, factor: float) -> Phases:
     """Slow a motion evenly by a factor."""
     return Phases(
@@ -226,9 +316,14 @@ def find_passes(segments: Segments, rotations: Rotations, bounds: MotionBounds) 
 
 
 def is_motion(
-    rows: Floats, segments: Segments, rotations: Rotations, phases: Phases, bounds: MotionBounds
+    rows: Floats,
+    segments: Segments,
+    rotations: Rotations,
+    phases: Phases,
+    bounds: MotionBounds,
+    begin_speed: float = 0.0,
 ) -> bool:
-    """Return True if phases move from the first to the last row, from rest to rest.
+    """Return True if phases move from the first to the last row, to rest.
 
     Configurations and velocities may not jump between phases. Comparisons are False for NaN.
     """
@@ -244,7 +339,8 @@ def is_motion(
     after = np.concatenate([first_rows, rows[-1:]])
     gaps = np.abs(rotations._steps_between(before, after))
     rest = np.zeros((1, first_rates.shape[1]))
-    velocities_before = np.concatenate([rest, last_rates * end_speeds[:, np.newaxis]])
+    begin = begin_speed * place_along(segments.select([0]), rotations, phases.positions[:1])[1]
+    velocities_before = np.concatenate([begin, last_rates * end_speeds[:, np.newaxis]])
     velocities_after = np.concatenate([first_rates * begin_speeds[:, np.newaxis], rest])
     jumps = bounds.acceleration.shares(velocities_after - velocities_before)
     largest = bounds.acceleration.shares(velocities_after).max()

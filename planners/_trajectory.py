@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace._files.access import replacing
-from cspace._interface import ConfigurationSpace, Space, rotations_of
+from cspace._interface import ConfigurationSpace, Space, format_configuration, rotations_of
 from cspace._rotations import Rotations
-from cspace._rotations.base import wrap_angles
+from cspace._rotations.base import TWO_PI, wrap_angles
 from cspace._rotations.quaternion import multiply
 from cspace._support.arrays import Bools, Floats, Ints, frozen
 from cspace._support.check import check_finite, check_positive
@@ -30,19 +30,25 @@ from planners._segments import (
     Segments,
     align_quaternions,
     can_prove_curves,
+    cut_segments,
+    join_segments,
     make_lines,
     measure_sizes,
     place_along,
     prove_segments,
+    scale_segments,
 )
-from planners._smoothing import VIA_CELLS, make_polyline, smooth_path
+from planners._smoothing import VIA_CELLS, Junction, make_polyline, smooth_path
 from planners._timing import (
     MAX_ERROR,
     LimitRates,
     MotionBounds,
     Phases,
+    are_same_bounds,
     find_phases,
+    find_stop,
     is_motion,
+    join_phases,
     slow_down,
 )
 
@@ -60,6 +66,25 @@ MAX_ROWS: Final = 10**6
 """Largest number of rows of a trajectory."""
 
 
+MAX_ARC: Final = 1.0
+"""Largest turn of a part of an arc, radians, to which no other curve of a car is as short."""
+
+MAX_BEGIN_GAP: Final = 1e-6
+"""Largest distance of a plan from the state where it goes on, relative, in metres or radians."""
+
+SLOW_SHARE: Final = 0.5
+"""Share of full speed below which a stop may be quicker than a curve that goes on."""
+
+MIN_FACTOR: Final = 1e-3
+"""Least ratio of the rates of two curves in the same direction."""
+
+STOP_NODES: Final = 8
+"""Number of instants of each part of a stop at which its speed is summed."""
+
+STOP_STEP: Final = 0.1
+"""Largest time between rows of a stop, seconds."""
+
+
 class LinearMotion(Protocol):
     """A motion along straight lines, as :meth:`cspace.ArmSpace.follow_line` makes it."""
 
@@ -69,9 +94,10 @@ class LinearMotion(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Trajectory:
-    """A path with times, from rest to rest.
+    """A path with times, that ends at rest.
 
-    :meth:`planners.Plan.trajectory` and :meth:`planners.Trajectory.along` make it.
+    :meth:`planners.Plan.trajectory`, :meth:`planners.Trajectory.along` and
+    :meth:`planners.Trajectory.braked` make it.
 
     Attributes
     ----------
@@ -101,6 +127,7 @@ class Trajectory:
     _rotations: Rotations
     _segments: Segments
     _phases: Phases
+    _bounds: MotionBounds
 
     @classmethod
     def along(
@@ -237,8 +264,84 @@ class Trajectory:
                 "pass a map of the same robot",
             )
         if self._segments.is_curve.any():
-            return prove_segments(space, route.exact, self._segments)
+            driven = _cut_driven(self._segments, self._phases, self._rotations)
+            return prove_segments(space, route.exact, driven)
         return edges.edges_are_free(route.waypoints)
+
+    def braked(self, t: float) -> Trajectory:
+        """Return the quickest stop on this curve from the state at a time.
+
+        It begins in motion and keeps the limits of this trajectory, so positions and velocities are
+        continuous if the robot drives it from ``t`` on. It is a part of what was proven, and
+        :meth:`recheck` proves that part alone.
+
+        Parameters
+        ----------
+        t : float
+            Seconds. From the end on, and wherever the robot rests, the stop takes no time.
+
+        Returns
+        -------
+        Trajectory
+            Its time 0 is ``t``.
+
+        Raises
+        ------
+        InputError
+            If the time is not one finite number.
+
+        Examples
+        --------
+        >>> import numpy as np, cspace, planners
+        >>> workspace = cspace.Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
+        >>> space = cspace.build(workspace, cspace.Robot.disc(0.3))
+        >>> plan = planners.plan(space, (0.5, 1.5), (3.5, 1.5))
+        >>> trajectory = plan.trajectory(max_velocity=1.0, max_acceleration=0.5)
+        >>> stop = trajectory.braked(1.0)  # at 0.5 m/s
+        >>> stop.duration, stop.positions[-1].tolist()
+        (1.0, [1.0, 1.5])
+        """
+        at = check_finite(t, "t")
+        if at.ndim:
+            raise InputError("t", f"has shape {at.shape}", "it is one time", "pass e.g. 0.5")
+        found = _locate(self._phases, np.clip(at.reshape(1), 0.0, self.duration))
+        (first,), (length,), ((speed,), _) = found
+        segments = Segments._make(column[first:] for column in self._segments)
+        phases = find_stop(segments, self._rotations, self._bounds, float(length), float(speed))
+        segments = Segments._make(column[: phases.segments[-1] + 1] for column in segments)
+        cut = _cut_driven(segments, phases, self._rotations)
+        waypoints = self._rotations._make_canonical(_make_waypoints(cut, self._rotations))
+        times = _row_times(phases, STOP_STEP)
+        positions, velocities, accelerations = _evaluate(segments, phases, self._rotations, times)
+        return replace(
+            self,
+            times=frozen(times),
+            positions=frozen(positions),
+            velocities=frozen(velocities),
+            accelerations=frozen(accelerations),
+            _route=self._route._replace(waypoints=waypoints),
+            _segments=segments,
+            _phases=phases,
+        )
+
+    def stop_time(self, t: float) -> float:
+        """Return the seconds of the quickest stop from the state at a time; see :meth:`braked`."""
+        return self.braked(t).duration
+
+    def stop_distance(self, t: float) -> float:
+        """Return the distance of the quickest stop from the state at a time; see :meth:`braked`.
+
+        It is measured along the curve as :attr:`planners.Plan.length`: in metres that the reference
+        point moves, or for an arm in its joints.
+        """
+        stop = self.braked(t)
+        nodes, weights = np.polynomial.legendre.leggauss(STOP_NODES)
+        begins = stop._phases.times[:-1, np.newaxis]
+        halves = 0.5 * np.diff(stop._phases.times)[:, np.newaxis]
+        _, velocities, _ = stop.sample(begins + halves * (1.0 + nodes))
+        dim = len(self.axes) - len(self._rotations.names)
+        speeds = np.linalg.norm(velocities[..., :dim], axis=-1)
+        return float((halves * weights * speeds).sum())
 
     def __repr__(self) -> str:
         """Return the duration and the number of rows."""
@@ -252,7 +355,7 @@ class Trajectory:
         Parameters
         ----------
         t : array-like, shape (...)
-            Seconds. The robot rests before the start and after the end.
+            Seconds. The robot rests after the end, and before the start unless it begins in motion.
 
         Returns
         -------
@@ -532,6 +635,15 @@ class MotionLimits(NamedTuple):
     max_lateral_acceleration: float | None = None
 
 
+class Motion(NamedTuple):
+    """A path with a time law."""
+
+    segments: Segments
+    phases: Phases
+    proven: Bools  # (m,), True for segments that have just been proven
+    begin_speed: float = 0.0
+
+
 class DrivenPath(NamedTuple):
     """A path without times, and the robot's motion along it."""
 
@@ -548,28 +660,154 @@ class DrivenPath(NamedTuple):
 
 
 def make_trajectory(
-    path: DrivenPath, limits: MotionLimits, duration: float | None, time_step: float
+    path: DrivenPath,
+    limits: MotionLimits,
+    duration: float | None,
+    time_step: float,
 ) -> Trajectory:
     """Make the fastest trajectory along a path; see :meth:`planners.Plan.trajectory`."""
-    rotations = rotations_of(() if path.moves_joints else path.axes)
-    bounds = _check_bounds(path, len(path.axes) - len(rotations.names), limits)
-    split = _split_curves if path.drive in CURVES else _split_edges
-    segments = split(path, rotations, bounds.velocity)
-    phases = find_phases(segments, rotations, bounds)
-    smooth = _smooth(path, segments, rotations, bounds)
-    if smooth is not None:
-        smooth_phases = find_phases(smooth, rotations, bounds)
-        if smooth_phases.times[-1] <= phases.times[-1]:
-            segments, phases = smooth, smooth_phases
-    phases = _stretch(phases, duration)
-    if not is_motion(path.waypoints, segments, rotations, phases, bounds):
+    step = check_positive(time_step, "time_step", "seconds")
+    bounds = _check_bounds(path, limits)
+    rotations = _rotations_along(path)
+    edges = _split(path, rotations, bounds)
+    motion = _start(path, edges, rotations, bounds)
+    phases = _stretch(motion.phases, duration)
+    made = _make(path, motion._replace(phases=phases), rotations, bounds, step)
+    if made is None:
         raise InputError(
             "limits",
             "differ so much that rounding exceeds them",
             "a motion goes from start to goal within its limits at every instant",
             "pass limits and a duration nearer to each other",
         )
-    times = _row_times(phases, check_positive(time_step, "time_step", "seconds"))
+    return made
+
+
+def check_after(after: object, axes: tuple[str, ...], duration: float | None) -> None:
+    """Raise InputError if a path of these axes cannot go on after an object."""
+    if not isinstance(after, Trajectory) or after.axes != axes:
+        raise InputError(
+            "after",
+            f"is {after!r}",
+            f"it must be a trajectory of the axes {', '.join(axes)}",
+            "pass what plan.trajectory() returned before",
+        )
+    if duration is not None:
+        raise InputError(
+            "duration",
+            f"is {duration!r}",
+            "a motion that begins at a speed is not slowed down",
+            "leave it out, or lower the limits",
+        )
+
+
+def continue_trajectory(
+    stop: Trajectory, path: DrivenPath, limits: MotionLimits, time_step: float
+) -> Trajectory:
+    """Make the fastest trajectory along a stop and on along a path, or if unproven, the stop.
+
+    See :meth:`planners.Plan.trajectory`.
+    """
+    step = check_positive(time_step, "time_step", "seconds")
+    bounds = _check_bounds(path, limits)
+    if not len(path.waypoints):
+        return stop
+    q = stop.positions[-1]
+    rows = path.waypoints.copy()
+    # Continuous joints count whole turns, and quaternions have two signs.
+    if path.moves_joints:
+        rows += TWO_PI * np.rint((q - rows[0]) / TWO_PI)
+    elif "qw" in path.axes and q[-4:] @ rows[0, -4:] < 0.0:
+        rows[:, -4:] *= -1.0
+    gaps = np.abs(stop._rotations._steps_between(rows[0], q))
+    if (
+        gaps > MAX_BEGIN_GAP * np.maximum(measure_sizes(q[np.newaxis], stop._rotations), 1.0)
+    ).any():
+        raise InputError(
+            "at",
+            f"is a time from which the robot stops at {format_configuration(q.tolist())}",
+            f"the plan starts at {format_configuration(path.waypoints[0].tolist())}",
+            "plan from after.braked(at).positions[-1]",
+        )
+    rows[0] = q
+    path = path._replace(waypoints=rows)
+    rotations = stop._rotations
+    edges = _split(path, rotations, bounds)
+    motion: Motion | None
+    if stop.duration == 0.0:
+        motion = _start(path, edges, rotations, bounds)
+    else:
+        motion = _go_on(stop, path, edges, bounds)
+        path = path._replace(waypoints=np.concatenate([stop._route.waypoints, rows[1:]]))
+    made = None if motion is None else _make(path, motion, rotations, bounds, step)
+    return made if made is not None and made.certified else stop
+
+
+def _start(path: DrivenPath, edges: Segments, rotations: Rotations, bounds: MotionBounds) -> Motion:
+    """Return the fastest motion along a path, from rest."""
+    smooth = _smooth(path, edges, rotations, bounds, None)
+    motions: list[Motion] = []
+    for segments in (edges,) if smooth is None else (smooth, edges):
+        phases = find_phases(segments, rotations, bounds)
+        if phases is not None:
+            motions.append(Motion(segments, phases, segments.is_curve))
+    return min(motions, key=_end_time)
+
+
+def _go_on(
+    stop: Trajectory, path: DrivenPath, edges: Segments, bounds: MotionBounds
+) -> Motion | None:
+    """Return the fastest motion along a stop and on along a path from its end.
+
+    The robot rests there if no proven curve goes on, or if it arrives too fast for that curve. None
+    if it does so with other limits than before, which its stop does not keep.
+    """
+    rotations = stop._rotations
+    begin, end = stop._phases.positions[[0, -1]].tolist()
+    speed = float(stop._phases.speeds[0])
+    head = cut_segments(stop._segments, rotations, 0.0, end)
+    last = head.select([-1])
+    _, rates, bends = place_along(last, rotations, last.lengths)
+    first_rates = place_along(head.select([0]), rotations, np.array([begin]))[1]
+    is_slow = float(bounds.velocity.shares(first_rates * speed).max()) < SLOW_SHARE
+    junction = _make_junction(rates, bends, rotations, bounds, path)
+    smooth = _smooth(path, edges, rotations, bounds, junction)
+    none_proven = np.zeros(len(head.lengths), dtype=np.bool_)
+    motions: list[Motion] = []
+    for tail in (edges,) if smooth is None else (smooth, edges):
+        # Both curves get the same unit of length if they have the same direction.
+        firsts = place_along(tail.select([0]), rotations, np.zeros(1))[1]
+        along = bounds.acceleration.multiply(rates, firsts).sum()
+        factor = float(along / bounds.acceleration.multiply(rates, rates).sum())
+        factor = factor if factor > MIN_FACTOR else 1.0
+        segments = join_segments([scale_segments(head, factor), tail])
+        phases = find_phases(segments, rotations, bounds, begin / factor, speed / factor)
+        if phases is not None:
+            proven = np.concatenate([none_proven, tail.is_curve])
+            motions.append(Motion(segments, phases, proven, speed / factor))
+    may_stop = are_same_bounds(bounds, stop._bounds)
+    if may_stop and (smooth is None or not motions or is_slow):
+        rest = _start(path, edges, rotations, bounds)
+        segments = join_segments([head, rest.segments])
+        phases = join_phases(stop._phases, rest.phases, len(head.lengths))
+        proven = np.concatenate([none_proven, rest.proven])
+        motions.append(Motion(segments, phases, proven, speed))
+    return min(motions, key=_end_time, default=None)
+
+
+def _end_time(motion: Motion) -> float:
+    """Return the duration of a motion."""
+    return float(motion.phases.times[-1])
+
+
+def _make(
+    path: DrivenPath, motion: Motion, rotations: Rotations, bounds: MotionBounds, time_step: float
+) -> Trajectory | None:
+    """Make a trajectory and prove what is not; None if rounding exceeds its limits."""
+    segments, phases, proven, begin_speed = motion
+    if not is_motion(path.waypoints, segments, rotations, phases, bounds, begin_speed):
+        return None
+    times = _row_times(phases, time_step)
     positions, velocities, accelerations = _evaluate(segments, phases, rotations, times)
     made = Trajectory(
         times=frozen(times),
@@ -583,18 +821,23 @@ def make_trajectory(
         _rotations=rotations,
         _segments=segments,
         _phases=phases,
+        _bounds=bounds,
     )
-    if path.space is None:
+    space = path.space
+    if space is None:
         return made
-    if segments is not smooth:
-        return replace(made, certified=bool(made.recheck(path.space).all()))
-    # Curves have just been proven.
-    lines = segments.select(~segments.is_curve)
-    return replace(made, certified=bool(prove_segments(path.space, path.exact, lines).all()))
+    if not segments.is_curve.any():
+        return replace(made, certified=bool(made.recheck(space).all()))
+    left = _cut_driven(segments, phases, rotations).select(~proven)
+    return replace(made, certified=bool(prove_segments(space, path.exact, left).all()))
 
 
 def _smooth(
-    path: DrivenPath, edges: Segments, rotations: Rotations, bounds: MotionBounds
+    path: DrivenPath,
+    edges: Segments,
+    rotations: Rotations,
+    bounds: MotionBounds,
+    junction: Junction | None,
 ) -> Segments | None:
     """Return a proven smooth version of a path; None if it keeps its edges."""
     space = path.space
@@ -602,14 +845,34 @@ def _smooth(
         return None
     gap = VIA_CELLS * 2.0 * space.resolution if space.has_cells else 0.0
     drives = path.drive in ON_THE_SPOT
-    polyline = make_polyline(edges, rotations, bounds, drives, gap)
+    polyline = make_polyline(edges, rotations, bounds, drives, gap, junction)
     return smooth_path(
         edges, polyline, rotations, lambda parts: prove_segments(space, path.exact, parts)
     )
 
 
-def _check_bounds(path: DrivenPath, dim: int, limits: MotionLimits) -> MotionBounds:
-    """Return checked limits of a motion with ``dim`` translations or joints."""
+def _make_junction(
+    rates: Floats, bends: Floats, rotations: Rotations, bounds: MotionBounds, path: DrivenPath
+) -> Junction | None:
+    """Return the derivatives, at full speed, with which a curve goes on; None if it cannot.
+
+    A change of speed along the curve is left out of the second derivatives.
+    """
+    rates, bends = rates.copy(), bends.copy()
+    if path.drive in ON_THE_SPOT:
+        # The yaw follows the curve.
+        rates[:, 2] = bends[:, 2] = 0.0
+    full = float(bounds.velocity.shares(rates).max())
+    if full == 0.0 or ("qw" in rotations.names and rates[:, -3:].any()):
+        return None
+    squares = bounds.velocity.multiply(rates, rates).sum()
+    bends -= bounds.velocity.multiply(rates, bends).sum() / squares * rates
+    return Junction(rates[0] / full, bends[0] / full**2)
+
+
+def _check_bounds(path: DrivenPath, limits: MotionLimits) -> MotionBounds:
+    """Return checked limits of a motion."""
+    dim = len(path.axes) - len(_rotations_along(path).names)
     is_curved = path.drive in CURVES
     rotates = dim < len(path.axes)
     needs_angular = rotates and not is_curved
@@ -671,6 +934,17 @@ def _check_option(
     return None if value is None else check_positive(value, name, "metres, radians, seconds")
 
 
+def _rotations_along(path: DrivenPath) -> Rotations:
+    """Return the rotations of the configurations of a path."""
+    return rotations_of(() if path.moves_joints else path.axes)
+
+
+def _split(path: DrivenPath, rotations: Rotations, bounds: MotionBounds) -> Segments:
+    """Return the straights and arcs of a path."""
+    split = _split_curves if path.drive in CURVES else _split_edges
+    return split(path, rotations, bounds.velocity)
+
+
 def _split_edges(path: DrivenPath, rotations: Rotations, velocity: LimitRates) -> Segments:
     """Return the straight edges of a path, shape (n, size)."""
     starts = align_quaternions(path.waypoints, rotations)
@@ -708,6 +982,22 @@ def _make_segments(
     rates = steps[kept] / lengths[:, np.newaxis]
     lines = make_lines(points[:-1][kept], rates, lengths, points[1:][kept])
     return lines._replace(curvatures=radians[kept] / lengths)
+
+
+def _cut_driven(segments: Segments, phases: Phases, rotations: Rotations) -> Segments:
+    """Return segments without what lies before the first phase and after the last one."""
+    return cut_segments(segments, rotations, *phases.positions[[0, -1]].tolist())
+
+
+def _make_waypoints(segments: Segments, rotations: Rotations) -> Floats:
+    """Return configurations that the edges of a drive join along straights and arcs."""
+    turns = np.abs(segments.curvatures * segments.lengths)
+    counts = np.ceil(np.maximum(turns / MAX_ARC, 1.0)).astype(np.int64)
+    owners = np.repeat(np.arange(len(counts)), counts)
+    shares = (np.arange(len(owners)) - (np.cumsum(counts) - counts)[owners]) / counts[owners]
+    parts = segments.select(owners)
+    rows = place_along(parts, rotations, shares * parts.lengths)[0]
+    return np.concatenate([rows, segments.ends[-1:]])
 
 
 def _stretch(phases: Phases, duration: float | None) -> Phases:

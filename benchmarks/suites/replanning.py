@@ -16,6 +16,7 @@ import planners
 from benchmarks import inputs
 from benchmarks.report import Report
 from benchmarks.suites.paths import OUR_TIME_LIMIT, Problem, list_problems
+from benchmarks.suites.replanning_drives import run_drives
 from benchmarks.suites.replanning_scenes import run_scenes
 from benchmarks.timing import Timing
 from cspace import CSpace
@@ -92,6 +93,7 @@ def run(report: Report, seed: int) -> None:
     for problem in list_problems(report.quick, seed):
         measure(report, problem, QUICK_MOVES if report.quick else MOVES, seed)
     run_scenes(report, seed)
+    run_drives(report, seed)
 
 
 def measure(report: Report, problem: Problem, moves: int, seed: int) -> None:

@@ -1,0 +1,60 @@
+"""
+Plan anew at speed
+==================
+
+A differential drive crosses an office among trolleys. Ten times a second it plans anew from the
+place where it would come to rest, and goes on at speed. Every motion that it drives is proven, and
+so is a stop at any time.
+"""
+
+import matplotlib.pyplot as plt
+import numpy as np
+from shapely import box, union_all
+
+import cspace
+import planners
+
+# %%
+# Two rooms with a wide door, 12 m by 6 m. Trolleys swing across, each at an x and with a phase.
+
+walls = [box(0, 0, 12, 6) - box(0.2, 0.2, 11.8, 5.8), box(5.9, 0, 6.1, 1.6), box(5.9, 4.4, 6.1, 6)]
+office = cspace.Workspace.from_polygons([union_all(walls)], spacing=0.05)
+space = cspace.build(office, cspace.Robot.rectangle(0.6, 0.4), rotations=72)
+trolleys = {"left": (3.5, 0.0), "right": (8.5, 2.0)}
+limits = {"max_velocity": 0.8, "max_acceleration": 0.6}
+limits |= {"max_angular_velocity": 1.2, "max_angular_acceleration": 2.0}
+start, goal, period = (1.0, 3.0, 0.0), (11.0, 3.0, 0.0), 0.1
+
+# %%
+# The loop. At each cycle, the motion of the next cycle must already be decided; so the new one goes
+# on from the state at its end. ``braked`` is the shortest stop from there: the new plan begins where
+# it ends. If there is no plan, the trajectory is this stop itself.
+
+plan = planners.plan(space, start, start, drive="differential")
+motion, clock, driven, stops = plan.trajectory(**limits), 0.0, [], 0
+while len(driven) < 400 and np.linalg.norm(motion.sample(clock)[0][:2] - goal[:2]) > 0.01:
+    for name, (x, phase) in trolleys.items():
+        y = 3.0 + 1.8 * np.sin(0.02 * len(driven) + phase)
+        space.add_obstacle(name, box(x - 0.3, y - 0.3, x + 0.3, y + 0.3))
+    stop = motion.braked(clock + period)
+    try:
+        plan = planners.plan(
+            space, stop.positions[-1], goal, drive="differential", previous=plan, time_limit=0.05
+        )
+        new = plan.trajectory(**limits, after=motion, at=clock + period)
+    except cspace.ConfigurationError:  # a trolley is near the place where it would rest
+        new, stops = stop, stops + 1
+    driven.append(motion.sample(clock + np.linspace(0.0, period, 5)))  # here the robot drives
+    motion, clock = new, 0.0
+
+rows, velocities = (np.concatenate(part) for part in zip(*[d[:2] for d in driven], strict=True))
+speeds = np.linalg.norm(velocities[:, :2], axis=1)
+print(f"{len(driven)} cycles, {stops} stops by proof, {speeds.mean():.2f} m/s in the mean")
+
+# %%
+# The way that the robot drove, coloured by its speed, with the trolleys where they were at last.
+
+ax = space.plot(path=rows, title="Planned anew in each of the cycles")
+ax.scatter(*rows[:, :2].T, c=speeds, s=6, zorder=5)
+ax.figure.savefig("replan_at_speed.png", dpi=100)
+plt.close(ax.figure)

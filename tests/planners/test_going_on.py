@@ -1,0 +1,251 @@
+"""Stops on a trajectory's curve, and trajectories that go on after another one at speed.
+
+Oracles: shapely places the robot among occupied cells, the arm's own links are placed by hand, and
+positions and velocities are differenced.
+"""
+
+import dataclasses
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+
+import cspace
+import planners
+from cspace import InputError
+from cspace.arms import Arm, build_arm_space
+from tests.helpers.urdfs import planar, planar_arm_meets, post
+from tests.planners.test_smoothing import (
+    LIMITS,
+    POST,
+    SLACK,
+    TURNING_LIMITS,
+    build_plan,
+    collides,
+    difference,
+)
+
+DRIVES = [
+    ("holonomic", None, None),
+    ("holonomic", 36, None),
+    ("differential", 36, None),
+    ("reeds-shepp", 36, 0.5),
+]
+
+
+def limits_of(rotations: int | None, radius: float | None) -> dict[str, Any]:
+    """Return the limits of a robot of ``DRIVES``."""
+    return LIMITS | (TURNING_LIMITS if rotations and radius is None else {})
+
+
+def draw_times(trajectory: planners.Trajectory, count: int) -> np.ndarray:
+    """Draw times of a trajectory."""
+    return np.random.default_rng(0).uniform(0.0, trajectory.duration, count)
+
+
+def check_limits(trajectory: planners.Trajectory, h: float = 1e-5) -> None:
+    """Check speeds and gains by differences, but at jumps of the acceleration."""
+    t = np.linspace(2 * h, max(trajectory.duration - 2 * h, 2 * h), 1500)
+    velocities = difference(trajectory, t, h)
+    assert velocities == pytest.approx(trajectory.sample(t)[1], abs=1e-3)
+    gains = (trajectory.sample(t + h)[1] - trajectory.sample(t - h)[1]) / (2.0 * h)
+    assert np.linalg.norm(velocities[:, :2], axis=1).max() <= SLACK * 1.2
+    # A car's acceleration along its curve and that across have their own limits.
+    most = 0.8 * (math.sqrt(2.0) if trajectory._route.turning_radius else 1.0)
+    assert np.linalg.norm(gains[:, :2], axis=1).max() <= SLACK * most
+    if velocities.shape[1] == 3 and not trajectory._route.turning_radius:
+        assert np.abs(velocities[:, 2]).max() <= SLACK * 1.0
+        assert np.abs(gains[:, 2]).max() <= SLACK * 2.0
+
+
+# ---- stops ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("drive", "rotations", "radius"), DRIVES)
+def test_a_stop_is_a_part_of_the_curve_within_limits(drive, rotations, radius) -> None:
+    plan = build_plan(1, drive, rotations, radius)
+    trajectory = plan.trajectory(**limits_of(rotations, radius))
+    for t in draw_times(trajectory, 8):
+        stop = trajectory.braked(t)
+        for before, after in zip(trajectory.sample(t)[:2], stop.sample(0.0)[:2], strict=True):
+            assert after == pytest.approx(before, abs=1e-9)
+        assert not stop.velocities[-1].any()
+        assert stop.certified
+        assert stop.recheck(plan.space).all()
+        check_limits(stop)
+        shares = np.linspace(0.0, 1.0, 400)
+        rows = stop.sample(shares * stop.duration)[0][:, :2]
+        later = trajectory.sample(t + shares * min(4.0 * stop.duration, trajectory.duration - t))
+        gaps = np.linalg.norm(rows[:, np.newaxis] - later[0][:, :2], axis=2).min(axis=1)
+        assert gaps.max() < 0.02
+        assert not collides(1, stop.sample(shares * stop.duration)[0]).any()
+        moved = np.linalg.norm(np.diff(rows, axis=0), axis=1).sum()
+        assert trajectory.stop_distance(t) == pytest.approx(moved, abs=1e-3)
+        assert trajectory.stop_time(t) == stop.duration <= trajectory.duration - t + 1e-9
+
+
+def test_a_stop_on_a_line_takes_the_time_and_the_distance_of_the_formula() -> None:
+    workspace = cspace.Workspace.from_array(np.zeros((120, 60), dtype=bool), 0.1)
+    space = cspace.build(workspace, cspace.Robot.disc(0.3))
+    plan = planners.plan(space, (1.0, 3.0), (11.0, 3.0))
+    trajectory = plan.trajectory(max_velocity=1.5, max_acceleration=0.5)
+    for t, speed in ((0.0, 0.0), (2.0, 1.0), (5.0, 1.5), (trajectory.duration - 1.0, 0.5)):
+        assert trajectory.stop_time(t) == pytest.approx(speed / 0.5, abs=1e-9)
+        assert trajectory.stop_distance(t) == pytest.approx(speed**2 / 1.0, abs=1e-9)
+    slowed = plan.trajectory(max_velocity=1.5, max_acceleration=0.5, duration=20.0)
+    speed = float(np.linalg.norm(slowed.sample(10.0)[1]))
+    assert slowed.stop_time(10.0) == pytest.approx(speed / 0.5, abs=1e-9)
+
+
+def test_a_stop_ends_before_what_the_curve_would_meet() -> None:
+    workspace = cspace.Workspace.from_array(np.zeros((120, 60), dtype=bool), 0.1)
+    space = cspace.build(workspace, cspace.Robot.disc(0.3))
+    plan = planners.plan(space, (1.0, 3.0), (11.0, 3.0))
+    trajectory = plan.trajectory(max_velocity=1.0, max_acceleration=0.5)
+    x = trajectory.sample(4.0)[0][0]
+    reach = x + trajectory.stop_distance(4.0) + 0.3
+    space.add_obstacle("crate", shapely.box(reach + 0.3, 2.5, reach + 0.8, 3.5))
+    assert not trajectory.recheck(space).all()
+    assert trajectory.braked(4.0).recheck(space).all()
+    assert not trajectory.braked(4.5).recheck(space).all()
+
+
+def test_stops_at_rest_and_beyond_the_ends_take_no_time() -> None:
+    trajectory = build_plan(1, "differential", 36).trajectory(**LIMITS, **TURNING_LIMITS)
+    for t, row in ((-3.0, 0), (0.0, 0), (trajectory.duration, -1), (1e9, -1)):
+        stop = trajectory.braked(t)
+        assert stop.duration == 0.0
+        assert stop.positions == pytest.approx(trajectory.positions[[row]], abs=1e-9)
+        assert not stop.velocities.any()
+    for t in (math.nan, math.inf):
+        with pytest.raises(InputError, match="finite"):
+            trajectory.braked(t)
+    several: Any = (1.0, 2.0)
+    with pytest.raises(InputError, match=r"it is one time; pass e.g. 0.5"):
+        trajectory.stop_time(several)
+
+
+def test_an_arm_stops_and_goes_on_within_limits(tmp_path: Path) -> None:
+    space = build_arm_space({"post": post()}, Arm.from_urdf(planar(tmp_path)))
+    plan = planners.plan(space, (-0.6, 0.3), (1.4, -0.2), seed=1, time_limit=5.0)
+    limits: dict[str, Any] = {"max_velocity": 1.0, "max_acceleration": 2.0}
+    trajectory = plan.trajectory(**limits)
+    for t in draw_times(trajectory, 4):
+        stop = trajectory.braked(t)
+        back = planners.plan(space, stop.positions[-1], (-0.6, 0.3), seed=1, time_limit=5.0)
+        motion = back.trajectory(**limits, after=trajectory, at=t)
+        assert motion.positions[-1] == pytest.approx((-0.6, 0.3), abs=1e-9)
+        for made in (stop, motion):
+            assert made.certified
+            assert made.recheck(space).all()
+            assert made.sample(0.0)[0] == pytest.approx(trajectory.sample(t)[0], abs=1e-9)
+            assert made.sample(0.0)[1] == pytest.approx(trajectory.sample(t)[1], abs=1e-9)
+            rows, velocities, gains = made.sample(np.linspace(0.0, made.duration, 1001))
+            assert np.abs(velocities).max() <= SLACK
+            assert np.abs(gains).max() <= SLACK * 2.0
+            assert not planar_arm_meets(rows[::4], [POST]).any()
+
+
+# ---- going on ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("drive", "rotations", "radius"), DRIVES)
+def test_a_motion_goes_on_at_speed_within_limits_and_proofs(drive, rotations, radius) -> None:
+    plan = build_plan(1, drive, rotations, radius)
+    limits = limits_of(rotations, radius)
+    trajectory = plan.trajectory(**limits)
+    for t in draw_times(trajectory, 6):
+        place = trajectory.braked(t).positions[-1]
+        again = planners.plan(
+            plan.space, place, plan.goal, drive=drive, turning_radius=radius, previous=plan
+        )
+        motion = again.trajectory(**limits, after=trajectory, at=t)
+        assert motion.certified
+        assert motion.recheck(plan.space).all()
+        assert motion.positions[-1] == pytest.approx(plan.goal, abs=1e-9)
+        assert motion.sample(0.0)[0] == pytest.approx(trajectory.sample(t)[0], abs=1e-9)
+        assert motion.sample(0.0)[1] == pytest.approx(trajectory.sample(t)[1], abs=1e-9)
+        check_limits(motion)
+        rows, velocities, _ = motion.sample(np.linspace(0.0, motion.duration, 1000))
+        assert not collides(1, rows).any()
+        if drive == "differential":
+            sideways = np.cos(rows[:, 2]) * velocities[:, 1] - np.sin(rows[:, 2]) * velocities[:, 0]
+            assert np.abs(sideways).max() < 1e-9
+
+
+@pytest.mark.parametrize("rotations", [None, 36])
+def test_planning_anew_on_the_way_costs_no_time_and_no_curvature(rotations) -> None:
+    workspace = cspace.Workspace.from_array(np.zeros((120, 60), dtype=bool), 0.1)
+    space = cspace.build(workspace, cspace.Robot.disc(0.3), rotations=rotations)
+    yaw = (0.0,) if rotations else ()
+    options: Any = {"drive": "differential"} if rotations else {}
+    limits = limits_of(rotations, None)
+    plan = planners.plan(space, (1.0, 2.0, *yaw), (11.0, 2.0, *yaw), **options)
+    motion = plan.trajectory(**limits)
+    duration = motion.duration
+    for _ in range(20):
+        place = motion.braked(0.1).positions[-1]
+        plan = planners.plan(space, place, (11.0, 2.0, *yaw), previous=plan, **options)
+        motion = plan.trajectory(**limits, after=motion, at=0.1)
+    assert motion.duration == pytest.approx(duration - 2.0, abs=0.02)
+    # To a goal beside the way, the robot goes on without a stop, and its curvature never jumps.
+    plan = planners.plan(space, motion.braked(1.0).positions[-1], (9.0, 4.5, *yaw), **options)
+    turning = plan.trajectory(**limits, after=motion, at=1.0)
+    t = np.linspace(0.0, turning.duration - 1.5, 4000)
+    _, velocities, gains = turning.sample(t)
+    assert np.linalg.norm(velocities[:, :2], axis=1).min() > 0.3
+    cross = velocities[:, 0] * gains[:, 1] - velocities[:, 1] * gains[:, 0]
+    curvatures = cross / np.linalg.norm(velocities[:, :2], axis=1) ** 3
+    assert np.abs(curvatures).max() > 0.1
+    assert np.abs(np.diff(curvatures)).max() < 0.02 * np.abs(curvatures).max()
+
+
+def test_without_a_proven_way_on_the_motion_is_the_stop() -> None:
+    plan = build_plan(1, "holonomic", None)
+    trajectory = plan.trajectory(**LIMITS)
+    t = 0.4 * trajectory.duration
+    stop = trajectory.braked(t)
+    again = planners.plan(plan.space, stop.positions[-1], plan.goal)
+    unsolved = dataclasses.replace(again, solved=False, waypoints=again.waypoints[:0])
+    motion = unsolved.trajectory(**LIMITS, after=trajectory, at=t)
+    np.testing.assert_array_equal(motion.positions, stop.positions)
+    through = np.vstack([again.start, (0.0, 0.0), again.goal])
+    blocked = dataclasses.replace(again, waypoints=through, path=through)
+    motion = blocked.trajectory(**LIMITS, after=trajectory, at=t)
+    np.testing.assert_array_equal(motion.positions, stop.positions)
+
+
+def test_other_limits_hold_from_the_first_instant_or_the_robot_stops() -> None:
+    plan = build_plan(1, "holonomic", None)
+    trajectory = plan.trajectory(**LIMITS)
+    limits: dict[str, Any] = {"max_velocity": 1.2, "max_acceleration": 0.5}
+    for t in draw_times(trajectory, 12):
+        stop = trajectory.braked(t)
+        again = planners.plan(plan.space, stop.positions[-1], plan.goal, previous=plan)
+        motion = again.trajectory(**limits, after=trajectory, at=t)
+        if motion.duration > stop.duration:
+            _, _, gains = motion.sample(np.linspace(0.0, motion.duration, 1000))
+            assert np.linalg.norm(gains, axis=1).max() <= SLACK * 0.5
+        else:
+            np.testing.assert_array_equal(motion.positions, stop.positions)
+
+
+def test_what_cannot_go_on_is_refused() -> None:
+    plan = build_plan(1, "holonomic", None)
+    trajectory = plan.trajectory(**LIMITS)
+    nothing: Any = "nothing"
+    with pytest.raises(InputError, match=r"after is .*pass what plan.trajectory\(\) returned"):
+        plan.trajectory(**LIMITS, after=nothing)
+    with pytest.raises(InputError, match=r"duration is 9.0; .*leave it out, or lower the limits"):
+        plan.trajectory(**LIMITS, after=trajectory, duration=9.0)
+    with pytest.raises(InputError, match=r"plan from after.braked\(at\).positions\[-1\]"):
+        plan.trajectory(**LIMITS, after=trajectory, at=2.0)
+    with pytest.raises(InputError, match="finite"):
+        plan.trajectory(**LIMITS, after=trajectory, at=math.nan)
+    with pytest.raises(InputError, match="max_acceleration"):
+        plan.trajectory(max_velocity=1.0, max_acceleration=0.0, after=trajectory)
+    again = plan.trajectory(**LIMITS, after=trajectory)  # at rest
+    np.testing.assert_allclose(again.positions, trajectory.positions, atol=1e-9)
