@@ -24,6 +24,7 @@ from cspace._rotations.base import TWO_PI
 from cspace._support.arrays import Floats, frozen
 from cspace._support.check import check_count, check_flag, check_positive
 from cspace._support.compiling import clock
+from cspace._support.deadlines import is_stopped, stopping
 from cspace._support.words import Drive
 from cspace.errors import InputError
 from planners._catalogue import (
@@ -154,6 +155,7 @@ def plan(
     drive: Drive = HOLONOMIC,
     turning_radius: float | None = None,
     previous: Plan | None = None,
+    stop: Callable[[], bool] | None = None,
 ) -> Plan:
     """Find and prove a path on a map or for an arm.
 
@@ -172,8 +174,9 @@ def plan(
         Name, in upper or lower case, of a planner of OMPL (:func:`planners.planner_names`) or of a
         built-in search: "Grid", "MaxClearance" and "Lattice" on maps, "BiRRT" for arms.
     time_limit : float
-        Seconds of the process's CPU time after which the search ends; of the clock for PRM and
-        PRMstar. Simplification then has another 0.1 s. Work that a map does once is not limited.
+        Seconds of the process's CPU time, of all its threads, after which the search ends; of the
+        clock for PRM and PRMstar. Simplification then has another 0.1 s. Work that a map does once
+        is not limited. ``stop`` can set a deadline by the clock.
     iterations : int, optional
         Largest number of iterations of a planner of OMPL, or of BiRRT's further searches.
     simplify : bool
@@ -196,6 +199,10 @@ def plan(
     previous : Plan, optional
         The last plan for a space with these axes, in memory. The path joins it and follows it; only
         a blocked part of it is searched anew. Not for other objectives than the length.
+    stop : callable, optional
+        Called without arguments every 5 ms or more, in this thread, until it returns True, which
+        ends the search within 50 ms: for a request to cancel, or a deadline by the clock, such as
+        ``lambda: time.monotonic() > end``. A path found before is returned.
 
     Returns
     -------
@@ -230,6 +237,9 @@ def plan(
     """
     began = time.process_time()
     check_flag(simplify, "simplify")
+    if stop is not None and not callable(stop):
+        rule = "it is called to ask whether the search ends"
+        raise InputError("stop", f"is {stop!r}", rule, "pass a function, e.g. event.is_set")
     edges = local_planner(space, exact, drive, turning_radius)
     name = default_planner(drive) if planner is None else planner_named(planner, space.searches)
     task = PlanTask(
@@ -250,10 +260,19 @@ def plan(
     _check_options(task)
     if task.seed is not None:
         set_seed(task.seed)
-    path_exists = cache(lambda: space.path_exists(*task.endpoints[:2]))
-    result = _search_and_prove(task, lambda: edges.may_join(path_exists()))
-    exists = True if space.has_cells and result.proven else path_exists()
-    return _make_plan(task, result, exists, began)
+    path_exists = cache(lambda: _decide_existence(task))
+    with stopping(stop):
+        result = _search_and_prove(task, lambda: edges.may_join(path_exists()))
+        exists = True if space.has_cells and result.proven else path_exists()
+        return _make_plan(task, result, exists, began)
+
+
+def _decide_existence(task: PlanTask) -> bool | None:
+    """Return whether a path exists; None if undecided, or if the caller ended the search."""
+    space = task.edges.space
+    if is_stopped() and not space.is_labelled:
+        return None
+    return space.path_exists(*task.endpoints[:2])
 
 
 def _check_previous(task: PlanTask, previous: Plan) -> Floats:
@@ -446,11 +465,12 @@ def _search(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
             may_exist = is_certain  # a quick path saves labelling the cells
     share = EXACT_TIME_SHARE if task.edges.exact and task.fallback is not None else 1.0
     seconds = share * (task.time_limit - _sum_planning(results))
-    if seconds > 0.0:
+    if not results or (seconds > 0.0 and not is_stopped()):
         results.append(_run_planner(replace(task, time_limit=seconds), may_exist))
     seconds = task.time_limit - _sum_planning(results)
     is_found = any(len(result.path) for result in results)
-    if task.fallback is not None and seconds > 0.0 and not is_found and may_exist():
+    may_go_on = seconds > 0.0 and not is_stopped()
+    if task.fallback is not None and may_go_on and not is_found and may_exist():
         last_task = replace(task, planner=task.fallback, time_limit=seconds)
         results.append(_run_planner(last_task, may_exist))
     return _choose_shortest(task, results)
@@ -618,6 +638,8 @@ def _describe_outcome(task: PlanTask, result: SearchResult, exists: bool | None)
         return ": ".join(filter(None, ["path found", result.note])), ""
     if exists is False:
         return "no path exists: proven", ""
+    if is_stopped():
+        return f"no path found: stopped after {result.planning:.2g} s{result.where}", ""
     existence = "a path exists" if exists else "undecided whether one exists"
     limits: list[str] = []
     if edges.drive != HOLONOMIC:

@@ -13,6 +13,7 @@ import numpy as np
 
 from cspace._support.arrays import Floats, Ints
 from cspace._support.compiling import clock, internal, kernel
+from cspace._support.deadlines import is_over
 from cspace.arms._motion_proofs import ArmScene, SceneScratch, make_scene_scratch, motion_is_free
 
 MAX_STRIDE: Final = 1.0
@@ -235,7 +236,7 @@ class PathSearch:
             is_vain = False
             if len(lengths) > MAX_VAIN_SEARCHES:
                 is_vain = (1.0 - MIN_GAIN) * lengths[-1 - MAX_VAIN_SEARCHES] < length
-            if not len(near_goals) or is_vain or clock() >= self._end:
+            if not len(near_goals) or is_vain or is_over(self._end):
                 break
             # A search that takes much longer than the others is given up, because it rarely leads
             # to a shorter path.
@@ -266,7 +267,7 @@ class PathSearch:
         forest = _plant_trees(self._start, goals)
         meeting = -1
         batches = 0
-        while meeting < 0 and batches < max_batches and clock() < self._end:
+        while meeting < 0 and batches < max_batches and not is_over(self._end):
             samples = np.concatenate([samples, self._sample(goals, length)])
             meeting, meeting_at_goal = grow_trees(self._scene, forest, samples, self._scratch)
             samples = _make_empty(samples)
@@ -336,7 +337,7 @@ class PathSearch:
         """Pull parts of a path straight while it gains :data:`MIN_GAIN`."""
         length = _measure_length(path)
         last = math.inf
-        while len(path) > 2 and length < (1.0 - MIN_GAIN) * last and clock() < self._end:
+        while len(path) > 2 and length < (1.0 - MIN_GAIN) * last and not is_over(self._end):
             for _ in range(PULLS_PER_BATCH):
                 path = self._pull_part(path)
             last = length
