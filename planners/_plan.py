@@ -237,7 +237,7 @@ def plan(
     """
     began = time.process_time()
     check_flag(simplify, "simplify")
-    if stop is not None and not callable(stop):
+    if stop is not None and not callable(cast(object, stop)):
         rule = "it is called to ask whether the search ends"
         raise InputError("stop", f"is {stop!r}", rule, "pass a function, e.g. event.is_set")
     edges = local_planner(space, exact, drive, turning_radius)
@@ -464,13 +464,12 @@ def _search(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
         if len(results[-1].path):
             may_exist = is_certain  # a quick path saves labelling the cells
     share = EXACT_TIME_SHARE if task.edges.exact and task.fallback is not None else 1.0
-    seconds = share * (task.time_limit - _sum_planning(results))
-    if not results or (seconds > 0.0 and not is_stopped()):
+    seconds = share * _measure_time_left(task, results)
+    if seconds > 0.0:
         results.append(_run_planner(replace(task, time_limit=seconds), may_exist))
-    seconds = task.time_limit - _sum_planning(results)
+    seconds = _measure_time_left(task, results)
     is_found = any(len(result.path) for result in results)
-    may_go_on = seconds > 0.0 and not is_stopped()
-    if task.fallback is not None and may_go_on and not is_found and may_exist():
+    if task.fallback is not None and seconds > 0.0 and not is_found and may_exist():
         last_task = replace(task, planner=task.fallback, time_limit=seconds)
         results.append(_run_planner(last_task, may_exist))
     return _choose_shortest(task, results)
@@ -486,6 +485,13 @@ def _search_quickly(task: PlanTask) -> SearchResult:
     )
     with repeat_draws() if task.seed is None else nullcontext():
         return _run_planner(task, is_certain)
+
+
+def _measure_time_left(task: PlanTask, results: Sequence[SearchResult]) -> float:
+    """Return the seconds left after some searches; 0 if the caller ended them."""
+    if results and is_stopped():
+        return 0.0
+    return task.time_limit - _sum_planning(results)
 
 
 def _sum_planning(results: Sequence[SearchResult]) -> float:

@@ -218,9 +218,10 @@ class Updater:
     def replace(self, workspace: Workspace) -> Update:
         """Write all cells of another workspace of this grid into the base, and update the map."""
         base = self._workspace if self._layers is None else self._layers
-        same_unknown = base.unknown is workspace.unknown or (
-            base.unknown is not None and np.array_equal(base.unknown, workspace.unknown)
-        )
+        if base.unknown is None or workspace.unknown is None:
+            same_unknown = base.unknown is workspace.unknown
+        else:
+            same_unknown = np.array_equal(base.unknown, workspace.unknown)
         same_cells = np.array_equal(base.outer, workspace.outer) and np.array_equal(
             base.inner, workspace.inner
         )
