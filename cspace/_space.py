@@ -1038,9 +1038,9 @@ class CSpace(ConfigurationMap):
         The first update copies the cells of the workspace, so that the :class:`cspace.Workspace`
         passed to the build, and other maps of it, do not change. :attr:`workspace` then has the
         current cells; after a box, its ``shapes`` are None, and queries with ``exact=True`` use the
-        outer cells instead. Named obstacles (:meth:`add_obstacle`) stay on top. Overlap counts are dropped,
-        because they belong to the old obstacles. A map built without ``inner`` gets no BLOCKED
-        cells, also after it is saved and opened.
+        outer cells instead. Named obstacles (:meth:`add_obstacle`) stay on top. Overlap counts are
+        dropped, because they belong to the old obstacles. A map built without ``inner`` gets no
+        BLOCKED cells, also after it is saved and opened.
 
         All data that the map derives from its cells, such as components, distances and the geometry
         for ``exact=True``, are computed anew when next asked for.

@@ -480,9 +480,9 @@ class Plan:
         Returns
         -------
         object
-            The message, with one pose for each row of :attr:`path` unless ``step`` is given. A map of the plane gives z = 0;
-            a robot that does not turn has the identity as its orientation. The message cannot hold
-            :attr:`direction`.
+            The message, with one pose for each row of :attr:`path` unless ``step`` is given. A map
+            of the plane gives z = 0; a robot that does not turn has the identity as its
+            orientation. The message cannot hold :attr:`direction`.
 
         Raises
         ------
