@@ -61,6 +61,7 @@ def warm_up(space: Space, drive: Drive = HOLONOMIC) -> None:
     first = plan(small, start, goal, drive=drive, turning_radius=radius, time_limit=5.0)
     small.update(np.ones((2,) * space.dim, dtype=bool), (45, 30, *[5] * (space.dim - 2)))
     first.recheck()
+    small.path_exists(start, goal)  # a plan asks if it finds no path
     plan(small, start, goal, drive=drive, turning_radius=radius, time_limit=5.0, previous=first)
 
 
