@@ -49,6 +49,7 @@ OUTSIDE = {"start": 203, "goal": 204}
 OCCUPIED = {"start": 205, "goal": 206}
 """Error codes of nav2_msgs/ComputePathToPose."""
 
+
 class NoPlanError(Exception):
     """A request without a path, its error code, and the plan that failed, if there is one."""
 
@@ -113,7 +114,9 @@ class PlannerNode(Node):
             cancel_callback=lambda goal: CancelResponse.ACCEPT,
             callback_group=ReentrantCallbackGroup(),
         )
-        self.create_service(IsPathValid, "~/is_path_valid", self.is_path_valid, callback_group=plans)
+        self.create_service(
+            IsPathValid, "~/is_path_valid", self.is_path_valid, callback_group=plans
+        )
 
     def complain(self, problem):
         """Log a problem once."""

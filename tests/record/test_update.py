@@ -190,6 +190,21 @@ def test_rejected_updates_change_nothing(cells, lower, inner, message):
     np.testing.assert_array_equal(space.cell_states, states)
 
 
+def test_refused_workspaces_change_nothing():
+    space = build_empty_room()
+    states = space.cell_states.copy()
+    other = Workspace.from_array(np.ones((40, 31), dtype=bool), 0.1)
+    with pytest.raises(
+        InputError, match=r"cells is a workspace of .*; build a new map for another"
+    ):
+        space.update(other)
+    with pytest.raises(InputError, match="without lower and inner"):
+        space.update(replace(space.workspace, unknown=None), (0, 0))
+    with pytest.raises(InputError, match=r"lower is missing; .*; pass e.g. \(0, 0\)"):
+        space.update(OBSTACLE)
+    np.testing.assert_array_equal(space.cell_states, states)
+
+
 @pytest.mark.parametrize("number", range(3))
 def test_interrupted_update_leaves_a_correct_map(number, monkeypatch):
     """Interrupt one of the steps that write into the map or drop its data."""

@@ -61,7 +61,10 @@ class Goal:
 
 @pytest.fixture(scope="module")
 def node():
-    parameters = ["footprint:='[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]'", "time_limit:=30.0"]
+    parameters = [
+        "footprint:='[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]'",
+        "time_limit:=30.0",
+    ]
     arguments = [word for each in parameters for word in ("-p", each)]
     rclpy.init(args=["--ros-args", *arguments])
     node = planner_node.PlannerNode()

@@ -5,7 +5,6 @@ import os
 import subprocess
 import sys
 import time
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -98,7 +97,11 @@ class Client:
         future = self.service.call_async(request)
         self.wait(future.done)
         rows = [
-            (p.pose.position.x, p.pose.position.y, 2 * math.atan2(p.pose.orientation.z, p.pose.orientation.w))
+            (
+                p.pose.position.x,
+                p.pose.position.y,
+                2 * math.atan2(p.pose.orientation.z, p.pose.orientation.w),
+            )
             for p in future.result().plan.poses
         ]
         return np.reshape(rows, (-1, 3))
@@ -205,7 +208,9 @@ def test_it_goes_on_after_bad_messages(client):
         client.maps.publish(msg)
         time.sleep(0.05)
     for corners in ([(0.0, 0.0)], [(math.nan, 0.0)] * 3, [(0, 0), (1, 1), (0, 1), (1, 0)]):
-        client.footprints.publish(Polygon(points=[Point32(x=float(x), y=float(y)) for x, y in corners]))
+        client.footprints.publish(
+            Polygon(points=[Point32(x=float(x), y=float(y)) for x, y in corners])
+        )
         time.sleep(0.05)
     assert not len(client.plan(frame="odom"))
     assert not len(client.plan(goal=(math.nan, 1.0, 0.0)))
@@ -223,7 +228,11 @@ def test_a_new_footprint_builds_anew(client):
     expected = build(make_room(), single).to_occupancy_grid(rotation=0.0)
     assert list(client.last["map"].data) == list(expected.data)
     client.footprints.publish(
-        Polygon(points=[Point32(x=x, y=y) for x, y in ((0.3, 0.2), (0.3, -0.2), (-0.3, -0.2), (-0.3, 0.2))])
+        Polygon(
+            points=[
+                Point32(x=x, y=y) for x, y in ((0.3, 0.2), (0.3, -0.2), (-0.3, -0.2), (-0.3, 0.2))
+            ]
+        )
     )
     client.last.pop("map")
     client.wait(lambda: "map" in client.last)
