@@ -113,7 +113,7 @@ def test_plans_and_messages_of_the_other_kind_are_refused(joint_plan):
 
 @pytest.mark.parametrize("end", ["start", "goal"])
 @pytest.mark.parametrize(
-    ("q", "reason"), [((9.0, 9.0), "outside"), ((2.0, 0.5), "blocked"), ((2.3, 0.5), "mixed")]
+    ("q", "reason"), [((9.0, 9.0), "outside"), ((2.0, 0.5), "blocked"), ((2.36, 0.5), "mixed")]
 )
 def test_errors_name_the_end_and_the_reason(end, q, reason):
     cells = np.zeros((40, 30), dtype=bool)
