@@ -73,14 +73,14 @@ def bench(session: nox.Session) -> None:
 
 
 @nox.session(venv_backend="none")
-def soak(session: nox.Session) -> None:
-    """Compare new random cases with exact geometry, for an hour without arguments, e.g. `nox -s soak -- --quick maps`."""
-    session.run(PYTHON, "-m", "tests.soak", *(session.posargs or ["--minutes", "60"]))
+def fuzz(session: nox.Session) -> None:
+    """Compare new random cases with exact geometry, for an hour without arguments, e.g. `nox -s fuzz -- --quick maps`."""
+    session.run(PYTHON, "-m", "tests.fuzz", *(session.posargs or ["--minutes", "60"]))
 
 
 @nox.session(venv_backend="none")
 def cpp(session: nox.Session) -> None:
-    """Compile the C++ headers, the example for OMPL and the package for Nav2; `nox -s soak -- cpp` compares all answers."""
+    """Compile the C++ headers, the example for OMPL and the package for Nav2; `nox -s fuzz -- cpp` compares all answers."""
     session.run(PYTHON, "-m", "pytest", "-q", "-n0", "tests/cpp", *session.posargs)
 
 

@@ -135,7 +135,7 @@ def build(
         The obstacles, in the plane or in space.
     robot : Robot, or shape
         The robot, of the same dimension. A shape (a ``trimesh.Trimesh``, a shapely polygon, a
-        short text of :meth:`Robot.parse`, or any other argument of :meth:`CSpace.add_obstacle`)
+        shorthand of :meth:`Robot.parse`, or any other argument of :meth:`CSpace.add_obstacle`)
         is a robot with its reference point at the origin of the shape.
     rotations : int, array-like or Rotations, optional
         Rotation cells; if left out, the robot does not rotate. For rotations in the plane, or about

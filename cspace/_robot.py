@@ -463,7 +463,7 @@ class Robot:
 
     @classmethod
     def parse(cls, text: str) -> Robot:
-        """Parse a short text; :meth:`open` reads files.
+        """Parse a shorthand; :meth:`open` reads files.
 
         Parameters
         ----------
@@ -483,11 +483,11 @@ class Robot:
         >>> cspace.Robot.parse("rect:0.7x0.5")
         Robot(rectangle 0.7 m x 0.5 m, in the plane)
         """
-        if not isinstance(text, str) or not primitives.is_short_text(text):
-            rule = "it must be a short text such as 'ball:0.3'"
-            hint = f"pass {primitives.SHORT_TEXT_FORMS}; Robot.open reads files"
+        if not isinstance(text, str) or not primitives.is_shorthand(text):
+            rule = "it must be a shorthand such as 'ball:0.3'"
+            hint = f"pass {primitives.SHORTHAND_FORMS}; Robot.open reads files"
             raise InputError("robot", f"is {text!r}", rule, hint)
-        return cls(*primitives.parse_short_text(text, "robot"))
+        return cls(*primitives.parse_shorthand(text, "robot"))
 
     @classmethod
     def open(
@@ -499,7 +499,7 @@ class Robot:
         package_dirs: PackageDirs | None = None,
         visuals: bool | None = None,
     ) -> Robot:
-        """Read a robot from a file; :meth:`parse` takes short texts.
+        """Read a robot from a file; :meth:`parse` takes shorthands.
 
         Parameters
         ----------
@@ -519,19 +519,19 @@ class Robot:
         Raises
         ------
         InputError
-            If the suffix is none of these, the path is a short text, or an option is given for a
+            If the suffix is none of these, the path is a shorthand, or an option is given for a
             file that does not take it.
         FileError
             If the file cannot be read.
         """
         from cspace._files.formats import ROBOT_FORMATS
 
-        if isinstance(path, str) and primitives.is_short_text(path) and not Path(path).exists():
+        if isinstance(path, str) and primitives.is_shorthand(path) and not Path(path).exists():
             hint = f"use Robot.parse({path!r})"
             raise InputError("robot", f"is {path!r}", "it must be a file", hint)
         file, part_name = _split_part(path, ROBOT_FORMATS)
-        short_texts = primitives.SHORT_TEXT_FORMS
-        rule = f"it must be a file that describes a robot; Robot.parse takes {short_texts}"
+        shorthands = primitives.SHORTHAND_FORMS
+        rule = f"it must be a file that describes a robot; Robot.parse takes {shorthands}"
         reader = ROBOT_FORMATS[check_suffix(file, ROBOT_FORMATS, rule, "robot")]
         # Options that the format does not take are refused.
         given = {"solid": solid, "up": up, "package_dirs": package_dirs, "visuals": visuals}
@@ -632,8 +632,8 @@ def robot_of(source: Robot | ShapeLike) -> Robot:
     """
     if isinstance(source, Robot):
         return source
-    if isinstance(source, str) and primitives.is_short_text(source):
-        return Robot(*primitives.parse_short_text(source, "robot"))
+    if isinstance(source, str) and primitives.is_shorthand(source):
+        return Robot(*primitives.parse_shorthand(source, "robot"))
     shape = as_shape(source, name="robot")
     if isinstance(shape, Mesh):
         return Robot.from_mesh(shape)

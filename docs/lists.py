@@ -9,7 +9,7 @@ from typing import Any
 
 import cspace._files
 from cspace._files.formats import ROBOT_FORMATS, WORKSPACE_FORMATS
-from cspace._shapes.primitives import SHORT_TEXTS
+from cspace._shapes.primitives import SHORTHANDS
 from cspace.export._writers import EXPORT_FORMATS
 from planners._catalogue import REFUSALS
 
@@ -28,10 +28,10 @@ def make_list(name: str) -> str:
     return "".join(f"{line}\n" for line in LISTS[name]())
 
 
-def list_short_texts() -> Iterable[str]:
-    """Yield the rows of the short texts of robots."""
+def list_shorthands() -> Iterable[str]:
+    """Yield the rows of the shorthands of robots."""
     yield from ("| shorthand | robot | in | example |", "|---|---|---|---|")
-    for name, kind in SHORT_TEXTS.items():
+    for name, kind in SHORTHANDS.items():
         dimension = MAPS_IN[kind.dimension]
         yield f"| `{name}:{kind.form}` | {kind.summary} | {dimension} | `{kind.example}` |"
 
@@ -66,7 +66,7 @@ def list_refusals() -> Iterable[str]:
 
 
 LISTS: dict[str, Callable[[], Iterable[str]]] = {
-    "short texts": list_short_texts,
+    "shorthands": list_shorthands,
     "workspace formats": lambda: list_formats(WORKSPACE_FORMATS),
     "robot formats": lambda: list_formats(ROBOT_FORMATS),
     "export formats": lambda: list_formats(EXPORT_FORMATS),

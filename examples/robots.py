@@ -2,7 +2,7 @@
 Robots of many kinds
 ====================
 
-A robot is a short text (``Robot.parse``), a file (``Robot.open``), or a shape in code. The command
+A robot is a shorthand (``Robot.parse``), a file (``Robot.open``), or a shape in code. The command
 line takes both.
 """
 
@@ -54,7 +54,7 @@ plt.close(figure)
 print("wrote robots.png")
 
 # %%
-# Robots and their short texts can be obstacles as well.
+# Robots and their shorthands can be obstacles as well.
 
 print(
     cspace.Workspace.from_shapes(

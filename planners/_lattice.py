@@ -37,7 +37,7 @@ from cspace._queries.frontier import (
     push,
     remaining_cost,
 )
-from cspace._queries.guide import NARROW_PRICE, Directions, Guide
+from cspace._queries.guide import NARROW_COST, Directions, Guide
 from cspace._queries.moves import list_moves
 from cspace._queries.paths import (
     MAX_SHORTENING_SECONDS,
@@ -65,7 +65,7 @@ from planners._local_planner import Endpoints, LocalPlanner
 MAX_BLOCK_SIDE: Final = 8
 """Largest number of cells along each side of the blocks of the guide."""
 
-NARROW_CAR_PRICE: Final = 0.3
+NARROW_CAR_COST: Final = 0.3
 """Share by which blocks cost more for a car where it passes at few rotations; it need not turn
 there on the spot."""
 
@@ -297,7 +297,7 @@ def _make_guide(edges: LocalPlanner, endpoints: Endpoints, is_backwards: bool) -
         start,
         goal,
         _measure_block_side(edges.cells),
-        narrow_price=NARROW_PRICE if edges.turning_radius is None else NARROW_CAR_PRICE,
+        narrow_cost=NARROW_COST if edges.turning_radius is None else NARROW_CAR_COST,
         worst_state=_find_worst_state(edges),
     )
 

@@ -19,7 +19,7 @@ if "PYTEST_XDIST_WORKER" not in os.environ:
     os.environ["XDG_CACHE_HOME"] = cache_folder
 
 # There is no deadline because the first call of a kernel compiles it. The seed of a run is an
-# option of pytest: pyproject.toml gives 0, and the soak new ones.
+# option of pytest: pyproject.toml gives 0, and fuzzing new ones.
 settings.register_profile("cspace", deadline=None, max_examples=50, database=None, print_blob=True)
 settings.load_profile("cspace")
 

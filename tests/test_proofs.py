@@ -3,8 +3,8 @@
 import pytest
 
 from benchmarks.report import Report
-from tests.soak import maps
-from tests.soak.scenes import SPACES
+from tests.fuzz import maps
+from tests.fuzz.scenes import SPACES
 
 pytestmark = pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # tiny or distant obstacles
 

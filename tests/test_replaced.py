@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.soak.use import kill_saves
+from tests.fuzz.use import kill_saves
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of forks beside threads

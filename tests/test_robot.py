@@ -1,4 +1,4 @@
-"""Robots: geometry, short texts, files and refusals."""
+"""Robots: geometry, shorthands, files and refusals."""
 
 import pytest
 import shapely

@@ -58,7 +58,7 @@ def make(
     ),
     robot: str = option(
         "SPEC",
-        "A short text such as disc:0.3, rect:0.9x0.6 or box:0.6x0.6x0.2 (all: --robot help), or a "
+        "A shorthand such as disc:0.3, rect:0.9x0.6 or box:0.6x0.6x0.2 (all: --robot help), or a "
         "file with a polygon, a mesh or a URDF.",
         default=...,
     ),

@@ -74,7 +74,7 @@ DROP_MISSING: Final = flag("--drop-missing", "Leave out points of a cloud that a
 
 
 def open_robot(text: str, **given: Any) -> Robot:
-    """Open a robot from a short text or a file.
+    """Open a robot from a shorthand or a file.
 
     ``footprint:`` before a file projects the robot into the plane.
 
@@ -83,15 +83,15 @@ def open_robot(text: str, **given: Any) -> Robot:
     text has options.
     """
     from cspace._robot import Robot
-    from cspace._shapes.primitives import is_short_text
+    from cspace._shapes.primitives import is_shorthand
 
     options = drop_unset(**given)
-    # A list of corners, a short text, or the name of a file follows "footprint:".
+    # A list of corners, a shorthand, or the name of a file follows "footprint:".
     prefix, _, file = text.partition("footprint:")
-    has_file = file and not file.lstrip().startswith("[") and not is_short_text(file)
+    has_file = file and not file.lstrip().startswith("[") and not is_shorthand(file)
     if prefix == "" and has_file:
         return Robot.open(file, **options).footprint()
-    if not is_short_text(text):
+    if not is_shorthand(text):
         return Robot.open(text, **options)
     for name, value in options.items():
         is_for_meshes = name in ("solid", "up")

@@ -3,7 +3,7 @@
 A state is a direction of the robot and a block. A block is passable in a direction if one of its
 cells is FREE at one of the rotations of that direction. So a chain of blocks may promise a way that
 the robot cannot take, but hardly a passage of the robot is missed. Blocks in which the robot can
-hardly turn are dearer. If a direction has one rotation, passable cells of blocks must also meet,
+hardly turn cost more. If a direction has one rotation, passable cells of blocks must also meet,
 because blocks are wider than the thinnest walls.
 
 A search from the goal to the start measures short chains. It goes on when another search, from the
@@ -50,11 +50,11 @@ DIRECTIONS_WEIGHT: Final = 1.05
 """Weights of the estimates, of guides with one direction and with several; above 1, far fewer
 blocks are examined, for chains that are hardly longer."""
 
-NARROW_PRICE: Final = 1.0
-"""Share by which a block is dearer where the robot passes at few rotations. Searches lose the most
+NARROW_COST: Final = 1.0
+"""Share by which a block costs more where the robot passes at few rotations. Searches lose the most
 time where a chain leads through a gap in which the robot cannot turn."""
 
-AVOIDED_PRICE: Final = 1e4
+AVOIDED_COST: Final = 1e4
 """Factor of the cost in a block that a search found no way into."""
 
 MAX_SAMPLES: Final = 4
@@ -101,9 +101,9 @@ class Blocks(NamedTuple):
         Largest state that the robot may pass: FREE, or MIXED if geometry decides.
     side : int
         Cells along each side of a block.
-    narrow_price : float
-        Added to the price of a block where the robot passes at none of the rotations looked at.
-    prices : ndarray of float32, shape (directions, x, y, z)
+    narrow_cost : float
+        Added to the cost of a block where the robot passes at none of the rotations looked at.
+    costs : ndarray of float32, shape (directions, x, y, z)
         Factor of the cost in each block, infinite if it is not passable, 0 if not examined yet.
     """
 
@@ -111,8 +111,8 @@ class Blocks(NamedTuple):
     factors: Costs
     worst_state: int
     side: int
-    narrow_price: float
-    prices: Costs
+    narrow_cost: float
+    costs: Costs
 
 
 def any_direction(states: States) -> Directions:
@@ -140,8 +140,8 @@ class Guide:
         A direction, and a cell of the grid.
     side : int
         Cells along each side of a block.
-    narrow_price : float
-        Share by which a block is dearer where the robot passes at few rotations.
+    narrow_cost : float
+        Share by which a block costs more where the robot passes at few rotations.
     weight : float
         Weight of the estimate, for one direction.
     factors : ndarray of float32, the shape of states, optional
@@ -163,7 +163,7 @@ class Guide:
         goal: tuple[int, Cell],
         side: int,
         *,
-        narrow_price: float = NARROW_PRICE,
+        narrow_cost: float = NARROW_COST,
         weight: float = POSITIONS_WEIGHT,
         factors: Costs = NO_FACTORS,
         worst_state: int = FREE,
@@ -181,13 +181,13 @@ class Guide:
             factors=factors,
             worst_state=worst_state,
             side=side,
-            narrow_price=narrow_price,
-            prices=sparse_zeros(count, np.float32).reshape(shape),
+            narrow_cost=narrow_cost,
+            costs=sparse_zeros(count, np.float32).reshape(shape),
         )
         goal_block = self._find_block(goal_cell)
         self._goal = int(np.ravel_multi_index((goal_direction, *goal_block), shape))
         # The robot is at the goal, whatever its block looks like.
-        self._blocks.prices[goal_direction, *goal_block] = 1.0
+        self._blocks.costs[goal_direction, *goal_block] = 1.0
         self.estimate = estimate_without_obstacles((nx, ny, nz), goal_cell, 1.0)
         start_block = self._find_block(start_cell)
         self._to_start = estimate_without_obstacles(shape[1:], start_block, weight)
@@ -199,7 +199,7 @@ class Guide:
                 (0, goal_cell),
                 (0, start_cell),
                 side,
-                narrow_price=narrow_price,
+                narrow_cost=narrow_cost,
                 factors=factors,
                 worst_state=worst_state,
             )
@@ -227,8 +227,8 @@ class Guide:
 
     def avoid(self, blocks: Bools) -> None:
         """Make passable blocks, shape (x, y, z), very dear, and measure all chains anew."""
-        prices = self._blocks.prices[:, blocks]
-        self._blocks.prices[:, blocks] = np.where(prices > 0.0, prices + AVOIDED_PRICE, 0.0)
+        costs = self._blocks.costs[:, blocks]
+        self._blocks.costs[:, blocks] = np.where(costs > 0.0, costs + AVOIDED_COST, 0.0)
         if self._guide is not None:
             self._guide.avoid(blocks)
         self._begin()
@@ -362,7 +362,7 @@ def expand_blocks(
             else:
                 other = directions.neighbors[direction, option - n_moves]
                 length = directions.turn_costs[direction, option - n_moves] / blocks.side
-            cost = length * price_of(blocks, directions.slices, other, u, v, w)
+            cost = length * find_cost_factor(blocks, directions.slices, other, u, v, w)
             reached = ((other * nx + u) * ny + v) * nz + w
             if not is_cheaper(progress, reached, progress.cost[state] + cost):
                 continue
@@ -375,13 +375,15 @@ def expand_blocks(
 
 
 @internal
-def price_of(blocks: Blocks, slices: Ints, direction: int, u: int, v: int, w: int) -> np.float32:
+def find_cost_factor(
+    blocks: Blocks, slices: Ints, direction: int, u: int, v: int, w: int
+) -> np.float32:
     """Return the factor of the cost in block (u, v, w); infinity if it is not passable.
 
     ``slices`` are those of :class:`Directions`. The factor is that of a cell that the robot may
     pass, and grows with the share of rotations at which it may not pass the middle of the block.
     """
-    known: np.float32 = blocks.prices[direction, u, v, w]
+    known: np.float32 = blocks.costs[direction, u, v, w]
     if known > 0.0:
         return known
     _, nx, ny, nz = blocks.states.shape
@@ -400,9 +402,9 @@ def price_of(blocks: Blocks, slices: Ints, direction: int, u: int, v: int, w: in
             factor = factor_at(blocks.factors, number, i, j, k)
     if n_passable == 0:
         factor = factor_of_any(blocks, slices[direction], u, v, w)
-    price = np.float32(factor * (1.0 + blocks.narrow_price * (1.0 - n_passable / n_samples)))
-    blocks.prices[direction, u, v, w] = price
-    return price
+    cost = np.float32(factor * (1.0 + blocks.narrow_cost * (1.0 - n_passable / n_samples)))
+    blocks.costs[direction, u, v, w] = cost
+    return cost
 
 
 @internal

@@ -36,7 +36,7 @@ from cspace._queries.frontier import (
     reach_cell,
 )
 from cspace._queries.guide import (
-    NARROW_PRICE,
+    NARROW_COST,
     NO_FACTORS,
     POSITIONS_WEIGHT,
     Guide,
@@ -213,7 +213,7 @@ def _search_guided(
         (0, start_cell),
         (0, goal_cell),
         BLOCK_SIDE if turns or size > MAX_POSITIONS_WITHOUT_BLOCKS else 1,
-        narrow_price=NARROW_PRICE if turns else 0.0,
+        narrow_cost=NARROW_COST if turns else 0.0,
         weight=POSITIONS_WEIGHT if turns else WEIGHT_OF_ONE_ROTATION,
         factors=graph.factors,
     )

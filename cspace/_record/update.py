@@ -415,15 +415,16 @@ def split_changes(changed: Bools, raster_size: Ints) -> list[CellBox]:
     return boxes
 
 
-def _cut_in_two(blocks: Ints, margin: Floats, price: float) -> list[Ints]:
+def _cut_in_two(blocks: Ints, margin: Floats, cost_per_box: float) -> list[Ints]:
     """Cut blocks, shape (n, d), in two sets where it lowers the cost most; [] if nowhere.
 
-    The cost of a set is that of the box around it with a ``margin``, and ``price``, in blocks.
+    The cost of a set is that of the box around it with a ``margin``, plus ``cost_per_box``; in
+    blocks.
     """
 
     def measure(low: Ints, high: Ints) -> Floats:
         """Return the cost of boxes between their first and last blocks, shape (m, d)."""
-        return np.asarray(np.prod(high - low + 1 + margin, axis=1) + price)
+        return np.asarray(np.prod(high - low + 1 + margin, axis=1) + cost_per_box)
 
     cheapest = float(measure(blocks.min(axis=0)[None], blocks.max(axis=0)[None])[0])
     parts: list[Ints] = []

@@ -19,7 +19,7 @@ from cspace._shapes.mesh import Mesh as Mesh
 from cspace._shapes.mesh import MeshLike as MeshLike
 from cspace._shapes.mesh import MeshWarning as MeshWarning
 from cspace._shapes.polygon import Polygons as Polygons
-from cspace._shapes.primitives import SHORT_TEXT_FORMS, is_short_text, parse_short_text
+from cspace._shapes.primitives import SHORTHAND_FORMS, is_shorthand, parse_shorthand
 from cspace._shapes.shape import BoundedShape as BoundedShape
 from cspace._shapes.shape import ExactShape as ExactShape
 from cspace._shapes.shape import RoundedSimplices as RoundedSimplices
@@ -64,8 +64,8 @@ def as_shape(source: ShapeLike, radius: ArrayLike | None = None, name: str = "sh
     source : Shape, Robot, shapely geometry, GeoJSON mapping, mesh, path, or array-like
         Or an iterable of shapes, robots, geometries or mappings.
         Anything that :meth:`Polygons.of`, :func:`cspace._files.vector.read_shapes` or
-        :meth:`Mesh.of` takes, metres. A string is a short text such as ``"ellipse:0.5,0.3"``
-        (:data:`cspace._shapes.primitives.SHORT_TEXTS`), WKT, or the path of a file of polygons
+        :meth:`Mesh.of` takes, metres. A string is a shorthand such as ``"ellipse:0.5,0.3"``
+        (:data:`cspace._shapes.primitives.SHORTHANDS`), WKT, or the path of a file of polygons
         or a mesh.
     radius : array-like, shape () or (n,), optional
         Metres. With a radius, or for a decomposition, the shape is balls around points, shape (n,
@@ -149,7 +149,7 @@ def _make_mesh(source: MeshLike) -> Mesh:
 
 
 def _read_text(source: str | os.PathLike[str], name: str) -> Shape:
-    """Make the shape of a short text, WKT, or a file.
+    """Make the shape of a shorthand, WKT, or a file.
 
     A file holds polygons or a mesh.
     """
@@ -157,14 +157,14 @@ def _read_text(source: str | os.PathLike[str], name: str) -> Shape:
     from cspace._files.vector import POLYGON_SUFFIXES, is_wkt, read_shapes
 
     suffix = Path(source).suffix.lower()
-    if isinstance(source, str) and is_short_text(source):
-        return parse_short_text(source, name).shape
+    if isinstance(source, str) and is_shorthand(source):
+        return parse_shorthand(source, name).shape
     if suffix in MESH_SUFFIXES:
         return _make_mesh(source)
     if suffix in POLYGON_SUFFIXES or (isinstance(source, str) and is_wkt(source)):
         return Polygons(read_shapes(source))
     suffixes = ", ".join((*POLYGON_SUFFIXES, *MESH_SUFFIXES))
-    rule = f"it must be a short text, WKT, or a file that ends in {suffixes}"
-    forms = f"pass {SHORT_TEXT_FORMS}, or what Robot.open makes of other files"
+    rule = f"it must be a shorthand, WKT, or a file that ends in {suffixes}"
+    forms = f"pass {SHORTHAND_FORMS}, or what Robot.open makes of other files"
     hint = suggest_file(Path(source), forms)
     raise InputError(name, f"is {os.fspath(source)[:60]!r}", rule, hint)

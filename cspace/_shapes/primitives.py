@@ -1,4 +1,4 @@
-"""Shapes from their sizes, and short texts for them, such as ``rect:0.9x0.6``."""
+"""Shapes from their sizes, and shorthands for them, such as ``rect:0.9x0.6``."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _MAX_NEGLECTED_SHARE: Final = 1e-9
 
 
 class NamedShape(NamedTuple):
-    """A shape, and a short text that describes it."""
+    """A shape, and a shorthand that describes it."""
 
     name: str
     shape: Shape
@@ -153,11 +153,11 @@ def _grow_by_square(points: Floats, padding: float) -> BaseGeometry:
     return grown
 
 
-# ---- short texts ---------------------------------------------------------------------------------
+# ---- shorthands ---------------------------------------------------------------------------------
 
 
-class ShortText(NamedTuple):
-    """A kind of short text: its name, a colon, and its form.
+class Shorthand(NamedTuple):
+    """A kind of shorthand: its name, a colon, and its form.
 
     Attributes
     ----------
@@ -171,7 +171,7 @@ class ShortText(NamedTuple):
     summary : str
         Description for tables of the documentation.
     example : str
-        A complete short text.
+        A complete shorthand.
     """
 
     make: Callable[..., NamedShape]
@@ -181,31 +181,31 @@ class ShortText(NamedTuple):
     example: str
 
 
-SHORT_TEXTS: Final[dict[str, ShortText]] = {
-    "disc": ShortText(disc, "RADIUS", 2, "a disc, by its radius", "disc:0.3"),
-    "rect": ShortText(
+SHORTHANDS: Final[dict[str, Shorthand]] = {
+    "disc": Shorthand(disc, "RADIUS", 2, "a disc, by its radius", "disc:0.3"),
+    "rect": Shorthand(
         rectangle, "LENGTHxWIDTH", 2, "a rectangle, length along x, then width", "rect:0.9x0.6"
     ),
-    "ellipse": ShortText(
+    "ellipse": Shorthand(
         ellipse, "RADIUS_X,RADIUS_Y", 2, "an ellipse, semi-axes along x and y", "ellipse:0.5,0.3"
     ),
-    "footprint": ShortText(
+    "footprint": Shorthand(
         footprint,
         "[[X,Y],...]",
         2,
         "a polygon, as Nav2 writes it",
         "footprint:[[0.3,0.2],[-0.3,0.2],[0,-0.2]]",
     ),
-    "ball": ShortText(ball, "RADIUS", 3, "a ball, by its radius", "ball:0.3"),
-    "box": ShortText(
+    "ball": Shorthand(ball, "RADIUS", 3, "a ball, by its radius", "ball:0.3"),
+    "box": Shorthand(
         lambda x, y, z, *center: box((x, y, z), *center),
         "XxYxZ",
         3,
         "a box along the axes",
         "box:0.6x0.6x0.2",
     ),
-    "cylinder": ShortText(cylinder, "RADIUSxHEIGHT", 3, "an upright cylinder", "cylinder:0.3x1.2"),
-    "capsule": ShortText(
+    "cylinder": Shorthand(cylinder, "RADIUSxHEIGHT", 3, "an upright cylinder", "cylinder:0.3x1.2"),
+    "capsule": Shorthand(
         capsule,
         "RADIUSxLENGTH",
         3,
@@ -213,25 +213,25 @@ SHORT_TEXTS: Final[dict[str, ShortText]] = {
         "capsule:0.3x1.2",
     ),
 }
-"""Kinds of short texts by name, the word before the colon."""
+"""Kinds of shorthands by name, the word before the colon."""
 
-SHORT_TEXT_FORMS: Final = ", ".join(f"{name}:{kind.form}" for name, kind in SHORT_TEXTS.items())
-"""Forms of all short texts, for messages."""
+SHORTHAND_FORMS: Final = ", ".join(f"{name}:{kind.form}" for name, kind in SHORTHANDS.items())
+"""Forms of all shorthands, for messages."""
 
 
-def is_short_text(text: str) -> bool:
-    """Return True if a text begins with a kind of short text."""
+def is_shorthand(text: str) -> bool:
+    """Return True if a text begins with a kind of shorthand."""
     name, colon, _ = text.partition(":")
-    return bool(colon) and name in SHORT_TEXTS
+    return bool(colon) and name in SHORTHANDS
 
 
-def parse_short_text(text: str, argument: str = "shape") -> NamedShape:
-    """Make the shape of a short text, such as ``disc:0.3@0.1,0``.
+def parse_shorthand(text: str, argument: str = "shape") -> NamedShape:
+    """Make the shape of a shorthand, such as ``disc:0.3@0.1,0``.
 
     Parameters
     ----------
     text : str
-        A text for which :func:`is_short_text` is True.
+        A text for which :func:`is_shorthand` is True.
     argument : str
         The caller's argument, for messages.
 
@@ -241,7 +241,7 @@ def parse_short_text(text: str, argument: str = "shape") -> NamedShape:
     name, _, rest = text.partition(":")
     if name == "footprint":
         return _parse_footprint(text, rest, argument)
-    kind = SHORT_TEXTS[name]
+    kind = SHORTHANDS[name]
     separator = "," if "," in kind.form else "x"
     sizes_text, at_sign, center_text = rest.partition("@")
     sizes = parse_finite(sizes_text, separator)
@@ -260,16 +260,16 @@ def parse_short_text(text: str, argument: str = "shape") -> NamedShape:
 def _parse_footprint(text: str, rest: str, argument: str) -> NamedShape:
     """Make a footprint from its corners, or by projecting a shape.
 
-    The shape is given by its short text.
+    The shape is given by its shorthand.
     """
     if rest.lstrip().startswith("["):
         return footprint(rest)
-    if is_short_text(rest):
-        solid = parse_short_text(rest, argument)
+    if is_shorthand(rest):
+        solid = parse_shorthand(rest, argument)
         return NamedShape(f"footprint of {solid.name}", solid.shape.project_to_plane())
-    rule = "corners or a short text must follow the colon"
+    rule = "corners or a shorthand must follow the colon"
     hint = (
-        f"write e.g. {SHORT_TEXTS['footprint'].example}, or use Robot.open(path).footprint() "
+        f"write e.g. {SHORTHANDS['footprint'].example}, or use Robot.open(path).footprint() "
         "for a file"
     )
     raise InputError(argument, f"is {text!r}", rule, hint)

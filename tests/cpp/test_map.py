@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 import cspace
+from tests.fuzz.cpp import build_tiles, write_damaged
+from tests.fuzz.files import reseal
 from tests.helpers.cpp import (
     SPACES,
     answers_of,
@@ -21,13 +23,11 @@ from tests.helpers.cpp import (
 )
 from tests.helpers.refusals import refusals
 from tests.record.test_format import FROZEN
-from tests.soak.cpp import build_tiles, write_damaged
-from tests.soak.files import reseal
 
 pytestmark = pytest.mark.skipif(bool(why_no_compiler()), reason=why_no_compiler())
 
 N = 2000
-"""Number of queries of each map; the soak has 10^6 states and 10^5 motions."""
+"""Number of queries of each map; fuzzing has 10^6 states and 10^5 motions."""
 
 
 @pytest.fixture(scope="module")

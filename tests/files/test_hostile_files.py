@@ -18,14 +18,14 @@ from cspace._files.plain import parse_xml, read_yaml
 from cspace._limits import raised_limits
 from cspace._shapes import Mesh
 from cspace.errors import CspaceError
+from tests.fuzz import files as fuzz
 from tests.helpers.mesh_files import PLACED, lines, make_collada, write_gltf
 from tests.helpers.refusals import refusals
-from tests.soak import files as soak
 
 
 @pytest.fixture(scope="module")
 def families(tmp_path_factory):
-    return soak.write_families(tmp_path_factory.mktemp("families"))
+    return fuzz.write_families(tmp_path_factory.mktemp("families"))
 
 
 def check_refused(path, message, **options):
@@ -38,22 +38,22 @@ def check_refused(path, message, **options):
 def test_every_family_opens_and_its_mutants_open_or_are_refused(families):
     outcomes = Counter()
     for name, path in families.items():
-        assert soak.attempt(path) == "opened", name
-        outcomes += soak.count_outcomes(7, families, name, 0, 12)
+        assert fuzz.attempt(path) == "opened", name
+        outcomes += fuzz.count_outcomes(7, families, name, 0, 12)
     assert set(outcomes) == {"opened", "refused"}
 
 
 def test_cut_files_are_refused_if_their_format_says_where_they_end(families):
-    assert soak.open_cut_files(families, 8) == []
+    assert fuzz.open_cut_files(families, 8) == []
 
 
 AUDITED = """
 import sys
 from pathlib import Path
-from tests.soak import files as soak
+from tests.fuzz import files as fuzz
 
 names = sorted(Path(sys.argv[1]).iterdir())
-assert all(soak.attempt(name) == "opened" for name in names)  # imports and compiles
+assert all(fuzz.attempt(name) == "opened" for name in names)  # imports and compiles
 seen = set()
 STARTS = ("socket.", "subprocess.", "os.exec", "os.fork", "os.posix_spawn", "os.system", "import")
 CHANGES = ("os.mkdir", "os.rename", "os.remove", "os.rmdir", "os.link", "os.symlink", "os.truncate")
@@ -65,7 +65,7 @@ def audit(event, arguments):
 
 sys.addaudithook(audit)
 for name in names:
-    soak.attempt(name)
+    fuzz.attempt(name)
 print(sorted(seen))
 """
 
@@ -179,7 +179,7 @@ def test_every_field_of_a_moveit_message_is_checked(tmp_path, families, name):
             parent = parent[key]
         parent[last] = {"unknown": 1}
         path.write_text(json.dumps(message))
-        if soak.attempt(path) != "refused":
+        if fuzz.attempt(path) != "refused":
             opened.append(last)
     assert set(opened) <= {"weight"}
 
@@ -251,7 +251,7 @@ def test_long_runs_are_read_in_linear_time(families, name):
     for fill in " 0":
         for letter in " \n":
             path.write_text(content.replace(letter, letter + 100_000 * fill, 2))
-            assert soak.attempt(path) in ("opened", "refused")
+            assert fuzz.attempt(path) in ("opened", "refused")
     path.write_text(content)
 
 

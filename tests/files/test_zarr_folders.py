@@ -17,9 +17,9 @@ from zarr.codecs import BloscCodec
 import cspace
 from cspace import CspaceError, FileError, Workspace
 from cspace._files.zarr_folders import MAX_CHUNK_BYTES, ZarrArray
+from tests.fuzz import files as fuzz
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import seeds
-from tests.soak import files as soak
 
 FILLED = {"write_empty_chunks": True}
 HUGE = 2**26
@@ -115,7 +115,7 @@ def test_a_chunk_unpacks_to_the_size_of_its_array_or_is_refused(array):
 
 
 def test_a_forged_chunk_of_a_saved_map_is_refused_before_it_is_unpacked(saved):
-    soak.forge_store(saved, {}, "cell_states/c/0/0/0", Zstd(1).encode(bytes(HUGE)))
+    fuzz.forge_store(saved, {}, "cell_states/c/0/0/0", Zstd(1).encode(bytes(HUGE)))
     check_refused(lambda: cspace.open(saved), "unpacks to 67108864 bytes but 900 are needed")
     (saved / "zarr.json").write_bytes(b"[" * 10**5)
     check_refused(lambda: cspace.open(saved), "usable map")
@@ -151,7 +151,7 @@ def test_forged_shapes_of_arrays_that_are_skipped_are_refused(saved, name, shape
     (saved / name / "c").mkdir(parents=True)
     (saved / name / "c" / "0").write_bytes(b"there")
     (saved / name / "zarr.json").write_text(json.dumps(metadata))
-    soak.reseal(saved, arrays=f"{attributes['arrays']} {name}")
+    fuzz.reseal(saved, arrays=f"{attributes['arrays']} {name}")
     start = time.process_time()
     check_refused(lambda: cspace.open(saved), r"saved\.zarr")
     assert time.process_time() - start < 1.0

@@ -7,7 +7,7 @@ import shapely
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from tests.soak.scenes import ROBOTS, Scale, draw_polygon, draw_robot
+from tests.fuzz.scenes import ROBOTS, Scale, draw_polygon, draw_robot
 
 seeds = st.integers(0, 2**32 - 1)
 exteriors = st.sampled_from(["blocked", "free"])

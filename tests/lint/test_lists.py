@@ -19,11 +19,11 @@ from cspace._files import point_clouds
 from cspace._files.formats import ROBOT_FORMATS, WORKSPACE_FORMATS
 from cspace._record.save import MAP_SUFFIXES
 from cspace._shapes import primitives
-from cspace._shapes.primitives import SHORT_TEXTS
+from cspace._shapes.primitives import SHORTHANDS
+from tests.fuzz import files as fuzz
 from tests.helpers.commands import run
 from tests.helpers.repository import ROOT, SOURCES
 from tests.laws.test_laws import BATCH_QUERIES
-from tests.soak import files as soak
 
 DOCS = ROOT / "docs"
 LISTS = runpy.run_path(str(DOCS / "lists.py"))
@@ -51,7 +51,7 @@ def robot_hint():
 
 @pytest.fixture(scope="module")
 def families(tmp_path_factory):
-    return soak.write_families(tmp_path_factory.mktemp("families"))
+    return fuzz.write_families(tmp_path_factory.mktemp("families"))
 
 
 def test_every_reader_of_points_has_a_format():
@@ -79,7 +79,7 @@ def test_every_format_has_a_family_of_damaged_files(families):
 
 def test_the_dimension_of_every_format_matches_its_workspace(families):
     for name, path in families.items():
-        opened = soak.open_file(path)
+        opened = fuzz.open_file(path)
         if isinstance(opened, Workspace):
             declared = WORKSPACE_FORMATS[path.suffix].dimension
             assert declared in (None, opened.grid.dim), name
@@ -88,20 +88,20 @@ def test_the_dimension_of_every_format_matches_its_workspace(families):
 # ---- robots --------------------------------------------------------------------------------------
 
 
-def test_every_primitive_has_a_short_text():
+def test_every_primitive_has_a_shorthand():
     made = {
         name
         for name, function in inspect.getmembers(primitives, inspect.isfunction)
         if not name.startswith("_")
         and inspect.signature(function).return_annotation == "NamedShape"
     }
-    texts = {{"rect": "rectangle"}.get(name, name) for name in SHORT_TEXTS}
-    assert made - {"parse_short_text"} == texts
+    texts = {{"rect": "rectangle"}.get(name, name) for name in SHORTHANDS}
+    assert made - {"parse_shorthand"} == texts
 
 
-@pytest.mark.parametrize("name", SHORT_TEXTS)
-def test_every_short_text_is_parsed_and_listed_in_messages(name):
-    kind = SHORT_TEXTS[name]
+@pytest.mark.parametrize("name", SHORTHANDS)
+def test_every_shorthand_is_parsed_and_listed_in_messages(name):
+    kind = SHORTHANDS[name]
     assert kind.example.startswith(f"{name}:")
     assert Robot.parse(kind.example).dim == kind.dimension
     assert f"{name}:{kind.form}" in robot_hint()

@@ -11,6 +11,7 @@ from cspace._support.compiling import clock
 from planners._cars import CarCurves
 from planners._local_planner import TurnDriveTurn
 from planners._ompl_search import GRACE_SECONDS, Deadline, OutOfTime
+from tests.fuzz.drives import weighted_length
 from tests.helpers.planning import (
     ENDPOINTS,
     build_halves,
@@ -19,7 +20,6 @@ from tests.helpers.planning import (
     options_for,
     plan_in_time,
 )
-from tests.soak.drives import weighted_length
 
 
 @pytest.mark.parametrize(

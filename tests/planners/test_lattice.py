@@ -15,16 +15,16 @@ import planners
 from benchmarks.inputs import CAR, PARKING_BOUNDS, make_parallel_slot, make_perpendicular_slot
 from cspace import Robot, Workspace, build
 from planners._lattice import _measure_block_side
-from tests.helpers.handmade import fill_boxes
-from tests.helpers.planning import ENDPOINTS, build_room, interpolate_poses, make_poses
-from tests.helpers.regions import place_polygon
-from tests.helpers.strategies import seeds
-from tests.soak.drives import (
+from tests.fuzz.drives import (
     draw_query,
     join_eight_headings,
     shortest_length,
     weighted_length,
 )
+from tests.helpers.handmade import fill_boxes
+from tests.helpers.planning import ENDPOINTS, build_room, interpolate_poses, make_poses
+from tests.helpers.regions import place_polygon
+from tests.helpers.strategies import seeds
 
 SPOT_DRIVES = [{"drive": "differential"}, {"drive": "differential-reverse"}]
 CAR_DRIVES = [

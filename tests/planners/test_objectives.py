@@ -13,6 +13,7 @@ import planners
 from cspace import InputError
 from planners._drives import local_planner
 from planners._ompl_states import find_state_kind
+from tests.fuzz import lengths
 from tests.helpers.planning import (
     ENDPOINTS,
     SPACES_WITH_CURVES,
@@ -22,7 +23,6 @@ from tests.helpers.planning import (
     options_for,
 )
 from tests.helpers.strategies import seeds
-from tests.soak import lengths
 
 PENALTIES = {"weight": 6.0, "clearance_threshold": 0.4}
 

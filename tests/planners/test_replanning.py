@@ -12,10 +12,10 @@ from shapely.geometry import box
 
 import planners
 from cspace import Arm, InputError, Robot, Workspace, build, build_arm_space
+from tests.fuzz.drives import weighted_length
 from tests.helpers.planning import ENDPOINTS, build_room, check, options_for
 from tests.helpers.strategies import seeds
 from tests.helpers.urdfs import planar, planar_arm_meets, posed_box
-from tests.soak.drives import weighted_length
 
 ROTATING = [
     ("turning", "holonomic", False),

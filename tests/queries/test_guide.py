@@ -30,30 +30,30 @@ def draw_directions(rng, slices, dim):
     )
 
 
-def price_blocks(states, directions, side, worst_state):
-    """Return the price of each block in each direction, of shape (directions, x, y, z).
+def find_cost_factors(states, directions, side, worst_state):
+    """Return the cost factor of each block in each direction, of shape (directions, x, y, z).
 
     It is infinite where no cell is passable at a rotation of the direction. Otherwise it is 1, and
     one more where the middle is passable at none of four rotations, and less where it is at some.
     """
     shape = [math.ceil(size / side) for size in states.shape[1:]]
-    prices = np.full((len(directions.slices), *shape), math.inf)
-    for direction, *block in itertools.product(*map(range, prices.shape)):
+    factors = np.full((len(directions.slices), *shape), math.inf)
+    for direction, *block in itertools.product(*map(range, factors.shape)):
         numbers = directions.slices[direction]
         cells = tuple(slice(side * index, side * (index + 1)) for index in block)
         if (states[(numbers, *cells)] <= worst_state).any():
             middle = np.minimum(side * np.array(block) + side // 2, np.array(states.shape[1:]) - 1)
             looked_at = numbers[[0, 1]] if len(numbers) == 2 else numbers[[0, 2, 4, 6]]
             is_passable = states[(looked_at, *middle)] <= worst_state
-            prices[direction, *block] = 2.0 - is_passable.mean()
-    return prices
+            factors[direction, *block] = 2.0 - is_passable.mean()
+    return factors
 
 
-def link(prices, directions, side):
+def link(factors, directions, side):
     """Return the costs between blocks, from each to those that lead to it."""
-    index = np.arange(prices.size).reshape(prices.shape)
+    index = np.arange(factors.size).reshape(factors.shape)
     costs = {}
-    for direction, *block in np.ndindex(prices.shape):
+    for direction, *block in np.ndindex(factors.shape):
         here = index[direction, *block]
         ways = [
             (direction, *(np.array(block) - move), cost)
@@ -67,13 +67,13 @@ def link(prices, directions, side):
             )
         ]
         for other, *place, cost in ways:
-            is_inside = all(0 <= a < n for a, n in zip(place, prices.shape[1:], strict=True))
-            if is_inside and prices[other, *place] < math.inf:
+            is_inside = all(0 <= a < n for a, n in zip(place, factors.shape[1:], strict=True))
+            if is_inside and factors[other, *place] < math.inf:
                 there = index[other, *place]
-                cost *= prices[other, *place]
+                cost *= factors[other, *place]
                 costs[here, there] = min(cost, costs.get((here, there), math.inf))
     rows, columns = np.array(list(costs)).reshape(-1, 2).T
-    return csr_array((list(costs.values()), (rows, columns)), (prices.size,) * 2)
+    return csr_array((list(costs.values()), (rows, columns)), (factors.size,) * 2)
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -92,7 +92,7 @@ def test_a_guide_measures_short_chains(dim, seed):
 
     start, goal, *others = (draw_state() for _ in range(6))
     guide = Guide(states, directions, start, goal, side, worst_state=worst_state)
-    graph = link(price_blocks(states, directions, side, worst_state), directions, side)
+    graph = link(find_cost_factors(states, directions, side, worst_state), directions, side)
     estimate = guide.estimate
     block_of = {state: (state[0], *np.array(state[1]) // side) for state in (start, goal, *others)}
     first = int(np.ravel_multi_index(block_of[goal], estimate.positions.shape))
@@ -140,7 +140,7 @@ def test_blocks_of_one_rotation_join_where_their_cells_meet(dim, seed):
     steps = dijkstra(graph, directed=False, indices=block_of[goal], unweighted=True)
     directions = any_direction(states)
     for cell in rng.integers(0, shape, (5, 3)).tolist():
-        guide = Guide(states, directions, (0, tuple(cell)), (0, goal), side, narrow_price=0.0)
+        guide = Guide(states, directions, (0, tuple(cell)), (0, goal), side, narrow_cost=0.0)
         guide.reach(0, tuple(cell), math.inf)
         block = tuple(np.array(cell) // side)
         expected = steps[number[block]]

@@ -8,10 +8,10 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from cspace import BLOCKED, FREE
+from tests.fuzz.lengths import shortest_length
 from tests.helpers.handmade import map_of
 from tests.helpers.oracles import path_length
 from tests.helpers.strategies import seeds
-from tests.soak.lengths import shortest_length
 
 NARROW = 1e-6
 """Growth of blocked cells in the oracle, in cells, so that two of them close a common corner."""

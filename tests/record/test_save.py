@@ -12,10 +12,10 @@ from zarr.codecs import ZstdCodec
 import cspace
 from cspace._files import zarr_folders
 from cspace.errors import FileError, InputError
+from tests.fuzz.files import reseal
 from tests.helpers.maps import MAP_BUILDERS, MAP_SUFFIXES, files, refused, same
 from tests.helpers.placements import draw_configurations
 from tests.helpers.refusals import refusals
-from tests.soak.files import reseal
 
 
 @pytest.fixture(scope="module", params=["plane", "turning", "symmetric", "solid_free"])

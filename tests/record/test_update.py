@@ -53,7 +53,7 @@ def test_a_stream_of_updates_equals_a_rebuild(world, queried):
 @pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
 @settings(max_examples=30)
 @given(worlds(), st.booleans(), st.sampled_from([0, update.CELLS_PER_BOX]))
-def test_a_map_that_follows_a_workspace_equals_a_rebuild(world, named, price):
+def test_a_map_that_follows_a_workspace_equals_a_rebuild(world, named, cost_per_box):
     space = world.build()
     obstacle = world.robot if named else None
     if named:
@@ -64,7 +64,7 @@ def test_a_map_that_follows_a_workspace_equals_a_rebuild(world, named, price):
         unknown = (world.rng.random(world.outer.shape) < 0.2) & world.outer
         target = replace(world.workspace(), unknown=unknown if world.rng.random() < 0.6 else None)
         before = space.cell_states.copy()
-        with patch.object(update, "CELLS_PER_BOX", price):
+        with patch.object(update, "CELLS_PER_BOX", cost_per_box):
             change = space.update(target)
         fresh = cspace.build(target, world.robot, **world.options)
         if named:
@@ -103,21 +103,21 @@ def test_a_map_takes_over_the_shapes_of_a_workspace():
     st.integers(1, 25),
     st.sampled_from([0, 100, 50_000]),
 )
-def test_changes_are_split_into_boxes_that_cost_little(seed, count, reach, price):
+def test_changes_are_split_into_boxes_that_cost_little(seed, count, reach, cost_per_box):
     rng = np.random.default_rng(seed)
     changed = np.zeros(rng.integers(1, 200, 2), dtype=bool)
     cells = np.column_stack([rng.integers(0, n, count) for n in changed.shape])
     changed[tuple(cells.T)] = True
     size = np.array([reach, rng.integers(1, 25)])
-    with patch.object(update, "CELLS_PER_BOX", price):
+    with patch.object(update, "CELLS_PER_BOX", cost_per_box):
         boxes = update.split_changes(changed, size)
     covered = np.zeros_like(changed)
     for first, stop in boxes:
         covered[tuple(map(slice, first, stop))] = True
     assert (covered >= changed).all()
-    cost = sum(np.prod(stop - first + size - 1) + price for first, stop in boxes)
-    assert cost <= 2 * len(np.unique(cells, axis=0)) * (np.prod(size) + price)
-    assert cost <= 2 * (np.prod(np.ptp(cells, axis=0) + size) + price)
+    cost = sum(np.prod(stop - first + size - 1) + cost_per_box for first, stop in boxes)
+    assert cost <= 2 * len(np.unique(cells, axis=0)) * (np.prod(size) + cost_per_box)
+    assert cost <= 2 * (np.prod(np.ptp(cells, axis=0) + size) + cost_per_box)
 
 
 # ---- other maps and shapes -----------------------------------------------------------------------

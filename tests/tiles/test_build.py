@@ -15,8 +15,8 @@ import shapely
 
 import cspace
 from cspace.errors import FileError, InputError
+from tests.fuzz.files import reseal
 from tests.helpers.waiting import until
-from tests.soak.files import reseal
 from tests.tiles.worlds import (
     CAR,
     check_states,

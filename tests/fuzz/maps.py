@@ -9,6 +9,8 @@ import numpy as np
 from benchmarks.report import Report
 from cspace import FREE
 from cspace._support.arrays import Floats
+from tests.fuzz.scenes import REGIONS, SPACES, Case, Rng, draw_case
+from tests.fuzz.tally import ROUNDING, Tally, draw_until, pick_close
 from tests.helpers.placements import (
     draw_configurations,
     draw_near_mixed,
@@ -16,8 +18,6 @@ from tests.helpers.placements import (
     sample_edges,
 )
 from tests.helpers.regions import move_points
-from tests.soak.scenes import REGIONS, SPACES, Case, Rng, draw_case
-from tests.soak.tally import ROUNDING, Tally, draw_until, pick_close
 
 SHARES = {"yaw in space": 10, "quaternions": 10}
 """Divisors of the number of checks, because the oracle is slow for rotating solids."""

@@ -360,7 +360,7 @@ _FORGERS = {"forged.zarr": forge_store}
 
 
 class Late(BaseException):
-    """Opening took too long; a BaseException that only the soak catches."""
+    """Opening took too long; a BaseException that only fuzzing catches."""
 
 
 def _late(*about: object) -> None:

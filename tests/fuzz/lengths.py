@@ -16,7 +16,7 @@ import cspace
 from benchmarks.report import Report
 from cspace import CSpace, Robot, Workspace
 from cspace._support.arrays import Floats
-from tests.soak.scenes import Rng
+from tests.fuzz.scenes import Rng
 
 SLACK = 1e-7
 """Error of lengths, relative and in metres, and of distances from contact in the oracle."""

@@ -1,4 +1,4 @@
-"""Command line of the soak."""
+"""Command line of the fuzz."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from itertools import count
 from pathlib import Path
 
 from benchmarks.report import Report
-from tests.soak import arms, cpp, curves, drives, files, frequency, lengths, maps, use
+from tests.fuzz import arms, cpp, curves, drives, files, frequency, lengths, maps, use
 
 FAMILIES: dict[str, Callable[[Report, int, int], None]] = {
     "maps": lambda report, seed, checks: maps.check(report, seed, checks, checks // 100),
@@ -44,9 +44,9 @@ def check_examples(report: Report, seed: int) -> None:
 
 
 def main() -> int:
-    """Run the soak; return the number of failures, at most 1."""
+    """Run the checks; return the number of failures, at most 1."""
     parser = argparse.ArgumentParser(
-        prog="python -m tests.soak",
+        prog="python -m tests.fuzz",
         description="Check random maps, curves, arms and pairs of shapes against exact geometry, open damaged files, "
         "and use maps in threads and processes. Each run draws new cases; --seed repeats those of an earlier run. "
         "CONTRIBUTING.md says how a failing case becomes a test.",

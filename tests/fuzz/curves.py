@@ -11,11 +11,11 @@ from cspace import FREE
 from cspace._support.arrays import Floats
 from planners._drives import local_planner
 from planners._local_planner import CURVES
+from tests.fuzz.maps import POINTS_PER_EDGE
+from tests.fuzz.scenes import Case, Rng, draw_case
+from tests.fuzz.tally import Tally, draw_until, pick_close
 from tests.helpers.placements import draw_near_mixed, turn_between
 from tests.helpers.planning import make_poses, points_along, shortest_word
-from tests.soak.maps import POINTS_PER_EDGE
-from tests.soak.scenes import Case, Rng, draw_case
-from tests.soak.tally import Tally, draw_until, pick_close
 
 N_CURVES, N_FOLLOWED = 300, 40
 """Edges drawn, and free edges followed, per map and kind of curve."""

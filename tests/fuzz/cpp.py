@@ -12,6 +12,7 @@ from unittest.mock import patch
 import numpy as np
 
 import cspace
+from tests.fuzz.files import mutate, reseal
 from tests.helpers.cpp import (
     SANITIZERS,
     SPACES,
@@ -22,7 +23,6 @@ from tests.helpers.cpp import (
     open_in_cpp,
     why_no_compiler,
 )
-from tests.soak.files import mutate, reseal
 
 if TYPE_CHECKING:
     from benchmarks.report import Report

@@ -21,7 +21,7 @@ from planners._catalogue import (
     PLANNERS_WITHOUT_OBJECTIVE,
     THREADED_PLANNERS,
 )
-from tests.soak.scenes import Rng
+from tests.fuzz.scenes import Rng
 
 OFFICE = "maps/willow-full-0.05.yaml"
 """Map of an office in the folder of real maps."""

@@ -13,7 +13,7 @@ import numpy as np
 from benchmarks.report import Report
 from cspace import BLOCKED, FREE, MIXED
 from cspace._support.arrays import Bools, Floats, Ints, States
-from tests.soak.scenes import Case, Rng
+from tests.fuzz.scenes import Case, Rng
 
 ROUNDING = 1e-9
 """Distance from contact, in metres, within which no state counts as false."""

@@ -15,9 +15,9 @@ from cspace._shapes.mesh import Mesh
 from cspace._support.arrays import Floats
 from cspace.errors import InputError
 from cspace.spectral import ContactTest, Verdict, decompose
+from tests.fuzz.scenes import Rng, Scale, draw_polygon, draw_solid
+from tests.fuzz.tally import Tally, draw_until
 from tests.helpers.regions import Body, Flat
-from tests.soak.scenes import Rng, Scale, draw_polygon, draw_solid
-from tests.soak.tally import Tally, draw_until
 
 SOLIDS = ("boxes", "hull", "stars")
 BALLS_PER_BODY = {2: (10, 60), 3: (10, 50)}

@@ -1,5 +1,0 @@
-"""Random cases checked against exact geometry.
-
-Run ``python -m tests.soak --help`` for the options. The modules ``plane`` and ``space`` draw random
-scenes, for tests and benchmarks too.
-"""
