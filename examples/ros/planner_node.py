@@ -17,6 +17,7 @@ from geometry_msgs.msg import Point, Polygon, PoseStamped
 from nav_msgs.msg import OccupancyGrid, Path
 from nav_msgs.srv import GetPlan
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
+from rclpy.duration import Duration
 from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -77,13 +78,12 @@ class PlannerNode(Node):
         self.robot, self.outline = self.make_robot(self.option["footprint"])
         kept = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         world = MutuallyExclusiveCallbackGroup()
-        plans = MutuallyExclusiveCallbackGroup()
         self.create_subscription(OccupancyGrid, "map", self.on_map, kept, callback_group=world)
         self.create_subscription(Polygon, "footprint", self.on_footprint, 1, callback_group=world)
         self.map_publisher = self.create_publisher(OccupancyGrid, "~/map", kept)
         self.path_publisher = self.create_publisher(Path, "~/plan", kept)
         self.marker_publisher = self.create_publisher(MarkerArray, "~/markers", kept)
-        self.create_service(GetPlan, "~/make_plan", self.make_plan, callback_group=plans)
+        self.create_service(GetPlan, "~/make_plan", self.make_plan)  # one at a time
         if find_spec("map_msgs"):
             from map_msgs.msg import OccupancyGridUpdate
 
@@ -91,7 +91,7 @@ class PlannerNode(Node):
                 OccupancyGridUpdate, "map_updates", self.on_update, 10, callback_group=world
             )
         if find_spec("nav2_msgs"):
-            self.serve_nav2(plans)
+            self.serve_nav2(ReentrantCallbackGroup())
         self.transforms = None
         if find_spec("tf2_ros"):
             import tf2_ros
@@ -99,7 +99,7 @@ class PlannerNode(Node):
             self.transforms = tf2_ros.Buffer()
             self.listener = tf2_ros.TransformListener(self.transforms, self)
 
-    def serve_nav2(self, plans):
+    def serve_nav2(self, group):
         """Serve Nav2's action and service under private names."""
         from nav2_msgs.action import ComputePathToPose
         from nav2_msgs.srv import IsPathValid
@@ -112,10 +112,10 @@ class PlannerNode(Node):
             "~/compute_path_to_pose",
             self.compute_path_to_pose,
             cancel_callback=lambda goal: CancelResponse.ACCEPT,
-            callback_group=ReentrantCallbackGroup(),
+            callback_group=group,
         )
         self.create_service(
-            IsPathValid, "~/is_path_valid", self.is_path_valid, callback_group=plans
+            IsPathValid, "~/is_path_valid", self.is_path_valid, callback_group=group
         )
 
     def complain(self, problem):
@@ -281,8 +281,7 @@ class PlannerNode(Node):
         result.error_code = code
         if hasattr(result, "error_msg"):  # since Kilted
             result.error_msg = reason
-        seconds, rest = divmod(time.monotonic() - began, 1.0)
-        result.planning_time.sec, result.planning_time.nanosec = int(seconds), int(1e9 * rest)
+        result.planning_time = Duration(seconds=time.monotonic() - began).to_msg()
         if goal_handle.is_cancel_requested:
             goal_handle.canceled()
         elif code:

@@ -14,6 +14,7 @@ rclpy = pytest.importorskip("rclpy", reason="ROS 2 has an environment of its own
 from geometry_msgs.msg import Point32, Polygon, PoseStamped  # noqa: E402
 from nav_msgs.msg import OccupancyGrid, Path  # noqa: E402
 from nav_msgs.srv import GetPlan  # noqa: E402
+from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
 
@@ -63,6 +64,8 @@ class Client:
 
     def __init__(self):
         self.node = rclpy.create_node("client")
+        self.executor = SingleThreadedExecutor()  # the default one ends with the first context
+        self.executor.add_node(self.node)
         self.maps = self.node.create_publisher(OccupancyGrid, "map", KEPT)
         self.footprints = self.node.create_publisher(Polygon, "footprint", 1)
         self.service = self.node.create_client(GetPlan, "cspace_planner/make_plan")
@@ -81,7 +84,7 @@ class Client:
         end = time.monotonic() + seconds
         while not is_done():
             assert time.monotonic() < end, "nothing came in time"
-            rclpy.spin_once(self.node, timeout_sec=0.02)
+            self.executor.spin_once(timeout_sec=0.02)
 
     def send(self, cells):
         """Publish a map, and return the map of configurations at yaw 0, [x, y]."""
