@@ -195,7 +195,7 @@ def test_refused_workspaces_change_nothing():
     states = space.cell_states.copy()
     other = Workspace.from_array(np.ones((40, 31), dtype=bool), 0.1)
     with pytest.raises(
-        InputError, match=r"cells is a workspace of .*; build a new map for another"
+        InputError, match=r"cells is a workspace of .*; build a new map for another grid"
     ):
         space.update(other)
     with pytest.raises(InputError, match="without lower and inner"):
