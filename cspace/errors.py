@@ -6,7 +6,7 @@ Messages consist of them; the command line puts them in its own words.
 
 from __future__ import annotations
 
-from typing import ClassVar, Final
+from typing import ClassVar, Final, Literal
 
 _MAX_PROBLEM_CHARACTERS: Final = 240
 """Maximum number of characters of a problem in a message."""
@@ -101,6 +101,10 @@ class UnitWarning(UserWarning):
     """
 
 
+EndReason = Literal["outside", "blocked", "mixed"]
+"""Reasons why a start or goal cannot be used."""
+
+
 class ConfigurationError(InputError):
     """A start or goal configuration cannot be used.
 
@@ -109,9 +113,21 @@ class ConfigurationError(InputError):
     nearest : tuple of float or None
         Nearest FREE configuration, if the map has one; for a pose out of reach, the configuration
         with the nearest pose reached.
+    end : {"start", "goal"} or None
+        Which of the two it is; None if neither.
+    reason : {"outside", "blocked", "mixed"} or None
+        Whether it lies outside the map, collides, or is not decided; None for other reasons, such
+        as a pose out of reach.
     """
 
-    def __init__(self, *clauses: str, nearest: tuple[float, ...] | None = None) -> None:
+    def __init__(
+        self,
+        *clauses: str,
+        nearest: tuple[float, ...] | None = None,
+        reason: EndReason | None = None,
+    ) -> None:
         """Make the message as :class:`CspaceError` does."""
         super().__init__(*clauses)
         self.nearest = nearest
+        self.end = next((end for end in ("start", "goal") if self.argument.startswith(end)), None)
+        self.reason = reason

@@ -4,9 +4,24 @@ from cspace._files.ros_maps import (
     Costmap,
     JointTrajectory,
     OccupancyGrid,
+    OccupancyGridUpdate,
     Path,
+    PoseStamped,
     Twist,
+    configuration_of,
     read_ros_map,
+    update_occupancy_grid,
 )
 
-__all__ = ["Costmap", "JointTrajectory", "OccupancyGrid", "Path", "Twist", "read_ros_map"]
+__all__ = [
+    "Costmap",
+    "JointTrajectory",
+    "OccupancyGrid",
+    "OccupancyGridUpdate",
+    "Path",
+    "PoseStamped",
+    "Twist",
+    "configuration_of",
+    "read_ros_map",
+    "update_occupancy_grid",
+]

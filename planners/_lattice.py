@@ -50,6 +50,7 @@ from cspace._rotations.base import METRES_PER_RADIAN, TWO_PI, wrap_angles
 from cspace._space import CSpace
 from cspace._support.arrays import FREE, MIXED, Bools, Floats, Ints
 from cspace._support.compiling import clock, internal, kernel
+from cspace._support.deadlines import is_over
 from planners._car_curves import (
     MAX_GAP,
     POINT_ERROR,
@@ -583,7 +584,7 @@ def shorten_path(edges: LocalPlanner, path: Floats, until: float) -> Floats:
     """Shorten a path, shape (n, 3), by proven edges, until a reading of the clock."""
     # Without cut corners, a second round of skipping gains little.
     for _ in range(1 if edges.turning_radius is not None else 3):
-        if clock() < until:
+        if not is_over(until):
             path = _shorten_once(edges, path, until)
     return path
 
@@ -593,7 +594,7 @@ def _shorten_once(edges: LocalPlanner, path: Floats, until: float) -> Floats:
     check = edges.edge_checker()
 
     def is_free(*q: float) -> bool:
-        return clock() < until and check(*q)
+        return not is_over(until) and check(*q)
 
     def measure(*q: float) -> float:
         return edges.edge_length(*q) + COST_PER_EDGE
@@ -601,7 +602,7 @@ def _shorten_once(edges: LocalPlanner, path: Floats, until: float) -> Floats:
     strides = np.unique(np.geomspace(1, len(path), 24).astype(np.int64)).tolist()
     paths = [path, find_cheapest_subpath(path, 2, is_free, measure, strides, until)]
     # A part of a curve need not be a shortest curve.
-    if edges.turning_radius is None and clock() < until:
+    if edges.turning_radius is None and not is_over(until):
         paths.append(pulled_straight(paths[-1], edges.space.rotations, is_free, measure))
     # Cutting a corner may add turns, and rounding may make a part of an edge fail.
     paths += [edges.remove_turns(candidate) for candidate in paths]

@@ -250,15 +250,18 @@ class LocalPlanner:
         centers, lengths, rotations = map(np.concatenate, zip(*pieces, strict=True))
         return Pieces(centers, np.abs(lengths), np.abs(rotations))
 
-    def resample(self, path: Floats) -> Floats:
-        """Add rows to curves and edges that turn, at most a cell and 5 degrees apart."""
+    def resample(self, path: Floats, step: float | None = None) -> Floats:
+        """Add rows to curves and edges that turn, at most a cell and 5 degrees apart.
+
+        With a ``step`` in metres, add rows to all edges, at most that far apart.
+        """
         path = self.insert_breakpoints(path)
-        cell = 2.0 * self.space.resolution
+        cell = 2.0 * self.space.resolution if step is None else step
         at_end = 1.0
         turns = self.space.steps_between(path[:-1], path[1:])[:, self.space.dim :]
         rows = [path[:1]]
         for first, last, turn in zip(path[:-1], path[1:], turns, strict=True):
-            if turn.any() or self.drive in CURVES:
+            if step is not None or turn.any() or self.drive in CURVES:
                 points = self.split_edge(first, last, cell, MAX_RADIANS, at_end).points
                 rows.append(self.space.rotations._make_canonical(points[:-1]))
             rows.append(last[np.newaxis])

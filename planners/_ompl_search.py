@@ -23,6 +23,7 @@ from ompl import util as ou
 from cspace._queries.paths import pulled_straight
 from cspace._support.arrays import Floats
 from cspace._support.compiling import clock
+from cspace._support.deadlines import is_over, is_stopped
 from planners._catalogue import (
     BIDIRECTIONAL_PLANNERS,
     LENGTH,
@@ -39,6 +40,9 @@ from planners._setup import MakeObjective, make_setup
 
 GRACE_SECONDS: Final = 0.1
 """Seconds from a deadline until callbacks raise an exception."""
+
+STOP_GRACE_SECONDS: Final = 0.01
+"""Seconds until they raise it if the caller ends the search."""
 
 _USUAL_STATUSES: Final = ("Timeout", "Exact solution", "Approximate solution", "Unknown status")
 """Outcomes that OMPL's planners report if nothing is wrong."""
@@ -81,8 +85,12 @@ class Deadline:
     Attributes
     ----------
     end : float
-        Reading of the clock; infinite by default.
+        Reading of the clock; infinite by default, and at once if the caller ends the search.
+    terminate : callable or None
+        Called if the caller ends the search.
     """
+
+    terminate: Callable[[], None] | None = None
 
     def __init__(self, raises: bool) -> None:
         self.end = math.inf
@@ -90,7 +98,12 @@ class Deadline:
 
     def check(self) -> bool:
         """Return True before the deadline; raise OutOfTime if it is long past."""
-        seconds_late = clock() - self.end
+        now = clock()
+        if now < self.end and is_stopped():
+            self.end = now - GRACE_SECONDS + STOP_GRACE_SECONDS
+            if self.terminate is not None:
+                self.terminate()
+        seconds_late = now - self.end
         if seconds_late > GRACE_SECONDS and self._raises:
             raise OutOfTime
         return seconds_late < 0.0
@@ -212,7 +225,7 @@ def shorten(edges: LocalPlanner, path: Floats, until: float) -> Floats:
     def is_free(*ends: float) -> bool:
         """Return True if an edge is short enough and proven free in time."""
         steps = np.abs(np.subtract(ends[size:], ends[:size]))
-        return clock() < until and bool((steps < longest).all()) and check(*ends)
+        return not is_over(until) and bool((steps < longest).all()) and check(*ends)
 
     return pulled_straight(path, edges.space.rotations, is_free)
 
@@ -314,7 +327,7 @@ class _Run:
             """Return True if the search has to end; ask once whether a path may exist."""
             nonlocal end, asks_at
             now = clock()
-            if next(checks) > max_checks or now > end:
+            if next(checks) > max_checks or now > end or is_stopped():
                 return True
             if now < asks_at or setup.haveExactSolutionPath():
                 return False
@@ -331,12 +344,14 @@ class _Run:
         if self._is_threaded:
             # OMPL's own clock counts compilation, but its threads cannot call ours.
             condition = ob.timedPlannerTerminationCondition(seconds)
+            self._deadline.terminate = condition.terminate
         else:
             condition = ob.PlannerTerminationCondition(is_over)
         status = "Timeout"
         with suppress(OutOfTime):
             setup.setPlanner(make_planner(name, setup.getSpaceInformation()))
             status = str(setup.solve(condition).asString())
+        self._deadline.terminate = None
         return "" if status in _USUAL_STATUSES else f"OMPL reports {status!r}"
 
     def _improve(self, path: og.PathGeometric) -> og.PathGeometric:

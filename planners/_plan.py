@@ -24,6 +24,7 @@ from cspace._rotations.base import TWO_PI
 from cspace._support.arrays import Floats, frozen
 from cspace._support.check import check_count, check_flag, check_positive
 from cspace._support.compiling import clock
+from cspace._support.deadlines import is_stopped, stopping
 from cspace._support.words import Drive
 from cspace.errors import InputError
 from planners._catalogue import (
@@ -154,6 +155,7 @@ def plan(
     drive: Drive = HOLONOMIC,
     turning_radius: float | None = None,
     previous: Plan | None = None,
+    stop: Callable[[], bool] | None = None,
 ) -> Plan:
     """Find and prove a path on a map or for an arm.
 
@@ -172,8 +174,9 @@ def plan(
         Name, in upper or lower case, of a planner of OMPL (:func:`planners.planner_names`) or of a
         built-in search: "Grid", "MaxClearance" and "Lattice" on maps, "BiRRT" for arms.
     time_limit : float
-        Seconds of the process's CPU time after which the search ends; of the clock for PRM and
-        PRMstar. Simplification then has another 0.1 s. Work that a map does once is not limited.
+        Seconds of the process's CPU time, of all its threads, after which the search ends; of the
+        clock for PRM and PRMstar. Simplification then has another 0.1 s. Work that a map does once
+        is not limited. ``stop`` can set a deadline by the clock.
     iterations : int, optional
         Largest number of iterations of a planner of OMPL, or of BiRRT's further searches.
     simplify : bool
@@ -196,6 +199,10 @@ def plan(
     previous : Plan, optional
         The last plan for a space with these axes, in memory. The path joins it and follows it; only
         a blocked part of it is searched anew. Not for other objectives than the length.
+    stop : callable, optional
+        Called without arguments every 5 ms or more, in this thread, until it returns True, which
+        ends the search within 50 ms: for a request to cancel, or a deadline by the clock, such as
+        ``lambda: time.monotonic() > end``. A path found before is returned.
 
     Returns
     -------
@@ -230,6 +237,9 @@ def plan(
     """
     began = time.process_time()
     check_flag(simplify, "simplify")
+    if stop is not None and not callable(cast(object, stop)):
+        rule = "it is called to ask whether the search ends"
+        raise InputError("stop", f"is {stop!r}", rule, "pass a function, e.g. event.is_set")
     edges = local_planner(space, exact, drive, turning_radius)
     name = default_planner(drive) if planner is None else planner_named(planner, space.searches)
     task = PlanTask(
@@ -250,10 +260,19 @@ def plan(
     _check_options(task)
     if task.seed is not None:
         set_seed(task.seed)
-    path_exists = cache(lambda: space.path_exists(*task.endpoints[:2]))
-    result = _search_and_prove(task, lambda: edges.may_join(path_exists()))
-    exists = True if space.has_cells and result.proven else path_exists()
-    return _make_plan(task, result, exists, began)
+    path_exists = cache(lambda: _decide_existence(task))
+    with stopping(stop):
+        result = _search_and_prove(task, lambda: edges.may_join(path_exists()))
+        exists = True if space.has_cells and result.proven else path_exists()
+        return _make_plan(task, result, exists, began)
+
+
+def _decide_existence(task: PlanTask) -> bool | None:
+    """Return whether a path exists; None if undecided, or if the caller ended the search."""
+    space = task.edges.space
+    if is_stopped() and not space.is_labelled:
+        return None
+    return space.path_exists(*task.endpoints[:2])
 
 
 def _check_previous(task: PlanTask, previous: Plan) -> Floats:
@@ -445,10 +464,10 @@ def _search(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
         if len(results[-1].path):
             may_exist = is_certain  # a quick path saves labelling the cells
     share = EXACT_TIME_SHARE if task.edges.exact and task.fallback is not None else 1.0
-    seconds = share * (task.time_limit - _sum_planning(results))
+    seconds = share * _measure_time_left(task, results)
     if seconds > 0.0:
         results.append(_run_planner(replace(task, time_limit=seconds), may_exist))
-    seconds = task.time_limit - _sum_planning(results)
+    seconds = _measure_time_left(task, results)
     is_found = any(len(result.path) for result in results)
     if task.fallback is not None and seconds > 0.0 and not is_found and may_exist():
         last_task = replace(task, planner=task.fallback, time_limit=seconds)
@@ -466,6 +485,13 @@ def _search_quickly(task: PlanTask) -> SearchResult:
     )
     with repeat_draws() if task.seed is None else nullcontext():
         return _run_planner(task, is_certain)
+
+
+def _measure_time_left(task: PlanTask, results: Sequence[SearchResult]) -> float:
+    """Return the seconds left after some searches; 0 if the caller ended them."""
+    if results and is_stopped():
+        return 0.0
+    return task.time_limit - _sum_planning(results)
 
 
 def _sum_planning(results: Sequence[SearchResult]) -> float:
@@ -618,6 +644,8 @@ def _describe_outcome(task: PlanTask, result: SearchResult, exists: bool | None)
         return ": ".join(filter(None, ["path found", result.note])), ""
     if exists is False:
         return "no path exists: proven", ""
+    if is_stopped():
+        return f"no path found: stopped after {result.planning:.2g} s{result.where}", ""
     existence = "a path exists" if exists else "undecided whether one exists"
     limits: list[str] = []
     if edges.drive != HOLONOMIC:

@@ -16,7 +16,7 @@ from cspace._files.access import replacing
 from cspace._interface import Space, format_configuration, has_pose_names
 from cspace._rotations.base import METRES_PER_RADIAN
 from cspace._support.arrays import Bools, Floats
-from cspace._support.check import check_flag
+from cspace._support.check import check_flag, check_positive
 from cspace._support.words import Drive
 from cspace.errors import InputError
 from planners._catalogue import PlannerName
@@ -463,7 +463,7 @@ class Plan:
         drawn = self._picture("draw it with cspace.plot.animate(space, plan, file)")
         animate(drawn, self.path, file, overwrite, **options)
 
-    def to_path(self, msg: Any = None, *, frame_id: str = "map") -> Any:
+    def to_path(self, msg: Any = None, *, frame_id: str = "map", step: float | None = None) -> Any:
         """Convert a rigid robot's path to a ``nav_msgs/Path`` of ROS.
 
         Parameters
@@ -473,18 +473,22 @@ class Plan:
             :class:`cspace.ros.Path` if left out.
         frame_id : str
             Frame of the header and of each pose. The header keeps its stamp, and each pose gets it.
+        step : float, optional
+            Largest distance of successive poses along the path, metres, as controllers want it;
+            they also turn by 5 degrees at most.
 
         Returns
         -------
         object
-            The message, with one pose for each row of :attr:`path`. A map of the plane gives z = 0;
-            a robot that does not turn has the identity as its orientation. The message cannot hold
-            :attr:`direction`.
+            The message, with one pose for each row of :attr:`path` unless ``step`` is given. A map
+            of the plane gives z = 0; a robot that does not turn has the identity as its
+            orientation. The message cannot hold :attr:`direction`.
 
         Raises
         ------
         InputError
-            If the plan has no path or moves joints, or the message lacks a field.
+            If the plan has no path or moves joints, the message lacks a field, or ``step`` is given
+            and not above zero, or given for a plan that was pickled, which leaves the map behind.
         """
         from cspace._files.ros_maps import Path
         from cspace.export._messages import fill_path
@@ -498,7 +502,11 @@ class Plan:
             )
         self._check_solved("a message holds a path")
         filled = Path() if msg is None else msg
-        return fill_path(self.axes, self.path, filled, frame_id)
+        rows = self.path
+        if step is not None:
+            metres = check_positive(step, "step", "metres")
+            rows = self._edges_on(self._map("leave step out")).resample(self.waypoints, metres)
+        return fill_path(self.axes, rows, filled, frame_id)
 
     def trajectory(
         self,

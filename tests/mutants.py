@@ -133,8 +133,8 @@ MUTANTS = (
     # Record and updates.
     Mutant(
         "cspace/_record/update.py",
-        "first = np.maximum(changed_cells.min(axis=0) - highest_offset, 0)",
-        "first = np.maximum(changed_cells.min(axis=0) - highest_offset + 1, 0)",
+        "first = np.maximum(changed_first - highest_offset, 0)",
+        "first = np.maximum(changed_first - highest_offset + 1, 0)",
         "tests/laws tests/record/test_update.py",
     ),
     Mutant(
@@ -603,8 +603,8 @@ MUTANTS = (
     ),
     Mutant(
         "cspace/_files/ros_maps.py",
-        "percent = values.reshape(height, width).T",
-        "percent = values.reshape(width, height)",
+        "return values.reshape(height, width)",
+        "return values.reshape(width, height)",
         "tests/files/test_messages.py",
     ),
     Mutant(

@@ -15,10 +15,10 @@ from array import array
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from operator import attrgetter
-from typing import Any, Final, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from cspace._files.access import ContentError, decoding
 from cspace._files.fields import Fields
@@ -34,6 +34,9 @@ from cspace._support.check import (
 )
 from cspace._support.reporting import warn_user
 from cspace.errors import AngleWarning, FileError, GeometryError, InputError
+
+if TYPE_CHECKING:
+    from cspace._configuration_map import ConfigurationMap
 
 YAML_SUFFIXES: Final = (".yaml", ".yml")
 
@@ -280,6 +283,9 @@ def _classify_pixels(header: _MapHeader, image: Shades, warn: bool) -> tuple[Boo
     return free, occupied
 
 
+_POSE_SLACK: Final = 1e-3
+"""Deviation of a quaternion's norm from 1, and sine of half the tilt, that pass as rounding."""
+
 _MAX_TILT: Final = 1e-6
 """Maximum x and y components, relative to the norm of the quaternion, of a map that lies flat."""
 
@@ -347,6 +353,21 @@ class OccupancyGrid:
 
     header: Header = field(default_factory=Header)
     info: MapMetaData = field(default_factory=MapMetaData)
+    data: array[int] = field(default_factory=lambda: array("b"), repr=False)
+
+
+@dataclass
+class OccupancyGridUpdate:
+    """map_msgs/OccupancyGridUpdate.
+
+    `x` and `y` are the first cell of a box of an OccupancyGrid, and `data` its new values.
+    """
+
+    header: Header = field(default_factory=Header)
+    x: int = 0
+    y: int = 0
+    width: int = 0
+    height: int = 0
     data: array[int] = field(default_factory=lambda: array("b"), repr=False)
 
 
@@ -457,15 +478,8 @@ def read_occupancy_grid(
         rule = "free_thresh must be below occupied_thresh, both from 0 to 1"
         hint = "pass e.g. 0.25 and 0.65"
         raise InputError("free_thresh", problem, rule, hint)
-    width = check_count(_get_field(msg, "info.width"), "msg.info.width", 1)
-    height = check_count(_get_field(msg, "info.height"), "msg.info.height", 1)
-    values = check_real(_get_field(msg, "data"), "msg.data")
-    if values.shape != (width * height,) or values.dtype.kind not in "iu":
-        problem = f"has shape {values.shape} and type {values.dtype}"
-        rule = f"it must have width x height = {width} x {height} whole numbers, from -1 to 100"
-        raise InputError("msg.data", problem, rule, "pass the whole message")
     # Row by row from the lowest y; other numbers than per cent stand for unknown cells.
-    percent = values.reshape(height, width).T
+    percent = _read_rows(msg, "info.", "msg", "nav_msgs/OccupancyGrid").T
     is_known = (percent >= 0) & (percent <= 100)
     others = np.count_nonzero(~is_known & (percent != -1))
     if others:
@@ -473,7 +487,7 @@ def read_occupancy_grid(
             f"msg.data: {others:,} values are beyond -1 to 100 and count as unknown; for the costs "
             "of a Costmap, pass e.g. np.where(costs >= 253, 100, 0)"
         )
-    if values.max() == 1:
+    if percent.max() == 1:
         warn_user(
             "msg.data: no value is above 1 per cent, so all cells are free or unknown; write 100 "
             "for occupied cells, e.g. 100 * data"
@@ -487,12 +501,139 @@ def read_occupancy_grid(
     return info, free, occupied
 
 
-def _get_field(msg: object, path: str) -> Any:
-    """Return a field of a message by its dotted path."""
+def update_occupancy_grid(msg: GridMessage, update: object) -> None:
+    """Write the new values of a box of cells into an occupancy grid message.
+
+    Parameters
+    ----------
+    msg : object
+        With the fields of ``nav_msgs/OccupancyGrid``; its ``data`` is replaced.
+    update : object
+        With the fields of ``map_msgs/OccupancyGridUpdate``.
+
+    Raises
+    ------
+    InputError
+        If a field is missing or malformed, the box is not within the grid, or the data of either
+        are not as many as its cells; nothing changes then.
+
+    Examples
+    --------
+    >>> import cspace
+    >>> grid, update = cspace.ros.OccupancyGrid(), cspace.ros.OccupancyGridUpdate(x=1, width=2)
+    >>> grid.info.width, grid.info.height, update.height = 3, 1, 1
+    >>> grid.data.extend([0, 0, 0]); update.data.extend([100, -1])
+    >>> cspace.ros.update_occupancy_grid(grid, update); grid.data.tolist()
+    [0, 100, -1]
+    """
+    kind = "map_msgs/OccupancyGridUpdate"
+    cells = _read_rows(msg, "info.", "msg", "nav_msgs/OccupancyGrid").astype(np.int8)
+    values = _read_rows(update, "", "update", kind)
+    x, y = (
+        check_count(_get_field(update, name, "update", kind), f"update.{name}") for name in "xy"
+    )
+    window = cells[y : y + len(values), x : x + values.shape[1]]
+    if window.shape != values.shape:
+        problem = f"has {values.shape[1]} x {len(values)} cells from ({x}, {y}) on"
+        rule = f"they must lie in the grid of {cells.shape[1]} x {len(cells)}"
+        raise InputError("update", problem, rule, "wait for the whole new map")
+    window[...] = values
+    whole: Any = msg
+    whole.data = array("b", cells.tobytes())
+
+
+def _read_rows(msg: object, info: str, argument: str, kind: str) -> NDArray[Any]:
+    """Return the data of a message as rows of its cells, shape (height, width).
+
+    ``info`` is the prefix of the fields of its size, ``argument`` its name in errors, and ``kind``
+    its type.
+    """
+    width, height = (
+        check_count(_get_field(msg, f"{info}{name}", argument, kind), f"{argument}.{info}{name}", 1)
+        for name in ("width", "height")
+    )
+    values = check_real(_get_field(msg, "data", argument, kind), f"{argument}.data")
+    if values.shape != (width * height,) or values.dtype.kind not in "iu":
+        problem = f"has shape {values.shape} and type {values.dtype}"
+        rule = f"it must have width x height = {width} x {height} whole numbers, from -1 to 100"
+        raise InputError(f"{argument}.data", problem, rule, "pass the whole message")
+    return values.reshape(height, width)
+
+
+def configuration_of(
+    msg: object, space: ConfigurationMap, frame_id: str = "map"
+) -> tuple[float, ...]:
+    """Convert a stamped pose to a configuration of a map.
+
+    Parameters
+    ----------
+    msg : object
+        With the fields of ``geometry_msgs/PoseStamped``.
+    space : CSpace or TiledCSpace
+        A map in the plane ignores z; a map without a yaw ignores the yaw.
+    frame_id : str
+        Frame of the map.
+
+    Returns
+    -------
+    tuple of float
+        Metres and radians, or a quaternion.
+
+    Raises
+    ------
+    InputError
+        If the pose has another frame, is tilted on a map that cannot tilt, has no unit quaternion
+        or is not finite, a field is missing, or the space has no poses.
+
+    Examples
+    --------
+    >>> import numpy as np, cspace
+    >>> workspace = cspace.Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
+    >>> space = cspace.build(workspace, cspace.Robot.rectangle(0.5, 0.3), rotations=8)
+    >>> pose = cspace.ros.PoseStamped()
+    >>> pose.header.frame_id, pose.pose.position.x = "map", 1.5
+    >>> cspace.ros.configuration_of(pose, space)
+    (1.5, 0.0, 0.0)
+    """
+    kind = "geometry_msgs/PoseStamped"
+    if not space.has_poses:
+        rule = "it must be a map of a rigid robot"
+        raise InputError("space", f"is {space!r}", rule, "pass joint positions to plan instead")
+    frame = _get_field(msg, "header.frame_id", "msg", kind)
+    if frame != frame_id:
+        problem = f"is {frame!r}"
+        rule = f"it must be {frame_id!r}, the frame of the map"
+        raise InputError("msg.header.frame_id", problem, rule, "transform the pose with tf2")
+    values = [_get_field(msg, f"pose.position.{name}", "msg", kind) for name in "xyz"]
+    position = check_finite(values, "msg.pose.position").tolist()
+    place = "msg.pose.orientation"
+    values = [_get_field(msg, f"pose.orientation.{name}", "msg", kind) for name in "xyzw"]
+    x, y, z, w = turn = check_finite(values, place).tolist()
+    if abs(math.hypot(x, y, z, w) - 1.0) > _POSE_SLACK:
+        problem = f"is ({x:g}, {y:g}, {z:g}, {w:g}), which is no unit quaternion"
+        raise InputError(place, problem, "its norm must be 1", "set w to 1 for no rotation")
+    names = space.rotations.names
+    if len(names) == 4:
+        return (*position, *turn)
+    if math.hypot(x, y) > _POSE_SLACK:
+        problem = f"is ({x:g}, {y:g}, {z:g}, {w:g}), which is tilted"
+        rule = "the robot of this map turns about z only"
+        raise InputError(place, problem, rule, "set x and y to 0")
+    yaw = (2.0 * math.atan2(z, w),) if names else ()
+    return (*position[: space.dim], *yaw)
+
+
+def _get_field(
+    msg: object, path: str, argument: str = "msg", kind: str = "nav_msgs/OccupancyGrid"
+) -> Any:
+    """Return a field of a message by its dotted path.
+
+    ``argument`` is its name in errors, and ``kind`` its type.
+    """
     try:
         return attrgetter(path)(msg)
     except AttributeError as error:
-        raise missing_field_error("msg", path, "nav_msgs/OccupancyGrid") from error
+        raise missing_field_error(argument, path, kind) from error
 
 
 def missing_field_error(argument: str, path: str, kind: str) -> InputError:

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from cspace._queries.points import Cell
 from cspace._support.arrays import Bools, Floats, Ints
-from cspace._support.compiling import clock, internal, kernel
+from cspace._support.compiling import internal, kernel
+from cspace._support.deadlines import is_over
 
 Costs = NDArray[np.float32]
 
@@ -106,8 +107,8 @@ class Progress(NamedTuple):
 
 
 def check_deadline(until: float) -> None:
-    """Raise TimeoutError after ``until``, in seconds of :data:`cspace._support.compiling.clock`."""
-    if clock() > until:
+    """Raise TimeoutError from ``until`` on, or if the caller ended the search."""
+    if is_over(until):
         raise TimeoutError
 
 

@@ -14,7 +14,7 @@ from cspace._queries.taut import pull_taut
 from cspace._rotations import Rotations
 from cspace._rotations.base import METRES_PER_RADIAN, wrap_angles
 from cspace._support.arrays import Floats, Ints, States
-from cspace._support.compiling import clock
+from cspace._support.deadlines import is_over
 
 Check = Callable[..., bool]
 Cost = Callable[..., float]
@@ -51,7 +51,7 @@ def in_time(check: Check, until: float) -> Check:
     end = until + MAX_SHORTENING_SECONDS
     if end == math.inf:
         return check
-    return lambda *endpoints: clock() < end and check(*endpoints)
+    return lambda *endpoints: not is_over(end) and check(*endpoints)
 
 
 def pulled_straight(
@@ -199,7 +199,7 @@ def find_cheapest_subpath(
     least = np.zeros(len(points))
     previous = np.arange(-1, len(points) - 1)
     for here in range(1, len(points)):
-        if clock() >= until:
+        if is_over(until):
             break
         least[here] = math.inf
         earlier = here - np.array([stride for stride in strides if stride <= here])

@@ -14,7 +14,7 @@ from cspace._queries.paths import path_length, waypoints
 from cspace._queries.search import find_chain
 from cspace._rotations import Rotations
 from cspace._support.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, States
-from cspace._support.compiling import clock
+from cspace._support.deadlines import is_over
 
 MAX_CHAIN_EXCESS: Final = 1.15
 """Largest ratio of a chain's length to that of a known path at which it promises a shorter path."""
@@ -68,7 +68,7 @@ class MixedCellSearch:
         undecided = is_mixed.copy()
         slice_of = np.arange(len(self.rotations))
         turns = (self.rotations._neighbors, self.turn_costs)
-        while clock() < until:
+        while not is_over(until):
             try:
                 chain = find_chain(passable, slice_of, turns, cells[0], cells[1], until)
             except TimeoutError:

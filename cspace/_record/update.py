@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -19,13 +20,17 @@ from cspace._raster import Raster
 from cspace._record.contents import Contents
 from cspace._record.exterior import Exterior
 from cspace._shapes import Shape
-from cspace._support.arrays import Bools, Bytes, Ints, frozen, intersect_boxes
+from cspace._support.arrays import Bools, Bytes, Floats, Ints, frozen, intersect_boxes
 from cspace._support.check import check_cells
 from cspace._workspace import Workspace, copy_workspace
 from cspace.errors import InputError
 
 _INFINITY: Final = 2**62
 """Minimum offset of a raster without cells, above all offsets; its negative is the maximum."""
+
+
+CELLS_PER_BOX: Final = 50_000
+"""Cells whose states take as long to compute as the preparations for a box of cells."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,10 +149,10 @@ def _check_first_cell(lower: Sequence[int], dim: int) -> tuple[int, ...]:
 class Updater:
     """Update a map in place when cells of its workspace change.
 
-    The state of a cell depends on the workspace cells under the robot's rasters, so a changed box
-    affects only cells in a window around it, in all slices. The engine computes the window from the
-    part of the workspace around it. Only then are the window, the workspace and the states outside
-    the grid written.
+    The state of a cell depends on the workspace cells under the robot's rasters, so changed cells
+    affect only windows around them, in all slices. The engine computes each window from the part of
+    the workspace around it. Only then are all windows, the workspace and the states outside the
+    grid written.
 
     Parameters
     ----------
@@ -210,6 +215,29 @@ class Updater:
         first = np.array(patch.lower)
         return self._copy_layers(self._layers, [(first, first + patch.outer.shape)])
 
+    def replace(self, workspace: Workspace) -> Update:
+        """Write all cells of another workspace of this grid into the base, and update the map."""
+        base = self._workspace if self._layers is None else self._layers
+        if base.unknown is None or workspace.unknown is None:
+            same_unknown = base.unknown is workspace.unknown
+        else:
+            same_unknown = np.array_equal(base.unknown, workspace.unknown)
+        same_cells = np.array_equal(base.outer, workspace.outer) and np.array_equal(
+            base.inner, workspace.inner
+        )
+        first = np.zeros(self._grid.dim, dtype=np.int64)
+        if same_cells and same_unknown and base.shapes is workspace.shapes:
+            return Update(0, tuple(first.tolist()), tuple(first.tolist()), 0)
+        unknown = None if workspace.unknown is None else frozen(workspace.unknown.copy())
+        object.__setattr__(self._workspace, "unknown", unknown)
+        if self._layers is None:
+            self._set_shapes(workspace.shapes)
+            known = False if unknown is None else unknown
+            patch = Patch(tuple(first.tolist()), workspace.outer, workspace.inner, known)
+            return self._write_all([patch])
+        self._layers.replace(workspace)
+        return self._copy_layers(self._layers, [(first, np.array(self._grid.shape))])
+
     def set_obstacle(self, name: str, shape: Shape | None) -> Update:
         """Add, replace or remove a named obstacle, and update the map."""
         obstacle = None if shape is None else Obstacle.of(shape, self._grid)
@@ -266,40 +294,36 @@ class Updater:
         """Write a patch into the workspace, and update the map."""
         outer_differs = self._workspace.outer[patch.window] != patch.outer
         differs = outer_differs | (self._workspace.inner[patch.window] != patch.inner)
-        changed_cells = np.argwhere(differs) + patch.lower
-        occupied = len(changed_cells)
-        nothing = Update(occupied, patch.lower, patch.lower, 0)
+        occupied = int(np.count_nonzero(differs))
         if not occupied:
             self._write_cells(patch)  # unknown cells may become known
-            return nothing
-        first, stop = self._find_dependent(changed_cells)
-        window = (slice(None), *map(slice, first.tolist(), stop.tolist()))
-        states = self._states[window]
-        if states.size:
-            states = self._compute(patch, first, stop)
-        differences = (states != self._states[window]).reshape(len(states), -1)
-        changed = int(self._weights @ np.count_nonzero(differences, axis=1))
+            return Update(0, patch.lower, patch.lower, 0)
+        windows = []
+        for changed in split_changes(differs, self._raster_size):
+            first, stop = self._find_dependent(*(corner + patch.lower for corner in changed))
+            if (first < stop).all():
+                window = (slice(None), *map(slice, first.tolist(), stop.tolist()))
+                windows.append((first, stop, window, self._compute(patch, first, stop)))
         # From here on the map changes. Each step may be repeated after an interruption.
         self._drop_derived(self._workspace, self._layers)
-        self._states[window] = states
+        updates = [Update(occupied, patch.lower, patch.lower, 0)]
+        for first, stop, window, states in windows:
+            differences = (states != self._states[window]).reshape(len(states), -1)
+            count = int(self._weights @ np.count_nonzero(differences, axis=1))
+            self._states[window] = states
+            updates.append(Update(0, tuple(first.tolist()), tuple(stop.tolist()), count))
         self._write_cells(patch)
         if self._outside == "free":
             exterior = Exterior.of(self._workspace.outer, self._rasters, "free")
             self._exterior.table[...] = exterior.table
-        if not states.size:
-            return nothing
-        return Update(occupied, tuple(first.tolist()), tuple(stop.tolist()), changed)
+        return Update.combine(updates, self._grid.dim)
 
-    def _find_dependent(self, changed_cells: Ints) -> CellBox:
-        """Return the box of map cells that depend on changed workspace cells.
-
-        ``changed_cells`` have shape (n, d).
-        """
+    def _find_dependent(self, changed_first: Ints, changed_stop: Ints) -> CellBox:
+        """Return the box of map cells that depend on a box of changed workspace cells."""
         lowest_offset, highest_offset = self._offset_range
         # Cell k depends on the cells k + m, where m is an offset of the robot.
-        first = np.maximum(changed_cells.min(axis=0) - highest_offset, 0)
-        last = changed_cells.max(axis=0) - lowest_offset
-        stop = np.minimum(last + 1, self._grid.shape)
+        first = np.maximum(changed_first - highest_offset, 0)
+        stop = np.minimum(changed_stop - lowest_offset, self._grid.shape)
         # The box is empty if no cell of the grid depends on the changes.
         return first, np.maximum(stop, first)
 
@@ -361,6 +385,60 @@ class Updater:
             self._workspace = Workspace(old.grid, *parts, live=True)
         if self._workspace.unknown is not None:
             _overwrite(self._workspace.unknown, window, patch.unknown)
+
+
+def split_changes(changed: Bools, raster_size: Ints) -> list[CellBox]:
+    """Split changed cells into boxes whose updates cost little in all.
+
+    The cost of a box is the number of its cells, grown by ``raster_size``, and
+    :data:`CELLS_PER_BOX`. Boxes are cut in two where that costs least, while it costs less than no
+    cut. At least one cell has ``changed``.
+    """
+    # Sorting blocks of a quarter of the robot is quicker than sorting cells.
+    sides = np.maximum(raster_size // 4, 1)
+    has_changed = changed
+    for axis, side in enumerate(sides.tolist()):
+        starts = np.arange(0, changed.shape[axis], side)
+        has_changed = np.logical_or.reduceat(has_changed, starts, axis=axis)
+    boxes = []
+    waiting = [np.argwhere(has_changed)]
+    while waiting:
+        blocks = waiting.pop()
+        parts = _cut_in_two(blocks, raster_size / sides, CELLS_PER_BOX / math.prod(sides.tolist()))
+        if parts:
+            waiting += parts
+            continue
+        corner = sides * blocks.min(axis=0)
+        window = tuple(map(slice, corner.tolist(), (sides * (blocks.max(axis=0) + 1)).tolist()))
+        cells = np.argwhere(changed[window]) + corner
+        boxes.append((cells.min(axis=0), cells.max(axis=0) + 1))
+    return boxes
+
+
+def _cut_in_two(blocks: Ints, margin: Floats, cost_per_box: float) -> list[Ints]:
+    """Cut blocks, shape (n, d), in two sets where it lowers the cost most; [] if nowhere.
+
+    The cost of a set is that of the box around it with a ``margin``, plus ``cost_per_box``; in
+    blocks.
+    """
+
+    def measure(low: Ints, high: Ints) -> Floats:
+        """Return the cost of boxes between their first and last blocks, shape (m, d)."""
+        return np.asarray(np.prod(high - low + 1 + margin, axis=1) + cost_per_box)
+
+    cheapest = float(measure(blocks.min(axis=0)[None], blocks.max(axis=0)[None])[0])
+    parts: list[Ints] = []
+    for axis in range(blocks.shape[1]):
+        ordered = blocks[np.argsort(blocks[:, axis], kind="stable")]
+        back = ordered[::-1]
+        heads = measure(np.minimum.accumulate(ordered), np.maximum.accumulate(ordered))
+        tails = measure(np.minimum.accumulate(back), np.maximum.accumulate(back))[::-1]
+        costs = heads[:-1] + tails[1:]
+        if costs.size and costs.min() < cheapest:
+            cheapest = float(costs.min())
+            first_of_tail = int(costs.argmin()) + 1
+            parts = [ordered[:first_of_tail], ordered[first_of_tail:]]
+    return parts
 
 
 def _overwrite(array: Bools, window: tuple[slice, ...], values: Bools | bool) -> None:

@@ -1199,7 +1199,8 @@ def _make_collision_error(snapshot: Snapshot, q: Floats, name: str) -> Configura
     problem = f"is not proven free: {link} is in collision with {other}, or nearly so"
     hint = f"choose another, or pass allowed_collisions=[({link!r}, {other!r})] if they may touch"
     point = f"({', '.join(f'{x:.6g}' for x in q)})"
-    return ConfigurationError(name, f"{point} {problem}", "a path must start and end in FREE", hint)
+    rule = "a path must start and end in FREE"
+    return ConfigurationError(name, f"{point} {problem}", rule, hint, reason="mixed")
 
 
 def build_arm_space(

@@ -13,6 +13,7 @@ import numpy as np
 
 from cspace._support.arrays import Floats, Ints
 from cspace._support.compiling import clock, internal, kernel
+from cspace._support.deadlines import is_over
 from cspace.arms._motion_proofs import ArmScene, SceneScratch, make_scene_scratch, motion_is_free
 
 MAX_STRIDE: Final = 1.0
@@ -355,7 +356,7 @@ class PathSearch:
             is_vain = False
             if len(lengths) > MAX_VAIN_SEARCHES:
                 is_vain = (1.0 - MIN_GAIN) * lengths[-1 - MAX_VAIN_SEARCHES] < length
-            if not len(near_goals) or is_vain or clock() >= self._end:
+            if not len(near_goals) or is_vain or is_over(self._end):
                 break
             # A search that takes much longer than the others is given up, because it rarely leads
             # to a shorter path.
@@ -386,7 +387,7 @@ class PathSearch:
         forest = _plant_trees(self._start, goals)
         meeting = -1
         batches = 0
-        while meeting < 0 and batches < max_batches and clock() < self._end:
+        while meeting < 0 and batches < max_batches and not is_over(self._end):
             samples = np.concatenate([samples, self._sample(goals, length)])
             meeting, meeting_at_goal = grow_trees(self._scene, forest, samples, self._scratch)
             samples = _make_empty(samples)
@@ -452,7 +453,7 @@ class PathSearch:
         """Pull parts of a path straight while it gains :data:`MIN_GAIN`."""
         length = measure_length(path)
         last = math.inf
-        while len(path) > 2 and length < (1.0 - MIN_GAIN) * last and clock() < self._end:
+        while len(path) > 2 and length < (1.0 - MIN_GAIN) * last and not is_over(self._end):
             draws = self._rng.random((PULLS_PER_BATCH, 5))
             # Each part may begin and end between waypoints, which adds two.
             rows = np.concatenate([path, np.empty((2 * PULLS_PER_BATCH, path.shape[1]))])

@@ -263,3 +263,102 @@ def test_flags_instead_of_per_cent_warn_and_the_hint_is_followed():
         assert not Workspace.from_occupancy_grid(message).outer.any()
     message.data = [100 * value for value in message.data]
     assert Workspace.from_occupancy_grid(message).outer[:, 0].tolist() == [False, True, False]
+
+
+# ---- poses and updates ---------------------------------------------------------------------------
+
+
+def make_pose(x=1.0, y=2.5, yaw=0.3, frame="map", **turn):
+    """Make a stamped pose."""
+    pose = cspace.ros.PoseStamped()
+    pose.header.frame_id = frame
+    pose.pose.position.x, pose.pose.position.y = x, y
+    pose.pose.orientation.z, pose.pose.orientation.w = math.sin(yaw / 2), math.cos(yaw / 2)
+    for name, value in turn.items():
+        setattr(pose.pose.orientation, name, value)
+    return pose
+
+
+def test_a_pose_becomes_a_configuration(spaces):
+    q = cspace.ros.configuration_of(make_pose(yaw=-3.0), spaces["car"])
+    np.testing.assert_allclose(q, (1.0, 2.5, -3.0))
+    assert cspace.ros.configuration_of(make_pose(), spaces["disc"]) == (1.0, 2.5)
+    cells = Workspace.from_array(np.zeros((4, 4, 4), dtype=bool), 0.5)
+    turning = cspace.build(
+        cells, Robot.box((0.2, 0.2, 0.2)), rotations=cspace.Rotations.quaternions(1)
+    )
+    tilted = make_pose(yaw=0.0, x=0.0, w=0.6)
+    tilted.pose.orientation.x = 0.8
+    q = cspace.ros.configuration_of(tilted, turning)
+    assert q == (0.0, 2.5, 0.0, 0.8, 0.0, 0.0, 0.6)
+
+
+@refusals(
+    "pose, message",
+    (
+        make_pose(frame="odom"),
+        "it must be 'map', the frame of the map; transform the pose with tf2",
+    ),
+    (make_pose(x=math.nan), "msg.pose.position"),
+    (make_pose(w=math.inf), "msg.pose.orientation"),
+    (make_pose(z=0.0, w=0.0), "its norm must be 1; set w to 1 for no rotation"),
+    (make_pose(x=1.0, z=0.0, w=0.8), "no unit quaternion"),
+    (
+        SimpleNamespace(),
+        "msg has no header.frame_id; it must have the fields of geometry_msgs/PoseStamped",
+    ),
+)
+def test_poses_of_another_kind_are_refused(spaces, pose, message):
+    with pytest.raises(InputError, match=message):
+        cspace.ros.configuration_of(pose, spaces["car"])
+
+
+def test_a_tilted_pose_is_refused(spaces):
+    tilted = make_pose(z=0.0, w=0.8)
+    tilted.pose.orientation.x = 0.6
+    for space in spaces.values():
+        with pytest.raises(InputError, match=r"which is tilted; .*; set x and y to 0"):
+            cspace.ros.configuration_of(tilted, space)
+
+
+def make_update(x, y, values):
+    """Make an update of a box of cells, shape (height, width)."""
+    update = cspace.ros.OccupancyGridUpdate(x=x, y=y)
+    update.height, update.width = np.shape(values)
+    update.data.extend(np.ravel(values).tolist())
+    return update
+
+
+@given(seeds)
+def test_an_updated_message_has_the_new_values(seed):
+    rng = np.random.default_rng(seed)
+    values = rng.integers(-1, 101, rng.integers(1, 9, 2), dtype=np.int8)
+    message = make_message(values)
+    height, width = rng.integers(1, np.array(values.shape) + 1)
+    y, x = (
+        int(rng.integers(0, n - m + 1)) for n, m in zip(values.shape, (height, width), strict=True)
+    )
+    box = rng.integers(-1, 101, (height, width), dtype=np.int8)
+    cspace.ros.update_occupancy_grid(message, make_update(x, y, box))
+    values[y : y + height, x : x + width] = box
+    np.testing.assert_array_equal(np.reshape(message.data, values.shape), values)
+
+
+@refusals(
+    "update, message",
+    (
+        make_update(3, 0, [[0, 0]]),
+        "lie in the grid of 4 x 3 cells|lie in the grid of 4 x 3; wait for the whole new map",
+    ),
+    (make_update(-1, 0, [[0, 0]]), "update.x"),
+    (SimpleNamespace(width=1, height=1, x=0, y=0, data=[0, 1]), "update.data has shape"),
+    (
+        SimpleNamespace(),
+        "update has no width; it must have the fields of map_msgs/OccupancyGridUpdate",
+    ),
+)
+def test_updates_beyond_the_grid_are_refused(update, message):
+    grid = make_message(np.zeros((3, 4), dtype=np.int8))
+    with pytest.raises(InputError, match=message):
+        cspace.ros.update_occupancy_grid(grid, update)
+    assert not any(grid.data)

@@ -2,6 +2,7 @@
 
 import copy
 import math
+import pickle
 import sys
 from dataclasses import replace
 from types import ModuleType, SimpleNamespace
@@ -9,10 +10,12 @@ from types import ModuleType, SimpleNamespace
 import numpy as np
 import pytest
 
+import cspace
 import planners
 from cspace import InputError
 from cspace._files import ros_maps as messages
 from cspace.arms import Arm, build_arm_space
+from cspace.errors import ConfigurationError
 from tests.helpers.planning import ENDPOINTS, SPACES, build_room
 from tests.helpers.urdfs import planar
 
@@ -106,3 +109,49 @@ def test_plans_and_messages_of_the_other_kind_are_refused(joint_plan):
         lost.to_path()
     with pytest.raises(InputError, match="msg has no poses"):
         plan.to_path(SimpleNamespace(header=SimpleNamespace(frame_id="")))
+
+
+@pytest.mark.parametrize("end", ["start", "goal"])
+@pytest.mark.parametrize(
+    ("q", "reason"), [((9.0, 9.0), "outside"), ((2.0, 0.5), "blocked"), ((2.36, 0.5), "mixed")]
+)
+def test_errors_name_the_end_and_the_reason(end, q, reason):
+    cells = np.zeros((40, 30), dtype=bool)
+    cells[18:22, :20] = True
+    space = cspace.build(cspace.Workspace.from_array(cells, 0.1), cspace.Robot.disc(0.15))
+    ends = {"start": (0.5, 0.5), "goal": (3.5, 0.5)} | {end: q}
+    with pytest.raises(ConfigurationError) as caught:
+        planners.plan(space, **ends)
+    assert (caught.value.end, caught.value.reason) == (end, reason)
+
+
+@pytest.mark.parametrize(
+    ("rotations", "options"),
+    [
+        (None, {}),
+        (8, {}),
+        (8, {"drive": "differential"}),
+        (8, {"drive": "reeds-shepp", "turning_radius": 0.4}),
+    ],
+)
+def test_poses_of_a_path_are_a_step_apart_and_on_it(rotations, options):
+    cells = np.zeros((60, 60), dtype=bool)
+    cells[:40, 29:31] = True
+    robot = cspace.Robot.rectangle(0.4, 0.2)
+    space = cspace.build(cspace.Workspace.from_array(cells, 0.1), robot, rotations=rotations)
+    turn = () if rotations is None else (0.0,)
+    plan = planners.plan(space, (1, 1, *turn), (1, 5, *turn), time_limit=20, **options)
+    poses = plan.to_path(step=0.07).poses
+    assert len(poses) > len(plan.path)
+    rows = np.array([cspace.ros.configuration_of(pose, space) for pose in poses])
+    assert np.hypot(*np.diff(rows[:, :2], axis=0).T).max() <= 0.07 + 1e-12
+    assert space.is_free(rows).all()
+    distances = np.linalg.norm(rows[:, None, :2] - plan.path[None, :, :2], axis=2)
+    assert distances.min(axis=0).max() < 0.07  # all poses of the plan are near one of the path
+    for bad in (0.0, -1.0, math.nan):
+        with pytest.raises(InputError, match="step"):
+            plan.to_path(step=bad)
+    pickled = pickle.loads(pickle.dumps(plan))
+    with pytest.raises(InputError, match="pickling leaves the map behind; leave step out"):
+        pickled.to_path(step=0.1)
+    assert len(pickled.to_path().poses) == len(plan.path)

@@ -3,6 +3,8 @@
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from dataclasses import replace
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -46,6 +48,76 @@ def test_a_stream_of_updates_equals_a_rebuild(world, queried):
         changed = np.argwhere(space.cell_states != before)[:, -len(lower) :]
         assert update.changed == len(changed)
         assert (changed >= update.lower).all() and (changed < update.upper).all()
+
+
+@pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
+@settings(max_examples=30)
+@given(worlds(), st.booleans(), st.sampled_from([0, update.CELLS_PER_BOX]))
+def test_a_map_that_follows_a_workspace_equals_a_rebuild(world, named, cost_per_box):
+    space = world.build()
+    obstacle = world.robot if named else None
+    if named:
+        space.add_obstacle("it", obstacle)
+    for step in range(4):
+        for _ in range(step):  # in the first step, nothing changes
+            world.patch()
+        unknown = (world.rng.random(world.outer.shape) < 0.2) & world.outer
+        target = replace(world.workspace(), unknown=unknown if world.rng.random() < 0.6 else None)
+        before = space.cell_states.copy()
+        with patch.object(update, "CELLS_PER_BOX", cost_per_box):
+            change = space.update(target)
+        fresh = cspace.build(target, world.robot, **world.options)
+        if named:
+            fresh.add_obstacle("it", obstacle)
+        check(space, fresh, world)
+        assert_same_unknown(space.workspace, fresh.workspace)
+        assert change.changed == np.count_nonzero(space.cell_states != before)
+
+
+def assert_same_unknown(workspace, other):
+    """Compare unknown cells; no array means no cell."""
+    ours, theirs = (
+        np.zeros(each.grid.shape, dtype=bool) if each.unknown is None else each.unknown
+        for each in (workspace, other)
+    )
+    np.testing.assert_array_equal(ours, theirs)
+
+
+def test_a_map_takes_over_the_shapes_of_a_workspace():
+    first, second = (
+        Workspace.from_polygons([shapely.box(1, 1, 2, x)], 0.1, (0, 0, 5, 4)) for x in (3, 2.93)
+    )
+    space = cspace.build(first, Robot.disc(0.3))
+    space.update(second)
+    beside = (1.5, 3.24)
+    assert space.is_free(beside, exact=True) and not space.is_free(beside)
+    assert space.workspace.shapes is second.shapes
+    labels = space.is_connected(beside, (4.0, 3.0))
+    assert space.update(second).occupied == 0
+    assert space.is_labelled and labels == space.is_connected(beside, (4.0, 3.0))
+
+
+@given(
+    st.integers(0, 2**32 - 1),
+    st.integers(1, 30),
+    st.integers(1, 25),
+    st.sampled_from([0, 100, 50_000]),
+)
+def test_changes_are_split_into_boxes_that_cost_little(seed, count, reach, cost_per_box):
+    rng = np.random.default_rng(seed)
+    changed = np.zeros(rng.integers(1, 200, 2), dtype=bool)
+    cells = np.column_stack([rng.integers(0, n, count) for n in changed.shape])
+    changed[tuple(cells.T)] = True
+    size = np.array([reach, rng.integers(1, 25)])
+    with patch.object(update, "CELLS_PER_BOX", cost_per_box):
+        boxes = update.split_changes(changed, size)
+    covered = np.zeros_like(changed)
+    for first, stop in boxes:
+        covered[tuple(map(slice, first, stop))] = True
+    assert (covered >= changed).all()
+    cost = sum(np.prod(stop - first + size - 1) + cost_per_box for first, stop in boxes)
+    assert cost <= 2 * len(np.unique(cells, axis=0)) * (np.prod(size) + cost_per_box)
+    assert cost <= 2 * (np.prod(np.ptp(cells, axis=0) + size) + cost_per_box)
 
 
 # ---- other maps and shapes -----------------------------------------------------------------------
@@ -115,6 +187,21 @@ def test_rejected_updates_change_nothing(cells, lower, inner, message):
     with pytest.raises(InputError, match=message.strip()):
         space.update(cells, lower, inner=inner)
     assert space.workspace.outer.sum() == 16
+    np.testing.assert_array_equal(space.cell_states, states)
+
+
+def test_refused_workspaces_change_nothing():
+    space = build_empty_room()
+    states = space.cell_states.copy()
+    other = Workspace.from_array(np.ones((40, 31), dtype=bool), 0.1)
+    with pytest.raises(
+        InputError, match=r"cells is a workspace of .*; build a new map for another grid"
+    ):
+        space.update(other)
+    with pytest.raises(InputError, match="without lower and inner"):
+        space.update(replace(space.workspace, unknown=None), (0, 0))
+    with pytest.raises(InputError, match=r"lower is missing; .*; pass e.g. \(0, 0\)"):
+        space.update(OBSTACLE)
     np.testing.assert_array_equal(space.cell_states, states)
 
 

@@ -1,0 +1,55 @@
+"""Ends of searches: a reading of the clock, or the caller's word."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import Final
+
+from cspace._support.compiling import clock
+
+_SECONDS_BETWEEN_CALLS: Final = 0.005
+"""Least time between two calls of the caller's function, which may take longer than an edge."""
+
+
+class _Stop:
+    """The caller's function, called now and then until it returns True."""
+
+    def __init__(self, function: Callable[[], bool]) -> None:
+        self._function = function
+        self._next_call = 0.0
+        self._is_set = False
+
+    def __call__(self) -> bool:
+        """Return True if the function has returned True."""
+        now = time.monotonic()
+        if not self._is_set and now >= self._next_call:
+            self._is_set = bool(self._function())
+            self._next_call = now + _SECONDS_BETWEEN_CALLS
+        return self._is_set
+
+
+_stop: ContextVar[_Stop | None] = ContextVar("stop", default=None)
+
+
+@contextmanager
+def stopping(function: Callable[[], bool] | None) -> Iterator[None]:
+    """End all searches of this thread once a function returns True; None never does."""
+    token = _stop.set(None if function is None else _Stop(function))
+    try:
+        yield
+    finally:
+        _stop.reset(token)
+
+
+def is_stopped() -> bool:
+    """Return True if the caller has ended the search."""
+    stop = _stop.get()
+    return stop is not None and stop()
+
+
+def is_over(until: float) -> bool:
+    """Return True from a reading of the clock on, or if the caller has ended the search."""
+    return clock() >= until or is_stopped()

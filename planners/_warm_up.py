@@ -1,0 +1,74 @@
+"""Compilation ahead of the first plan."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cspace._builder import build
+from cspace._interface import Space
+from cspace._robot import Robot
+from cspace._rotations import Rotations
+from cspace._space import CSpace
+from cspace._support.words import Drive
+from cspace._workspace import Workspace
+from planners._local_planner import CURVES, HOLONOMIC
+from planners._ompl_states import check_space
+from planners._plan import plan
+
+_SAMPLED_PAIRS = 10
+"""Pairs of configurations of an arm that are planned between; some need a search."""
+
+
+def warm_up(space: Space, drive: Drive = HOLONOMIC) -> None:
+    """Compile what plans on a space need, so that the first one does not wait.
+
+    For a map, it plans, updates and plans again on a small map with the same axes; for an arm, it
+    plans between some of its configurations. It takes up to half a minute on a new machine, and
+    some tenths of a second once the code is kept on disk.
+
+    Parameters
+    ----------
+    space : Space
+    drive : str
+        As for :func:`plan`.
+
+    Raises
+    ------
+    InputError
+        If ``space`` is no space, or the drive is unknown or not for its axes.
+
+    Examples
+    --------
+    >>> import numpy as np, cspace, planners
+    >>> workspace = cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1)
+    >>> planners.warm_up(cspace.build(workspace, cspace.Robot.disc(0.2)))
+    """
+    check_space(space)
+    radius = 0.5 if drive in CURVES else None
+    if not (space.has_cells and space.has_poses):
+        sample_free = getattr(space, "sample_free", None)  # a space of the user's may have none
+        if sample_free is not None:
+            samples = sample_free(2 * _SAMPLED_PAIRS, np.random.default_rng(0))
+            for start, goal in samples.reshape(_SAMPLED_PAIRS, 2, -1):
+                plan(space, start, goal, time_limit=0.1, drive=drive)
+        return
+    small = _build_small_map(space)
+    zeros = (0.0,) * (space.size - space.dim)
+    if len(zeros) == 4:
+        zeros = (0.0, 0.0, 0.0, 1.0)
+    height = (1.0,) * (space.dim - 2)
+    start, goal = (1.0, 1.0, *height, *zeros), (1.0, 5.0, *height, *zeros)
+    first = plan(small, start, goal, drive=drive, turning_radius=radius, time_limit=5.0)
+    small.update(np.ones((2,) * space.dim, dtype=bool), (45, 30, *[5] * (space.dim - 2)))
+    first.recheck()
+    small.path_exists(start, goal)  # a plan asks if it finds no path
+    plan(small, start, goal, drive=drive, turning_radius=radius, time_limit=5.0, previous=first)
+
+
+def _build_small_map(space: Space) -> CSpace:
+    """Build a map of 6 m by 6 m, with a wall in the middle, that has the axes of another map."""
+    cells = np.zeros((60, 60, 20)[: space.dim], dtype=bool)
+    cells[:40, 29:31] = True
+    robot = Robot.rectangle(0.4, 0.2) if space.dim == 2 else Robot.box((0.4, 0.2, 0.2))
+    rotations = {0: None, 1: 8, 4: Rotations.quaternions(1)}[len(space.rotations.names)]
+    return build(Workspace.from_array(cells, 0.1), robot, rotations=rotations)

@@ -1,0 +1,103 @@
+"""Searches that the caller ends."""
+
+import itertools
+import time
+
+import numpy as np
+import pytest
+
+import cspace
+import planners
+from cspace import Arm, InputError, Robot, Workspace
+from tests.helpers.urdfs import planar
+
+LONG = 600.0
+"""Time limit in seconds, far above that of a test."""
+
+
+def build_maze(rotations=None):
+    """Build a map with walls that leave gaps at their ends in turn."""
+    cells = np.zeros((150, 150), dtype=bool)
+    for number, x in enumerate(range(12, 140, 12)):
+        cells[x : x + 2] = True
+        gap = slice(1, 10) if number % 2 else slice(140, 149)
+        cells[x : x + 2, gap] = False
+    robot = Robot.rectangle(0.2, 0.1)
+    return cspace.build(Workspace.from_array(cells, 0.05), robot, rotations=rotations)
+
+
+@pytest.fixture(scope="module")
+def flat():
+    return build_maze()
+
+
+@pytest.fixture(scope="module")
+def turning():
+    return build_maze(8)
+
+
+NAMES = (*planners.planner_names(), "Grid", "MaxClearance", None)
+
+
+@pytest.mark.parametrize("calls", [1, 3])
+@pytest.mark.parametrize("name", NAMES)
+def test_every_planner_ends(flat, name, calls):
+    if name == "AORRTC":
+        pytest.skip("refused")
+    asked = itertools.count(1)
+    ends = (0.3, 0.3), (7.3, 7.3)
+    plan = planners.plan(
+        flat, *ends, planner=name, time_limit=LONG, stop=lambda: next(asked) >= calls
+    )
+    if not plan.solved:
+        assert plan.status.startswith("no path found: stopped after")
+        assert next(asked) == calls + 1  # once it is True, it is not asked again
+    # Our searches look at the clock after each batch of cells, so that a short one is done before.
+    assert not plan.solved or (plan.certified and (calls > 1 or plan.planner == "Grid"))
+
+
+@pytest.mark.parametrize("drive", ["holonomic", "differential", "dubins", "reeds-shepp"])
+def test_every_drive_ends(turning, drive):
+    radius = 0.1 if drive in ("dubins", "reeds-shepp") else None
+    ends = (0.3, 0.3, 0.0), (7.3, 7.3, 0.0)
+    options = {"drive": drive, "turning_radius": radius, "time_limit": LONG}
+    plan = planners.plan(turning, *ends, stop=lambda: True, **options)
+    assert not plan.solved and "stopped" in plan.status and not plan.hint
+
+
+def test_an_arm_ends(tmp_path):
+    space = cspace.build_arm_space({}, Arm.from_urdf(planar(tmp_path)))
+    q = space.sample_free(2, np.random.default_rng(0))
+    for name in ("BiRRT", "RRTstar"):
+        end = time.monotonic() + 0.05
+        plan = planners.plan(
+            space, *q, planner=name, time_limit=LONG, stop=lambda end=end: time.monotonic() > end
+        )
+        assert plan.solved or "stopped" in plan.status
+
+
+def test_a_path_found_before_is_returned(flat):
+    ends = (0.3, 0.3), (0.3, 7.0)
+    assert planners.plan(flat, *ends, stop=lambda: True).solved  # a single edge, before any search
+    end = time.monotonic() + 0.3
+    plan = planners.plan(
+        flat,
+        (0.3, 0.3),
+        (1.0, 7.0),
+        planner="RRTstar",
+        time_limit=LONG,
+        stop=lambda: time.monotonic() > end,
+    )
+    assert plan.solved or "stopped" in plan.status
+
+
+def test_a_stop_belongs_to_one_plan(flat):
+    options = {"planner": "RRT", "stop": lambda: True}
+    assert not planners.plan(flat, (0.3, 0.3), (7.3, 7.3), **options).solved
+    assert planners.plan(flat, (0.3, 0.3), (7.3, 7.3), time_limit=30.0).solved
+    assert planners.plan(flat, (0.3, 0.3), (7.3, 7.3), time_limit=30.0, stop=lambda: False).solved
+
+
+def test_stop_must_be_callable(flat):
+    with pytest.raises(InputError, match=r"stop is True; .* pass a function, e.g. event.is_set"):
+        planners.plan(flat, (0.3, 0.3), (7.3, 7.3), stop=True)

@@ -1,0 +1,198 @@
+"""The node's handlers for Nav2, with stand-ins for its messages, and trajectories of arms."""
+
+import importlib.util
+import time
+from itertools import pairwise
+from pathlib import Path as File
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+rclpy = pytest.importorskip("rclpy", reason="ROS 2 has an environment of its own: nox -s ros")
+
+from builtin_interfaces.msg import Duration  # noqa: E402
+from nav_msgs.msg import Path  # noqa: E402
+from trajectory_msgs.msg import JointTrajectory  # noqa: E402
+
+import cspace  # noqa: E402
+import planners  # noqa: E402
+from cspace.arms import PosedShape  # noqa: E402
+from tests.helpers.repository import ROOT  # noqa: E402
+from tests.ros.test_planner_node import GOAL, KEPT, START, build, make_grid, make_pose, make_room  # noqa: E402
+
+SPEC = importlib.util.spec_from_file_location("planner_node", ROOT / "examples/ros/planner_node.py")
+planner_node = importlib.util.module_from_spec(SPEC)
+SPEC.loader.exec_module(planner_node)
+
+
+class Result:
+    """nav2_msgs/ComputePathToPose_Result."""
+
+    def __init__(self):
+        self.path = Path()
+        self.planning_time = Duration()
+        self.error_code = 0
+        self.error_msg = ""
+
+
+class Goal:
+    """The handle of a goal, which is cancelled after some seconds."""
+
+    def __init__(self, start=START, goal=GOAL, cancelled_after=1e9, frame="map", use_start=True):
+        poses = make_pose(*start, frame), make_pose(*goal)
+        self.request = SimpleNamespace(start=poses[0], goal=poses[1], use_start=use_start)
+        self.end = time.monotonic() + cancelled_after
+        self.state = ""
+
+    @property
+    def is_cancel_requested(self):
+        return time.monotonic() > self.end
+
+    def succeed(self):
+        self.state = "succeeded"
+
+    def abort(self):
+        self.state = "aborted"
+
+    def canceled(self):
+        self.state = "canceled"
+
+
+@pytest.fixture(scope="module")
+def node():
+    parameters = [
+        "footprint:='[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]'",
+        "time_limit:=30.0",
+    ]
+    arguments = [word for each in parameters for word in ("-p", each)]
+    rclpy.init(args=["--ros-args", *arguments])
+    node = planner_node.PlannerNode()
+    node.compute_path = SimpleNamespace(Result=Result)
+    yield node
+    node.destroy_node()
+    rclpy.shutdown()
+
+
+def ask(node, **fields):
+    """Execute a goal; return its state and result."""
+    goal = Goal(**fields)
+    return goal, node.compute_path_to_pose(goal)
+
+
+def test_without_a_map_there_is_a_reason(node):
+    goal, result = ask(node)
+    assert (goal.state, result.error_code) == ("aborted", planner_node.UNKNOWN)
+    assert result.error_msg == "there is no map yet"
+
+
+def test_goals_succeed_and_codes_say_why_not(node):
+    node.on_map(make_grid(make_room()))
+    goal, result = ask(node)
+    assert (goal.state, result.error_code, result.error_msg) == ("succeeded", 0, "")
+    assert len(result.path.poses) > 10 and result.path.header.frame_id == "map"
+    wanted = {
+        202: {"frame": "odom"},
+        203: {"start": (30.0, 1.0, 0.0)},
+        204: {"goal": (30.0, 1.0, 0.0)},
+        205: {"start": (3.0, 1.0, 0.0)},
+        206: {"goal": (3.0, 1.0, 0.0)},
+    }
+    for code, fields in wanted.items():
+        goal, result = ask(node, **fields)
+        assert (goal.state, result.error_code) == ("aborted", code) and result.error_msg
+    assert ask(node, use_start=False)[1].error_code == 202  # tf2 is not installed
+    node.on_map(make_grid(make_room(gap=3)))
+    assert ask(node)[1].error_code == 208
+    node.on_map(make_grid(make_room()))
+
+
+def test_a_goal_can_be_cancelled_while_it_plans(node, monkeypatch):
+    real = planners.plan
+
+    def search_on(*ends, stop, **options):  # the optimising planner goes on until it is stopped
+        options |= {"planner": "RRTstar", "previous": None}
+        return real(*ends, stop=stop, **options)
+
+    monkeypatch.setattr(planner_node.planners, "plan", search_on)
+    node.last = None
+    began = time.monotonic()
+    goal, _ = ask(node, cancelled_after=0.3)
+    assert goal.state == "canceled" and time.monotonic() - began < 15.0
+
+
+def test_paths_are_valid_until_an_obstacle_comes(node):
+    _, result = ask(node)
+    request = SimpleNamespace(path=result.path)
+    answer = node.is_path_valid(request, SimpleNamespace())
+    assert answer.is_valid and not answer.invalid_pose_indices
+    node.on_map(make_grid(make_room(gap=3)))
+    answer = node.is_path_valid(request, SimpleNamespace())
+    assert not answer.is_valid and answer.invalid_pose_indices
+    node.on_map(make_grid(make_room()))
+
+
+def test_updates_of_a_part_equal_a_new_build(node):
+    cells = make_room()
+    cells[20:30, 10:14] = -1
+    update = cspace.ros.OccupancyGridUpdate(x=20, y=10, width=10, height=4)
+    update.data.extend([-1] * 40)
+    node.on_update(update)
+    np.testing.assert_array_equal(node.space.cell_states, build(cells).cell_states)
+    update.x = 115  # not in the grid
+    node.on_update(update)
+    np.testing.assert_array_equal(node.space.cell_states, build(cells).cell_states)
+    node.on_map(make_grid(make_room()))
+
+
+BAR = '<collision><origin xyz="0.3 0 0"/><geometry><box size="0.6 0.1 0.1"/></geometry></collision>'
+JOINT = (
+    '<joint name="{}" type="revolute"><parent link="{}"/><child link="{}"/><origin xyz="{} 0 0"/>'
+    '<axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>'
+)
+URDF = (
+    f'<robot name="two"><link name="base"/><link name="upper">{BAR}</link><link name="fore">{BAR}</link>'
+    + JOINT.format("shoulder", "base", "upper", 0)
+    + JOINT.format("elbow", "upper", "fore", 0.6)
+    + "</robot>"
+)
+
+
+def test_a_controller_follows_an_arms_trajectory(node, tmp_path):
+    pytest.importorskip("yourdfpy")
+    file = File(tmp_path, "two.urdf")
+    file.write_text(URDF)
+    pose = np.eye(4)
+    pose[:3, 3] = 0.8, 0.5, 0.0
+    post = PosedShape(cspace.Robot.cylinder(0.1, 1.0).shape, pose)
+    space = cspace.build_arm_space({"post": post}, cspace.Arm.from_urdf(file))
+    plan = planners.plan(space, (-0.6, 0.3), (1.4, -0.2), time_limit=10.0, seed=1)
+    received = []
+    publisher = node.create_publisher(JointTrajectory, "controller/joint_trajectory", KEPT)
+    node.create_subscription(JointTrajectory, "controller/joint_trajectory", received.append, KEPT)
+    publisher.publish(plan.trajectory(max_acceleration=1.0).to_joint_trajectory(JointTrajectory()))
+    while not received:
+        rclpy.spin_once(node, timeout_sec=1.0)
+    states = replay(received[0], rate=100.0)
+    assert list(received[0].joint_names) == ["shoulder", "elbow"] and len(states) > 100
+    assert space.is_free(states).all()
+    assert all(space.motion_is_free(*edge) for edge in pairwise(states))
+    np.testing.assert_allclose(states[[0, -1]], [plan.start, plan.goal], atol=1e-9)
+
+
+def replay(msg, rate):
+    """Return the states of a controller that joins points by cubic polynomials, shape (n, dof)."""
+    times = np.array([p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec for p in msg.points])
+    positions, velocities = (
+        np.array([getattr(p, name) for p in msg.points]) for name in ("positions", "velocities")
+    )
+    now = np.append(np.arange(0.0, times[-1], 1.0 / rate), times[-1])
+    k = np.clip(np.searchsorted(times, now, side="right") - 1, 0, len(times) - 2)
+    span = (times[k + 1] - times[k])[:, None]
+    s = (now - times[k])[:, None] / span
+    return (
+        (1 + 2 * s) * (1 - s) ** 2 * positions[k]
+        + s * (1 - s) ** 2 * span * velocities[k]
+        + s**2 * (3 - 2 * s) * positions[k + 1]
+        + s**2 * (s - 1) * span * velocities[k + 1]
+    )

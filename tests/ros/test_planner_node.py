@@ -1,0 +1,249 @@
+"""The ROS 2 node of examples/ros, in a process of its own; run by ``nox -s ros``."""
+
+import math
+import os
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+rclpy = pytest.importorskip("rclpy", reason="ROS 2 has an environment of its own: nox -s ros")
+
+from geometry_msgs.msg import Point32, Polygon, PoseStamped  # noqa: E402
+from nav_msgs.msg import OccupancyGrid, Path  # noqa: E402
+from nav_msgs.srv import GetPlan  # noqa: E402
+from rclpy.executors import SingleThreadedExecutor  # noqa: E402
+from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
+from visualization_msgs.msg import MarkerArray  # noqa: E402
+
+import cspace  # noqa: E402
+from tests.helpers.repository import ROOT  # noqa: E402
+
+FOOTPRINT = "[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]"
+START, GOAL = (1.0, 1.0, 0.0), (5.0, 1.0, 0.0)
+KEPT = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def make_room(gap=20):
+    """Return the cells of a room of 6 m x 4 m with a wall that leaves a gap."""
+    cells = np.zeros((120, 80), dtype=np.int8)
+    cells[[0, -1]] = cells[:, [0, -1]] = cells[58:62, : 80 - gap] = 100
+    return cells
+
+
+def make_grid(cells):
+    """Return the message of cells [x, y]."""
+    msg = OccupancyGrid()
+    msg.header.frame_id = "map"
+    msg.info.resolution = 0.05
+    msg.info.width, msg.info.height = cells.shape
+    msg.info.origin.orientation.w = 1.0
+    msg.data = cells.T.ravel().tolist()
+    return msg
+
+
+def make_pose(x, y, yaw, frame="map"):
+    """Return a stamped pose."""
+    pose = PoseStamped()
+    pose.header.frame_id = frame
+    pose.pose.position.x, pose.pose.position.y = x, y
+    pose.pose.orientation.z, pose.pose.orientation.w = math.sin(yaw / 2), math.cos(yaw / 2)
+    return pose
+
+
+def build(cells, footprint=FOOTPRINT):
+    """Build the node's map by the library alone."""
+    robot = cspace.Robot.from_footprint(footprint, padding=0.01)
+    return cspace.build(cspace.Workspace.from_occupancy_grid(make_grid(cells)), robot, rotations=72)
+
+
+class Client:
+    """A node that talks to the planner, and keeps the last message of each of its topics."""
+
+    def __init__(self):
+        self.node = rclpy.create_node("client")
+        self.executor = SingleThreadedExecutor()  # the default one ends with the first context
+        self.executor.add_node(self.node)
+        self.maps = self.node.create_publisher(OccupancyGrid, "map", KEPT)
+        self.footprints = self.node.create_publisher(Polygon, "footprint", 1)
+        self.service = self.node.create_client(GetPlan, "cspace_planner/make_plan")
+        self.last = {}
+        for name, kind in (("map", OccupancyGrid), ("plan", Path), ("markers", MarkerArray)):
+            self.node.create_subscription(
+                kind, f"cspace_planner/{name}", lambda msg, name=name: self.keep(name, msg), KEPT
+            )
+
+    def keep(self, name, msg):
+        """Keep the last message."""
+        self.last[name] = msg
+
+    def wait(self, is_done, seconds=20.0):
+        """Spin until a condition holds."""
+        end = time.monotonic() + seconds
+        while not is_done():
+            assert time.monotonic() < end, "nothing came in time"
+            self.executor.spin_once(timeout_sec=0.02)
+
+    def send(self, cells):
+        """Publish a map, and return the map of configurations at yaw 0, [x, y]."""
+        self.last.pop("map", None)
+        self.maps.publish(make_grid(cells))
+        self.wait(lambda: "map" in self.last)
+        msg = self.last["map"]
+        return np.reshape(msg.data, (msg.info.height, msg.info.width)).T
+
+    def plan(self, start=START, goal=GOAL, frame="map"):
+        """Ask for a plan; return its poses as configurations, shape (n, 3)."""
+        request = GetPlan.Request(start=make_pose(*start), goal=make_pose(*goal, frame))
+        future = self.service.call_async(request)
+        self.wait(future.done)
+        rows = [
+            (
+                p.pose.position.x,
+                p.pose.position.y,
+                2 * math.atan2(p.pose.orientation.z, p.pose.orientation.w),
+            )
+            for p in future.result().plan.poses
+        ]
+        return np.reshape(rows, (-1, 3))
+
+
+def start_node():
+    """Start the node in a process of its own."""
+    command = [sys.executable, ROOT / "examples/ros/planner_node.py", "--ros-args"]
+    command += ["--params-file", ROOT / "examples/ros/params.yaml", "-p", "time_limit:=10.0"]
+    return subprocess.Popen(command, env={**os.environ, "PYTHONPATH": str(ROOT)})
+
+
+def stop_node(process):
+    """End the node."""
+    process.terminate()
+    process.wait(10)
+
+
+@pytest.fixture(scope="module")
+def ros():
+    rclpy.init()
+    yield
+    rclpy.try_shutdown()
+
+
+@pytest.fixture(scope="module")
+def client(ros):
+    process = start_node()
+    client = Client()
+    client.maps.publish(make_grid(make_room()))
+    client.wait(lambda: "map" in client.last, 120.0)  # the first start compiles
+    yield client
+    stop_node(process)
+
+
+def assert_equal_map(client, cells):
+    """Compare the published map with the library's."""
+    expected = build(cells).to_occupancy_grid(rotation=0.0)
+    np.testing.assert_array_equal(client.send(cells), np.reshape(expected.data, (80, 120)).T)
+
+
+def assert_free(rows, cells):
+    """Prove a path again."""
+    assert len(rows) > 1 and build(cells).certify_path(rows).all()
+    np.testing.assert_allclose(rows[[0, -1]], [START, GOAL], atol=1e-9)
+
+
+def test_maps_and_updates_are_those_of_the_library(client):
+    for gap in (20, 30, 20):
+        assert_equal_map(client, make_room(gap))
+    other = np.pad(make_room(), 3)  # another grid
+    assert client.send(other).shape == other.shape
+    assert_equal_map(client, make_room())
+
+
+def test_paths_are_proven_and_shown(client):
+    client.send(make_room())
+    assert_free(client.plan(), make_room())
+    client.wait(lambda: client.last.get("plan") and client.last["plan"].poses)
+    markers = client.last["markers"].markers
+    assert len(markers[1].points) > 8 and markers[1].header.frame_id == "map"
+
+
+def test_without_a_path_the_barrier_is_shown(client):
+    client.send(make_room(gap=3))
+    client.last.pop("markers", None)
+    assert not len(client.plan())
+    client.wait(lambda: "markers" in client.last, 90.0)  # the first explanation compiles
+    points = np.array([(p.x, p.y) for p in client.last["markers"].markers[1].points])
+    assert len(points) and (np.abs(points[:, 0] - 3.0) < 1.0).any()
+    client.send(make_room())
+
+
+def test_obstacles_move_while_it_plans(client):
+    try:
+        cells = make_room()
+        for step in range(20):
+            before, cells = cells, make_room()
+            cells[20 + 2 * step : 28 + 2 * step, 30:38] = 100
+            client.maps.publish(make_grid(cells))
+            time.sleep(0.1)
+            rows = client.plan()
+            assert len(rows) > 1
+            # The path is proven on this map, or on the one before.
+            assert any(build(each).certify_path(rows).all() for each in (cells, before))
+    finally:
+        client.send(make_room())
+
+
+def spoil_maps():
+    """Yield maps that are none."""
+    for name, value in (("resolution", math.nan), ("resolution", 0.0), ("width", 0), ("width", 7)):
+        msg = make_grid(make_room())
+        setattr(msg.info, name, value)
+        yield msg
+    msg = make_grid(make_room())
+    msg.info.origin.orientation.x = 1.0
+    yield msg
+    yield OccupancyGrid()
+
+
+def test_it_goes_on_after_bad_messages(client):
+    for msg in spoil_maps():
+        client.maps.publish(msg)
+        time.sleep(0.05)
+    for corners in ([(0.0, 0.0)], [(math.nan, 0.0)] * 3, [(0, 0), (1, 1), (0, 1), (1, 0)]):
+        client.footprints.publish(
+            Polygon(points=[Point32(x=float(x), y=float(y)) for x, y in corners])
+        )
+        time.sleep(0.05)
+    assert not len(client.plan(frame="odom"))
+    assert not len(client.plan(goal=(math.nan, 1.0, 0.0)))
+    assert not len(client.plan(start=(30.0, 1.0, 0.0)))
+    assert not len(client.plan(goal=(3.0, 1.0, 0.0)))
+    assert_free(client.plan(), make_room())
+
+
+def test_a_new_footprint_builds_anew(client):
+    long = [(0.9, 0.2), (0.9, -0.2), (-0.3, -0.2), (-0.3, 0.2)]
+    client.last.pop("map", None)
+    client.footprints.publish(Polygon(points=[Point32(x=x, y=y) for x, y in long]))
+    client.wait(lambda: "map" in client.last)
+    single = np.float32(long).tolist()  # as messages have it
+    expected = build(make_room(), single).to_occupancy_grid(rotation=0.0)
+    assert list(client.last["map"].data) == list(expected.data)
+    client.footprints.publish(
+        Polygon(
+            points=[
+                Point32(x=x, y=y) for x, y in ((0.3, 0.2), (0.3, -0.2), (-0.3, -0.2), (-0.3, 0.2))
+            ]
+        )
+    )
+    client.last.pop("map")
+    client.wait(lambda: "map" in client.last)
+
+
+def test_the_node_is_killed_and_starts_again(ros, client):
+    other = start_node()
+    time.sleep(0.5)
+    other.kill()
+    other.wait()
+    assert_free(client.plan(), make_room())
