@@ -96,7 +96,9 @@ def extend(
         if not is_reached:
             start = nodes[nearest, d]
             nodes[new, d] = start + MAX_STRIDE / distance * (q[d] - start)
-    if not motion_is_free(scene, nodes[nearest], nodes[new], scratch):
+    # Most colliding motions end in a collision.
+    end_is_free = motion_is_free(scene, nodes[new], nodes[new], scratch)
+    if not (end_is_free and motion_is_free(scene, nodes[nearest], nodes[new], scratch)):
         forest.reaches[side, nearest] = NEAR_PER_SQRT_JOINT * math.sqrt(len(q))
         return -1, False
     forest.parents[side, new] = nearest
