@@ -100,7 +100,7 @@ def _convert_sphere(link: str, sphere: Any) -> Sphere:
     """Return the center and radius of a sphere; raise ContentError if they are not numbers."""
     entry = _check_table(sphere, link)
     center = entry.get("center", entry.get("origin"))
-    radius = entry.get("radius")
+    radius: Any = entry.get("radius")
     numbers = [*center, radius] if isinstance(center, list) else []
     is_valid = len(numbers) == 4 and all(
         isinstance(number, int | float) and math.isfinite(number) for number in numbers

@@ -26,7 +26,6 @@ from cspace._files.fields import Fields
 from cspace._files.plain import check_expanded, parse_finite, parse_xml
 from cspace._files.sphere_files import read_spheres, replace_geometry
 from cspace._support.arrays import Floats
-from cspace._support.check import check_known
 from cspace._support.reporting import import_optional, warn_user
 from cspace.errors import AngleWarning, FileError, InputError
 

@@ -81,7 +81,7 @@ class Arrangement:
         # farthest from the balls, and fewer of the inside.
         rng = np.random.default_rng(0)
         cells = rng.permutation(lattice.cell_centers)[:MAX_CELLS]
-        inside = cells[self.region.depths(cells) > 0.0]
+        inner_cells = cells[self.region.depths(cells) > 0.0]
         pieces = self.region.inner.pieces
         corners = rng.permutation(np.unique(pieces.reshape(-1, dim), axis=0))
         sides = np.diff(pieces, axis=1)
@@ -92,7 +92,7 @@ class Arrangement:
         chosen = rng.choice(len(pieces), count, p=sizes / sizes.sum() if sizes.any() else None)
         weights = rng.dirichlet(np.ones(dim), count)
         boundary = np.einsum("ij,ijk->ik", weights, pieces[chosen])
-        self.points = rng.permutation(np.concatenate([inside, corners[:MIN_POINTS], boundary]))
+        self.points = rng.permutation(np.concatenate([inner_cells, corners[:MIN_POINTS], boundary]))
         candidates = self._keep_valid(lattice.find_medial_centers())
         if not len(candidates):
             shifts = rng.uniform(-0.5, 0.5, (POINTS_PER_CELL, *cells.shape)) * lattice.side

@@ -208,11 +208,11 @@ def _prove(lattice: Lattice, kind: Kind, centers: Floats) -> tuple[Floats, Float
     without a part of the shape are dropped.
     """
     radii = lattice.region.depths(centers)
-    gap = (0.0, math.inf)
-    if len(centers):
-        *gap, growths = bound_shape_to_balls(lattice, centers, radii)
-    if kind == "inner" or not len(centers):
-        return centers, radii, gap
+    if not len(centers):
+        return centers, radii, (0.0, math.inf)
+    low, high, growths = bound_shape_to_balls(lattice, centers, radii)
+    if kind == "inner":
+        return centers, radii, (low, high)
     radii = (radii + growths) * (1.0 + 2.0**-40)  # above the sum in spite of rounding
     is_needed = radii > 0.0
     centers = centers[is_needed]

@@ -217,7 +217,8 @@ class Lattice:
         grid = region.make_grid(max(side, self.least_side))
         self.side = grid.spacing
         self.cells, _ = region.shape.cells(grid)
-        self.cell_centers = grid.lower + self.side * (np.argwhere(self.cells) + 0.5)
+        centers = grid.lower + self.side * (np.argwhere(self.cells) + 0.5)
+        self.cell_centers: Floats = centers.astype(np.float64)
 
     def find_medial_centers(self) -> Floats:
         """Find cell centers, shape (n, d), around which no neighboring ball contains the ball.

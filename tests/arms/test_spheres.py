@@ -13,12 +13,11 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
 from cspace import InputError, Robot, build_arm_space
-from cspace._shapes import as_shape
 from cspace.arms import Arm
 from cspace.errors import FileError, GeometryError
 from tests.helpers.commands import document, run
 from tests.helpers.refusals import refusals
-from tests.helpers.urdfs import collision, joint, link, planar, pose_at, write_urdf
+from tests.helpers.urdfs import collision, joint, link, planar, pose_at, posed_box, write_urdf
 
 pytest.importorskip("yourdfpy")
 
@@ -192,7 +191,7 @@ def test_written_spheres_are_read_back(tmp_path, suffix):
             assert surfaces(part.shape) == surfaces(other.shape)
             assert (part.pose == other.pose).all()
     q = np.random.default_rng(0).uniform(-2.0, 2.0, (200, 2))
-    solids = {"box": (as_shape(trimesh.creation.box((0.6, 0.6, 0.6))), pose_at(1.2, 1.2))}
+    solids = {"box": posed_box((0.6, 0.6, 0.6), 1.2, 1.2)}
     spaces = [build_arm_space(solids, each) for each in (arm, named)]
     free = spaces[0].is_free(q)
     assert 0 < free.sum() < len(q)
