@@ -23,7 +23,7 @@ import numpy as np
 import shapely
 
 from cspace._interface import Endpoint
-from cspace._queries.edges import edge_is_free
+from cspace._queries.edges import NO_RADII, tube_is_free
 from cspace._queries.frontier import (
     NO_NODE,
     UNKNOWN,
@@ -764,7 +764,7 @@ def motion_is_free(
     if radius is None:
         start = position_in_plane(map_, x, y)
         end = position_in_plane(map_, q[0], q[1])
-        return edge_is_free(map_, start, (yaw,), end, (q[2],))
+        return tube_is_free(map_, start, (yaw,), end, (q[2],), NO_RADII, 0.0)
     steer = motions.steering[move]
     length = motions.lengths[0, move]  # at all headings
     geometry = motions.geometry

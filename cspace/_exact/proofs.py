@@ -25,7 +25,7 @@ from cspace._bodies.triangle_proofs import (
 from cspace._exact.boundaries import ObstacleBoundary, Problem, Proofs, obstacle_boundary
 from cspace._grid import MAX_COORDINATE
 from cspace._queries.batches import as_contiguous
-from cspace._queries.edges import edge_is_free, edges_are_free, position_along
+from cspace._queries.edges import NO_RADII, edges_are_free, position_along, tube_is_free
 from cspace._queries.points import classify, configuration_in, is_usable, state_at
 from cspace._record.cells import Map
 from cspace._rotations.lookup import (
@@ -656,7 +656,7 @@ def cells_are_free(map_: Map, arc: EdgeArc, first: float, last: float) -> bool:
     end = position_along(arc.p0, arc.p1, last)
     start_rotation = rotation_along(arc.r0, arc.r1, arc.number, first)
     end_rotation = rotation_along(arc.r0, arc.r1, arc.number, last)
-    return bool(edge_is_free(map_, start, start_rotation, end, end_rotation))
+    return bool(tube_is_free(map_, start, start_rotation, end, end_rotation, NO_RADII, 0.0))
 
 
 @kernel

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numba
 
-from cspace._queries.edges import edge_is_free
+from cspace._queries.edges import NO_RADII, tube_is_free
 from cspace._queries.points import NOT_USABLE, cell_of, is_usable, position_in_plane, state_at
 from cspace._record.cells import Map
 from cspace._rotations.lookup import is_rotation, rotation_cell
@@ -134,4 +134,4 @@ def look_up_motion(map_: Map, size: int, numbers: Numbers) -> int:
     p1, r1 = configuration_before(map_, numbers, end)
     if not (is_usable(p0, r0) and is_usable(p1, r1)):
         return NOT_USABLE
-    return FREE if edge_is_free(map_, p0, r0, p1, r1) else MIXED
+    return FREE if tube_is_free(map_, p0, r0, p1, r1, NO_RADII, 0.0) else MIXED

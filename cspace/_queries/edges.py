@@ -121,7 +121,7 @@ def edges_are_free(map_: Map, starts: Floats, ends: Floats, out: Bools) -> int:
         p1, r1 = configuration_in(map_, ends, k)
         if not (is_usable(p0, r0) and is_usable(p1, r1)):
             return k
-        out[k] = edge_is_free(map_, p0, r0, p1, r1)
+        out[k] = tube_is_free(map_, p0, r0, p1, r1, NO_RADII, 0.0)
     return -1
 
 
@@ -150,24 +150,15 @@ def count_free_tubes(
 
 
 @inlined
-def edge_is_free(map_: Map, p0: Row, r0: Numbers, p1: Row, r1: Numbers) -> bool:
-    """Return True if an edge is FREE.
-
-    All closed cells within SLACK of it must be FREE. Along an edge the position moves straight and
-    the rotation takes the shortest arc; if two arcs are equally short up to rounding, both must be
-    FREE.
-    """
-    return tube_is_free(map_, p0, r0, p1, r1, NO_RADII, 0.0)
-
-
-@inlined
 def tube_is_free(
     map_: Map, p0: Row, r0: Numbers, p1: Row, r1: Numbers, radii: Row, turn: float
 ) -> bool:
     """Return True if an edge is FREE with all configurations near it.
 
-    These differ from those of the edge by at most ``radii`` along each axis, metres, and are
-    rotated by at most ``turn``. In the plane, the first radius is zero.
+    All closed cells within SLACK of these must be FREE. Along an edge the position moves straight
+    and the rotation takes the shortest arc; if two arcs are equally short up to rounding, both must
+    be FREE. Configurations near it differ from those of the edge by at most ``radii`` along each
+    axis, metres, and are rotated by at most ``turn``. In the plane, the first radius is zero.
     """
     if len(r0) == 4:
         if turn > 0.0:
