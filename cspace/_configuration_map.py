@@ -484,7 +484,9 @@ class ConfigurationMap(ConfigurationSpace):
         state = self.classify(point)
         is_tried = is_inside and state != BLOCKED and not exact and self.tries_exact
         is_exact = is_tried and self.edge_checker(exact=True)(*point, *point)
+        reason: EndReason = "blocked" if state == BLOCKED else "mixed"
         if not is_inside:
+            reason = "outside"
             lower = ", ".join(f"{x:.6g}" for x in self.grid.lower)
             upper = ", ".join(f"{x:.6g}" for x in self.grid.upper)
             problem = f"lies outside the map, which reaches from ({lower}) to ({upper})"
@@ -502,9 +504,6 @@ class ConfigurationMap(ConfigurationSpace):
         if is_exact:
             hint = f"pass exact=True, which proves it free; {hint}"
         problem = f"{format_configuration(point)} {problem}"
-        reason: EndReason = "blocked" if state == BLOCKED else "mixed"
-        if not is_inside:
-            reason = "outside"
         return ConfigurationError(name, problem, rule, hint, nearest=nearest, reason=reason)
 
     def _suggest_endpoint(self, point: Endpoint) -> tuple[str, Endpoint | None]:

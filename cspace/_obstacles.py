@@ -12,7 +12,7 @@ import mmap
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, Protocol
+from typing import Any, Final, Literal, NamedTuple, Protocol
 
 import numpy as np
 
@@ -23,9 +23,6 @@ from cspace._shapes import Shape, Voxels
 from cspace._support.arrays import Bools, Box, Ints, intersect_boxes
 from cspace._support.check import check_cells, check_dims
 from cspace.errors import FileError
-
-if TYPE_CHECKING:
-    from cspace._workspace import Workspace
 
 _LAZY_PACKAGES: Final = frozenset({"dask", "zarr"})
 """Packages whose arrays read their values when they are indexed."""
@@ -340,14 +337,6 @@ class ObstacleLayers:
         if self.unknown is not None:
             self.unknown[window] = False
         self.shapes = self._base_shapes = None
-
-    def replace(self, base: Workspace) -> None:
-        """Replace the base, which keeps its grid."""
-        self.outer = base.outer.copy()
-        self.inner = base.inner.copy()
-        self.unknown = None if base.unknown is None else base.unknown.copy()
-        self.shapes = base.shapes
-        self._base_shapes = None
 
     def set_obstacle(self, name: str, obstacle: Obstacle | None) -> list[CellBox]:
         """Add, replace or remove a named obstacle.

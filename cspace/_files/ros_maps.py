@@ -36,7 +36,7 @@ from cspace._support.reporting import warn_user
 from cspace.errors import AngleWarning, FileError, GeometryError, InputError
 
 if TYPE_CHECKING:
-    from cspace._configuration_map import ConfigurationMap
+    from cspace._interface import Space
 
 YAML_SUFFIXES: Final = (".yaml", ".yml")
 
@@ -560,9 +560,7 @@ def _read_rows(msg: object, info: str, argument: str, kind: str) -> NDArray[Any]
     return values.reshape(height, width)
 
 
-def configuration_of(
-    msg: object, space: ConfigurationMap, frame_id: str = "map"
-) -> tuple[float, ...]:
+def configuration_of(msg: object, space: Space, frame_id: str = "map") -> tuple[float, ...]:
     """Convert a stamped pose to a configuration of a map.
 
     Parameters

@@ -235,8 +235,10 @@ class Updater:
             known = False if unknown is None else unknown
             patch = Patch(tuple(first.tolist()), workspace.outer, workspace.inner, known)
             return self._write_all([patch])
-        self._layers.replace(workspace)
-        return self._copy_layers(self._layers, [(first, np.array(self._grid.shape))])
+        layers = _make_layers(workspace)
+        layers.named = self._layers.named
+        self._layers = layers
+        return self._copy_layers(layers, [(first, np.array(self._grid.shape))])
 
     def set_obstacle(self, name: str, shape: Shape | None) -> Update:
         """Add, replace or remove a named obstacle, and update the map."""
