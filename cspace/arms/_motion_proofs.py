@@ -196,8 +196,9 @@ class SceneScratch(NamedTuple):
         Nodes of each pair that last were not proven apart, -1 for none. They are tested early,
         because the same nodes often decide again.
     directions : ndarray of float64, shape (p, 3)
-        Direction along which hulls of each pair were last farthest apart, zero if none were. It is
-        tried first, because it often proves the next part or motion too.
+        Direction along which hulls of each pair were last farthest apart, zero at the start of a
+        motion, so that no answer depends on an earlier motion. It is tried first, because it often
+        proves the next part too.
     first_pair : ndarray of int64, shape (1,)
         Pair that last was not apart, which is tested first.
     axes : ndarray of float64, shape (b, 8)
@@ -380,6 +381,7 @@ def bound_pairs(scene: ArmScene, q0: Floats, q1: Floats, scratch: SceneScratch) 
         scratch.bounds[n, CURVATURE] = curvature
         scratch.bounds[n, ROTATION] = rotation
         scratch.not_nested[n] = False
+        scratch.directions[n, :] = 0.0
 
 
 @internal
