@@ -493,6 +493,18 @@ MUTANTS = (
     ),
     # Planners: trajectories.
     Mutant(
+        "planners/_smoothing.py",
+        "shifts * junction.rates + bends",
+        "shifts * junction.rates",
+        "tests/planners/test_going_on.py",
+    ),
+    Mutant(
+        "planners/_timing.py",
+        "room = 1.0 - intervals.bend_shares[k] * squares[-1]",
+        "room = 1.0 - 0.0 * intervals.bend_shares[k]",
+        "tests/planners/test_going_on.py",
+    ),
+    Mutant(
         "planners/_timing.py",
         "phases.accelerations / factor**2",
         "phases.accelerations / factor",
