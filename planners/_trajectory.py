@@ -635,7 +635,7 @@ class MotionLimits(NamedTuple):
     max_lateral_acceleration: float | None = None
 
 
-class Motion(NamedTuple):
+class TimedMotion(NamedTuple):
     """A path with a time law."""
 
     segments: Segments
@@ -733,7 +733,7 @@ def continue_trajectory(
     path = path._replace(waypoints=rows)
     rotations = stop._rotations
     edges = _split(path, rotations, bounds)
-    motion: Motion | None
+    motion: TimedMotion | None
     if stop.duration == 0.0:
         motion = _start(path, edges, rotations, bounds)
     else:
@@ -743,20 +743,22 @@ def continue_trajectory(
     return made if made is not None and made.certified else stop
 
 
-def _start(path: DrivenPath, edges: Segments, rotations: Rotations, bounds: MotionBounds) -> Motion:
+def _start(
+    path: DrivenPath, edges: Segments, rotations: Rotations, bounds: MotionBounds
+) -> TimedMotion:
     """Return the fastest motion along a path, from rest."""
     smooth = _smooth(path, edges, rotations, bounds, None)
-    motions: list[Motion] = []
+    motions: list[TimedMotion] = []
     for segments in (edges,) if smooth is None else (smooth, edges):
         phases = find_phases(segments, rotations, bounds)
         if phases is not None:
-            motions.append(Motion(segments, phases, segments.is_curve))
+            motions.append(TimedMotion(segments, phases, segments.is_curve))
     return min(motions, key=_end_time)
 
 
 def _go_on(
     stop: Trajectory, path: DrivenPath, edges: Segments, bounds: MotionBounds
-) -> Motion | None:
+) -> TimedMotion | None:
     """Return the fastest motion along a stop and on along a path from its end.
 
     The robot rests there if no proven curve goes on, or if it arrives too fast for that curve. None
@@ -773,7 +775,7 @@ def _go_on(
     junction = _make_junction(rates, bends, rotations, bounds, path)
     smooth = _smooth(path, edges, rotations, bounds, junction)
     none_proven = np.zeros(len(head.lengths), dtype=np.bool_)
-    motions: list[Motion] = []
+    motions: list[TimedMotion] = []
     for tail in (edges,) if smooth is None else (smooth, edges):
         # Both curves get the same unit of length if they have the same direction.
         firsts = place_along(tail.select([0]), rotations, np.zeros(1))[1]
@@ -784,24 +786,28 @@ def _go_on(
         phases = find_phases(segments, rotations, bounds, begin / factor, speed / factor)
         if phases is not None:
             proven = np.concatenate([none_proven, tail.is_curve])
-            motions.append(Motion(segments, phases, proven, speed / factor))
+            motions.append(TimedMotion(segments, phases, proven, speed / factor))
     may_stop = are_same_bounds(bounds, stop._bounds)
     if may_stop and (smooth is None or not motions or is_slow):
         rest = _start(path, edges, rotations, bounds)
         segments = join_segments([head, rest.segments])
         phases = join_phases(stop._phases, rest.phases, len(head.lengths))
         proven = np.concatenate([none_proven, rest.proven])
-        motions.append(Motion(segments, phases, proven, speed))
+        motions.append(TimedMotion(segments, phases, proven, speed))
     return min(motions, key=_end_time, default=None)
 
 
-def _end_time(motion: Motion) -> float:
+def _end_time(motion: TimedMotion) -> float:
     """Return the duration of a motion."""
     return float(motion.phases.times[-1])
 
 
 def _make(
-    path: DrivenPath, motion: Motion, rotations: Rotations, bounds: MotionBounds, time_step: float
+    path: DrivenPath,
+    motion: TimedMotion,
+    rotations: Rotations,
+    bounds: MotionBounds,
+    time_step: float,
 ) -> Trajectory | None:
     """Make a trajectory and prove what is not; None if rounding exceeds its limits."""
     segments, phases, proven, begin_speed = motion

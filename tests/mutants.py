@@ -724,8 +724,8 @@ MUTANTS = (
     ),
     Mutant(
         "cspace/spectral/_decompose.py",
-        "radii = (radii + growths) * (1.0 + 2.0**-40)",
-        "radii = (radii + 0.98 * growths) * (1.0 + 2.0**-40)",
+        "stop = math.floor(center + length + 0.5)",
+        "stop = math.ceil(center + length + 0.5)",
         "tests/spectral/test_decompose.py",
     ),
     Mutant(

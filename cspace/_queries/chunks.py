@@ -121,7 +121,7 @@ class RowCheck(NamedTuple):
         return None
 
 
-class Tubes(NamedTuple):
+class ChunkMotions(NamedTuple):
     """The motions that chunks stand for.
 
     Attributes
@@ -200,7 +200,7 @@ class Chunk:
 
     rows: Floats
     proven: int | Ints
-    _tubes: Tubes
+    _tubes: ChunkMotions
     _tracking: Floats  # one for all coordinates, or one for each
 
     @property
@@ -300,7 +300,7 @@ def certify_rows(
                 "speeds are compared with max_velocity",
                 "pass the seconds between rows, e.g. dt=0.02",
             )
-    tubes = Tubes(space, starts, targets, checks)
+    tubes = ChunkMotions(space, starts, targets, checks)
     return _prove(tubes, targets, is_batch, errors)
 
 
@@ -358,7 +358,7 @@ def certify_twists(
     poses = _roll_out(starts, np.repeat(driven * seconds / per_row, per_row, axis=1))
     sag = float((lengths * angles)[is_used].max(initial=0.0)) / (8.0 * per_row**2)
     sag += ROLL_OUT_ROUNDING * spacing * poses.shape[1]
-    tubes = Tubes(space, starts, poses, checks, per_row, sag)
+    tubes = ChunkMotions(space, starts, poses, checks, per_row, sag)
     return _prove(tubes, poses[:, per_row - 1 :: per_row], is_batch, errors)
 
 
@@ -376,7 +376,7 @@ def _roll_out(starts: Floats, arcs: Floats) -> Floats:
     return np.stack([x, y, yaws], axis=-1)
 
 
-def _prove(tubes: Tubes, rows: Floats, is_batch: bool, tracking: Floats) -> Chunk:
+def _prove(tubes: ChunkMotions, rows: Floats, is_batch: bool, tracking: Floats) -> Chunk:
     """Prove the rows of chunks, shape (B, n, size), and return them with their proof."""
     counts = tubes.count_proven(tracking)
     if is_batch:

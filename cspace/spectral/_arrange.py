@@ -1,4 +1,4 @@
-"""Places of balls in or around a shape.
+"""Few balls in or around a shape, by alternating assignment.
 
 The growth of a ball is the length by which the largest ball in the shape around its center must
 grow to contain its part of the shape. Balls are placed to make the largest growth small. It is the
@@ -11,22 +11,21 @@ import math
 from typing import Final
 
 import numpy as np
-from scipy.spatial.distance import cdist
 
 from cspace._support.arrays import Floats, Ints
-from cspace.spectral._regions import Lattice, cube_gaps
+from cspace.spectral._regions import Lattice
 
 MAX_SEARCHED_BALLS: Final = 16
 """Largest number of balls for which further arrangements are searched, for the time it takes."""
 
-STARTS: Final = 2
-"""Number of first balls from which few balls are placed one by one."""
+STARTS: Final = 4
+"""Number of random arrangements that few balls start from."""
 
 MAX_FAILURES: Final = 6
 """Number of balls that move to another part of the shape in vain before the search ends."""
 
 MAX_ROUNDS: Final = 8
-"""Largest number of assignments of points to balls."""
+"""Largest number of assignments of cells to balls."""
 
 MAX_STEPS: Final = 6
 """Number of steps that each ball takes between two assignments."""
@@ -34,87 +33,60 @@ MAX_STEPS: Final = 6
 MAX_CELLS: Final = 1_500
 """Largest number of points inside a shape that stand for it."""
 
-MIN_POINTS: Final = 2_000
-"""Smallest number of points of a boundary, and largest number of its corners, that stand for a
-shape."""
-
-POINTS_PER_BALL: Final = 30
-"""Points of a boundary for each ball."""
-
-MAX_BALLS_WITH_POINTS: Final = 400
-"""Number of balls that get points of their own, to bound memory; more share them."""
-
-MAX_CANDIDATES: Final = 2_000
-"""Largest number of centers that a greedy choice chooses from."""
-
-POINTS_PER_CELL: Final = 20
-"""Points of a cell that are tried for centers in a shape thinner than cells."""
-
-REACH_HALVINGS: Final = 9
-"""Number of times that the range of the reach of a greedy choice is halved."""
-
-INSERTED_SHARES: Final = np.array([[0.2], [0.5], [0.7], [0.85], [0.95], [0.98]])
-"""Places of a further ball, as shares of the way from the nearest center to the farthest point."""
+MAX_POINTS: Final = 2_000
+"""Largest number of points that stand for a shape while balls are placed."""
 
 SMALLEST_LENGTH: Final = 1e-300
 """Smallest length that others are divided by, metres."""
 
 
 class Arrangement:
-    """Places for balls in or around a shape, by a greedy choice and alternating assignment.
+    """Places for few balls in or around a shape, by alternating assignment.
 
-    A greedy choice among centers along the medial axis (V. Chvatal, "A greedy heuristic for the
-    set-covering problem", 1979) is improved: each point of the shape belongs to the ball that must
-    grow least to contain it, and each ball moves to where its growth is smallest, in turns (R. Wang
-    and others, "Variational sphere set approximation for solid objects", 2006).
+    Each point of the shape belongs to the ball that must grow least to contain it, and each ball
+    moves to where its growth is smallest, in turns (R. Wang and others, "Variational sphere set
+    approximation for solid objects", 2006).
     """
 
-    def __init__(self, lattice: Lattice, number: int, *, inside: bool) -> None:
-        """Choose points that stand for the shape, enough for ``number`` balls.
-
-        With ``inside``, centers must lie in the shape.
-        """
+    def __init__(self, lattice: Lattice, *, inside: bool) -> None:
+        """Choose points that stand for the shape; with ``inside``, centers must lie in it."""
         self.region = lattice.region
         self.is_inner = inside
-        dim = self.region.dim
         # Some points stand for all, because all are proven later: some of the boundary, which lies
         # farthest from the balls, and fewer of the inside.
         rng = np.random.default_rng(0)
-        cells = rng.permutation(lattice.cell_centers)[:MAX_CELLS]
-        inner_cells = cells[self.region.depths(cells) > 0.0]
+        self.cells = lattice.to_metres(rng.permutation(lattice.cell_centers)[:MAX_CELLS])
         pieces = self.region.inner.pieces
-        corners = rng.permutation(np.unique(pieces.reshape(-1, dim), axis=0))
+        corners = rng.permutation(np.unique(pieces.reshape(-1, self.region.dim), axis=0))
         sides = np.diff(pieces, axis=1)
         sizes = np.linalg.norm(sides[:, 0], axis=1)
-        if dim == 3:
+        if self.region.dim == 3:
             sizes = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
-        count = MIN_POINTS + POINTS_PER_BALL * min(number, MAX_BALLS_WITH_POINTS)
-        chosen = rng.choice(len(pieces), count, p=sizes / sizes.sum() if sizes.any() else None)
-        weights = rng.dirichlet(np.ones(dim), count)
+        chosen = rng.choice(len(pieces), MAX_POINTS, p=sizes / sizes.sum() if sizes.any() else None)
+        weights = rng.dirichlet(np.ones(self.region.dim), MAX_POINTS)
         boundary = np.einsum("ij,ijk->ik", weights, pieces[chosen])
-        self.points = rng.permutation(np.concatenate([inner_cells, corners[:MIN_POINTS], boundary]))
-        candidates = self._keep_valid(lattice.find_medial_centers())
-        if not len(candidates):
-            shifts = rng.uniform(-0.5, 0.5, (POINTS_PER_CELL, *cells.shape)) * lattice.side
-            candidates = self._keep_valid((cells + shifts).reshape(-1, dim))
-        self.candidates = rng.permutation(candidates)[:MAX_CANDIDATES]
-        depths = self.region.depths(self.candidates)
-        self.candidate_growths = cdist(self.points, self.candidates) - depths
+        self.points = rng.permutation(np.concatenate([self.cells, corners[:MAX_POINTS], boundary]))
 
-    def place(self, number: int) -> Floats:
-        """Return at most ``number`` centers (n, d), metres, with a small largest growth."""
+    def place(self, number: int, *starts: Floats) -> Floats:
+        """Return at most ``number`` centers (n, d), metres, with a small largest growth.
+
+        Known arrangements ``starts`` are improved, too.
+        """
+        from scipy.cluster.vq import kmeans2
+
         # Many arrangements are poor, so several are improved.
-        starts = [self._choose_nearest(number)]
+        arrangements = list(starts)
         is_few = number <= MAX_SEARCHED_BALLS
-        if is_few:
-            for first in self.candidates[:STARTS]:
-                grown = first[None]
-                for count in range(2, number + 1):
-                    grown, _ = self._alternate(self._insert(grown, count))
-                starts.append(grown)
-        best, smallest = min(map(self._alternate, starts), key=lambda arranged: arranged[1])
-        if len(best) < number:
-            best, smallest = self._alternate(self._insert(best, number))
+        for seed in range(min(STARTS, number) if is_few else 1):
+            rng = np.random.default_rng(seed)
+            means, _ = kmeans2(self.cells, number, minit="++", rng=rng, missing="warn")
+            arrangements.append(means)
+        best = np.empty((0, self.region.dim))
+        smallest = math.inf
+        for start in arrangements:
+            centers, growth = self._alternate(start)
+            if growth < smallest:
+                best, smallest = centers, growth
         failures = 0
         while is_few and failures < min(MAX_FAILURES, len(best) - 1):
             centers, growth = self._alternate(self._relocate(best, failures))
@@ -124,103 +96,45 @@ class Arrangement:
                 failures = 0
         return best
 
-    def cover(self, reach: float) -> Floats:
-        """Return centers (n, d), metres, whose growth is about a reach, or less."""
-        centers, _ = self._alternate(self._choose(reach, len(self.points)))
-        return self._insert(centers, len(self.points), reach)
-
-    def _keep_valid(self, centers: Floats) -> Floats:
-        """Return the centers that a ball may have."""
-        return centers[self.region.depths(centers) > 0.0] if self.is_inner else centers
-
-    def _choose_nearest(self, number: int) -> Floats:
-        """Choose at most ``number`` candidates that cover all points with a small growth."""
-        enough = float(self.candidate_growths.max(initial=0.0))
-        too_small = 0.0
-        best = self._choose(enough, number)
-        for _ in range(REACH_HALVINGS):
-            reach = math.sqrt(enough * max(too_small, 1e-3 * enough))
-            centers = self._choose(reach, number + 1)
-            if len(centers) <= number:
-                best, enough = centers, reach
-            else:
-                too_small = reach
-        return best
-
-    def _choose(self, reach: float, number: int) -> Floats:
-        """Choose at most ``number`` candidates, each of which, grown by a reach, adds most points.
-
-        The choice ends if no candidate adds a point.
-        """
-        contains = self.candidate_growths <= reach
-        gains = np.count_nonzero(contains, axis=0)
-        is_open = np.ones(len(contains), dtype=np.bool_)
-        chosen: list[int] = []
-        while len(chosen) < number and gains.any():
-            ball = int(gains.argmax())
-            added = np.flatnonzero(contains[:, ball] & is_open)
-            is_open[added] = False
-            gains -= np.count_nonzero(contains[added], axis=0)
-            chosen.append(ball)
-        return self.candidates[chosen]
-
-    def _insert(self, centers: Floats, number: int, reach: float = 0.0) -> Floats:
-        """Add balls near the points of the largest growth, until it is at most a reach.
-
-        The result has at most ``number`` centers.
-        """
-        growths, owners, _ = self._grow(centers)
-        places = list(centers)
-        while places and len(places) < number and growths.max() > reach:
-            worst = growths.argmax()
-            center = places[owners[worst]]
-            tried = self._keep_valid(center + INSERTED_SHARES * (self.points[worst] - center))
-            tried_growths = cdist(tried, self.points) - self.region.depths(tried)[:, None]
-            lowered = np.minimum(tried_growths, growths)
-            # Of the balls that help the farthest point much, take the one that helps others most.
-            helps = np.flatnonzero(lowered[:, worst] <= 0.7 * growths[worst])
-            if not len(helps):
-                break
-            ball = helps[(np.maximum(lowered[helps], 0.0) ** 2).sum(axis=1).argmin()]
-            owners[tried_growths[ball] < growths] = len(places)
-            growths = lowered[ball]
-            places.append(tried[ball])
-        return np.array(places).reshape(-1, centers.shape[1])
-
     def _alternate(self, centers: Floats) -> tuple[Floats, float]:
         """Assign points and move balls in turns; return the best centers and largest growth."""
+        if self.is_inner:
+            centers = centers[self.region.depths(centers) > 0.0]
         best = centers
         smallest = math.inf
         for _ in range(MAX_ROUNDS if len(centers) else 0):
-            growths, owners, depths = self._grow(centers)
-            growth = float(growths.max())
+            growths, depths = self._grow(centers)
+            owners = growths.argmin(axis=1)
+            growth = float(growths.min(axis=1).max())
             if growth < smallest:
                 best, smallest = centers, growth
             centers = self._move(centers, depths, self.points, owners)
         return best, smallest
 
-    def _grow(self, centers: Floats) -> tuple[Floats, Ints, Floats]:
-        """Return the least growth of each point and its ball, and the depth of each ball."""
+    def _grow(self, centers: Floats) -> tuple[Floats, Floats]:
+        """Return the growth that each point takes of each ball, and the depth of each ball."""
+        from scipy.spatial.distance import cdist
+
         depths = self.region.depths(centers)
-        if not len(centers):
-            return np.empty(0), np.empty(0, dtype=np.int64), depths
-        growths, _, owners = cube_gaps(self.points, 0.0, centers, depths)
-        return growths, owners, depths
+        return cdist(self.points, centers) - depths, depths
 
     def _relocate(self, centers: Floats, rank: int) -> Floats:
         """Move a ball that others replace well to the point that takes the largest growth.
 
         ``rank`` balls are replaced better.
         """
-        growths, owners, depths = self._grow(centers)
-        worst = growths.argmax()
+        growths, _ = self._grow(centers)
+        owners = growths.argmin(axis=1)
+        rows = np.arange(len(owners))
+        worst = growths[rows, owners].argmax()
         # Without a ball, its points belong to the next one.
-        others = cdist(self.points, centers) - depths
-        others[np.arange(len(owners)), owners] = np.inf
+        growths[rows, owners] = np.inf
         costs = np.full(len(centers), -np.inf)
-        np.maximum.at(costs, owners, others.min(axis=1))
+        np.maximum.at(costs, owners, growths.min(axis=1))
         costs[owners[worst]] = np.inf
-        return self._insert(np.delete(centers, costs.argsort()[rank], axis=0), len(centers))
+        moved = centers.copy()
+        moved[costs.argsort()[rank]] = (centers[owners[worst]] + self.points[worst]) / 2.0
+        return moved
 
     def _move(self, centers: Floats, depths: Floats, points: Floats, owners: Ints) -> Floats:
         """Move each ball to lower its growth, by steps that halve if none helps."""

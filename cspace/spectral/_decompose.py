@@ -1,23 +1,36 @@
-"""Decomposition of shapes into balls that fill or cover them."""
+"""Decomposition of shapes into balls that fill or cover them.
+
+Few balls are arranged (:mod:`cspace.spectral._arrange`); more are chosen greedily by the lattice
+cells that they add. Lengths in this module are in
+sides of a cell, unless they say metres. A ball contains a cell if ``sum (|cell_center - center| +
+half)^2 <= reach^2`` over the axes. With ``half`` zero it contains the cell's center, otherwise the
+whole cell. An *open* cell lies in no chosen ball.
+"""
 
 from __future__ import annotations
 
+import heapq
 import math
 from dataclasses import dataclass, field
-from typing import Final, Literal, NamedTuple
+from itertools import product
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cspace._shapes import ShapeLike, as_shape
-from cspace._support.arrays import Floats, frozen
+from cspace._support.arrays import Floats, Ints, frozen
 from cspace._support.check import check_count, check_positive, check_word
+from cspace._support.compiling import allocating, internal, kernel
 from cspace.errors import GeometryError, InputError
-from cspace.spectral._arrange import MAX_BALLS_WITH_POINTS, Arrangement
+from cspace.spectral._arrange import MAX_SEARCHED_BALLS, Arrangement
 from cspace.spectral._regions import (
     Lattice,
+    PieceTree,
     Region,
     bound_ball_measure,
     bound_balls_to_shape,
+    bound_distance,
     bound_shape_to_balls,
 )
 
@@ -93,21 +106,20 @@ class BallDecomposition:
         return (lower + upper) / 2.0
 
 
+MAX_CANDIDATES: Final = 6_000
+"""Approximate number of candidate balls in the first choice."""
+
+MAX_ARRANGED_BALLS: Final = 64
+"""Largest number of balls that are arranged; for more, greedy choices are as good."""
+
 MAX_REPLACED_BALLS: Final = 12
 """Number of balls within a tolerance up to which fewer ones are searched, for the time it takes."""
 
-MIN_TOLERANCE_SHARES: Final = {2: 1e-3, 3: 3e-3}
-"""Smallest tolerance, in diagonals of the bounding box, by dimension; a smaller one takes too many
-balls."""
+UNLIMITED_BALLS: Final = 2**40
+"""Limit of the number of balls that is never reached."""
 
-MAX_CELLS_PER_TOLERANCE: Final = 16.0
-"""Largest ratio of the tolerance to the side of a lattice cell."""
-
-REACHES: Final = (1.2, 1.0, 0.85, 0.7, 0.5)
-"""Reaches of a greedy choice that are tried, in tolerances.
-
-Arrangement lowers growths, but points between those that stand for the shape take more.
-"""
+LATTICE_ROUNDING: Final = 2.0**-20
+"""Rounding allowance, in sides of a cell: a ball reaches this far beyond the cells it contains."""
 
 
 def decompose(
@@ -181,19 +193,13 @@ def decompose(
             "pass a tolerance instead",
         )
     if count:
-        lattice = Lattice(region)
-        centers = Arrangement(lattice, count, inside=kind == "inner").place(count)
-        balls = _prove(lattice, kind, centers)
+        lattice = Lattice.for_count(region, count)
     else:
-        balls = _find_within(region, kind, length or 0.0)
-    centers, radii, gap = balls
-    if not len(radii):
-        raise InputError(
-            "shape",
-            "is too thin for any ball that was found",
-            "inner balls need an inside",
-            "pass kind='outer', or a thicker shape",
-        )
+        lattice = Lattice.for_tolerance(region, length or 0.0)
+    choose_balls = _fill_shape if kind == "inner" else _cover_shape
+    centers, radii, gap = choose_balls(lattice, count, length)
+    if length is not None and len(radii) <= MAX_REPLACED_BALLS:
+        centers, radii, gap = _arrange_fewer(lattice, kind, length, (centers, radii, gap))
     largest_first = np.argsort(-radii, kind="stable")
     centers = frozen(centers[largest_first])
     radii = frozen(radii[largest_first])
@@ -201,61 +207,539 @@ def decompose(
     return BallDecomposition(centers, radii, kind, measure, Bounds(*region.measure), Bounds(*gap))
 
 
-def _prove(lattice: Lattice, kind: Kind, centers: Floats) -> tuple[Floats, Floats, Gap]:
-    """Prove the largest balls in a shape around centers, or grow them until they cover it.
+# ---- choice of balls -----------------------------------------------------------------------------
 
-    Returns centers (n, d) and radii (n,), and bounds of the one-sided distance; metres. Balls
-    without a part of the shape are dropped.
+
+def _fill_shape(
+    lattice: Lattice, number: int | None, tolerance: float | None
+) -> tuple[Floats, Floats, Gap]:
+    """Choose balls in a shape, by number or tolerance in metres.
+
+    Returns centers (n, d) and radii (n,) in metres, and bounds of the distance from the shape to
+    the balls. Raises InputError if the shape is too thin or the tolerance too small.
     """
-    radii = lattice.region.depths(centers)
-    if not len(centers):
-        return centers, radii, (0.0, math.inf)
-    low, high, growths = bound_shape_to_balls(lattice, centers, radii)
-    if kind == "inner":
-        return centers, radii, (low, high)
-    radii = (radii + growths) * (1.0 + 2.0**-40)  # above the sum in spite of rounding
+    is_proven = False
+    if tolerance is None:
+        centers, radii, _ = _select_nearest(lattice, number or UNLIMITED_BALLS, "inner")
+    else:
+        candidates = _list_inner_candidates(lattice)
+        balls, is_proven = _choose_cover(lattice, candidates, tolerance / lattice.side)
+        centers = lattice.to_metres(balls.centers)
+        radii = lattice.region.depths(centers)  # recomputed as proven lower bounds
+    is_inside = radii > 0.0
+    centers = centers[is_inside]
+    radii = radii[is_inside]
+    if not len(radii):
+        raise InputError(
+            "shape",
+            "is too thin for any ball that was found",
+            "inner balls need an inside",
+            "pass kind='outer', or a thicker shape",
+        )
+    low, high, _ = bound_shape_to_balls(lattice, centers, radii)
+    if tolerance is not None and high > tolerance:
+        # All cells may lie in the balls grown by less than the tolerance.
+        if is_proven and is_inside.all():
+            return centers, radii, (min(low, tolerance), tolerance)
+        problem = (
+            f"is {tolerance:g} m, but {len(radii)} balls are proven within {high:g} m of the "
+            "shape only"
+        )
+        rule = "parts thinner than the lattice have no balls"
+        hint = "pass a larger tolerance, or kind='outer'"
+        raise InputError("tolerance", problem, rule, hint)
+    return centers, radii, (low, high)
+
+
+def _cover_shape(
+    lattice: Lattice, number: int | None, tolerance: float | None
+) -> tuple[Floats, Floats, Gap]:
+    """Choose balls that cover a shape, by number or tolerance in metres.
+
+    Returns centers (n, d) and radii (n,) in metres, and bounds of the distance from the balls to
+    the shape. Raises InputError if no such balls are found.
+    """
+    if tolerance is None:
+        # Covering whole cells takes more than covering the shape, so only the centers are kept;
+        # each ball around them grows as the shape needs.
+        return _grow(lattice, *_select_nearest(lattice, number or UNLIMITED_BALLS, "outer"))
+    candidates = _list_medial_balls(lattice)
+    balls, is_whole = _choose_cover(lattice, candidates, tolerance / lattice.side, inside=False)
+    if not is_whole:
+        raise InputError(
+            "tolerance",
+            f"is {tolerance:g}, but no such balls that cover the shape were found",
+            "their union must contain the shape",
+            "pass a larger tolerance",
+        )
+    centers = lattice.to_metres(balls.centers)
+    # Half of the allowance exceeds the rounding of coordinates and depths, so that balls contain
+    # their cells and no ball sticks out too far.
+    radii = (balls.reaches - 0.5 * LATTICE_ROUNDING) * lattice.side
+    return centers, radii, bound_balls_to_shape(lattice.region, centers, radii)
+
+
+def _grow(
+    lattice: Lattice, centers: Floats, depths: Floats, growths: Floats
+) -> tuple[Floats, Floats, Gap]:
+    """Grow the largest balls in the shape as far as their parts of the shape need.
+
+    Balls without a part are dropped.
+    """
+    radii = (depths + growths) * (1.0 + 2.0**-40)  # above the sum in spite of rounding
     is_needed = radii > 0.0
     centers = centers[is_needed]
     radii = radii[is_needed]
     return centers, radii, bound_balls_to_shape(lattice.region, centers, radii)
 
 
-def _find_within(region: Region, kind: Kind, tolerance: float) -> tuple[Floats, Floats, Gap]:
-    """Find few balls within a tolerance, metres; see :func:`_prove`.
-
-    Raises InputError if none are found.
-    """
-    smallest = MIN_TOLERANCE_SHARES[region.dim] * region.size
-    if tolerance < smallest:
-        raise InputError(
-            "tolerance",
-            f"is {tolerance:g} m, but the shape is {region.size:g} m across",
-            "it takes too many balls",
-            f"pass at least about {1.2 * smallest:.2g} m",
-        )
-    lattice = Lattice(region, tolerance / MAX_CELLS_PER_TOLERANCE)
-    arrangement = Arrangement(lattice, MAX_BALLS_WITH_POINTS, inside=kind == "inner")
-    for reach in REACHES:
-        balls = _prove(lattice, kind, arrangement.cover(reach * tolerance))
-        if balls[2][1] <= tolerance:
-            break
-    else:
-        raise InputError(
-            "tolerance",
-            f"is {tolerance:g} m, but {len(balls[1])} balls are proven within {balls[2][1]:g} m "
-            "of the shape only",
-            "parts thinner than the lattice have no balls",
-            "pass a larger tolerance, or kind='outer'",
-        )
-    # Few balls are arranged anew, by bisection of their number.
+def _arrange_fewer(
+    lattice: Lattice, kind: Kind, tolerance: float, balls: tuple[Floats, Floats, Gap]
+) -> tuple[Floats, Floats, Gap]:
+    """Replace balls within a tolerance, in metres, by as few that are arranged, if found."""
+    arrangement = Arrangement(lattice, inside=kind == "inner")
     too_few = 0
-    number = len(balls[1])
-    arrangement = Arrangement(lattice, MAX_REPLACED_BALLS, inside=kind == "inner")
-    while number - too_few > 1 and number <= MAX_REPLACED_BALLS:
+    number = len(balls[1]) + 1  # as many balls are mostly arranged better
+    while number - too_few > 1:
         middle = (number + too_few) // 2
-        fewer = _prove(lattice, kind, arrangement.place(middle))
-        if fewer[2][1] <= tolerance:
-            balls, number = fewer, middle
-        else:
+        centers = arrangement.place(middle)
+        low, high = 0.0, math.inf
+        if len(centers):
+            depths = lattice.region.depths(centers)
+            low, high, growths = bound_shape_to_balls(lattice, centers, depths)
+        if high > tolerance:
             too_few = middle
+            continue
+        number = middle
+        balls = centers, depths, (low, high)
+        if kind == "outer":
+            balls = _grow(lattice, centers, depths, growths)
     return balls
+
+
+def _select_nearest(lattice: Lattice, number: int, kind: Kind) -> tuple[Floats, Floats, Floats]:
+    """Select at most ``number`` balls with a small distance from the shape.
+
+    Few balls are arranged. Many are those that cover all cells, or those that fill most cells. The
+    balls are the largest balls in the shape around these centers. Returns centers (n, d) and radii
+    (n,) in metres, negative outside the shape, and the growth of each ball with which all cover the
+    shape (n,). Without any choice, n is 0.
+    """
+    inside = kind == "inner"
+    places = []
+    if lattice.region.inner.measure[1] > 0.0:
+        places.append(lattice.to_metres(_fill_greedily(lattice, number).centers))
+    if number > MAX_SEARCHED_BALLS:
+        balls, _ = _cover_with(lattice, number, inside=inside)
+        places.append(lattice.to_metres(balls.centers))
+    if number <= MAX_ARRANGED_BALLS:
+        places.append(Arrangement(lattice, inside=inside).place(number, *places))
+    smallest = math.inf
+    no_lengths = np.empty(0)
+    no_centers = np.empty((0, lattice.region.dim))
+    best: tuple[Floats, Floats, Floats] = no_centers, no_lengths, no_lengths
+    for centers in places:
+        if not len(centers):
+            continue
+        depths = lattice.region.depths(centers)
+        _, distance, growths = bound_shape_to_balls(lattice, centers, depths)
+        if distance < smallest:
+            smallest = distance
+            best = (centers, depths, growths)
+    return best
+
+
+def _list_inner_candidates(lattice: Lattice) -> LatticeBalls:
+    """List candidate balls in the shape."""
+    balls = _list_medial_balls(lattice)
+    inner_balls = balls.select(balls.depths > 0.0)
+    if not len(inner_balls.depths):  # the shape is thinner than a cell
+        return _find_deepest_points(lattice, lattice.cell_centers)
+    return inner_balls
+
+
+def _fill_greedily(lattice: Lattice, number: int) -> LatticeBalls:
+    """Choose at most ``number`` balls in the shape that contain many cell centers."""
+    candidates = _list_inner_candidates(lattice)
+    cells = CellCounts.of(lattice, whole=False)
+    boundary = lattice.region.inner
+    chosen = choose(cells, candidates.centers, candidates.reaches, number)
+    if not len(chosen):  # the shape is so thin that it contains no cell center
+        deepest_first = np.argsort(-candidates.depths)
+        chosen = deepest_first[:number]
+    balls = candidates.select(chosen)
+    # Move the balls a little, to contain more.
+    frame = lattice.corner, lattice.side, boundary.error
+    polish(cells, boundary.tree, balls.centers, balls.depths, *frame)
+    return balls
+
+
+def _cover_with(lattice: Lattice, number: int, *, inside: bool) -> tuple[LatticeBalls, bool]:
+    """Choose at most ``number`` balls that cover all cells; return True if they do.
+
+    They grow, beyond their depth in the shape, by the smallest length, by bisection, for which such
+    balls are found. With ``inside``, centers must lie in the shape.
+    """
+    candidates = _list_inner_candidates(lattice) if inside else _list_medial_balls(lattice)
+    # No ball covers a cell unless it grows by about a diagonal; twice the size is always enough.
+    too_small = 1.001 * lattice.diagonal
+    enough = 2.0 * lattice.region.size / lattice.side
+    best, is_whole = _choose_cover(lattice, candidates, enough, inside=inside, max_balls=number)
+    # Twelve halvings of the ratio, or to within 2 %.
+    for _ in range(12):
+        if not is_whole or enough < 1.02 * too_small:
+            break
+        length = math.sqrt(enough * too_small)
+        balls, covers = _choose_cover(lattice, candidates, length, inside=inside, max_balls=number)
+        if covers:
+            best = balls
+            enough = length
+        else:
+            too_small = length
+    return best, is_whole
+
+
+def _choose_cover(
+    lattice: Lattice,
+    candidates: LatticeBalls,
+    reach: float,
+    *,
+    inside: bool = True,
+    max_balls: int = UNLIMITED_BALLS,
+) -> tuple[LatticeBalls, bool]:
+    """Choose at most ``max_balls`` balls until every cell lies in one; return True if it does.
+
+    The reach of a ball is its depth in the shape plus ``reach``, in sides, or less. With
+    ``inside``, centers must lie in the shape.
+    """
+    cells = CellCounts.of(lattice, whole=True)
+    balls = candidates.select(np.zeros(0, dtype=np.int64))
+    find_balls = _find_deepest_points if inside else _find_balls_around
+    # Cells that the candidates leave open get balls of their own.
+    for _ in range(2):
+        candidates = candidates._replace(reaches=candidates.depths + reach)
+        max_more = max_balls - len(balls.reaches)
+        chosen = choose(cells, candidates.centers, candidates.reaches, max_more)
+        balls = balls.append(candidates.select(chosen))
+        open_cells = cells.open_cells
+        if not len(open_cells) or len(balls.reaches) == max_balls:
+            break
+        candidates = find_balls(lattice, open_cells)
+    return cells.trim(balls), not len(cells.open_cells)
+
+
+# ---- candidates ----------------------------------------------------------------------------------
+
+
+def _find_balls_around(lattice: Lattice, points: Floats) -> LatticeBalls:
+    """Find the largest ball in the shape around each point, shape (n, 3)."""
+    depths = lattice.depths_at(points)
+    return LatticeBalls(points, depths, depths)
+
+
+def _list_medial_balls(lattice: Lattice) -> LatticeBalls:
+    """List the largest balls around cell centers that no neighboring ball contains.
+
+    They lie along the medial axis of the shape. Growing all balls by one length does not change
+    which balls contain others.
+    """
+    from scipy.ndimage import grey_dilation
+
+    # A ball is contained if a neighbor's depth exceeds its own by the distance of the two centers:
+    # a grey dilation.
+    depths = np.full(lattice.cells.shape, -np.inf)
+    depths[lattice.cells] = lattice.depths
+    # Neighbors are up to two cells away, and a contained ball may stick out by 2 % of that
+    # distance.
+    steps = (np.arange(-2, 3) if half else np.zeros(1) for half in lattice.half)
+    distances = np.linalg.norm(np.meshgrid(*steps, indexing="ij"), axis=0)
+    options = {
+        "footprint": distances > 0.0,
+        "structure": -0.98 * distances,
+        "mode": "constant",
+        "cval": -np.inf,
+    }
+    is_medial = ~(grey_dilation(depths, **options) >= depths)[lattice.cells]
+    balls = _find_balls_around(lattice, lattice.cell_centers[is_medial])
+    number = len(balls.depths)
+    if not number:
+        return balls
+    # Thin out the candidates evenly, but keep the largest ball.
+    is_candidate = np.zeros(number, dtype=np.bool_)
+    is_candidate[:: math.ceil(number / MAX_CANDIDATES)] = True
+    is_candidate[np.argmax(balls.depths)] = True
+    return balls.select(is_candidate)
+
+
+def _find_deepest_points(lattice: Lattice, cells: Floats) -> LatticeBalls:
+    """Find a ball in the shape for each cell, around the deepest of some points of the cell.
+
+    ``cells`` are cell centers, shape (n, 3). A cell without a point of the shape gets no ball.
+    """
+    balls = _find_balls_around(lattice, np.empty((0, 3)))
+    # Cells in which no point is inside are tried again with more points.
+    for points_per_side in (1, 2, 4, 8, 16):
+        if not len(cells):
+            break
+        offsets = (np.arange(points_per_side) + 0.5) / points_per_side - 0.5
+        axes = [offsets if half else np.zeros(1) for half in lattice.half]
+        points = cells[:, None] + np.array(list(product(*axes)))
+        depths = lattice.depths_at(points.reshape(-1, 3)).reshape(points.shape[:2])
+        best = np.arange(len(cells)), depths.argmax(axis=1)
+        deepest = LatticeBalls(points[best], depths[best], depths[best])
+        is_inside = deepest.depths > 0.0
+        balls = balls.append(deepest.select(is_inside))
+        cells = cells[~is_inside]
+    return balls
+
+
+class LatticeBalls(NamedTuple):
+    """Balls in lattice coordinates, in units of the side of a cell.
+
+    ``centers`` have shape (n, 3). ``depths``, shape (n,), are lower bounds of the depth of a center
+    in the shape, and ``reaches``, shape (n,), the radii.
+    """
+
+    centers: Floats
+    depths: Floats
+    reaches: Floats
+
+    def select(self, chosen: NDArray[Any]) -> LatticeBalls:
+        """Select balls by a mask or by indices."""
+        return LatticeBalls(*(column[chosen] for column in self))
+
+    def append(self, other: LatticeBalls) -> LatticeBalls:
+        """Return these balls, followed by others."""
+        columns = zip(self, other, strict=True)
+        return LatticeBalls(*map(np.concatenate, columns))
+
+
+class CellCounts(NamedTuple):
+    """Number of chosen balls that contain each cell, for kernels.
+
+    A ball contains a cell if it contains the center, or all of the cell.
+
+    ``counts``, shape (nx, ny, nz), are the numbers of chosen balls that contain a cell, or -1 for
+    ignored cells. ``open_before``, shape (nx, ny, nz + 1), are the numbers of open cells before a
+    cell in its row. ``half``, shape (3,), is half a cell along each axis if balls must contain
+    whole cells, else 0. Scratch for the rows of cells in a ball: ``rows``, shape (nx * ny, 4), are
+    i, j, first k and stop k, and ``squares`` the part of the squared distance along the first two
+    axes.
+    """
+
+    counts: NDArray[np.int32]
+    open_before: NDArray[np.int32]
+    half: Floats
+    rows: Ints
+    squares: Floats
+
+    @classmethod
+    def of(cls, lattice: Lattice, *, whole: bool) -> CellCounts:
+        """Create counts of no ball.
+
+        If ``whole``, balls contain a cell if they contain all of it; otherwise its center, and
+        cells whose center is not proven to lie in the shape are ignored.
+        """
+        counts = np.full(lattice.cells.shape, -1, dtype=np.int32)
+        counts[lattice.cells] = 0 if whole else np.where(lattice.depths > 0.0, 0, -1)
+        nx, ny, nz = counts.shape
+        open_before = np.zeros((nx, ny, nz + 1), dtype=np.int32)
+        np.cumsum(counts == 0, axis=2, out=open_before[:, :, 1:])
+        half = lattice.half if whole else np.zeros(3)
+        rows = np.empty((nx * ny, 4), dtype=np.int64)
+        return cls(counts, open_before, half, rows, np.empty(len(rows)))
+
+    @property
+    def open_cells(self) -> Floats:
+        """Centers of the cells in no ball, shape (n, 3)."""
+        return np.argwhere(self.counts == 0) + np.float64(0.5)
+
+    def trim(self, balls: LatticeBalls) -> LatticeBalls:
+        """Shrink the balls to the cells that only they contain; drop balls without such cells.
+
+        Small balls are dropped first; then balls that stick out most are shrunk first.
+        """
+        reaches = balls.reaches.copy()
+        by_size = np.argsort(reaches, kind="stable")
+        trim(self, balls.centers, reaches, by_size, only_drop=True)
+        by_growth = np.argsort(balls.depths - reaches, kind="stable")
+        trim(self, balls.centers, reaches, by_growth, only_drop=False)
+        return balls._replace(reaches=reaches).select(reaches > 0.0)
+
+
+@internal
+def _find_cell_range(center: float, length: float, count: int) -> tuple[int, int]:
+    """Find the cells along an axis whose centers lie within ``length`` of ``center``.
+
+    Returns the first one and the end, both within ``count`` cells.
+    """
+    first = math.ceil(center - length - 0.5)
+    stop = math.floor(center + length + 0.5)
+    return max(0, first), min(count, stop)
+
+
+@internal
+def _find_rows(cells: CellCounts, center: Floats, reach: float) -> tuple[int, int]:
+    """Find the rows of cells in a ball; count them and their open cells.
+
+    They fill the first rows of ``cells.rows``. ``center`` has shape (3,).
+    """
+    half = cells.half
+    nx, ny, nz = cells.counts.shape
+    radius = reach - LATTICE_ROUNDING
+    square = radius * radius
+    count = 0
+    gain = 0
+    # Along each further axis, the ball reaches as far as the axes before leave of its square.
+    for i in range(*_find_cell_range(center[0], radius - half[0], nx)):
+        square_x = (abs(i + 0.5 - center[0]) + half[0]) ** 2
+        if square_x > square:
+            continue
+        reach_y = math.sqrt(square - square_x) - half[1]
+        for j in range(*_find_cell_range(center[1], reach_y, ny)):
+            square_xy = square_x + (abs(j + 0.5 - center[1]) + half[1]) ** 2
+            if square_xy > square:
+                continue
+            reach_z = math.sqrt(square - square_xy) - half[2]
+            first, stop = _find_cell_range(center[2], reach_z, nz)
+            if first < stop:
+                row = cells.rows[count]
+                row[0] = i
+                row[1] = j
+                row[2] = first
+                row[3] = stop
+                cells.squares[count] = square_xy
+                count += 1
+                gain += cells.open_before[i, j, stop] - cells.open_before[i, j, first]
+    return count, gain
+
+
+@internal
+def _count_ball(cells: CellCounts, center: Floats, reach: float, step: int) -> None:
+    """Add a ball to the counts of its cells (``step`` 1), or remove it (-1)."""
+    counts = cells.counts
+    open_before = cells.open_before
+    row_count, _ = _find_rows(cells, center, reach)
+    for row in range(row_count):
+        i, j, first, stop = cells.rows[row]
+        for k in range(first, stop):
+            if counts[i, j, k] >= 0:
+                counts[i, j, k] += step
+        # Sum the open cells of the row again, from the first change on.
+        for k in range(first, counts.shape[2]):
+            open_before[i, j, k + 1] = open_before[i, j, k] + (counts[i, j, k] == 0)
+
+
+@allocating
+def choose(cells: CellCounts, centers: Floats, reaches: Floats, max_balls: int) -> Ints:
+    """Choose at most ``max_balls`` balls that add most cells, greedily.
+
+    Returns their indices, in that order. ``centers`` has shape (n, 3), ``reaches`` (n,). A ball
+    never adds more cells than before other balls were chosen (M. Minoux, "Accelerated greedy
+    algorithms for maximizing submodular set functions", 1978).
+    """
+    chosen = np.empty(min(max_balls, len(centers)), dtype=np.int64)
+    count = 0
+    # The queue has the negative gain of each ball, as last computed, so that the largest is first.
+    queue = [(-math.inf, ball) for ball in range(len(centers))]
+    heapq.heapify(queue)
+    while len(queue) > 0 and count < len(chosen):
+        _, ball = heapq.heappop(queue)
+        _, gain = _find_rows(cells, centers[ball], reaches[ball])
+        if gain == 0:
+            continue
+        # The gain is up to date. If another ball may gain more, queue this one again.
+        if len(queue) > 0 and gain < -queue[0][0]:
+            heapq.heappush(queue, (-float(gain), ball))
+            continue
+        _count_ball(cells, centers[ball], reaches[ball], 1)
+        chosen[count] = ball
+        count += 1
+    return chosen[:count]
+
+
+@kernel
+def trim(cells: CellCounts, centers: Floats, reaches: Floats, order: Ints, only_drop: bool) -> None:
+    """Shrink balls, in order, to the cells that only they contain.
+
+    Reaches change in place, to 0 for balls without such cells. With ``only_drop``, only these balls
+    change.
+    """
+    for ball in order:
+        farthest = -1.0  # square of the reach that the cells only in this ball need
+        row_count, _ = _find_rows(cells, centers[ball], reaches[ball])
+        for row in range(row_count):
+            i, j, first, stop = cells.rows[row]
+            for k in range(first, stop):
+                if cells.counts[i, j, k] == 1:
+                    offset = abs(k + 0.5 - centers[ball, 2]) + cells.half[2]
+                    farthest = max(farthest, cells.squares[row] + offset * offset)
+        min_reach = 0.0
+        if farthest >= 0.0:
+            # One allowance for the reach beyond the cells, one for the rounding of the root.
+            min_reach = math.sqrt(farthest) + 2.0 * LATTICE_ROUNDING
+        if min_reach < reaches[ball] and not (only_drop and min_reach > 0.0):
+            _count_ball(cells, centers[ball], reaches[ball], -1)
+            if min_reach > 0.0:
+                _count_ball(cells, centers[ball], min_reach, 1)
+            reaches[ball] = min_reach
+
+
+@kernel
+def polish(
+    cells: CellCounts,
+    tree: PieceTree,
+    centers: Floats,
+    radii: Floats,
+    corner: Floats,
+    side: float,
+    error: float,
+) -> None:
+    """Move balls inside the shape to contain more cells, in place.
+
+    A step ends inside the ball, and the distance from the boundary becomes the new radius. Steps go
+    along the axes, and halve if none helps. ``centers`` has shape (n, 3), ``radii`` (n,).
+    ``corner``, shape (3,), is that of the lattice in the space of the tree, ``side`` the side of a
+    cell, and ``error`` that of distances; metres.
+    """
+    first_step = 2.0  # sides of a cell
+    for _ in range(6):
+        moved = False
+        for ball in range(len(centers)):
+            # Take the ball out, to count what it would add anywhere else.
+            center = centers[ball]
+            _count_ball(cells, center, radii[ball], -1)
+            _, most = _find_rows(cells, center, radii[ball])
+            step = first_step
+            for _ in range(4):
+                is_better = False
+                for direction in range(6):  # -x, +x, -y, +y, -z, +z
+                    axis = direction // 2
+                    if cells.counts.shape[axis] == 1 or step >= 0.9 * radii[ball]:
+                        continue
+                    before = center[axis]
+                    center[axis] += step * (2 * (direction % 2) - 1)
+                    x = corner[0] + side * center[0]
+                    y = corner[1] + side * center[1]
+                    z = corner[2] + side * center[2]
+                    # A radius grows by a step at most.
+                    cap = 1.01 * side * (radii[ball] + step) + 4.0 * error
+                    distance, _ = bound_distance(tree, (x, y, z), cap)
+                    radius = (distance - error) / side
+                    gain = -1
+                    if radius > 0.0:
+                        _, gain = _find_rows(cells, center, radius)
+                    if gain > most or (gain == most and radius > radii[ball]):
+                        is_better = True
+                        most = gain
+                        radii[ball] = radius
+                    else:
+                        center[axis] = before
+                if is_better:
+                    moved = True
+                else:
+                    step *= 0.5
+            _count_ball(cells, center, radii[ball], 1)
+        first_step *= 0.5
+        if not moved:
+            break

@@ -40,11 +40,31 @@ MAX_PIECES_PER_LEAF: Final = 6
 MAX_PENDING_NODES: Final = 64
 """Capacity of the stack of tree nodes: twice the depth of a tree over 2^30 pieces."""
 
+MAX_LATTICE_CELLS: Final = 2**24
+"""Largest number of cells of the lattice over a shape's bounding box."""
+
+MAX_CELLS_PER_TOLERANCE: Final = {2: 12.0, 3: 6.0}
+"""Largest ratio of the tolerance to the side of a lattice cell, by dimension."""
+
+MIN_CELLS_PER_TOLERANCE: Final = 2.6
+"""Smallest ratio of the tolerance to the side of a cell, whose diagonal must be well below the
+tolerance."""
+
+USUAL_LATTICE_CELLS: Final = {2: 150_000, 3: 120_000}
+"""Cells of the bounding box up to which the lattice may have MAX_CELLS_PER_TOLERANCE, by dimension.
+"""
+
+MAX_REFINED_CELLS: Final = 2**20
+"""Cells of the bounding box up to which the lattice of a thin shape is refined."""
+
 MIN_BOX_CELLS: Final = {2: 40_000, 3: 80_000}
 """Smallest number of cells of the bounding box, by dimension."""
 
 MIN_SHAPE_CELLS: Final = {2: 15_000, 3: 20_000}
-"""Number of cells that should meet the shape, by dimension."""
+"""Smallest number of cells that meet the shape, by dimension."""
+
+BOX_CELLS_PER_BALL: Final = {2: 100, 3: 60}
+"""Smallest number of cells of the bounding box for each ball, by dimension."""
 
 MEASURE_ROUNDING: Final = 2.0**-40
 """Rounding error of a length or an area, relative to the whole."""
@@ -195,55 +215,80 @@ class Region:
 class Lattice:
     """Grid cells that are proven to cover a region.
 
-    ``side`` is the side of a cell, metres. ``cells`` is a mask of the cells of a grid that meet the
-    shape, and ``cell_centers``, shape (n, d), are their centers, metres.
+    A lattice of the plane gets a first axis of one cell. Lattice coordinates are in cell sides,
+    from the lower corner of the grid; along the added axis they are 0.5. ``side`` is the side of a
+    cell, metres, and ``diagonal`` its diagonal, in sides. ``cells``, shape (nx, ny, nz), is a mask
+    of the cells that meet the shape, and ``cell_centers``, shape (n, 3), are their centers.
+    ``half``, shape (3,), is half a cell along each real axis, and ``corner``, shape (3,), the
+    lattice origin in the space of the region's tree, metres.
     """
 
-    def __init__(self, region: Region, least_side: float = 0.0) -> None:
-        """Choose a grid, with sides of at least some metres, and find its cells in a region."""
+    def __init__(self, region: Region, spacing: float) -> None:
+        """Find the cells, with sides of ``spacing`` metres, that meet a region."""
+        grid = region.make_grid(spacing)
+        added_axes = 3 - region.dim
+        cells, _ = region.shape.cells(grid)
         self.region = region
-        self.least_side = least_side
-        dim = region.dim
-        self._find_cells(MIN_BOX_CELLS[dim])
-        missing = MIN_SHAPE_CELLS[dim] / max(len(self.cell_centers), 1)
-        if missing > 1.0:
-            # A thin shape fills little of its box, so it needs more cells in the box.
-            self._find_cells(MIN_BOX_CELLS[dim] * min(16.0, 2.0 * missing ** (dim / (dim - 1.0))))
-
-    def _find_cells(self, box_cells: float) -> None:
-        """Find the cells that meet the region, of a grid of so many cells in its box."""
-        region = self.region
-        side = float((region.box_volume / box_cells) ** (1.0 / region.dim))
-        grid = region.make_grid(max(side, self.least_side))
         self.side = grid.spacing
-        self.cells, _ = region.shape.cells(grid)
-        centers = grid.lower + self.side * (np.argwhere(self.cells) + 0.5)
-        self.cell_centers: Floats = centers.astype(np.float64)
+        self.diagonal = math.sqrt(region.dim)
+        self.half = np.array([0.0] * added_axes + [0.5] * region.dim)
+        self.corner = np.array([-0.5 * self.side] * added_axes + list(grid.lower))
+        self.cells = cells.reshape((1,) * added_axes + cells.shape)
+        self.cell_centers: Floats = np.argwhere(self.cells) + np.float64(0.5)
 
-    def find_medial_centers(self) -> Floats:
-        """Find cell centers, shape (n, d), around which no neighboring ball contains the ball.
+    @cached_property
+    def depths(self) -> Floats:
+        """Lower bounds of the depths at the cell centers, in sides."""
+        return self.depths_at(self.cell_centers)
 
-        The balls are the largest ones in the shape. They lie along its medial axis. Growing all
-        balls by one length does not change which balls contain others.
+    @classmethod
+    def for_tolerance(cls, region: Region, tolerance: float) -> Lattice:
+        """Create a lattice on which a tolerance, in metres, can be proven.
+
+        Raises InputError if that takes too many cells.
         """
-        from scipy.ndimage import grey_dilation
+        usual = _find_cell_side(region, USUAL_LATTICE_CELLS[region.dim])
+        finest = _find_cell_side(region, MAX_LATTICE_CELLS)
+        if tolerance < MIN_CELLS_PER_TOLERANCE * finest:
+            raise InputError(
+                "tolerance",
+                f"is {tolerance:g} m, but the shape is {region.size:g} m across",
+                "its proof needs too many cells",
+                f"pass at least about {1.2 * MIN_CELLS_PER_TOLERANCE * finest:.2g} m",
+            )
+        side = max(usual, tolerance / MAX_CELLS_PER_TOLERANCE[region.dim])
+        return cls(region, min(side, tolerance / MIN_CELLS_PER_TOLERANCE))
 
-        # A ball is contained if a neighbor's depth exceeds its own by the distance of the two
-        # centers: a grey dilation.
-        depths = np.full(self.cells.shape, -np.inf)
-        depths[self.cells] = self.region.depths(self.cell_centers) / self.side
-        # Neighbors are up to two cells away, and a contained ball may stick out by 2 % of that
-        # distance.
-        steps = np.meshgrid(*[np.arange(-2, 3)] * self.region.dim, indexing="ij")
-        distances = np.linalg.norm(steps, axis=0)
-        highest = grey_dilation(
-            depths,
-            footprint=distances > 0.0,
-            structure=-0.98 * distances,
-            mode="constant",
-            cval=-np.inf,
-        )
-        return np.asarray(self.cell_centers[(highest < depths)[self.cells]])
+    @classmethod
+    def for_count(cls, region: Region, number: int) -> Lattice:
+        """Create a lattice that resolves ``number`` balls."""
+        dim = region.dim
+        cells_for_balls = number * BOX_CELLS_PER_BALL[dim]
+        box_cells = min(max(MIN_BOX_CELLS[dim], cells_for_balls), MAX_LATTICE_CELLS)
+        enough_cells = max(MIN_SHAPE_CELLS[dim], cells_for_balls // 2)
+        while True:
+            lattice = cls(region, _find_cell_side(region, box_cells))
+            shape_cells = len(lattice.cell_centers)
+            if shape_cells >= enough_cells or 2 * box_cells > MAX_REFINED_CELLS:
+                return lattice
+            # A thin shape fills little of its box, so it needs more cells in the box.
+            factor = (enough_cells / max(shape_cells, 1)) ** (dim / (dim - 1.0))
+            factor = min(max(2.0, factor), 16.0)
+            box_cells = min(MAX_REFINED_CELLS, int(box_cells * factor))
+
+    def to_metres(self, points: Floats) -> Floats:
+        """Convert lattice coordinates (n, 3) to metres (n, d)."""
+        in_space = self.corner + self.side * points
+        return np.asarray(in_space[:, 3 - self.region.dim :])
+
+    def depths_at(self, points: Floats) -> Floats:
+        """Return lower bounds of the depths of points (n, 3) in the region, in sides."""
+        return self.region.depths(self.to_metres(points)) / self.side
+
+
+def _find_cell_side(region: Region, box_cells: float) -> float:
+    """Return the side of a cell, metres, if the bounding box has ``box_cells`` cells."""
+    return float((region.box_volume / box_cells) ** (1.0 / region.dim))
 
 
 # ---- distances -----------------------------------------------------------------------------------
@@ -377,7 +422,7 @@ def bound_shape_to_balls(
     corners = region.inner.pieces.reshape(-1, dim)
     corner_gaps, _, _ = cube_gaps(corners, 0.0, centers, radii)
     low = float(corner_gaps.max())
-    box_centers = lattice.cell_centers
+    box_centers = lattice.to_metres(lattice.cell_centers)
     high = 0.0
     growths = np.full(len(radii), -np.inf)
     child_offsets = 0.5 * np.array(list(product((-1.0, 1.0), repeat=dim)))  # in half sides

@@ -22,7 +22,7 @@ from tests.helpers.refusals import check_followed, refusals
 pytest.importorskip("finufft")
 
 SQUARE = Robot.rectangle(0.4, 0.4)
-SLIVER = Robot.polygon([(0, 0), (1, 1e-13), (2, 0)])
+SLIVER = Robot.polygon([(0, 0), (1, 1e-9), (2, 0)])
 LINE = shapely.LineString([(0, 0), (1, 0)])
 PAIR = ([(0.0, 0.0)], [0.1])
 IN_SPACE = ([(0.0, 0.0, 0.0)], [0.1])
