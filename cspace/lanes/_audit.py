@@ -88,7 +88,7 @@ class LaneVerdict(NamedTuple):
 
     @property
     def cells(self) -> dict[str, Any]:
-        """Values of :data:`COLUMNS`, by name."""
+        """Values of the table, by the names of its columns."""
         values = dict(zip(COLUMNS, self, strict=True))
         if self.verdict != "free":
             values |= dict.fromkeys(COLUMNS[-3:])
