@@ -201,8 +201,9 @@ def plan(
         a blocked part of it is searched anew. Not for other objectives than the length.
     stop : callable, optional
         Called without arguments every 5 ms or more, in this thread, until it returns True, which
-        ends the search within 50 ms: for a request to cancel, or a deadline by the clock, such as
-        ``lambda: time.monotonic() > end``. A path found before is returned.
+        ends the search soon after: for a request to cancel, or a deadline by the clock, such as
+        ``lambda: time.monotonic() > end``. Mostly within 50 ms; a path of a car of thousands of
+        rows takes up to a second more. A path found before is returned.
 
     Returns
     -------
