@@ -119,12 +119,15 @@ def build_tile(
     window is built, larger than the tile by the robot's reach, and the tile is cut out of it.
     Raises FileError if the workspace has changed since the build began.
     """
-    # An earlier build, another process, or a worker that was lost may have written the tile. If it
-    # is missing or damaged, as after a power failure, reading raises FileError, and it is built.
-    with suppress(FileError):
-        folder.read_tile(tile)
-        return
-    discard_folder(folder.tile_path(tile))
+    # An earlier build, another process, or a worker that was lost may have written the tile.
+    path = folder.tile_path(tile)
+    if path.exists():
+        with suppress(FileError):
+            folder.read_tile(tile)
+            return
+        # It is damaged, as after a power failure. A tile that was missing is never discarded:
+        # another process may have written it meanwhile, and counts on it.
+        discard_folder(path)
     frame = folder.frame
     name = frame.workspace.source
     cells = folder.locate_tile(tile)

@@ -131,6 +131,26 @@ def test_two_builds_at_once_leave_a_whole_map(tmp_path):
     assert step > 40
 
 
+def test_a_build_keeps_tiles_that_another_build_wrote_meanwhile(tmp_path):
+    """Run a second build within each step of the first, and compare when its tiles were written."""
+    times = {}
+
+    def build_and_note(path):
+        build_few(path)
+        times[path] = list_times(path)
+
+    for step in itertools.count():
+        path = tmp_path / str(step)
+        if not build_and_act(path, step, lambda path=path: build_and_note(path)):
+            break
+        assert times[path] == list_times(path)
+    assert step > 40
+
+
+def list_times(path):
+    return {name: tile.stat().st_mtime_ns for name, tile in find_tiles(path).items()}
+
+
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def test_a_build_after_kills_at_any_steps_leaves_a_whole_map(tmp_path):
     """Kill a build at every third step, and the next one at a random step."""
