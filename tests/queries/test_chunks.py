@@ -160,6 +160,37 @@ def test_a_tube_is_not_proven_if_any_cell_within_it_is_taken(kind):
     assert taken_by_errors > 20
 
 
+@pytest.mark.parametrize("kind", MAP_KINDS[:4])
+def test_short_tubes_are_not_proven_from_the_first_that_meets_a_taken_cell_on(kind):
+    """Rows are so near that a box of cells proves several; the cell is in a corner of one tube."""
+    rng = np.random.default_rng(8)
+    stopped_by_tracking = proven_before = 0
+    for _ in range(400):
+        cells = np.repeat(full_states(kind, 10)[:1], 36 if "turning" in kind else 1, axis=0)
+        space = make_map(cells, kind, "free")
+        dim, turns = space.dim, space.size - space.dim
+        scales = np.array([rng.choice([0.1, 0.2])] * dim + [rng.choice([0.01, 0.1])] * turns)
+        steps = rng.uniform(-1.0, 1.0, (12, dim + turns)) * scales
+        start = np.array([*rng.uniform(0.8, 1.7, dim), *rng.uniform(-4.0, 4.0, turns)])
+        rows = start + np.cumsum(steps, axis=0)
+        tracking = rng.choice([0.0, 0.1, 0.3], dim + turns)
+        assert space.certify_chunk(start, rows, tracking).is_proven
+        row = int(rng.integers(12))
+        before = rows[row - 1] if row else start
+        inside = before + rng.random() * (rows[row] - before)
+        inside += (1.0 - 1e-9) * tracking * rng.choice([-1.0, 1.0], dim + turns)
+        if not space.grid.contains(inside[:dim]):
+            continue
+        taken = cells.copy()
+        taken[tuple(space._cells_of(inside[np.newaxis])[0].tolist())] = MIXED
+        one_taken = make_map(taken, kind, "free")
+        proven = one_taken.certify_chunk(start, rows, tracking).proven
+        assert proven <= row
+        stopped_by_tracking += proven < one_taken.certify_chunk(start, rows).proven
+        proven_before += proven > 0
+    assert min(stopped_by_tracking, proven_before) > 15
+
+
 @pytest.mark.parametrize("kind", MAP_KINDS)
 def test_a_tube_that_leaves_the_grid_is_proven_only_if_all_outside_is_free(kind):
     states = full_states(kind, 8)
