@@ -204,8 +204,10 @@ class TiledCSpace(ConfigurationMap):
         return self._query_parts(query, rows, out, reach)
 
     def _count_free_tubes(self, starts: Floats, ends: Floats, radii: Floats, counts: Ints) -> None:
-        # A window around all tubes proves them, because all beyond it counts as MIXED.
-        positions = np.concatenate([starts[:, np.newaxis], ends], axis=1)[..., : self.dim]
+        # A window around all tubes proves them, because all beyond it counts as MIXED. Refused rows
+        # may lie anywhere, so that it leaves them out.
+        tested = ends[:, : counts.max()]
+        positions = np.concatenate([starts[:, np.newaxis], tested], axis=1)[..., : self.dim]
         positions = positions[np.isfinite(positions).all(axis=-1)]
         reach = radii[: self.dim] + self.grid.spacing
         lower = np.maximum(positions.min(axis=0) - reach, self.grid.lower)

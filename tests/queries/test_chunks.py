@@ -441,6 +441,24 @@ def test_rows_that_are_no_configurations_are_refused(room, any_map):
             any_map.space.certify_chunk(1.1 * q, [q])
 
 
+def test_a_map_in_tiles_opens_no_part_for_refused_rows(tmp_path, monkeypatch):
+    tiled = build_map("yaw", "tiled", "free", 5, tmp_path)
+    uppers = []
+    open_window = type(tiled.space).window
+
+    def record_window(space, lower, upper):
+        uppers.append(upper[0])
+        return open_window(space, lower, upper)
+
+    monkeypatch.setattr(type(tiled.space), "window", record_window)
+    q = np.array([*(np.array(tiled.space.grid.lower) + 0.5), 0.0])
+    for far in (2.0, 1e300):
+        tiled.space.certify_chunk(q, [q, q + (far, 0.0, 0.0)], 0.01, dt=1.0, max_velocity=1.0)
+    assert max(uppers) < q[0] + 0.5
+    tiled.space.certify_chunk(q, [q, q + (2.0, 0.0, 0.0)], 0.01)
+    assert uppers[-1] > q[0] + 2.0
+
+
 def test_speeds_of_rows_are_limited(room):
     rows = [(1.1, 2.5, 0.0), (1.2, 2.5, 0.1), (1.3, 2.5, 0.4)]
     chunk = room.certify_chunk(START, rows, dt=0.1, max_velocity=(1.0, 1.0, 2.0))
