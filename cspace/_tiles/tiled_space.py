@@ -204,6 +204,8 @@ class TiledCSpace(ConfigurationMap):
         return self._query_parts(query, rows, out, reach)
 
     def _count_free_tubes(self, starts: Floats, ends: Floats, radii: Floats, counts: Ints) -> None:
+        if len(starts) == 0:
+            return
         # A window around all tubes proves them, because all beyond it counts as MIXED. Refused rows
         # may lie anywhere, so that it leaves them out.
         tested = ends[:, : counts.max()]

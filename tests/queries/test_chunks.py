@@ -441,6 +441,12 @@ def test_rows_that_are_no_configurations_are_refused(room, any_map):
             any_map.space.certify_chunk(1.1 * q, [q])
 
 
+def test_an_empty_batch_has_no_counts(any_map):
+    size = any_map.space.size
+    batch = any_map.space.certify_chunk(np.empty((0, size)), np.empty((0, 5, size)), 0.01)
+    assert batch.proven.shape == batch.is_proven.shape == (0,)
+
+
 def test_a_map_in_tiles_opens_no_part_for_refused_rows(tmp_path, monkeypatch):
     tiled = build_map("yaw", "tiled", "free", 5, tmp_path)
     uppers = []
