@@ -459,9 +459,10 @@ def test_a_map_in_tiles_opens_no_part_for_refused_rows(tmp_path, monkeypatch):
     monkeypatch.setattr(type(tiled.space), "window", record_window)
     q = np.array([*(np.array(tiled.space.grid.lower) + 0.5), 0.0])
     for far in (2.0, 1e300):
-        tiled.space.certify_chunk(q, [q, q + (far, 0.0, 0.0)], 0.01, dt=1.0, max_velocity=1.0)
+        rows = q + np.array([(0.0, 0.0, 0.0), (far, 0.0, 0.0)])
+        tiled.space.certify_chunk(q, rows, 0.01, dt=1.0, max_velocity=1.0)
     assert max(uppers) < q[0] + 0.5
-    tiled.space.certify_chunk(q, [q, q + (2.0, 0.0, 0.0)], 0.01)
+    tiled.space.certify_chunk(q, q + np.array([(2.0, 0.0, 0.0)]), 0.01)
     assert uppers[-1] > q[0] + 2.0
 
 
