@@ -126,6 +126,7 @@ def test_a_goal_can_be_cancelled_while_it_plans(node, monkeypatch):
         options |= {"planner": "RRTstar", "previous": None}
         return real(*ends, stop=stop, **options)
 
+    node.on_map(make_grid(make_room()))
     monkeypatch.setattr(planner_node.planners, "plan", search_on)
     node.last = None
     ask(node, max_asks=50)  # compiles
