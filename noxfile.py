@@ -3,6 +3,7 @@
 Each Python has its own environment for the tests. All other tasks run in the environment that nox is installed in.
 """
 
+import os
 import sys
 
 import nox
@@ -93,7 +94,8 @@ def ros(session: nox.Session) -> None:
         session.skip("the wheels ros-jazzy-* cannot be installed")
     tools = ("pytest", "pytest-xdist", "hypothesis")
     session.install("-c", "constraints.txt", "-e", ".[arms]", *tools)
-    domain = {"ROS_DOMAIN_ID": "87", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    number = str(1 + os.getpid() % 100)  # runs beside this one have others
+    domain = {"ROS_DOMAIN_ID": number, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     options = ("-q", "-n0", "--noconftest", "-W", "ignore::DeprecationWarning", *session.posargs)
     for name in ("planner_node", "nav2_handlers"):  # rclpy starts once in a process
         file = f"tests/ros/test_{name}.py"

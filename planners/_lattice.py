@@ -50,7 +50,7 @@ from cspace._rotations.base import METRES_PER_RADIAN, TWO_PI, wrap_angles
 from cspace._space import CSpace
 from cspace._support.arrays import FREE, MIXED, Bools, Floats, Ints
 from cspace._support.compiling import clock, internal, kernel
-from cspace._support.deadlines import is_over
+from cspace._support.deadlines import is_over, is_stopped
 from planners._car_curves import (
     MAX_GAP,
     POINT_ERROR,
@@ -604,6 +604,8 @@ def _shorten_once(edges: LocalPlanner, path: Floats, until: float) -> Floats:
     # A part of a curve need not be a shortest curve.
     if edges.turning_radius is None and not is_over(until):
         paths.append(pulled_straight(paths[-1], edges.space.rotations, is_free, measure))
+    if is_stopped():
+        return path
     # Cutting a corner may add turns, and rounding may make a part of an edge fail.
     paths += [edges.remove_turns(candidate) for candidate in paths]
     paths.sort(key=lambda rows: float(edges.edge_lengths(rows[:-1], rows[1:]).sum()))

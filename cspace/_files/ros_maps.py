@@ -15,7 +15,7 @@ from array import array
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol
+from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -34,9 +34,6 @@ from cspace._support.check import (
 )
 from cspace._support.reporting import warn_user
 from cspace.errors import AngleWarning, FileError, GeometryError, InputError
-
-if TYPE_CHECKING:
-    from cspace._interface import Space
 
 YAML_SUFFIXES: Final = (".yaml", ".yml")
 
@@ -283,9 +280,6 @@ def _classify_pixels(header: _MapHeader, image: Shades, warn: bool) -> tuple[Boo
     return free, occupied
 
 
-_POSE_SLACK: Final = 1e-3
-"""Deviation of a quaternion's norm from 1, and sine of half the tilt, that pass as rounding."""
-
 _MAX_TILT: Final = 1e-6
 """Maximum x and y components, relative to the norm of the quaternion, of a map that lies flat."""
 
@@ -495,7 +489,7 @@ def read_occupancy_grid(
     free = is_known & (percent / 100.0 < low)
     occupied = is_known & (percent / 100.0 >= high)
     position = "info.origin.position"
-    coordinates = [_get_field(msg, f"{position}.{name}") for name in "xy"]
+    coordinates = [get_field(msg, f"{position}.{name}") for name in "xy"]
     x, y = check_finite(coordinates, f"msg.{position}").tolist()
     info = MapInfo("msg", _parse_resolution(msg), (x, y), _parse_yaw(msg))
     return info, free, occupied
@@ -529,9 +523,7 @@ def update_occupancy_grid(msg: GridMessage, update: object) -> None:
     kind = "map_msgs/OccupancyGridUpdate"
     cells = _read_rows(msg, "info.", "msg", "nav_msgs/OccupancyGrid").astype(np.int8)
     values = _read_rows(update, "", "update", kind)
-    x, y = (
-        check_count(_get_field(update, name, "update", kind), f"update.{name}") for name in "xy"
-    )
+    x, y = (check_count(get_field(update, name, "update", kind), f"update.{name}") for name in "xy")
     window = cells[y : y + len(values), x : x + values.shape[1]]
     if window.shape != values.shape:
         problem = f"has {values.shape[1]} x {len(values)} cells from ({x}, {y}) on"
@@ -549,10 +541,10 @@ def _read_rows(msg: object, info: str, argument: str, kind: str) -> NDArray[Any]
     its type.
     """
     width, height = (
-        check_count(_get_field(msg, f"{info}{name}", argument, kind), f"{argument}.{info}{name}", 1)
+        check_count(get_field(msg, f"{info}{name}", argument, kind), f"{argument}.{info}{name}", 1)
         for name in ("width", "height")
     )
-    values = check_real(_get_field(msg, "data", argument, kind), f"{argument}.data")
+    values = check_real(get_field(msg, "data", argument, kind), f"{argument}.data")
     if values.shape != (width * height,) or values.dtype.kind not in "iu":
         problem = f"has shape {values.shape} and type {values.dtype}"
         rule = f"it must have width x height = {width} x {height} whole numbers, from -1 to 100"
@@ -560,68 +552,7 @@ def _read_rows(msg: object, info: str, argument: str, kind: str) -> NDArray[Any]
     return values.reshape(height, width)
 
 
-def configuration_of(msg: object, space: Space, frame_id: str = "map") -> tuple[float, ...]:
-    """Convert a stamped pose to a configuration of a map.
-
-    Parameters
-    ----------
-    msg : object
-        With the fields of ``geometry_msgs/PoseStamped``.
-    space : CSpace or TiledCSpace
-        A map in the plane ignores z; a map without a yaw ignores the yaw.
-    frame_id : str
-        Frame of the map.
-
-    Returns
-    -------
-    tuple of float
-        Metres and radians, or a quaternion.
-
-    Raises
-    ------
-    InputError
-        If the pose has another frame, is tilted on a map that cannot tilt, has no unit quaternion
-        or is not finite, a field is missing, or the space has no poses.
-
-    Examples
-    --------
-    >>> import numpy as np, cspace
-    >>> workspace = cspace.Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
-    >>> space = cspace.build(workspace, cspace.Robot.rectangle(0.5, 0.3), rotations=8)
-    >>> pose = cspace.ros.PoseStamped()
-    >>> pose.header.frame_id, pose.pose.position.x = "map", 1.5
-    >>> cspace.ros.configuration_of(pose, space)
-    (1.5, 0.0, 0.0)
-    """
-    kind = "geometry_msgs/PoseStamped"
-    if not space.has_poses:
-        rule = "it must be a map of a rigid robot"
-        raise InputError("space", f"is {space!r}", rule, "pass joint positions to plan instead")
-    frame = _get_field(msg, "header.frame_id", "msg", kind)
-    if frame != frame_id:
-        problem = f"is {frame!r}"
-        rule = f"it must be {frame_id!r}, the frame of the map"
-        raise InputError("msg.header.frame_id", problem, rule, "transform the pose with tf2")
-    values = [_get_field(msg, f"pose.position.{name}", "msg", kind) for name in "xyz"]
-    position = check_finite(values, "msg.pose.position").tolist()
-    place = "msg.pose.orientation"
-    values = [_get_field(msg, f"pose.orientation.{name}", "msg", kind) for name in "xyzw"]
-    x, y, z, w = turn = check_finite(values, place).tolist()
-    if abs(math.hypot(x, y, z, w) - 1.0) > _POSE_SLACK:
-        problem = f"is ({x:g}, {y:g}, {z:g}, {w:g}), which is no unit quaternion"
-        raise InputError(place, problem, "its norm must be 1", "set w to 1 for no rotation")
-    names = space.rotations.names
-    if len(names) == 4:
-        return (*position, *turn)
-    if math.hypot(x, y) > _POSE_SLACK:
-        problem = f"is ({x:g}, {y:g}, {z:g}, {w:g}), which is tilted"
-        rule = "the robot of this map turns about z only"
-        raise InputError(place, problem, rule, "set x and y to 0")
-    yaw = (2.0 * math.atan2(z, w),) if names else ()
-    return (*position[: space.dim], *yaw)
-
-
-def _get_field(
+def get_field(
     msg: object, path: str, argument: str = "msg", kind: str = "nav_msgs/OccupancyGrid"
 ) -> Any:
     """Return a field of a message by its dotted path.
@@ -646,7 +577,7 @@ def _parse_resolution(msg: object) -> float:
 
     Messages store single precision; this undoes the rounding.
     """
-    value = check_positive(_get_field(msg, "info.resolution"), "msg.info.resolution")
+    value = check_positive(get_field(msg, "info.resolution"), "msg.info.resolution")
     single = np.float32(value)
     # The shortest text of a float32 is the decimal number that was rounded to it.
     return float(str(single)) if float(single) == value else value
@@ -658,7 +589,7 @@ def _parse_yaw(msg: object) -> float:
     An unset quaternion, all zeros, counts as no rotation.
     """
     place = "info.origin.orientation"
-    values = [_get_field(msg, f"{place}.{name}") for name in "xyzw"]
+    values = [get_field(msg, f"{place}.{name}") for name in "xyzw"]
     x, y, z, w = check_finite(values, f"msg.{place}").tolist()
     norm = math.hypot(x, y, z, w)
     if norm == 0.0:

@@ -16,6 +16,7 @@ from nav_msgs.msg import OccupancyGrid, Path  # noqa: E402
 from nav_msgs.srv import GetPlan  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
+from std_msgs.msg import Empty  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
 
 import cspace  # noqa: E402
@@ -79,12 +80,16 @@ class Client:
         """Keep the last message."""
         self.last[name] = msg
 
-    def wait(self, is_done, seconds=20.0):
-        """Spin until a condition holds."""
+    def wait(self, is_done, seconds=120.0):
+        """Spin until a condition holds, on a busy machine, too."""
+        assert self.spin(is_done, seconds), "nothing came in time"
+
+    def spin(self, is_done, seconds):
+        """Spin until a condition holds; return False if it does not in time."""
         end = time.monotonic() + seconds
-        while not is_done():
-            assert time.monotonic() < end, "nothing came in time"
+        while not is_done() and time.monotonic() < end:
             self.executor.spin_once(timeout_sec=0.02)
+        return is_done()
 
     def send(self, cells):
         """Publish a map, and return the map of configurations at yaw 0, [x, y]."""
@@ -98,7 +103,8 @@ class Client:
         """Ask for a plan; return its poses as configurations, shape (n, 3)."""
         request = GetPlan.Request(start=make_pose(*start), goal=make_pose(*goal, frame))
         future = self.service.call_async(request)
-        self.wait(future.done)
+        while not self.spin(future.done, 30.0):  # a node that was killed did not answer
+            future = self.service.call_async(request)
         rows = [
             (
                 p.pose.position.x,
@@ -118,14 +124,40 @@ def start_node():
 
 
 def stop_node(process):
-    """End the node."""
+    """End the node; kill it if ROS does not shut down, seen on a busy machine."""
     process.terminate()
-    process.wait(10)
+    try:
+        process.wait(20)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+
+
+TALK = """
+import time, rclpy
+from std_msgs.msg import Empty
+rclpy.init()
+publisher = rclpy.create_node("talker").create_publisher(Empty, "probe", 1)
+while True:
+    publisher.publish(Empty())
+    time.sleep(0.1)
+"""
 
 
 @pytest.fixture(scope="module")
 def ros():
+    """Start ROS; skip if two processes cannot hear each other, e.g. without multicast."""
     rclpy.init()
+    talker = subprocess.Popen([sys.executable, "-c", TALK])
+    listener = Client()
+    heard = []
+    listener.node.create_subscription(Empty, "probe", heard.append, 1)
+    hears = listener.spin(lambda: heard, 60.0)
+    talker.kill()
+    talker.wait()
+    listener.node.destroy_node()
+    if not hears:
+        pytest.skip("two ROS processes do not discover each other on this machine")
     yield
     rclpy.try_shutdown()
 
@@ -135,9 +167,10 @@ def client(ros):
     process = start_node()
     client = Client()
     client.maps.publish(make_grid(make_room()))
-    client.wait(lambda: "map" in client.last, 120.0)  # the first start compiles
+    client.process = process
+    client.wait(lambda: "map" in client.last, 300.0)  # the first start compiles
     yield client
-    stop_node(process)
+    stop_node(client.process)
 
 
 def assert_equal_map(client, cells):
@@ -172,7 +205,7 @@ def test_without_a_path_the_barrier_is_shown(client):
     client.send(make_room(gap=3))
     client.last.pop("markers", None)
     assert not len(client.plan())
-    client.wait(lambda: "markers" in client.last, 90.0)  # the first explanation compiles
+    client.wait(lambda: "markers" in client.last, 300.0)  # the first explanation compiles
     points = np.array([(p.x, p.y) for p in client.last["markers"].markers[1].points])
     assert len(points) and (np.abs(points[:, 0] - 3.0) < 1.0).any()
     client.send(make_room())
@@ -180,16 +213,19 @@ def test_without_a_path_the_barrier_is_shown(client):
 
 def test_obstacles_move_while_it_plans(client):
     try:
-        cells = make_room()
+        sent = [make_room()]
         for step in range(20):
-            before, cells = cells, make_room()
+            cells = make_room()
             cells[20 + 2 * step : 28 + 2 * step, 30:38] = 100
+            sent.append(cells)
             client.maps.publish(make_grid(cells))
             time.sleep(0.1)
             rows = client.plan()
             assert len(rows) > 1
-            # The path is proven on this map, or on the one before.
-            assert any(build(each).certify_path(rows).all() for each in (cells, before))
+            # On a busy machine, the node may not have read the last maps yet.
+            assert any(build(each).certify_path(rows).all() for each in reversed(sent))
+        client.send(cells)
+        assert_free(client.plan(), cells)
     finally:
         client.send(make_room())
 
@@ -230,20 +266,17 @@ def test_a_new_footprint_builds_anew(client):
     single = np.float32(long).tolist()  # as messages have it
     expected = build(make_room(), single).to_occupancy_grid(rotation=0.0)
     assert list(client.last["map"].data) == list(expected.data)
-    client.footprints.publish(
-        Polygon(
-            points=[
-                Point32(x=x, y=y) for x, y in ((0.3, 0.2), (0.3, -0.2), (-0.3, -0.2), (-0.3, 0.2))
-            ]
-        )
-    )
+    short = [(0.3, 0.2), (0.3, -0.2), (-0.3, -0.2), (-0.3, 0.2)]
     client.last.pop("map")
+    client.footprints.publish(Polygon(points=[Point32(x=x, y=y) for x, y in short]))
     client.wait(lambda: "map" in client.last)
+    client.send(make_room())  # a node that starts again reads it
 
 
-def test_the_node_is_killed_and_starts_again(ros, client):
-    other = start_node()
-    time.sleep(0.5)
-    other.kill()
-    other.wait()
+def test_the_node_is_killed_and_starts_again(client):
+    client.process.kill()
+    client.process.wait()
+    client.last.pop("map", None)
+    client.process = start_node()
+    client.wait(lambda: "map" in client.last, 300.0)  # it reads the last map again
     assert_free(client.plan(), make_room())
