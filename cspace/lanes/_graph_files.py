@@ -1,6 +1,7 @@
 """Readers of route graphs: Nav2, Open-RMF, LIF and VDA 5050.
 
 A field that changes where a robot drives, or how it stands there, is honoured or refused by name.
+A field that is neither that nor known to change nothing is named in a warning.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import yaml
 
 from cspace._files.access import ContentError, check_suffix, decoding, read_text
 from cspace._support.arrays import Floats, StrPath
+from cspace._support.reporting import warn_user
 from cspace.lanes._curves import Leg, cut_nurbs
 from cspace.lanes._headings import HEADINGS, HeadingRule, Lane, find_repeated
 
@@ -37,6 +39,30 @@ RMF_LANE_OPTIONS: Final = frozenset(
     )
 )
 """Options of Open-RMF lanes that are honoured, or do not change where the robot drives."""
+
+KNOWN_FIELDS: Final = {
+    "Nav2 node": "id frame name metadata operations class",
+    "Nav2 edge": "id startid endid cost overridable metadata operations name class",
+    "vertex": "name is_holding_point is_passthrough_point is_parking_spot is_charger "
+    "is_cleaning_zone dock_name merge_radius mutex spawn_robot_name spawn_robot_type "
+    "pickup_dispenser dropoff_ingestor human_goal_set_name lift_cabin",
+    "node": "nodeId nodeName nodeDescription nodeDescriptor nodePosition mapId sequenceId released "
+    "actions vehicleTypeNodeProperties",
+    "nodePosition": "x y theta allowedDeviationXY allowedDeviationXy allowedDeviationTheta mapId "
+    "mapDescription",
+    "vehicleTypeNodeProperties": "vehicleTypeId vehicleTypeIds theta actions",
+    "edge": "edgeId edgeName edgeDescription edgeDescriptor sequenceId released startNodeId "
+    "endNodeId orientation orientationType rotationAllowed trajectory corridor actions length "
+    "maxSpeed maximumSpeed maxRotationSpeed vehicleTypeEdgeProperties",
+    EDGE_PROPERTIES: "vehicleTypeId vehicleTypeIds vehicleOrientation orientationType "
+    "rotationAllowed rotationAtStartNodeAllowed rotationAtEndNodeAllowed maxSpeed "
+    "maxRotationSpeed reentryAllowed trajectory corridor actions",
+    "trajectory": "degree knotVector controlPoints",
+    "control point": "x y weight orientation",
+    "corridor": "leftWidth rightWidth corridorRefPoint corridorReferencePoint releaseRequired "
+    "releaseLossBehavior",
+}
+"""Fields of elements that are honoured, refused or change nothing, separated by blanks."""
 
 Stations = Mapping[str, tuple[str, ...]]
 """Nodes of each station."""
@@ -61,6 +87,12 @@ class GraphBuilder:
         self.yaws: list[float] = []
         self.deviations: list[float] = []
         self.lanes: list[Lane] = []
+        self.ignored: set[str] = set()
+
+    def check_fields(self, kind: str, element: Mapping[str, Any]) -> None:
+        """Remember the fields of an element that audits do not know."""
+        unknown = element.keys() - KNOWN_FIELDS[kind].split()
+        self.ignored.update(f"{key} ({kind})" for key in unknown)
 
     def add_node(self, name: Any, x: Any, y: Any, yaw: Any = None, deviation: float = 0.0) -> None:
         """Add a node at a position, metres."""
@@ -98,7 +130,10 @@ class GraphBuilder:
         self.lanes.append(Lane(str(name), start, end, heading, legs, allowed))
 
     def build(self, stations: Stations | None = None) -> GraphContents:
-        """Return what was added."""
+        """Return what was added, and name the fields that are ignored."""
+        if self.ignored:
+            names = ", ".join(sorted(self.ignored))
+            warn_user(f"route graph: audits ignore the fields {names}")
         positions = np.array(self.points, dtype=np.float64).reshape(-1, 2)
         yaws = np.array(self.yaws, dtype=np.float64)
         return tuple(self.indices), positions, tuple(self.lanes), yaws, stations or {}
@@ -187,41 +222,44 @@ def _read_nav2(document: Mapping[str, Any], heading: Rule) -> GraphContents:
         raise fail(f"has the crs {crs:.80}", "coordinates must be metres of the map's frame")
     edges = []
     for feature in iterate_elements(document, "features", "the graph"):
-        properties = feature.get("properties") or {}
-        geometry = feature.get("geometry") or {}
-        number = properties.get("id")
-        kind = geometry.get("type")
+        kind = (feature.get("geometry") or {}).get("type")
+        number = (feature.get("properties") or {}).get("id")
         if number is None:
             raise fail(f"has a {kind} without an id", "every feature needs one")
         if kind == "Point":
-            where = f"node {number!r}"
-            refuse(properties, where, frame=("map", ""))
-            place = read_list(geometry, "coordinates", where)
-            if len(place) < 2:
-                raise fail(f"{where} has the coordinates {place!r}", "x and y are needed")
-            builder.add_node(number, *place[:2])
+            _add_nav2_node(builder, feature)
         elif kind in ("LineString", "MultiLineString"):
-            edges.append((number, properties, geometry))
+            edges.append(feature)
         else:
             rule = "nodes are Points, edges are MultiLineStrings"
             raise fail(f"feature {number!r} is a {kind}", rule)
-    twice = find_repeated([*builder.indices, *(str(edge[0]) for edge in edges)])
+    numbers = [str(edge["properties"]["id"]) for edge in edges]
+    twice = find_repeated([*builder.indices, *numbers])
     if twice is not None:
         raise fail(f"has the id {twice!r} twice", "ids must differ")
     for edge in edges:
-        _add_nav2_edge(builder, *edge, heading or HEADINGS["forward"])
+        _add_nav2_edge(builder, edge, heading or HEADINGS["forward"])
     return builder.build()
 
 
-def _add_nav2_edge(
-    builder: GraphBuilder,
-    number: Any,
-    properties: Mapping[str, Any],
-    geometry: Mapping[str, Any],
-    rule: HeadingRule,
-) -> None:
+def _add_nav2_node(builder: GraphBuilder, feature: Mapping[str, Any]) -> None:
+    """Add a node of Nav2."""
+    properties = feature["properties"]
+    where = f"node {properties['id']!r}"
+    builder.check_fields("Nav2 node", properties)
+    refuse(properties, where, frame=("map", ""))
+    place = read_list(feature["geometry"], "coordinates", where)
+    if len(place) < 2:
+        raise fail(f"{where} has the coordinates {place!r}", "x and y are needed")
+    builder.add_node(properties["id"], *place[:2])
+
+
+def _add_nav2_edge(builder: GraphBuilder, feature: Mapping[str, Any], rule: HeadingRule) -> None:
     """Add an edge of Nav2, which knows its nodes by their ids."""
+    properties, geometry = feature["properties"], feature["geometry"]
+    number = properties["id"]
     where = f"edge {number!r}"
+    builder.check_fields("Nav2 edge", properties)
     start, end = (
         builder.index_of(need(properties, key, where), where) for key in ("startid", "endid")
     )
@@ -264,6 +302,7 @@ def _read_rmf(document: Mapping[str, Any], heading: Rule, level: str | None) -> 
         if not isinstance(vertex, list) or len(vertex) < 2:
             raise fail(f"vertex {number} is {vertex!r:.60}", "it must be [x, y, options]")
         options = vertex[2] if len(vertex) > 2 and isinstance(vertex[2], Mapping) else {}
+        builder.check_fields("vertex", options)
         builder.add_node(options.get("name") or number, *vertex[:2])
     for number, lane in enumerate(read_list(content, "lanes", where)):
         _add_rmf_lane(builder, number, lane, heading)
@@ -327,14 +366,17 @@ def _read_lif(
         place = need(node, "nodePosition", f"node {name!r}")
         entries = iterate_elements(node, "vehicleTypeNodeProperties", f"node {name!r}")
         own = [entry for entry in entries if vehicle in _types_of(entry)]
-        yaw = own[0].get("theta") if own else None
-        _add_place(builder, name, place, yaw)
+        properties = own[0] if own else {}
+        builder.check_fields("node", node)
+        builder.check_fields("vehicleTypeNodeProperties", properties)
+        _add_place(builder, name, place, properties.get("theta"))
     for edge in iterate_elements(layout, "edges", "the layout"):
         where = f"edge {edge.get('edgeId')!r}"
         own = [e for e in iterate_elements(edge, EDGE_PROPERTIES, where) if vehicle in _types_of(e)]
         if not own and edge.get(EDGE_PROPERTIES):
             continue  # not for this type of vehicle
         entry = own[0] if own else {}
+        builder.check_fields(EDGE_PROPERTIES, entry)
         for end in ("rotationAtStartNodeAllowed", "rotationAtEndNodeAllowed"):
             refuse(entry, where, **{end: ("BOTH",)})
         turning = bool(entry.get("rotationAllowed", False))
@@ -383,6 +425,7 @@ def _read_order(document: Mapping[str, Any], heading: Rule, level: str | None) -
         place = need(node, "nodePosition", f"node {name!r}")
         if str(name) in builder.indices:  # an order may pass a node again
             continue
+        builder.check_fields("node", node)
         maps.add(place.get("mapId"))
         if level is not None and place.get("mapId") != level:
             rule = "an order is audited on one map"
@@ -403,6 +446,7 @@ def _add_place(builder: GraphBuilder, name: Any, place: Any, yaw: Any) -> None:
     where = f"node {name!r}"
     if not isinstance(place, Mapping):
         raise fail(f"{where} has the nodePosition {place!r:.60}", "it must have x and y")
+    builder.check_fields("nodePosition", place)
     if yaw is not None:
         refuse(place, where, allowedDeviationTheta=(0, 0.0))
     deviation = place.get("allowedDeviationXY", place.get("allowedDeviationXy"))
@@ -428,6 +472,7 @@ def _add_edge(
     """
     name = need(edge, "edgeId", "an edge")
     where = f"edge {name!r}"
+    builder.check_fields("edge", edge)
     start, end = (
         builder.index_of(need(edge, key, where), where) for key in ("startNodeId", "endNodeId")
     )
@@ -440,21 +485,24 @@ def _add_edge(
     legs: tuple[Leg, ...] = ()
     trajectory = entry.get("trajectory")
     if trajectory is not None:
-        legs = _read_trajectory(trajectory, where)
+        legs = _read_trajectory(builder, trajectory, where)
     corridor = entry.get("corridor") or {}
+    builder.check_fields("corridor", corridor)
     widths = [
         read_number(corridor.get(key, 0.0), where, key) for key in ("leftWidth", "rightWidth")
     ]
     builder.add_lane(name, start, end, rule, legs, max(widths))
 
 
-def _read_trajectory(trajectory: Any, where: str) -> tuple[Leg, ...]:
+def _read_trajectory(builder: GraphBuilder, trajectory: Any, where: str) -> tuple[Leg, ...]:
     """Read a NURBS curve as legs."""
     if not isinstance(trajectory, Mapping):
         raise fail(f"{where} has a trajectory that is no mapping", "it must be a NURBS curve")
+    builder.check_fields("trajectory", trajectory)
     rows = []
     for number, point in enumerate(iterate_elements(trajectory, "controlPoints", where)):
         place = f"{where}, control point {number},"
+        builder.check_fields("control point", point)
         refuse(point, place, orientation=())
         coordinates = [read_number(need(point, key, place), place, key) for key in ("x", "y")]
         rows.append((*coordinates, read_number(point.get("weight", 1.0), place, "weight")))

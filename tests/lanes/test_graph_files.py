@@ -246,6 +246,27 @@ def test_damaged_files_name_the_element(name, path, value, text, tmp_path):
     assert str(file) in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("name", "path", "text"),
+    [
+        ("nav.geojson", ("features", 2, "properties", "width"), "width (Nav2 edge)"),
+        ("rmf.yaml", ("levels", "L1", "vertices", 0, 2, "yaw"), "yaw (vertex)"),
+        ("lif.json", (*ENTRY, "loadRestriction"), "loadRestriction (vehicleTypeEdgeProperties)"),
+        ("lif.json", (*POINTS, 1, "z"), "z (control point)"),
+        ("order.json", ("edges", 0, "maxHeight"), "maxHeight (edge)"),
+        ("order.json", ("nodes", 0, "nodePosition", "z"), "z (nodePosition)"),
+    ],
+)
+def test_unknown_fields_are_named_once(name, path, text, tmp_path):
+    file = write(tmp_path, name, edit(name, path, 1.0))
+    with pytest.warns(UserWarning) as caught:
+        RouteGraph.open(file)
+    assert [str(each.message) for each in caught] == [
+        f"route graph: audits ignore the fields {text}"
+    ]
+    assert caught[0].filename == __file__
+
+
 def test_files_of_no_graph_are_refused(tmp_path):
     for name, text in (("a.json", "[]"), ("a.json", "{}"), ("a.json", "{"), ("a.yaml", "a: [")):
         (tmp_path / name).write_text(text)
@@ -255,6 +276,7 @@ def test_files_of_no_graph_are_refused(tmp_path):
         RouteGraph.open(tmp_path / "a.png")
 
 
+@pytest.mark.filterwarnings("ignore:.*audits ignore the fields")
 @pytest.mark.parametrize("name", FILES)
 def test_no_damage_gives_another_error(name, tmp_path):
     rng = np.random.default_rng(0)
