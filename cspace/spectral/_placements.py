@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from scipy.interpolate import NdBSpline
 
 MAX_SEARCH_FREQUENCIES: Final = 2**19
-"""Largest number of frequencies of a search."""
+"""Largest number of frequencies of a search, opposite ones counted both."""
 
 SEARCH_ACCURACY: Final = 1e-5
 """Accuracy of the spectra of a search, relative to their largest values."""
@@ -124,7 +124,7 @@ def best_placements(
         As for :class:`FourierOverlap`.
     tolerance : float
         Scores err by about this times the summed overlaps of the balls of A with themselves. At
-        most about 260,000 frequencies are used.
+        most about 260,000 frequencies are used, opposite ones counted once.
 
     Returns
     -------

@@ -15,7 +15,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace._shapes import Balls
 from cspace._support.arrays import Bytes, Floats, Ints
 from cspace._support.check import check_points
 from cspace._support.compiling import allocating, internal
