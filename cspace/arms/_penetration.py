@@ -35,7 +35,7 @@ class ArmPenetration:
         :func:`cspace.spectral.decompose`.
     obstacles : balls
         In the frame of the arm's base, metres.
-    bump, band, tolerance
+    bump, tolerance
         As for :class:`cspace.spectral.FourierOverlap`.
 
     Raises InputError if a value is not as stated. Raises MissingPackageError if finufft is needed,
@@ -49,7 +49,6 @@ class ArmPenetration:
         obstacles: BallsLike,
         *,
         bump: Bump | None = None,
-        band: float | None = None,
         tolerance: float = 0.01,
     ) -> None:
         """Put the balls of all links into the frames of their bodies; check all arguments."""
@@ -73,7 +72,7 @@ class ArmPenetration:
         self._bodies = np.concatenate(bodies)
         self._centers = np.concatenate(centers)
         self._field = BallPenetration(
-            np.concatenate(radii), obstacle_balls, bump=bump, band=band, tolerance=tolerance
+            np.concatenate(radii), obstacle_balls, bump=bump, tolerance=tolerance
         )
 
     def value_and_gradient(self, q: ArrayLike) -> tuple[Floats, Floats]:

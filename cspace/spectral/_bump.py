@@ -193,8 +193,8 @@ def _transform(function: Radial, frequencies: Floats, dim: int) -> Floats:
     for octave in np.unique(octaves).tolist():
         rows = np.flatnonzero(octaves == octave)
         # The phase of the kernel advances by 2 pi k ds/du, and ds/du is at most pi / 4; add samples
-        # accordingly.
-        count = math.ceil(MIN_TRANSFORM_NODES + MAX_ABSCISSA * math.pi / 4.0 * 2.0**octave)
+        # accordingly, a tenth more than that because errors die out only some way beyond it.
+        count = math.ceil(MIN_TRANSFORM_NODES + 1.1 * MAX_ABSCISSA * math.pi / 4.0 * 2.0**octave)
         step = MAX_ABSCISSA / count
         u = step * np.arange(-count, count + 1)
         decay = np.exp(-math.pi * np.sinh(u))

@@ -72,22 +72,24 @@ class EarlyTest:
         self.threshold = check_positive(threshold, "threshold", "square or cubic metres")
         lattice = overlap.lattice
         volume = float(np.prod(lattice.periods))
-        grids = np.meshgrid(*lattice.indices, indexing="ij")
-        indices = np.stack(grids, axis=-1).reshape(-1, overlap.dim).astype(np.int32)
-        # Descriptors are real, so opposite frequencies have conjugate terms. Keep frequency zero,
-        # and those whose first entry other than zero is positive.
-        rank = indices.astype(np.int64) @ (2 * max(lattice.counts)) ** np.arange(overlap.dim)[::-1]
-        kept = np.flatnonzero(rank >= 0)
-        moduli_a, moduli_b = (
-            np.abs(spectrum).reshape(-1)[kept]
-            for spectrum in (overlap.spectrum_a, overlap.spectrum_b)
+        moduli_a, moduli_b, frequencies, products = (
+            _keep_half(values)
+            for values in (
+                np.abs(overlap.spectrum_a),
+                np.abs(overlap.spectrum_b),
+                lattice.moduli,
+                overlap.products,
+            )
         )
-        twice = np.where(rank[kept] == 0, 1.0, 2.0)
+        grids = np.meshgrid(*lattice.indices, indexing="ij")
+        indices = np.stack([_keep_half(k) for k in grids], axis=1).astype(np.int32)
+        twice = np.full(len(products), 2.0)
+        twice[0] = 1.0
         weights = twice / volume
         moduli = weights * moduli_a * moduli_b
         order = np.argsort(-moduli, kind="stable")
-        self._products = (overlap.products.reshape(-1)[kept] * twice)[order]
-        self._indices = indices[kept][order]
+        self._products = (products * twice)[order]
+        self._indices = indices[order]
         # Within the band, the sum of the moduli bounds the remaining terms. Beyond, the product of
         # the two norms does (Cauchy and Schwarz).
         remaining = np.append(np.cumsum(moduli[order][::-1])[::-1], 0.0)
@@ -96,14 +98,13 @@ class EarlyTest:
             _bound_norm_beyond(factors, energy, volume)
             for factors in (overlap.factors_a, overlap.factors_b)
         )
-        frequencies = lattice.moduli.reshape(-1)[kept]
         error_a, error_b = (
             _bound_spectrum_error(balls, overlap, float(frequencies.max()))
             for balls in (overlap.a, overlap.b)
         )
         errors = weights * (moduli_a * error_b + moduli_b * error_a + error_a * error_b)
         # The phases of an axis have an error of a few units times k; sums add one unit per term.
-        units = 64.0 + len(kept) + 4.0 * sum(lattice.counts)
+        units = 64.0 + len(products) + 4.0 * sum(lattice.counts)
         placing = 2.0 * math.pi * overlap.placement_error * frequencies @ (moduli + errors)
         fixed = errors.sum() + ROUNDING_UNIT * units * moduli.sum() + placing + tail_a * tail_b
         self._bounds = BOUND_ROUNDING * (remaining + fixed)
@@ -128,6 +129,16 @@ class EarlyTest:
             column[is_far] = 0
             shaped.append(column.reshape(placements.shape[:-1]))
         return Comparison(*shaped)
+
+
+def _keep_half(values: NDArray[Any]) -> NDArray[Any]:
+    """Return the values of frequency zero, and of one of each two opposite frequencies.
+
+    Descriptors are real, so opposite frequencies have conjugate terms.
+    """
+    # Along each axis the number of frequencies is odd: zero has the middle, and opposite ones lie
+    # as far before it as behind.
+    return np.fft.fftshift(values).reshape(-1)[values.size // 2 :]
 
 
 def _bound_norm_beyond(factors: RadialFactors, energy: float, volume: float) -> float:

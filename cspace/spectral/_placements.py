@@ -36,13 +36,13 @@ from cspace.spectral._ball_sets import (
 )
 from cspace.spectral._bump import Bump, check_bump
 from cspace.spectral._overlap import MAX_RADII, FourierOverlap
-from cspace.spectral._spectra import Complexes, FrequencyLattice, RadialFactors
+from cspace.spectral._spectra import Complexes
 
 if TYPE_CHECKING:
     from scipy.interpolate import NdBSpline
 
 MAX_SEARCH_FREQUENCIES: Final = 2**19
-"""Largest number of frequencies of a search band chosen automatically."""
+"""Largest number of frequencies of a search, opposite ones counted both."""
 
 SEARCH_ACCURACY: Final = 1e-5
 """Accuracy of the spectra of a search, relative to their largest values."""
@@ -89,7 +89,6 @@ def best_placements(
     separation: float | None = None,
     refine_rotations: bool = True,
     bump: Bump | None = None,
-    band: float | None = None,
     tolerance: float = 0.01,
 ) -> Placements:
     """Find the best placements of A over a grid of rotations.
@@ -123,11 +122,9 @@ def best_placements(
         Whether the ascent rotates A too. Otherwise, it keeps to ``rotations``.
     bump : Bump, optional
         As for :class:`FourierOverlap`.
-    band : float, optional
-        Highest frequency of the search along each axis, cycles per metre. By default, scores err
-        by about ``tolerance`` times the summed overlaps of the balls of A with themselves. At most
-        about 520,000 frequencies are used.
     tolerance : float
+        Scores err by about this times the summed overlaps of the balls of A with themselves. At
+        most about 260,000 frequencies are used, opposite ones counted once.
 
     Returns
     -------
@@ -166,7 +163,7 @@ def best_placements(
     centroid = body.centers.mean(axis=0)
     part = round_radii(body, MAX_RADII, grow=False)
     part = Balls(part.centers - centroid, part.radii)
-    score = _Score(part, targets, weights, check_bump(bump), band, tolerance)
+    score = _Score(part, targets, weights, check_bump(bump), tolerance)
     matrices = _make_rotation_matrices(rotations, body.dim)
     gap = 0.5 * score.gyration if separation is None else check_positive(separation, "separation")
     # More placements are refined than returned, and closer ones, because some climb to one peak.
@@ -180,9 +177,9 @@ def best_placements(
         if peaks is not None:
             columns = zip(best, peaks, strict=True)
             both = Placements(*map(np.concatenate, columns))
-            best = _select_distinct(both, score.root, 0.5 * gap, most)
+            best = _select_distinct(both, part.centers, 0.5 * gap, most)
     best = score.climb(best, refine_rotations)
-    best = _select_distinct(best, score.root, gap, number)
+    best = _select_distinct(best, part.centers, gap, number)
     return best._replace(translations=best.translations - best.rotations @ centroid)
 
 
@@ -194,22 +191,16 @@ class Correlation:
     elsewhere.
     """
 
-    def __init__(
-        self,
-        overlap: FourierOverlap,
-        counts: tuple[int, ...],
-        weights: Floats | None = None,
-    ) -> None:
+    def __init__(self, overlap: FourierOverlap, weights: Floats | None = None) -> None:
         """Choose a lattice for FFTs, and compute the spectrum of the target."""
         from scipy.fft import next_fast_len
 
-        self.body = overlap.a
-        self.lattice = FrequencyLattice(overlap.lattice.periods, counts)
-        self.shape = tuple(next_fast_len(count, real=True) for count in counts)
+        self.lattice = overlap.lattice
+        self.shape = tuple(next_fast_len(count, real=True) for count in self.lattice.counts)
         self.cells_per_metre = self.shape / self.lattice.periods
         self.center = find_center(overlap.b)
-        self.factors = RadialFactors(self.lattice, overlap.bump, self.body.radii)
-        self.spectrum = RadialFactors(self.lattice, overlap.bump, overlap.b.radii).spectrum(
+        self.factors = overlap.factors_a
+        self.spectrum = overlap.factors_b.spectrum(
             overlap.b.centers - self.center, SEARCH_ACCURACY, weights
         )
 
@@ -280,7 +271,7 @@ class BallPenetration:
         Radii of the balls that move, metres.
     fixed : object with ``centers`` and ``radii``, or (centers, radii)
         The other balls, in the plane or in space, metres.
-    bump, band, tolerance
+    bump, tolerance
         As for :class:`FourierOverlap`.
 
     Raises InputError if a value is not as stated. Raises MissingPackageError if finufft is needed,
@@ -301,7 +292,6 @@ class BallPenetration:
         fixed: BallsLike,
         *,
         bump: Bump | None = None,
-        band: float | None = None,
         tolerance: float = 0.01,
     ) -> None:
         """Check all balls, and compute the spectrum of the fixed ones."""
@@ -309,9 +299,9 @@ class BallPenetration:
         sizes = np.atleast_1d(check_finite(radii, "radii"))
         # Only the radii of the moving balls matter, so all stand at the origin.
         moving = np.zeros((len(sizes), balls.dim)), sizes
-        overlap = FourierOverlap(moving, balls, bump=bump, band=band, tolerance=tolerance)
+        overlap = FourierOverlap(moving, balls, bump=bump, tolerance=tolerance)
         self._lower, self._upper = overlap.domain
-        self._fields = Correlation(overlap, overlap.lattice.counts)
+        self._fields = Correlation(overlap)
 
     def value_and_gradient(self, centers: ArrayLike) -> tuple[Floats, Floats]:
         """Compute the summed overlap and its derivatives by the centers.
@@ -322,7 +312,7 @@ class BallPenetration:
         """
         points = check_finite(centers, "centers")
         dim = len(self._lower)
-        count = len(self._fields.body.radii)
+        count = len(self._fields.factors.radii)
         if points.ndim < 2 or points.shape[-2:] != (count, dim):
             raise InputError(
                 "centers",
@@ -340,26 +330,21 @@ class BallPenetration:
 
 
 def _select_distinct(
-    placements: Placements, root: Floats, min_displacement: float, most: int
+    placements: Placements, centers: Floats, min_displacement: float, most: int
 ) -> Placements:
     """Select at most ``most`` best placements, none within ``min_displacement`` of a better one.
 
-    The displacement is the root mean square over the balls of A. ``root`` is the square root
-    C^(1/2) of the covariance of their centers: the displacement of placements (t, R) of their
-    centroid is the distance of the vectors (t, R C^(1/2)).
+    The displacement is the root mean square over the balls of A, with centers (k, d).
     """
-    turned_roots = (placements.rotations @ root).reshape(len(placements.scores), root.size)
-    vectors = np.column_stack([placements.translations, turned_roots])
-    best_first = np.argsort(-placements.scores, kind="stable")
+    placed = centers @ np.swapaxes(placements.rotations, 1, 2) + placements.translations[:, None]
     chosen: list[int] = []
-    for pose in best_first.tolist():
+    for pose in np.argsort(-placements.scores, kind="stable").tolist():
         if len(chosen) == most:
             break
-        squares = ((vectors[chosen] - vectors[pose]) ** 2).sum(axis=1)
+        squares = ((placed[chosen] - placed[pose]) ** 2).sum(axis=2).mean(axis=1)
         if (squares >= min_displacement**2).all():
             chosen.append(pose)
-    rows = np.array(chosen, dtype=np.int64)
-    return Placements(*(column[rows] for column in placements))
+    return Placements(*(column[chosen] for column in placements))
 
 
 class _Score:
@@ -376,7 +361,6 @@ class _Score:
         target: Balls,
         weights: Floats,
         bump: Bump,
-        band: float | None,
         tolerance: float,
     ) -> None:
         """Choose the band of the search, and measure how the balls of A spread."""
@@ -388,17 +372,14 @@ class _Score:
         within *= volume / smaller**body.dim / max(1.0, float(np.abs(weights).max()))
         self.body = body
         self.dim = body.dim
-        overlap = FourierOverlap(body, target, bump=bump, band=band, tolerance=within)
-        counts = overlap.lattice.counts
-        if band is None:
-            shrink = min(1.0, (MAX_SEARCH_FREQUENCIES / math.prod(counts)) ** (1.0 / self.dim))
-            counts = tuple(2 * max(1, math.floor(shrink * (count // 2))) + 1 for count in counts)
-        self.correlation = Correlation(overlap, counts, weights)
-        # The covariance of the centers, whose centroid is 0, and its square root.
-        covariance = body.centers.T @ body.centers / len(body.centers)
-        variances, axes = np.linalg.eigh(covariance)
-        self.root = axes * np.sqrt(np.maximum(variances, 0.0)) @ axes.T
-        self.gyration = math.sqrt(float(variances.sum() + (body.radii**2).mean()))
+        overlap = FourierOverlap(body, target, bump=bump, tolerance=within)
+        shrink = (0.5 * MAX_SEARCH_FREQUENCIES / overlap.frequencies) ** (1.0 / self.dim)
+        if shrink < 1.0:
+            highest = max(float(wave.max()) for wave in overlap.lattice.waves)
+            overlap = FourierOverlap(body, target, bump=bump, band=shrink * highest)
+        self.correlation = Correlation(overlap, weights)
+        squares = (body.centers**2).sum(axis=1) + body.radii**2
+        self.gyration = math.sqrt(float(squares.mean()))
 
     def find_peaks(self, matrix: Floats, floor: float, most: int) -> Placements | None:
         """Find the highest local maxima on the lattice, above a score.
@@ -411,18 +392,14 @@ class _Score:
         if scores.max() <= floor:
             return None
         is_peak = (scores > floor) & (scores == maximum_filter(scores, 3, mode="wrap"))
-        peaks = np.flatnonzero(is_peak)
-        flat_scores = scores.ravel()
-        if len(peaks) > most:
-            order = np.argpartition(-flat_scores[peaks], most)
-            peaks = peaks[order[:most]]
-        steps = np.stack(np.unravel_index(peaks, scores.shape), axis=1)
+        highest = np.argsort(-scores[is_peak])[:most]
+        steps = np.argwhere(is_peak)[highest]
         shares = steps / scores.shape  # of the period
         # Take the nearest of all periods.
         periods = self.correlation.lattice.periods
         translations = (shares - np.round(shares)) * periods + self.correlation.center
-        rotations = np.broadcast_to(matrix, (len(peaks), *matrix.shape))
-        return Placements(flat_scores[peaks], translations, rotations)
+        rotations = np.broadcast_to(matrix, (len(steps), *matrix.shape))
+        return Placements(scores[is_peak][highest], translations, rotations)
 
     def climb(self, poses: Placements, turn: bool) -> Placements:
         """Move poses along the gradient to near maxima, by BFGS.

@@ -15,7 +15,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace._shapes import Balls
 from cspace._support.arrays import Bytes, Floats, Ints
 from cspace._support.check import check_points
 from cspace._support.compiling import allocating, internal
@@ -26,7 +25,6 @@ from cspace.spectral._ball_sets import (
     BallsLike,
     Rotates,
     as_balls,
-    find_center,
     rotation_matrix,
 )
 
@@ -53,34 +51,25 @@ def build_tree(centers: Floats, radii: Floats) -> Floats:
 
     order = cKDTree(centers, leafsize=1).indices
     points = np.pad(centers, ((0, 0), (0, 3 - centers.shape[1])))
-    nodes: list[Floats] = []
-    _add_nodes(nodes, points[order], radii[order, None])
+    nodes: list[list[float]] = []
+    _add_nodes(nodes, points[order], radii[order])
     return np.array(nodes)
 
 
-def _add_nodes(nodes: list[Floats], points: Floats, radii: Floats) -> None:
-    """Append the tree of balls, with centers (n, 3) and radii (n, 1), to the nodes."""
+def _add_nodes(nodes: list[list[float]], points: Floats, radii: Floats) -> None:
+    """Append the tree of balls, with centers (n, 3) and radii (n,), to the nodes."""
     size = len(points)
+    # For one ball, the center and the reach are exactly those of the ball.
+    center = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    reach = float((np.linalg.norm(points - center, axis=1) + radii).max())
     if size == 1:
-        nodes.append(np.concatenate([points[0], radii[0], [1.0]]))
+        nodes.append([*center, reach, 1.0])
         return
-    # The node has the center of the bounding box; its radius reaches beyond the farthest ball, in
-    # spite of rounding.
-    center = 0.5 * ((points - radii).min(axis=0) + (points + radii).max(axis=0))
-    distances = np.linalg.norm(points - center, axis=1, keepdims=True)
-    reach = (1.0 + 2.0**-40) * (distances + radii).max(axis=0)
-    nodes.append(np.concatenate([center, reach, [size]]))
+    # The node reaches beyond the farthest ball, in spite of rounding.
+    nodes.append([*center, (1.0 + 2.0**-40) * reach, size])
     half = size // 2
-    _add_nodes(nodes, points[:half], radii[:half])
-    _add_nodes(nodes, points[half:], radii[half:])
-
-
-def rotate_tree(tree: Floats, matrix: Floats) -> Floats:
-    """Rotate a tree about the origin by a matrix (d, d)."""
-    rotated = tree.copy()
-    dim = len(matrix)
-    rotated[:, :dim] = tree[:, :dim] @ matrix.T
-    return rotated
+    for side in (slice(half), slice(half, size)):
+        _add_nodes(nodes, points[side], radii[side])
 
 
 @internal
@@ -182,50 +171,36 @@ class ContactTest:
         inner_a: BallsLike | None = None,
         inner_b: BallsLike | None = None,
     ) -> None:
-        """Build the trees of all balls, each relative to the center of its body."""
+        """Build the trees of all balls."""
         if (inner_a is None) is not (inner_b is None):
             raise InputError(
                 "inner_a", "or inner_b is missing", "a HIT needs both", "pass both or neither"
             )
+        self.dim = as_balls(outer_a, "outer_a").dim
         sources = {"outer_a": outer_a, "outer_b": outer_b, "inner_a": inner_a, "inner_b": inner_b}
-        sets: dict[str, Balls] = {}
+        self._trees = []
+        span = 0.0
         for name, source in sources.items():
+            tree = NO_TREE
             if source is not None:
                 _check_kind(source, name)
-                dim = sets["outer_a"].dim if sets else None
-                sets[name] = as_balls(source, name, dim)
-        self.dim = sets["outer_a"].dim
-        self._span = math.sqrt(self.dim) * sum(balls.span for balls in sets.values())
-        self._center_a = find_center(sets["outer_a"])
-        self._center_b = find_center(sets["outer_b"])
-        self._trees = [NO_TREE] * 4
-        for number, (name, balls) in enumerate(sets.items()):
-            center = self._center_a if name.endswith("a") else self._center_b
-            self._trees[number] = build_tree(balls.centers - center, balls.radii)
-        # Centers farther apart than this, along an axis, belong to bodies that are apart.
-        reaches = [np.linalg.norm(tree[0, :3]) + tree[0, RADIUS] for tree in self._trees[:2]]
-        self._reach = float(sum(reaches)) * (1.0 + 2.0**-40)
-        self._place(np.eye(self.dim))
-
-    def _place(self, rotation: Floats) -> None:
-        """Rotate the trees of A by a matrix."""
-        self._rotation = rotation
-        outer_a, outer_b, inner_a, inner_b = self._trees
-        self._placed = (
-            rotate_tree(outer_a, rotation),
-            outer_b,
-            rotate_tree(inner_a, rotation),
-            inner_b,
-        )
-        self._shift = rotation @ self._center_a - self._center_b
-        # Bounds the rounding of the distance between two centers.
-        largest = float(np.abs(self._shift).max()) + self._reach + self._span
-        self._slack = 4.0 * PLACEMENT_ROUNDING * largest
+                balls = as_balls(source, name, self.dim)
+                tree = build_tree(balls.centers, balls.radii)
+                span += balls.span
+            self._trees.append(tree)
+        # Bounds the rounding of the distance between two centers, if the distance is about the
+        # span or less; farther balls are apart anyway.
+        self._slack = 4.0 * PLACEMENT_ROUNDING * math.sqrt(self.dim) * span
+        self._rotation = np.eye(self.dim)
+        self._placed = self._trees
 
     @property
     def domain(self) -> tuple[Floats, Floats]:
         """Lower and upper corner of a box of the placements that are not apart."""
-        return -self._shift - self._reach, -self._shift + self._reach
+        a, b = (tree[0] for tree in self._placed[:2])
+        center = (b - a)[: self.dim]
+        reach = a[RADIUS] + b[RADIUS] + self._slack
+        return center - reach, center + reach
 
     def rotated(self, rotation: Rotates) -> ContactTest:
         """Return the test with A rotated about the origin of its frame.
@@ -233,10 +208,13 @@ class ContactTest:
         ``rotation`` is an angle in the plane, radians, a matrix of shape (d, d), or a scipy
         Rotation; raises InputError for anything else.
         """
-        rotated = copy.copy(self)
         # Rotate the original balls, so that rounding does not accumulate over repeated rotations.
         matrix = rotation_matrix(rotation, self.dim) @ self._rotation
-        rotated._place(rotation_matrix(matrix, self.dim))
+        rotated = copy.copy(self)
+        rotated._rotation = rotation_matrix(matrix, self.dim)
+        rotated._placed = [tree.copy() for tree in self._trees]
+        for tree in rotated._placed[::2]:  # those of A
+            tree[:, : self.dim] = tree[:, : self.dim] @ rotated._rotation.T
         return rotated
 
     def separated(self, t: ArrayLike) -> Verdict | Bytes:
@@ -246,8 +224,7 @@ class ContactTest:
         :class:`Verdict` as uint8 of shape (...) for more.
         """
         placements = check_points(t, "t", self.dim)
-        relative = placements.reshape(-1, self.dim) + self._shift
-        spatial = np.pad(relative, ((0, 0), (0, 3 - self.dim)))
+        spatial = np.pad(placements.reshape(-1, self.dim), ((0, 0), (0, 3 - self.dim)))
         verdicts = np.empty(len(spatial), dtype=np.uint8)
 
         def test_chunk(start: int, stop: int) -> int:
@@ -285,17 +262,16 @@ def test_placements(
     inner_a: Floats,
     inner_b: Floats,
     slack: float,
-    relative: Floats,
+    placements: Floats,
     out: Bytes,
 ) -> None:
-    """Write the verdicts of placements (n, 3) of center A relative to center B to ``out``.
+    """Write the verdicts of placements (n, 3) of A to ``out``.
 
-    The trees are relative to the centers. ``slack``, metres, bounds the rounding of the distance
-    between two centers.
+    ``slack``, metres, bounds the rounding of the distance between two centers.
     """
     pending = np.empty((MAX_PENDING_NODE_PAIRS, 2), dtype=np.int64)
-    for n in range(len(relative)):
-        x, y, z = relative[n]
+    for n in range(len(placements)):
+        x, y, z = placements[n]
         out[n] = MISS
         if compare_placed(outer_a, outer_b, x, y, z, slack, pending) == MISS:
             continue

@@ -13,13 +13,14 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
 from cspace import InputError, Robot, build_arm_space
+from cspace._files.sphere_files import read_spheres
 from cspace.arms import Arm
 from cspace.errors import FileError, GeometryError
 from tests.helpers.commands import document, run
 from tests.helpers.refusals import refusals
 from tests.helpers.urdfs import collision, joint, link, planar, pose_at, posed_box, write_urdf
 
-pytest.importorskip("yourdfpy")
+yourdfpy = pytest.importorskip("yourdfpy")
 
 SAMPLES = 100_000
 """Points sampled on the surface of each link."""
@@ -168,6 +169,32 @@ def test_written_urdf_is_an_arm_of_spheres(tmp_path):
 def surfaces(shape):
     """Return the vertices of the outer and the inner surface of a shape."""
     return [side.surface[0].tolist() for side in (shape.outer, shape.inner)]
+
+
+@pytest.mark.parametrize("suffix", [".yaml", ".yml", ".json", ".srdf"])
+def test_files_of_spheres_keep_all_digits(tmp_path, suffix):
+    model = Arm.from_urdf(planar(tmp_path)).spheres(number=5)
+    file = tmp_path / f"spheres{suffix}"
+    model.save(file)
+    links = read_spheres(file)
+    assert list(links) == list(model.links)
+    for name, balls in model.links.items():
+        written = np.column_stack([balls.centers, balls.radii])
+        read = np.array([[*center, radius] for center, radius in links[name]])
+        assert read == pytest.approx(written, rel=0.0, abs=1e-12)
+
+
+def test_urdf_of_spheres_keeps_all_digits(tmp_path):
+    source = planar(tmp_path)
+    model = Arm.from_urdf(source).spheres(number=5)
+    model.save(tmp_path / "spheres.urdf", source)
+    links = yourdfpy.URDF.load(str(tmp_path / "spheres.urdf")).link_map
+    for name, balls in model.links.items():
+        read = [
+            [*each.origin[:3, 3], each.geometry.sphere.radius] for each in links[name].collisions
+        ]
+        written = np.column_stack([balls.centers, balls.radii])
+        assert np.array(read) == pytest.approx(written, rel=0.0, abs=1e-12)
 
 
 @pytest.mark.parametrize("suffix", [".yaml", ".json", ".srdf"])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from scipy.special import j0
+from scipy.special import j0, j1
 
 from cspace import InputError
 from cspace.spectral import Bump
@@ -63,6 +63,16 @@ def test_radial_spectrum_agrees_with_a_dense_quadrature(alpha, dim):
     expected = kernel @ (profile * weights)
     spectrum = Bump(alpha).radial_spectrum(k, dim)
     assert np.abs(spectrum - expected).max() <= 1e-12 * expected[0]
+
+
+def test_radial_spectrum_of_the_ball_is_accurate_at_high_frequencies():
+    # Powers of two need the most of the nodes that their octave shares.
+    k = np.append(2.0 ** np.arange(6, 17), 1e5)
+    angles = 2.0 * math.pi * k
+    disc, ball = (Bump(math.inf).radial_spectrum(k, dim) for dim in (2, 3))
+    assert np.abs(disc - j1(angles) / k).max() <= 1e-13 * math.pi
+    expected = (np.sin(angles) - angles * np.cos(angles)) / (2.0 * math.pi**2 * k**3)
+    assert np.abs(ball - expected).max() <= 1e-13 * math.pi
 
 
 @settings(max_examples=10)
