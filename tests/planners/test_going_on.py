@@ -146,6 +146,7 @@ def test_a_stop_from_the_end_of_a_line_takes_the_time_of_the_formula() -> None:
     for begin in (pieces.lengths[0], np.nextafter(pieces.lengths[0], 0.0)):
         rest = find_stop(pieces, trajectory._rotations, trajectory._bounds, float(begin), 1.0)
         assert rest.times[-1] == pytest.approx(1.0, abs=1e-9)
+        assert rest.positions[-1] == pytest.approx(0.5, abs=1e-9)
 
 
 def test_a_robot_on_its_way_plans_from_a_mixed_cell_by_geometry() -> None:
