@@ -26,7 +26,7 @@ from cspace._support.check import check_count, check_flag, check_positive
 from cspace._support.compiling import clock
 from cspace._support.deadlines import is_stopped, stopping
 from cspace._support.words import Drive
-from cspace.errors import InputError
+from cspace.errors import ConfigurationError, InputError
 from planners._catalogue import (
     BUILT_IN_SEARCHES,
     CLEARANCE,
@@ -198,7 +198,8 @@ def plan(
         Smallest turning radius of a car ("dubins", "reeds-shepp"), in metres.
     previous : Plan, optional
         The last plan for a space with these axes, in memory. The path joins it and follows it; only
-        a blocked part of it is searched anew. Not for other objectives than the length.
+        a blocked part of it is searched anew. If a start lies in a MIXED cell and the geometry
+        proves it free, the plan is ``exact``. Not for other objectives than the length.
     stop : callable, optional
         Called without arguments every 5 ms or more, in this thread, until it returns True, which
         ends the search soon after: for a request to cancel, or a deadline by the clock, such as
@@ -256,6 +257,9 @@ def plan(
     )
     if previous is not None:
         task = replace(task, previous=_check_previous(task, previous))
+        if not edges.exact and _needs_geometry(space, start):
+            edges = local_planner(space, True, drive, turning_radius)
+            task = replace(task, edges=edges)
     task = _choose_searches(task)
     task = replace(task, endpoints=_check_endpoints(task, start, goal))
     _check_options(task)
@@ -266,6 +270,17 @@ def plan(
         result = _search_and_prove(task, lambda: edges.may_join(path_exists()))
         exists = True if space.has_cells and result.proven else path_exists()
         return _make_plan(task, result, exists, began)
+
+
+def _needs_geometry(space: Space, start: ArrayLike) -> bool:
+    """Return whether only the geometry proves a start; a robot on its way cannot choose another."""
+    try:
+        space.check_endpoint(start, "start")
+    except ConfigurationError:
+        with suppress(ConfigurationError):
+            space.check_endpoint(start, "start", True)
+            return True
+    return False
 
 
 def _decide_existence(task: PlanTask) -> bool | None:

@@ -153,8 +153,9 @@ def measure_intervals(
     may_pass[np.cumsum(counts)[:-1] - 1] = find_passes(segments, rotations, bounds)
     end_caps = np.zeros(len(owners) + 1)
     end_caps[1:-1] = np.where(may_pass, np.minimum(caps[:-1], caps[1:]), 0.0)
-    first = np.count_nonzero((owners == 0)[:-1] & ((begins + lengths)[:-1] <= begin))
-    lengths[first] -= max(begin - begins[first], 0.0)
+    # At the end of the first segment the robot begins in its last interval, without length.
+    first = np.count_nonzero((owners[1:] == 0) & ((begins + lengths)[:-1] <= begin))
+    lengths[first] -= min(max(begin - begins[first], 0.0), lengths[first])
     begins[first] = max(begin, begins[first])
     columns = (owners, begins, lengths, parts.is_curve, rate_shares, bend_shares, caps, end_caps)
     return Intervals._make(column[first:] for column in columns)

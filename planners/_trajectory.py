@@ -311,18 +311,9 @@ class Trajectory:
         segments = Segments._make(column[: phases.segments[-1] + 1] for column in segments)
         cut = _cut_driven(segments, phases, self._rotations)
         waypoints = self._rotations._make_canonical(_make_waypoints(cut, self._rotations))
-        times = _row_times(phases, STOP_STEP)
-        positions, velocities, accelerations = _evaluate(segments, phases, self._rotations, times)
-        return replace(
-            self,
-            times=frozen(times),
-            positions=frozen(positions),
-            velocities=frozen(velocities),
-            accelerations=frozen(accelerations),
-            _route=self._route._replace(waypoints=waypoints),
-            _segments=segments,
-            _phases=phases,
-        )
+        route = self._route._replace(waypoints=waypoints)
+        stop = replace(self, _route=route, _segments=segments, _phases=phases)
+        return stop._set_rows(_row_times(phases, STOP_STEP))
 
     def stop_time(self, t: float) -> float:
         """Return the seconds of the quickest stop from the state at a time; see :meth:`braked`."""
@@ -410,7 +401,10 @@ class Trajectory:
                 f"it makes {rows} rows; at most {MAX_ROWS} are possible",
                 "lower it",
             )
-        times = np.arange(rows + 1) / checked
+        return self._set_rows(np.arange(rows + 1) / checked)
+
+    def _set_rows(self, times: Floats) -> Trajectory:
+        """Return the same motion with rows at these times."""
         positions, velocities, accelerations = self.sample(times)
         return replace(
             self,

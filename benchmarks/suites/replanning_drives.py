@@ -102,9 +102,8 @@ class Driver:
         self.options = options
         turns_freely = "turning_radius" not in options
         self.limits = LIMITS | (TURNING_LIMITS if turns_freely else {})
-        self.plan: Plan | None = None
-        rest = planners.plan(space, start, start, **options)
-        self.motion: Trajectory = rest.trajectory(**self.limits)
+        self.plan: Plan = planners.plan(space, start, start, **options)
+        self.motion: Trajectory = self.plan.trajectory(**self.limits)
         self.clock = 0.0
 
     def step(self, goal: Floats) -> bool:
@@ -121,7 +120,7 @@ class Driver:
         except ConfigurationError:  # a crate is near the place where the robot would stop
             self.motion, self.clock = stop, 0.0
             return False
-        self.plan = plan if plan.solved else None
+        self.plan = plan
         new = plan.trajectory(**self.limits, after=self.motion, at=at)
         left = self.motion.duration - at
         is_quicker = 0.0 < left <= new.duration and is_for(self.motion, goal)

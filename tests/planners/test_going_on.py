@@ -17,6 +17,7 @@ import cspace
 import planners
 from cspace import InputError
 from cspace.arms import Arm, build_arm_space
+from planners._timing import find_stop
 from tests.helpers.urdfs import planar, planar_arm_meets, post
 from tests.planners.test_smoothing import (
     LIMITS,
@@ -126,6 +127,45 @@ def test_a_stop_ends_before_what_the_curve_would_meet() -> None:
     assert not trajectory.recheck(space).all()
     assert trajectory.braked(4.0).recheck(space).all()
     assert not trajectory.braked(4.5).recheck(space).all()
+
+
+def test_a_stop_from_the_end_of_a_line_takes_the_time_of_the_formula() -> None:
+    workspace = cspace.Workspace.from_array(np.zeros((120, 60), dtype=bool), 0.1)
+    space = cspace.build(workspace, cspace.Robot.disc(0.3))
+    plan = planners.plan(space, (1.0, 3.0), (11.0, 3.0))
+    # A waypoint on the way cuts the line; the robot passes it at 1 m/s, after 1 + 2 s.
+    way = np.array([(1.0, 3.0), (3.5, 3.0), (11.0, 3.0)])
+    plan = dataclasses.replace(plan, waypoints=way, path=way)
+    trajectory = plan.trajectory(max_velocity=1.0, max_acceleration=1.0, blend=False)
+    for t in (3.0, np.nextafter(3.0, 0.0), np.nextafter(3.0, 4.0)):
+        stop = trajectory.braked(t)
+        assert stop.duration == pytest.approx(1.0, abs=1e-9)
+        assert stop.positions[-1] == pytest.approx((4.0, 3.0), abs=1e-9)
+    # The state may lie at the end of the first line, by rounding or by a cut.
+    pieces = trajectory._segments
+    for begin in (pieces.lengths[0], np.nextafter(pieces.lengths[0], 0.0)):
+        rest = find_stop(pieces, trajectory._rotations, trajectory._bounds, float(begin), 1.0)
+        assert rest.times[-1] == pytest.approx(1.0, abs=1e-9)
+        assert rest.positions[-1] == pytest.approx(0.5, abs=1e-9)
+
+
+def test_a_robot_on_its_way_plans_from_a_mixed_cell_by_geometry() -> None:
+    workspace = cspace.Workspace.from_array(np.zeros((120, 60), dtype=bool), 0.1)
+    space = cspace.build(workspace, cspace.Robot.disc(0.3))
+    plan = planners.plan(space, (1.0, 3.0), (11.0, 3.0))
+    place = (4.03, 3.03)
+    space.add_obstacle("crate", shapely.box(4.36, 2.5, 4.8, 3.5))  # 3 cm from the robot
+    assert space.classify(place) == cspace.MIXED
+    with pytest.raises(cspace.ConfigurationError, match="pass exact=True"):
+        planners.plan(space, place, plan.goal)
+    again = planners.plan(space, place, plan.goal, previous=plan)
+    assert again.solved
+    assert again.exact
+    rows = again.trajectory(**LIMITS).sample(np.linspace(0.0, 20.0, 2000))[0]
+    crate = shapely.box(4.36, 2.5, 4.8, 3.5)
+    assert shapely.distance(shapely.points(rows), crate).min() >= 0.3
+    with pytest.raises(cspace.ConfigurationError, match="BLOCKED"):
+        planners.plan(space, (4.5, 3.0), plan.goal, previous=plan)
 
 
 def test_stops_at_rest_and_beyond_the_ends_take_no_time() -> None:
