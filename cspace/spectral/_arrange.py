@@ -11,6 +11,7 @@ import math
 from typing import Final
 
 import numpy as np
+from scipy.spatial.distance import cdist
 
 from cspace._support.arrays import Floats, Ints
 from cspace.spectral._regions import Lattice
@@ -81,6 +82,8 @@ class Arrangement:
             rng = np.random.default_rng(seed)
             means, _ = kmeans2(self.cells, number, minit="++", rng=rng, missing="warn")
             arrangements.append(means)
+        if is_few:
+            arrangements.append(self._spread(number))
         best = np.empty((0, self.region.dim))
         smallest = math.inf
         for start in arrangements:
@@ -95,6 +98,14 @@ class Arrangement:
                 best, smallest = centers, growth
                 failures = 0
         return best
+
+    def _spread(self, number: int) -> Floats:
+        """Return centers far from each other: the deepest cell, then what needs most growth."""
+        centers = self.cells[[self.region.depths(self.cells).argmax()]]
+        for _ in range(number - 1):
+            growths = cdist(self.cells, centers) - self.region.depths(centers)
+            centers = np.vstack([centers, self.cells[growths.min(axis=1).argmax()]])
+        return centers
 
     def _alternate(self, centers: Floats) -> tuple[Floats, float]:
         """Assign points and move balls in turns; return the best centers and largest growth."""
@@ -113,8 +124,6 @@ class Arrangement:
 
     def _grow(self, centers: Floats) -> tuple[Floats, Floats]:
         """Return the growth that each point takes of each ball, and the depth of each ball."""
-        from scipy.spatial.distance import cdist
-
         depths = self.region.depths(centers)
         return cdist(self.points, centers) - depths, depths
 
