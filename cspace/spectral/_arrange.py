@@ -82,8 +82,15 @@ class Arrangement:
             rng = np.random.default_rng(seed)
             means, _ = kmeans2(self.cells, number, minit="++", rng=rng, missing="warn")
             arrangements.append(means)
-        if is_few:
-            arrangements.append(self._spread(number))
+        if not is_few:
+            return self._improve(arrangements, 0)[0]
+        # The better of two searches: neither is always the better one.
+        best, growth = self._improve(arrangements, MAX_FAILURES)
+        other, growth_of_other = self._improve([self._spread(number)], MAX_FAILURES)
+        return other if growth_of_other < growth else best
+
+    def _improve(self, arrangements: list[Floats], max_failures: int) -> tuple[Floats, float]:
+        """Search from the best of some arrangements; return centers and their largest growth."""
         best = np.empty((0, self.region.dim))
         smallest = math.inf
         for start in arrangements:
@@ -91,13 +98,13 @@ class Arrangement:
             if growth < smallest:
                 best, smallest = centers, growth
         failures = 0
-        while is_few and failures < min(MAX_FAILURES, len(best) - 1):
+        while failures < min(max_failures, len(best) - 1):
             centers, growth = self._alternate(self._relocate(best, failures))
             failures += 1
             if growth < smallest:
                 best, smallest = centers, growth
                 failures = 0
-        return best
+        return best, smallest
 
     def _spread(self, number: int) -> Floats:
         """Return centers far from each other: the deepest cell, then what needs most growth."""

@@ -198,7 +198,7 @@ class PlannerNode(Node):
         end = time.monotonic() + self.option["time_limit"]
 
         def stop():
-            return is_cancelled() or time.monotonic() > end
+            return is_cancelled() or time.monotonic() > end or not rclpy.ok()
 
         with self.planning:
             while True:
