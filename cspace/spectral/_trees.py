@@ -226,11 +226,14 @@ class ContactTest:
         placements = check_points(t, "t", self.dim)
         spatial = np.pad(placements.reshape(-1, self.dim), ((0, 0), (0, 3 - self.dim)))
         verdicts = np.empty(len(spatial), dtype=np.uint8)
+        outer_a, outer_b, inner_a, inner_b = self._placed
 
         def test_chunk(start: int, stop: int) -> int:
             """Write the verdicts of some placements; -1 means that none is invalid."""
             chunk = slice(start, stop)
-            test_placements(*self._placed, self._slack, spatial[chunk], verdicts[chunk])
+            test_placements(
+                outer_a, outer_b, inner_a, inner_b, self._slack, spatial[chunk], verdicts[chunk]
+            )
             return -1
 
         run_in_chunks(test_chunk, len(spatial), MIN_PLACEMENTS_PER_THREAD)

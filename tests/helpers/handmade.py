@@ -12,6 +12,7 @@ from cspace import BLOCKED, FREE, MIXED, CSpace, Robot, Workspace
 from cspace._record.contents import Contents
 from cspace._record.exterior import Exterior
 from cspace._rotations import Rotations
+from cspace._rotations.quaternion import QuaternionRotations
 from tests.helpers.strategies import seeds
 
 MAP_KINDS = ("plane", "space", "turning", "turning in space", "turning in space any way")
@@ -197,7 +198,8 @@ def rotation_neighbors(turns, kind):
     """Return the neighbours of each rotation cell, by small steps."""
     if "any way" not in kind:
         return [{(cell - 1) % turns, (cell + 1) % turns} for cell in range(turns)]
-    cells, n, near = Rotations.quaternions(cells_per_axis(turns)), cells_per_axis(turns), []
+    n, near = cells_per_axis(turns), []
+    cells = QuaternionRotations(n)
     for chart, *parts in np.ndindex(4, n, n, n):
         low, high = (cells.borders[np.add(parts, above)] for above in (0, 1))
         quotients = np.tile(low + 0.3 * (high - low), (6, 1))
