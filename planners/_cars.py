@@ -141,6 +141,11 @@ class CarCurves(LocalPlanner):
         goal = (x1, y1, yaw1)
         return self.radius * find_shortest_words(self.kind, self.radius, start, goal, 0.0).shortest
 
+    def measure(self, path: Floats) -> tuple[float, float]:
+        """Measure the metres and the radians of the curves of a path."""
+        pieces = self.split_path(path, math.inf, math.inf)
+        return math.fsum(pieces.lengths), math.fsum(pieces.rotations)
+
     def split_edge(
         self, first: Floats, last: Floats, step: float, rotation: float, share: float
     ) -> Pieces:

@@ -591,10 +591,7 @@ def shorten_path(edges: LocalPlanner, path: Floats, until: float) -> Floats:
 
 def _shorten_once(edges: LocalPlanner, path: Floats, until: float) -> Floats:
     """Shorten a path by skipping waypoints and, unless it has curves, by cutting corners."""
-    check = edges.edge_checker()
-
-    def is_free(*q: float) -> bool:
-        return not is_over(until) and check(*q)
+    is_free = edges.edge_checker()
 
     def measure(*q: float) -> float:
         return edges.edge_length(*q) + COST_PER_EDGE
@@ -603,7 +600,7 @@ def _shorten_once(edges: LocalPlanner, path: Floats, until: float) -> Floats:
     paths = [path, find_cheapest_subpath(path, 2, is_free, measure, strides, until)]
     # A part of a curve need not be a shortest curve.
     if edges.turning_radius is None and not is_over(until):
-        paths.append(pulled_straight(paths[-1], edges.space.rotations, is_free, measure))
+        paths.append(pulled_straight(paths[-1], edges.space.rotations, is_free, measure, until))
     if is_stopped():
         return path
     # Cutting a corner may add turns, and rounding may make a part of an edge fail.

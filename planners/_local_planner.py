@@ -284,8 +284,12 @@ class LocalPlanner:
 
     def measure(self, path: Floats) -> tuple[float, float]:
         """Measure ``length`` and ``total_rotation`` of a path, as of :class:`planners.Plan`."""
-        pieces = self.split_path(path, math.inf, math.inf)
-        return math.fsum(pieces.lengths), math.fsum(pieces.rotations)
+        path = self.insert_breakpoints(path)
+        steps = self.space.steps_between(path[:-1], path[1:])
+        dim = self.space.dim
+        lengths = np.linalg.norm(steps[:, :dim], axis=1)
+        rotations = np.linalg.norm(steps[:, dim:], axis=1)
+        return math.fsum(lengths), math.fsum(rotations)
 
     def min_length(self, first: Floats, last: Floats) -> float:
         """Bound the weighted lengths of all free paths from below."""

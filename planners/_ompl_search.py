@@ -23,7 +23,7 @@ from ompl import util as ou
 from cspace._queries.paths import pulled_straight
 from cspace._support.arrays import Floats
 from cspace._support.compiling import clock
-from cspace._support.deadlines import is_over, is_stopped
+from cspace._support.deadlines import is_stopped
 from planners._catalogue import (
     BIDIRECTIONAL_PLANNERS,
     LENGTH,
@@ -223,11 +223,11 @@ def shorten(edges: LocalPlanner, path: Floats, until: float) -> Floats:
     longest = np.where(edges.space.periodic_axes, MAX_TURN, math.inf)
 
     def is_free(*ends: float) -> bool:
-        """Return True if an edge is short enough and proven free in time."""
+        """Return True if an edge is short enough and proven free."""
         steps = np.abs(np.subtract(ends[size:], ends[:size]))
-        return not is_over(until) and bool((steps < longest).all()) and check(*ends)
+        return bool((steps < longest).all()) and check(*ends)
 
-    return pulled_straight(path, edges.space.rotations, is_free)
+    return pulled_straight(path, edges.space.rotations, is_free, until=until)
 
 
 class _Run:

@@ -46,31 +46,30 @@ def waypoints(grid: Grid, rotations: Rotations, endpoints: Floats, cells: Ints) 
     return np.vstack([start, np.column_stack(centers), goal])
 
 
-def in_time(check: Check, until: float) -> Check:
-    """Wrap a check to fail after a time limit, so that shortening leaves the path as it is."""
-    end = until + MAX_SHORTENING_SECONDS
-    if end == math.inf:
-        return check
-    return lambda *endpoints: not is_over(end) and check(*endpoints)
-
-
 def pulled_straight(
-    path: Floats, rotations: Rotations, check: Check, cost: Cost | None = None
+    path: Floats,
+    rotations: Rotations,
+    check: Check,
+    cost: Cost | None = None,
+    until: float = math.inf,
 ) -> Floats:
     """Shorten a path by skipping waypoints and cutting corners.
 
     Every edge of ``path``, shape (n, size), passes ``check``, which takes the coordinates of two
     configurations. So does every edge of the result. With a ``cost`` of edges, which takes the same
-    coordinates, each change lowers the cost of the path instead of its length.
+    coordinates, each change lowers the cost of the path instead of its length. From ``until``, a
+    reading of the clock, the path is left as it is.
     """
     if cost is None:
-        path = _skip_points_both_ways(path, check)
+        path = _skip_points_both_ways(path, check, until)
     else:
         dim = path.shape[1] - len(rotations.names)
-        path = find_cheapest_subpath(path, dim, check, cost)
+        path = find_cheapest_subpath(path, dim, check, cost, until=until)
     total = _measure(path, rotations, cost)
     for _ in range(MAX_CUTTING_ROUNDS):
-        path = _cut_corners(path, rotations, check, cost)
+        if is_over(until):
+            break
+        path = _cut_corners(path, rotations, check, cost, until)
         before = total
         total = _measure(path, rotations, cost)
         if total > (1.0 - MIN_GAIN_SHARE) * before:
@@ -78,10 +77,13 @@ def pulled_straight(
     return np.ascontiguousarray(path)
 
 
-def pull_taut_in_plane(states: States, grid: Grid, path: Floats, check: Check) -> Floats:
-    """Return a short path along a chain of cells; without rows if an edge fails ``check``.
+def pull_taut_in_plane(
+    states: States, grid: Grid, path: Floats, check: Check, until: float
+) -> Floats:
+    """Return a short path along a chain of cells, found until a reading of the clock.
 
-    ``states``, shape (nx, ny), are those of the cells, and ``path`` has shape (n, 2).
+    ``states``, shape (nx, ny), are those of the cells, and ``path`` has shape (n, 2). There is no
+    row if an edge fails ``check``, or if time is over.
     """
     ends = path[[0, -1]]
     taut = path[:0]
@@ -91,7 +93,7 @@ def pull_taut_in_plane(states: States, grid: Grid, path: Floats, check: Check) -
         path = np.asarray(grid.lower) + grid.spacing * cells
         path[[0, -1]] = ends
         length = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
-        if length >= shortest or not are_free(path, check):
+        if length >= shortest or is_over(until) or not are_free(path, check):
             break
         gains_little = length > (1.0 - MIN_GAIN_SHARE) * shortest
         taut = path
@@ -99,7 +101,7 @@ def pull_taut_in_plane(states: States, grid: Grid, path: Floats, check: Check) -
         if gains_little:
             break
         # An edge may pass obstacles on another side.
-        path = _skip_points_both_ways(taut, check)
+        path = _skip_points_both_ways(taut, check, until)
     return taut
 
 
@@ -129,14 +131,19 @@ def path_length(path: Floats, rotations: Rotations) -> float:
     return float((lengths + METRES_PER_RADIAN * angles).sum())
 
 
-def _cut_corners(path: Floats, rotations: Rotations, check: Check, cost: Cost | None) -> Floats:
-    """Replace corners by free edges.
+def _cut_corners(
+    path: Floats, rotations: Rotations, check: Check, cost: Cost | None, until: float
+) -> Floats:
+    """Replace corners by free edges, until a reading of the clock.
 
     Each edge joins points at equal fractions of the two edges at a corner; the longest free one is
     chosen. With a cost, it may not cost more than the way around the corner.
     """
     points = [path[0]]
     for corner, after in itertools.pairwise(path[1:]):
+        if is_over(until):
+            points.append(corner)
+            continue
         points += _cut_corner(points[-1], corner, after, rotations, check, cost)
     dim = path.shape[1] - len(rotations.names)
     is_yaw = [False] * dim + [name == "yaw" for name in rotations.names]
@@ -234,23 +241,26 @@ def _saves(
     return cost(*before, *beyond) <= around
 
 
-def _skip_points_both_ways(path: Floats, check: Check) -> Floats:
-    """Skip waypoints from the start on, then from the end on."""
+def _skip_points_both_ways(path: Floats, check: Check, until: float) -> Floats:
+    """Skip waypoints from the start on, then from the end on, until a reading of the clock."""
     size = path.shape[1]
 
     def check_reversed(*endpoints: float) -> bool:
         """Check an edge, given by the numbers of both ends, in the direction of the path."""
         return check(*endpoints[size:], *endpoints[:size])
 
-    from_start = _skip_points(path, check)
-    from_end = _skip_points(np.flipud(from_start), check_reversed)
+    from_start = _skip_points(path, check, until)
+    from_end = _skip_points(np.flipud(from_start), check_reversed, until)
     return np.flipud(from_end)
 
 
-def _skip_points(points: Floats, check: Check) -> Floats:
-    """Skip waypoints, as many as possible at each edge."""
+def _skip_points(points: Floats, check: Check, until: float) -> Floats:
+    """Skip waypoints, as many as possible at each edge, until a reading of the clock."""
     indices = [0]
     while indices[-1] < len(points) - 1:
+        if is_over(until):
+            indices += range(indices[-1] + 1, len(points))
+            break
         indices.append(_find_farthest(points, indices[-1], check))
     return points[indices]
 

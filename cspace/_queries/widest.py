@@ -24,7 +24,7 @@ from cspace._grid import Grid
 from cspace._queries.callbacks import edge_checker
 from cspace._queries.distance import Distances
 from cspace._queries.frontier import check_deadline
-from cspace._queries.paths import in_time, pulled_straight, waypoints
+from cspace._queries.paths import MAX_SHORTENING_SECONDS, pulled_straight, waypoints
 from cspace._queries.search import find_chain
 from cspace._record.cells import Map, make_map_record
 from cspace._record.states import read_only
@@ -41,8 +41,8 @@ MAX_LEVEL: Final = 65535
 SEARCH_BYTES_PER_CELL: Final = 20
 """Memory of a search by clearance for each cell of each rotation, with the distances, bytes."""
 
-CELLS_PER_CLOCK_CHECK: Final = 2**14
-"""Cells expanded between two checks of the time limit: about a millisecond."""
+CELLS_PER_CLOCK_CHECK: Final = 2**12
+"""Cells expanded between two checks of the time limit, 1 to 20 ms."""
 
 N_SIDE_STEPS: Final = 6
 """Number of steps to cells that share a side; steps from this number on rotate."""
@@ -106,6 +106,7 @@ class WidthMap:
         ``start`` and ``goal`` are cells, shape (1 + d,). The width is rounded down to a 64th of a
         cell. The result is 0 if no chain exists. Raises TimeoutError after ``until``.
         """
+        check_deadline(until)  # a large map takes long to copy
         first = int(np.ravel_multi_index(tuple(start), self.shape))
         last = int(np.ravel_multi_index(tuple(goal), self.shape))
         levels = np.minimum(LEVELS_PER_CELL * self.widths, MAX_LEVEL).astype(np.uint16)
@@ -276,12 +277,13 @@ def find_widest_path(
         (last, end, widths.width(goal)),
     )
     pieces = [path[:1]]
+    end_time = until + MAX_SHORTENING_SECONDS
     for begin, stop, min_width in parts:
         if begin < stop:
             positions = cells[max(begin - 1, 0) : stop, 1:]
             wide_map = _cut_wide_map(widths.widths, map_, grid, positions, min_width)
-            is_free = in_time(edge_checker(wide_map, path.shape[1]), until)
-            piece = pulled_straight(path[begin : stop + 1], rotations, is_free)
+            is_free = edge_checker(wide_map, path.shape[1])
+            piece = pulled_straight(path[begin : stop + 1], rotations, is_free, until=end_time)
             pieces.append(piece[1:])
     return np.concatenate(pieces)
 

@@ -45,7 +45,7 @@ PARAMETERS = {
 }
 """Parameters and their defaults, in metres, radians and seconds."""
 
-UNKNOWN, INVALID_PLANNER, TF_ERROR, TIMEOUT, NO_VALID_PATH = 200, 201, 202, 207, 208
+UNKNOWN, TF_ERROR, TIMEOUT, NO_VALID_PATH = 200, 202, 207, 208
 OUTSIDE = {"start": 203, "goal": 204}
 OCCUPIED = {"start": 205, "goal": 206}
 """Error codes of nav2_msgs/ComputePathToPose."""
@@ -65,31 +65,30 @@ class PlannerNode(Node):
 
     def __init__(self):
         super().__init__("cspace_planner")
-        for name, default in PARAMETERS.items():
-            self.declare_parameter(name, default)
-        self.option = {name: self.get_parameter(name).value for name in PARAMETERS}
+        self.option = {
+            name: self.declare_parameter(name, default).value
+            for name, default in PARAMETERS.items()
+        }
         self.lock = threading.Lock()  # of the map and its grid
         self.planning = threading.Lock()
-        self.explaining = None
+        self.explaining = threading.Thread()
         self.grid = self.space = self.last = None
         self.version = 0  # of the map
         self.frame = "map"
         self.complaints = set()
         self.robot, self.outline = self.make_robot(self.option["footprint"])
         kept = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        world = MutuallyExclusiveCallbackGroup()
-        self.create_subscription(OccupancyGrid, "map", self.on_map, kept, callback_group=world)
-        self.create_subscription(Polygon, "footprint", self.on_footprint, 1, callback_group=world)
+        self.create_subscription(OccupancyGrid, "map", self.on_map, kept)
+        self.create_subscription(Polygon, "footprint", self.on_footprint, 1)
         self.map_publisher = self.create_publisher(OccupancyGrid, "~/map", kept)
         self.path_publisher = self.create_publisher(Path, "~/plan", kept)
         self.marker_publisher = self.create_publisher(MarkerArray, "~/markers", kept)
-        self.create_service(GetPlan, "~/make_plan", self.make_plan)  # one at a time
+        one_at_a_time = MutuallyExclusiveCallbackGroup()
+        self.create_service(GetPlan, "~/make_plan", self.make_plan, callback_group=one_at_a_time)
         if find_spec("map_msgs"):
             from map_msgs.msg import OccupancyGridUpdate
 
-            self.create_subscription(
-                OccupancyGridUpdate, "map_updates", self.on_update, 10, callback_group=world
-            )
+            self.create_subscription(OccupancyGridUpdate, "map_updates", self.on_update, 10)
         if find_spec("nav2_msgs"):
             self.serve_nav2(ReentrantCallbackGroup())
         self.transforms = None
@@ -120,9 +119,9 @@ class PlannerNode(Node):
 
     def complain(self, problem):
         """Log a problem once."""
-        if str(problem) not in self.complaints:
-            self.complaints.add(str(problem))
-            self.get_logger().warning(str(problem))
+        if problem not in self.complaints:
+            self.complaints.add(problem)
+            self.get_logger().warning(problem)
 
     # ---- the world -------------------------------------------------------------------------------
 
@@ -244,13 +243,16 @@ class PlannerNode(Node):
             raise NoPlanError(str(error), codes[error.end]) from error
 
     def answer(self, start, goal, is_cancelled=lambda: False):
-        """Plan, and publish the path and what shows it; return the path, a code and the reason."""
+        """Plan, and publish the path and what shows it; return the path, a code and the reason.
+
+        Without a start, the plan begins where the robot is.
+        """
         path = Path()
         path.header.frame_id = self.frame
         path.header.stamp = self.get_clock().now().to_msg()
         code, reason = 0, ""
         try:
-            plan = self.find_plan(start, goal, is_cancelled)
+            plan = self.find_plan(start or self.locate_robot(), goal, is_cancelled)
             plan.to_path(path, frame_id=self.frame, step=self.option["step"])
             self.marker_publisher.publish(self.mark_path(plan))
         except NoPlanError as error:
@@ -273,39 +275,35 @@ class PlannerNode(Node):
         request = goal_handle.request
         result = self.compute_path.Result()
         began = time.monotonic()
-        start, code, reason = self.find_start(request)
-        if start is not None:
-            result.path, code, reason = self.answer(
-                start, request.goal, lambda: goal_handle.is_cancel_requested
-            )
-        result.error_code = code
+        start = request.start if request.use_start else None
+        result.path, result.error_code, reason = self.answer(
+            start, request.goal, lambda: goal_handle.is_cancel_requested
+        )
         if hasattr(result, "error_msg"):  # since Kilted
             result.error_msg = reason
         result.planning_time = Duration(seconds=time.monotonic() - began).to_msg()
         if goal_handle.is_cancel_requested:
             goal_handle.canceled()
-        elif code:
+        elif result.error_code:
             goal_handle.abort()
         else:
             goal_handle.succeed()
         return result
 
-    def find_start(self, request):
-        """Return the start of a request, or None, a code and the reason."""
-        if request.use_start:
-            return request.start, 0, ""
+    def locate_robot(self):
+        """Return the robot's pose; raise NoPlanError if tf2 does not know it."""
         if self.transforms is None:
-            return None, TF_ERROR, "use_start is false, and tf2_ros is not installed"
+            raise NoPlanError("use_start is false, and tf2_ros is not installed", TF_ERROR)
         try:
             frames = self.frame, self.option["robot_base_frame"]
             moved = self.transforms.lookup_transform(*frames, rclpy.time.Time())
         except Exception as error:  # tf2 has several kinds
-            return None, TF_ERROR, str(error)
+            raise NoPlanError(str(error), TF_ERROR) from error
         start = PoseStamped(header=moved.header)
         place = moved.transform.translation
         start.pose.position = Point(x=place.x, y=place.y, z=place.z)
         start.pose.orientation = moved.transform.rotation
-        return start, 0, ""
+        return start
 
     def is_path_valid(self, request, response):
         """Answer nav2_msgs/IsPathValid: all motions between successive poses are proven free."""
@@ -342,8 +340,7 @@ class PlannerNode(Node):
 
     def explain(self, plan):
         """Publish the barrier of a plan without a path, in a thread, as it may take a second."""
-        busy = self.explaining is not None and self.explaining.is_alive()
-        if plan is None or busy:
+        if plan is None or self.explaining.is_alive():
             return
 
         def publish():
@@ -360,10 +357,8 @@ def main():
     """Run the node until it is interrupted."""
     rclpy.init()
     node = PlannerNode()
-    executor = MultiThreadedExecutor(num_threads=4)
-    executor.add_node(node)
     try:
-        executor.spin()
+        rclpy.spin(node, MultiThreadedExecutor(num_threads=4))
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     finally:

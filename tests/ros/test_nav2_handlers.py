@@ -5,11 +5,11 @@ import math
 import threading
 import time
 from itertools import pairwise
-from pathlib import Path as File
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicHermiteSpline
 
 rclpy = pytest.importorskip("rclpy", reason="ROS 2 has an environment of its own: nox -s ros")
 
@@ -20,8 +20,8 @@ from trajectory_msgs.msg import JointTrajectory  # noqa: E402
 
 import cspace  # noqa: E402
 import planners  # noqa: E402
-from cspace.arms import PosedShape  # noqa: E402
 from tests.helpers.repository import ROOT  # noqa: E402
+from tests.helpers.urdfs import planar, post  # noqa: E402
 from tests.ros.test_planner_node import GOAL, KEPT, START, build, make_grid, make_pose, make_room  # noqa: E402
 
 SPEC = importlib.util.spec_from_file_location("planner_node", ROOT / "examples/ros/planner_node.py")
@@ -179,27 +179,9 @@ def test_updates_of_a_part_equal_a_new_build(node):
     node.on_map(make_grid(make_room()))
 
 
-BAR = '<collision><origin xyz="0.3 0 0"/><geometry><box size="0.6 0.1 0.1"/></geometry></collision>'
-JOINT = (
-    '<joint name="{}" type="revolute"><parent link="{}"/><child link="{}"/><origin xyz="{} 0 0"/>'
-    '<axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>'
-)
-URDF = (
-    f'<robot name="two"><link name="base"/><link name="upper">{BAR}</link><link name="fore">{BAR}</link>'
-    + JOINT.format("shoulder", "base", "upper", 0)
-    + JOINT.format("elbow", "upper", "fore", 0.6)
-    + "</robot>"
-)
-
-
 def test_a_controller_follows_an_arms_trajectory(node, tmp_path):
     pytest.importorskip("yourdfpy")
-    file = File(tmp_path, "two.urdf")
-    file.write_text(URDF)
-    pose = np.eye(4)
-    pose[:3, 3] = 0.8, 0.5, 0.0
-    post = PosedShape(cspace.Robot.cylinder(0.1, 1.0).shape, pose)
-    space = cspace.build_arm_space({"post": post}, cspace.Arm.from_urdf(file))
+    space = cspace.build_arm_space({"post": post()}, cspace.Arm.from_urdf(planar(tmp_path)))
     plan = planners.plan(space, (-0.6, 0.3), (1.4, -0.2), time_limit=10.0, seed=1)
     received = []
     publisher = node.create_publisher(JointTrajectory, "controller/joint_trajectory", KEPT)
@@ -217,17 +199,8 @@ def test_a_controller_follows_an_arms_trajectory(node, tmp_path):
 
 def replay(msg, rate):
     """Return the states of a controller that joins points by cubic polynomials, shape (n, dof)."""
-    times = np.array([p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec for p in msg.points])
-    positions, velocities = (
-        np.array([getattr(p, name) for p in msg.points]) for name in ("positions", "velocities")
-    )
-    now = np.append(np.arange(0.0, times[-1], 1.0 / rate), times[-1])
-    k = np.clip(np.searchsorted(times, now, side="right") - 1, 0, len(times) - 2)
-    span = (times[k + 1] - times[k])[:, None]
-    s = (now - times[k])[:, None] / span
-    return (
-        (1 + 2 * s) * (1 - s) ** 2 * positions[k]
-        + s * (1 - s) ** 2 * span * velocities[k]
-        + s**2 * (3 - 2 * s) * positions[k + 1]
-        + s**2 * (s - 1) * span * velocities[k + 1]
+    times = [p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec for p in msg.points]
+    rows = ([getattr(p, name) for p in msg.points] for name in ("positions", "velocities"))
+    return CubicHermiteSpline(times, *rows)(
+        np.append(np.arange(0.0, times[-1], 1.0 / rate), times[-1])
     )

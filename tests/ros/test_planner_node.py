@@ -1,5 +1,6 @@
 """The ROS 2 node of examples/ros, in a process of its own; run by ``nox -s ros``."""
 
+import json
 import math
 import os
 import subprocess
@@ -45,11 +46,12 @@ def make_grid(cells):
     return msg
 
 
-def make_pose(x, y, yaw, frame="map"):
-    """Return a stamped pose."""
+def make_pose(x, y, yaw, frame="map", tilt=0.0):
+    """Return a stamped pose, tilted if its quaternion has an x."""
     pose = PoseStamped()
     pose.header.frame_id = frame
     pose.pose.position.x, pose.pose.position.y = x, y
+    pose.pose.orientation.x = tilt
     pose.pose.orientation.z, pose.pose.orientation.w = math.sin(yaw / 2), math.cos(yaw / 2)
     return pose
 
@@ -99,21 +101,22 @@ class Client:
         msg = self.last["map"]
         return np.reshape(msg.data, (msg.info.height, msg.info.width)).T
 
-    def plan(self, start=START, goal=GOAL, frame="map"):
+    def plan(self, start=START, goal=GOAL, **options):
         """Ask for a plan; return its poses as configurations, shape (n, 3)."""
-        request = GetPlan.Request(start=make_pose(*start), goal=make_pose(*goal, frame))
+        request = GetPlan.Request(start=make_pose(*start), goal=make_pose(*goal, **options))
         future = self.service.call_async(request)
         while not self.spin(future.done, 30.0):  # a node that was killed did not answer
             future = self.service.call_async(request)
-        rows = [
-            (
-                p.pose.position.x,
-                p.pose.position.y,
-                2 * math.atan2(p.pose.orientation.z, p.pose.orientation.w),
-            )
-            for p in future.result().plan.poses
-        ]
-        return np.reshape(rows, (-1, 3))
+        poses = [each.pose for each in future.result().plan.poses]
+        places = [(p.position.x, p.position.y, p.orientation.z, p.orientation.w) for p in poses]
+        x, y, sine, cosine = np.reshape(places, (-1, 4)).T
+        return np.stack([x, y, 2 * np.arctan2(sine, cosine)], axis=1)
+
+    def send_footprint(self, corners):
+        """Publish a footprint."""
+        points = [Point32(x=float(x), y=float(y)) for x, y in corners]
+        self.last.pop("map", None)
+        self.footprints.publish(Polygon(points=points))
 
 
 def start_node():
@@ -247,11 +250,10 @@ def test_it_goes_on_after_bad_messages(client):
         client.maps.publish(msg)
         time.sleep(0.05)
     for corners in ([(0.0, 0.0)], [(math.nan, 0.0)] * 3, [(0, 0), (1, 1), (0, 1), (1, 0)]):
-        client.footprints.publish(
-            Polygon(points=[Point32(x=float(x), y=float(y)) for x, y in corners])
-        )
+        client.send_footprint(corners)
         time.sleep(0.05)
     assert not len(client.plan(frame="odom"))
+    assert not len(client.plan(tilt=0.5))
     assert not len(client.plan(goal=(math.nan, 1.0, 0.0)))
     assert not len(client.plan(start=(30.0, 1.0, 0.0)))
     assert not len(client.plan(goal=(3.0, 1.0, 0.0)))
@@ -260,15 +262,12 @@ def test_it_goes_on_after_bad_messages(client):
 
 def test_a_new_footprint_builds_anew(client):
     long = [(0.9, 0.2), (0.9, -0.2), (-0.3, -0.2), (-0.3, 0.2)]
-    client.last.pop("map", None)
-    client.footprints.publish(Polygon(points=[Point32(x=x, y=y) for x, y in long]))
+    client.send_footprint(long)
     client.wait(lambda: "map" in client.last)
     single = np.float32(long).tolist()  # as messages have it
     expected = build(make_room(), single).to_occupancy_grid(rotation=0.0)
     assert list(client.last["map"].data) == list(expected.data)
-    short = [(0.3, 0.2), (0.3, -0.2), (-0.3, -0.2), (-0.3, 0.2)]
-    client.last.pop("map")
-    client.footprints.publish(Polygon(points=[Point32(x=x, y=y) for x, y in short]))
+    client.send_footprint(json.loads(FOOTPRINT))
     client.wait(lambda: "map" in client.last)
     client.send(make_room())  # a node that starts again reads it
 
