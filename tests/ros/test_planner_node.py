@@ -127,13 +127,12 @@ def start_node():
 
 
 def stop_node(process):
-    """End the node; kill it if ROS does not shut down, seen on a busy machine."""
+    """Ask the node to end, and fail if it goes on."""
     process.terminate()
     try:
-        process.wait(20)
-    except subprocess.TimeoutExpired:
+        assert process.wait(60) == 0
+    finally:
         process.kill()
-        process.wait()
 
 
 TALK = """
