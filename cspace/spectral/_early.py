@@ -123,7 +123,7 @@ class EarlyTest:
         # Beyond a period, copies of A would meet B; the sets are apart there.
         is_near = (np.abs(shares) <= 0.5).all(axis=-1)
         verdicts = np.where(is_near, UNDECIDED, MISS).astype(np.uint8)
-        counts = is_near * len(self._moduli)
+        counts = np.where(is_near, len(self._moduli), 0)
         sums = np.zeros(len(shares))
         rows = np.flatnonzero(is_near)  # the placements that are not decided yet
         start = 0

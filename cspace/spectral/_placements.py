@@ -141,10 +141,12 @@ def best_placements(
     """
     body = as_balls(a, "a")
     targets = [as_balls(b, "b", body.dim)]
+    weights = [1.0]
+    cost = check_not_negative(penalty, "penalty", "pass e.g. 100")
     if avoid is not None:
         targets.append(as_balls(avoid, "avoid", body.dim))
+        weights.append(-cost)
     number = check_count(n, "n", 1, hint="pass e.g. 10")
-    weights = (1.0, -check_not_negative(penalty, "penalty", "pass e.g. 100"))
     check_flag(refine_rotations, "refine_rotations")
     # The search places the centroid of the balls of A.
     centroid = body.centers.mean(axis=0)
@@ -209,7 +211,7 @@ class _Fields:
         self.center = find_center(fixed)
         self.factors = RadialFactors(self.lattice, bump, moving.radii)
         self.spectrum = np.zeros(self.lattice.counts, dtype=np.complex128)
-        for balls, weight in zip(targets, weights, strict=False):
+        for balls, weight in zip(targets, weights, strict=True):
             factors = RadialFactors(self.lattice, bump, balls.radii)
             spectrum = factors.spectrum(balls.centers - self.center, SPECTRUM_ACCURACY)
             self.spectrum += weight * spectrum
@@ -345,7 +347,7 @@ class _Search:
     """
 
     def __init__(
-        self, body: Balls, targets: Sequence[Balls], weights: tuple[float, float], bump: Bump
+        self, body: Balls, targets: Sequence[Balls], weights: Sequence[float], bump: Bump
     ) -> None:
         """Round radii, compute fields, and measure how the balls of A spread."""
         self.body = round_radii(body, MAX_RADII, grow=False)
