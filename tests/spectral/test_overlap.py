@@ -132,7 +132,9 @@ def test_moved_balls_overlap_as_sums_over_pairs_tell(seed, dim, alpha, moves, sa
     assert np.abs(overlap.value(placements) - expected).max() <= bound + slack
     assert overlap.b.centers == pytest.approx(b[0])
     # The overlap that was moved first stays.
-    fresh = FourierOverlap(first.a, first.b, bump=Bump(alpha), tolerance=choose_tolerance(dim, alpha))
+    fresh = FourierOverlap(
+        first.a, first.b, bump=Bump(alpha), tolerance=choose_tolerance(dim, alpha)
+    )
     near = placements[:9]
     assert first.value(near) == pytest.approx(fresh.value(near), abs=1e-9 * expected.max())
 
