@@ -152,7 +152,7 @@ for alpha, color in zip((0.5, 1.0, 2.0, 4.0, 16.0, math.inf), COLORS, strict=Tru
     label = (
         rf"$\alpha$ = {alpha:g}" if math.isfinite(alpha) else r"$\alpha = \infty$: the indicator"
     )
-    left.plot(s, bump.profile(np.abs(s)), color=color, label=label)
+    left.plot(s, bump.profile(s), color=color, label=label)
     density = 2.0 * math.pi * k * bump.radial_spectrum(k, 2) ** 2
     below = cumulative_simpson(density, x=k, initial=0.0)
     beyond = 1.0 - below / bump.energy(2)

@@ -718,8 +718,8 @@ MUTANTS = (
     ),
     Mutant(
         "cspace/spectral/_overlap.py",
-        "(moved._part[1] - part)",
-        "moved._part[1]",
+        "(moved_part - part)",
+        "moved_part",
         "tests/spectral/test_overlap.py",
     ),
     Mutant(

@@ -176,7 +176,7 @@ def _direct_sum(centers: Floats, radii: Floats, count: int) -> Callable[[Ints], 
             float(sizes[-1]) * math.sqrt(dim) * (count // 2) / PERIOD_IN_SIDES / TABLE_STEP + 4.0,
         )
     )
-    table = radial_table(Bump(2.0), dim, float(nodes.max()))(nodes)
+    table = radial_table(Bump(2.0), dim, 1 + int(nodes.max()))(nodes)
     balls = (
         np.pad(centers[order], ((0, 0), (0, 3 - dim))),
         np.append(starts, len(order)),
@@ -511,7 +511,7 @@ def _values(report: Report, seed: int, dim: int, rng: np.random.Generator) -> No
     ts = rng.uniform(*overlap.domain, (number, dim))
     for name, one, least in (
         ("value", overlap.value, MIN_VALUES_RATIO),
-        ("gradient", overlap.gradient, None),
+        ("gradient", lambda t: overlap.value_and_gradient(t)[1], None),
     ):
         together = interleave({name: partial(one, ts)}, 3)[name]
         one(ts[0])  # compiles it

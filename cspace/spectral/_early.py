@@ -9,18 +9,23 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace._shapes import Balls
-from cspace._support.arrays import Bytes, Floats, Ints
+from cspace._support.arrays import Bytes, Ints
 from cspace._support.check import check_points, check_positive
-from cspace._support.compiling import allocating
 from cspace.errors import InputError
 from cspace.spectral._ball_sets import PLACEMENT_ROUNDING
 from cspace.spectral._bump import TRANSFORM_ERROR
 from cspace.spectral._overlap import FourierOverlap
-from cspace.spectral._spectra import MIN_SPECTRUM_TOLERANCE, Complexes, RadialFactors
+from cspace.spectral._spectra import MIN_SPECTRUM_TOLERANCE, RadialFactors
 from cspace.spectral._trees import HIT, MISS, UNDECIDED
 
 ROUNDING_UNIT: Final = 2.0**-52
 """Twice the relative rounding error of one operation."""
+
+MIN_TERMS_PER_BLOCK: Final = 32
+"""Number of terms that are summed before the first placements are decided."""
+
+MAX_BLOCK_SIZE: Final = 2**21
+"""Number of terms at all placements that are summed at a time, to bound the memory."""
 
 BOUND_ROUNDING: Final = 1.0 + 2.0**-30
 """Factor that covers the rounding of the bounds themselves."""
@@ -31,14 +36,11 @@ class Comparison(NamedTuple):
 
     ``verdict`` is of uint8, :attr:`Verdict.MISS` if the overlap is below the threshold,
     :attr:`Verdict.HIT` if above, else :attr:`Verdict.UNDECIDED`. ``frequencies`` is the number of
-    frequencies summed, opposite ones counted once. ``overlap`` is their sum, and ``bound`` its
-    largest difference to the ideal overlap of all frequencies, in square or cubic metres.
+    frequencies summed, opposite ones counted once.
     """
 
     verdict: Bytes
     frequencies: Ints
-    overlap: Floats
-    bound: Floats
 
 
 class EarlyTest:
@@ -72,27 +74,26 @@ class EarlyTest:
         self.threshold = check_positive(threshold, "threshold", "square or cubic metres")
         lattice = overlap.lattice
         volume = float(np.prod(lattice.periods))
-        moduli_a, moduli_b, frequencies, products = (
+        moduli_a, moduli_b, frequencies, phases = (
             _keep_half(values)
             for values in (
                 np.abs(overlap.spectrum_a),
                 np.abs(overlap.spectrum_b),
                 lattice.moduli,
-                overlap.products,
+                np.angle(overlap.products),
             )
         )
         grids = np.meshgrid(*lattice.indices, indexing="ij")
-        indices = np.stack([_keep_half(k) for k in grids], axis=1).astype(np.int32)
-        twice = np.full(len(products), 2.0)
-        twice[0] = 1.0
-        weights = twice / volume
+        weights = np.full(len(phases), 2.0 / volume)
+        weights[0] = 1.0 / volume
         moduli = weights * moduli_a * moduli_b
         order = np.argsort(-moduli, kind="stable")
-        self._products = (products * twice)[order]
-        self._indices = indices[order]
+        self._moduli = moduli[order]
+        self._phases = phases[order]
+        self._indices = np.stack([_keep_half(k)[order] for k in grids])
         # Within the band, the sum of the moduli bounds the remaining terms. Beyond, the product of
         # the two norms does (Cauchy and Schwarz).
-        remaining = np.append(np.cumsum(moduli[order][::-1])[::-1], 0.0)
+        remaining = np.append(np.cumsum(self._moduli[::-1])[::-1], 0.0)
         energy = overlap.bump.energy(overlap.dim)
         tail_a, tail_b = (
             _bound_norm_beyond(factors, energy, volume)
@@ -103,8 +104,8 @@ class EarlyTest:
             for balls in (overlap.a, overlap.b)
         )
         errors = weights * (moduli_a * error_b + moduli_b * error_a + error_a * error_b)
-        # The phases of an axis have an error of a few units times k; sums add one unit per term.
-        units = 64.0 + len(products) + 4.0 * sum(lattice.counts)
+        # Angles have an error of a few units times k of each axis; sums add one unit per term.
+        units = 64.0 + len(moduli) + 8.0 * sum(lattice.counts)
         placing = 2.0 * math.pi * overlap.placement_error * frequencies @ (moduli + errors)
         fixed = errors.sum() + ROUNDING_UNIT * units * moduli.sum() + placing + tail_a * tail_b
         self._bounds = BOUND_ROUNDING * (remaining + fixed)
@@ -120,15 +121,33 @@ class EarlyTest:
         placements = check_points(t, "t", overlap.dim)
         shares = overlap.relative(placements) / overlap.lattice.periods
         # Beyond a period, copies of A would meet B; the sets are apart there.
-        is_far = (np.abs(shares) > 0.5).any(axis=-1)
-        terms = self._products, self._indices, self._bounds
-        half = max(overlap.lattice.counts) // 2
-        columns = Comparison(*sum_until_decided(shares, *terms, half, self.threshold))
-        shaped: list[NDArray[Any]] = []
-        for column in columns:
-            column[is_far] = 0
-            shaped.append(column.reshape(placements.shape[:-1]))
-        return Comparison(*shaped)
+        is_near = (np.abs(shares) <= 0.5).all(axis=-1)
+        verdicts = np.where(is_near, UNDECIDED, MISS).astype(np.uint8)
+        counts = np.where(is_near, len(self._moduli), 0)
+        sums = np.zeros(len(shares))
+        rows = np.flatnonzero(is_near)  # the placements that are not decided yet
+        start = 0
+        while len(rows) and start < len(self._moduli):
+            # Sum as many terms as before, so that few placements take few steps.
+            size = min(max(start, MIN_TERMS_PER_BLOCK), 1 + MAX_BLOCK_SIZE // len(rows))
+            block = slice(start, start + size)
+            turns = np.einsum("nd,dm->nm", shares[rows], self._indices[:, block])
+            terms = self._moduli[block] * np.cos(2.0 * math.pi * turns + self._phases[block])
+            # The sums before the block and after each of its terms.
+            partial = np.cumsum(np.column_stack([sums[rows], terms]), axis=1)
+            bounds = self._bounds[start : start + partial.shape[1]]
+            is_below = partial + bounds < self.threshold
+            is_decided = is_below | (partial - bounds > self.threshold)
+            first = is_decided.argmax(axis=1)
+            is_done = is_decided.any(axis=1)
+            done = rows[is_done]
+            counts[done] = start + first[is_done]
+            verdicts[done] = np.where(is_below[is_done, first[is_done]], MISS, HIT)
+            sums[rows] = partial[:, -1]
+            rows = rows[~is_done]
+            start += size
+        shape = placements.shape[:-1]
+        return Comparison(verdicts.reshape(shape), counts.reshape(shape))
 
 
 def _keep_half(values: NDArray[Any]) -> NDArray[Any]:
@@ -166,56 +185,3 @@ def _bound_spectrum_error(balls: Balls, overlap: FourierOverlap, highest: float)
     error = whole * (2.0 * MIN_SPECTRUM_TOLERANCE + 2.0 * math.pi * highest * rounding)
     # A step replaces a part of the spectrum: it adds the errors of the part before and after.
     return (1.0 + 2.0 * overlap.steps) * error
-
-
-@allocating
-def sum_until_decided(
-    shares: Floats,
-    products: Complexes,
-    indices: NDArray[np.int32],
-    bounds: Floats,
-    half: int,
-    threshold: float,
-) -> tuple[Bytes, Ints, Floats, Floats]:
-    """Sum terms at placements until they are proven below or above a threshold.
-
-    ``shares``, shape (n, d), are placements as shares of a period. ``products`` and ``indices``,
-    shapes (m,) and (m, d), are the factors of the waves and their frequencies, at most ``half``.
-    ``bounds``, shape (m + 1,), bound what is left after each number of terms. Returns verdicts,
-    numbers of terms, sums, and their bounds, shape (n,) each.
-    """
-    number, dim = shares.shape
-    verdicts = np.full(number, UNDECIDED, dtype=np.uint8)
-    counts = np.zeros(number, dtype=np.int64)
-    sums = np.zeros(number)
-    rests = np.zeros(number)
-    # waves[axis, half + k] is exp(2 pi i k t / L) along an axis.
-    waves = np.empty((dim, 2 * half + 1), np.complex128)
-    for n in range(number):
-        for axis in range(dim):
-            for k in range(half + 1):
-                # Each factor is computed on its own, so that errors do not accumulate.
-                turns = k * shares[n, axis]
-                angle = 2.0 * math.pi * (turns - round(turns))
-                wave = complex(math.cos(angle), math.sin(angle))
-                waves[axis, half + k] = wave
-                waves[axis, half - k] = wave.conjugate()
-        total = 0.0
-        count = 0
-        while True:
-            if total + bounds[count] < threshold:
-                verdicts[n] = MISS
-            elif total - bounds[count] > threshold:
-                verdicts[n] = HIT
-            if verdicts[n] != UNDECIDED or count == len(products):
-                break
-            product = products[count]
-            wave = waves[0, half + indices[count, 0]] * waves[1, half + indices[count, 1]]
-            if dim == 3:
-                wave *= waves[2, half + indices[count, 2]]
-            total += product.real * wave.real - product.imag * wave.imag
-            count += 1
-        counts[n] = count
-        sums[n] = total
-        rests[n] = bounds[count]
-    return verdicts, counts, sums, rests

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace._shapes import Balls
-from cspace._support.arrays import Floats
+from cspace._support.arrays import Bools, Floats
 from cspace._support.check import check_point, check_points, check_positive
 from cspace.errors import InputError
 from cspace.spectral._ball_sets import (
@@ -25,7 +25,6 @@ from cspace.spectral._ball_sets import (
 )
 from cspace.spectral._bump import Bump, check_bump, radial_table, sphere_measure
 from cspace.spectral._spectra import (
-    MAX_FREQUENCIES,
     MIN_SPECTRUM_TOLERANCE,
     Complexes,
     FrequencyLattice,
@@ -36,11 +35,11 @@ from cspace.spectral._spectra import (
 MAX_RADII: Final = 8
 """Largest number of different radii of a set of balls; each takes a transform."""
 
-MAX_CYCLES_PER_RADIUS: Final = 32.0
+MAX_CYCLES_PER_RADIUS: Final = 32
 """Highest frequency considered for a band, cycles per radius of the smallest ball."""
 
-MAX_CHOSEN_FREQUENCIES: Final = 2.0**22
-"""Largest number of frequencies of a band that is chosen by a tolerance."""
+MAX_OVERLAP_FREQUENCIES: Final = 2**22
+"""Largest number of frequencies of an overlap, opposite ones counted both."""
 
 PERIOD_MARGIN: Final = 1e-6
 """Relative margin of the period, so that rounding cannot make any ball wrap around."""
@@ -74,14 +73,12 @@ class FourierOverlap:
     bump : Bump, optional
         Bump of both sets, ``Bump(2.0)`` if left out. Smooth bumps need few frequencies; flat ones
         (alpha above about 8, or infinite) up to a hundred times as many.
-    band : float, optional
-        Highest frequency along each axis, cycles per metre. By default, what is left out is about
-        ``tolerance`` times the overlap of two balls of median radius that coincide. At most about
-        two million frequencies are used.
     tolerance : float
+        What is left out beyond the highest frequency is about ``tolerance`` times the overlap of
+        two balls of median radius that coincide. At most about two million frequencies are used.
 
-    Spectra are computed at first use. Raises InputError if a value is not as stated. Methods raise
-    MissingPackageError if finufft is needed and not installed.
+    Raises InputError if a value is not as stated. Raises MissingPackageError, as methods do, if
+    finufft is needed and not installed.
 
     Examples
     --------
@@ -97,35 +94,26 @@ class FourierOverlap:
         b: BallsLike,
         *,
         bump: Bump | None = None,
-        band: float | None = None,
         tolerance: float = 1e-3,
     ) -> None:
-        """Check both ball sets, and choose the period and the band of their spectra."""
+        """Check both ball sets, and compute their spectra."""
         self.bump = check_bump(bump)
         self.a = round_radii(as_balls(a, "a"), MAX_RADII)
         self.dim = self.a.dim
         self.b = round_radii(as_balls(b, "b", self.dim), MAX_RADII)
-        self._centers = find_center(self.a), find_center(self.b)
-        self._rotation = np.eye(self.dim)
-        # A period is as long as both sets side by side, with A at any rotation.
-        reaches = np.linalg.norm(self.a.centers - self._centers[0], axis=1) + self.a.radii
-        extents = np.abs(self.b.centers - self._centers[1]) + self.b.radii[:, None]
-        self._extents = extents.max(axis=0)
-        self._half_sides = (self._extents + reaches.max()) * (1.0 + 0.1 * PERIOD_MARGIN)
-        periods = 2.0 * (1.0 + PERIOD_MARGIN) * self._half_sides
         self.span = self.a.span + self.b.span
-        # Squares of volumes overflow above 1e40, and underflow below 1e-100.
-        if self.span > min(1e40, 1e6 * periods.min()) or periods.max() < 1e-100:
-            raise InputError(
-                "b",
-                f"or a reaches {self.span:g} m from its origin, over a period of {periods} m",
-                "rounding would matter",
-                "move the origin nearer, or check the units",
-            )
-        self.lattice = _choose_lattice(self.a, self.b, self.bump, periods, band, tolerance)
+        self.lattice = choose_lattice(self.a, self.b, self.bump, tolerance, MAX_OVERLAP_FREQUENCIES)
+        self.factors_a, self.factors_b = (
+            RadialFactors(self.lattice, self.bump, balls.radii) for balls in (self.a, self.b)
+        )
+        self._centers = find_center(self.a), find_center(self.b)
+        self._extents = np.abs(self.b.bounds - self._centers[1]).max(axis=0)
+        self._rotation = np.eye(self.dim)
+        self.spectrum_a = self._transform_a()
+        self.spectrum_b = self._transform_b()
         self.steps = 0
-        # The balls of B that moved last, and their spectrum.
-        self._part = np.empty(0, dtype=np.int64), np.empty(0, dtype=np.complex128)
+        # The balls of B that moved last, as a mask, and their spectrum.
+        self._part = np.zeros(len(self.b.radii), dtype=np.bool_), np.zeros_like(self.spectrum_b)
 
     def __repr__(self) -> str:
         """Return the numbers of balls and of frequencies."""
@@ -139,15 +127,15 @@ class FourierOverlap:
         return (math.prod(self.lattice.counts) + 1) // 2
 
     @property
-    def pivot(self) -> Floats:
-        """Center of A after the rotation, metres."""
-        return np.asarray(self._rotation @ self._centers[0])
+    def _offset(self) -> Floats:
+        """Center of B relative to the center of A after the rotation, metres."""
+        return np.asarray(self._centers[1] - self._rotation @ self._centers[0])
 
     @property
     def domain(self) -> tuple[Floats, Floats]:
         """Lower and upper corner of the placements with any overlap."""
-        center = self._centers[1] - self.pivot
-        return center - self._half_sides, center + self._half_sides
+        half_sides = 0.5 * self.lattice.periods
+        return self._offset - half_sides, self._offset + half_sides
 
     @property
     def placement_error(self) -> float:
@@ -160,14 +148,14 @@ class FourierOverlap:
 
         A rotates about the origin of its frame. ``rotation`` is an angle in the plane, radians, a
         matrix of shape (d, d), or a scipy Rotation; raises InputError for anything else. The period
-        and the band stay; the spectrum of A is recomputed at first use.
+        and the frequencies stay; the spectrum of A is computed anew.
         """
-        rotated = copy.copy(self)
         # Rotate the original balls, so that rounding does not accumulate over repeated rotations.
         matrix = rotation_matrix(rotation, self.dim) @ self._rotation
+        rotated = copy.copy(self)
         rotated._rotation = rotation_matrix(matrix, self.dim)
-        for name in ("spectrum_a", "_slopes"):
-            rotated.__dict__.pop(name, None)
+        rotated.spectrum_a = rotated._transform_a()
+        rotated.__dict__.pop("_terms", None)
         return rotated
 
     def moved(self, chosen: ArrayLike, step: ArrayLike) -> FourierOverlap:
@@ -188,21 +176,20 @@ class FourierOverlap:
         Raises InputError if a value is not usable, or balls leave that box.
         """
         shift = check_point(step, "step", self.dim)
+        is_chosen = np.zeros(len(self.b.radii), dtype=np.bool_)
         try:
-            members = np.unique(np.arange(len(self.b.radii))[np.asarray(chosen)])
-        except IndexError:
-            members = np.empty(0, dtype=np.int64)
-        if not len(members):
+            is_chosen[np.asarray(chosen)] = True
+        except IndexError as error:
             raise InputError(
                 "chosen",
                 f"is {chosen!r}",
-                f"it must be indices of the {len(self.b.radii)} balls of b, or a mask of them",
+                f"it must be indices of the {len(is_chosen)} balls of b, or a mask of them",
                 "pass e.g. [0]",
-            )
-        centers = self.b.centers.copy()
-        centers[members] += shift
-        reaches = np.abs(centers - self._centers[1]) + self.b.radii[:, None]
-        if (reaches > self._extents * (1.0 + 0.01 * PERIOD_MARGIN)).any():
+            ) from error
+        moved = copy.copy(self)
+        moved.b = Balls(self.b.centers + is_chosen[:, None] * shift, self.b.radii)
+        extents = np.abs(moved.b.bounds - self._centers[1]).max(axis=0)
+        if (extents > self._extents + 0.1 * PERIOD_MARGIN * self.lattice.periods).any():
             raise InputError(
                 "step",
                 f"is {step!r}, which moves balls out of the bounding box of b",
@@ -210,53 +197,41 @@ class FourierOverlap:
                 "pass the moved balls to a new FourierOverlap",
             )
         kept, part = self._part
-        if not np.array_equal(kept, members):
-            weights = np.zeros(len(centers))
-            weights[members] = 1.0
-            part = self._transform_b(weights)
-            self._part = members, part
+        if not np.array_equal(kept, is_chosen):
+            part = self._transform_b(is_chosen)
+            self._part = is_chosen, part
         phases = [
             np.exp(-2j * math.pi * length * wave)
             for length, wave in zip(shift, self.lattice.waves, strict=True)
         ]
-        moved = copy.copy(self)
-        moved.b = Balls(centers, self.b.radii)
+        moved_part = part * math.prod(phases[1:], start=phases[0])
+        moved.spectrum_b = self.spectrum_b + (moved_part - part)
         moved.steps = self.steps + 1
-        moved._part = members, part * math.prod(phases[1:], start=phases[0])
-        moved.__dict__["spectrum_b"] = self.spectrum_b + (moved._part[1] - part)
-        moved.__dict__.pop("_slopes", None)
+        moved._part = is_chosen, moved_part
+        moved.__dict__.pop("_terms", None)
         return moved
 
-    @cached_property
-    def factors_a(self) -> RadialFactors:
-        """Radial factors of A, at any rotation."""
-        return RadialFactors(self.lattice, self.bump, self.a.radii)
-
-    @cached_property
-    def factors_b(self) -> RadialFactors:
-        """Radial factors of B."""
-        return RadialFactors(self.lattice, self.bump, self.b.radii)
-
-    @cached_property
-    def spectrum_a(self) -> Complexes:
-        """Spectrum of A about its center, in the order of numpy.fft."""
+    def _transform_a(self) -> Complexes:
+        """Compute the spectrum of A about its center, in the order of numpy.fft."""
         placed = (self.a.centers - self._centers[0]) @ self._rotation.T
         return self.factors_a.spectrum(placed, MIN_SPECTRUM_TOLERANCE)
 
-    @cached_property
-    def spectrum_b(self) -> Complexes:
-        """Spectrum of B about its center, in the order of numpy.fft."""
-        return self._transform_b(np.ones(len(self.b.radii)))
-
-    def _transform_b(self, weights: Floats) -> Complexes:
-        """Compute the spectrum of B about its center, with a weight for each ball (n,)."""
+    def _transform_b(self, is_chosen: Bools | None = None) -> Complexes:
+        """Compute the spectrum of B, or of its chosen balls, about its center."""
         relative = self.b.centers - self._centers[1]
-        return self.factors_b.spectrum(relative, MIN_SPECTRUM_TOLERANCE, weights)
+        return self.factors_b.spectrum(relative, MIN_SPECTRUM_TOLERANCE, is_chosen)
 
     @property
     def products(self) -> Complexes:
         """Terms ``F_B conj(F_A) / V`` of the overlap, in the order of numpy.fft."""
         return self.spectrum_b * self.spectrum_a.conj() / float(np.prod(self.lattice.periods))
+
+    @cached_property
+    def _terms(self) -> Complexes:
+        """Terms of the overlap, and of its derivative along each axis, shape (1 + d, counts)."""
+        products = self.products
+        slopes = [2j * math.pi * wave * products for wave in self.lattice.waves]
+        return np.stack([products, *slopes])
 
     def value(self, t: ArrayLike) -> Floats:
         """Compute the band-limited overlap with A moved by t.
@@ -265,80 +240,64 @@ class FourierOverlap:
         is 0 outside the domain. More than a few placements share one non-uniform transform, with a
         tolerance of 1e-9 times the 2-norm of the terms. Raises as the class does.
         """
-        return np.asarray(self._sum(t, [self.products])[..., 0])[()]
-
-    def gradient(self, t: ArrayLike) -> Floats:
-        """Compute the derivatives of :meth:`value`, shape (..., d)."""
-        return self._sum(t, self._slopes)
+        return np.asarray(self._sum(t, self._terms[:1])[..., 0])[()]
 
     def value_and_gradient(self, t: ArrayLike) -> tuple[Floats, Floats]:
-        """Compute :meth:`value` and :meth:`gradient` together, which is faster."""
-        sums = self._sum(t, [self.products, *self._slopes])
-        return sums[..., 0], sums[..., 1:]
-
-    @cached_property
-    def _slopes(self) -> list[Complexes]:
-        """Terms of the derivative along each axis: each wave times 2 pi i times its frequency."""
-        products = 2j * math.pi * self.products
-        return [products * wave for wave in self.lattice.waves]
+        """Compute :meth:`value`, and its derivatives, shape (..., d)."""
+        sums = self._sum(t, self._terms)
+        return sums[..., 0][()], sums[..., 1:]
 
     def relative(self, placements: Floats) -> Floats:
         """Return placements (..., d) of A's center relative to B's center, shape (n, d)."""
-        flat = placements.reshape(-1, self.dim)
-        return np.asarray((flat + self.pivot) - self._centers[1])
+        return np.asarray(placements.reshape(-1, self.dim) - self._offset)
 
-    def _sum(self, t: ArrayLike, series: list[Complexes]) -> Floats:
-        """Sum several series at placements (..., d); return shape (..., series)."""
+    def _sum(self, t: ArrayLike, terms: Complexes) -> Floats:
+        """Sum series, shape (m, counts), at placements (..., d); return shape (..., m)."""
         placements = check_points(t, "t", self.dim)
-        relative = self.relative(placements)
-        out = np.zeros((len(relative), len(series)))
+        shares = self.relative(placements) / self.lattice.periods
+        out = np.zeros((len(shares), len(terms)))
         # Outside the domain, sums are zero.
-        in_domain = np.flatnonzero((np.abs(relative) <= self._half_sides).all(axis=-1))
-        angles = 2.0 * math.pi * relative / self.lattice.periods
-        terms = np.stack(series)
+        in_domain = np.flatnonzero((np.abs(shares) <= 0.5).all(axis=-1))
+        angles = 2.0 * math.pi * shares
         if len(in_domain) <= MAX_PLACEMENTS_ONE_BY_ONE:
             for n in in_domain:
-                sums: Complexes = terms
+                sums = terms
                 # Sum along the axes in turn, the last one first.
                 for k, angle in zip(self.lattice.indices[::-1], angles[n, ::-1], strict=True):
-                    sums = sums @ np.exp(1j * k * angle)
+                    sums = np.einsum("...k,k->...", sums, np.exp(1j * k * angle))
                 out[n] = sums.real
         else:
             blocks = math.ceil(len(in_domain) / MAX_PLACEMENTS_PER_TRANSFORM)
             for block in np.array_split(in_domain, blocks):
                 out[block] = evaluate_real_series(angles[block], terms, 1e-9).T
-        return out.reshape(*placements.shape[:-1], len(series))
+        return out.reshape(*placements.shape[:-1], len(terms))
 
 
-def _choose_lattice(
-    a: Balls,
-    b: Balls,
-    bump: Bump,
-    periods: Floats,
-    band: float | None,
-    tolerance: float,
-) -> FrequencyLattice:
-    """Choose the frequencies by ``band``, or by ``tolerance``; see :class:`FourierOverlap`.
+def choose_lattice(a: Balls, b: Balls, bump: Bump, tolerance: float, most: int) -> FrequencyLattice:
+    """Choose at most about ``most`` frequencies by a tolerance; see :class:`FourierOverlap`.
 
-    Raises InputError if the band is too large.
+    Raises InputError if rounding would matter.
     """
-    if band is not None:
-        highest = check_positive(band, "band", "cycles per metre")
-    else:
-        smaller = min(np.median(a.radii), np.median(b.radii))
-        scale = bump.energy(a.dim) * float(smaller) ** a.dim
-        wanted = _estimate_band(a, b, bump, check_positive(tolerance, "tolerance", "parts") * scale)
-        affordable = (MAX_CHOSEN_FREQUENCIES / float(np.prod(periods))) ** (1.0 / a.dim)
-        highest = min(wanted, 0.5 * affordable)
-    counts = [2 * max(1, math.floor(highest * period)) + 1 for period in periods.tolist()]
-    if math.prod(counts) > MAX_FREQUENCIES:
+    dim = a.dim
+    # A period is as long as both sets side by side, with A at any rotation.
+    reach = (np.linalg.norm(a.centers - find_center(a), axis=1) + a.radii).max()
+    extents = np.abs(b.bounds - find_center(b)).max(axis=0)
+    periods = 2.0 * (1.0 + PERIOD_MARGIN) * (extents + reach)
+    span = a.span + b.span
+    # Squares of volumes overflow above 1e40, and underflow below 1e-100.
+    if span > min(1e40, 1e6 * periods.min()) or periods.max() < 1e-100:
         raise InputError(
-            "band",
-            f"is {band!r}, which takes {' x '.join(map(str, counts))} frequencies",
-            f"at most {MAX_FREQUENCIES} are computed",
-            "pass a lower one",
+            "b",
+            f"or a reaches {span:g} m from its origin, over a period of {periods} m",
+            "rounding would matter",
+            "move the origin nearer, or check the units",
         )
-    return FrequencyLattice(periods, tuple(counts))
+    smaller = float(min(np.median(a.radii), np.median(b.radii)))
+    bound = check_positive(tolerance, "tolerance", "parts") * bump.energy(dim) * smaller**dim
+    affordable = 0.5 * (most / float(np.prod(periods))) ** (1.0 / dim)
+    highest = min(_estimate_band(a, b, bump, bound), affordable)
+    counts = tuple(2 * max(1, math.floor(highest * period)) + 1 for period in periods.tolist())
+    return FrequencyLattice(periods, counts)
 
 
 def _estimate_band(a: Balls, b: Balls, bump: Bump, bound: float) -> float:

@@ -7,11 +7,13 @@ splines of fields.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
 from cspace._rotations import Rotations
 from cspace._shapes import Balls
@@ -35,8 +37,8 @@ from cspace.spectral._ball_sets import (
     round_radii,
 )
 from cspace.spectral._bump import Bump, check_bump
-from cspace.spectral._overlap import MAX_RADII, FourierOverlap
-from cspace.spectral._spectra import Complexes
+from cspace.spectral._overlap import MAX_OVERLAP_FREQUENCIES, MAX_RADII, choose_lattice
+from cspace.spectral._spectra import Complexes, RadialFactors
 
 if TYPE_CHECKING:
     from scipy.interpolate import NdBSpline
@@ -44,14 +46,14 @@ if TYPE_CHECKING:
 MAX_SEARCH_FREQUENCIES: Final = 2**19
 """Largest number of frequencies of a search, opposite ones counted both."""
 
-SEARCH_ACCURACY: Final = 1e-5
-"""Accuracy of the spectra of a search, relative to their largest values."""
+SPECTRUM_ACCURACY: Final = 1e-5
+"""Accuracy of the spectra of fields, relative to their largest values."""
 
-ASCENT_LENGTHS: Final = (1e-3, 2.0)
-"""Length of the last steps and of the longest steps of an ascent, in spacings of the lattice."""
+SCORE_ERROR: Final = 0.01
+"""Error of the scores of a search, over the summed overlaps of A's balls with themselves."""
 
-SMALLEST_LENGTH: Final = float(np.finfo(np.float64).tiny)
-"""Smallest length that others are divided by."""
+ASCENT_TOLERANCE: Final = 1e-5
+"""Relative rise of the summed scores at which an ascent ends."""
 
 
 class Placements(NamedTuple):
@@ -68,12 +70,9 @@ class Placements(NamedTuple):
     @property
     def configurations(self) -> Floats:
         """Placements as configurations of maps, with a yaw or a quaternion."""
-        from scipy.spatial.transform import Rotation
-
-        coordinates = np.empty((0, 4))
         if self.translations.shape[1] == 2:
-            coordinates = np.arctan2(self.rotations[:, 1, 0], self.rotations[:, 0, 0])[:, None]
-        elif len(self.scores):
+            coordinates = np.arctan2(self.rotations[:, 1, 0], self.rotations[:, 0, 0])
+        else:
             coordinates = Rotation.from_matrix(self.rotations).as_quat()
         return np.column_stack([self.translations, coordinates])
 
@@ -89,7 +88,6 @@ def best_placements(
     separation: float | None = None,
     refine_rotations: bool = True,
     bump: Bump | None = None,
-    tolerance: float = 0.01,
 ) -> Placements:
     """Find the best placements of A over a grid of rotations.
 
@@ -98,7 +96,8 @@ def best_placements(
     all translations of a lattice, the rotational search of docking (Chen and Weng, 2002; Kozakov
     and others, 2006). The highest peaks then climb along the gradient with respect to translation
     and rotation. A peak narrower than the steps of the lattice and of ``rotations`` may be missed;
-    scores are those of the search.
+    scores are those of the search, and err by about 1 % of the summed overlaps of the balls of A
+    with themselves.
 
     Parameters
     ----------
@@ -122,9 +121,6 @@ def best_placements(
         Whether the ascent rotates A too. Otherwise, it keeps to ``rotations``.
     bump : Bump, optional
         As for :class:`FourierOverlap`.
-    tolerance : float
-        Scores err by about this times the summed overlaps of the balls of A with themselves. At
-        most about 260,000 frequencies are used, opposite ones counted once.
 
     Returns
     -------
@@ -144,74 +140,91 @@ def best_placements(
     ((1, 2), (1, 2, 2))
     """
     body = as_balls(a, "a")
-    target = as_balls(b, "b", body.dim)
-    number = check_count(n, "n", 1, hint="pass e.g. 10")
+    targets = [as_balls(b, "b", body.dim)]
+    weights = [1.0]
     cost = check_not_negative(penalty, "penalty", "pass e.g. 100")
-    check_flag(refine_rotations, "refine_rotations")
-    # Both targets are one set of balls, with negative weights for those to avoid.
-    sets = [round_radii(target, MAX_RADII // 2, grow=False)]
     if avoid is not None:
-        avoided = as_balls(avoid, "avoid", body.dim)
-        sets.append(round_radii(avoided, MAX_RADII // 2, grow=False))
-    targets = Balls(
-        np.concatenate([balls.centers for balls in sets]),
-        np.concatenate([balls.radii for balls in sets]),
-    )
-    weights = np.full(len(targets.radii), -cost)
-    weights[: len(target.radii)] = 1.0
+        targets.append(as_balls(avoid, "avoid", body.dim))
+        weights.append(-cost)
+    number = check_count(n, "n", 1, hint="pass e.g. 10")
+    check_flag(refine_rotations, "refine_rotations")
     # The search places the centroid of the balls of A.
     centroid = body.centers.mean(axis=0)
-    part = round_radii(body, MAX_RADII, grow=False)
-    part = Balls(part.centers - centroid, part.radii)
-    score = _Score(part, targets, weights, check_bump(bump), tolerance)
-    matrices = _make_rotation_matrices(rotations, body.dim)
-    gap = 0.5 * score.gyration if separation is None else check_positive(separation, "separation")
+    search = _Search(Balls(body.centers - centroid, body.radii), targets, weights, check_bump(bump))
+    gap = 0.5 * search.gyration
+    if separation is not None:
+        gap = check_positive(separation, "separation")
     # More placements are refined than returned, and closer ones, because some climb to one peak.
     most = 2 * number + 8
     best = Placements(np.empty(0), np.empty((0, body.dim)), np.empty((0, body.dim, body.dim)))
-    for matrix in matrices:
-        floor = score.error
+    for matrix in _list_rotations(rotations, body.dim):
+        floor = search.error
         if len(best.scores) == most:
             floor = float(best.scores[-1])
-        peaks = score.find_peaks(matrix, floor, most)
-        if peaks is not None:
-            columns = zip(best, peaks, strict=True)
-            both = Placements(*map(np.concatenate, columns))
-            best = _select_distinct(both, part.centers, 0.5 * gap, most)
-    best = score.climb(best, refine_rotations)
-    best = _select_distinct(best, part.centers, gap, number)
+        both = zip(best, search.find_peaks(matrix, floor, most), strict=True)
+        best = search.select_distinct(Placements(*map(np.concatenate, both)), 0.5 * gap, most)
+    if len(best.scores):
+        best = search.climb(best, refine_rotations)
+    best = search.select_distinct(best, gap, number)
     return best._replace(translations=best.translations - best.rotations @ centroid)
 
 
-class Correlation:
-    """Overlaps of a body's balls with weighted target balls, from spectra.
+def _list_rotations(rotations: int | Rotations | Rotates, dim: int) -> Iterable[Floats]:
+    """Return matrices (d, d) of rotations.
 
-    Inverse FFTs give the overlaps at the steps of a lattice, ``shape`` of them in a period. Cubic
-    splines of the fields that the target makes, one for each radius of the body, give them
-    elsewhere.
+    They are a number of yaws, rotation cells, a scipy Rotation, or an array of angles or matrices.
+    """
+    if isinstance(rotations, Rotations | int | np.integer):
+        cells = Rotations.of(rotations)
+        cells._check_dimension(dim)
+        return cells._make_matrices(cells.centers, dim)
+    values = check_finite(as_matrices(rotations), "rotations")
+    shape = values.shape[-2:] if values.ndim > 1 else ()
+    return [rotation_matrix(value, dim) for value in values.reshape(-1, *shape)]
+
+
+class _Fields:
+    """Fields that fixed balls make: the overlap of one moving ball of each radius, at any place.
+
+    ``targets`` are the fixed balls, in sets with a weight each.
     """
 
-    def __init__(self, overlap: FourierOverlap, weights: Floats | None = None) -> None:
-        """Choose a lattice for FFTs, and compute the spectrum of the target."""
+    def __init__(
+        self,
+        moving: Balls,
+        targets: Sequence[Balls],
+        weights: Sequence[float],
+        bump: Bump,
+        tolerance: float,
+        most: int,
+    ) -> None:
+        """Choose a lattice of at most about ``most`` frequencies; compute the spectrum."""
         from scipy.fft import next_fast_len
 
-        self.lattice = overlap.lattice
+        fixed = Balls(
+            np.concatenate([balls.centers for balls in targets]),
+            np.concatenate([balls.radii for balls in targets]),
+        )
+        self.lattice = choose_lattice(moving, fixed, bump, tolerance, most)
         self.shape = tuple(next_fast_len(count, real=True) for count in self.lattice.counts)
         self.cells_per_metre = self.shape / self.lattice.periods
-        self.center = find_center(overlap.b)
-        self.factors = overlap.factors_a
-        self.spectrum = overlap.factors_b.spectrum(
-            overlap.b.centers - self.center, SEARCH_ACCURACY, weights
-        )
+        self.center = find_center(fixed)
+        self.factors = RadialFactors(self.lattice, bump, moving.radii)
+        self.spectrum = np.zeros(self.lattice.counts, dtype=np.complex128)
+        for balls, weight in zip(targets, weights, strict=True):
+            factors = RadialFactors(self.lattice, bump, balls.radii)
+            spectrum = factors.spectrum(balls.centers - self.center, SPECTRUM_ACCURACY)
+            self.spectrum += weight * spectrum
 
-    def overlaps(self, centers: Floats) -> Floats:
-        """Return the overlaps of the body around centers, at all steps of the lattice.
+    def correlate(self, centers: Floats) -> Floats:
+        """Return the summed overlap of moving balls at all steps of the lattice.
 
-        ``centers``, shape (k, d), are relative to a point that lies at the target's center at the
-        first step.
+        ``centers``, shape (k, d), are relative to a point that lies at the fixed balls' center at
+        the first step.
         """
-        body_spectrum = self.factors.spectrum(centers, SEARCH_ACCURACY)
-        return self._invert(self.spectrum * body_spectrum.conj())
+        return self._invert(
+            self.spectrum * self.factors.spectrum(centers, SPECTRUM_ACCURACY).conj()
+        )
 
     def _invert(self, spectrum: Complexes) -> Floats:
         """Return the values of a spectrum of a real function on the lattice, by an inverse FFT."""
@@ -220,13 +233,12 @@ class Correlation:
         padded = np.zeros(self.shape, dtype=np.complex128)
         # Negative frequencies count from the end.
         padded[np.ix_(*(k.astype(np.intp) for k in self.lattice.indices))] = spectrum
-        # Half of the frequencies suffice, because opposite ones have conjugate values.
         half = padded[..., : self.shape[-1] // 2 + 1]
         values = irfftn(half, s=self.shape, workers=count_cores())
         return np.asarray(values * self.cells_per_metre.prod())
 
     @cached_property
-    def splines(self) -> list[NdBSpline]:
+    def _splines(self) -> list[NdBSpline]:
         """Spline of the field of each radius, at places in cells, from 0 to the period."""
         from scipy.interpolate import NdBSpline
         from scipy.ndimage import spline_filter
@@ -241,19 +253,21 @@ class Correlation:
         return splines
 
     def evaluate(self, centers: Floats) -> Floats:
-        """Return the overlaps of moved balls and their derivatives, shape (n, k, 1 + d).
+        """Return the overlaps of moving balls and their derivatives, shape (n, k, 1 + d).
 
-        ``centers``, shape (n, k, d), are the places of the k balls of the body, metres. Fields
-        repeat with the period.
+        ``centers``, shape (n, k, d), are the places of the balls, metres.
         """
         dim = len(self.shape)
-        places = (centers - self.center) * self.cells_per_metre % self.shape
+        relative = centers - self.center
+        places = relative * self.cells_per_metre % self.shape
         orders = np.eye(1 + dim, dtype=np.int64)[:, 1:]  # the value, and each derivative
         sums = np.zeros((*centers.shape[:2], 1 + dim))
-        for (members, _), spline in zip(self.factors.groups, self.splines, strict=True):
+        for (members, _), spline in zip(self.factors.groups, self._splines, strict=True):
             for column, order in enumerate(orders):
                 sums[:, members, column] = spline(places[:, members], nu=tuple(order))
         sums[..., 1:] *= self.cells_per_metre
+        # Splines repeat with the period, but fields do not.
+        sums[(np.abs(relative) > 0.5 * self.lattice.periods).any(axis=-1)] = 0.0
         return sums
 
 
@@ -295,13 +309,13 @@ class BallPenetration:
         tolerance: float = 0.01,
     ) -> None:
         """Check all balls, and compute the spectrum of the fixed ones."""
-        balls = as_balls(fixed, "fixed")
+        balls = round_radii(as_balls(fixed, "fixed"), MAX_RADII)
         sizes = np.atleast_1d(check_finite(radii, "radii"))
         # Only the radii of the moving balls matter, so all stand at the origin.
-        moving = np.zeros((len(sizes), balls.dim)), sizes
-        overlap = FourierOverlap(moving, balls, bump=bump, tolerance=tolerance)
-        self._lower, self._upper = overlap.domain
-        self._fields = Correlation(overlap)
+        moving = as_balls((np.zeros((len(sizes), balls.dim)), sizes), "radii")
+        moving = round_radii(moving, MAX_RADII)
+        limits = tolerance, MAX_OVERLAP_FREQUENCIES
+        self._fields = _Fields(moving, [balls], [1.0], check_bump(bump), *limits)
 
     def value_and_gradient(self, centers: ArrayLike) -> tuple[Floats, Floats]:
         """Compute the summed overlap and its derivatives by the centers.
@@ -311,8 +325,8 @@ class BallPenetration:
         another, or a value is not finite.
         """
         points = check_finite(centers, "centers")
-        dim = len(self._lower)
         count = len(self._fields.factors.radii)
+        dim = len(self._fields.shape)
         if points.ndim < 2 or points.shape[-2:] != (count, dim):
             raise InputError(
                 "centers",
@@ -323,182 +337,105 @@ class BallPenetration:
         # The value of each ball, and its derivatives.
         sums = self._fields.evaluate(points.reshape(-1, count, dim))
         sums = sums.reshape(*points.shape[:-1], 1 + dim)
-        # Fields repeat with the period, but the overlap does not.
-        is_near = ((self._lower <= points) & (points <= self._upper)).all(axis=-1)
-        sums[~is_near] = 0.0
         return sums[..., 0].sum(axis=-1), sums[..., 1:]
 
 
-def _select_distinct(
-    placements: Placements, centers: Floats, min_displacement: float, most: int
-) -> Placements:
-    """Select at most ``most`` best placements, none within ``min_displacement`` of a better one.
+class _Search:
+    """Search for poses of the centroid of A's balls whose overlap with weighted balls is large.
 
-    The displacement is the root mean square over the balls of A, with centers (k, d).
-    """
-    placed = centers @ np.swapaxes(placements.rotations, 1, 2) + placements.translations[:, None]
-    chosen: list[int] = []
-    for pose in np.argsort(-placements.scores, kind="stable").tolist():
-        if len(chosen) == most:
-            break
-        squares = ((placed[chosen] - placed[pose]) ** 2).sum(axis=2).mean(axis=1)
-        if (squares >= min_displacement**2).all():
-            chosen.append(pose)
-    return Placements(*(column[chosen] for column in placements))
-
-
-class _Score:
-    """Score of A at any pose of the centroid of its balls: its overlap with weighted balls.
-
-    With the terms ``s_i g(|w|)`` of a ball i of A, and the fields ``G`` with spectrum ``F_B g``,
-    the score is the sum of ``s_i G(R p_i + t)`` over balls and terms. So the ascent needs no
-    spectrum of A: it takes cubic splines of G.
+    The ascent needs no spectrum of A, because it sums fields of the targets at A's balls.
     """
 
     def __init__(
-        self,
-        body: Balls,
-        target: Balls,
-        weights: Floats,
-        bump: Bump,
-        tolerance: float,
+        self, body: Balls, targets: Sequence[Balls], weights: Sequence[float], bump: Bump
     ) -> None:
-        """Choose the band of the search, and measure how the balls of A spread."""
-        within = check_positive(tolerance, "tolerance", "parts")
+        """Round radii, compute fields, and measure how the balls of A spread."""
+        self.body = round_radii(body, MAX_RADII, grow=False)
+        rounded = [round_radii(balls, MAX_RADII, grow=False) for balls in targets]
+        # A lattice refers its tolerance to one ball; the error is that of all balls of A, and what
+        # costs more must be more accurate.
+        tolerance = SCORE_ERROR * len(body.radii) / max(map(abs, weights))
+        self.fields = _Fields(self.body, rounded, weights, bump, tolerance, MAX_SEARCH_FREQUENCIES)
         volume = float((body.radii**body.dim).sum())
-        self.error = within * bump.energy(body.dim) * volume
-        # An overlap refers its tolerance to one ball. What costs more must be more accurate.
-        smaller = float(min(np.median(body.radii), np.median(target.radii)))
-        within *= volume / smaller**body.dim / max(1.0, float(np.abs(weights).max()))
-        self.body = body
-        self.dim = body.dim
-        overlap = FourierOverlap(body, target, bump=bump, tolerance=within)
-        shrink = (0.5 * MAX_SEARCH_FREQUENCIES / overlap.frequencies) ** (1.0 / self.dim)
-        if shrink < 1.0:
-            highest = max(float(wave.max()) for wave in overlap.lattice.waves)
-            overlap = FourierOverlap(body, target, bump=bump, band=shrink * highest)
-        self.correlation = Correlation(overlap, weights)
+        self.error = SCORE_ERROR * bump.energy(body.dim) * volume
         squares = (body.centers**2).sum(axis=1) + body.radii**2
         self.gyration = math.sqrt(float(squares.mean()))
 
-    def find_peaks(self, matrix: Floats, floor: float, most: int) -> Placements | None:
-        """Find the highest local maxima on the lattice, above a score.
+    def find_peaks(self, matrix: Floats, floor: float, most: int) -> Placements:
+        """Find at most ``most`` of the highest local maxima on the lattice, above a score.
 
-        A is rotated by ``matrix``, shape (d, d); at most ``most`` are returned, or None.
+        A is rotated by ``matrix``, shape (d, d).
         """
         from scipy.ndimage import maximum_filter
 
-        scores = self.correlation.overlaps(self.body.centers @ matrix.T)
-        if scores.max() <= floor:
-            return None
-        is_peak = (scores > floor) & (scores == maximum_filter(scores, 3, mode="wrap"))
+        scores = self.fields.correlate(self.body.centers @ matrix.T)
+        is_peak = scores > floor
+        if is_peak.any():
+            is_peak &= scores == maximum_filter(scores, 3, mode="wrap")
         highest = np.argsort(-scores[is_peak])[:most]
-        steps = np.argwhere(is_peak)[highest]
-        shares = steps / scores.shape  # of the period
+        shares = np.argwhere(is_peak)[highest] / scores.shape  # of the period
         # Take the nearest of all periods.
-        periods = self.correlation.lattice.periods
-        translations = (shares - np.round(shares)) * periods + self.correlation.center
-        rotations = np.broadcast_to(matrix, (len(steps), *matrix.shape))
-        return Placements(scores[is_peak][highest], translations, rotations)
+        steps = (shares - np.round(shares)) * self.fields.lattice.periods
+        rotations = np.broadcast_to(matrix, (len(highest), *matrix.shape))
+        return Placements(scores[is_peak][highest], steps + self.fields.center, rotations)
+
+    def select_distinct(self, poses: Placements, min_displacement: float, most: int) -> Placements:
+        """Select at most ``most`` best poses, none within ``min_displacement`` of a better one.
+
+        The displacement is the root mean square over the balls of A.
+        """
+        placed = (
+            self.body.centers @ np.swapaxes(poses.rotations, 1, 2) + poses.translations[:, None]
+        )
+        chosen: list[int] = []
+        for pose in np.argsort(-poses.scores, kind="stable").tolist():
+            squares = ((placed[chosen] - placed[pose]) ** 2).sum(axis=2).mean(axis=1)
+            if len(chosen) < most and (squares >= min_displacement**2).all():
+                chosen.append(pose)
+        return Placements(*(column[chosen] for column in poses))
 
     def climb(self, poses: Placements, turn: bool) -> Placements:
-        """Move poses along the gradient to near maxima, by BFGS.
+        """Climb from poses to near maxima, all at a time; with ``turn``, A rotates too."""
+        from scipy.optimize import minimize
 
-        Steps are in metres: along the axes, and for rotations, if ``turn``, the arc at the radius
-        of gyration.
-        """
-        poses, slopes = self._score_poses(poses, turn)
-        spacing = float((1.0 / self.correlation.cells_per_metre).min())
-        last_length, max_length = spacing * np.array(ASCENT_LENGTHS)
-        trust = np.full(len(slopes), 0.5 * spacing)  # largest length of the next step
-        sizes = np.maximum(np.linalg.norm(slopes, axis=1), SMALLEST_LENGTH)
-        inverse = np.eye(slopes.shape[1]) * (trust / sizes)[:, None, None]
-        for _ in range(40):
-            steps = np.einsum("nij,nj->ni", inverse, slopes)
-            lengths = np.maximum(np.linalg.norm(steps, axis=1), SMALLEST_LENGTH)
-            if (lengths <= last_length).all():
-                break
-            steps *= np.minimum(1.0, trust / lengths)[:, None]
-            lengths = np.minimum(lengths, trust)
-            moved, moved_slopes = self._score_poses(self._move_poses(poses, steps), turn)
-            inverse = _update_inverse(inverse, steps, slopes - moved_slopes)
-            # Take the steps that lead up, and trust them more; shorten the others.
-            is_better = moved.scores > poses.scores
-            longer = np.minimum(2.0 * lengths, max_length)
-            trust = np.where(is_better, longer, 0.3 * lengths)
-            slopes[is_better] = moved_slopes[is_better]
-            for column, moved_column in zip(poses, moved, strict=True):
-                column[is_better] = moved_column[is_better]
-        return poses
-
-    def _move_poses(self, poses: Placements, steps: Floats) -> Placements:
-        """Move poses by steps, shape (n, d + rotations): translations, then turns of A."""
-        from scipy.spatial.transform import Rotation
-
-        rotations = poses.rotations
-        turns = steps[:, self.dim :] / self.gyration
-        if turns.size:
-            vectors = np.pad(turns, ((0, 0), (3 - turns.shape[1], 0)))  # about z in the plane
-            matrices = Rotation.from_rotvec(vectors).as_matrix()
-            rotations = matrices[:, : self.dim, : self.dim] @ rotations
-        translations = poses.translations + steps[:, : self.dim]
-        return Placements(poses.scores, translations, rotations)
-
-    def _score_poses(self, poses: Placements, turn: bool) -> tuple[Placements, Floats]:
-        """Score poses, and compute the derivatives by steps, shape (n, d), or with turns.
-
-        The derivative by the center of a ball is a force on it.
-        """
-        arms = np.einsum("nij,kj->nki", poses.rotations, self.body.centers)
-        sums = self.correlation.evaluate(poses.translations[:, None] + arms)
-        forces = sums[..., 1:]
-        slopes = forces.sum(axis=1)
+        dim = self.body.dim
+        size = dim
         if turn:
-            # A turn feels the moment of the forces about the centroid.
-            margins = (0, 0), (0, 0), (0, 3 - self.dim)
-            twists = np.cross(np.pad(arms, margins), np.pad(forces, margins)).sum(axis=1)
-            if self.dim == 2:
-                twists = twists[:, 2:]
-            slopes = np.column_stack([slopes, twists / self.gyration])
-        scores = sums[..., 0].sum(axis=1)
-        return Placements(scores, poses.translations.copy(), poses.rotations.copy()), slopes
+            size += 2 * dim - 3
+        spacing = float((1.0 / self.fields.cells_per_metre).min())
 
+        def move(x: Floats) -> tuple[Rotation, Placements]:
+            """Return rotations, and the poses after steps x, in spacings of the lattice.
 
-def _update_inverse(inverse: Floats, steps: Floats, changes: Floats) -> Floats:
-    """Update negated inverse Hessians (n, k, k) by the formula of BFGS.
+            Of the entries of x for each pose, the last ones turn A: they are arcs at its radius of
+            gyration.
+            """
+            steps = spacing * x.reshape(-1, size)
+            # A turn in the plane is one about z.
+            vectors = np.pad(steps[:, dim:] / self.gyration, ((0, 0), (3 + dim - size, 0)))
+            turns = Rotation.from_rotvec(vectors)
+            rotations = turns.as_matrix()[:, :dim, :dim] @ poses.rotations
+            return turns, Placements(poses.scores, poses.translations + steps[:, :dim], rotations)
 
-    ``steps`` and ``changes``, shape (n, k), are steps and the falls of the slopes along them.
-    """
-    # Keep the matrix if the slope did not fall, which would make it indefinite.
-    products = (steps * changes).sum(axis=1)
-    lengths = np.linalg.norm(steps, axis=1) * np.linalg.norm(changes, axis=1)
-    is_usable = products > 1e-10 * lengths
-    rho = np.where(is_usable, 1.0 / np.where(is_usable, products, 1.0), 0.0)[:, None, None]
-    columns = steps[:, :, None]
-    left = np.eye(steps.shape[1]) - rho * columns * changes[:, None, :]
-    squares = rho * columns * steps[:, None, :]
-    return np.asarray(left @ inverse @ np.swapaxes(left, 1, 2) + squares)
+        def evaluate(x: Floats) -> tuple[Floats, Floats]:
+            """Return the scores after steps x, and their derivatives by x, shape (n, size)."""
+            turns, moved = move(x)
+            arms = self.body.centers @ np.swapaxes(moved.rotations, 1, 2)
+            sums = self.fields.evaluate(moved.translations[:, None] + arms)
+            # The derivative by the center of a ball is a force on it; turns feel its moment.
+            forces = sums[..., 1:]
+            margins = (0, 0), (0, 0), (0, 3 - dim)
+            moments = np.cross(np.pad(arms, margins), np.pad(forces, margins)).sum(axis=1)
+            # The axes of a rotation vector turn with it, on average by half.
+            twists = (turns**-0.5).apply(moments) / self.gyration
+            slopes = np.column_stack([forces.sum(axis=1), twists[:, 3 + dim - size :]])
+            return sums[..., 0].sum(axis=1), spacing * slopes
 
+        def descend(x: Floats) -> tuple[float, Floats]:
+            """Return the negated sum of the scores, over their error, and its derivatives."""
+            scores, slopes = evaluate(x)
+            return -scores.sum() / self.error, -slopes.ravel() / self.error
 
-def _make_rotation_matrices(rotations: int | Rotations | Rotates, dim: int) -> Floats:
-    """Convert rotations to matrices (m, d, d).
-
-    They are a number of yaws, rotation cells, a scipy Rotation, or an array of angles or matrices.
-    """
-    if isinstance(rotations, Rotations | int | np.integer):
-        cells = Rotations.of(rotations)
-        cells._check_dimension(dim)
-        return cells._make_matrices(cells.centers, dim)
-    values = check_finite(as_matrices(rotations), "rotations")
-    if dim == 2 and values.ndim < 2:
-        values = np.atleast_1d(values)
-    else:
-        values = values.reshape(-1, *values.shape[-2:])
-    if not len(values):
-        raise InputError(
-            "rotations",
-            "is empty",
-            "there must be one",
-            "pass e.g. Rotations.of(36)",
-        )
-    return np.stack([rotation_matrix(value, dim) for value in values])
+        start = np.zeros(len(poses.scores) * size)
+        found = minimize(descend, start, jac=True, method="L-BFGS-B", tol=ASCENT_TOLERANCE)
+        return move(found.x)[1]._replace(scores=evaluate(found.x)[0])

@@ -17,7 +17,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace._support.arrays import Floats
+from cspace._support.arrays import Bools, Floats
 from cspace._support.check import check_finite
 from cspace._support.reporting import import_optional
 from cspace._support.threads import count_cores
@@ -63,8 +63,6 @@ def ball_spectrum(
     lengths: ArrayLike,
     counts: ArrayLike,
     tolerance: float = 1e-9,
-    *,
-    weights: ArrayLike | None = None,
 ) -> Complexes:
     """Compute the spectrum of balls.
 
@@ -83,10 +81,7 @@ def ball_spectrum(
         Periods, metres, and number of frequencies along each axis: ``k`` from ``-(count // 2)`` to
         ``(count - 1) // 2``.
     tolerance : float
-        Largest error, relative to the largest value ``F(0)``; from 1e-12 to 0.1. With weights,
-        relative to the sum of the moduli of the balls' integrals.
-    weights : array-like, shape (n,), optional
-        Factor of each ball's bump, of any sign.
+        Largest error, relative to the largest value ``F(0)``; from 1e-12 to 0.1.
 
     Returns
     -------
@@ -99,16 +94,15 @@ def ball_spectrum(
     """
     balls = as_balls((centers, radii), "radii")
     kind = check_bump(bump)
-    within = check_tolerance(tolerance, MIN_SPECTRUM_TOLERANCE)
-    lattice = FrequencyLattice.of(lengths, counts, balls.dim)
-    factors = np.ones_like(balls.radii) if weights is None else check_finite(weights, "weights")
-    if factors.shape != balls.radii.shape:
+    within = check_finite(tolerance, "tolerance")
+    if within.ndim or not MIN_SPECTRUM_TOLERANCE <= within <= 0.1:
         raise InputError(
-            "weights",
-            f"has shape {factors.shape}",
-            f"there must be one for each of {len(balls.radii)} balls",
-            "pass numbers",
+            "tolerance",
+            f"is {tolerance!r}",
+            f"it must be one number from {MIN_SPECTRUM_TOLERANCE:g} to 0.1",
+            "pass e.g. 1e-9",
         )
+    lattice = FrequencyLattice.of(lengths, counts, balls.dim)
     extent = np.ptp(balls.bounds, axis=0)
     # 1e-9 allows for rounding; larger balls would overlap their copies.
     if (extent > lattice.periods * (1.0 + 1e-9)).any():
@@ -120,20 +114,7 @@ def ball_spectrum(
             "they must fit into one period",
             "pass a longer period",
         )
-    return RadialFactors(lattice, kind, balls.radii).spectrum(balls.centers, within, factors)
-
-
-def check_tolerance(tolerance: Any, smallest: float) -> float:
-    """Return a tolerance from ``smallest`` to 0.1, or raise InputError."""
-    value = check_finite(tolerance, "tolerance")
-    if value.ndim or not smallest <= value <= 0.1:
-        raise InputError(
-            "tolerance",
-            f"is {tolerance!r}",
-            f"it must be one number from {smallest:g} to 0.1, relative to the largest value",
-            "pass e.g. 1e-9",
-        )
-    return float(value)
+    return RadialFactors(lattice, kind, balls.radii).spectrum(balls.centers, float(within))
 
 
 class FrequencyLattice(NamedTuple):
@@ -152,6 +133,7 @@ class FrequencyLattice(NamedTuple):
 
         Raises InputError if a value is not usable, or there are too many frequencies.
         """
+        ones = np.ones(dim)
         periods = check_finite(lengths, "lengths")
         if periods.shape not in {(), (dim,)} or (periods <= 0.0).any():
             raise InputError(
@@ -160,24 +142,17 @@ class FrequencyLattice(NamedTuple):
                 f"it must be one number above zero or {dim} of them, in metres",
                 "pass the period along each axis",
             )
-        numbers = np.asarray(counts)
-        is_whole = numbers.dtype.kind in "iu"
-        if numbers.shape not in {(), (dim,)} or not is_whole or (numbers <= 0).any():
+        numbers = check_finite(counts, "counts")
+        is_usable = numbers.shape in {(), (dim,)} and (numbers >= 1.0).all()
+        if not is_usable or (numbers % 1.0).any() or np.prod(numbers * ones) > MAX_FREQUENCIES:
             raise InputError(
                 "counts",
                 f"is {counts!r}",
-                f"it must be one whole number above zero or {dim} of them",
+                f"it must be one whole number above zero or {dim} of them, and at most "
+                f"{MAX_FREQUENCIES} frequencies in all",
                 "pass e.g. 256",
             )
-        shape = tuple(np.broadcast_to(numbers, dim).tolist())
-        if math.prod(shape) > MAX_FREQUENCIES:
-            raise InputError(
-                "counts",
-                f"is {counts!r}",
-                f"at most {MAX_FREQUENCIES} frequencies are computed",
-                "pass smaller counts",
-            )
-        return cls(np.broadcast_to(periods, dim).copy(), shape)
+        return cls(periods * ones, tuple((numbers * ones).astype(int).tolist()))
 
     @property
     def indices(self) -> list[NDArray[Any]]:
@@ -213,66 +188,55 @@ class RadialFactors:
         corner = tuple(slice(0, count // 2 + 1) for count in lattice.counts)
         places = np.ix_(*(np.abs(k).astype(np.intp) for k in lattice.indices))
         moduli = lattice.moduli[corner]
-        table = radial_table(bump, dim, float(radii.max() * moduli.max()))
+        table = radial_table(bump, dim, 1 + int(radii.max() * moduli.max()))
         for radius in np.unique(radii).tolist():
             factor = radius**dim * table(radius * moduli)
             self.groups.append((np.flatnonzero(radii == radius), factor[places]))
 
     def spectrum(
-        self, centers: Floats, tolerance: float, weights: Floats | None = None
+        self, centers: Floats, tolerance: float, is_chosen: Bools | None = None
     ) -> Complexes:
-        """Compute the spectrum of balls around centers (n, d), times weights (n,).
-
-        Balls of weight 0 cost nothing.
-        """
+        """Compute the spectrum of balls around centers (n, d), or of those chosen (n,)."""
         # Places as shares of a period, which repeat with it.
         shares = centers / self.lattice.periods
         shares -= np.round(shares)
-        strengths = np.ones(len(centers)) if weights is None else weights
         total = np.zeros(self.lattice.counts, dtype=np.complex128)
         for group, factor in self.groups:
-            members = group[strengths[group] != 0.0]
+            members = group if is_chosen is None else group[is_chosen[group]]
             if not len(members):
                 continue
             sum_waves = _transform
             if len(members) <= MAX_SUMMED_BALLS[len(self.lattice.counts)]:
                 sum_waves = _sum_products
-            waves = sum_waves(self.lattice, shares[members], strengths[members], tolerance)
-            total += waves * factor
+            total += sum_waves(self.lattice, shares[members], tolerance) * factor
         return total
 
 
-def _transform(
-    lattice: FrequencyLattice, shares: Floats, strengths: Floats, tolerance: float
-) -> Complexes:
-    """Sum ``strength exp(-2 pi i k.share)`` over points by a non-uniform transform.
+def _transform(lattice: FrequencyLattice, shares: Floats, tolerance: float) -> Complexes:
+    """Sum ``exp(-2 pi i k.share)`` over points by a non-uniform transform.
 
     ``shares``, shape (n, d), are the places of the points in a period.
     """
     demanded = max(MIN_TRANSFORM_TOLERANCE, TRANSFORM_TOLERANCE_SHARE * tolerance)
     transform = getattr(_import_finufft(), f"nufft{shares.shape[1]}d1")
     angles = 2.0 * math.pi * shares.T.copy()
+    ones = np.ones(len(shares), dtype=np.complex128)
     options = _transform_options(demanded, math.prod(lattice.counts))
-    waves: Complexes = transform(
-        *angles, strengths.astype(np.complex128), lattice.counts, isign=-1, **options
-    )
+    waves: Complexes = transform(*angles, ones, lattice.counts, isign=-1, **options)
     return waves
 
 
-def _sum_products(
-    lattice: FrequencyLattice, shares: Floats, strengths: Floats, tolerance: float
-) -> Complexes:
-    """Sum ``strength exp(-2 pi i k.share)`` over points, as products of one factor per axis.
+def _sum_products(lattice: FrequencyLattice, shares: Floats, tolerance: float) -> Complexes:
+    """Sum ``exp(-2 pi i k.share)`` over points, as products of one factor per axis.
 
     ``shares``, shape (n, d), are the places of the points in a period. The tolerance is met anyway.
     """
-    first, *others = (
+    rows, *others = (
         np.exp(-2j * math.pi * np.outer(k, column))
         for k, column in zip(lattice.indices, shares.T, strict=True)
     )
-    rows = first * strengths
     if len(others) == 2:
-        rows = (rows[:, None] * others[0]).reshape(-1, len(strengths))
+        rows = (rows[:, None] * others[0]).reshape(-1, len(shares))
     columns = others[-1].T
     total = np.empty((len(rows), columns.shape[1]), dtype=np.complex128)
     # One large product would wake all threads of the linear algebra, which takes longer than many

@@ -194,14 +194,6 @@ class ContactTest:
         self._rotation = np.eye(self.dim)
         self._placed = self._trees
 
-    @property
-    def domain(self) -> tuple[Floats, Floats]:
-        """Lower and upper corner of a box of the placements that are not apart."""
-        a, b = (tree[0] for tree in self._placed[:2])
-        center = (b - a)[: self.dim]
-        reach = a[RADIUS] + b[RADIUS] + self._slack
-        return center - reach, center + reach
-
     def rotated(self, rotation: Rotates) -> ContactTest:
         """Return the test with A rotated about the origin of its frame.
 

@@ -154,7 +154,7 @@ def _check_pose(tally: Tally, name: str, test: ContactTest, a: Any, b: Any, rng:
         q = np.column_stack([ts, np.tile(rotation, (len(ts), 1))])
         return a.within(b, q, np.zeros(len(ts)))
 
-    low, high = rotated.domain
+    low, high = find_domain(rotated)
     ts = rng.uniform(low, high, (PLACEMENTS_PER_ROTATION, dim))
     ts[:: PLACEMENTS_PER_ROTATION // 10] += rng.choice([-1.0, 1.0]) * (high - low)
     contacts = _draw_contacts(rotated, collide, ts, rng)
@@ -167,12 +167,19 @@ def _check_pose(tally: Tally, name: str, test: ContactTest, a: Any, b: Any, rng:
         tally.add(verdict.name, name, ts[claimed], wrong[claimed])
 
 
+def find_domain(test: ContactTest) -> tuple[Floats, Floats]:
+    """Return the lower and upper corner of a box of the placements at which root balls meet."""
+    a, b = (tree[0] for tree in test._placed[:2])
+    center = (b - a)[: test.dim]
+    return center - (a[3] + b[3]), center + (a[3] + b[3])
+
+
 def _draw_contacts(test: ContactTest, collide: Any, ts: Floats, rng: Rng) -> Floats:
     """Draw placements near contact, a third of ``ts``."""
     touching = ts[collide(ts)]
     if not len(touching):
         return ts[:0]
-    low, high = test.domain
+    low, high = find_domain(test)
     size, number = float(np.linalg.norm(high - low)), len(ts) // 3
     starts = touching[rng.integers(len(touching), size=number // 5)]
     directions = rng.normal(size=starts.shape)

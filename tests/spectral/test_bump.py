@@ -45,6 +45,7 @@ def test_profile_agrees_with_the_definition(alpha, distances):
     expected = [evaluate_plainly(s, alpha) for s in distances]
     values = Bump(alpha).profile(distances)
     np.testing.assert_allclose(values, expected, rtol=1e-9, atol=1e-300)
+    np.testing.assert_array_equal(Bump(alpha).profile(np.negative(distances)), values)
     assert Bump(alpha).profile(distances[0]).shape == ()
 
 
@@ -66,7 +67,6 @@ def test_radial_spectrum_agrees_with_a_dense_quadrature(alpha, dim):
 
 
 def test_radial_spectrum_of_the_ball_is_accurate_at_high_frequencies():
-    # Powers of two need the most of the nodes that their octave shares.
     k = np.append(2.0 ** np.arange(6, 17), 1e5)
     angles = 2.0 * math.pi * k
     disc, ball = (Bump(math.inf).radial_spectrum(k, dim) for dim in (2, 3))
@@ -81,7 +81,7 @@ def test_table_interpolates_the_spectrum(alpha, dim, highest):
     bump = Bump(alpha)
     borders = np.arange(0.0, highest, 0.5)
     k = np.concatenate([np.linspace(0.0, highest, 200), borders]).reshape(1, -1)
-    table = radial_table(bump, dim, highest)
+    table = radial_table(bump, dim, 1 + int(highest))
     whole = bump.radial_spectrum(0.0, dim)
     assert np.abs(table(k) - bump.radial_spectrum(k, dim)).max() <= 2e-13 * whole
 
@@ -98,7 +98,6 @@ def test_energy_is_the_integral_of_the_square(alpha, dim):
 @refusals(
     "make, arguments, message",
     (Bump, (0.0,), "alpha is 0.0"),
-    (Bump().profile, (-1.0,), "none may be below zero"),
     (Bump().radial_spectrum, (2e5, 2), "units"),
 )
 def test_bump_refuses_invalid_arguments(make, arguments, message):

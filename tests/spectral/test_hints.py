@@ -5,7 +5,7 @@ import math
 import pytest
 import shapely
 
-from cspace import Robot, Rotations
+from cspace import Robot
 from cspace.spectral import (
     BallPenetration,
     Bump,
@@ -42,7 +42,6 @@ def spectrum(lengths=1.0, counts=8, **options):
 @refusals(
     "call, advised, hint",
     (lambda: Bump(-1.0), lambda: [Bump(2.0), Bump(math.inf)], "pass e.g. 2.0, or math.inf"),
-    (lambda: Bump().profile(-0.5), lambda: Bump().profile(abs(-0.5)), "pass the modulus"),
     (lambda: overlap(bump=2.0), lambda: overlap(bump=Bump(2.0)), "pass e.g. Bump(2.0)"),
     (
         lambda: decompose(SQUARE),
@@ -112,22 +111,15 @@ def spectrum(lengths=1.0, counts=8, **options):
         lambda: overlap(PAIR, ([(1.0, 0.0)], [0.1])),
         "pass the moved balls to a new FourierOverlap",
     ),
-    (lambda: overlap(band=1e9), lambda: overlap(band=10.0), "pass a lower one"),
     (
         lambda: best_placements(PAIR, PAIR, 4, n=0),
         lambda: best_placements(PAIR, PAIR, 4, n=10),
         "pass e.g. 10",
     ),
-    (
-        lambda: best_placements(PAIR, PAIR, rotations=[]),
-        lambda: best_placements(PAIR, PAIR, rotations=Rotations.of(36)),
-        "pass e.g. Rotations.of(36)",
-    ),
-    (lambda: spectrum(weights=[1, 2]), lambda: spectrum(weights=[1]), "pass numbers"),
     (lambda: spectrum(0.1), lambda: spectrum(1.0), "pass a longer period"),
     (lambda: spectrum((1, 1, 1)), lambda: spectrum((1, 1)), "pass the period along each axis"),
     (lambda: spectrum(counts=2.5), lambda: spectrum(counts=256), "pass e.g. 256"),
-    (lambda: spectrum(counts=2**20), lambda: spectrum(counts=2**8), "pass smaller counts"),
+    (lambda: spectrum(counts=2**20), lambda: spectrum(counts=256), "pass e.g. 256"),
     (
         lambda: decompose(SLIVER, kind="inner", number=1),
         lambda: [
