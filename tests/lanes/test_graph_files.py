@@ -14,7 +14,7 @@ import cspace
 from cspace.errors import CspaceError, FileError, InputError
 from cspace.lanes import RouteGraph
 from cspace.lanes._curves import cut_nurbs
-from cspace.lanes._verdicts import list_motions
+from cspace.lanes._motions import list_motions
 from tests.helpers.refusals import refusals
 
 NAV2 = {
@@ -342,10 +342,12 @@ def test_the_motions_of_a_curve_are_as_wide_as_it_deviates(tmp_path):
     workspace = cspace.Workspace.from_array(np.zeros((20, 20), dtype=np.bool_), 0.1)
     motions = list_motions(cspace.build(workspace, "rect:0.2x0.1", rotations=8), graph)
     legs = graph.lanes[0].legs
-    of_legs = (motions.lanes == 0) & (motions.tubes.drifts > 0.0)
-    assert motions.tubes.drifts[of_legs].tolist() == [leg.drift for leg in legs]
-    assert motions.tubes.turns[of_legs].tolist() == [leg.spread for leg in legs]
+    of_legs = (motions.lanes == 0) & ~motions.on_lane
+    lever = math.hypot(0.1, 0.05)
+    needed = np.array([leg.drift + lever * leg.spread for leg in legs])
     assert min(leg.drift for leg in legs) > 0.0
+    assert (needed <= motions.growths[of_legs]).all()
+    assert (motions.growths[of_legs] <= needed + 1e-3).all()
 
 
 def test_a_curve_that_turns_back_jumps_there():
