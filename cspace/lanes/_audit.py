@@ -19,7 +19,7 @@ from cspace._support.check import check_flag, check_not_negative
 from cspace.errors import InputError
 from cspace.lanes._collisions import Hit, find_hits, sample_motions
 from cspace.lanes._motions import check_map, list_legs, list_motions, list_parts, list_ways
-from cspace.lanes._reach import Reach, judge_ways, list_free_yaws, prove_nodes
+from cspace.lanes._reach import Reach, judge_ways, prove_nodes
 from cspace.lanes._rooms import measure_rooms, prove
 from cspace.lanes._route_graph import RouteGraph
 
@@ -341,8 +341,8 @@ def audit_graph(
     room = check_not_negative(max_room, "max_room")
     check_map(space, graph)
     proofs = prove_lanes(space, graph, exact, room)
-    cells = prove_nodes(space, graph.positions, exact)
-    yaws = list_free_yaws(space, cells)
+    nodes = prove_nodes(space, graph.positions, exact)
+    yaws = nodes.list_free()
     reach = Reach(graph, proofs.is_free, yaws)
     broken = (graph.lanes[k] for k in np.flatnonzero(~proofs.is_free))
     lost = reach.list_lost(list(dict.fromkeys((lane.start, lane.end) for lane in broken)))
@@ -354,7 +354,7 @@ def audit_graph(
         [[graph.names[node] for node in part] for part in reach.list_parts()],
         [
             LostWay(graph.names[first], graph.names[last], exists)
-            for (first, last), exists in zip(lost, judge_ways(space, cells, lost), strict=True)
+            for (first, last), exists in zip(lost, judge_ways(space, nodes, lost), strict=True)
         ],
         find_path,
     )
@@ -391,10 +391,9 @@ def prove_lanes(
             proofs.hits[lane] = min(hit, proofs.hits.get(lane, hit))
         proofs.by_cells[chosen.lanes[~by_cells]] = False
         proofs.is_free[unproven.lanes] = False
-        measured = np.flatnonzero(proofs.is_free[chosen.lanes])
-        chosen = chosen.take(measured)
-        lines = is_straight[chosen.lanes]
-        rooms = measure_rooms(part, chosen, by_cells[measured], lines, max_room)
+        chosen = chosen.take(proofs.is_free[chosen.lanes])
+        kinds = proofs.by_cells[chosen.lanes], is_straight[chosen.lanes]
+        rooms = measure_rooms(part, chosen, *kinds, max_room)
         # The worst motion of a lane bounds the lane.
         np.minimum.at(proofs.rooms, chosen.lanes, rooms)
     return proofs

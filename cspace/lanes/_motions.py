@@ -28,6 +28,9 @@ if TYPE_CHECKING:
 SAME_YAW: Final = 1e-9
 """Angle, radians, up to which two legs of a lane need no turn between them."""
 
+MAX_PART: Final = math.radians(5.0)
+"""Largest part of a rotation cell of which all yaws are proven at once, radians."""
+
 LEVER_ROUNDING: Final = 1e-9
 """Rounding of the robot's largest distance from its reference point, as a share of it."""
 
@@ -76,13 +79,13 @@ class Way(NamedTuple):
         Radians.
     is_relative : bool
         Whether the yaw counts from the direction of travel.
-    spare : float
-        See :class:`LaneMotions`.
+    half_width : float
+        Radians, by which the yaw may differ, within its rotation cell.
     """
 
     yaw: float
     is_relative: bool = False
-    spare: float = 0.0
+    half_width: float = 0.0
 
     def yaws(self, leg: Leg) -> tuple[float, float]:
         """Return the yaws at the start and at the end of a leg."""
@@ -131,21 +134,24 @@ def lever_of(space: ConfigurationMap) -> float:
     return float(np.hypot(*corner)) * (1.0 + LEVER_ROUNDING)
 
 
-def list_yaw_cells(space: ConfigurationMap) -> list[Way]:
-    """Return a way for each rotation cell, which stands for all yaws of it."""
+def split_yaws(space: ConfigurationMap) -> Floats:
+    """Return parts of rotation cells, shape (n, 2): their lower and upper yaws, all around."""
     if not space.rotations.names:
-        return [Way(0.0)]
+        return np.zeros((1, 2))
     bounds = space.rotations._stored_arrays["yaw_bounds"]
-    spares = lever_of(space) * (0.5 * np.ptp(bounds, axis=1) + ANGLE_SLACK)
-    pairs = zip(bounds.mean(axis=1).tolist(), spares.tolist(), strict=True)
-    return [Way(yaw, spare=spare) for yaw, spare in pairs]
+    count = math.ceil(np.ptp(bounds, axis=1).max() / MAX_PART - SAME_YAW)
+    borders = np.linspace(*bounds.T, count + 1, axis=1)
+    return np.stack([borders[:, :-1], borders[:, 1:]], axis=-1).reshape(-1, 2)
 
 
 def list_motions(space: ConfigurationMap, graph: RouteGraph) -> LaneMotions:
     """List the motions of all lanes."""
     has_yaw = bool(space.rotations.names)
     lever = lever_of(space) if has_yaw else 0.0
-    yaw_cells = list_yaw_cells(space)
+    parts = split_yaws(space)
+    half_widths = 0.5 * np.ptp(parts, axis=1) + ANGLE_SLACK
+    pairs = zip(parts.mean(axis=1).tolist(), half_widths.tolist(), strict=True)
+    all_ways = [Way(yaw, half_width=half_width) for yaw, half_width in pairs]
     yaws = graph.yaws.tolist()
     rows: list[tuple[float, ...]] = []
     for number, lane in enumerate(graph.lanes):
@@ -153,9 +159,9 @@ def list_motions(space: ConfigurationMap, graph: RouteGraph) -> LaneMotions:
         if not space.in_memory:
             longest = min(cast("TiledCSpace", space).tile) * space.grid.spacing
             legs = tuple(part for leg in legs for part in _cut(leg, longest))
-        ways = list_ways(graph, lane) if has_yaw else yaw_cells
-        stops = (yaws[lane.start], yaws[lane.end]) if ways and has_yaw else (math.nan, math.nan)
-        for way in ways or yaw_cells:
+        ways = list_ways(graph, lane) if has_yaw else []
+        stops = (yaws[lane.start], yaws[lane.end]) if ways else (math.nan, math.nan)
+        for way in ways or all_ways:
             rows += _list_way(lane, legs, way, stops, lever, number)
     table = np.array(rows, dtype=np.float64).reshape(-1, 11)
     starts, ends = (np.ascontiguousarray(table[:, k : k + space.size]) for k in (0, 3))
@@ -187,10 +193,12 @@ def _list_way(
     """
     rows: list[tuple[float, ...]] = []
 
-    def add(start: tuple[float, ...], end: tuple[float, ...], bend: float = 0.0) -> None:
+    def add(
+        start: tuple[float, ...], end: tuple[float, ...], bend: float = 0.0, spare: float = 0.0
+    ) -> None:
         """Add a motion, which a lane leaves by ``bend``."""
         growth = lane.deviation + bend
-        rows.append((*start, *end, growth, way.spare, number, len(rows), bend == 0.0))
+        rows.append((*start, *end, growth, spare, number, len(rows), bend == 0.0))
 
     def turn(place: tuple[float, float], before: float, after: float) -> None:
         """Add a turn on the spot, unless it is none, or the yaw before or after is NaN."""
@@ -203,7 +211,10 @@ def _list_way(
         turn(leg.start, before, first)
         bend = leg.drift + (lever * leg.spread if way.is_relative else 0.0)
         bend = GROWTH_STEP * math.ceil(bend / GROWTH_STEP)
-        add((*leg.start, first), (*leg.end, last), bend)
+        # A robot on the spot turns through all yaws of its part.
+        swing = way.half_width if leg.start == leg.end else 0.0
+        spare = lever * (way.half_width - swing)
+        add((*leg.start, first - swing), (*leg.end, last + swing), bend, spare)
         before = last
     turn(legs[-1].end, before, stops[1])
     return rows

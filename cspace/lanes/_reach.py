@@ -10,8 +10,9 @@ from scipy import sparse
 from scipy.sparse import csgraph
 
 from cspace._queries.yaws import join_yaw_cells
+from cspace._rotations.base import ANGLE_SLACK
 from cspace._support.arrays import BLOCKED, Bools, Floats, Ints
-from cspace.lanes._motions import LaneMotions, list_legs, list_parts, list_ways, list_yaw_cells
+from cspace.lanes._motions import LaneMotions, list_legs, list_parts, list_ways, split_yaws
 from cspace.lanes._rooms import prove
 from cspace.lanes._route_graph import RouteGraph
 
@@ -22,51 +23,53 @@ YAW_DIGITS: Final = 9
 """Digits after the point of a yaw, radians, at which two lanes meet without a turn."""
 
 
-class NodeCells(NamedTuple):
-    """What is known of each node, by rotation cell.
+class NodeYaws(NamedTuple):
+    """What is known of each node, by parts of rotation cells.
 
     Attributes
     ----------
-    is_free : ndarray of bool, shape (nodes, rotation cells)
-        Whether all yaws of a rotation cell are proven free.
-    cells : ndarray of int64, shape (nodes, rotation cells, 1 + d)
+    parts : ndarray of float64, shape (parts, 2)
+        Lower and upper yaws, radians.
+    is_free : ndarray of bool, shape (nodes, parts)
+        Whether all yaws of a part are proven free.
+    cells : ndarray of int64, shape (nodes, parts, 1 + d)
     """
 
+    parts: Floats
     is_free: Bools
     cells: Ints
 
+    def list_free(self) -> list[Floats]:
+        """Return the intervals of yaw at which the robot may stand at each node, radians.
 
-def prove_nodes(space: ConfigurationMap, positions: Floats, exact: bool) -> NodeCells:
-    """Prove at which rotation cells the robot may stand at nodes, shape (n, 2)."""
-    count = len(positions)
-    yaw_cells = list_yaw_cells(space)
-    points = np.repeat(positions, len(yaw_cells), axis=0)
-    if space.rotations.names:
-        yaws = [way.yaw for way in yaw_cells]
-        points = np.column_stack([points, np.tile(yaws, count)])
-    spares = np.tile([way.spare for way in yaw_cells], count)
+        Without a yaw, a free node has the interval of all yaws.
+        """
+        return [join_yaw_cells(free, self.parts) for free in self.is_free]
+
+
+def prove_nodes(space: ConfigurationMap, positions: Floats, exact: bool) -> NodeYaws:
+    """Prove at which yaws the robot may stand at nodes, shape (n, 2)."""
+    parts = split_yaws(space)
+    shape = len(positions), len(parts)
+    low, middle, high = (
+        np.column_stack([np.repeat(positions, len(parts), axis=0), np.tile(yaws, len(positions))])
+        for yaws in (parts[:, 0] - ANGLE_SLACK, parts.mean(axis=1), parts[:, 1] + ANGLE_SLACK)
+    )
+    points, low, high = (rows[:, : space.size] for rows in (middle, low, high))
     rows = np.arange(len(points))
-    motions = LaneMotions(points, points, 0.0 * spares, spares, rows, rows, rows >= 0)
-    is_free = np.zeros(len(points), dtype=np.bool_)
-    for part, chosen in list_parts(space, motions, 0.0):
-        is_free[chosen] = prove(part, motions.take(chosen), by_geometry=False)
+    none = np.zeros(len(points))
+    # Cells prove all yaws of a part in its middle, the geometry on a turn through all of them.
+    stands = LaneMotions(points, points, none, none, rows, rows, none == 0.0)
+    turns = stands._replace(starts=low, ends=high)
+    is_free = none > 0.0
+    for part, chosen in list_parts(space, stands, 0.0):
+        is_free[chosen] = prove(part, stands.take(chosen), by_geometry=False)
         if exact:
             rest = chosen[~is_free[chosen]]
             rest = rest[np.asarray(part.classify(points[rest])) != BLOCKED]
-            is_free[rest] = prove(part, motions.take(rest), by_geometry=True)
+            is_free[rest] = prove(part, turns.take(rest), by_geometry=True)
     cells = space._cells_of(points)
-    shape = count, len(yaw_cells)
-    return NodeCells(is_free.reshape(shape), cells.reshape(*shape, cells.shape[1]))
-
-
-def list_free_yaws(space: ConfigurationMap, nodes: NodeCells) -> list[Floats]:
-    """Return the intervals of yaw at which the robot may stand at each node, radians.
-
-    Without a yaw, a free node has the interval of all yaws.
-    """
-    whole = np.array([[-math.pi, math.pi]])
-    bounds = space.rotations._stored_arrays["yaw_bounds"] if space.rotations.names else whole
-    return [join_yaw_cells(free, bounds) for free in nodes.is_free]
+    return NodeYaws(parts, is_free.reshape(shape), cells.reshape(*shape, -1))
 
 
 class Reach:
@@ -128,7 +131,7 @@ class Reach:
 
 
 def judge_ways(
-    space: ConfigurationMap, nodes: NodeCells, pairs: list[tuple[int, int]]
+    space: ConfigurationMap, nodes: NodeYaws, pairs: list[tuple[int, int]]
 ) -> list[bool | None]:
     """Return whether the map has any way between two nodes, at any yaws.
 

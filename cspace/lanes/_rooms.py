@@ -47,8 +47,8 @@ def measure_rooms(
     """Return lower bounds of the rooms of proven motions, and of their margins, metres.
 
     The result has shape (n, 3): left and right in the direction of travel, and the margin.
-    ``by_cells`` says which motions cells prove, and then rooms, too; ``is_straight`` which motions
-    shift sideways; the margin of others is their room. No bound exceeds ``max_room``.
+    ``by_cells`` says of which motions cells alone prove rooms; ``is_straight`` which motions shift
+    sideways; the margin of others is their room. No bound exceeds ``max_room``.
     """
     steps = (motions.ends - motions.starts)[:, :2]
     lengths = np.hypot(*steps.T)
