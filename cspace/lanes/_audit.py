@@ -336,7 +336,7 @@ class LaneProofs(NamedTuple):
 def audit_graph(
     space: ConfigurationMap, graph: RouteGraph, exact: bool, max_room: float, find_path: FindPath
 ) -> Audit:
-    """Audit a route graph; ``find_path`` finds ways beside its lanes. See :func:`planners.audit`."""
+    """Audit a route graph, see :func:`planners.audit`; ``find_path`` finds ways beside lanes."""
     check_flag(exact, "exact")
     room = check_not_negative(max_room, "max_room")
     check_map(space, graph)

@@ -7,6 +7,7 @@ point. So a motion of a grown robot stands for a curve, a corridor, or all yaws 
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Final, NamedTuple, cast
@@ -35,7 +36,7 @@ LEVER_ROUNDING: Final = 1e-9
 """Rounding of the robot's largest distance from its reference point, as a share of it."""
 
 GROWTH_STEP: Final = 1e-3
-"""Growths of curves are multiples of this many metres, because motions of one are proven at once."""
+"""Step, metres, of the growths of curves; motions of one growth are proven at once."""
 
 
 class LaneMotions(NamedTuple):
@@ -174,7 +175,7 @@ def _cut(leg: Leg, longest: float) -> Iterator[Leg]:
     """Cut a straight leg into parts that windows of a map in tiles hold."""
     count = math.ceil(math.dist(leg.start, leg.end) / longest) if leg.drift == 0.0 else 1
     points = np.linspace(leg.start, leg.end, max(count, 1) + 1).tolist()
-    for start, end in zip(points[:-1], points[1:], strict=True):
+    for start, end in itertools.pairwise(points):
         yield leg._replace(start=tuple(start), end=tuple(end))
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from itertools import pairwise
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -53,17 +54,45 @@ def measure_rooms(
     steps = (motions.ends - motions.starts)[:, :2]
     lengths = np.hypot(*steps.T)
     shifts = is_straight & (lengths > 0.0)
-    left = np.column_stack([-steps[:, 1], steps[:, 0]])
-    left[shifts] /= lengths[shifts, np.newaxis]
+    ahead = steps / np.where(shifts, lengths, 1.0)[:, np.newaxis]
+    left = np.column_stack([-ahead[:, 1], ahead[:, 0]])
+
+    def shift(points: Floats, rows: Ints, along: Floats, aside: Floats) -> Floats:
+        """Shift configurations along motions and to the left."""
+        shifted = points[rows]
+        shifted[:, :2] += along[:, np.newaxis] * ahead[rows] + aside[:, np.newaxis] * left[rows]
+        return shifted
+
+    def prove_ring(rows: Ints, low: Floats, high: Floats) -> Bools:
+        """Return whether cells prove all between two rectangles around straight motions."""
+        is_free = np.ones(len(rows), dtype=np.bool_)
+        middle = 0.5 * (low + high)
+        growths = motions.growths[rows] + 0.5 * (high - low)
+        corners = [
+            shift(points, rows, along * middle, aside * middle)
+            for points, along, aside in (
+                *((motions.starts, -1, 1), (motions.ends, 1, 1)),
+                *((motions.ends, 1, -1), (motions.starts, -1, -1), (motions.starts, -1, 1)),
+            )
+        ]
+        for starts, ends in pairwise(corners):
+            side = motions.take(rows)._replace(starts=starts, ends=ends, growths=growths)
+            is_free[is_free] = prove(space, side.take(is_free), by_geometry=False)
+        return is_free
 
     def prove_beyond(side: float, rows: Ints, low: Floats, high: Floats) -> Bools:
         """Return whether rooms are ``high``, if they are ``low``; ``side`` is 0 for margins."""
-        strips = motions.take(rows)
-        aside = 0.5 * side * (low + high)[:, np.newaxis] * left[rows]
-        strips.starts[:, :2] += aside
-        strips.ends[:, :2] += aside
-        strips = strips._replace(growths=strips.growths + (0.5 * (high - low) if side else high))
+        aside = 0.5 * side * (low + high)
+        growth = 0.5 * (high - low) if side else high
+        strips = motions.take(rows)._replace(
+            starts=shift(motions.starts, rows, 0.0 * aside, aside),
+            ends=shift(motions.ends, rows, 0.0 * aside, aside),
+            growths=motions.growths[rows] + growth,
+        )
         is_free = prove(space, strips, by_geometry=False)
+        if not side:
+            rest = np.flatnonzero(~is_free & shifts[rows])
+            is_free[rest] = prove_ring(rows[rest], low[rest], high[rest])
         rest = np.flatnonzero(~is_free & ~by_cells[rows])
         is_free[rest] = prove(space, strips.take(rest), by_geometry=True)
         return is_free
