@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, Final
 
@@ -97,41 +98,36 @@ def measure_rooms(
         is_free[rest] = prove(space, strips.take(rest), by_geometry=True)
         return is_free
 
-    rooms = np.zeros((len(lengths), 3))
-    for column, side in enumerate((1.0, -1.0, 0.0)):
-        rows = np.flatnonzero(shifts) if side else np.arange(len(lengths))
-
-        def prove_rows(
-            chosen: Ints, low: Floats, high: Floats, side: float = side, rows: Ints = rows
-        ) -> Bools:
-            """Prove some of the rows; see ``prove_beyond``."""
-            return prove_beyond(side, rows[chosen], low, high)
-
-        rooms[rows, column] = _widen(prove_rows, len(rows), space.grid.spacing, max_room)
+    rooms = np.full((len(lengths), 3), max_room)
+    straight, whole = np.flatnonzero(shifts), np.arange(len(lengths))
+    for column, side, rows in ((0, 1.0, straight), (1, -1.0, straight), (2, 0.0, whole)):
+        # No margin exceeds a room, so that margins come last.
+        limits = rooms[:, column] if side else rooms.min(axis=1)
+        prove_more = partial(prove_beyond, side)
+        rooms[rows, column] = _widen(prove_more, rows, limits, space.grid.spacing)[rows]
     rooms[~shifts, :2] = rooms[~shifts, 2:]
     return rooms
 
 
 def _widen(
-    prove_beyond: Callable[[Ints, Floats, Floats], Bools],
-    count: int,
-    spacing: float,
-    max_room: float,
+    prove_more: Callable[[Ints, Floats, Floats], Bools], rows: Ints, limits: Floats, spacing: float
 ) -> Floats:
-    """Return the rooms, shape (count,), that steps prove one after another.
+    """Return the rooms, up to their limits, that steps prove one after another, for some rows.
 
     A step that is not proven is halved. Rooms are whole numbers of the least step, so that steps of
     many motions are equal, and are proven at once.
     """
-    halvings = math.ceil(math.log2(max(max_room / (ROOM_STEP * spacing), 1.0)))
-    least = max_room / 2**halvings
-    rooms = np.zeros(count, dtype=np.int64)
-    steps = np.full(count, 2**halvings)
-    active = np.arange(count if max_room > 0.0 else 0)
+    largest = float(limits.max(initial=np.finfo(np.float64).tiny))
+    halvings = math.ceil(math.log2(max(largest / (ROOM_STEP * spacing), 1.0)))
+    least = largest / 2**halvings
+    limits = np.rint(limits / least).astype(np.int64)
+    rooms = np.zeros(len(limits), dtype=np.int64)
+    steps = np.full(len(limits), 2**halvings)
+    active = rows[limits[rows] > 0]
     while len(active):
-        next_rooms = np.minimum(rooms[active] + steps[active], 2**halvings)
-        is_free = prove_beyond(active, least * rooms[active], least * next_rooms)
-        rooms[active[is_free]] = next_rooms[is_free]
+        more = np.minimum(rooms[active] + steps[active], limits[active])
+        is_free = prove_more(active, least * rooms[active], least * more)
+        rooms[active[is_free]] = more[is_free]
         steps[active[~is_free]] //= 2
-        active = active[(steps[active] > 0) & (rooms[active] < 2**halvings)]
+        active = active[(steps[active] > 0) & (rooms[active] < limits[active])]
     return least * rooms
