@@ -16,6 +16,7 @@ import shapely
 import yaml
 
 from cspace._files.access import ContentError, check_suffix, decoding, read_text
+from cspace._files.fields import Fields
 from cspace._support.arrays import Floats, StrPath
 from cspace._support.reporting import warn_user
 from cspace.lanes._curves import Leg, cut_nurbs
@@ -63,6 +64,30 @@ KNOWN_FIELDS: Final = {
     "releaseLossBehavior",
 }
 """Fields of elements that are honoured, refused or change nothing, separated by blanks."""
+
+FIELDS: Final = (
+    Fields(
+        "route graphs of Nav2, `.geojson`",
+        honoured="`id`, `startid`, `endid`; coordinates of nodes",
+        refused="`crs` other than metres of the map; `frame` other than `map`; drawn corners",
+        warned="unknown fields",
+    ),
+    Fields(
+        "Open-RMF navigation graphs, `.yaml`",
+        honoured="`levels`; `orientation_constraint`; `is_bidirectional`",
+        refused="several levels without `level=`; other constraints",
+        warned="unknown options",
+    ),
+    Fields(
+        "LIF layouts and VDA 5050 orders, `.json`",
+        honoured="`theta`; `orientationType`, `orientation`, `vehicleOrientation`; "
+        "`rotationAllowed`; `trajectory`; `corridor`; `allowedDeviationXY`; types of vehicles",
+        refused="`origins`; `rotationAtStartNodeAllowed`, `rotationAtEndNodeAllowed` other than "
+        "`BOTH`; `allowedDeviationTheta` at a node with `theta`; `orientation` of control points",
+        warned="unknown fields, such as `loadRestriction`",
+    ),
+)
+"""Fields that change where a robot drives, or how it stands there."""
 
 Stations = Mapping[str, tuple[str, ...]]
 """Nodes of each station."""
