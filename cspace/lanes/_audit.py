@@ -18,7 +18,7 @@ from cspace._support.arrays import BLOCKED, Bools, Floats, StrPath
 from cspace._support.check import check_flag, check_not_negative
 from cspace.errors import InputError
 from cspace.lanes._collisions import Hit, find_hits, sample_motions
-from cspace.lanes._motions import check_map, list_legs, list_motions, list_parts, list_ways
+from cspace.lanes._lane_motions import check_map, list_legs, list_motions, list_parts, list_yaws
 from cspace.lanes._reach import Reach, judge_ways, prove_nodes
 from cspace.lanes._rooms import measure_rooms, prove
 from cspace.lanes._route_graph import RouteGraph
@@ -214,8 +214,8 @@ class Audit:
             free = [self.nodes[node].free_yaws for node in ends]
             yaws = [float(row[0].mean()) if len(row) else 0.0 for row in free]
             for lane in self.graph.lanes:
-                if [lane.start, lane.end] == ends and list_ways(self.graph, lane):
-                    way = list_ways(self.graph, lane)[0]
+                if [lane.start, lane.end] == ends and list_yaws(self.graph, lane):
+                    way = list_yaws(self.graph, lane)[0]
                     legs = list_legs(self.graph, lane)
                     yaws = [way.yaws(legs[0])[0], way.yaws(legs[-1])[1]]
             points = np.column_stack([points, yaws])
@@ -367,17 +367,18 @@ def prove_lanes(
     count = len(graph.lanes)
     motions = list_motions(space, graph)
     is_straight = np.array([not lane.legs for lane in graph.lanes], dtype=np.bool_)
-    proofs = LaneProofs(*np.ones((2, count), np.bool_), np.full((count, 3), max_room), {})
+    is_free, by_cells = np.ones((2, count), dtype=np.bool_)
+    proofs = LaneProofs(is_free, by_cells, np.full((count, 3), max_room), {})
     for part, rows in list_parts(space, motions, max_room):
         chosen = motions.take(rows)
-        by_cells = prove(part, chosen, by_geometry=False)
-        is_free = by_cells.copy()
-        rest = np.isin(chosen.lanes, chosen.lanes[~by_cells])
+        in_cells = prove(part, chosen, by_geometry=False)
+        is_free = in_cells.copy()
+        rest = np.isin(chosen.lanes, chosen.lanes[~in_cells])
         samples = sample_motions(part, chosen.take(rest))
         if exact:
             # A lane with a BLOCKED configuration is decided.
             blocked = samples.lanes[samples.states == BLOCKED]
-            unsure = np.flatnonzero(~by_cells & ~np.isin(chosen.lanes, blocked))
+            unsure = np.flatnonzero(~in_cells & ~np.isin(chosen.lanes, blocked))
             is_free[unsure] = prove(part, chosen.take(unsure), by_geometry=True)
         unproven = chosen.take(~is_free)
         # A lane may be undecided though every configuration of it is FREE, at a border of cells.
@@ -389,10 +390,10 @@ def prove_lanes(
         hits |= find_hits(part, samples, exact, space.outside == "blocked")
         for lane, hit in hits.items():
             proofs.hits[lane] = min(hit, proofs.hits.get(lane, hit))
-        proofs.by_cells[chosen.lanes[~by_cells]] = False
+        by_cells[chosen.lanes[~in_cells]] = False
         proofs.is_free[unproven.lanes] = False
         chosen = chosen.take(proofs.is_free[chosen.lanes])
-        kinds = proofs.by_cells[chosen.lanes], is_straight[chosen.lanes]
+        kinds = by_cells[chosen.lanes], is_straight[chosen.lanes]
         rooms = measure_rooms(part, chosen, *kinds, max_room)
         # The worst motion of a lane bounds the lane.
         np.minimum.at(proofs.rooms, chosen.lanes, rooms)

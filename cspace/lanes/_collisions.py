@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 
 from cspace._support.arrays import BLOCKED, FREE, Bools, Floats, Ints, States
-from cspace.lanes._motions import LaneMotions
+from cspace.lanes._lane_motions import LaneMotions
 
 if TYPE_CHECKING:
     from cspace._space import CSpace
@@ -74,7 +74,7 @@ class Samples(NamedTuple):
 
     def take(self, rows: Ints | Bools) -> Samples:
         """Return some of the samples."""
-        return Samples(*(column[rows] for column in self))
+        return Samples._make(column[rows] for column in self)
 
     def hit(self, row: int, obstacle: str) -> Hit:
         """Return a hit at a sample."""
@@ -103,7 +103,7 @@ def sample_motions(space: CSpace, motions: LaneMotions) -> Samples:
         along = motions.order[rows] + shares
         samples = Samples(points, motions.lanes[rows], along, states)
         found.append(samples.take(states != FREE))
-    joined = Samples(*map(np.concatenate, zip(*found, strict=True)))
+    joined = Samples._make(map(np.concatenate, zip(*found, strict=True)))
     return joined.take(np.lexsort((joined.along, joined.lanes)))
 
 
@@ -205,4 +205,4 @@ def _place(offsets: Floats, points: Floats) -> Floats:
     yaws = points[:, 2] if points.shape[1] > 2 else np.zeros(len(points))
     cos, sin = np.cos(yaws), np.sin(yaws)
     turns = np.stack([np.stack([cos, -sin], axis=-1), np.stack([sin, cos], axis=-1)], axis=1)
-    return offsets @ turns.swapaxes(1, 2) + points[:, np.newaxis, :2]
+    return np.asarray(offsets @ turns.swapaxes(1, 2) + points[:, np.newaxis, :2])

@@ -6,6 +6,7 @@ A field that is neither that nor known to change nothing is named in a warning.
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 from collections.abc import Collection, Iterator, Mapping
@@ -149,7 +150,7 @@ class Element:
             raise self.fail(f"has the coordinates {value!r:.60}", "x and y are needed")
         return self.check_number("x", value[0]), self.check_number("y", value[1])
 
-    def list(self, key: str) -> list[Any]:
+    def entries(self, key: str) -> list[Any]:
         """Return a list; a missing one is empty."""
         value = self.get(key, [])
         if not isinstance(value, list):
@@ -162,7 +163,7 @@ class Element:
 
     def children(self, key: str, kind: str = "", name: str = "") -> Iterator[Element]:
         """Yield the mappings in a list, by their names if they have any."""
-        for number, fields in enumerate(self.list(key)):
+        for number, fields in enumerate(self.entries(key)):
             child = Element(fields, f"{self.where}, {key}[{number}]", kind, self.ignored)
             if name:
                 child.where = f"{kind} {child.need(name)!r}"
@@ -230,7 +231,9 @@ class GraphBuilder:
             rule = "the trajectory must join the nodes of its edge"
             raise element.fail(f"ends {max(gaps):.3g} m from a node", rule)
         deviation = max(deviation, *gaps, *(self.deviations[node] for node in ends))
-        self.lanes.append(Lane(str(name), *ends, heading or self.heading, legs, deviation))
+        start, end = ends
+        lane = Lane(str(name), start, end, heading or self.heading, legs, deviation)
+        self.lanes.append(lane)
 
     def build(self, stations: Stations | None = None) -> GraphContents:
         """Return what was added."""
@@ -283,7 +286,7 @@ def _read_nav2(document: Element, heading: HeadingRule | None) -> GraphContents:
     edges: dict[str, tuple[Element, list[Any]]] = {}
     for feature in document.children("features"):
         geometry, properties = feature.child("geometry"), feature.child("properties")
-        number, coordinates = properties.need("id"), geometry.list("coordinates")
+        number, coordinates = properties.need("id"), geometry.entries("coordinates")
         kind = geometry.get("type")
         if kind == "Point":
             where = f"node {number!r}"
@@ -300,17 +303,22 @@ def _read_nav2(document: Element, heading: HeadingRule | None) -> GraphContents:
             rule = "nodes are Points, edges are MultiLineStrings"
             raise feature.fail(f"with the id {number!r} is a {kind}", rule)
     for name, (edge, lines) in edges.items():
-        if name in builder.indices:
-            raise edge.fail("has the id of a node", "ids must differ")
-        ends = [builder.find(edge, edge.need(key)) for key in ("startid", "endid")]
-        drawn = [edge.point(place) for line in lines for place in line]
-        chord = shapely.LineString([builder.points[node] for node in ends])
-        for point in drawn:
-            if shapely.distance(chord, shapely.Point(point)) > MAX_GAP:
-                rule = "Nav2 drives straight from node to node, so that each corner needs a node"
-                raise edge.fail(f"is drawn by way of {list(point)}", rule)
-        builder.add_lane(edge, name, ends)
+        _add_nav2_edge(builder, edge, name, lines)
     return builder.build()
+
+
+def _add_nav2_edge(builder: GraphBuilder, edge: Element, name: str, lines: list[Any]) -> None:
+    """Add an edge of Nav2, unless it is drawn with a corner."""
+    if name in builder.indices:
+        raise edge.fail("has the id of a node", "ids must differ")
+    ends = [builder.find(edge, edge.need(key)) for key in ("startid", "endid")]
+    chord = shapely.LineString([builder.points[node] for node in ends])
+    for place in itertools.chain.from_iterable(lines):
+        point = edge.point(place)
+        if shapely.distance(chord, shapely.Point(point)) > MAX_GAP:
+            rule = "Nav2 drives straight from node to node, so that each corner needs a node"
+            raise edge.fail(f"is drawn by way of {list(point)}", rule)
+    builder.add_lane(edge, name, ends)
 
 
 # ---- Open-RMF ------------------------------------------------------------------------------------
@@ -322,10 +330,10 @@ def _read_rmf(document: Element, heading: HeadingRule | None, level: str | None)
     name = _choose(document, list(levels.fields), level, "level")
     content = Element(levels.fields[name], f"level {name!r}", ignored=document.ignored)
     builder = GraphBuilder(heading, "both")
-    for number, vertex in enumerate(content.list("vertices")):
+    for number, vertex in enumerate(content.entries("vertices")):
         options = _read_options(content, vertex, "vertex", number)
         builder.add_node(options, options.get("name") or number, options.point(vertex))
-    for number, lane in enumerate(content.list("lanes")):
+    for number, lane in enumerate(content.entries("lanes")):
         options = _read_options(content, lane, "lane", number)
         known = range(len(builder.points))
         ends = lane[:2] if isinstance(lane, list) else []
@@ -350,7 +358,7 @@ def _choose(element: Element, choices: Collection[str], wanted: str | None, kind
     """Return the level, layout or type that is wanted, or the only one."""
     if wanted is None and len(choices) == 1:
         wanted = next(iter(choices))
-    if wanted not in choices:
+    if wanted is None or wanted not in choices:
         listed = ", ".join(map(repr, choices))
         rule = f"the choice is {wanted!r}" if wanted else "one of them must be chosen"
         option = "vehicle" if kind == "vehicle" else "level"
@@ -378,9 +386,9 @@ def _read_lif(
         (edge, list(edge.children(EDGE_PROPERTIES)))
         for edge in layout.children("edges", "edge", "edgeId")
     ]
-    named = {name for _, entries in edges for entry in entries for name in _types_of(entry)}
-    types = sorted(named - {None})
-    vehicle = _choose(layout, types, vehicle, "vehicle") if types or vehicle else None
+    types = {name for _, entries in edges for entry in entries for name in _types_of(entry) if name}
+    if types or vehicle:
+        vehicle = _choose(layout, sorted(types), vehicle, "vehicle")
     builder = GraphBuilder(heading, "any")
     for node in layout.children("nodes", "node", "nodeId"):
         entry = _own_entry(node, "vehicleTypeNodeProperties", vehicle)
@@ -390,21 +398,26 @@ def _read_lif(
         if entries and entry is None:
             continue  # not for this type of vehicle
         entry = entry or edge
-        for end in ("rotationAtStartNodeAllowed", "rotationAtEndNodeAllowed"):
-            entry.refuse(end, "BOTH")
+        entry.refuse("rotationAtStartNodeAllowed", "BOTH")
+        entry.refuse("rotationAtEndNodeAllowed", "BOTH")
         _add_edge(builder, edge, entry, "vehicleOrientation", bool(entry.get("rotationAllowed")))
+    return builder.build(_read_stations(builder, layout))
+
+
+def _read_stations(builder: GraphBuilder, layout: Element) -> Stations:
+    """Return the nodes of each station."""
     stations = {}
     for station in layout.children("stations", "station", "stationId"):
-        nodes = station.list("interactionNodeIds")
+        nodes = station.entries("interactionNodeIds")
         for name in nodes:
             builder.find(station, name)
         stations[str(station.need("stationId"))] = tuple(map(str, nodes))
-    return builder.build(stations)
+    return stations
 
 
 def _types_of(entry: Element) -> list[str | None]:
     """Return the types of vehicle that properties are for; None if they do not say."""
-    return [*entry.list("vehicleTypeIds"), entry.get("vehicleTypeId")]
+    return [*entry.entries("vehicleTypeIds"), entry.get("vehicleTypeId")]
 
 
 def _own_entry(element: Element, key: str, vehicle: str | None) -> Element | None:
@@ -490,7 +503,7 @@ def _read_trajectory(trajectory: Element) -> tuple[Leg, ...]:
         point.refuse("orientation")
         rows.append((point.number("x"), point.number("y"), point.number("weight", 1.0)))
     table = np.array(rows, dtype=np.float64).reshape(-1, 3)
-    knots = [trajectory.check_number("knot", knot) for knot in trajectory.list("knotVector")]
+    knots = [trajectory.check_number("knot", knot) for knot in trajectory.entries("knotVector")]
     degree = int(trajectory.number("degree", 1))
     try:
         return cut_nurbs(degree, np.array(knots), table[:, :2], table[:, 2])

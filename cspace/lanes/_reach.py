@@ -12,7 +12,7 @@ from scipy.sparse import csgraph
 from cspace._queries.yaws import join_yaw_cells
 from cspace._rotations.base import ANGLE_SLACK
 from cspace._support.arrays import BLOCKED, Bools, Floats, Ints
-from cspace.lanes._motions import LaneMotions, list_legs, list_parts, list_ways, split_yaws
+from cspace.lanes._lane_motions import LaneMotions, list_legs, list_parts, list_yaws, split_yaws
 from cspace.lanes._rooms import prove
 from cspace.lanes._route_graph import RouteGraph
 
@@ -88,10 +88,10 @@ class Reach:
             lane = graph.lanes[number]
             legs = list_legs(graph, lane)
             # Where all yaws are free, any stands for all.
-            for way in list_ways(graph, lane):
+            for way in list_yaws(graph, lane):
                 first.append(self._find_port(lane.start, way.yaws(legs[0])[0]))
                 last.append(self._find_port(lane.end, way.yaws(legs[-1])[1]))
-            if not list_ways(graph, lane):
+            if not list_yaws(graph, lane):
                 first.append(self._find_port(lane.start, 0.0))
                 last.append(self._find_port(lane.end, 0.0))
         for node, intervals in enumerate(self._free_yaws):

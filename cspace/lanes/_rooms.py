@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from cspace._support.arrays import Bools, Floats, Ints
-from cspace.lanes._motions import LaneMotions
+from cspace.lanes._lane_motions import LaneMotions
 
 if TYPE_CHECKING:
     from cspace._space import CSpace
@@ -130,4 +130,4 @@ def _widen(
         rooms[active[is_free]] = more[is_free]
         steps[active[~is_free]] //= 2
         active = active[(steps[active] > 0) & (rooms[active] < limits[active])]
-    return least * rooms
+    return np.asarray(least * rooms)

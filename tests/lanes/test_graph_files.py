@@ -14,7 +14,7 @@ import cspace
 from cspace.errors import CspaceError, FileError, InputError
 from cspace.lanes import RouteGraph
 from cspace.lanes._curves import cut_nurbs
-from cspace.lanes._motions import list_motions
+from cspace.lanes._lane_motions import list_motions
 from tests.helpers.refusals import refusals
 
 NAV2 = {

@@ -68,10 +68,10 @@ class LaneMotions(NamedTuple):
 
     def take(self, rows: Ints | Bools) -> LaneMotions:
         """Return some of the motions."""
-        return LaneMotions(*(column[rows] for column in self))
+        return LaneMotions._make(column[rows] for column in self)
 
 
-class Way(NamedTuple):
+class LaneYaw(NamedTuple):
     """One of the yaws at which a lane is driven.
 
     Attributes
@@ -119,14 +119,14 @@ def list_legs(graph: RouteGraph, lane: Lane) -> tuple[Leg, ...]:
     return (Leg(start, end, direction, direction),)
 
 
-def list_ways(graph: RouteGraph, lane: Lane) -> list[Way]:
+def list_yaws(graph: RouteGraph, lane: Lane) -> list[LaneYaw]:
     """Return the ways to drive a lane; the list is empty if all yaws are allowed."""
     frame, yaws = lane.heading
     # A straight lane without length has no direction.
     is_point = not lane.legs and graph.places[lane.start] == graph.places[lane.end]
     if frame == "any" or (frame == "lane" and is_point):
         return []
-    return [Way(yaw, frame == "lane") for yaw in yaws]
+    return [LaneYaw(yaw, frame == "lane") for yaw in yaws]
 
 
 def lever_of(space: ConfigurationMap) -> float:
@@ -141,7 +141,7 @@ def split_yaws(space: ConfigurationMap) -> Floats:
         return np.zeros((1, 2))
     bounds = space.rotations._stored_arrays["yaw_bounds"]
     count = math.ceil(np.ptp(bounds, axis=1).max() / MAX_PART - SAME_YAW)
-    borders = np.linspace(*bounds.T, count + 1, axis=1)
+    borders = np.linspace(bounds[:, 0], bounds[:, 1], count + 1, axis=1)
     return np.stack([borders[:, :-1], borders[:, 1:]], axis=-1).reshape(-1, 2)
 
 
@@ -152,7 +152,7 @@ def list_motions(space: ConfigurationMap, graph: RouteGraph) -> LaneMotions:
     parts = split_yaws(space)
     half_widths = 0.5 * np.ptp(parts, axis=1) + ANGLE_SLACK
     pairs = zip(parts.mean(axis=1).tolist(), half_widths.tolist(), strict=True)
-    all_ways = [Way(yaw, half_width=half_width) for yaw, half_width in pairs]
+    all_ways = [LaneYaw(yaw, half_width=half_width) for yaw, half_width in pairs]
     yaws = graph.yaws.tolist()
     rows: list[tuple[float, ...]] = []
     for number, lane in enumerate(graph.lanes):
@@ -160,7 +160,7 @@ def list_motions(space: ConfigurationMap, graph: RouteGraph) -> LaneMotions:
         if not space.in_memory:
             longest = min(cast("TiledCSpace", space).tile) * space.grid.spacing
             legs = tuple(part for leg in legs for part in _cut(leg, longest))
-        ways = list_ways(graph, lane) if has_yaw else []
+        ways = list_yaws(graph, lane) if has_yaw else []
         stops = (yaws[lane.start], yaws[lane.end]) if ways else (math.nan, math.nan)
         for way in ways or all_ways:
             rows += _list_way(lane, legs, way, stops, lever, number)
@@ -182,7 +182,7 @@ def _cut(leg: Leg, longest: float) -> Iterator[Leg]:
 def _list_way(
     lane: Lane,
     legs: tuple[Leg, ...],
-    way: Way,
+    way: LaneYaw,
     stops: tuple[float, float],
     lever: float,
     number: int,
