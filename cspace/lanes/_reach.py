@@ -69,7 +69,7 @@ def prove_nodes(space: ConfigurationMap, positions: Floats, exact: bool) -> Node
             rest = rest[np.asarray(part.classify(points[rest])) != BLOCKED]
             is_free[rest] = prove(part, turns.take(rest), by_geometry=True)
     cells = space._cells_of(points)
-    return NodeYaws(parts, is_free.reshape(shape), cells.reshape(*shape, -1))
+    return NodeYaws(parts, is_free.reshape(shape), cells.reshape(*shape, cells.shape[1]))
 
 
 class Reach:
