@@ -387,7 +387,7 @@ def prove_lanes(
             for lane, point in zip(unproven.lanes.tolist(), unproven.starts.tolist(), strict=True)
         }
         samples = samples.take(np.isin(samples.lanes, unproven.lanes))
-        hits |= find_hits(part, samples, exact, space.outside == "blocked")
+        hits |= find_hits(space, part, samples, exact)
         for lane, hit in hits.items():
             proofs.hits[lane] = min(hit, proofs.hits.get(lane, hit))
         by_cells[chosen.lanes[~in_cells]] = False

@@ -11,6 +11,7 @@ from cspace._support.arrays import BLOCKED, FREE, Bools, Floats, Ints, States
 from cspace.lanes._lane_motions import LaneMotions
 
 if TYPE_CHECKING:
+    from cspace._configuration_map import ConfigurationMap
     from cspace._space import CSpace
 
 SAMPLES_PER_CELL: Final = 4.0
@@ -108,13 +109,13 @@ def sample_motions(space: CSpace, motions: LaneMotions) -> Samples:
 
 
 def find_hits(
-    space: CSpace, samples: Samples, exact: bool, outside_blocked: bool
+    space: ConfigurationMap, part: CSpace, samples: Samples, exact: bool
 ) -> dict[int, Hit]:
-    """Return the hit of each lane that has samples.
+    """Return the hit of each lane that has samples, in a part of a map.
 
     Cells prove some; on the other lanes, the robot is laid over the obstacles if ``exact``.
     """
-    obstacles = Obstacles(space, outside_blocked)
+    obstacles = Obstacles(space, part)
     blocked = samples.take(samples.states == BLOCKED)
     blocked = blocked.take(np.unique(blocked.lanes, return_index=True)[1])
     hits = {}
@@ -133,16 +134,17 @@ def find_hits(
 class Obstacles:
     """The proven insides of obstacles, over which the robot is laid."""
 
-    def __init__(self, space: CSpace, outside_blocked: bool) -> None:
-        """Collect the shapes of obstacles, those with a name first."""
-        self.grid, self.inner = space.grid, space.workspace.inner
+    def __init__(self, space: ConfigurationMap, part: CSpace) -> None:
+        """Collect the shapes of obstacles in a part of a map, those with a name first."""
+        self.grid, self.inner = part.grid, part.workspace.inner
         self.outline = space.robot.shape.inner.outline
         self.robot = self.outline.buffer(-MIN_DEPTH, join_style="mitre")
-        self.outside_blocked = outside_blocked
-        self.frame = shapely.box(*self.grid.lower, *self.grid.upper)
-        named = space.obstacles
+        self.outside_blocked = space.outside == "blocked"
+        # A part ends where the map goes on.
+        self.frame = shapely.box(*space.grid.lower, *space.grid.upper)
+        named = part.obstacles
         self.names = list(map(repr, named))
-        shapes = [*named.values(), *(space.workspace.shapes or ())]
+        shapes = [*named.values(), *(part.workspace.shapes or ())]
         outlines = [shape.inner.outline for shape in shapes]
         self.shapes = shapely.intersection(np.array(outlines, dtype=object), self.frame)
 
@@ -171,6 +173,8 @@ class Obstacles:
 
         The text is empty if none is.
         """
+        if self.robot.is_empty:  # a point or a line
+            return 0, ""
         for begin in range(0, len(points), MAX_PLACED_ROBOTS):
             number, text = self._find_overlap(points[begin : begin + MAX_PLACED_ROBOTS])
             if text:

@@ -270,6 +270,16 @@ def test_polygons_are_exact_obstacles():
         assert planners.audit(space, graph, exact=False).lanes[0].verdict == "undecided"
 
 
+@pytest.mark.filterwarnings("ignore:the robot is")
+def test_a_robot_without_an_inside_is_audited():
+    wall = shapely.box(2.03, 0, 2.17, 3)
+    workspace = cspace.Workspace.from_polygons([wall], spacing=0.1, bounds=(0, 0, 4, 3))
+    space = cspace.build(workspace, cspace.Robot.disc(1e-8))
+    graph = RouteGraph.from_arrays([(1, 1), (1.5, 1), (2.03, 1)], [(0, 1), (1, 2)])
+    verdicts = [row.verdict for row in planners.audit(space, graph).lanes]
+    assert verdicts == ["free", "undecided"]
+
+
 def test_yaws_between_those_of_a_part_are_proven():
     # The corner is nearest to the wall at 32.5 degrees, in the middle between two parts of 5.
     slope = math.radians(32.5)
