@@ -20,6 +20,12 @@ from cspace.lanes._lane_motions import LaneMotions
 if TYPE_CHECKING:
     from cspace._space import CSpace
 
+Corners = list[tuple[Floats, Floats, Floats]]
+"""Configurations, and how far they are shifted along motions and to the left, metres."""
+
+STRIP_CELLS: Final = 0.9
+"""Width, in cells, of strips that cells prove by their outline."""
+
 ROOM_STEP: Final = 1.0 / 8.0
 """Largest step, in cells, in which rooms are measured."""
 
@@ -64,22 +70,33 @@ def measure_rooms(
         shifted[:, :2] += along[:, np.newaxis] * ahead[rows] + aside[:, np.newaxis] * left[rows]
         return shifted
 
-    def prove_ring(rows: Ints, low: Floats, high: Floats) -> Bools:
-        """Return whether cells prove all between two rectangles around straight motions."""
+    def prove_outline(rows: Ints, corners: Corners, growth: Floats | float) -> Bools:
+        """Return whether cells prove motions between corners, in turn.
+
+        A corner has the end that is shifted, and how far along and to the left.
+        """
         is_free = np.ones(len(rows), dtype=np.bool_)
-        middle = 0.5 * (low + high)
-        growths = motions.growths[rows] + 0.5 * (high - low)
-        corners = [
-            shift(points, rows, along * middle, aside * middle)
-            for points, along, aside in (
-                *((motions.starts, -1, 1), (motions.ends, 1, 1)),
-                *((motions.ends, 1, -1), (motions.starts, -1, -1), (motions.starts, -1, 1)),
-            )
-        ]
-        for starts, ends in pairwise(corners):
-            side = motions.take(rows)._replace(starts=starts, ends=ends, growths=growths)
+        places = [shift(points, rows, along, aside) for points, along, aside in corners]
+        for starts, ends in pairwise(places):
+            side = motions.take(rows)
+            side = side._replace(starts=starts, ends=ends, growths=side.growths + growth)
             is_free[is_free] = prove(space, side.take(is_free), by_geometry=False)
         return is_free
+
+    def prove_ring(rows: Ints, low: Floats, high: Floats) -> Bools:
+        """Return whether cells prove all between two rectangles around straight motions."""
+        first, last, middle = motions.starts, motions.ends, 0.5 * (low + high)
+        corners = [(first, -middle, middle), (last, middle, middle)]
+        corners += [(last, middle, -middle), (first, -middle, -middle), corners[0]]
+        return prove_outline(rows, corners, 0.5 * (high - low))
+
+    def prove_strip(side: float, rows: Ints, low: Floats, high: Floats) -> Bools:
+        """Return whether cells prove strips: those that meet a narrow one meet its outline."""
+        first, last, none = motions.starts, motions.ends, 0.0 * low
+        corners = [(first, none, side * low), (first, none, side * high)]
+        corners += [(last, none, side * high), (last, none, side * low)]
+        is_narrow = high - low < STRIP_CELLS * space.grid.spacing
+        return is_narrow & prove_outline(rows, corners, 0.0)
 
     def prove_beyond(side: float, rows: Ints, low: Floats, high: Floats) -> Bools:
         """Return whether rooms are ``high``, if they are ``low``; ``side`` is 0 for margins."""
@@ -91,9 +108,9 @@ def measure_rooms(
             growths=motions.growths[rows] + growth,
         )
         is_free = prove(space, strips, by_geometry=False)
-        if not side:
-            rest = np.flatnonzero(~is_free & shifts[rows])
-            is_free[rest] = prove_ring(rows[rest], low[rest], high[rest])
+        rest = np.flatnonzero(~is_free & shifts[rows])
+        prove_cells = partial(prove_strip, side) if side else prove_ring
+        is_free[rest] = prove_cells(rows[rest], low[rest], high[rest])
         rest = np.flatnonzero(~is_free & ~by_cells[rows])
         is_free[rest] = prove(space, strips.take(rest), by_geometry=True)
         return is_free
