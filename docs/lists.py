@@ -50,8 +50,9 @@ def list_formats(formats: Mapping[str, Any]) -> Iterable[str]:
 def list_fields() -> Iterable[str]:
     """Yield the rows of the table of fields, in the order of the readers' modules."""
     yield from ("| file | honoured | refused | warned of |", "|---|---|---|---|")
-    for module in pkgutil.iter_modules(cspace._files.__path__, "cspace._files."):
-        for fields in getattr(import_module(module.name), "FIELDS", ()):
+    modules = pkgutil.iter_modules(cspace._files.__path__, "cspace._files.")
+    for name in (*(module.name for module in modules), "cspace.lanes._graph_files"):
+        for fields in getattr(import_module(name), "FIELDS", ()):
             yield f"| {' | '.join(fields)} |"
 
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from typing import TYPE_CHECKING, Any
+
+from cspace.errors import InputError
 
 if TYPE_CHECKING:
     from cspace._configuration_map import ConfigurationMap
-    from cspace._support.arrays import StrPath
+    from cspace._support.arrays import Floats, StrPath
     from cspace.lanes import Audit, RouteGraph
 
 
@@ -60,6 +63,23 @@ def audit(
     >>> audit.lanes[0].obstacle
     'the obstacle at (4.05, 1.85)'
     """
-    from cspace.lanes import audit_lanes
+    from cspace.lanes import RouteGraph
+    from cspace.lanes._audit import audit_graph
+    from planners._plan import plan
 
-    return audit_lanes(space, graph, exact, max_room)
+    if isinstance(graph, str | os.PathLike):
+        graph = RouteGraph.open(graph)
+    elif hasattr(graph, "is_directed"):
+        graph = RouteGraph.from_networkx(graph)
+    elif not isinstance(graph, RouteGraph):
+        rule = "it must be a RouteGraph, a file or a graph of networkx"
+        hint = "pass RouteGraph.from_arrays(positions, edges)"
+        raise InputError("graph", f"is a {type(graph).__name__}", rule, hint)
+    if not hasattr(space, "axes"):
+        raise InputError("space", f"is a {type(space).__name__}", "it must be a map")
+
+    def find_path(space: ConfigurationMap, start: Floats, goal: Floats) -> Floats:
+        """Return the waypoints of a plan, which the geometry proves if the map is in memory."""
+        return plan(space, start, goal, exact=space.in_memory).waypoints
+
+    return audit_graph(space, graph, exact, max_room, find_path)

@@ -27,7 +27,7 @@ from cspace._grid import MAX_COORDINATE
 from cspace._queries.batches import as_contiguous
 from cspace._queries.edges import NO_RADII, edges_are_free, position_along, tube_is_free
 from cspace._queries.points import classify, configuration_in, is_usable, state_at
-from cspace._record.cells import Map
+from cspace._record.cells import Map, hide_cells
 from cspace._rotations.lookup import (
     arc_angle_and_error,
     arc_count,
@@ -322,14 +322,23 @@ class BoundaryProofs:
         q0, q1 = np.array(ends, dtype=np.float64).reshape(2, 1, self._size)
         return bool(self.are_free(q0, q1)[0])
 
-    def are_free(self, q0: Floats, q1: Floats) -> Bools:
-        """Return whether each edge, shapes (n, size), is proven free."""
+    def are_free(self, q0: Floats, q1: Floats, growth: float = 0.0) -> Bools:
+        """Return whether each edge, shapes (n, size), is proven free.
+
+        The robot is grown by ``growth``, metres, of which cells prove nothing.
+        """
+        inputs = self._inputs
+        if growth > 0.0:
+            boundaries = inputs.boundaries
+            required = boundaries.required + boundaries.scale * growth
+            grown = boundaries._replace(required=required)
+            inputs = inputs._replace(map=hide_cells(inputs.map), boundaries=grown)
         states = np.empty(len(q0), dtype=np.uint8)
 
         def prove_chunk(start: int, stop: int) -> int:
             """Write the states of some edges; -1 means that none is invalid."""
             chunk = slice(start, stop)
-            prove_edges(self._inputs, q0[chunk], q1[chunk], make_scratch(), states[chunk])
+            prove_edges(inputs, q0[chunk], q1[chunk], make_scratch(), states[chunk])
             return -1
 
         run_in_chunks(prove_chunk, len(q0), MIN_PROOFS_PER_THREAD)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from typing import NamedTuple, cast
 
+import numpy as np
+
 from cspace._grid import Grid
 from cspace._record.states import read_only
 from cspace._rotations.base import RotationTable
-from cspace._support.arrays import Ints, Row, States
+from cspace._support.arrays import MIXED, Ints, Row, States
 
 
 class Map(NamedTuple):
@@ -62,4 +64,16 @@ def make_map_record(states: States, grid: Grid, exterior: Ints, rotations: Rotat
         spacing=grid.spacing,
         exterior=exterior,
         rotations=rotations,
+    )
+
+
+def hide_cells(map_: Map) -> Map:
+    """Return a map like another, of which each configuration is MIXED."""
+    exterior = np.zeros_like(map_.exterior[:1])
+    exterior[:, -1] = MIXED
+    slices = np.zeros_like(map_.rotations.slice_of)
+    return map_._replace(
+        states=read_only(np.full((1, 1, 1, 1), MIXED, dtype=np.uint8)),
+        exterior=exterior,
+        rotations=map_.rotations._replace(slice_of=slices),
     )

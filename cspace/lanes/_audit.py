@@ -7,35 +7,29 @@ import json
 import math
 import xml.etree.ElementTree as ElementTree
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
 from cspace._files.access import replacing
-from cspace._support.arrays import Bools, Floats, StrPath
+from cspace._support.arrays import BLOCKED, Bools, Floats, StrPath
 from cspace._support.check import check_flag, check_not_negative
 from cspace.errors import InputError
-from cspace.lanes._reach import connect, judge_ways, list_free_yaws, prove_nodes
-from cspace.lanes._rooms import measure_rooms
+from cspace.lanes._collisions import Hit, find_hits, sample_motions
+from cspace.lanes._lane_motions import check_map, list_legs, list_motions, list_parts, list_yaws
+from cspace.lanes._reach import Reach, judge_ways, prove_nodes
+from cspace.lanes._rooms import measure_rooms, prove
 from cspace.lanes._route_graph import RouteGraph
-from cspace.lanes._verdicts import (
-    check_map,
-    end_yaws,
-    find_collisions,
-    find_places,
-    has_no_direction,
-    legs_of,
-    list_motions,
-    prove_by_cells,
-    prove_by_geometry,
-)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from cspace._configuration_map import ConfigurationMap
-    from planners._result import Plan
+
+FindPath: TypeAlias = Callable[["ConfigurationMap", Floats, Floats], Floats]
+"""``find_path(space, start, goal)`` returns waypoints, shape (n, size); n is 0 without a path."""
 
 LaneState: TypeAlias = Literal["free", "blocked", "undecided"]
 """What is proven about a lane."""
@@ -158,6 +152,7 @@ class Audit:
     nodes: list[NodeVerdict]
     parts: list[list[str]]
     lost: list[LostWay]
+    _find_path: FindPath
 
     @property
     def counts(self) -> dict[str, int]:
@@ -194,10 +189,15 @@ class Audit:
             lines.append(f"{start} no longer reaches {end}: {text}")
         return "\n".join(lines)
 
-    def find_way(self, start: str, end: str) -> Plan:
-        """Plan a way beside the lanes, from one node to another.
+    def find_way(self, start: str, end: str) -> Floats:
+        """Find a way beside the lanes, from one node to another.
 
         Its ends have the yaws of a lane between the two, otherwise yaws that are free there.
+
+        Returns
+        -------
+        ndarray of float64, shape (n, size)
+            Waypoints, between which straight motions are proven free; n is 0 if none are found.
 
         Raises
         ------
@@ -206,20 +206,20 @@ class Audit:
         ConfigurationError
             If the robot does not stand free at a node.
         """
-        import planners
-
         ends = [
             _index_of(self.graph, name, word) for name, word in ((start, "start"), (end, "end"))
         ]
-        yaws: list[float] = []
+        points = self.graph.positions[ends]
         if self.space.rotations.names:
-            drawn = [lane for lane in self.graph.lanes if [lane.start, lane.end] == ends]
-            ways = end_yaws(self.graph, drawn[0]) if drawn else []
             free = [self.nodes[node].free_yaws for node in ends]
-            middles = [float(row[0].mean()) if len(row) else 0.0 for row in free]
-            yaws = list(ways[0]) if ways else middles
-        points = [(*self.graph.places[node], *yaws[k : k + 1]) for k, node in enumerate(ends)]
-        return planners.plan(self.space, *points, exact=self.space.in_memory)
+            yaws = [float(row[0].mean()) if len(row) else 0.0 for row in free]
+            for lane in self.graph.lanes:
+                if [lane.start, lane.end] == ends and list_yaws(self.graph, lane):
+                    way = list_yaws(self.graph, lane)[0]
+                    legs = list_legs(self.graph, lane)
+                    yaws = [way.yaws(legs[0])[0], way.yaws(legs[-1])[1]]
+            points = np.column_stack([points, yaws])
+        return self._find_path(self.space, *points)
 
     def plot(self) -> Axes:
         """Draw the map with the lanes in the color of their verdict, and the places on them.
@@ -314,106 +314,103 @@ class Audit:
             file.write_text(json.dumps(self.to_geojson(), allow_nan=False))
 
 
-def audit_graph(space: ConfigurationMap, graph: RouteGraph, exact: bool, max_room: float) -> Audit:
-    """Audit a route graph; see :func:`planners.audit`."""
+class LaneProofs(NamedTuple):
+    """What is proven of lanes, by index.
+
+    Attributes
+    ----------
+    is_free, by_cells : ndarray of bool, shape (n,)
+        Whether a lane is free, and whether cells prove it.
+    rooms : ndarray of float64, shape (n, 3)
+        Room on the left and on the right, and margin, metres.
+    hits : dict of int to Hit
+        Of each lane that is not free.
+    """
+
+    is_free: Bools
+    by_cells: Bools
+    rooms: Floats
+    hits: dict[int, Hit]
+
+
+def audit_graph(
+    space: ConfigurationMap, graph: RouteGraph, exact: bool, max_room: float, find_path: FindPath
+) -> Audit:
+    """Audit a route graph, see :func:`planners.audit`; ``find_path`` finds ways beside lanes."""
     check_flag(exact, "exact")
     room = check_not_negative(max_room, "max_room")
     check_map(space, graph)
-    motions = list_motions(space, graph)
-    count = len(graph.lanes)
-
-    def cover(is_free: Bools) -> Bools:
-        """Return which lanes have no motion that is not free."""
-        return np.asarray(np.bincount(motions.lanes[~is_free], minlength=count) == 0)
-
-    by_cells = prove_by_cells(space, motions)
-    is_free = by_cells.copy()
-    rest = np.flatnonzero(~cover(is_free)[motions.lanes])
-    places = find_places(space, motions.take(rest))
-    if exact:
-        # A lane with a BLOCKED configuration is decided.
-        blocked = np.unique(places.lanes[places.states > 1])
-        rows = rest[~is_free[rest] & ~np.isin(motions.lanes[rest], blocked)]
-        is_free[rows] = prove_by_geometry(space, motions.take(rows))
-    free = cover(is_free)
-    places = places.take(~free[places.lanes])
-    collisions, obstacles = find_collisions(space, places, exact)
-    rooms, margins = _measure_lanes(space, graph, motions, by_cells, free, room)
-    first: dict[int, tuple[float, ...]] = {}
-    for found in (places.firsts(), collisions):  # collisions replace what is only not FREE
-        first |= dict(zip(found.lanes.tolist(), map(tuple, found.points.tolist()), strict=True))
-    # A lane may be undecided though every configuration of it is FREE, at a border of cells.
-    for k in np.flatnonzero(~free & ~np.isin(np.arange(count), places.lanes)).tolist():
-        number = int(np.flatnonzero((motions.lanes == k) & ~is_free)[0])
-        first[k] = tuple(motions.tubes.starts[number].tolist())
-    proven_by = np.where(cover(by_cells), "cells", "geometry")
-    lanes = []
-    for k, lane in enumerate(graph.lanes):
-        verdict: LaneState = "free" if free[k] else "blocked" if k in obstacles else "undecided"
-        lanes.append(
-            LaneVerdict(
-                lane.name,
-                graph.names[lane.start],
-                graph.names[lane.end],
-                verdict,
-                str(proven_by[k]) if free[k] else "",
-                None if free[k] else first[k],
-                obstacles.get(k, ""),
-                float(rooms[k, 0]),
-                float(rooms[k, 1]),
-                float(margins[k]),
-            )
-        )
-    return _judge_graph(space, graph, lanes, free, exact)
-
-
-def _measure_lanes(
-    space: ConfigurationMap,
-    graph: RouteGraph,
-    motions: Any,
-    by_cells: Bools,
-    free: Bools,
-    max_room: float,
-) -> tuple[Floats, Floats]:
-    """Return the rooms of lanes, shape (n, 2), and their margins, shape (n,), metres."""
-    rows = np.flatnonzero(free[motions.lanes])
-    chosen = motions.take(rows)
-    is_line = np.array([not (lane.legs or has_no_direction(graph, lane)) for lane in graph.lanes])
-    moves = (chosen.tubes.starts[:, :2] != chosen.tubes.ends[:, :2]).any(axis=1)
-    is_simple = is_line[chosen.lanes] & moves if len(rows) else moves
-    rooms, margins = measure_rooms(space, chosen, by_cells[rows], is_simple, max_room)
-    # The worst motion of a lane bounds the lane.
-    of_lanes = np.where(free[:, None], max_room, 0.0) + np.zeros((len(free), 3))
-    np.minimum.at(of_lanes, chosen.lanes, np.column_stack([rooms, margins]))
-    return of_lanes[:, :2], of_lanes[:, 2]
-
-
-def _judge_graph(
-    space: ConfigurationMap,
-    graph: RouteGraph,
-    lanes: list[LaneVerdict],
-    free: Bools,
-    exact: bool,
-) -> Audit:
-    """Return the audit, with its nodes and what they reach."""
-    cells = prove_nodes(space, graph.positions, exact)
-    yaws = list_free_yaws(space, cells)
-    reach = connect(graph, free, yaws, bool(space.rotations.names))
-    parts = [[graph.names[node] for node in part] for part in reach.list_parts()]
-    pairs = [(lane.start, lane.end) for k, lane in enumerate(graph.lanes) if not free[k]]
-    pairs = list(dict.fromkeys(pairs))
-    lost = [pair for pair, found in zip(pairs, reach.reaches(pairs), strict=True) if not found]
-    ways = judge_ways(space, cells, lost)
+    proofs = prove_lanes(space, graph, exact, room)
+    nodes = prove_nodes(space, graph.positions, exact)
+    yaws = nodes.list_free()
+    reach = Reach(graph, proofs.is_free, yaws)
+    broken = (graph.lanes[k] for k in np.flatnonzero(~proofs.is_free))
+    lost = reach.list_lost(list(dict.fromkeys((lane.start, lane.end) for lane in broken)))
     return Audit(
         space,
         graph,
-        lanes,
+        [_describe(graph, proofs, k) for k in range(len(graph.lanes))],
         [NodeVerdict(*row) for row in zip(graph.names, graph.places, yaws, strict=True)],
-        parts,
+        [[graph.names[node] for node in part] for part in reach.list_parts()],
         [
             LostWay(graph.names[first], graph.names[last], exists)
-            for (first, last), exists in zip(lost, ways, strict=True)
+            for (first, last), exists in zip(lost, judge_ways(space, nodes, lost), strict=True)
         ],
+        find_path,
+    )
+
+
+def prove_lanes(
+    space: ConfigurationMap, graph: RouteGraph, exact: bool, max_room: float
+) -> LaneProofs:
+    """Prove the lanes of a graph free or blocked, and measure their rooms."""
+    count = len(graph.lanes)
+    motions = list_motions(space, graph)
+    is_straight = np.array([not lane.legs for lane in graph.lanes], dtype=np.bool_)
+    is_free, by_cells = np.ones((2, count), dtype=np.bool_)
+    proofs = LaneProofs(is_free, by_cells, np.full((count, 3), max_room), {})
+    for part, rows in list_parts(space, motions, max_room):
+        chosen = motions.take(rows)
+        in_cells = prove(part, chosen, by_geometry=False)
+        is_free = in_cells.copy()
+        rest = np.isin(chosen.lanes, chosen.lanes[~in_cells])
+        samples = sample_motions(part, chosen.take(rest))
+        if exact:
+            # A lane with a BLOCKED configuration is decided.
+            blocked = samples.lanes[samples.states == BLOCKED]
+            unsure = np.flatnonzero(~in_cells & ~np.isin(chosen.lanes, blocked))
+            is_free[unsure] = prove(part, chosen.take(unsure), by_geometry=True)
+        unproven = chosen.take(~is_free)
+        # A lane may be undecided though every configuration of it is FREE, at a border of cells.
+        hits = {
+            lane: Hit(True, math.inf, tuple(point))
+            for lane, point in zip(unproven.lanes.tolist(), unproven.starts.tolist(), strict=True)
+        }
+        samples = samples.take(np.isin(samples.lanes, unproven.lanes))
+        hits |= find_hits(space, part, samples, exact)
+        for lane, hit in hits.items():
+            proofs.hits[lane] = min(hit, proofs.hits.get(lane, hit))
+        by_cells[chosen.lanes[~in_cells]] = False
+        proofs.is_free[unproven.lanes] = False
+        chosen = chosen.take(proofs.is_free[chosen.lanes])
+        kinds = by_cells[chosen.lanes], is_straight[chosen.lanes]
+        rooms = measure_rooms(part, chosen, *kinds, max_room)
+        # The worst motion of a lane bounds the lane.
+        np.minimum.at(proofs.rooms, chosen.lanes, rooms)
+    return proofs
+
+
+def _describe(graph: RouteGraph, proofs: LaneProofs, number: int) -> LaneVerdict:
+    """Return the verdict about a lane."""
+    lane = graph.lanes[number]
+    ends = lane.name, graph.names[lane.start], graph.names[lane.end]
+    if proofs.is_free[number]:
+        proven_by = "cells" if proofs.by_cells[number] else "geometry"
+        rooms = proofs.rooms[number].tolist()
+        return LaneVerdict(*ends, "free", proven_by, None, "", *rooms)
+    hit = proofs.hits[number]
+    return LaneVerdict(
+        *ends, "undecided" if hit.is_open else "blocked", at=hit.point, obstacle=hit.obstacle
     )
 
 
@@ -426,7 +423,7 @@ def _index_of(graph: RouteGraph, name: str, argument: str) -> int:
 
 def _line_of(graph: RouteGraph, number: int) -> Floats:
     """Return the points of a lane, shape (n, 2)."""
-    legs = legs_of(graph, graph.lanes[number])
+    legs = list_legs(graph, graph.lanes[number])
     return np.array([legs[0].start, *(leg.end for leg in legs)])
 
 

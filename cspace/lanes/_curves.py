@@ -16,10 +16,10 @@ from scipy.interpolate import BPoly, BSpline, PPoly
 
 from cspace._support.arrays import Floats
 
-MAX_SPREAD: Final = math.radians(1.0)
+MAX_SPREAD: Final = math.radians(0.5)
 """Largest angle between the directions of a leg, radians."""
 
-MAX_DEVIATION: Final = 0.002
+MAX_DEVIATION: Final = 0.001
 """Largest distance of a leg from its chord, metres."""
 
 MAX_HALVINGS: Final = 20

@@ -6,19 +6,22 @@ A field that is neither that nor known to change nothing is named in a warning.
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from typing import Any, Final
 
 import numpy as np
+import shapely
 import yaml
 
 from cspace._files.access import ContentError, check_suffix, decoding, read_text
+from cspace._files.fields import Fields
 from cspace._support.arrays import Floats, StrPath
 from cspace._support.reporting import warn_user
 from cspace.lanes._curves import Leg, cut_nurbs
-from cspace.lanes._headings import HEADINGS, HeadingRule, Lane, find_repeated
+from cspace.lanes._headings import HEADINGS, HeadingRule, Lane
 
 SUFFIXES: Final = (".geojson", ".json", ".yaml", ".yml")
 """Suffixes of route graphs."""
@@ -32,25 +35,24 @@ MAX_GAP: Final = 0.01
 METRIC_CRS: Final = ("EPSG::3857", "EPSG:3857")
 """Coordinate systems that Nav2's example graphs name for metres of the map."""
 
-RMF_LANE_OPTIONS: Final = frozenset(
-    (
-        *("orientation_constraint", "is_bidirectional", "speed_limit", "dock_name", "undock_name"),
-        *("door_name", "mutex", "graph_idx", "demo_mock_floor_name", "demo_mock_lift_name"),
-    )
-)
-"""Options of Open-RMF lanes that are honoured, or do not change where the robot drives."""
-
 KNOWN_FIELDS: Final = {
     "Nav2 node": "id frame name metadata operations class",
     "Nav2 edge": "id startid endid cost overridable metadata operations name class",
     "vertex": "name is_holding_point is_passthrough_point is_parking_spot is_charger "
     "is_cleaning_zone dock_name merge_radius mutex spawn_robot_name spawn_robot_type "
     "pickup_dispenser dropoff_ingestor human_goal_set_name lift_cabin",
+    "lane": "orientation_constraint is_bidirectional speed_limit dock_name undock_name door_name "
+    "mutex graph_idx demo_mock_floor_name demo_mock_lift_name",
     "node": "nodeId nodeName nodeDescription nodeDescriptor nodePosition mapId sequenceId released "
     "actions vehicleTypeNodeProperties",
     "nodePosition": "x y theta allowedDeviationXY allowedDeviationXy allowedDeviationTheta mapId "
     "mapDescription",
     "vehicleTypeNodeProperties": "vehicleTypeId vehicleTypeIds theta actions",
+    "LIF": "metaInformation layouts",
+    "layout": "layoutId layoutName layoutVersion layoutLevelId layoutDescription nodes edges "
+    "stations",
+    "station": "stationId interactionNodeIds stationName stationDescription stationHeight "
+    "stationPosition",
     "edge": "edgeId edgeName edgeDescription edgeDescriptor sequenceId released startNodeId "
     "endNodeId orientation orientationType rotationAllowed trajectory corridor actions length "
     "maxSpeed maximumSpeed maxRotationSpeed vehicleTypeEdgeProperties",
@@ -64,457 +66,447 @@ KNOWN_FIELDS: Final = {
 }
 """Fields of elements that are honoured, refused or change nothing, separated by blanks."""
 
+FIELDS: Final = (
+    Fields(
+        "route graphs of Nav2, `.geojson`",
+        honoured="`id`, `startid`, `endid`; coordinates of nodes",
+        refused="`crs` other than metres of the map; `frame` other than `map`; drawn corners",
+        warned="unknown fields",
+    ),
+    Fields(
+        "Open-RMF navigation graphs, `.yaml`",
+        honoured="`levels`; `orientation_constraint`; `is_bidirectional`",
+        refused="several levels without `level=`; other constraints",
+        warned="unknown options",
+    ),
+    Fields(
+        "LIF layouts and VDA 5050 orders, `.json`",
+        honoured="`theta`; `orientationType`, `orientation`, `vehicleOrientation`; "
+        "`rotationAllowed`; `trajectory`; `corridor`; `allowedDeviationXY`; types of vehicles",
+        refused="`origins`; `rotationAtStartNodeAllowed`, `rotationAtEndNodeAllowed` other than "
+        "`BOTH`; `allowedDeviationTheta` at a node with `theta`; `orientation` of control points",
+        warned="unknown fields, such as `loadRestriction`",
+    ),
+)
+"""Fields that change where a robot drives, or how it stands there."""
+
 Stations = Mapping[str, tuple[str, ...]]
 """Nodes of each station."""
 
 GraphContents = tuple[tuple[str, ...], Floats, tuple[Lane, ...], Floats, Stations]
 """Attributes of a route graph, in their order."""
 
-Rule = HeadingRule | None
-"""Rule of lanes for which a file does not give one."""
+
+class Element:
+    """A mapping of a file, with its name for messages.
+
+    The fields that audits do not know are collected for all elements of a file.
+    """
+
+    def __init__(
+        self, fields: Any, where: str, kind: str = "", ignored: set[str] | None = None
+    ) -> None:
+        """Check that it is a mapping; its ``kind`` is one of the known, or none."""
+        self.where = where
+        self.ignored = set() if ignored is None else ignored
+        if not isinstance(fields, Mapping):
+            raise self.fail(f"is {fields!r:.60}", "it must be a mapping")
+        self.fields = fields
+        if kind:
+            unknown = fields.keys() - KNOWN_FIELDS[kind].split()
+            self.ignored.update(f"{key} ({kind})" for key in unknown)
+
+    def fail(self, problem: str, rule: str, hint: str = "correct the element") -> ContentError:
+        """Return an error that names the element."""
+        return ContentError(f"{self.where} {problem}", rule, hint)
+
+    def get(self, key: str, otherwise: Any = None) -> Any:
+        """Return a field; one that is null is missing."""
+        value = self.fields.get(key)
+        return otherwise if value is None else value
+
+    def need(self, key: str) -> Any:
+        """Return a field that the element must have."""
+        value = self.get(key)
+        if value is None:
+            raise self.fail(f"has no {key}", "it must have one")
+        return value
+
+    def number(self, key: str, otherwise: float | None = None) -> float:
+        """Return a finite number."""
+        value = self.need(key) if otherwise is None else self.get(key, otherwise)
+        return self.check_number(key, value)
+
+    def check_number(self, name: str, value: Any) -> float:
+        """Return a value if it is a finite number."""
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        if not is_number or not math.isfinite(value):
+            raise self.fail(f"has the {name} {value!r:.60}", "it must be a finite number")
+        return float(value)
+
+    def point(self, value: Any) -> tuple[float, float]:
+        """Return the first two of a list of coordinates."""
+        if not isinstance(value, list) or len(value) < 2:
+            raise self.fail(f"has the coordinates {value!r:.60}", "x and y are needed")
+        return self.check_number("x", value[0]), self.check_number("y", value[1])
+
+    def entries(self, key: str) -> list[Any]:
+        """Return a list; a missing one is empty."""
+        value = self.get(key, [])
+        if not isinstance(value, list):
+            raise self.fail(f"has the {key} {value!r:.60}", "it must be a list")
+        return value
+
+    def child(self, key: str, kind: str = "") -> Element:
+        """Return the mapping in a field."""
+        return Element(self.need(key), f"{self.where}, {key}", kind, self.ignored)
+
+    def children(self, key: str, kind: str = "", name: str = "") -> Iterator[Element]:
+        """Yield the mappings in a list, by their names if they have any."""
+        for number, fields in enumerate(self.entries(key)):
+            child = Element(fields, f"{self.where}, {key}[{number}]", kind, self.ignored)
+            if name:
+                child.where = f"{kind} {child.need(name)!r}"
+            yield child
+
+    def refuse(self, key: str, *allowed: Any) -> None:
+        """Refuse a field whose value is not among the allowed ones."""
+        value = self.get(key)
+        if value is not None and value not in allowed:
+            raise self.fail(f"has {key} {value!r:.60}", "audits do not honour it")
 
 
 class GraphBuilder:
     """Nodes and lanes of a file, checked one by one.
 
-    Raises ContentError, which names the element, for anything that is damaged or not honoured.
+    ``heading`` is the rule of lanes for which the file gives none.
     """
 
-    def __init__(self) -> None:
-        """Begin without nodes."""
+    def __init__(self, heading: HeadingRule | None, otherwise: str) -> None:
+        """Begin without nodes; ``otherwise`` is the heading of the format."""
+        self.heading = heading or HEADINGS[otherwise]
         self.indices: dict[str, int] = {}
         self.points: list[tuple[float, float]] = []
         self.yaws: list[float] = []
         self.deviations: list[float] = []
         self.lanes: list[Lane] = []
-        self.ignored: set[str] = set()
 
-    def check_fields(self, kind: str, element: Mapping[str, Any]) -> None:
-        """Remember the fields of an element that audits do not know."""
-        unknown = element.keys() - KNOWN_FIELDS[kind].split()
-        self.ignored.update(f"{key} ({kind})" for key in unknown)
-
-    def add_node(self, name: Any, x: Any, y: Any, yaw: Any = None, deviation: float = 0.0) -> None:
-        """Add a node at a position, metres."""
-        where = f"node {name!r}"
+    def add_node(
+        self,
+        element: Element,
+        name: Any,
+        point: tuple[float, float],
+        yaw: float = math.nan,
+        deviation: float = 0.0,
+    ) -> None:
+        """Add a node at a position, metres, that a robot may miss by ``deviation``."""
         if str(name) in self.indices:
-            raise fail(f"has the {where} twice", "names of nodes must differ")
+            raise element.fail("is there twice", f"the name {name!r} of a node must differ")
         self.indices[str(name)] = len(self.points)
-        self.points.append((read_number(x, where, "x"), read_number(y, where, "y")))
-        self.yaws.append(math.nan if yaw is None else read_number(yaw, where, "theta"))
+        self.points.append(point)
+        self.yaws.append(yaw)
         self.deviations.append(deviation)
 
-    def index_of(self, name: Any, where: str) -> int:
+    def find(self, element: Element, name: Any) -> int:
         """Return the index of the node that an element names."""
         if str(name) not in self.indices:
-            raise fail(f"{where} names the node {name!r}", "there is no such node")
+            raise element.fail(f"names the node {name!r}", "there is no such node")
         return self.indices[str(name)]
 
     def add_lane(
         self,
+        element: Element,
         name: Any,
-        start: int,
-        end: int,
-        heading: HeadingRule,
+        ends: list[int],
+        heading: HeadingRule | None = None,
         legs: tuple[Leg, ...] = (),
         deviation: float = 0.0,
     ) -> None:
         """Add a lane; nodes that a robot may miss widen it."""
-        allowed = max(deviation, self.deviations[start], self.deviations[end])
-        for leg_end, node in ((legs[0].start, start), (legs[-1].end, end)) if legs else ():
-            gap = math.dist(leg_end, self.points[node])
-            if gap > MAX_GAP:
-                rule = "the trajectory must join the nodes of its edge"
-                raise fail(f"edge {name!r} ends {gap:.3g} m from a node", rule)
-            allowed = max(allowed, gap)
-        self.lanes.append(Lane(str(name), start, end, heading, legs, allowed))
+        gaps = [0.0]
+        if legs:
+            pairs = zip((legs[0].start, legs[-1].end), ends, strict=True)
+            gaps = [math.dist(end, self.points[node]) for end, node in pairs]
+        if max(gaps) > MAX_GAP:
+            rule = "the trajectory must join the nodes of its edge"
+            raise element.fail(f"ends {max(gaps):.3g} m from a node", rule)
+        deviation = max(deviation, *gaps, *(self.deviations[node] for node in ends))
+        start, end = ends
+        lane = Lane(str(name), start, end, heading or self.heading, legs, deviation)
+        self.lanes.append(lane)
 
     def build(self, stations: Stations | None = None) -> GraphContents:
-        """Return what was added, and name the fields that are ignored."""
-        if self.ignored:
-            names = ", ".join(sorted(self.ignored))
-            warn_user(f"route graph: audits ignore the fields {names}")
+        """Return what was added."""
         positions = np.array(self.points, dtype=np.float64).reshape(-1, 2)
         yaws = np.array(self.yaws, dtype=np.float64)
         return tuple(self.indices), positions, tuple(self.lanes), yaws, stations or {}
 
 
 def read_graph(
-    path: StrPath, heading: Rule, level: str | None, vehicle: str | None
+    path: StrPath, heading: HeadingRule | None, level: str | None, vehicle: str | None
 ) -> GraphContents:
     """Read a route graph; see :meth:`cspace.lanes.RouteGraph.open`."""
     suffix = check_suffix(path, SUFFIXES, f"a route graph ends in {', '.join(SUFFIXES)}")
     text = read_text(path, "route graph", memory=30.0)
     with decoding(path, "route graph"):
         is_yaml = suffix in (".yaml", ".yml")
-        document = yaml.load(text, yaml.CSafeLoader) if is_yaml else json.loads(text)
-        if not isinstance(document, Mapping):
-            raise fail("is not a mapping", "a route graph has nodes and edges")
-        readers: dict[str, Callable[[], GraphContents]] = {
-            "features": lambda: _read_nav2(document, heading),
-            "levels": lambda: _read_rmf(document, heading, level),
-            "layouts": lambda: _read_lif(document, heading, level, vehicle),
-            "nodes": lambda: _read_order(document, heading, level),
-        }
-        for key, read in readers.items():
-            if key in document:
-                return read()
-        raise fail("has no nodes", f"a route graph has one of {', '.join(readers)}")
-
-
-def fail(problem: str, rule: str) -> ContentError:
-    """Return the error for an element of a file."""
-    return ContentError(problem, rule, "correct the element")
-
-
-def read_number(value: Any, where: str, field: str) -> float:
-    """Return a finite number of an element."""
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not is_number or not math.isfinite(value):
-        raise fail(f"{where} has the {field} {value!r}", "it must be a finite number")
-    return float(value)
-
-
-def read_list(parent: Mapping[str, Any], key: str, where: str) -> list[Any]:
-    """Return a list of an element; a missing one is empty."""
-    value = parent.get(key)
-    if value is None:
-        return []
-    if not isinstance(value, list):
-        raise fail(f"{where} has {key} that are no list", "it must be a list")
-    return value
-
-
-def iterate_elements(parent: Mapping[str, Any], key: str, where: str) -> Iterator[dict[str, Any]]:
-    """Yield the mappings in a list of an element."""
-    for number, element in enumerate(read_list(parent, key, where)):
-        if not isinstance(element, dict):
-            raise fail(f"{where} has {key}[{number}] {element!r:.60}", "it must be a mapping")
-        yield element
-
-
-def need(element: Mapping[str, Any], key: str, where: str) -> Any:
-    """Return a field that an element must have."""
-    if key not in element:
-        raise fail(f"{where} has no {key}", "it must have one")
-    return element[key]
-
-
-def refuse(element: Mapping[str, Any], where: str, **allowed: Iterable[Any]) -> None:
-    """Refuse fields whose values are not among the allowed ones."""
-    for key, values in allowed.items():
-        value = element.get(key)
-        if value is not None and value not in values:
-            raise fail(f"{where} has {key} {value!r:.60}", "audits do not honour it")
+        loaded = yaml.load(text, yaml.CSafeLoader) if is_yaml else json.loads(text)
+        document = Element(loaded, "the graph")
+        if "features" in document.fields:
+            contents = _read_nav2(document, heading)
+        elif "levels" in document.fields:
+            contents = _read_rmf(document, heading, level)
+        elif "layouts" in document.fields:
+            contents = _read_lif(document, heading, level, vehicle)
+        elif "nodes" in document.fields:
+            contents = _read_order(document, heading, level)
+        else:
+            rule = "a route graph has one of features, levels, layouts, nodes"
+            raise document.fail("has no nodes", rule)
+    if document.ignored:
+        names = ", ".join(sorted(document.ignored))
+        warn_user(f"route graph: audits ignore the fields {names}")
+    return contents
 
 
 # ---- Nav2 ----------------------------------------------------------------------------------------
 
 
-def _read_nav2(document: Mapping[str, Any], heading: Rule) -> GraphContents:
+def _read_nav2(document: Element, heading: HeadingRule | None) -> GraphContents:
     """Read a GeoJSON graph: points are nodes, and lines are edges in one direction.
 
     The route server drives straight from node to node, whatever line is drawn.
     """
-    builder = GraphBuilder()
-    crs = json.dumps(document.get("crs", ""))
-    if document.get("crs") is not None and not any(name in crs for name in METRIC_CRS):
-        raise fail(f"has the crs {crs:.80}", "coordinates must be metres of the map's frame")
-    edges = []
-    for feature in iterate_elements(document, "features", "the graph"):
-        kind = (feature.get("geometry") or {}).get("type")
-        number = (feature.get("properties") or {}).get("id")
-        if number is None:
-            raise fail(f"has a {kind} without an id", "every feature needs one")
+    builder = GraphBuilder(heading, "forward")
+    crs = json.dumps(document.get("crs", METRIC_CRS))
+    if not any(name in crs for name in METRIC_CRS):
+        raise document.fail(
+            f"has the crs {crs:.80}", "coordinates must be metres of the map's frame"
+        )
+    edges: dict[str, tuple[Element, list[Any]]] = {}
+    for feature in document.children("features"):
+        geometry, properties = feature.child("geometry"), feature.child("properties")
+        number, coordinates = properties.need("id"), geometry.entries("coordinates")
+        kind = geometry.get("type")
         if kind == "Point":
-            _add_nav2_node(builder, feature)
+            where = f"node {number!r}"
+            node = Element(properties.fields, where, "Nav2 node", document.ignored)
+            node.refuse("frame", "map", "")
+            builder.add_node(node, number, node.point(coordinates))
         elif kind in ("LineString", "MultiLineString"):
-            edges.append(feature)
+            where = f"edge {number!r}"
+            edge = Element(properties.fields, where, "Nav2 edge", document.ignored)
+            if str(number) in edges:
+                raise edge.fail("is there twice", "ids must differ")
+            edges[str(number)] = edge, [coordinates] if kind == "LineString" else coordinates
         else:
             rule = "nodes are Points, edges are MultiLineStrings"
-            raise fail(f"feature {number!r} is a {kind}", rule)
-    numbers = [str(edge["properties"]["id"]) for edge in edges]
-    twice = find_repeated([*builder.indices, *numbers])
-    if twice is not None:
-        raise fail(f"has the id {twice!r} twice", "ids must differ")
-    for edge in edges:
-        _add_nav2_edge(builder, edge, heading or HEADINGS["forward"])
+            raise feature.fail(f"with the id {number!r} is a {kind}", rule)
+    for name, (edge, lines) in edges.items():
+        _add_nav2_edge(builder, edge, name, lines)
     return builder.build()
 
 
-def _add_nav2_node(builder: GraphBuilder, feature: Mapping[str, Any]) -> None:
-    """Add a node of Nav2."""
-    properties = feature["properties"]
-    where = f"node {properties['id']!r}"
-    builder.check_fields("Nav2 node", properties)
-    refuse(properties, where, frame=("map", ""))
-    place = read_list(feature["geometry"], "coordinates", where)
-    if len(place) < 2:
-        raise fail(f"{where} has the coordinates {place!r}", "x and y are needed")
-    builder.add_node(properties["id"], *place[:2])
-
-
-def _add_nav2_edge(builder: GraphBuilder, feature: Mapping[str, Any], rule: HeadingRule) -> None:
-    """Add an edge of Nav2, which knows its nodes by their ids."""
-    properties, geometry = feature["properties"], feature["geometry"]
-    number = properties["id"]
-    where = f"edge {number!r}"
-    builder.check_fields("Nav2 edge", properties)
-    start, end = (
-        builder.index_of(need(properties, key, where), where) for key in ("startid", "endid")
-    )
-    lines = read_list(geometry, "coordinates", where)
-    if geometry["type"] == "LineString":
-        lines = [lines]
-    drawn = [point for line in lines for point in line]
-    _check_drawn(drawn, builder.points[start], builder.points[end], where)
-    builder.add_lane(number, start, end, rule)
-
-
-def _check_drawn(
-    drawn: list[Any], start: tuple[float, float], end: tuple[float, float], where: str
-) -> None:
-    """Refuse a drawn line that leaves the straight edge between two nodes."""
-    first, last = np.array(start), np.array(end)
-    chord = last - first
-    for place in drawn:
-        if not isinstance(place, list) or len(place) < 2:
-            raise fail(f"{where} has the coordinates {place!r:.60}", "x and y are needed")
-        point = np.array([read_number(value, where, "coordinate") for value in place[:2]])
-        share = np.clip((point - first) @ chord / max(float(chord @ chord), 1e-300), 0.0, 1.0)
-        if np.hypot(*(point - first - share * chord)) > MAX_GAP:
+def _add_nav2_edge(builder: GraphBuilder, edge: Element, name: str, lines: list[Any]) -> None:
+    """Add an edge of Nav2, unless it is drawn with a corner."""
+    if name in builder.indices:
+        raise edge.fail("has the id of a node", "ids must differ")
+    ends = [builder.find(edge, edge.need(key)) for key in ("startid", "endid")]
+    chord = shapely.LineString([builder.points[node] for node in ends])
+    for place in itertools.chain.from_iterable(lines):
+        point = edge.point(place)
+        if shapely.distance(chord, shapely.Point(point)) > MAX_GAP:
             rule = "Nav2 drives straight from node to node, so that each corner needs a node"
-            raise fail(f"{where} is drawn by way of {point.tolist()}", rule)
+            raise edge.fail(f"is drawn by way of {list(point)}", rule)
+    builder.add_lane(edge, name, ends)
 
 
 # ---- Open-RMF ------------------------------------------------------------------------------------
 
 
-def _read_rmf(document: Mapping[str, Any], heading: Rule, level: str | None) -> GraphContents:
+def _read_rmf(document: Element, heading: HeadingRule | None, level: str | None) -> GraphContents:
     """Read the vertices and lanes of one level of an Open-RMF navigation graph."""
-    levels = document["levels"]
-    if not isinstance(levels, Mapping):
-        raise fail("has levels that are no mapping", "each level has a name")
-    name, content = _choose(dict(levels), level, "level")
-    builder = GraphBuilder()
-    where = f"level {name!r}"
-    for number, vertex in enumerate(read_list(content, "vertices", where)):
-        if not isinstance(vertex, list) or len(vertex) < 2:
-            raise fail(f"vertex {number} is {vertex!r:.60}", "it must be [x, y, options]")
-        options = vertex[2] if len(vertex) > 2 and isinstance(vertex[2], Mapping) else {}
-        builder.check_fields("vertex", options)
-        builder.add_node(options.get("name") or number, *vertex[:2])
-    for number, lane in enumerate(read_list(content, "lanes", where)):
-        _add_rmf_lane(builder, number, lane, heading)
+    levels = document.child("levels")
+    name = _choose(document, list(levels.fields), level, "level")
+    content = Element(levels.fields[name], f"level {name!r}", ignored=document.ignored)
+    builder = GraphBuilder(heading, "both")
+    for number, vertex in enumerate(content.entries("vertices")):
+        options = _read_options(content, vertex, "vertex", number)
+        builder.add_node(options, options.get("name") or number, options.point(vertex))
+    for number, lane in enumerate(content.entries("lanes")):
+        options = _read_options(content, lane, "lane", number)
+        known = range(len(builder.points))
+        ends = lane[:2] if isinstance(lane, list) else []
+        if len(ends) < 2 or not all(type(node) is int and node in known for node in ends):
+            rule = f"it must be [start, end, options], of vertices 0 to {len(known) - 1}"
+            raise options.fail(f"is {lane!r:.60}", rule)
+        options.refuse("orientation_constraint", "", "forward", "backward")
+        word = options.get("orientation_constraint")
+        builder.add_lane(options, number, ends, HEADINGS[word] if word else None)
+        if options.get("is_bidirectional"):
+            builder.lanes.append(builder.lanes[-1].reverse())
     return builder.build()
 
 
-def _add_rmf_lane(builder: GraphBuilder, number: int, lane: Any, heading: Rule) -> None:
-    """Add a lane ``[start, end, options]`` of Open-RMF."""
-    label = f"lane {number}"
-    if not isinstance(lane, list) or len(lane) < 2:
-        raise fail(f"{label} is {lane!r:.60}", "it must be [start, end, options]")
-    last = len(builder.points) - 1
-    for node in lane[:2]:
-        if type(node) is not int or not 0 <= node <= last:
-            raise fail(f"{label} names the vertex {node!r}", f"there are 0 to {last}")
-    options = lane[2] if len(lane) > 2 and isinstance(lane[2], Mapping) else {}
-    unknown = sorted(map(str, options.keys() - RMF_LANE_OPTIONS))
-    if unknown:
-        raise fail(f"{label} has the option {unknown[0]!r}", "audits do not know it")
-    word = options.get("orientation_constraint") or ""
-    refuse(options, label, orientation_constraint=("", *_RMF_WORDS))
-    rule = HEADINGS[word] if word else heading or HEADINGS["both"]
-    builder.add_lane(number, lane[0], lane[1], rule)
-    if options.get("is_bidirectional"):
-        builder.lanes.append(builder.lanes[-1].reverse())
+def _read_options(level: Element, entry: Any, kind: str, number: int) -> Element:
+    """Return the options at the end of a vertex or lane of Open-RMF."""
+    has_options = isinstance(entry, list) and len(entry) > 2 and entry[2] is not None
+    return Element(entry[2] if has_options else {}, f"{kind} {number}", kind, level.ignored)
 
 
-_RMF_WORDS: Final = ("forward", "backward")
-"""Constraints of lanes in Open-RMF."""
-
-
-def _choose(choices: dict[str, Any], wanted: str | None, kind: str) -> tuple[str, Any]:
-    """Return the level or layout that is wanted, or the only one."""
-    listed = ", ".join(map(repr, choices))
+def _choose(element: Element, choices: Collection[str], wanted: str | None, kind: str) -> str:
+    """Return the level, layout or type that is wanted, or the only one."""
     if wanted is None and len(choices) == 1:
         wanted = next(iter(choices))
-    if wanted not in choices:
-        problem = f"has no {kind} {wanted!r}" if wanted else f"has the {kind}s {listed}"
-        raise ContentError(problem, f"there are {listed}", "pass level= with one of them")
-    if not isinstance(choices[wanted], Mapping):
-        raise fail(f"{kind} {wanted!r} is no mapping", "it has nodes and edges")
-    return wanted, choices[wanted]
+    if wanted is None or wanted not in choices:
+        listed = ", ".join(map(repr, choices))
+        rule = f"the choice is {wanted!r}" if wanted else "one of them must be chosen"
+        option = "vehicle" if kind == "vehicle" else "level"
+        raise element.fail(f"has the {kind}s {listed}", rule, f"pass {option}= with one of them")
+    return wanted
 
 
 # ---- LIF and VDA 5050 ----------------------------------------------------------------------------
 
 
 def _read_lif(
-    document: Mapping[str, Any], heading: Rule, level: str | None, vehicle: str | None
+    document: Element, heading: HeadingRule | None, level: str | None, vehicle: str | None
 ) -> GraphContents:
     """Read a layout of LIF, for one type of vehicle."""
+    document = Element(document.fields, document.where, "LIF", document.ignored)
     layouts = {
         str(layout.get("layoutId", number)): layout
-        for number, layout in enumerate(iterate_elements(document, "layouts", "the file"))
+        for number, layout in enumerate(document.children("layouts"))
     }
-    _, layout = _choose(layouts, level, "layout")
-    vehicle = _choose_vehicle(layout, vehicle)
-    builder = GraphBuilder()
-    for node in iterate_elements(layout, "nodes", "the layout"):
-        name = need(node, "nodeId", "a node")
-        place = need(node, "nodePosition", f"node {name!r}")
-        entries = iterate_elements(node, "vehicleTypeNodeProperties", f"node {name!r}")
-        own = [entry for entry in entries if vehicle in _types_of(entry)]
-        properties = own[0] if own else {}
-        builder.check_fields("node", node)
-        builder.check_fields("vehicleTypeNodeProperties", properties)
-        _add_place(builder, name, place, properties.get("theta"))
-    for edge in iterate_elements(layout, "edges", "the layout"):
-        where = f"edge {edge.get('edgeId')!r}"
-        own = [e for e in iterate_elements(edge, EDGE_PROPERTIES, where) if vehicle in _types_of(e)]
-        if not own and edge.get(EDGE_PROPERTIES):
+    fields = layouts[_choose(document, layouts, level, "layout")].fields
+    layout = Element(fields, "the layout", "layout", document.ignored)
+    for element in (document, layout):
+        element.refuse("origins", [])  # places of other frames
+    edges = [
+        (edge, list(edge.children(EDGE_PROPERTIES)))
+        for edge in layout.children("edges", "edge", "edgeId")
+    ]
+    types = {name for _, entries in edges for entry in entries for name in _types_of(entry) if name}
+    if types or vehicle:
+        vehicle = _choose(layout, sorted(types), vehicle, "vehicle")
+    builder = GraphBuilder(heading, "any")
+    for node in layout.children("nodes", "node", "nodeId"):
+        entry = _own_entry(node, "vehicleTypeNodeProperties", vehicle)
+        _add_place(builder, node, entry or node)
+    for edge, entries in edges:
+        entry = _own_entry(edge, EDGE_PROPERTIES, vehicle)
+        if entries and entry is None:
             continue  # not for this type of vehicle
-        entry = own[0] if own else {}
-        builder.check_fields(EDGE_PROPERTIES, entry)
-        for end in ("rotationAtStartNodeAllowed", "rotationAtEndNodeAllowed"):
-            refuse(entry, where, **{end: ("BOTH",)})
-        turning = bool(entry.get("rotationAllowed", False))
-        _add_edge(builder, edge, entry, entry.get("vehicleOrientation"), turning, heading)
+        entry = entry or edge
+        entry.refuse("rotationAtStartNodeAllowed", "BOTH")
+        entry.refuse("rotationAtEndNodeAllowed", "BOTH")
+        _add_edge(builder, edge, entry, "vehicleOrientation", bool(entry.get("rotationAllowed")))
     return builder.build(_read_stations(builder, layout))
 
 
-def _choose_vehicle(layout: Mapping[str, Any], vehicle: str | None) -> str | None:
-    """Return the type of vehicle that is wanted, or the only one of a layout."""
-    types = {
-        name
-        for edge in iterate_elements(layout, "edges", "the layout")
-        for entry in iterate_elements(edge, EDGE_PROPERTIES, f"edge {edge.get('edgeId')!r}")
-        for name in _types_of(entry)
-    }
-    listed = ", ".join(map(repr, sorted(types)))
-    if (vehicle is None and len(types) > 1) or (vehicle is not None and vehicle not in types):
-        problem = f"has vehicles of the types {listed}"
-        raise ContentError(problem, "lanes are for one of them", "pass vehicle=")
-    return vehicle if vehicle is not None or not types else next(iter(types))
-
-
-def _read_stations(builder: GraphBuilder, layout: Mapping[str, Any]) -> Stations:
+def _read_stations(builder: GraphBuilder, layout: Element) -> Stations:
     """Return the nodes of each station."""
     stations = {}
-    for station in iterate_elements(layout, "stations", "the layout"):
-        name = str(need(station, "stationId", "a station"))
-        nodes = read_list(station, "interactionNodeIds", f"station {name!r}")
-        for node in nodes:
-            builder.index_of(node, f"station {name!r}")
-        stations[name] = tuple(map(str, nodes))
+    for station in layout.children("stations", "station", "stationId"):
+        nodes = station.entries("interactionNodeIds")
+        for name in nodes:
+            builder.find(station, name)
+        stations[str(station.need("stationId"))] = tuple(map(str, nodes))
     return stations
 
 
-def _types_of(entry: Mapping[str, Any]) -> list[str]:
-    """Return the types of vehicle that properties are for."""
-    return [*entry.get("vehicleTypeIds", ()), *filter(None, [entry.get("vehicleTypeId")])]
+def _types_of(entry: Element) -> list[str | None]:
+    """Return the types of vehicle that properties are for; None if they do not say."""
+    return [*entry.entries("vehicleTypeIds"), entry.get("vehicleTypeId")]
 
 
-def _read_order(document: Mapping[str, Any], heading: Rule, level: str | None) -> GraphContents:
+def _own_entry(element: Element, key: str, vehicle: str | None) -> Element | None:
+    """Return the first properties for a type of vehicle."""
+    for number, entry in enumerate(element.children(key)):
+        if vehicle in _types_of(entry):
+            where = f"{element.where}, {key}[{number}]"
+            return Element(entry.fields, where, key, element.ignored)
+    return None
+
+
+def _read_order(document: Element, heading: HeadingRule | None, level: str | None) -> GraphContents:
     """Read the nodes and edges of a VDA 5050 order, one map of it."""
-    builder = GraphBuilder()
+    builder = GraphBuilder(heading, "any")
     maps = set()
-    for node in iterate_elements(document, "nodes", "the order"):
-        name = need(node, "nodeId", "a node")
-        place = need(node, "nodePosition", f"node {name!r}")
-        if str(name) in builder.indices:  # an order may pass a node again
+    for node in document.children("nodes", "node", "nodeId"):
+        if str(node.need("nodeId")) in builder.indices:  # an order may pass a node again
             continue
-        builder.check_fields("node", node)
-        maps.add(place.get("mapId"))
-        if level is not None and place.get("mapId") != level:
-            rule = "an order is audited on one map"
-            raise fail(f"node {name!r} is on the map {place.get('mapId')!r}", rule)
-        _add_place(builder, name, place, place.get("theta"))
-    if len(maps) > 1:
-        raise fail(f"has nodes on the maps {sorted(map(str, maps))}", "a path stays on one map")
-    is_first = str(document.get("version", "2")).startswith("1")
-    for edge in iterate_elements(document, "edges", "the order"):
-        entry = {"orientationType": "GLOBAL"} | edge if is_first else edge
+        place = node.child("nodePosition")
+        maps.add(str(place.get("mapId")))
+        _add_place(builder, node, place)
+    if len(maps) > 1 or (level is not None and maps - {level}):
+        raise document.fail(
+            f"has nodes on the maps {sorted(maps)}", "an order is audited on one map"
+        )
+    default = "GLOBAL" if str(document.get("version", "2")).startswith("1") else "TANGENTIAL"
+    for edge in document.children("edges", "edge", "edgeId"):
         turning = edge.get("rotationAllowed") is not False
-        _add_edge(builder, edge, entry, edge.get("orientation"), turning, heading)
+        _add_edge(builder, edge, edge, "orientation", turning, default)
     return builder.build()
 
 
-def _add_place(builder: GraphBuilder, name: Any, place: Any, yaw: Any) -> None:
-    """Add a node of LIF or VDA 5050."""
-    where = f"node {name!r}"
-    if not isinstance(place, Mapping):
-        raise fail(f"{where} has the nodePosition {place!r:.60}", "it must have x and y")
-    builder.check_fields("nodePosition", place)
-    if yaw is not None:
-        refuse(place, where, allowedDeviationTheta=(0, 0.0))
-    deviation = place.get("allowedDeviationXY", place.get("allowedDeviationXy"))
+def _add_place(builder: GraphBuilder, node: Element, entry: Element) -> None:
+    """Add a node of LIF or VDA 5050, with the yaw of an entry."""
+    place = node.child("nodePosition", "nodePosition")
+    yaw = math.nan
+    if entry.get("theta") is not None:
+        yaw = entry.number("theta")
+        place.refuse("allowedDeviationTheta", 0)
+    deviation = place.get("allowedDeviationXY", place.get("allowedDeviationXy", 0.0))
     if isinstance(deviation, Mapping):  # an ellipse
-        axes = [read_number(need(deviation, key, where), where, key) for key in ("a", "b")]
-        deviation = max(axes)
-    metres = 0.0 if deviation is None else read_number(deviation, where, "allowedDeviationXY")
-    builder.add_node(name, need(place, "x", where), need(place, "y", where), yaw, max(metres, 0.0))
+        ellipse = Element(deviation, f"{place.where}, allowedDeviationXY")
+        deviation = max(ellipse.number("a"), ellipse.number("b"))
+    deviation = place.check_number("allowedDeviationXY", deviation)
+    point = place.number("x"), place.number("y")
+    builder.add_node(node, node.need("nodeId"), point, yaw, max(deviation, 0.0))
 
 
 def _add_edge(
     builder: GraphBuilder,
-    edge: Mapping[str, Any],
-    entry: Mapping[str, Any],
-    orientation: Any,
+    edge: Element,
+    entry: Element,
+    key: str,
     turning: bool,
-    heading: Rule,
+    default: str = "TANGENTIAL",
 ) -> None:
     """Add an edge of LIF or VDA 5050.
 
-    ``entry`` has its orientation and trajectory. A robot that may turn on the edge may have any yaw
-    on it.
+    ``entry`` has its orientation, by a ``key``, and its trajectory. A robot that may turn on the
+    edge may have any yaw on it.
     """
-    name = need(edge, "edgeId", "an edge")
-    where = f"edge {name!r}"
-    builder.check_fields("edge", edge)
-    start, end = (
-        builder.index_of(need(edge, key, where), where) for key in ("startNodeId", "endNodeId")
-    )
-    refuse(entry, where, orientationType=("TANGENTIAL", "GLOBAL"))
-    rule = heading or HEADINGS["any"]
-    if orientation is not None:
-        yaw = read_number(orientation, where, "orientation")
-        frame = "map" if entry.get("orientationType") == "GLOBAL" else "lane"
-        rule = HEADINGS["any"] if turning else HeadingRule(frame, (yaw,))
+    ends = [builder.find(edge, edge.need(end)) for end in ("startNodeId", "endNodeId")]
+    entry.refuse("orientationType", "TANGENTIAL", "GLOBAL")
+    rule = None
+    if entry.get(key) is not None:
+        frame = "map" if entry.get("orientationType", default) == "GLOBAL" else "lane"
+        rule = HeadingRule(frame, (entry.number(key),))
+        rule = HEADINGS["any"] if turning else rule
     legs: tuple[Leg, ...] = ()
-    trajectory = entry.get("trajectory")
-    if trajectory is not None:
-        legs = _read_trajectory(builder, trajectory, where)
-    corridor = entry.get("corridor") or {}
-    builder.check_fields("corridor", corridor)
-    widths = [
-        read_number(corridor.get(key, 0.0), where, key) for key in ("leftWidth", "rightWidth")
-    ]
-    builder.add_lane(name, start, end, rule, legs, max(widths))
+    if entry.get("trajectory") is not None:
+        legs = _read_trajectory(entry.child("trajectory", "trajectory"))
+    widths = [0.0]
+    if entry.get("corridor"):
+        corridor = entry.child("corridor", "corridor")
+        widths = [corridor.number(side, 0.0) for side in ("leftWidth", "rightWidth")]
+    builder.add_lane(edge, edge.need("edgeId"), ends, rule, legs, max(widths))
 
 
-def _read_trajectory(builder: GraphBuilder, trajectory: Any, where: str) -> tuple[Leg, ...]:
+def _read_trajectory(trajectory: Element) -> tuple[Leg, ...]:
     """Read a NURBS curve as legs."""
-    if not isinstance(trajectory, Mapping):
-        raise fail(f"{where} has a trajectory that is no mapping", "it must be a NURBS curve")
-    builder.check_fields("trajectory", trajectory)
     rows = []
-    for number, point in enumerate(iterate_elements(trajectory, "controlPoints", where)):
-        place = f"{where}, control point {number},"
-        builder.check_fields("control point", point)
-        refuse(point, place, orientation=())
-        coordinates = [read_number(need(point, key, place), place, key) for key in ("x", "y")]
-        rows.append((*coordinates, read_number(point.get("weight", 1.0), place, "weight")))
+    for point in trajectory.children("controlPoints", "control point"):
+        point.refuse("orientation")
+        rows.append((point.number("x"), point.number("y"), point.number("weight", 1.0)))
     table = np.array(rows, dtype=np.float64).reshape(-1, 3)
-    knots = [
-        read_number(knot, where, "knot") for knot in read_list(trajectory, "knotVector", where)
-    ]
-    degree = trajectory.get("degree", 1)
-    if type(degree) is not int:
-        degree = int(read_number(degree, where, "degree"))
+    knots = [trajectory.check_number("knot", knot) for knot in trajectory.entries("knotVector")]
+    degree = int(trajectory.number("degree", 1))
     try:
         return cut_nurbs(degree, np.array(knots), table[:, :2], table[:, 2])
     except ValueError as error:
         problem, _, rule = str(error).partition("; ")
-        raise fail(f"{where} has a trajectory that {problem}", rule) from error
+        raise trajectory.fail(problem, rule) from error

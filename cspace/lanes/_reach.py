@@ -12,9 +12,9 @@ from scipy.sparse import csgraph
 from cspace._queries.yaws import join_yaw_cells
 from cspace._rotations.base import ANGLE_SLACK
 from cspace._support.arrays import BLOCKED, Bools, Floats, Ints
+from cspace.lanes._lane_motions import LaneMotions, list_legs, list_parts, list_yaws, split_yaws
+from cspace.lanes._rooms import prove
 from cspace.lanes._route_graph import RouteGraph
-from cspace.lanes._tubes import Tubes, tubes_are_free
-from cspace.lanes._verdicts import end_yaws
 
 if TYPE_CHECKING:
     from cspace._configuration_map import ConfigurationMap
@@ -22,124 +22,116 @@ if TYPE_CHECKING:
 YAW_DIGITS: Final = 9
 """Digits after the point of a yaw, radians, at which two lanes meet without a turn."""
 
-Port = tuple[int, float]
-"""A node, and the interval of yaws, or the single yaw, between which the robot turns there."""
 
-
-class NodeCells(NamedTuple):
-    """What is known of each node, by rotation cell.
+class NodeYaws(NamedTuple):
+    """What is known of each node, by parts of rotation cells.
 
     Attributes
     ----------
-    is_free : ndarray of bool, shape (nodes, rotation cells)
-        Whether all yaws of a rotation cell are proven free.
-    cells : ndarray of int64, shape (nodes, rotation cells, 1 + d)
+    parts : ndarray of float64, shape (parts, 2)
+        Lower and upper yaws, radians.
+    is_free : ndarray of bool, shape (nodes, parts)
+        Whether all yaws of a part are proven free.
+    cells : ndarray of int64, shape (nodes, parts, 1 + d)
     """
 
+    parts: Floats
     is_free: Bools
     cells: Ints
 
+    def list_free(self) -> list[Floats]:
+        """Return the intervals of yaw at which the robot may stand at each node, radians.
 
-class Reach(NamedTuple):
-    """Ports of a route graph and the lanes between them.
+        Without a yaw, a free node has the interval of all yaws.
+        """
+        return [join_yaw_cells(free, self.parts) for free in self.is_free]
 
-    Attributes
-    ----------
-    ports : list of (int, float)
-    graph : sparse array, shape (ports, ports)
+
+def prove_nodes(space: ConfigurationMap, positions: Floats, exact: bool) -> NodeYaws:
+    """Prove at which yaws the robot may stand at nodes, shape (n, 2)."""
+    parts = split_yaws(space)
+    shape = len(positions), len(parts)
+    low, middle, high = (
+        np.column_stack([np.repeat(positions, len(parts), axis=0), np.tile(yaws, len(positions))])
+        for yaws in (parts[:, 0] - ANGLE_SLACK, parts.mean(axis=1), parts[:, 1] + ANGLE_SLACK)
+    )
+    points, low, high = (rows[:, : space.size] for rows in (middle, low, high))
+    rows = np.arange(len(points))
+    none = np.zeros(len(points))
+    # Cells prove all yaws of a part in its middle, the geometry on a turn through all of them.
+    stands = LaneMotions(points, points, none, none, rows, rows, none == 0.0)
+    turns = stands._replace(starts=low, ends=high)
+    is_free = none > 0.0
+    for part, chosen in list_parts(space, stands, 0.0):
+        is_free[chosen] = prove(part, stands.take(chosen), by_geometry=False)
+        if exact:
+            rest = chosen[~is_free[chosen]]
+            rest = rest[np.asarray(part.classify(points[rest])) != BLOCKED]
+            is_free[rest] = prove(part, turns.take(rest), by_geometry=True)
+    cells = space._cells_of(points)
+    return NodeYaws(parts, is_free.reshape(shape), cells.reshape(*shape, cells.shape[1]))
+
+
+class Reach:
+    """Ports of a route graph, and the free lanes between them.
+
+    A port is a node with an interval of free yaws, in which the robot turns on the spot, or with a
+    single yaw.
     """
 
-    ports: list[Port]
-    graph: sparse.csr_array
+    def __init__(self, graph: RouteGraph, is_free: Bools, free_yaws: list[Floats]) -> None:
+        """Connect the ports by the lanes that are free."""
+        self._free_yaws = [intervals.tolist() for intervals in free_yaws]
+        self._numbers: dict[tuple[int, float, int], int] = {}
+        first, last = [], []
+        for number in np.flatnonzero(is_free).tolist():
+            lane = graph.lanes[number]
+            legs = list_legs(graph, lane)
+            # Where all yaws are free, any stands for all.
+            for way in list_yaws(graph, lane):
+                first.append(self._find_port(lane.start, way.yaws(legs[0])[0]))
+                last.append(self._find_port(lane.end, way.yaws(legs[-1])[1]))
+            if not list_yaws(graph, lane):
+                first.append(self._find_port(lane.start, 0.0))
+                last.append(self._find_port(lane.end, 0.0))
+        for node, intervals in enumerate(self._free_yaws):
+            for low, _ in intervals:
+                self._find_port(node, low)
+        size = len(self._numbers)
+        self._links = sparse.csr_array((np.ones(len(first)), (first, last)), shape=(size, size))
+        self._nodes = [node for node, *_ in self._numbers]
+
+    def _find_port(self, node: int, yaw: float) -> int:
+        """Return the number of the port of a node in which a yaw lies."""
+        key = node, round(math.remainder(yaw, math.tau), YAW_DIGITS), -1
+        for k, (low, high) in enumerate(self._free_yaws[node]):
+            if (yaw - low) % math.tau <= high - low:
+                key = node, 0.0, k
+        return self._numbers.setdefault(key, len(self._numbers))
 
     def list_parts(self) -> list[list[int]]:
         """List the nodes of each strongly connected part, the largest part first."""
-        if not self.ports:
+        if not self._nodes:
             return []
-        count, labels = csgraph.connected_components(self.graph, connection="strong")
+        count, labels = csgraph.connected_components(self._links, connection="strong")
         parts: list[set[int]] = [set() for _ in range(count)]
-        for (node, _), label in zip(self.ports, labels.tolist(), strict=True):
+        for node, label in zip(self._nodes, labels.tolist(), strict=True):
             parts[label].add(node)
         unique = {tuple(sorted(part)) for part in parts}
         return [list(part) for part in sorted(unique, key=lambda part: (-len(part), part))]
 
-    def reaches(self, pairs: list[tuple[int, int]]) -> list[bool]:
-        """Return whether the robot gets from one node to the other, for each pair."""
-        ports_of: dict[int, list[int]] = {}
-        for k, (node, _) in enumerate(self.ports):
-            ports_of.setdefault(node, []).append(k)
-        known: dict[int, set[int]] = {}
-        for start in {first for first, last in pairs if first != last}:
-            known[start] = {start}
-            for port in ports_of.get(start, []):
-                found = csgraph.breadth_first_order(self.graph, port, return_predecessors=False)
-                known[start].update(self.ports[k][0] for k in found.tolist())
-        return [first == last or last in known[first] for first, last in pairs]
-
-
-def prove_nodes(space: ConfigurationMap, positions: Floats, exact: bool) -> NodeCells:
-    """Prove at which rotation cells the robot may stand at nodes, shape (n, 2)."""
-    if space.rotations.names:
-        yaws = space.rotations.centers[:, 0]
-        bounds = space.rotations._stored_arrays["yaw_bounds"]
-        points = np.column_stack(
-            [np.repeat(positions, len(yaws), axis=0), np.tile(yaws, len(positions))]
-        )
-        turns = np.tile(0.5 * np.ptp(bounds, axis=1) + ANGLE_SLACK, len(positions))
-    else:
-        points, turns = positions, np.zeros(len(positions))
-    is_free = np.array(space.motion_is_free(points, points))
-    if exact:
-        rest = np.flatnonzero(~is_free & (np.asarray(space.classify(points)) != BLOCKED))
-        tubes = Tubes(points[rest], points[rest], np.zeros(len(rest)), turns[rest])
-        is_free[rest] = tubes_are_free(space, tubes, exact=True)
-    shape = len(positions), len(space.rotations)
-    cells = space._cells_of(points)
-    return NodeCells(is_free.reshape(shape), cells.reshape(*shape, cells.shape[1]))
-
-
-def list_free_yaws(space: ConfigurationMap, nodes: NodeCells) -> list[Floats]:
-    """Return the intervals of yaw at which the robot may stand at each node, radians.
-
-    Without a yaw, a free node has the interval of all yaws.
-    """
-    if not space.rotations.names:
-        whole = np.array([[-math.pi, math.pi]])
-        return [whole if free[0] else whole[:0] for free in nodes.is_free]
-    bounds = space.rotations._stored_arrays["yaw_bounds"]
-    return [join_yaw_cells(free, bounds) for free in nodes.is_free]
-
-
-def connect(graph: RouteGraph, is_free: Bools, free_yaws: list[Floats], has_yaw: bool) -> Reach:
-    """Connect the ports of nodes by the free lanes."""
-    numbers: dict[Port, int] = {}
-
-    def port(node: int, yaw: float) -> int:
-        """Return the number of the port of a node in which a yaw lies."""
-        key = float(round(math.remainder(yaw, math.tau), YAW_DIGITS)), -1
-        for k, (low, high) in enumerate(free_yaws[node].tolist()):
-            if not has_yaw or (yaw - low) % math.tau <= high - low:
-                key = 0.0, k
-        return numbers.setdefault((node, key), len(numbers))  # type: ignore[arg-type]
-
-    first, last = [], []
-    for lane, free in zip(graph.lanes, is_free.tolist(), strict=True):
-        if not free:
-            continue
-        # Where all yaws are free, any stands for all.
-        for begin, end in end_yaws(graph, lane) or [(0.0, 0.0)]:
-            first.append(port(lane.start, begin))
-            last.append(port(lane.end, end))
-    for node, intervals in enumerate(free_yaws):
-        for low in intervals[:, 0].tolist():
-            port(node, low)
-    size = len(numbers)
-    links = sparse.csr_array((np.ones(len(first)), (first, last)), shape=(size, size))
-    return Reach(list(numbers), links)
+    def list_lost(self, pairs: list[tuple[int, int]]) -> list[tuple[int, int]]:
+        """Return the pairs of nodes of which the second is not reached from the first."""
+        known: dict[int, set[int]] = {first: {first} for first, _ in pairs}
+        for port, node in enumerate(self._nodes):
+            if node in known:
+                found = csgraph.breadth_first_order(self._links, port, return_predecessors=False)
+                known[node].update(self._nodes[k] for k in found.tolist())
+        return [(first, last) for first, last in pairs if last not in known[first]]
 
 
 def judge_ways(
-    space: ConfigurationMap, nodes: NodeCells, pairs: list[tuple[int, int]]
+    space: ConfigurationMap, nodes: NodeYaws, pairs: list[tuple[int, int]]
 ) -> list[bool | None]:
     """Return whether the map has any way between two nodes, at any yaws.
 
@@ -147,19 +139,18 @@ def judge_ways(
     """
     if not pairs:
         return []
-    components = space._components
-    used = np.unique(np.array(pairs))
-    cells = nodes.cells[used].reshape(-1, nodes.cells.shape[2])
-    shape = nodes.is_free[used].shape
-    free, open_ = (components.find(cells, mixed).reshape(shape) for mixed in (False, True))
+    used, places = np.unique(np.array(pairs), return_inverse=True)
+    cells = nodes.cells[used]
+    shape = cells.shape[:2]
+    rows = cells.reshape(-1, cells.shape[2])
+    free, passable = (space._components.find(rows, mixed).reshape(shape) for mixed in (False, True))
     free = np.where(nodes.is_free[used], free, -1)
-    sets = [[set(row.tolist()) - {-1} for row in labels] for labels in (free, open_)]
-    place = {node: k for k, node in enumerate(used.tolist())}
+    free_sets, passable_sets = (
+        [set(row) - {-1} for row in labels.tolist()] for labels in (free, passable)
+    )
     ways: list[bool | None] = []
-    for first, last in pairs:
-        a, b = place[first], place[last]
-        if sets[0][a] & sets[0][b]:
-            ways.append(True)
-        else:
-            ways.append(None if sets[1][a] & sets[1][b] else False)
+    for first, last in places.reshape(-1, 2).tolist():
+        is_joined = not free_sets[first].isdisjoint(free_sets[last])
+        may_join = not passable_sets[first].isdisjoint(passable_sets[last])
+        ways.append(True if is_joined else None if may_join else False)
     return ways

@@ -1,137 +1,150 @@
-"""Room of lanes: how far one may shift to either side, and how much its robot may grow.
+"""Proofs of motions, and room of lanes: how far one may shift, and how much its robot may grow.
 
-A straight lane at a constant yaw that shifts sideways sweeps a parallelogram. A robot grown by m
-lies within m of itself. So both rooms are regions of positions. A cell that meets a strip narrower
-than a cell meets the outline of the strip, too. So motions along the outlines of strips prove a
-region, if each is narrower than a cell.
+The robot in the middle of a strip of positions, grown by half the width of the strip, contains the
+robot at each of them. So the strips beside a lane are motions of a grown robot, too.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from functools import partial
+from itertools import pairwise
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from cspace._support.arrays import Bools, Floats, Ints
-from cspace.lanes._tubes import Tubes, tubes_are_free
-from cspace.lanes._verdicts import LaneMotions
+from cspace.lanes._lane_motions import LaneMotions
 
 if TYPE_CHECKING:
-    from cspace._configuration_map import ConfigurationMap
+    from cspace._space import CSpace
+
+Corners = list[tuple[Floats, Floats, Floats]]
+"""Configurations, and how far they are shifted along motions and to the left, metres."""
 
 STRIP_CELLS: Final = 0.9
-"""Width of the widest strip, in cells."""
+"""Width, in cells, of strips that cells prove by their outline."""
 
-LEAST_STEP: Final = 1.0 / 16.0
-"""Width of the narrowest strip that is tried, in cells."""
+ROOM_STEP: Final = 1.0 / 8.0
+"""Largest step, in cells, in which rooms are measured."""
 
-Prove = Callable[[Ints, Floats, Floats], Bools]
-"""``prove(rows, low, high)`` returns whether the strips between two rooms are proven free."""
+
+def prove(space: CSpace, motions: LaneMotions, by_geometry: bool) -> Bools:
+    """Return whether cells, or the geometry, prove each motion free, shape (n,)."""
+    is_free = np.zeros(len(motions.lanes), dtype=np.bool_)
+    growths = motions.growths + motions.spares if by_geometry else motions.growths
+    for growth in np.unique(growths):
+        rows = np.flatnonzero(growths == growth)
+        starts, ends = motions.starts[rows], motions.ends[rows]
+        if by_geometry:
+            is_free[rows] = space._boundary_proofs().are_free(starts, ends, float(growth))
+        elif growth == 0.0:
+            is_free[rows] = space.motion_is_free(starts, ends)
+        else:
+            counts = np.ones(len(rows), dtype=np.int64)
+            radii = np.array([growth, growth, 0.0])[: space.size]
+            space._count_free_tubes(starts, ends[:, np.newaxis], radii, counts)
+            is_free[rows] = counts > 0
+    return is_free
 
 
 def measure_rooms(
-    space: ConfigurationMap,
-    motions: LaneMotions,
-    by_cells: Bools,
-    is_simple: Bools,
-    max_room: float,
-) -> tuple[Floats, Floats]:
+    space: CSpace, motions: LaneMotions, by_cells: Bools, is_straight: Bools, max_room: float
+) -> Floats:
     """Return lower bounds of the rooms of proven motions, and of their margins, metres.
 
-    The rooms have shape (n, 2), left and right in the direction of travel, the margins (n,).
-    ``by_cells`` says which motions cells alone prove, ``is_simple`` which shift sideways; all
-    others have their margin as room. No bound exceeds ``max_room``.
+    The result has shape (n, 3): left and right in the direction of travel, and the margin.
+    ``by_cells`` says of which motions cells alone prove rooms; ``is_straight`` which motions shift
+    sideways; the margin of others is their room. No bound exceeds ``max_room``.
     """
-    tubes = motions.tubes
-    count = len(motions.lanes)
-    rooms = np.zeros((count, 2))
-    margins = np.zeros(count)
-    steps = (tubes.ends - tubes.starts)[:, :2]
+    steps = (motions.ends - motions.starts)[:, :2]
     lengths = np.hypot(*steps.T)
-    ahead = np.zeros((count, 2))
-    moves = lengths > 0.0
-    ahead[moves] = steps[moves] / lengths[moves, None]
+    shifts = is_straight & (lengths > 0.0)
+    ahead = steps / np.where(shifts, lengths, 1.0)[:, np.newaxis]
     left = np.column_stack([-ahead[:, 1], ahead[:, 0]])
-    by_lines = by_cells & is_simple & motions.is_plain
 
-    def shifted(rows: Ints, along: Floats, sideways: Floats) -> tuple[Floats, Floats]:
-        """Return the starts and ends of motions, extended along and shifted sideways."""
-        first, last = tubes.starts[rows].copy(), tubes.ends[rows].copy()
-        aside = left[rows] * sideways[:, None]
-        first[:, :2] += aside - ahead[rows] * along[:, None]
-        last[:, :2] += aside + ahead[rows] * along[:, None]
-        return first, last
+    def shift(points: Floats, rows: Ints, along: Floats, aside: Floats) -> Floats:
+        """Shift configurations along motions and to the left."""
+        shifted = points[rows]
+        shifted[:, :2] += along[:, np.newaxis] * ahead[rows] + aside[:, np.newaxis] * left[rows]
+        return shifted
 
-    def are_free(*pairs: tuple[Floats, Floats]) -> Bools:
-        """Return whether all of several motions of each row are proven by cells."""
-        starts, ends = (np.concatenate(rows) for rows in zip(*pairs, strict=True))
-        free = np.asarray(space.motion_is_free(starts, ends))
-        return np.asarray(free.reshape(len(pairs), -1).all(axis=0))
+    def prove_outline(rows: Ints, corners: Corners, growth: Floats | float) -> Bools:
+        """Return whether cells prove motions between corners, in turn.
 
-    def prove_strips(side: float) -> Prove:
-        """Return the proof of strips beside straight motions, by cells."""
+        A corner has the end that is shifted, and how far along and to the left.
+        """
+        is_free = np.ones(len(rows), dtype=np.bool_)
+        places = [shift(points, rows, along, aside) for points, along, aside in corners]
+        for starts, ends in pairwise(places):
+            side = motions.take(rows)
+            side = side._replace(starts=starts, ends=ends, growths=side.growths + growth)
+            is_free[is_free] = prove(space, side.take(is_free), by_geometry=False)
+        return is_free
 
-        def prove(rows: Ints, low: Floats, high: Floats) -> Bools:
-            none = np.zeros(len(rows))
-            near, far = (shifted(rows, none, side * room) for room in (low, high))
-            return are_free(far, (near[0], far[0]), (near[1], far[1]))
+    def prove_ring(rows: Ints, low: Floats, high: Floats) -> Bools:
+        """Return whether cells prove all between two rectangles around straight motions."""
+        first, last, middle = motions.starts, motions.ends, 0.5 * (low + high)
+        corners = [(first, -middle, middle), (last, middle, middle)]
+        corners += [(last, middle, -middle), (first, -middle, -middle), corners[0]]
+        return prove_outline(rows, corners, 0.5 * (high - low))
 
-        return prove
+    def prove_strip(side: float, rows: Ints, low: Floats, high: Floats) -> Bools:
+        """Return whether cells prove strips: those that meet a narrow one meet its outline."""
+        first, last, none = motions.starts, motions.ends, 0.0 * low
+        corners = [(first, none, side * low), (first, none, side * high)]
+        corners += [(last, none, side * high), (last, none, side * low)]
+        is_narrow = high - low < STRIP_CELLS * space.grid.spacing
+        return is_narrow & prove_outline(rows, corners, 0.0)
 
-    def prove_rings(rows: Ints, low: Floats, high: Floats) -> Bools:
-        """Prove the ring between two rectangles around straight motions, by cells."""
-        one, other = shifted(rows, high, high), shifted(rows, high, -high)
-        return are_free(one, other, (one[0], other[0]), (one[1], other[1]))
+    def prove_beyond(side: float, rows: Ints, low: Floats, high: Floats) -> Bools:
+        """Return whether rooms are ``high``, if they are ``low``; ``side`` is 0 for margins."""
+        aside = 0.5 * side * (low + high)
+        growth = 0.5 * (high - low) if side else high
+        strips = motions.take(rows)._replace(
+            starts=shift(motions.starts, rows, 0.0 * aside, aside),
+            ends=shift(motions.ends, rows, 0.0 * aside, aside),
+            growths=motions.growths[rows] + growth,
+        )
+        is_free = prove(space, strips, by_geometry=False)
+        rest = np.flatnonzero(~is_free & shifts[rows])
+        prove_cells = partial(prove_strip, side) if side else prove_ring
+        is_free[rest] = prove_cells(rows[rest], low[rest], high[rest])
+        rest = np.flatnonzero(~is_free & ~by_cells[rows])
+        is_free[rest] = prove(space, strips.take(rest), by_geometry=True)
+        return is_free
 
-    def prove_tube_strips(side: float) -> Prove:
-        """Return the proof of strips beside straight motions, by the geometry."""
-
-        def prove(rows: Ints, low: Floats, high: Floats) -> Bools:
-            first, last = shifted(rows, np.zeros(len(rows)), side * 0.5 * (low + high))
-            drifts = 0.5 * (high - low) + tubes.drifts[rows]
-            return tubes_are_free(space, Tubes(first, last, drifts, tubes.turns[rows]), True, True)
-
-        return prove
-
-    def prove_grown(rows: Ints, low: Floats, high: Floats) -> Bools:
-        """Prove motions of the robot grown by ``high``, by the geometry if cells do not."""
-        grown = tubes.take(rows)._replace(drifts=tubes.drifts[rows] + high)
-        exact = ~by_cells[rows]
-        free = np.zeros(len(rows), dtype=np.bool_)
-        for way in (False, True):
-            these = exact == way
-            free[these] = tubes_are_free(space, grown.take(these), way, True)
-        return free
-
-    spacing = space.grid.spacing
-    for column, side in enumerate((1.0, -1.0)):
-        exact = is_simple & ~by_cells
-        for rows, prove in ((by_lines, prove_strips(side)), (exact, prove_tube_strips(side))):
-            rooms[rows, column] = _widen(prove, np.flatnonzero(rows), spacing, max_room)
-    for rows, prove in ((by_lines, prove_rings), (~by_lines, prove_grown)):
-        margins[rows] = _widen(prove, np.flatnonzero(rows), spacing, max_room)
-    others = ~(by_lines | (is_simple & ~by_cells))
-    rooms[others] = margins[others, None]
-    return rooms, margins
-
-
-def _widen(prove: Prove, rows: Ints, spacing: float, max_room: float) -> Floats:
-    """Return the rooms, shape (n,), that strips prove one after another.
-
-    The first strip that is not proven is halved until the rest is a fraction of a cell.
-    """
-    rooms = np.zeros(len(rows))
-    steps = np.full(len(rows), STRIP_CELLS * spacing)
-    halved = np.zeros(len(rows), dtype=np.bool_)
-    active = np.arange(len(rows))
-    while len(active):
-        low = rooms[active]
-        high = np.minimum(low + steps[active], max_room)
-        is_free = prove(rows[active], low, high)
-        rooms[active[is_free]] = high[is_free]
-        halved[active[~is_free]] = True
-        steps[active[halved[active]]] *= 0.5
-        is_open = (steps[active] >= LEAST_STEP * spacing) & (rooms[active] < max_room)
-        active = active[is_open]
+    rooms = np.full((len(lengths), 3), max_room)
+    straight, whole = np.flatnonzero(shifts), np.arange(len(lengths))
+    for column, side, rows in ((0, 1.0, straight), (1, -1.0, straight), (2, 0.0, whole)):
+        # No margin exceeds a room, so that margins come last.
+        limits = rooms[:, column] if side else rooms.min(axis=1)
+        prove_more = partial(prove_beyond, side)
+        rooms[rows, column] = _widen(prove_more, rows, limits, space.grid.spacing)[rows]
+    rooms[~shifts, :2] = rooms[~shifts, 2:]
     return rooms
+
+
+def _widen(
+    prove_more: Callable[[Ints, Floats, Floats], Bools], rows: Ints, limits: Floats, spacing: float
+) -> Floats:
+    """Return the rooms, up to their limits, that steps prove one after another, for some rows.
+
+    A step that is not proven is halved. Rooms are whole numbers of the least step, so that steps of
+    many motions are equal, and are proven at once.
+    """
+    largest = float(limits.max(initial=np.finfo(np.float64).tiny))
+    halvings = math.ceil(math.log2(max(largest / (ROOM_STEP * spacing), 1.0)))
+    least = largest / 2**halvings
+    limits = np.rint(limits / least).astype(np.int64)
+    rooms = np.zeros(len(limits), dtype=np.int64)
+    steps = np.full(len(limits), 2**halvings)
+    active = rows[limits[rows] > 0]
+    while len(active):
+        more = np.minimum(rooms[active] + steps[active], limits[active])
+        is_free = prove_more(active, least * rooms[active], least * more)
+        rooms[active[is_free]] = more[is_free]
+        steps[active[~is_free]] //= 2
+        active = active[(steps[active] > 0) & (rooms[active] < limits[active])]
+    return np.asarray(least * rooms)

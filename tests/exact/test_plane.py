@@ -93,3 +93,16 @@ def test_far_configurations_are_decided(outside):
             not space.motion_is_free([1.0, 2.0, 0.0], [far, -far, 1.0], exact=True)
             or outside == "free"
         )
+
+
+def test_proofs_of_a_grown_robot_keep_its_distance():
+    # The cells beside the wall are FREE, but prove nothing about a larger robot.
+    occupied = np.zeros((60, 40), dtype=np.bool_)
+    occupied[:, 30:] = True
+    workspace = cspace.Workspace.from_array(occupied, 0.1)
+    space = cspace.build(workspace, cspace.Robot.rectangle(0.6, 0.4), rotations=36)
+    start, end = np.array([[2.0, 2.0, 0.0]]), np.array([[4.0, 2.0, 0.0]])
+    for growth, is_free in ((0.0, True), (0.79, True), (0.81, False), (9.0, False)):
+        found = space._boundary_proofs().are_free(start, end, growth)
+        assert found.tolist() == [is_free], growth
+    assert space.motion_is_free(start, end, exact=True).all()

@@ -12,7 +12,7 @@ from itertools import count
 from pathlib import Path
 
 from benchmarks.report import Report
-from tests.fuzz import arms, cpp, curves, drives, files, frequency, lengths, maps, use
+from tests.fuzz import arms, cpp, curves, drives, files, frequency, lanes, lengths, maps, use
 
 FAMILIES: dict[str, Callable[[Report, int, int], None]] = {
     "maps": lambda report, seed, checks: maps.check(report, seed, checks, checks // 100),
@@ -22,6 +22,7 @@ FAMILIES: dict[str, Callable[[Report, int, int], None]] = {
     "exact": lambda report, seed, checks: maps.check_exact(report, seed, checks // 400),
     "arms": lambda report, seed, checks: arms.check(report, seed, checks // 10, checks // 500),
     "frequency": lambda report, seed, checks: frequency.check(report, seed, checks // 10),
+    "lanes": lambda report, seed, checks: lanes.check(report, seed, checks // 250),
     "lengths": lambda report, seed, checks: lengths.check(report, seed, checks // 250),
     "files": lambda report, seed, checks: files.check(report, seed, checks // 250),
     "examples": lambda report, seed, _: None if report.quick else check_examples(report, seed),

@@ -270,6 +270,32 @@ def test_polygons_are_exact_obstacles():
         assert planners.audit(space, graph, exact=False).lanes[0].verdict == "undecided"
 
 
+@pytest.mark.filterwarnings("ignore:the robot is")
+def test_a_robot_without_an_inside_is_audited():
+    wall = shapely.box(2.03, 0, 2.17, 3)
+    workspace = cspace.Workspace.from_polygons([wall], spacing=0.1, bounds=(0, 0, 4, 3))
+    space = cspace.build(workspace, cspace.Robot.disc(1e-8))
+    graph = RouteGraph.from_arrays([(1, 1), (1.5, 1), (2.03, 1)], [(0, 1), (1, 2)])
+    verdicts = [row.verdict for row in planners.audit(space, graph).lanes]
+    assert verdicts == ["free", "undecided"]
+
+
+def test_yaws_between_those_of_a_part_are_proven():
+    # The corner is nearest to the wall at 32.5 degrees, in the middle between two parts of 5.
+    slope = math.radians(32.5)
+    robot = cspace.Robot.rectangle(0.6, 0.6 * math.tan(slope))
+    wall = shapely.box(0, 0, 4, 0.5)
+    workspace = cspace.Workspace.from_polygons([wall], spacing=0.1, bounds=(0, 0, 4, 2))
+    space = cspace.build(workspace, robot, rotations=72)
+    reach = 0.3 / math.cos(slope)
+    assert reach * math.cos(math.radians(2.5)) < reach - 3e-4
+    for gap, is_free in ((0.05, True), (-2e-4, False), (-0.02, False)):
+        y = 0.5 + reach + gap
+        graph = RouteGraph.from_arrays([(1, y), (3, y)], [(0, 1), (0, 0)], "any")
+        lanes = planners.audit(space, graph).lanes
+        assert [row.verdict == "free" for row in lanes] == [is_free] * 2, gap
+
+
 def test_a_map_without_a_yaw_is_for_a_round_robot_or_one_that_never_turns():
     workspace = cspace.Workspace.from_array(np.zeros((40, 30), dtype=np.bool_), 0.1)
     disc = cspace.build(workspace, "disc:0.3")

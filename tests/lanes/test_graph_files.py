@@ -14,7 +14,7 @@ import cspace
 from cspace.errors import CspaceError, FileError, InputError
 from cspace.lanes import RouteGraph
 from cspace.lanes._curves import cut_nurbs
-from cspace.lanes._verdicts import list_motions
+from cspace.lanes._lane_motions import list_motions
 from tests.helpers.refusals import refusals
 
 NAV2 = {
@@ -197,42 +197,59 @@ POINTS = (*ENTRY, "trajectory", "controlPoints")
 @refusals(
     "name, path, value, text",
     ("nav.geojson", ("crs",), {"name": "CRS84"}, "has the crs"),
-    ("nav.geojson", NODE, None, "without an id"),
-    ("nav.geojson", NODE, 1, "the node 1 twice"),
-    ("nav.geojson", NODE, 2, "the id '2' twice"),
+    ("nav.geojson", NODE, None, "features[0], properties has no id"),
+    ("nav.geojson", NODE, 1, "node 1 is there twice"),
+    ("nav.geojson", NODE, 2, "edge 2 has the id of a node"),
     ("nav.geojson", ("features", 0, "properties", "frame"), "odom", "node 0 has frame 'odom'"),
     ("nav.geojson", ("features", 0, "geometry", "coordinates"), [1], "node 0 has the coordinates"),
     ("nav.geojson", ("features", 0, "geometry", "coordinates"), ["1", 2], "node 0 has the x '1'"),
-    ("nav.geojson", ("features", 0, "geometry", "type"), "Polygon", "feature 0 is a Polygon"),
+    ("nav.geojson", ("features", 0, "geometry", "type"), "Polygon", "with the id 0 is a Polygon"),
     ("nav.geojson", ("features", 0), 3, "features[0]"),
     ("nav.geojson", EDGE, 7, "edge 2 names the node 7"),
     ("nav.geojson", DRAWN, [[[1, 2], [2, 3], [4, 2]]], "edge 2 is drawn by way of"),
     ("nav.geojson", DRAWN, [[3]], "edge 2 has the coordinates"),
     ("rmf.yaml", ("levels", "L2"), {}, "pass level= with one of them"),
-    ("rmf.yaml", ("levels",), [], "has levels"),
-    ("rmf.yaml", ("levels", "L1"), [], "level 'L1' is no mapping"),
-    ("rmf.yaml", ("levels", "L1", "vertices", 1), [3], "vertex 1 is [3]"),
-    ("rmf.yaml", ("levels", "L1", "vertices", 1), [math.nan, 0], "node 1 has the x nan"),
-    ("rmf.yaml", ("levels", "L1", "vertices", 1), [0, 0, {"name": "dock"}], "'dock' twice"),
-    ("rmf.yaml", (*LANES, 1), 9, "lane 0 names the vertex 9"),
+    ("rmf.yaml", ("levels",), [], "levels is []"),
+    ("rmf.yaml", ("levels", "L1"), [], "level 'L1' is []"),
+    ("rmf.yaml", ("levels", "L1", "vertices", 1), [3], "vertex 1 has the coordinates [3]"),
+    ("rmf.yaml", ("levels", "L1", "vertices", 1), [math.nan, 0], "vertex 1 has the x nan"),
+    (
+        "rmf.yaml",
+        ("levels", "L1", "vertices", 1),
+        [0, 0, {"name": "dock"}],
+        "vertex 1 is there twice",
+    ),
+    ("rmf.yaml", (*LANES, 1), 9, "lane 0 is [0, 9"),
     ("rmf.yaml", LANES, 5, "lane 0 is 5"),
     ("rmf.yaml", (*LANES, 2), {"orientation_constraint": "left"}, "orientation_constraint 'left'"),
-    ("rmf.yaml", (*LANES, 2), {"curvature": 1}, "lane 0 has the option 'curvature'"),
+    ("rmf.yaml", (*LANES, 2), 5, "lane 0 is 5"),
     ("lif.json", (*LIF_EDGE, "endNodeId"), "z", "edge 'ab' names the node 'z'"),
-    ("lif.json", (*ENTRY, "vehicleOrientation"), "left", "edge 'ab' has the orientation"),
-    ("lif.json", (*ENTRY, "orientationType"), "LOCAL", "edge 'ab' has orientationType"),
+    ("lif.json", (*ENTRY, "vehicleOrientation"), "left", "has the vehicleOrientation 'left'"),
+    (
+        "lif.json",
+        (*ENTRY, "orientationType"),
+        "LOCAL",
+        "edge 'ab', vehicleTypeEdgeProperties[0] has orientationType",
+    ),
     ("lif.json", (*ENTRY, "rotationAtStartNodeAllowed"), "CCW", "rotationAtStartNodeAllowed 'CCW'"),
     ("lif.json", (*ENTRY, "vehicleTypeId"), "tug", "pass vehicle="),
-    ("lif.json", (*ENTRY, "trajectory", "knotVector"), [0, 1], "edge 'ab' has a trajectory"),
+    (
+        "lif.json",
+        (*ENTRY, "trajectory", "knotVector"),
+        [0, 1],
+        "vehicleTypeEdgeProperties[0], trajectory has 2 knots",
+    ),
     ("lif.json", (*ENTRY, "trajectory", "knotVector"), [0, 0, 0, 1, 1, -1], "do not rise"),
     ("lif.json", (*ENTRY, "trajectory", "degree"), 0, "of degree 0"),
     ("lif.json", (*POINTS, 1, "weight"), 0.0, "weight that is not above zero"),
-    ("lif.json", (*POINTS, 1, "x"), None, "control point 1, has the x None"),
+    ("lif.json", (*POINTS, 1, "x"), None, "controlPoints[1] has no x"),
     ("lif.json", (*POINTS, 1, "orientation"), 0.5, "has orientation 0.5"),
     ("lif.json", (*POINTS, 0, "x"), 1.5, "edge 'ab' ends 0.5 m from a node"),
-    ("lif.json", (*ENTRY, "trajectory"), 5, "trajectory that is no mapping"),
+    ("lif.json", (*ENTRY, "trajectory"), 5, "trajectory is 5"),
     ("lif.json", ("layouts", 0, "stations", 0, "interactionNodeIds"), ["z"], "station 'S'"),
-    ("lif.json", ("layouts", 0, "nodes", 0, "nodePosition"), 1, "node 'a' has the nodePosition"),
+    ("lif.json", ("layouts", 0, "nodes", 0, "nodePosition"), 1, "node 'a', nodePosition is 1"),
+    ("lif.json", ("layouts", 0, "origins"), [{"x": 3}], "the layout has origins"),
+    ("lif.json", ("origins",), [{"x": 3}], "the graph has origins"),
     ("order.json", ("nodes", 0, "nodePosition", "mapId"), "n", "has nodes on the maps"),
     ("order.json", ("nodes", 0, "nodePosition", "allowedDeviationTheta"), 1, "DeviationTheta 1"),
     ("order.json", ("nodes",), None, "edge 'ab' names the node 'a'"),
@@ -251,6 +268,8 @@ def test_damaged_files_name_the_element(name, path, value, text, tmp_path):
     [
         ("nav.geojson", ("features", 2, "properties", "width"), "width (Nav2 edge)"),
         ("rmf.yaml", ("levels", "L1", "vertices", 0, 2, "yaw"), "yaw (vertex)"),
+        ("rmf.yaml", (*LANES, 2, "curvature"), "curvature (lane)"),
+        ("lif.json", ("layouts", 0, "layoutFrame"), "layoutFrame (layout)"),
         ("lif.json", (*ENTRY, "loadRestriction"), "loadRestriction (vehicleTypeEdgeProperties)"),
         ("lif.json", (*POINTS, 1, "z"), "z (control point)"),
         ("order.json", ("edges", 0, "maxHeight"), "maxHeight (edge)"),
@@ -342,10 +361,12 @@ def test_the_motions_of_a_curve_are_as_wide_as_it_deviates(tmp_path):
     workspace = cspace.Workspace.from_array(np.zeros((20, 20), dtype=np.bool_), 0.1)
     motions = list_motions(cspace.build(workspace, "rect:0.2x0.1", rotations=8), graph)
     legs = graph.lanes[0].legs
-    of_legs = (motions.lanes == 0) & (motions.tubes.drifts > 0.0)
-    assert motions.tubes.drifts[of_legs].tolist() == [leg.drift for leg in legs]
-    assert motions.tubes.turns[of_legs].tolist() == [leg.spread for leg in legs]
+    of_legs = (motions.lanes == 0) & ~motions.on_lane
+    lever = math.hypot(0.1, 0.05)
+    needed = np.array([leg.drift + lever * leg.spread for leg in legs])
     assert min(leg.drift for leg in legs) > 0.0
+    assert (needed <= motions.growths[of_legs]).all()
+    assert (motions.growths[of_legs] <= needed + 1e-3).all()
 
 
 def test_a_curve_that_turns_back_jumps_there():

@@ -1,0 +1,212 @@
+"""Collisions on lanes: the first configurations that are not free, and what the robot touches."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+import numpy as np
+import shapely
+
+from cspace._support.arrays import BLOCKED, FREE, Bools, Floats, Ints, States
+from cspace.lanes._lane_motions import LaneMotions
+
+if TYPE_CHECKING:
+    from cspace._configuration_map import ConfigurationMap
+    from cspace._space import CSpace
+
+SAMPLES_PER_CELL: Final = 4.0
+"""Number of configurations for each cell of a lane among which the first collision is searched."""
+
+SAMPLE_RADIANS: Final = 0.035
+"""Largest rotation between two of these configurations."""
+
+MAX_SAMPLES: Final = 2**20
+"""Approximate number of configurations that are classified at once."""
+
+MAX_PLACED_ROBOTS: Final = 64
+"""Number of configurations of a lane at which the robot is laid over the obstacles at once."""
+
+MIN_DEPTH: Final = 1e-7
+"""Depth of a point of the robot, metres, which proves a collision in spite of rounding."""
+
+POINTS_PER_SIDE: Final = 16
+"""Number of points along each side of the robot that look for the cell that it touches."""
+
+BORDER: Final = "the border of the map"
+"""Name of the space outside the map as an obstacle."""
+
+
+class Hit(NamedTuple):
+    """The configuration for which a lane is not free; the least of several counts.
+
+    Attributes
+    ----------
+    is_open : bool
+        False if it is proven in collision.
+    along : float
+        See :class:`Samples`.
+    point : tuple of float
+    obstacle : str
+        What the robot touches; empty if nothing is proven.
+    """
+
+    is_open: bool
+    along: float
+    point: tuple[float, ...]
+    obstacle: str = ""
+
+
+class Samples(NamedTuple):
+    """Configurations on lanes that are not FREE, in the order of lanes and along these.
+
+    Attributes
+    ----------
+    points : ndarray of float64, shape (n, size)
+    lanes : ndarray of int64, shape (n,)
+    along : ndarray of float64, shape (n,)
+        Place along the lane: the place of the motion, and the share of the motion.
+    states : ndarray of uint8, shape (n,)
+    """
+
+    points: Floats
+    lanes: Ints
+    along: Floats
+    states: States
+
+    def take(self, rows: Ints | Bools) -> Samples:
+        """Return some of the samples."""
+        return Samples._make(column[rows] for column in self)
+
+    def hit(self, row: int, obstacle: str) -> Hit:
+        """Return a hit at a sample."""
+        point = tuple(self.points[row].tolist())
+        return Hit(not obstacle, float(self.along[row]), point, obstacle)
+
+
+def sample_motions(space: CSpace, motions: LaneMotions) -> Samples:
+    """Return the configurations on motions that are not FREE, a fraction of a cell apart."""
+    steps = space.steps_between(motions.starts, motions.ends)
+    parts = np.hypot(*steps[:, :2].T) * SAMPLES_PER_CELL / space.grid.spacing
+    if space.rotations.names:
+        parts = np.maximum(parts, np.abs(steps[:, 2]) / SAMPLE_RADIANS)
+    counts = np.where(motions.on_lane, np.maximum(np.ceil(parts), 1.0), 1.0).astype(np.int64) + 1
+    found = [Samples(steps[:0], motions.lanes[:0], steps[:0, 0], np.zeros(0, np.uint8))]
+    batches = np.cumsum(counts) // MAX_SAMPLES
+    for batch in np.unique(batches):
+        chosen = np.flatnonzero(batches == batch)
+        rows = np.repeat(chosen, counts[chosen])
+        begins = np.cumsum(counts[chosen]) - counts[chosen]
+        numbers = np.arange(len(rows)) - np.repeat(begins, counts[chosen])
+        shares = numbers / (counts[rows] - 1)
+        points = motions.starts[rows] + shares[:, np.newaxis] * steps[rows]
+        points[shares == 1.0] = motions.ends[rows[shares == 1.0]]
+        states = np.asarray(space.classify(points))
+        along = motions.order[rows] + shares
+        samples = Samples(points, motions.lanes[rows], along, states)
+        found.append(samples.take(states != FREE))
+    joined = Samples._make(map(np.concatenate, zip(*found, strict=True)))
+    return joined.take(np.lexsort((joined.along, joined.lanes)))
+
+
+def find_hits(
+    space: ConfigurationMap, part: CSpace, samples: Samples, exact: bool
+) -> dict[int, Hit]:
+    """Return the hit of each lane that has samples, in a part of a map.
+
+    Cells prove some; on the other lanes, the robot is laid over the obstacles if ``exact``.
+    """
+    obstacles = Obstacles(space, part)
+    blocked = samples.take(samples.states == BLOCKED)
+    blocked = blocked.take(np.unique(blocked.lanes, return_index=True)[1])
+    hits = {}
+    for number, text in enumerate(obstacles.name_cells(blocked.points)):
+        name = text or obstacles.find_overlap(blocked.points[number : number + 1])[1]
+        hits[int(blocked.lanes[number])] = blocked.hit(number, name or "an obstacle")
+    rest = samples.take(~np.isin(samples.lanes, blocked.lanes))
+    lanes, begins = np.unique(rest.lanes, return_index=True)
+    stops = np.append(begins, len(rest.lanes))[1:]
+    for lane, begin, stop in zip(lanes.tolist(), begins.tolist(), stops.tolist(), strict=True):
+        number, name = obstacles.find_overlap(rest.points[begin:stop]) if exact else (0, "")
+        hits[lane] = rest.hit(begin + number, name)
+    return hits
+
+
+class Obstacles:
+    """The proven insides of obstacles, over which the robot is laid."""
+
+    def __init__(self, space: ConfigurationMap, part: CSpace) -> None:
+        """Collect the shapes of obstacles in a part of a map, those with a name first."""
+        self.grid, self.inner = part.grid, part.workspace.inner
+        self.outline = space.robot.shape.inner.outline
+        self.robot = self.outline.buffer(-MIN_DEPTH, join_style="mitre")
+        self.outside_blocked = space.outside == "blocked"
+        # A part ends where the map goes on.
+        self.frame = shapely.box(*space.grid.lower, *space.grid.upper)
+        named = part.obstacles
+        self.names = list(map(repr, named))
+        shapes = [*named.values(), *(part.workspace.shapes or ())]
+        outlines = [shape.inner.outline for shape in shapes]
+        self.shapes = shapely.intersection(np.array(outlines, dtype=object), self.frame)
+
+    def name_cells(self, points: Floats) -> list[str]:
+        """Name an inner cell with a point of the robot, for each configuration.
+
+        A text is empty if some points of the robot find none, or if obstacles have names.
+        """
+        lower, upper = np.array(self.outline.bounds).reshape(2, 2)
+        sides = [np.linspace(a, b, POINTS_PER_SIDE) for a, b in zip(lower, upper, strict=True)]
+        inside = np.stack(np.meshgrid(*sides), axis=-1).reshape(-1, 2)
+        inside = inside[shapely.contains_xy(self.outline, inside)]
+        if self.names or not len(inside):
+            return [""] * len(points)
+        cells = self.grid.cell_of(_place(inside, points))
+        in_grid = ((cells >= 0) & (cells < self.grid.shape)).all(axis=-1)
+        hits = np.zeros(in_grid.shape, dtype=np.bool_)
+        hits[in_grid] = self.inner[tuple(cells[in_grid].T)]
+        firsts = np.arange(len(points)), hits.argmax(axis=1)
+        centers = self.grid.center_of(cells[firsts]).tolist()
+        texts = [f"the obstacle at ({x:.2f}, {y:.2f})" for x, y in centers]
+        return [text if hit else "" for text, hit in zip(texts, hits[firsts], strict=True)]
+
+    def find_overlap(self, points: Floats) -> tuple[int, str]:
+        """Return the first configuration that is proven in collision, with the obstacle.
+
+        The text is empty if none is.
+        """
+        if self.robot.is_empty:  # a point or a line
+            return 0, ""
+        for begin in range(0, len(points), MAX_PLACED_ROBOTS):
+            number, text = self._find_overlap(points[begin : begin + MAX_PLACED_ROBOTS])
+            if text:
+                return begin + number, text
+        return 0, ""
+
+    def _find_overlap(self, points: Floats) -> tuple[int, str]:
+        """Return as :meth:`find_overlap` for a few configurations."""
+        corners = _place(shapely.get_coordinates(self.robot), points)
+        robots = shapely.set_coordinates(np.repeat(self.robot, len(points)), corners.reshape(-1, 2))
+        first = np.clip(self.grid.cell_of(corners.min(axis=(0, 1))), 0, None)
+        stop = np.clip(self.grid.cell_of(corners.max(axis=(0, 1))) + 1, 0, None)
+        cells = np.argwhere(self.inner[tuple(map(slice, first, stop))]) + first
+        lower = np.asarray(self.grid.lower) + self.grid.spacing * cells
+        boxes = shapely.box(*lower.T, *(lower + self.grid.spacing).T)
+        obstacles = np.concatenate([self.shapes, boxes])
+        pairs = shapely.STRtree(obstacles).query(robots, predicate="intersects")
+        leaving = np.flatnonzero(self.outside_blocked & ~shapely.covers(self.frame, robots))
+        number, met = min(map(tuple, pairs.T.tolist()), default=(len(points), 0))
+        if len(leaving) and leaving[0] < number:
+            return int(leaving[0]), BORDER
+        if number == len(points):
+            return 0, ""
+        if met < len(self.names):
+            return number, self.names[met]
+        point = shapely.intersection(robots[number], obstacles[met]).representative_point()
+        return number, f"the obstacle at ({point.x:.2f}, {point.y:.2f})"
+
+
+def _place(offsets: Floats, points: Floats) -> Floats:
+    """Return points of the robot, shape (k, 2), at n configurations, shape (n, k, 2)."""
+    yaws = points[:, 2] if points.shape[1] > 2 else np.zeros(len(points))
+    cos, sin = np.cos(yaws), np.sin(yaws)
+    turns = np.stack([np.stack([cos, -sin], axis=-1), np.stack([sin, cos], axis=-1)], axis=1)
+    return np.asarray(offsets @ turns.swapaxes(1, 2) + points[:, np.newaxis, :2])

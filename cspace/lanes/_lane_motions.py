@@ -1,0 +1,246 @@
+"""Motions of lanes: straight, each for all configurations near it.
+
+A robot that is off a motion by at most d lies within the robot on the motion grown by d. So does
+one rotated by an angle a, if d is a times the largest distance of its points from the reference
+point. So a motion of a grown robot stands for a curve, a corridor, or all yaws of a rotation cell.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Final, NamedTuple, cast
+
+import numpy as np
+
+from cspace._rotations.base import ANGLE_SLACK
+from cspace._support.arrays import Bools, Floats, Ints
+from cspace.errors import InputError
+from cspace.lanes._curves import Leg
+from cspace.lanes._headings import HeadingRule, Lane
+from cspace.lanes._route_graph import RouteGraph
+
+if TYPE_CHECKING:
+    from cspace._configuration_map import ConfigurationMap
+    from cspace._space import CSpace
+    from cspace._tiles.tiled_space import TiledCSpace
+
+SAME_YAW: Final = 1e-9
+"""Angle, radians, up to which two legs of a lane need no turn between them."""
+
+MAX_PART: Final = math.radians(5.0)
+"""Largest part of a rotation cell of which all yaws are proven at once, radians."""
+
+LEVER_ROUNDING: Final = 1e-9
+"""Rounding of the robot's largest distance from its reference point, as a share of it."""
+
+GROWTH_STEP: Final = 1e-3
+"""Step, metres, of the growths of curves; motions of one growth are proven at once."""
+
+
+class LaneMotions(NamedTuple):
+    """Motions of lanes, in the order of these.
+
+    Attributes
+    ----------
+    starts, ends : ndarray of float64, shape (n, size)
+    growths : ndarray of float64, shape (n,)
+        Growth of the robot, metres.
+    spares : ndarray of float64, shape (n,)
+        More growth, metres, without which a motion at the center of a rotation cell stands for all
+        yaws of it by cells alone.
+    lanes : ndarray of int64, shape (n,)
+        Index of the lane.
+    order : ndarray of int64, shape (n,)
+        Place of the motion along its lane.
+    on_lane : ndarray of bool, shape (n,)
+        False for the chord of a curve, of which only both ends lie on the lane.
+    """
+
+    starts: Floats
+    ends: Floats
+    growths: Floats
+    spares: Floats
+    lanes: Ints
+    order: Ints
+    on_lane: Bools
+
+    def take(self, rows: Ints | Bools) -> LaneMotions:
+        """Return some of the motions."""
+        return LaneMotions._make(column[rows] for column in self)
+
+
+class LaneYaw(NamedTuple):
+    """One of the yaws at which a lane is driven.
+
+    Attributes
+    ----------
+    yaw : float
+        Radians.
+    is_relative : bool
+        Whether the yaw counts from the direction of travel.
+    half_width : float
+        Radians, by which the yaw may differ, within its rotation cell.
+    """
+
+    yaw: float
+    is_relative: bool = False
+    half_width: float = 0.0
+
+    def yaws(self, leg: Leg) -> tuple[float, float]:
+        """Return the yaws at the start and at the end of a leg."""
+        if self.is_relative:
+            return leg.first + self.yaw, leg.last + self.yaw
+        return self.yaw, self.yaw
+
+
+def check_map(space: ConfigurationMap, graph: RouteGraph) -> None:
+    """Raise InputError unless a map has the axes of lanes, and turns as these do."""
+    if space.axes not in (("x", "y"), ("x", "y", "yaw")):
+        rule = "lanes are for maps of x, y, or of x, y, yaw"
+        hint = "build one of the robot's footprint, with rotations=72"
+        raise InputError("space", f"has the axes {', '.join(space.axes)}", rule, hint)
+    if space.rotations.names or space.robot.shape.is_round:
+        return
+    for lane in graph.lanes:
+        if lane.heading != HeadingRule("map", (0.0,)):
+            problem = f"has no yaw, but {space.robot.name} turns on the lane {lane.name!r}"
+            hint = "build it with rotations=72, or set heading=0.0 for a robot that never turns"
+            raise InputError("space", problem, "the shape at every yaw is needed", hint)
+
+
+def list_legs(graph: RouteGraph, lane: Lane) -> tuple[Leg, ...]:
+    """Return the legs of a lane, of which a straight lane has one."""
+    if lane.legs:
+        return lane.legs
+    start, end = graph.places[lane.start], graph.places[lane.end]
+    direction = math.atan2(end[1] - start[1], end[0] - start[0])
+    return (Leg(start, end, direction, direction),)
+
+
+def list_yaws(graph: RouteGraph, lane: Lane) -> list[LaneYaw]:
+    """Return the ways to drive a lane; the list is empty if all yaws are allowed."""
+    frame, yaws = lane.heading
+    # A straight lane without length has no direction.
+    is_point = not lane.legs and graph.places[lane.start] == graph.places[lane.end]
+    if frame == "any" or (frame == "lane" and is_point):
+        return []
+    return [LaneYaw(yaw, frame == "lane") for yaw in yaws]
+
+
+def lever_of(space: ConfigurationMap) -> float:
+    """Return a distance, metres, that no point of the robot exceeds from the reference point."""
+    corner = np.abs(space.robot.shape.outer.bounds).max(axis=0)
+    return float(np.hypot(*corner)) * (1.0 + LEVER_ROUNDING)
+
+
+def split_yaws(space: ConfigurationMap) -> Floats:
+    """Return parts of rotation cells, shape (n, 2): their lower and upper yaws, all around."""
+    if not space.rotations.names:
+        return np.zeros((1, 2))
+    bounds = space.rotations._stored_arrays["yaw_bounds"]
+    count = math.ceil(np.ptp(bounds, axis=1).max() / MAX_PART - SAME_YAW)
+    borders = np.linspace(bounds[:, 0], bounds[:, 1], count + 1, axis=1)
+    return np.stack([borders[:, :-1], borders[:, 1:]], axis=-1).reshape(-1, 2)
+
+
+def list_motions(space: ConfigurationMap, graph: RouteGraph) -> LaneMotions:
+    """List the motions of all lanes."""
+    has_yaw = bool(space.rotations.names)
+    lever = lever_of(space) if has_yaw else 0.0
+    parts = split_yaws(space)
+    half_widths = 0.5 * np.ptp(parts, axis=1) + ANGLE_SLACK
+    pairs = zip(parts.mean(axis=1).tolist(), half_widths.tolist(), strict=True)
+    all_ways = [LaneYaw(yaw, half_width=half_width) for yaw, half_width in pairs]
+    yaws = graph.yaws.tolist()
+    rows: list[tuple[float, ...]] = []
+    for number, lane in enumerate(graph.lanes):
+        legs = list_legs(graph, lane)
+        if not space.in_memory:
+            longest = min(cast("TiledCSpace", space).tile) * space.grid.spacing
+            legs = tuple(part for leg in legs for part in _cut(leg, longest))
+        ways = list_yaws(graph, lane) if has_yaw else []
+        stops = (yaws[lane.start], yaws[lane.end]) if ways else (math.nan, math.nan)
+        for way in ways or all_ways:
+            rows += _list_way(lane, legs, way, stops, lever, number)
+    table = np.array(rows, dtype=np.float64).reshape(-1, 11)
+    starts, ends = (np.ascontiguousarray(table[:, k : k + space.size]) for k in (0, 3))
+    growths, spares, lanes, order, on_lane = table[:, 6:].T.copy()
+    kinds = lanes.astype(np.int64), order.astype(np.int64), on_lane > 0.0
+    return LaneMotions(starts, ends, growths, spares, *kinds)
+
+
+def _cut(leg: Leg, longest: float) -> Iterator[Leg]:
+    """Cut a straight leg into parts that windows of a map in tiles hold."""
+    count = math.ceil(math.dist(leg.start, leg.end) / longest) if leg.drift == 0.0 else 1
+    points = np.linspace(leg.start, leg.end, max(count, 1) + 1).tolist()
+    for start, end in itertools.pairwise(points):
+        yield leg._replace(start=tuple(start), end=tuple(end))
+
+
+def _list_way(
+    lane: Lane,
+    legs: tuple[Leg, ...],
+    way: LaneYaw,
+    stops: tuple[float, float],
+    lever: float,
+    number: int,
+) -> list[tuple[float, ...]]:
+    """List the motions of one way to drive a lane, with the turns between its legs.
+
+    ``stops`` are the yaws at both nodes, or NaN. A point of the robot moves by at most ``lever``
+    times an angle. The columns are those of :class:`LaneMotions`, with 3 for a configuration.
+    """
+    rows: list[tuple[float, ...]] = []
+
+    def add(
+        start: tuple[float, ...], end: tuple[float, ...], bend: float = 0.0, spare: float = 0.0
+    ) -> None:
+        """Add a motion, which a lane leaves by ``bend``."""
+        growth = lane.deviation + bend
+        rows.append((*start, *end, growth, spare, number, len(rows), bend == 0.0))
+
+    def turn(place: tuple[float, float], before: float, after: float) -> None:
+        """Add a turn on the spot, unless it is none, or the yaw before or after is NaN."""
+        if abs(math.remainder(after - before, math.tau)) > SAME_YAW:
+            add((*place, before), (*place, after))
+
+    before = stops[0]
+    for leg in legs:
+        first, last = way.yaws(leg)
+        turn(leg.start, before, first)
+        bend = leg.drift + (lever * leg.spread if way.is_relative else 0.0)
+        bend = GROWTH_STEP * math.ceil(bend / GROWTH_STEP)
+        # A robot on the spot turns through all yaws of its part.
+        swing = way.half_width if leg.start == leg.end else 0.0
+        spare = lever * (way.half_width - swing)
+        add((*leg.start, first - swing), (*leg.end, last + swing), bend, spare)
+        before = last
+    turn(legs[-1].end, before, stops[1])
+    return rows
+
+
+def list_parts(
+    space: ConfigurationMap, motions: LaneMotions, more: float
+) -> Iterator[tuple[CSpace, Ints]]:
+    """Yield parts of a map in memory, each with the rows of motions that lie in it.
+
+    A part also has what the robot touches within ``more`` metres beside the motions.
+    """
+    if space.in_memory:
+        yield cast("CSpace", space), np.arange(len(motions.lanes))
+        return
+    tiles = cast("TiledCSpace", space)
+    spacing = space.grid.spacing
+    middles = 0.5 * (motions.starts + motions.ends)[:, :2]
+    blocks = np.floor(middles / (spacing * np.array(tiles.tile)))
+    _, numbers, counts = np.unique(blocks, axis=0, return_inverse=True, return_counts=True)
+    rows = np.argsort(numbers.ravel(), kind="stable")
+    for chosen in np.split(rows, np.cumsum(counts)[:-1]) if len(rows) else ():
+        ends = np.concatenate([motions.starts[chosen], motions.ends[chosen]])[:, :2]
+        reach = (motions.growths + motions.spares)[chosen].max() + more + 2.0 * spacing
+        # A motion beside the map has a window at its border.
+        lower = np.minimum(ends.min(axis=0), space.grid.upper) - reach
+        upper = np.maximum(ends.max(axis=0), space.grid.lower) + reach
+        yield tiles.window(lower, upper), chosen

@@ -1,0 +1,181 @@
+"""Audits of random route graphs, checked against what shapely sweeps."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections import Counter
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import shapely
+from scipy.interpolate import BSpline
+from shapely import affinity
+
+import cspace
+import planners
+from benchmarks.report import Report
+from cspace import CSpace, Robot, Workspace
+from cspace._support.arrays import Floats
+from cspace.lanes import HeadingRule, Lane, RouteGraph
+from cspace.lanes._curves import cut_nurbs
+from tests.fuzz.scenes import Rng
+
+MAX_AREA = 1e-9
+"""Area, square metres, that robot and obstacles may have in common by rounding."""
+
+SHRINK = 1.0 - 1e-9
+"""Factor of rooms and margins, for rounding."""
+
+CURVE_KNOTS = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0])
+"""Knots of quadratic curves."""
+
+Pose = tuple[float, float, float]
+
+
+def check(report: Report, seed: int, graphs: int) -> None:
+    """Audit random graphs, and compare each verdict, room, margin and interval of yaws."""
+    counts: Counter[str] = Counter()
+    faults: list[str] = []
+    for number in range(graphs):
+        found = list(draw_faults(seed, number, counts))
+        for fault in found[:1]:
+            report.note(f"draw_faults({seed}, {number}, Counter()): {fault}")
+        faults += found
+    shares = ", ".join(f"{count} {verdict}" for verdict, count in sorted(counts.items()))
+    report.section(f"{graphs} random route graphs: {shares}")
+    report.check(not faults, "no verdict, room, margin or turn of an audit is refuted")
+
+
+def draw_faults(seed: int, number: int, counts: Counter[str]) -> Iterator[str]:
+    """Yield what shapely refutes in the audit of one random graph."""
+    rng = np.random.default_rng([seed, number])
+    sizes = rng.uniform(0.05, 0.5, 2)
+    points = rng.uniform(-sizes, sizes, (int(rng.integers(3, 8)), 2))
+    corners = shapely.MultiPoint(points).convex_hull
+    space, walls = _draw_map(rng, corners)
+    graph, controls = _draw_graph(rng, space)
+    audit = planners.audit(space, graph, exact=bool(rng.random() < 0.8))
+    for lane, row in zip(graph.lanes, audit.lanes, strict=True):
+        counts[row.verdict] += 1
+        poses = list(_list_poses(rng, graph, lane, controls.get(lane.name)))
+        if row.verdict == "blocked" and row.at is not None:
+            x, y, yaw = row.at
+            if not shapely.intersects(_place(corners, (x, y, yaw)), walls):
+                yield f"{row} touches nothing"
+        if row.verdict != "free":
+            continue
+        for first, last in poses:
+            swept = shapely.convex_hull(
+                shapely.union(_place(corners, first), _place(corners, last))
+            )
+            shapes = [shapely.buffer(swept, SHRINK * row.margin, quad_segs=32)]
+            if lane.name not in controls and first[:2] != last[:2]:
+                travel = np.subtract(last, first)[:2] / math.dist(first[:2], last[:2])
+                for side, room in ((1.0, row.left), (-1.0, row.right)):
+                    aside = side * SHRINK * room * np.array([-travel[1], travel[0]])
+                    shifted = affinity.translate(swept, *aside)
+                    shapes.append(shapely.convex_hull(shapely.union(swept, shifted)))
+            if shapely.area(shapely.intersection(shapes, walls)).max() > MAX_AREA:
+                yield f"{row} meets an obstacle from {first} to {last}"
+    for node in audit.nodes:
+        for low, high in node.free_yaws:
+            for yaw in rng.uniform(low, high, 5):
+                robot = _place(corners, (*node.position, float(yaw)))
+                if shapely.intersection(robot, walls).area > MAX_AREA:
+                    yield f"{node} meets an obstacle at {yaw}"
+
+
+def _draw_map(rng: Rng, corners: Any) -> tuple[CSpace, Any]:
+    """Draw a map of a convex robot, and everything that it must not touch."""
+    spacing = float(rng.choice([0.05, 0.1, 0.13]))
+    shape = rng.integers(20, 50, 2)
+    frame = shapely.box(0.0, 0.0, *(spacing * shape))
+    if rng.random() < 0.5:
+        cells = rng.random(tuple(shape)) < rng.choice([0.0, 0.001, 0.01])
+        lower = spacing * np.argwhere(cells)
+        walls = [*shapely.box(*lower.T, *(lower + spacing).T)]
+        workspace = Workspace.from_array(cells, spacing)
+    else:
+        centers = rng.uniform(0.0, spacing * shape, (int(rng.integers(1, 8)), 2))
+        walls = [
+            shapely.MultiPoint(center + rng.uniform(-0.3, 0.3, (5, 2))).convex_hull
+            for center in centers
+        ]
+        walls = [shapely.intersection(wall, frame) for wall in walls]
+        walls = [wall for wall in walls if wall.area > 0.0] or [shapely.box(0.0, 0.0, 0.1, 0.1)]
+        workspace = Workspace.from_polygons(walls, spacing=spacing, bounds=frame.bounds)
+    beyond = shapely.difference(shapely.buffer(frame, 9.0), frame)
+    robot = Robot.polygon(shapely.get_coordinates(corners)[:-1])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of maps without a FREE cell
+        space = cspace.build(workspace, robot, rotations=int(rng.choice([1, 5, 16, 72])))
+    return space, shapely.union_all([*walls, beyond])
+
+
+def _draw_graph(rng: Rng, space: CSpace) -> tuple[RouteGraph, dict[str, Floats]]:
+    """Draw a graph of straight lanes and curves, and the control points of the curves."""
+    count = int(rng.integers(2, 7))
+    upper = np.array(space.grid.upper)
+    nodes = rng.uniform(-0.02 * upper, 1.02 * upper, (count, 2))
+    edges = rng.integers(0, count, (int(rng.integers(1, 9)), 2))
+    words = ["forward", "backward", "both", "any", float(rng.uniform(-7.0, 7.0)), 0.0]
+    headings = [words[int(k)] for k in rng.integers(0, len(words), len(edges))]
+    yaws = np.where(rng.random(count) < 0.3, rng.uniform(-4.0, 4.0, count), math.nan)
+    graph = RouteGraph.from_arrays(nodes, edges, headings, yaws=yaws)
+    lanes, controls = [], {}
+    for lane in graph.lanes:
+        ends = nodes[[lane.start, lane.end]]
+        if lane.start != lane.end and rng.random() < 0.3:
+            points = np.insert(ends, 1, rng.uniform(0.0, upper), axis=0)
+            controls[lane.name] = points
+            lane = lane._replace(legs=cut_nurbs(2, CURVE_KNOTS, points, np.ones(3)))
+        deviation = float(rng.choice([0.0, 0.0, 0.05]))
+        lanes.append(lane._replace(deviation=deviation))
+    return RouteGraph(graph.names, graph.positions, tuple(lanes), graph.yaws), controls
+
+
+def _list_poses(
+    rng: Rng, graph: RouteGraph, lane: Lane, controls: Floats | None
+) -> Iterator[tuple[Pose, Pose]]:
+    """Yield pairs of poses of a lane, which a robot that keeps its yaw joins, within its corridor."""
+    places = graph.positions[[lane.start, lane.end]]
+    travels = [math.atan2(*(places[1] - places[0])[::-1])] * 2
+    if controls is not None:
+        curve = BSpline(CURVE_KNOTS, controls, 2)
+        times = rng.uniform(0.0, 1.0, 20)
+        places = np.concatenate([places[:1], curve(times), places[1:]])
+        slopes = curve(np.concatenate([[0.0], times, [1.0]]), 1)
+        travels = np.arctan2(slopes[:, 1], slopes[:, 0]).tolist()
+    aside = lane.deviation * rng.choice([-0.7, 0.7], 2)
+    for rule in _list_rules(rng, graph, lane):
+        yaws = [
+            travel + rule.yaws[0] if rule.frame == "lane" else rule.yaws[0] for travel in travels
+        ]
+        poses = [(*(place + aside), yaw) for place, yaw in zip(places, yaws, strict=True)]
+        if controls is None:
+            yield poses[0], poses[-1]
+        else:
+            yield from zip(poses, poses, strict=True)
+        if lane.heading.frame == "any":
+            continue
+        for node, yaw in ((lane.start, yaws[0]), (lane.end, yaws[-1])):
+            turn = math.remainder(graph.yaws[node] - yaw, math.tau)
+            for share in rng.uniform(0.0, 1.0, 0 if math.isnan(turn) else 5):
+                pose = (*(graph.positions[node] + aside), yaw + share * turn)
+                yield pose, pose
+
+
+def _list_rules(rng: Rng, graph: RouteGraph, lane: Lane) -> list[HeadingRule]:
+    """Return rules of one yaw each, a random one if all yaws are allowed."""
+    is_point = not lane.legs and lane.start == lane.end
+    if lane.heading.frame == "any" or (is_point and lane.heading.frame == "lane"):
+        return [HeadingRule("map", (float(yaw),)) for yaw in rng.uniform(-4.0, 4.0, 8)]
+    return [HeadingRule(lane.heading.frame, (yaw,)) for yaw in lane.heading.yaws]
+
+
+def _place(robot: Any, pose: Pose) -> Any:
+    """Return the robot at a pose."""
+    turned = affinity.rotate(robot, pose[2], (0.0, 0.0), use_radians=True)
+    return affinity.translate(turned, pose[0], pose[1])
