@@ -137,7 +137,7 @@ def measure_intervals(
     lengths = (segments.lengths / counts)[owners]
     begins = (np.arange(len(owners)) - (np.cumsum(counts) - counts)[owners]) * lengths
     parts = segments.select(owners)
-    rates, bends = bound_derivatives(parts, rotations, begins, lengths)
+    rates, bends = bound_derivatives(parts, begins, lengths)
     rate_shares = bounds.acceleration.shares(rates)
     bend_shares = bounds.acceleration.shares(bends)
     shares = [bounds.velocity.shares(rates) ** 2, bend_shares]
