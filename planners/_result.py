@@ -561,10 +561,11 @@ class Plan:
             stops at corners.
         after : Trajectory, optional
             A motion of this robot, which it drives until the time ``at``. The new one begins in
-            that state. It follows the old curve as far as the robot needs to stop, to the end of
-            ``after.braked(at)``, where the plan starts. It does not stop there if the curve can go
-            on smoothly, with a continuous velocity and curvature. If the plan has no path, or
-            none that is proven, it is ``after.braked(at)`` itself.
+            that state, with a continuous velocity and curvature. The plan starts at one of
+            ``after.starts_after(at)``: the place of that state, or the end of
+            ``after.braked(at)``, to which the robot follows the old curve. There it does not stop
+            if a curve goes on smoothly. If the plan has no path, or none that is proven and that
+            the speed allows, it is ``after.braked(at)`` itself.
         at : float
             Seconds from the start of ``after``, time 0 of the new trajectory.
 
@@ -572,8 +573,8 @@ class Plan:
         ------
         InputError
             If the plan has no path; a limit is missing, not above zero, or for another kind of
-            robot; the limits do not allow the duration; or the plan does not start at the
-            end of ``after.braked(at)``, which has its axes.
+            robot; the limits do not allow the duration; or the plan does not start at one of
+            ``after.starts_after(at)``, or ``after`` has other axes.
 
         Examples
         --------

@@ -180,9 +180,7 @@ def scale_segments(segments: Segments, factor: float) -> Segments:
     )
 
 
-def bound_derivatives(
-    segments: Segments, begins: Floats, widths: Floats
-) -> tuple[Floats, Floats]:
+def bound_derivatives(segments: Segments, begins: Floats, widths: Floats) -> tuple[Floats, Floats]:
     """Return bounds of the first and second derivatives on intervals of segments, shape (m, k).
 
     A polynomial of degree 2 or 3 deviates from its chord by at most 1/8 of the squared width times

@@ -45,6 +45,7 @@ from planners._timing import (
     MotionBounds,
     Phases,
     are_same_bounds,
+    find_passes,
     find_phases,
     find_stop,
     is_motion,
@@ -314,6 +315,30 @@ class Trajectory:
         route = self._route._replace(waypoints=waypoints)
         stop = replace(self, _route=route, _segments=segments, _phases=phases)
         return stop._set_rows(_row_times(phases, STOP_STEP))
+
+    def starts_after(self, t: float) -> Floats:
+        """Return where a plan may start that goes on from the state at a time.
+
+        The first row is the place of that state. A plan from there goes on at once, if a curve
+        along it is proven and allows the speed. The second row is the end of :meth:`braked`, from
+        which a plan always goes on. If the robot rests, there is only one row.
+
+        Parameters
+        ----------
+        t : float
+            Seconds, by when the plan will be made: the present time and the latency.
+
+        Returns
+        -------
+        ndarray of float64, shape (2, size) or (1, size)
+
+        Raises
+        ------
+        InputError
+            As for :meth:`braked`.
+        """
+        stop = self.braked(t)
+        return stop.positions[[0, -1]] if stop.duration else stop.positions[:1]
 
     def stop_time(self, t: float) -> float:
         """Return the seconds of the quickest stop from the state at a time; see :meth:`braked`."""
@@ -706,35 +731,45 @@ def continue_trajectory(
     bounds = _check_bounds(path, limits)
     if not len(path.waypoints):
         return stop
-    q = stop.positions[-1]
+    rotations = stop._rotations
+    onward = _start_at(path, stop.positions[-1], rotations)
+    from_rest = onward is not None
+    onward = onward or _start_at(path, stop.positions[0], rotations)
+    if onward is None:
+        places = map(format_configuration, stop.positions[[0, -1]].tolist())
+        raise InputError(
+            "at",
+            f"is a time at which the robot is at {next(places)}, and can rest at {next(places)}",
+            f"the plan starts at {format_configuration(path.waypoints[0].tolist())}",
+            "plan from one of after.starts_after(at)",
+        )
+    path = onward
+    edges = _split(path, rotations, bounds)
+    motion: TimedMotion | None
+    if stop.duration == 0.0:
+        motion = _start(path, edges, rotations, bounds)
+    else:
+        motion = _go_on(stop, path, edges, bounds, from_rest)
+        if from_rest:
+            rows = np.concatenate([stop._route.waypoints, path.waypoints[1:]])
+            path = path._replace(waypoints=rows)
+    made = None if motion is None else _make(path, motion, rotations, bounds, step)
+    return made if made is not None and made.certified else stop
+
+
+def _start_at(path: DrivenPath, q: Floats, rotations: Rotations) -> DrivenPath | None:
+    """Return a path from exactly a configuration; None if it starts elsewhere."""
     rows = path.waypoints.copy()
     # Continuous joints count whole turns, and quaternions have two signs.
     if path.moves_joints:
         rows += TWO_PI * np.rint((q - rows[0]) / TWO_PI)
     elif "qw" in path.axes and q[-4:] @ rows[0, -4:] < 0.0:
         rows[:, -4:] *= -1.0
-    gaps = np.abs(stop._rotations._steps_between(rows[0], q))
-    if (
-        gaps > MAX_BEGIN_GAP * np.maximum(measure_sizes(q[np.newaxis], stop._rotations), 1.0)
-    ).any():
-        raise InputError(
-            "at",
-            f"is a time from which the robot stops at {format_configuration(q.tolist())}",
-            f"the plan starts at {format_configuration(path.waypoints[0].tolist())}",
-            "plan from after.braked(at).positions[-1]",
-        )
+    gaps = np.abs(rotations._steps_between(rows[0], q))
+    if (gaps > MAX_BEGIN_GAP * np.maximum(measure_sizes(q[np.newaxis], rotations), 1.0)).any():
+        return None
     rows[0] = q
-    path = path._replace(waypoints=rows)
-    rotations = stop._rotations
-    edges = _split(path, rotations, bounds)
-    motion: TimedMotion | None
-    if stop.duration == 0.0:
-        motion = _start(path, edges, rotations, bounds)
-    else:
-        motion = _go_on(stop, path, edges, bounds)
-        path = path._replace(waypoints=np.concatenate([stop._route.waypoints, rows[1:]]))
-    made = None if motion is None else _make(path, motion, rotations, bounds, step)
-    return made if made is not None and made.certified else stop
+    return path._replace(waypoints=rows)
 
 
 def _start(
@@ -751,20 +786,25 @@ def _start(
 
 
 def _go_on(
-    stop: Trajectory, path: DrivenPath, edges: Segments, bounds: MotionBounds
+    stop: Trajectory, path: DrivenPath, edges: Segments, bounds: MotionBounds, from_rest: bool
 ) -> TimedMotion | None:
-    """Return the fastest motion along a stop and on along a path from its end.
+    """Return the fastest motion on along a path, at once or from the end of a stop.
 
-    The robot rests there if no proven curve goes on, or if it arrives too fast for that curve. None
-    if it does so with other limits than before, which its stop does not keep.
+    If no proven curve goes on, or the robot arrives too fast for it, the robot rests at that end.
+    None if it cannot, at once or with other limits than before, which its stop does not keep.
     """
     rotations = stop._rotations
     begin, end = stop._phases.positions[[0, -1]].tolist()
     speed = float(stop._phases.speeds[0])
+    first = stop._segments.select([0])
+    first_rates = place_along(first, rotations, np.array([begin]))[1]
     head = cut_segments(stop._segments, rotations, 0.0, end)
+    if not from_rest:
+        head = cut_segments(first, rotations, 0.0, begin)
     last = head.select([-1])
     _, rates, bends = place_along(last, rotations, last.lengths)
-    first_rates = place_along(head.select([0]), rotations, np.array([begin]))[1]
+    if not from_rest:
+        head, begin = head.select([]), 0.0
     is_slow = float(bounds.velocity.shares(first_rates * speed).max()) < SLOW_SHARE
     junction = _make_junction(rates, bends, rotations, bounds, path)
     smooth = _smooth(path, edges, rotations, bounds, junction)
@@ -776,12 +816,16 @@ def _go_on(
         along = bounds.acceleration.multiply(rates, firsts).sum()
         factor = float(along / bounds.acceleration.multiply(rates, rates).sum())
         factor = factor if factor > MIN_FACTOR else 1.0
+        if not from_rest:
+            joined = join_segments([scale_segments(last, factor), tail.select([0])])
+            if not find_passes(joined, rotations, bounds).all():
+                continue
         segments = join_segments([scale_segments(head, factor), tail])
         phases = find_phases(segments, rotations, bounds, begin / factor, speed / factor)
         if phases is not None:
             proven = np.concatenate([none_proven, tail.is_curve])
             motions.append(TimedMotion(segments, phases, proven, speed / factor))
-    may_stop = are_same_bounds(bounds, stop._bounds)
+    may_stop = from_rest and are_same_bounds(bounds, stop._bounds)
     if may_stop and (smooth is None or not motions or is_slow):
         rest = _start(path, edges, rotations, bounds)
         segments = join_segments([head, rest.segments])
