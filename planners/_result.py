@@ -20,7 +20,7 @@ from cspace._support.check import check_flag, check_positive
 from cspace._support.words import Drive
 from cspace.errors import InputError
 from planners._catalogue import PlannerName
-from planners._drives import local_planner
+from planners._drives import check_axes, local_planner
 from planners._local_planner import CURVES, HOLONOMIC, LocalPlanner
 
 if TYPE_CHECKING:
@@ -315,14 +315,9 @@ class Plan:
         """
         self._check_solved("only a path has edges")
         space = self._map("pass the map: plan.recheck(space)") if space is None else space
-        if space.axes != self.axes:
-            raise InputError(
-                "space",
-                f"has the axes {', '.join(space.axes)}",
-                f"the plan has {', '.join(self.axes)}",
-                "pass a map of the same robot",
-            )
-        return self._edges_on(space).edges_are_free(self.waypoints)
+        edges = self._edges_on(space)
+        check_axes(space, self.axes, "plan")
+        return edges.edges_are_free(self.waypoints)
 
     def explain(self, *, refine: bool = False) -> Explanation:
         """Explain why a path between start and goal exists, or does not.

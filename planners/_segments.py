@@ -86,6 +86,12 @@ def join_segments(parts: list[Segments]) -> Segments:
     return Segments._make(np.concatenate(columns) for columns in zip(*parts, strict=True))
 
 
+def number_parts(counts: Ints) -> tuple[Ints, Ints]:
+    """Return the owner of each of several parts, and its number among those of the owner."""
+    owners = np.repeat(np.arange(len(counts)), counts)
+    return owners, np.arange(len(owners)) - (np.cumsum(counts) - counts)[owners]
+
+
 def measure_sizes(rows: Floats, rotations: Rotations) -> Floats:
     """Return the largest coordinates of a path, shape (k,); 1 radian for rotations.
 
@@ -285,9 +291,9 @@ def _prove_curves(space: Any, curves: Segments) -> Bools:
         boxes = moved[:, : space.dim].max(axis=1) / (2.0 * MAX_BOX_CELLS * 2.0 * space.resolution)
         turns = np.linalg.norm(moved[:, space.dim :], axis=1) / (2.0 * MAX_BOX_RADIANS)
         counts += np.minimum(np.maximum(boxes, turns), MAX_PIECES).astype(np.int64)
-    owners = np.repeat(np.arange(len(counts)), counts)
+    owners, numbers = number_parts(counts)
     widths = (curves.lengths / counts)[owners]
-    begins = (np.arange(len(owners)) - (np.cumsum(counts) - counts)[owners]) * widths
+    begins = numbers * widths
     proven = np.ones(len(counts), dtype=np.bool_)
     for level in range(CUT_LEVELS):
         if not len(owners):

@@ -24,7 +24,7 @@ from cspace._support.words import Drive
 from cspace.errors import InputError
 from planners._car_curves import MAX_GAP
 from planners._cars import CarCurves
-from planners._drives import local_planner
+from planners._drives import check_axes, local_planner
 from planners._local_planner import CURVES, HOLONOMIC, ON_THE_SPOT, Pieces
 from planners._segments import (
     Segments,
@@ -34,6 +34,7 @@ from planners._segments import (
     join_segments,
     make_lines,
     measure_sizes,
+    number_parts,
     place_along,
     prove_segments,
     scale_segments,
@@ -257,13 +258,7 @@ class Trajectory:
         """
         route = self._route
         edges = local_planner(space, route.exact, route.drive, route.turning_radius)
-        if space.axes != self.axes:
-            raise InputError(
-                "space",
-                f"has the axes {', '.join(space.axes)}",
-                f"the trajectory has {', '.join(self.axes)}",
-                "pass a map of the same robot",
-            )
+        check_axes(space, self.axes, "trajectory")
         if self._segments.is_curve.any():
             driven = _cut_driven(self._segments, self._phases, self._rotations)
             return prove_segments(space, route.exact, driven)
@@ -659,8 +654,8 @@ class TimedMotion(NamedTuple):
 
     segments: Segments
     phases: Phases
-    proven: Bools  # (m,), True for segments that have just been proven
     begin_speed: float = 0.0
+    olds: int = 0  # number of segments of the motion before, whose curves were proven then
 
 
 class DrivenPath(NamedTuple):
@@ -781,7 +776,7 @@ def _start(
     for segments in (edges,) if smooth is None else (smooth, edges):
         phases = find_phases(segments, rotations, bounds)
         if phases is not None:
-            motions.append(TimedMotion(segments, phases, segments.is_curve))
+            motions.append(TimedMotion(segments, phases))
     return min(motions, key=_end_time)
 
 
@@ -798,9 +793,8 @@ def _go_on(
     speed = float(stop._phases.speeds[0])
     first = stop._segments.select([0])
     first_rates = place_along(first, rotations, np.array([begin]))[1]
-    head = cut_segments(stop._segments, rotations, 0.0, end)
-    if not from_rest:
-        head = cut_segments(first, rotations, 0.0, begin)
+    driven, length = (stop._segments, end) if from_rest else (first, begin)
+    head = cut_segments(driven, rotations, 0.0, length)
     last = head.select([-1])
     _, rates, bends = place_along(last, rotations, last.lengths)
     if not from_rest:
@@ -808,7 +802,7 @@ def _go_on(
     is_slow = float(bounds.velocity.shares(first_rates * speed).max()) < SLOW_SHARE
     junction = _make_junction(rates, bends, rotations, bounds, path)
     smooth = _smooth(path, edges, rotations, bounds, junction)
-    none_proven = np.zeros(len(head.lengths), dtype=np.bool_)
+    olds = len(head.lengths)
     motions: list[TimedMotion] = []
     for tail in (edges,) if smooth is None else (smooth, edges):
         # Both curves get the same unit of length if they have the same direction.
@@ -816,22 +810,19 @@ def _go_on(
         along = bounds.acceleration.multiply(rates, firsts).sum()
         factor = float(along / bounds.acceleration.multiply(rates, rates).sum())
         factor = factor if factor > MIN_FACTOR else 1.0
-        if not from_rest:
-            joined = join_segments([scale_segments(last, factor), tail.select([0])])
-            if not find_passes(joined, rotations, bounds).all():
-                continue
+        joined = join_segments([scale_segments(last, factor), tail.select([0])])
+        if not (from_rest or find_passes(joined, rotations, bounds).all()):
+            continue
         segments = join_segments([scale_segments(head, factor), tail])
         phases = find_phases(segments, rotations, bounds, begin / factor, speed / factor)
         if phases is not None:
-            proven = np.concatenate([none_proven, tail.is_curve])
-            motions.append(TimedMotion(segments, phases, proven, speed / factor))
+            motions.append(TimedMotion(segments, phases, speed / factor, olds))
     may_stop = from_rest and are_same_bounds(bounds, stop._bounds)
     if may_stop and (smooth is None or not motions or is_slow):
         rest = _start(path, edges, rotations, bounds)
         segments = join_segments([head, rest.segments])
-        phases = join_phases(stop._phases, rest.phases, len(head.lengths))
-        proven = np.concatenate([none_proven, rest.proven])
-        motions.append(TimedMotion(segments, phases, proven, speed))
+        phases = join_phases(stop._phases, rest.phases, olds)
+        motions.append(TimedMotion(segments, phases, speed, olds))
     return min(motions, key=_end_time, default=None)
 
 
@@ -848,16 +839,15 @@ def _make(
     time_step: float,
 ) -> Trajectory | None:
     """Make a trajectory and prove what is not; None if rounding exceeds its limits."""
-    segments, phases, proven, begin_speed = motion
+    segments, phases, begin_speed, olds = motion
     if not is_motion(path.waypoints, segments, rotations, phases, bounds, begin_speed):
         return None
-    times = _row_times(phases, time_step)
-    positions, velocities, accelerations = _evaluate(segments, phases, rotations, times)
+    none = np.zeros(0)
     made = Trajectory(
-        times=frozen(times),
-        positions=frozen(positions),
-        velocities=frozen(velocities),
-        accelerations=frozen(accelerations),
+        times=none,
+        positions=none,
+        velocities=none,
+        accelerations=none,
         axes=path.axes,
         units=path.units,
         certified=path.certified,
@@ -866,13 +856,14 @@ def _make(
         _segments=segments,
         _phases=phases,
         _bounds=bounds,
-    )
+    )._set_rows(_row_times(phases, time_step))
     space = path.space
     if space is None:
         return made
     if not segments.is_curve.any():
         return replace(made, certified=bool(made.recheck(space).all()))
-    left = _cut_driven(segments, phases, rotations).select(~proven)
+    is_old = np.arange(len(segments.lengths)) < olds
+    left = _cut_driven(segments, phases, rotations).select(is_old | ~segments.is_curve)
     return replace(made, certified=bool(prove_segments(space, path.exact, left).all()))
 
 
@@ -1037,10 +1028,9 @@ def _make_waypoints(segments: Segments, rotations: Rotations) -> Floats:
     """Return configurations that the edges of a drive join along straights and arcs."""
     turns = np.abs(segments.curvatures * segments.lengths)
     counts = np.ceil(np.maximum(turns / MAX_ARC, 1.0)).astype(np.int64)
-    owners = np.repeat(np.arange(len(counts)), counts)
-    shares = (np.arange(len(owners)) - (np.cumsum(counts) - counts)[owners]) / counts[owners]
+    owners, numbers = number_parts(counts)
     parts = segments.select(owners)
-    rows = place_along(parts, rotations, shares * parts.lengths)[0]
+    rows = place_along(parts, rotations, numbers / counts[owners] * parts.lengths)[0]
     return np.concatenate([rows, segments.ends[-1:]])
 
 
@@ -1071,10 +1061,8 @@ def _row_times(phases: Phases, time_step: float) -> Floats:
             f"it makes {total:.2g} rows; at most {MAX_ROWS} are possible",
             "raise it, or the limits",
         )
-    owners = np.repeat(np.arange(len(counts)), counts.astype(np.int64))
-    firsts = np.cumsum(counts) - counts
-    shares = (np.arange(len(owners)) - firsts[owners]) / counts[owners]
-    rows = phases.times[owners] + shares * np.diff(phases.times)[owners]
+    owners, numbers = number_parts(counts.astype(np.int64))
+    rows = phases.times[owners] + numbers / counts[owners] * np.diff(phases.times)[owners]
     return np.append(rows, phases.times[-1])
 
 
