@@ -2,9 +2,8 @@
 Plan anew at speed
 ==================
 
-A differential drive crosses an office among trolleys. Ten times a second it plans anew from the
-place where it would come to rest, and goes on at speed. Every motion that it drives is proven, and
-so is a stop at any time.
+A differential drive crosses an office among trolleys. Ten times a second it plans anew and goes on
+at speed. Every motion that it drives is proven, and so is a stop at any time.
 """
 
 import matplotlib.pyplot as plt
@@ -26,9 +25,7 @@ limits |= {"max_angular_velocity": 1.2, "max_angular_acceleration": 2.0}
 start, goal, period = (1.0, 3.0, 0.0), (11.0, 3.0, 0.0), 0.1
 
 # %%
-# The loop. At each cycle, the motion of the next cycle must already be decided; so the new one goes
-# on from the state at its end. ``braked`` is the shortest stop from there: the new plan begins where
-# it ends. If there is no plan, the trajectory is this stop itself.
+# The loop. The new motion begins at the end of this cycle: at once, or from the end of a stop.
 
 plan = planners.plan(space, start, start, drive="differential")
 motion, clock, driven, stops = plan.trajectory(**limits), 0.0, [], 0
@@ -36,14 +33,17 @@ while len(driven) < 400 and np.linalg.norm(motion.sample(clock)[0][:2] - goal[:2
     for name, (x, phase) in trolleys.items():
         y = 3.0 + 1.8 * np.sin(0.02 * len(driven) + phase)
         space.add_obstacle(name, box(x - 0.3, y - 0.3, x + 0.3, y + 0.3))
-    stop = motion.braked(clock + period)
-    try:
-        plan = planners.plan(
-            space, stop.positions[-1], goal, drive="differential", previous=plan, time_limit=0.05
-        )
-        new = plan.trajectory(**limits, after=motion, at=clock + period)
-    except cspace.ConfigurationError:  # a trolley is near the place where it would rest
-        new, stops = stop, stops + 1
+    at = clock + period
+    for q in motion.starts_after(at):
+        try:
+            plan = planners.plan(space, q, goal, drive=plan.drive, previous=plan, time_limit=0.05)
+        except cspace.ConfigurationError:  # a trolley is near that place
+            continue
+        new = plan.trajectory(**limits, after=motion, at=at)
+        if np.allclose(new.positions[-1], goal):
+            break
+    else:
+        new, stops = motion.braked(at), stops + 1
     driven.append(motion.sample(clock + np.linspace(0.0, period, 5)))  # here the robot drives
     motion, clock = new, 0.0
 

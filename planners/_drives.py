@@ -53,6 +53,17 @@ def local_planner(
     return kind(space, exact, drive, radius, bidirectional)
 
 
+def check_axes(space: Space, axes: tuple[str, ...], owner: str) -> None:
+    """Raise InputError if a map has other axes than a plan or a trajectory."""
+    if space.axes != axes:
+        raise InputError(
+            "space",
+            f"has the axes {', '.join(space.axes)}",
+            f"the {owner} has {', '.join(axes)}",
+            "pass a map of the same robot",
+        )
+
+
 def has_drives(space: Space) -> bool:
     """Return True if drives other than the holonomic one are for the space."""
     return space.has_cells and space.axes == CAR_AXES

@@ -20,7 +20,7 @@ from cspace._support.check import check_flag, check_positive
 from cspace._support.words import Drive
 from cspace.errors import InputError
 from planners._catalogue import PlannerName
-from planners._drives import local_planner
+from planners._drives import check_axes, local_planner
 from planners._local_planner import CURVES, HOLONOMIC, LocalPlanner
 
 if TYPE_CHECKING:
@@ -315,14 +315,9 @@ class Plan:
         """
         self._check_solved("only a path has edges")
         space = self._map("pass the map: plan.recheck(space)") if space is None else space
-        if space.axes != self.axes:
-            raise InputError(
-                "space",
-                f"has the axes {', '.join(space.axes)}",
-                f"the plan has {', '.join(self.axes)}",
-                "pass a map of the same robot",
-            )
-        return self._edges_on(space).edges_are_free(self.waypoints)
+        edges = self._edges_on(space)
+        check_axes(space, self.axes, "plan")
+        return edges.edges_are_free(self.waypoints)
 
     def explain(self, *, refine: bool = False) -> Explanation:
         """Explain why a path between start and goal exists, or does not.
@@ -561,10 +556,11 @@ class Plan:
             stops at corners.
         after : Trajectory, optional
             A motion of this robot, which it drives until the time ``at``. The new one begins in
-            that state. It follows the old curve as far as the robot needs to stop, to the end of
-            ``after.braked(at)``, where the plan starts. It does not stop there if the curve can go
-            on smoothly, with a continuous velocity and curvature. If the plan has no path, or
-            none that is proven, it is ``after.braked(at)`` itself.
+            that state, with a continuous velocity and curvature. The plan starts at one of
+            ``after.starts_after(at)``: the place of that state, or the end of
+            ``after.braked(at)``, to which the robot follows the old curve. There it does not stop
+            if a curve goes on smoothly. If the plan has no path, or none that is proven and that
+            the speed allows, it is ``after.braked(at)`` itself.
         at : float
             Seconds from the start of ``after``, time 0 of the new trajectory.
 
@@ -572,8 +568,8 @@ class Plan:
         ------
         InputError
             If the plan has no path; a limit is missing, not above zero, or for another kind of
-            robot; the limits do not allow the duration; or the plan does not start at the
-            end of ``after.braked(at)``, which has its axes.
+            robot; the limits do not allow the duration; or the plan does not start at one of
+            ``after.starts_after(at)``, or ``after`` has other axes.
 
         Examples
         --------

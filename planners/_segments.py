@@ -86,6 +86,12 @@ def join_segments(parts: list[Segments]) -> Segments:
     return Segments._make(np.concatenate(columns) for columns in zip(*parts, strict=True))
 
 
+def number_parts(counts: Ints) -> tuple[Ints, Ints]:
+    """Return the owner of each of several parts, and its number among those of the owner."""
+    owners = np.repeat(np.arange(len(counts)), counts)
+    return owners, np.arange(len(owners)) - (np.cumsum(counts) - counts)[owners]
+
+
 def measure_sizes(rows: Floats, rotations: Rotations) -> Floats:
     """Return the largest coordinates of a path, shape (k,); 1 radian for rotations.
 
@@ -180,28 +186,25 @@ def scale_segments(segments: Segments, factor: float) -> Segments:
     )
 
 
-def bound_derivatives(
-    segments: Segments, rotations: Rotations, begins: Floats, widths: Floats
-) -> tuple[Floats, Floats]:
+def bound_derivatives(segments: Segments, begins: Floats, widths: Floats) -> tuple[Floats, Floats]:
     """Return bounds of the first and second derivatives on intervals of segments, shape (m, k).
 
     A polynomial of degree 2 or 3 deviates from its chord by at most 1/8 of the squared width times
     its largest second derivative. The bounds of an arc are those of its tangent.
     """
-    straight = segments._replace(curvatures=np.zeros(len(widths)))
-    _, begin_rates, begin_bends = place_along(straight, rotations, begins)
-    _, end_rates, end_bends = place_along(straight, rotations, begins + widths)
+    s = np.stack([begins, begins + widths])[:, :, np.newaxis]
+    both_bends = segments.bends + s * segments.twists
+    both_rates = segments.rates + 0.5 * s * (segments.bends + both_bends)
     eighths = widths[:, np.newaxis] ** 2 / 8.0
-    rates = np.maximum(np.abs(begin_rates), np.abs(end_rates)) + eighths * np.abs(segments.twists)
-    bends = np.maximum(np.abs(begin_bends), np.abs(end_bends))
+    rates = np.abs(both_rates).max(axis=0) + eighths * np.abs(segments.twists)
+    bends = np.abs(both_bends).max(axis=0)
     driven = np.flatnonzero(segments.drives)
     if not len(driven):
         return rates, bends
     # The yaw rate is c / s, where c is the cross product of the first and the second derivative,
     # and s the square of the first one. So its derivative is c' / s - c s' / s^2.
     twists = segments.twists[driven, :2]
-    both_rates = np.stack([begin_rates[driven, :2], end_rates[driven, :2]])
-    both_bends = np.stack([begin_bends[driven, :2], end_bends[driven, :2]])
+    both_rates, both_bends = both_rates[:, driven, :2], both_bends[:, driven, :2]
     eighths = eighths[driven, 0]
     twist = np.linalg.norm(twists, axis=1)
     bend = np.linalg.norm(both_bends, axis=2).max(axis=0)
@@ -283,14 +286,14 @@ def _prove_curves(space: Any, curves: Segments) -> Bools:
     if hasattr(space, "is_free_around"):
         test = _test_boxes
         cuts = CUTS_ON_MAPS
-        rates, _ = bound_derivatives(curves, space.rotations, 0.0 * curves.lengths, curves.lengths)
+        rates, _ = bound_derivatives(curves, 0.0 * curves.lengths, curves.lengths)
         moved = rates * curves.lengths[:, np.newaxis]
         boxes = moved[:, : space.dim].max(axis=1) / (2.0 * MAX_BOX_CELLS * 2.0 * space.resolution)
         turns = np.linalg.norm(moved[:, space.dim :], axis=1) / (2.0 * MAX_BOX_RADIANS)
         counts += np.minimum(np.maximum(boxes, turns), MAX_PIECES).astype(np.int64)
-    owners = np.repeat(np.arange(len(counts)), counts)
+    owners, numbers = number_parts(counts)
     widths = (curves.lengths / counts)[owners]
-    begins = (np.arange(len(owners)) - (np.cumsum(counts) - counts)[owners]) * widths
+    begins = numbers * widths
     proven = np.ones(len(counts), dtype=np.bool_)
     for level in range(CUT_LEVELS):
         if not len(owners):
@@ -319,7 +322,7 @@ def _test_boxes(space: Any, curves: Segments, begins: Floats, widths: Floats, le
     """
     rotations = space.rotations
     dim = space.dim
-    rates, _ = bound_derivatives(curves, rotations, begins, widths)
+    rates, _ = bound_derivatives(curves, begins, widths)
     spreads = 0.5 * widths[:, np.newaxis] * rates
     middles, _, _ = place_along(curves, rotations, begins + 0.5 * widths)
     turns = np.linalg.norm(spreads[:, dim:], axis=1)

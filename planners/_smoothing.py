@@ -353,8 +353,10 @@ def smooth_path(
                 unproven.append(section)
             elif section.last - section.first > 1:
                 unproven += section.split(polyline, proven)
+            elif section.first == 0 and polyline.junction is not None:
+                return None
         waiting = unproven
-    if not proven_curves or (polyline.junction is not None and 0 not in proven_curves):
+    if not proven_curves:
         return None
     joined: list[Segments] = []
     # A curve from the junction also replaces a turn on the spot before the first edge.

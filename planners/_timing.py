@@ -16,7 +16,7 @@ import numpy as np
 from cspace._rotations import Rotations
 from cspace._support.arrays import Bools, Floats, Ints
 from cspace._support.compiling import internal, kernel
-from planners._segments import Segments, bound_derivatives, measure_sizes, place_along
+from planners._segments import Segments, bound_derivatives, measure_sizes, number_parts, place_along
 
 INTERVALS_PER_CURVE: Final = 4
 """Number of constant accelerations along each curve."""
@@ -133,11 +133,11 @@ def measure_intervals(
     robot begins at a length along the first segment.
     """
     counts = np.where(segments.is_curve, INTERVALS_PER_CURVE, 1)
-    owners = np.repeat(np.arange(len(counts)), counts)
+    owners, numbers = number_parts(counts)
     lengths = (segments.lengths / counts)[owners]
-    begins = (np.arange(len(owners)) - (np.cumsum(counts) - counts)[owners]) * lengths
+    begins = numbers * lengths
     parts = segments.select(owners)
-    rates, bends = bound_derivatives(parts, rotations, begins, lengths)
+    rates, bends = bound_derivatives(parts, begins, lengths)
     rate_shares = bounds.acceleration.shares(rates)
     bend_shares = bounds.acceleration.shares(bends)
     shares = [bounds.velocity.shares(rates) ** 2, bend_shares]

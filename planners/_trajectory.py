@@ -24,7 +24,7 @@ from cspace._support.words import Drive
 from cspace.errors import InputError
 from planners._car_curves import MAX_GAP
 from planners._cars import CarCurves
-from planners._drives import local_planner
+from planners._drives import check_axes, local_planner
 from planners._local_planner import CURVES, HOLONOMIC, ON_THE_SPOT, Pieces
 from planners._segments import (
     Segments,
@@ -34,6 +34,7 @@ from planners._segments import (
     join_segments,
     make_lines,
     measure_sizes,
+    number_parts,
     place_along,
     prove_segments,
     scale_segments,
@@ -45,6 +46,7 @@ from planners._timing import (
     MotionBounds,
     Phases,
     are_same_bounds,
+    find_passes,
     find_phases,
     find_stop,
     is_motion,
@@ -256,13 +258,7 @@ class Trajectory:
         """
         route = self._route
         edges = local_planner(space, route.exact, route.drive, route.turning_radius)
-        if space.axes != self.axes:
-            raise InputError(
-                "space",
-                f"has the axes {', '.join(space.axes)}",
-                f"the trajectory has {', '.join(self.axes)}",
-                "pass a map of the same robot",
-            )
+        check_axes(space, self.axes, "trajectory")
         if self._segments.is_curve.any():
             driven = _cut_driven(self._segments, self._phases, self._rotations)
             return prove_segments(space, route.exact, driven)
@@ -314,6 +310,30 @@ class Trajectory:
         route = self._route._replace(waypoints=waypoints)
         stop = replace(self, _route=route, _segments=segments, _phases=phases)
         return stop._set_rows(_row_times(phases, STOP_STEP))
+
+    def starts_after(self, t: float) -> Floats:
+        """Return where a plan may start that goes on from the state at a time.
+
+        The first row is the place of that state. A plan from there goes on at once, if a curve
+        along it is proven and allows the speed. The second row is the end of :meth:`braked`, from
+        which a plan always goes on. If the robot rests, there is only one row.
+
+        Parameters
+        ----------
+        t : float
+            Seconds, by when the plan will be made: the present time and the latency.
+
+        Returns
+        -------
+        ndarray of float64, shape (2, size) or (1, size)
+
+        Raises
+        ------
+        InputError
+            As for :meth:`braked`.
+        """
+        stop = self.braked(t)
+        return stop.positions[[0, -1]] if stop.duration else stop.positions[:1]
 
     def stop_time(self, t: float) -> float:
         """Return the seconds of the quickest stop from the state at a time; see :meth:`braked`."""
@@ -634,8 +654,8 @@ class TimedMotion(NamedTuple):
 
     segments: Segments
     phases: Phases
-    proven: Bools  # (m,), True for segments that have just been proven
     begin_speed: float = 0.0
+    olds: int = 0  # number of segments of the motion before, whose curves were proven then
 
 
 class DrivenPath(NamedTuple):
@@ -706,35 +726,45 @@ def continue_trajectory(
     bounds = _check_bounds(path, limits)
     if not len(path.waypoints):
         return stop
-    q = stop.positions[-1]
+    rotations = stop._rotations
+    onward = _start_at(path, stop.positions[-1], rotations)
+    from_rest = onward is not None
+    onward = onward or _start_at(path, stop.positions[0], rotations)
+    if onward is None:
+        places = map(format_configuration, stop.positions[[0, -1]].tolist())
+        raise InputError(
+            "at",
+            f"is a time at which the robot is at {next(places)}, and can rest at {next(places)}",
+            f"the plan starts at {format_configuration(path.waypoints[0].tolist())}",
+            "plan from one of after.starts_after(at)",
+        )
+    path = onward
+    edges = _split(path, rotations, bounds)
+    motion: TimedMotion | None
+    if stop.duration == 0.0:
+        motion = _start(path, edges, rotations, bounds)
+    else:
+        motion = _go_on(stop, path, edges, bounds, from_rest)
+        if from_rest:
+            rows = np.concatenate([stop._route.waypoints, path.waypoints[1:]])
+            path = path._replace(waypoints=rows)
+    made = None if motion is None else _make(path, motion, rotations, bounds, step)
+    return made if made is not None and made.certified else stop
+
+
+def _start_at(path: DrivenPath, q: Floats, rotations: Rotations) -> DrivenPath | None:
+    """Return a path from exactly a configuration; None if it starts elsewhere."""
     rows = path.waypoints.copy()
     # Continuous joints count whole turns, and quaternions have two signs.
     if path.moves_joints:
         rows += TWO_PI * np.rint((q - rows[0]) / TWO_PI)
     elif "qw" in path.axes and q[-4:] @ rows[0, -4:] < 0.0:
         rows[:, -4:] *= -1.0
-    gaps = np.abs(stop._rotations._steps_between(rows[0], q))
-    if (
-        gaps > MAX_BEGIN_GAP * np.maximum(measure_sizes(q[np.newaxis], stop._rotations), 1.0)
-    ).any():
-        raise InputError(
-            "at",
-            f"is a time from which the robot stops at {format_configuration(q.tolist())}",
-            f"the plan starts at {format_configuration(path.waypoints[0].tolist())}",
-            "plan from after.braked(at).positions[-1]",
-        )
+    gaps = np.abs(rotations._steps_between(rows[0], q))
+    if (gaps > MAX_BEGIN_GAP * np.maximum(measure_sizes(q[np.newaxis], rotations), 1.0)).any():
+        return None
     rows[0] = q
-    path = path._replace(waypoints=rows)
-    rotations = stop._rotations
-    edges = _split(path, rotations, bounds)
-    motion: TimedMotion | None
-    if stop.duration == 0.0:
-        motion = _start(path, edges, rotations, bounds)
-    else:
-        motion = _go_on(stop, path, edges, bounds)
-        path = path._replace(waypoints=np.concatenate([stop._route.waypoints, rows[1:]]))
-    made = None if motion is None else _make(path, motion, rotations, bounds, step)
-    return made if made is not None and made.certified else stop
+    return path._replace(waypoints=rows)
 
 
 def _start(
@@ -746,29 +776,33 @@ def _start(
     for segments in (edges,) if smooth is None else (smooth, edges):
         phases = find_phases(segments, rotations, bounds)
         if phases is not None:
-            motions.append(TimedMotion(segments, phases, segments.is_curve))
+            motions.append(TimedMotion(segments, phases))
     return min(motions, key=_end_time)
 
 
 def _go_on(
-    stop: Trajectory, path: DrivenPath, edges: Segments, bounds: MotionBounds
+    stop: Trajectory, path: DrivenPath, edges: Segments, bounds: MotionBounds, from_rest: bool
 ) -> TimedMotion | None:
-    """Return the fastest motion along a stop and on along a path from its end.
+    """Return the fastest motion on along a path, at once or from the end of a stop.
 
-    The robot rests there if no proven curve goes on, or if it arrives too fast for that curve. None
-    if it does so with other limits than before, which its stop does not keep.
+    If no proven curve goes on, or the robot arrives too fast for it, the robot rests at that end.
+    None if it cannot, at once or with other limits than before, which its stop does not keep.
     """
     rotations = stop._rotations
     begin, end = stop._phases.positions[[0, -1]].tolist()
     speed = float(stop._phases.speeds[0])
-    head = cut_segments(stop._segments, rotations, 0.0, end)
+    first = stop._segments.select([0])
+    first_rates = place_along(first, rotations, np.array([begin]))[1]
+    driven, length = (stop._segments, end) if from_rest else (first, begin)
+    head = cut_segments(driven, rotations, 0.0, length)
     last = head.select([-1])
     _, rates, bends = place_along(last, rotations, last.lengths)
-    first_rates = place_along(head.select([0]), rotations, np.array([begin]))[1]
+    if not from_rest:
+        head, begin = head.select([]), 0.0
     is_slow = float(bounds.velocity.shares(first_rates * speed).max()) < SLOW_SHARE
     junction = _make_junction(rates, bends, rotations, bounds, path)
     smooth = _smooth(path, edges, rotations, bounds, junction)
-    none_proven = np.zeros(len(head.lengths), dtype=np.bool_)
+    olds = len(head.lengths)
     motions: list[TimedMotion] = []
     for tail in (edges,) if smooth is None else (smooth, edges):
         # Both curves get the same unit of length if they have the same direction.
@@ -776,18 +810,19 @@ def _go_on(
         along = bounds.acceleration.multiply(rates, firsts).sum()
         factor = float(along / bounds.acceleration.multiply(rates, rates).sum())
         factor = factor if factor > MIN_FACTOR else 1.0
+        joined = join_segments([scale_segments(last, factor), tail.select([0])])
+        if not (from_rest or find_passes(joined, rotations, bounds).all()):
+            continue
         segments = join_segments([scale_segments(head, factor), tail])
         phases = find_phases(segments, rotations, bounds, begin / factor, speed / factor)
         if phases is not None:
-            proven = np.concatenate([none_proven, tail.is_curve])
-            motions.append(TimedMotion(segments, phases, proven, speed / factor))
-    may_stop = are_same_bounds(bounds, stop._bounds)
+            motions.append(TimedMotion(segments, phases, speed / factor, olds))
+    may_stop = from_rest and are_same_bounds(bounds, stop._bounds)
     if may_stop and (smooth is None or not motions or is_slow):
         rest = _start(path, edges, rotations, bounds)
         segments = join_segments([head, rest.segments])
-        phases = join_phases(stop._phases, rest.phases, len(head.lengths))
-        proven = np.concatenate([none_proven, rest.proven])
-        motions.append(TimedMotion(segments, phases, proven, speed))
+        phases = join_phases(stop._phases, rest.phases, olds)
+        motions.append(TimedMotion(segments, phases, speed, olds))
     return min(motions, key=_end_time, default=None)
 
 
@@ -804,16 +839,15 @@ def _make(
     time_step: float,
 ) -> Trajectory | None:
     """Make a trajectory and prove what is not; None if rounding exceeds its limits."""
-    segments, phases, proven, begin_speed = motion
+    segments, phases, begin_speed, olds = motion
     if not is_motion(path.waypoints, segments, rotations, phases, bounds, begin_speed):
         return None
-    times = _row_times(phases, time_step)
-    positions, velocities, accelerations = _evaluate(segments, phases, rotations, times)
+    none = np.zeros(0)
     made = Trajectory(
-        times=frozen(times),
-        positions=frozen(positions),
-        velocities=frozen(velocities),
-        accelerations=frozen(accelerations),
+        times=none,
+        positions=none,
+        velocities=none,
+        accelerations=none,
         axes=path.axes,
         units=path.units,
         certified=path.certified,
@@ -822,13 +856,14 @@ def _make(
         _segments=segments,
         _phases=phases,
         _bounds=bounds,
-    )
+    )._set_rows(_row_times(phases, time_step))
     space = path.space
     if space is None:
         return made
     if not segments.is_curve.any():
         return replace(made, certified=bool(made.recheck(space).all()))
-    left = _cut_driven(segments, phases, rotations).select(~proven)
+    is_old = np.arange(len(segments.lengths)) < olds
+    left = _cut_driven(segments, phases, rotations).select(is_old | ~segments.is_curve)
     return replace(made, certified=bool(prove_segments(space, path.exact, left).all()))
 
 
@@ -993,10 +1028,9 @@ def _make_waypoints(segments: Segments, rotations: Rotations) -> Floats:
     """Return configurations that the edges of a drive join along straights and arcs."""
     turns = np.abs(segments.curvatures * segments.lengths)
     counts = np.ceil(np.maximum(turns / MAX_ARC, 1.0)).astype(np.int64)
-    owners = np.repeat(np.arange(len(counts)), counts)
-    shares = (np.arange(len(owners)) - (np.cumsum(counts) - counts)[owners]) / counts[owners]
+    owners, numbers = number_parts(counts)
     parts = segments.select(owners)
-    rows = place_along(parts, rotations, shares * parts.lengths)[0]
+    rows = place_along(parts, rotations, numbers / counts[owners] * parts.lengths)[0]
     return np.concatenate([rows, segments.ends[-1:]])
 
 
@@ -1027,10 +1061,8 @@ def _row_times(phases: Phases, time_step: float) -> Floats:
             f"it makes {total:.2g} rows; at most {MAX_ROWS} are possible",
             "raise it, or the limits",
         )
-    owners = np.repeat(np.arange(len(counts)), counts.astype(np.int64))
-    firsts = np.cumsum(counts) - counts
-    shares = (np.arange(len(owners)) - firsts[owners]) / counts[owners]
-    rows = phases.times[owners] + shares * np.diff(phases.times)[owners]
+    owners, numbers = number_parts(counts.astype(np.int64))
+    rows = phases.times[owners] + numbers / counts[owners] * np.diff(phases.times)[owners]
     return np.append(rows, phases.times[-1])
 
 

@@ -475,8 +475,8 @@ MUTANTS = (
     ),
     Mutant(
         "planners/_result.py",
-        "return self._edges_on(space).edges_are_free(self.waypoints)",
-        "return self._edges_on(self.space or space).edges_are_free(self.waypoints)",
+        "edges = self._edges_on(space)\n        check_axes",
+        "edges = self._edges_on(self.space or space)\n        check_axes",
         "tests/planners/test_result.py",
     ),
     Mutant(

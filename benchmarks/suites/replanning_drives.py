@@ -111,24 +111,24 @@ class Driver:
 
         Otherwise it is the stop that was proven before.
         """
-        at = self.clock + PERIOD
-        stop = self.motion.braked(at)
-        try:
-            plan = planners.plan(
-                self.space, stop.positions[-1], goal, previous=self.plan, **self.options
-            )
-        except ConfigurationError:  # a crate is near the place where the robot would stop
-            self.motion, self.clock = stop, 0.0
-            return False
-        self.plan = plan
-        new = plan.trajectory(**self.limits, after=self.motion, at=at)
-        left = self.motion.duration - at
-        is_quicker = 0.0 < left <= new.duration and is_for(self.motion, goal)
-        if is_quicker and self.motion.recheck(self.space).all():
-            self.clock = at
-            return True
-        self.motion, self.clock = new, 0.0
-        return is_for(new, goal)
+        old, at = self.motion, self.clock + PERIOD
+        left = old.duration - at if is_for(old, goal) else 0.0
+        for place in old.starts_after(at):
+            try:
+                plan = planners.plan(self.space, place, goal, previous=self.plan, **self.options)
+            except ConfigurationError:  # a crate is near that place
+                continue
+            self.plan = plan if plan.solved else self.plan
+            new = plan.trajectory(**self.limits, after=old, at=at)
+            is_quicker = is_for(new, goal) and new.duration < left
+            if left > 0.0 and not is_quicker and old.recheck(self.space).all():
+                self.clock = at
+                return True
+            if is_for(new, goal):
+                self.motion, self.clock = new, 0.0
+                return True
+        self.motion, self.clock = old.braked(at), 0.0
+        return False
 
 
 def run_drives(report: Report, seed: int) -> None:

@@ -510,7 +510,14 @@ class Gate:
         max_velocity: ArrayLike | None = None,
         turning_radius: float | None = None,
     ) -> None:
-        """Keep the space and the limits."""
+        """Keep the space and the limits; InputError for a space of your own."""
+        if not hasattr(space, "certify_chunk"):
+            raise InputError(
+                "space",
+                f"is {space!r}",
+                "a gate proves whole tubes, on a map or for an arm",
+                "prove the motions alone with space.motion_is_free",
+            )
         self.space = space
         self.tracking = tracking
         self.dt = dt

@@ -231,6 +231,66 @@ def test_a_motion_goes_on_at_speed_within_limits_and_proofs(drive, rotations, ra
             assert np.abs(sideways).max() < 1e-9
 
 
+@pytest.mark.parametrize(("drive", "rotations", "radius"), [*DRIVES, ("dubins", 36, 0.5)])
+def test_a_motion_goes_on_at_once_or_stops(drive, rotations, radius) -> None:
+    plan = build_plan(1, drive, rotations, radius)
+    limits = limits_of(rotations, radius)
+    trajectory = plan.trajectory(**limits)
+    reached = 0
+    for t in draw_times(trajectory, 8):
+        here, rest = trajectory.starts_after(t)
+        assert here == pytest.approx(trajectory.sample(t)[0], abs=1e-9)
+        assert rest == pytest.approx(trajectory.braked(t).positions[-1], abs=1e-9)
+        again = planners.plan(
+            plan.space, here, plan.goal, drive=drive, turning_radius=radius, previous=plan
+        )
+        motion = again.trajectory(**limits, after=trajectory, at=t)
+        assert motion.certified
+        assert motion.recheck(plan.space).all()
+        assert motion.sample(0.0)[0] == pytest.approx(here, abs=1e-9)
+        assert motion.sample(0.0)[1] == pytest.approx(trajectory.sample(t)[1], abs=1e-9)
+        check_limits(motion)
+        assert not collides(1, motion.sample(np.linspace(0.0, motion.duration, 500))[0]).any()
+        if motion.positions[-1] == pytest.approx(plan.goal, abs=1e-9):
+            reached += 1
+        else:
+            assert motion.positions[-1] == pytest.approx(rest, abs=1e-9)
+            assert motion.duration == trajectory.stop_time(t)
+    assert reached >= 4
+    assert trajectory.starts_after(trajectory.duration).shape == (1, len(plan.goal))
+
+
+@pytest.mark.parametrize(
+    ("drive", "radius"), [("differential", None), ("dubins", 0.5), ("reeds-shepp", 0.5)]
+)
+def test_velocity_and_curvature_are_continuous_where_a_drive_goes_on(drive, radius) -> None:
+    # A car rests to steer if its yaw rate may not jump.
+    plan = build_plan(1, drive, 36, radius)
+    limits = LIMITS | ({"max_angular_acceleration": 2.0} if radius else TURNING_LIMITS)
+    old = plan.trajectory(**limits)
+    options: Any = {"drive": drive, "turning_radius": radius, "previous": plan}
+    h = 1e-3
+    for t in draw_times(old, 6):
+        for place in old.starts_after(t):
+            new = planners.plan(plan.space, place, plan.goal, **options).trajectory(
+                **limits, after=old, at=t
+            )
+            times = np.arange(-0.2, new.duration, h)
+            rows = np.where(
+                times[:, np.newaxis] < 0.0, old.sample(t + times)[0], new.sample(times)[0]
+            )
+            steps = np.diff(rows, axis=0)
+            steps[:, 2] = (steps[:, 2] + math.pi) % (2.0 * math.pi) - math.pi
+            ahead = np.cos(rows[:-1, 2]) * steps[:, 0] + np.sin(rows[:-1, 2]) * steps[:, 1]
+            speeds, turning = ahead / h, steps[:, 2] / h
+            assert np.abs(np.diff(speeds)).max() <= SLACK * 0.8 * h
+            assert np.abs(np.diff(turning)).max() <= SLACK * 2.0 * h + 1e-6
+            moves = np.abs(speeds) > 0.1
+            curvatures = np.where(moves, turning, 0.0) / np.where(moves, speeds, 1.0)
+            jumps = np.abs(np.diff(curvatures))[moves[1:] & moves[:-1]]
+            assert jumps.max(initial=0.0) < 0.06
+
+
 @pytest.mark.parametrize("rotations", [None, 36])
 def test_planning_anew_on_the_way_costs_no_time_and_no_curvature(rotations) -> None:
     workspace = cspace.Workspace.from_array(np.zeros((120, 60), dtype=bool), 0.1)
@@ -294,7 +354,7 @@ def test_what_cannot_go_on_is_refused() -> None:
         plan.trajectory(**LIMITS, after=nothing)
     with pytest.raises(InputError, match=r"duration is 9.0; .*leave it out, or lower the limits"):
         plan.trajectory(**LIMITS, after=trajectory, duration=9.0)
-    with pytest.raises(InputError, match=r"plan from after.braked\(at\).positions\[-1\]"):
+    with pytest.raises(InputError, match=r"plan from one of after.starts_after\(at\)"):
         plan.trajectory(**LIMITS, after=trajectory, at=2.0)
     with pytest.raises(InputError, match="finite"):
         plan.trajectory(**LIMITS, after=trajectory, at=math.nan)

@@ -5,6 +5,7 @@ import copy
 import math
 import re
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -461,6 +462,13 @@ class Bare(cspace.Space):
 
     def motion_is_free(self, q0, q1):
         return True
+
+
+def test_a_gate_refuses_a_space_of_your_own():
+    space: Any = Bare("x", "y")
+    with pytest.raises(InputError, match=r"prove the motions alone with space\.motion_is_free"):
+        cspace.Gate(space)
+    assert space.motion_is_free((0.0, 0.0), (1.0, 1.0))
 
 
 def plan_bare(*axes):

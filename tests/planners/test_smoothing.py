@@ -352,7 +352,7 @@ def test_bounds_of_derivatives_contain_all_derivatives(drives: int) -> None:
     rotations = rotations_of(("x", "y", "yaw"))
     begins = rng.uniform(0.0, 1.0, 3000)
     widths = rng.choice([0.01, 0.1, 0.5], 3000)
-    rates, bends = bound_derivatives(curves, rotations, begins, widths)
+    rates, bends = bound_derivatives(curves, begins, widths)
     most_rates = np.zeros_like(rates)
     most_bends = np.zeros_like(bends)
     for share in np.linspace(0.0, 1.0, 201):
@@ -374,7 +374,7 @@ def test_direction_of_a_curve_that_turns_back_has_no_bounds() -> None:
     curve = Segments(
         starts, rates, -2.0 * rates, 0.0 * rates, none, np.ones(1, dtype=np.int64), none + 1, starts
     )
-    bounds, _ = bound_derivatives(curve, rotations_of(("x", "y", "yaw")), none, none + 1.0)
+    bounds, _ = bound_derivatives(curve, none, none + 1.0)
     assert bounds[0, 2] > 1e50
 
 
