@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from cspace._support.arrays import Floats, Ints
-from cspace.spectral._regions import Lattice
+from cspace.spectral._regions import SMALLEST_LENGTH, Lattice
 
 MAX_SEARCHED_BALLS: Final = 16
 """Largest number of balls for which further arrangements are searched, for the time it takes."""
@@ -37,9 +37,6 @@ MAX_CELLS: Final = 1_500
 
 MAX_POINTS: Final = 2_000
 """Largest number of points that stand for a shape while balls are placed."""
-
-SMALLEST_LENGTH: Final = 1e-300
-"""Smallest length that others are divided by, metres."""
 
 
 Depths: TypeAlias = Callable[[Floats], Floats]
@@ -66,15 +63,9 @@ class Arrangement:
         # farthest from the balls, and fewer of the inside.
         rng = np.random.default_rng(0)
         self.cells = lattice.to_metres(rng.permutation(lattice.cell_centers)[:MAX_CELLS])
-        pieces = self.region.inner.pieces
-        corners = rng.permutation(np.unique(pieces.reshape(-1, self.region.dim), axis=0))
-        sides = np.diff(pieces, axis=1)
-        sizes = np.linalg.norm(sides[:, 0], axis=1)
-        if self.region.dim == 3:
-            sizes = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
-        chosen = rng.choice(len(pieces), MAX_POINTS, p=sizes / sizes.sum() if sizes.any() else None)
-        weights = rng.dirichlet(np.ones(self.region.dim), MAX_POINTS)
-        boundary = np.einsum("ij,ijk->ik", weights, pieces[chosen])
+        corners = self.region.inner.pieces.reshape(-1, self.region.dim)
+        corners = rng.permutation(np.unique(corners, axis=0))
+        boundary, _ = self.region.inner.sample(MAX_POINTS, rng)
         self.points = rng.permutation(np.concatenate([self.cells, corners[:MAX_POINTS], boundary]))
 
     def place(self, number: int, *starts: Floats) -> Floats:

@@ -12,7 +12,6 @@ from __future__ import annotations
 import heapq
 import math
 from dataclasses import dataclass, field
-from itertools import product
 from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
@@ -117,6 +116,12 @@ MAX_ARRANGED_BALLS: Final = 64
 
 MAX_REPLACED_BALLS: Final = 12
 """Number of balls within a tolerance up to which fewer ones are searched, for the time it takes."""
+
+MAX_SAMPLES: Final = 20_000
+"""Number of points of the boundary next to which balls in thin parts are searched."""
+
+THINNEST_HALVINGS: Final = 8
+"""Number of distances from the boundary, from a side of a cell on, each half the one before."""
 
 UNLIMITED_BALLS: Final = 2**40
 """Limit of the number of balls that is never reached."""
@@ -407,15 +412,15 @@ def _choose_cover(
     cells = CellCounts.of(lattice, whole=True)
     balls = candidates.select(np.zeros(0, dtype=np.int64))
     find_balls = _find_deepest_points if inside else _find_balls_around
-    # Cells that the candidates leave open get balls of their own.
-    for _ in range(2):
+    for is_last in (False, True):
         candidates = candidates._replace(reaches=candidates.depths + reach)
         max_more = max_balls - len(balls.reaches)
         chosen = choose(cells, candidates.centers, candidates.reaches, max_more)
         balls = balls.append(candidates.select(chosen))
         open_cells = cells.open_cells
-        if not len(open_cells) or len(balls.reaches) == max_balls:
+        if is_last or not len(open_cells) or len(balls.reaches) == max_balls:
             break
+        # Cells that the candidates leave open get balls of their own.
         candidates = find_balls(lattice, open_cells)
     return cells.trim(balls), not len(cells.open_cells)
 
@@ -464,25 +469,24 @@ def _list_medial_balls(lattice: Lattice) -> LatticeBalls:
 
 
 def _find_deepest_points(lattice: Lattice, cells: Floats) -> LatticeBalls:
-    """Find a ball in the shape for each cell, around the deepest of some points of the cell.
+    """Find a ball in the shape near each cell, around the deepest of some points.
 
-    ``cells`` are cell centers, shape (n, 3). A cell without a point of the shape gets no ball.
+    ``cells`` are cell centers, shape (n, 3). The points are the center and points on either side of
+    the nearest boundary. A cell without such a point in the shape gets no ball.
     """
-    balls = _find_balls_around(lattice, np.empty((0, 3)))
-    # Cells in which no point is inside are tried again with more points.
-    for points_per_side in (1, 2, 4, 8, 16):
-        if not len(cells):
-            break
-        offsets = (np.arange(points_per_side) + 0.5) / points_per_side - 0.5
-        axes = [offsets if half else np.zeros(1) for half in lattice.half]
-        points = cells[:, None] + np.array(list(product(*axes)))
-        depths = lattice.depths_at(points.reshape(-1, 3)).reshape(points.shape[:2])
-        best = np.arange(len(cells)), depths.argmax(axis=1)
-        deepest = LatticeBalls(points[best], depths[best], depths[best])
-        is_inside = deepest.depths > 0.0
-        balls = balls.append(deepest.select(is_inside))
-        cells = cells[~is_inside]
-    return balls
+    from scipy.spatial import KDTree
+
+    region = lattice.region
+    places, normals = region.inner.sample(MAX_SAMPLES, np.random.default_rng(0))
+    centers = lattice.to_metres(cells)
+    _, nearest = KDTree(places).query(centers)
+    lengths = lattice.side * 0.5 ** np.arange(THINNEST_HALVINGS)
+    steps = np.concatenate([lengths, -lengths])[:, None, None]
+    points = np.concatenate([centers[None], places[nearest] + steps * normals[nearest]])
+    depths = region.depths(points.reshape(-1, region.dim)).reshape(len(points), -1) / lattice.side
+    best = depths.argmax(axis=0), np.arange(len(cells))
+    deepest = LatticeBalls(lattice.from_metres(points[best]), depths[best], depths[best])
+    return deepest.select(deepest.depths > 0.0)
 
 
 class LatticeBalls(NamedTuple):

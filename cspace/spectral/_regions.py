@@ -79,6 +79,9 @@ MAX_GAP_BOXES: Final = 4_000_000
 MAX_BALL_BOXES: Final = 200_000
 """Largest number of boxes of balls processed at once, for the time they take."""
 
+SMALLEST_LENGTH: Final = 1e-300
+"""Smallest length that others are divided by, metres."""
+
 MAX_DISTANCES_PER_BLOCK: Final = 2**18
 """Number of distances held at once, which fit into a cache."""
 
@@ -151,6 +154,20 @@ class ShapeBoundary:
 
         run_in_chunks(bound_chunk, len(points), MIN_DEPTHS_PER_THREAD)
         return near, far
+
+    def sample(self, number: int, rng: np.random.Generator) -> tuple[Floats, Floats]:
+        """Draw points of the boundary, spread evenly, and the normals there, (number, d) each."""
+        sides = np.diff(self.pieces, axis=1)
+        normals = (
+            sides[:, 0, ::-1] * (1.0, -1.0) if self.dim == 2 else np.cross(*sides.swapaxes(0, 1))
+        )
+        sizes = np.linalg.norm(normals, axis=1)
+        shares = sizes / sizes.sum() if sizes.any() else None
+        chosen = rng.choice(len(sizes), number, p=shares)
+        weights = rng.dirichlet(np.ones(self.dim), number)
+        points = np.einsum("ij,ijk->ik", weights, self.pieces[chosen])
+        lengths = np.maximum(sizes, SMALLEST_LENGTH)[chosen, None]
+        return points, normals[chosen] / lengths
 
     @cached_property
     def tree(self) -> PieceTree:
@@ -290,8 +307,7 @@ class Lattice:
     def filled_depths(self, points: Floats) -> Floats:
         """Estimate depths of points (n, d), metres, in the shape with its hollows filled."""
         depths = self.region.depths(points)
-        places = np.pad(points, ((0, 0), (3 - self.region.dim, 0))) - self.corner
-        cells = np.floor(places / self.side).astype(np.int64)
+        cells = np.floor(self.from_metres(points)).astype(np.int64)
         cells = np.clip(cells, 0, np.array(self.cells.shape) - 1)  # the outermost are no hollows
         return np.where(self.hollows[tuple(cells.T)], -depths, depths)
 
@@ -299,6 +315,11 @@ class Lattice:
         """Convert lattice coordinates (n, 3) to metres (n, d)."""
         in_space = self.corner + self.side * points
         return np.asarray(in_space[:, 3 - self.region.dim :])
+
+    def from_metres(self, points: Floats) -> Floats:
+        """Convert points (n, d) in metres to lattice coordinates (n, 3)."""
+        in_space = np.pad(points, ((0, 0), (3 - self.region.dim, 0)))
+        return np.asarray((in_space - self.corner) / self.side)
 
     def depths_at(self, points: Floats) -> Floats:
         """Return lower bounds of the depths of points (n, 3) in the region, in sides."""
