@@ -448,7 +448,7 @@ def bound_shape_to_balls(
     """Bound the largest distance from a shape to balls, metres.
 
     Points give the lower bound. Boxes that cover the shape give the upper bound; boxes that may
-    contain the farthest point are halved until the bounds differ by 2 % or by 1e-4 of the size of
+    contain the farthest point are halved until the bounds differ by 0.5 % or by 1e-4 of the size of
     the shape.
 
     Returns the bounds, in metres, and the growth of each ball, shape (n,). Each box is assigned to
@@ -482,7 +482,7 @@ def bound_shape_to_balls(
         far = far[relevant]
         owners = owners[relevant]
         # Boxes that reach little beyond the lower bound are final; the others are halved.
-        is_open = far > low + max(0.02 * low, 1e-4 * region.size)
+        is_open = far > low + max(0.005 * low, 1e-4 * region.size)
         child_count = np.count_nonzero(is_open) * len(child_offsets)
         if level == MAX_GAP_HALVINGS or child_count > MAX_GAP_BOXES:
             is_open[:] = False
@@ -501,7 +501,7 @@ def bound_balls_to_shape(region: Region, centers: Floats, radii: Floats) -> tupl
     Points of the balls give the lower bound. The upper bound comes from boxes around the balls:
     the part of a ball in a box sticks out by at most half the diagonal minus the depth of the point
     of the ball nearest to the center of the box. Boxes that may stick out most are halved until the
-    bounds differ by 2 % or by 1e-4 of the size of the shape.
+    bounds differ by 0.5 % or by 1e-4 of the size of the shape.
     """
     # Points of each sphere in random directions, as many as memory allows, at most 200.
     count = max(1, min(200, MAX_GAP_BOXES // len(radii)))
@@ -517,7 +517,7 @@ def bound_balls_to_shape(region: Region, centers: Floats, radii: Floats) -> tupl
     child_offsets = np.array(list(product((-1.0, 1.0), repeat=region.dim)))
     high = 0.0
     for _ in range(MAX_GAP_HALVINGS):
-        is_open = excesses > low + max(0.02 * low, 1e-4 * region.size)
+        is_open = excesses > low + max(0.005 * low, 1e-4 * region.size)
         high = max(high, float(excesses[~is_open].max(initial=0.0)))
         children = np.flatnonzero(is_open).repeat(len(child_offsets))
         excesses = excesses[is_open]
