@@ -8,13 +8,14 @@ distance of the shape from inner balls, and bounds how far outer balls stick out
 from __future__ import annotations
 
 import math
-from typing import Final
+from collections.abc import Callable
+from typing import Final, TypeAlias
 
 import numpy as np
 from scipy.spatial.distance import cdist
 
 from cspace._support.arrays import Floats, Ints
-from cspace.spectral._regions import Lattice
+from cspace.spectral._regions import SMALLEST_LENGTH, Lattice
 
 MAX_SEARCHED_BALLS: Final = 16
 """Largest number of balls for which further arrangements are searched, for the time it takes."""
@@ -37,8 +38,9 @@ MAX_CELLS: Final = 1_500
 MAX_POINTS: Final = 2_000
 """Largest number of points that stand for a shape while balls are placed."""
 
-SMALLEST_LENGTH: Final = 1e-300
-"""Smallest length that others are divided by, metres."""
+
+Depths: TypeAlias = Callable[[Floats], Floats]
+"""Type of a function from points (n, d) to their depths in a shape (n,), metres."""
 
 
 class Arrangement:
@@ -49,23 +51,21 @@ class Arrangement:
     approximation for solid objects", 2006).
     """
 
-    def __init__(self, lattice: Lattice, *, inside: bool) -> None:
-        """Choose points that stand for the shape; with ``inside``, centers must lie in it."""
+    def __init__(self, lattice: Lattice, measure_depths: Depths, *, inside: bool) -> None:
+        """Choose points that stand for the shape; with ``inside``, centers must lie in it.
+
+        ``measure_depths`` gives the radii of the largest balls in the shape around points (n, d).
+        """
         self.region = lattice.region
+        self.measure_depths = measure_depths
         self.is_inner = inside
         # Some points stand for all, because all are proven later: some of the boundary, which lies
         # farthest from the balls, and fewer of the inside.
         rng = np.random.default_rng(0)
         self.cells = lattice.to_metres(rng.permutation(lattice.cell_centers)[:MAX_CELLS])
-        pieces = self.region.inner.pieces
-        corners = rng.permutation(np.unique(pieces.reshape(-1, self.region.dim), axis=0))
-        sides = np.diff(pieces, axis=1)
-        sizes = np.linalg.norm(sides[:, 0], axis=1)
-        if self.region.dim == 3:
-            sizes = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
-        chosen = rng.choice(len(pieces), MAX_POINTS, p=sizes / sizes.sum() if sizes.any() else None)
-        weights = rng.dirichlet(np.ones(self.region.dim), MAX_POINTS)
-        boundary = np.einsum("ij,ijk->ik", weights, pieces[chosen])
+        corners = self.region.inner.pieces.reshape(-1, self.region.dim)
+        corners = rng.permutation(np.unique(corners, axis=0))
+        boundary, _ = self.region.inner.sample(MAX_POINTS, rng)
         self.points = rng.permutation(np.concatenate([self.cells, corners[:MAX_POINTS], boundary]))
 
     def place(self, number: int, *starts: Floats) -> Floats:
@@ -108,16 +108,16 @@ class Arrangement:
 
     def _spread(self, number: int) -> Floats:
         """Return centers far from each other: the deepest cell, then what needs most growth."""
-        centers = self.cells[[self.region.depths(self.cells).argmax()]]
+        centers = self.cells[[self.measure_depths(self.cells).argmax()]]
         for _ in range(number - 1):
-            growths = cdist(self.cells, centers) - self.region.depths(centers)
+            growths = cdist(self.cells, centers) - self.measure_depths(centers)
             centers = np.vstack([centers, self.cells[growths.min(axis=1).argmax()]])
         return centers
 
     def _alternate(self, centers: Floats) -> tuple[Floats, float]:
         """Assign points and move balls in turns; return the best centers and largest growth."""
         if self.is_inner:
-            centers = centers[self.region.depths(centers) > 0.0]
+            centers = centers[self.measure_depths(centers) > 0.0]
         best = centers
         smallest = math.inf
         for _ in range(MAX_ROUNDS if len(centers) else 0):
@@ -131,7 +131,7 @@ class Arrangement:
 
     def _grow(self, centers: Floats) -> tuple[Floats, Floats]:
         """Return the growth that each point takes of each ball, and the depth of each ball."""
-        depths = self.region.depths(centers)
+        depths = self.measure_depths(centers)
         return cdist(self.points, centers) - depths, depths
 
     def _relocate(self, centers: Floats, rank: int) -> Floats:
@@ -181,7 +181,7 @@ class Arrangement:
             towards /= np.maximum(np.linalg.norm(towards, axis=1, keepdims=True), SMALLEST_LENGTH)
             moves = [*np.broadcast_to(axes[:, None], (2 * dim, *placed.shape)), towards]
             places = placed + steps[:, None] * np.array(moves)
-            new_depths = self.region.depths(places.reshape(-1, dim)).reshape(len(moves), -1)
+            new_depths = self.measure_depths(places.reshape(-1, dim)).reshape(len(moves), -1)
             new_reaches = [np.maximum.reduceat(square_distances(each), starts) for each in places]
             new_growths = np.sqrt(new_reaches) - new_depths
             if self.is_inner:

@@ -12,7 +12,6 @@ from __future__ import annotations
 import heapq
 import math
 from dataclasses import dataclass, field
-from itertools import product
 from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
@@ -23,7 +22,7 @@ from cspace._support.arrays import Floats, Ints, frozen
 from cspace._support.check import check_count, check_positive, check_word
 from cspace._support.compiling import allocating, internal, kernel
 from cspace.errors import GeometryError, InputError
-from cspace.spectral._arrange import MAX_SEARCHED_BALLS, Arrangement
+from cspace.spectral._arrange import MAX_SEARCHED_BALLS, Arrangement, Depths
 from cspace.spectral._regions import (
     Lattice,
     PieceTree,
@@ -41,6 +40,9 @@ BALL_KINDS: Final = ("inner", "outer")
 
 Gap = tuple[float, float]
 """Lower and upper bound of a one-sided Hausdorff distance, metres."""
+
+ProvenBalls = tuple[Floats, Floats, Gap]
+"""Centers (n, d) and radii (n,) of balls, metres, and bounds of their distance, or infinity."""
 
 
 class Bounds(NamedTuple):
@@ -114,6 +116,12 @@ MAX_ARRANGED_BALLS: Final = 64
 
 MAX_REPLACED_BALLS: Final = 12
 """Number of balls within a tolerance up to which fewer ones are searched, for the time it takes."""
+
+MAX_SAMPLES: Final = 20_000
+"""Number of points of the boundary next to which balls in thin parts are searched."""
+
+THINNEST_HALVINGS: Final = 8
+"""Number of distances from the boundary, from a side of a cell on, each half the one before."""
 
 UNLIMITED_BALLS: Final = 2**40
 """Limit of the number of balls that is never reached."""
@@ -192,14 +200,23 @@ def decompose(
             "balls by number need a finite size",
             "pass a tolerance instead",
         )
-    if count:
-        lattice = Lattice.for_count(region, count)
+    if length is None:
+        number = count or UNLIMITED_BALLS
+        balls = _select_nearest(Lattice.for_count(region, number), number, kind)
     else:
-        lattice = Lattice.for_tolerance(region, length or 0.0)
-    choose_balls = _fill_shape if kind == "inner" else _cover_shape
-    centers, radii, gap = choose_balls(lattice, count, length)
-    if length is not None and len(radii) <= MAX_REPLACED_BALLS:
-        centers, radii, gap = _arrange_fewer(lattice, kind, length, (centers, radii, gap))
+        lattice = Lattice.for_tolerance(region, length)
+        choose_balls = _fill_shape if kind == "inner" else _cover_shape
+        balls = choose_balls(lattice, length)
+        if len(balls[1]) <= MAX_REPLACED_BALLS:
+            balls = _arrange_fewer(lattice, kind, length, balls)
+    centers, radii, gap = balls
+    if not len(radii):
+        raise InputError(
+            "shape",
+            "is too thin for any ball that was found",
+            "inner balls need an inside",
+            "pass kind='outer', or a thicker shape",
+        )
     largest_first = np.argsort(-radii, kind="stable")
     centers = frozen(centers[largest_first])
     radii = frozen(radii[largest_first])
@@ -210,36 +227,20 @@ def decompose(
 # ---- choice of balls -----------------------------------------------------------------------------
 
 
-def _fill_shape(
-    lattice: Lattice, number: int | None, tolerance: float | None
-) -> tuple[Floats, Floats, Gap]:
-    """Choose balls in a shape, by number or tolerance in metres.
+def _fill_shape(lattice: Lattice, tolerance: float) -> ProvenBalls:
+    """Choose balls in a shape within a tolerance, metres; without an inside, none.
 
-    Returns centers (n, d) and radii (n,) in metres, and bounds of the distance from the shape to
-    the balls. Raises InputError if the shape is too thin or the tolerance too small.
+    Raises InputError if the shape is too thin or the tolerance too small.
     """
-    is_proven = False
-    if tolerance is None:
-        centers, radii, _ = _select_nearest(lattice, number or UNLIMITED_BALLS, "inner")
-    else:
-        candidates = _list_inner_candidates(lattice)
-        balls, is_proven = _choose_cover(lattice, candidates, tolerance / lattice.side)
-        centers = lattice.to_metres(balls.centers)
-        radii = lattice.region.depths(centers)  # recomputed as proven lower bounds
-    is_inside = radii > 0.0
-    centers = centers[is_inside]
-    radii = radii[is_inside]
-    if not len(radii):
-        raise InputError(
-            "shape",
-            "is too thin for any ball that was found",
-            "inner balls need an inside",
-            "pass kind='outer', or a thicker shape",
-        )
-    low, high, _ = bound_shape_to_balls(lattice, centers, radii)
-    if tolerance is not None and high > tolerance:
+    candidates = _list_inner_candidates(lattice)
+    balls, is_proven = _choose_cover(lattice, candidates, tolerance / lattice.side)
+    centers = lattice.to_metres(balls.centers)
+    radii = lattice.region.depths(centers)  # recomputed as proven lower bounds
+    is_whole = is_proven and bool((radii > 0.0).all())
+    centers, radii, (low, high) = _prove(lattice, "inner", centers, radii)
+    if len(radii) and high > tolerance:
         # All cells may lie in the balls grown by less than the tolerance.
-        if is_proven and is_inside.all():
+        if is_whole:
             return centers, radii, (min(low, tolerance), tolerance)
         problem = (
             f"is {tolerance:g} m, but {len(radii)} balls are proven within {high:g} m of the "
@@ -251,18 +252,11 @@ def _fill_shape(
     return centers, radii, (low, high)
 
 
-def _cover_shape(
-    lattice: Lattice, number: int | None, tolerance: float | None
-) -> tuple[Floats, Floats, Gap]:
-    """Choose balls that cover a shape, by number or tolerance in metres.
+def _cover_shape(lattice: Lattice, tolerance: float) -> ProvenBalls:
+    """Choose balls that cover a shape within a tolerance, metres.
 
-    Returns centers (n, d) and radii (n,) in metres, and bounds of the distance from the balls to
-    the shape. Raises InputError if no such balls are found.
+    Raises InputError if no such balls are found.
     """
-    if tolerance is None:
-        # Covering whole cells takes more than covering the shape, so only the centers are kept;
-        # each ball around them grows as the shape needs.
-        return _grow(lattice, *_select_nearest(lattice, number or UNLIMITED_BALLS, "outer"))
     candidates = _list_medial_balls(lattice)
     balls, is_whole = _choose_cover(lattice, candidates, tolerance / lattice.side, inside=False)
     if not is_whole:
@@ -279,13 +273,22 @@ def _cover_shape(
     return centers, radii, bound_balls_to_shape(lattice.region, centers, radii)
 
 
-def _grow(
-    lattice: Lattice, centers: Floats, depths: Floats, growths: Floats
-) -> tuple[Floats, Floats, Gap]:
-    """Grow the largest balls in the shape as far as their parts of the shape need.
+def _prove(lattice: Lattice, kind: Kind, centers: Floats, depths: Floats) -> ProvenBalls:
+    """Prove balls around centers (n, d) by their depths (n,) in the shape; metres.
 
-    Balls without a part are dropped.
+    Inner balls are the largest ones in the shape. Outer balls are as large as their parts of the
+    shape need; their depths only choose these parts. Balls outside, or without a part, are dropped.
     """
+    is_needed = depths > 0.0
+    if kind == "outer":
+        is_needed = np.ones(len(depths), dtype=np.bool_)
+    if not is_needed.any():
+        return centers[:0], depths[:0], (0.0, math.inf)
+    centers = centers[is_needed]
+    depths = depths[is_needed]
+    low, high, growths = bound_shape_to_balls(lattice, centers, depths)
+    if kind == "inner":
+        return centers, depths, (low, high)
     radii = (depths + growths) * (1.0 + 2.0**-40)  # above the sum in spite of rounding
     is_needed = radii > 0.0
     centers = centers[is_needed]
@@ -293,60 +296,54 @@ def _grow(
     return centers, radii, bound_balls_to_shape(lattice.region, centers, radii)
 
 
+def _arrange(lattice: Lattice, kind: Kind, number: int, *starts: Floats) -> ProvenBalls:
+    """Arrange at most ``number`` balls; return the best of these and the starts."""
+    # Balls outside may also fill hollows, such as the inside of a mesh with small gaps.
+    measures: list[Depths] = [lattice.region.depths]
+    if kind == "outer" and lattice.hollows.any():
+        measures.append(lattice.filled_depths)
+    best: ProvenBalls = np.empty((0, lattice.region.dim)), np.empty(0), (0.0, math.inf)
+    for measure_depths in measures:
+        places = list(starts)
+        if number <= MAX_ARRANGED_BALLS:
+            arrangement = Arrangement(lattice, measure_depths, inside=kind == "inner")
+            places.append(arrangement.place(number, *starts))
+        for centers in places:
+            balls = _prove(lattice, kind, centers, measure_depths(centers))
+            if balls[2][1] < best[2][1]:
+                best = balls
+    return best
+
+
 def _arrange_fewer(
-    lattice: Lattice, kind: Kind, tolerance: float, balls: tuple[Floats, Floats, Gap]
-) -> tuple[Floats, Floats, Gap]:
+    lattice: Lattice, kind: Kind, tolerance: float, balls: ProvenBalls
+) -> ProvenBalls:
     """Replace balls within a tolerance, in metres, by as few that are arranged, if found."""
-    arrangement = Arrangement(lattice, inside=kind == "inner")
     too_few = 0
     number = len(balls[1]) + 1  # as many balls are mostly arranged better
     while number - too_few > 1:
         middle = (number + too_few) // 2
-        centers = arrangement.place(middle)
-        low, high = 0.0, math.inf
-        if len(centers):
-            depths = lattice.region.depths(centers)
-            low, high, growths = bound_shape_to_balls(lattice, centers, depths)
-        if high > tolerance:
+        fewer = _arrange(lattice, kind, middle)
+        if fewer[2][1] > tolerance:
             too_few = middle
-            continue
-        number = middle
-        balls = centers, depths, (low, high)
-        if kind == "outer":
-            balls = _grow(lattice, centers, depths, growths)
+        else:
+            number = middle
+            balls = fewer
     return balls
 
 
-def _select_nearest(lattice: Lattice, number: int, kind: Kind) -> tuple[Floats, Floats, Floats]:
+def _select_nearest(lattice: Lattice, number: int, kind: Kind) -> ProvenBalls:
     """Select at most ``number`` balls with a small distance from the shape.
 
-    Few balls are arranged. Many are those that cover all cells, or those that fill most cells. The
-    balls are the largest balls in the shape around these centers. Returns centers (n, d) and radii
-    (n,) in metres, negative outside the shape, and the growth of each ball with which all cover the
-    shape (n,). Without any choice, n is 0.
+    Few balls are arranged. Many are those that cover all cells, or those that fill most cells.
     """
-    inside = kind == "inner"
     places = []
     if lattice.region.inner.measure[1] > 0.0:
         places.append(lattice.to_metres(_fill_greedily(lattice, number).centers))
     if number > MAX_SEARCHED_BALLS:
-        balls, _ = _cover_with(lattice, number, inside=inside)
+        balls, _ = _cover_with(lattice, number, inside=kind == "inner")
         places.append(lattice.to_metres(balls.centers))
-    if number <= MAX_ARRANGED_BALLS:
-        places.append(Arrangement(lattice, inside=inside).place(number, *places))
-    smallest = math.inf
-    no_lengths = np.empty(0)
-    no_centers = np.empty((0, lattice.region.dim))
-    best: tuple[Floats, Floats, Floats] = no_centers, no_lengths, no_lengths
-    for centers in places:
-        if not len(centers):
-            continue
-        depths = lattice.region.depths(centers)
-        _, distance, growths = bound_shape_to_balls(lattice, centers, depths)
-        if distance < smallest:
-            smallest = distance
-            best = (centers, depths, growths)
-    return best
+    return _arrange(lattice, kind, number, *places)
 
 
 def _list_inner_candidates(lattice: Lattice) -> LatticeBalls:
@@ -415,15 +412,15 @@ def _choose_cover(
     cells = CellCounts.of(lattice, whole=True)
     balls = candidates.select(np.zeros(0, dtype=np.int64))
     find_balls = _find_deepest_points if inside else _find_balls_around
-    # Cells that the candidates leave open get balls of their own.
-    for _ in range(2):
+    for is_last in (False, True):
         candidates = candidates._replace(reaches=candidates.depths + reach)
         max_more = max_balls - len(balls.reaches)
         chosen = choose(cells, candidates.centers, candidates.reaches, max_more)
         balls = balls.append(candidates.select(chosen))
         open_cells = cells.open_cells
-        if not len(open_cells) or len(balls.reaches) == max_balls:
+        if is_last or not len(open_cells) or len(balls.reaches) == max_balls:
             break
+        # Cells that the candidates leave open get balls of their own.
         candidates = find_balls(lattice, open_cells)
     return cells.trim(balls), not len(cells.open_cells)
 
@@ -472,25 +469,24 @@ def _list_medial_balls(lattice: Lattice) -> LatticeBalls:
 
 
 def _find_deepest_points(lattice: Lattice, cells: Floats) -> LatticeBalls:
-    """Find a ball in the shape for each cell, around the deepest of some points of the cell.
+    """Find a ball in the shape near each cell, around the deepest of some points.
 
-    ``cells`` are cell centers, shape (n, 3). A cell without a point of the shape gets no ball.
+    ``cells`` are cell centers, shape (n, 3). The points are the center and points on either side of
+    the nearest boundary. A cell without such a point in the shape gets no ball.
     """
-    balls = _find_balls_around(lattice, np.empty((0, 3)))
-    # Cells in which no point is inside are tried again with more points.
-    for points_per_side in (1, 2, 4, 8, 16):
-        if not len(cells):
-            break
-        offsets = (np.arange(points_per_side) + 0.5) / points_per_side - 0.5
-        axes = [offsets if half else np.zeros(1) for half in lattice.half]
-        points = cells[:, None] + np.array(list(product(*axes)))
-        depths = lattice.depths_at(points.reshape(-1, 3)).reshape(points.shape[:2])
-        best = np.arange(len(cells)), depths.argmax(axis=1)
-        deepest = LatticeBalls(points[best], depths[best], depths[best])
-        is_inside = deepest.depths > 0.0
-        balls = balls.append(deepest.select(is_inside))
-        cells = cells[~is_inside]
-    return balls
+    from scipy.spatial import KDTree
+
+    region = lattice.region
+    places, normals = region.inner.sample(MAX_SAMPLES, np.random.default_rng(0))
+    centers = lattice.to_metres(cells)
+    _, nearest = KDTree(places).query(centers)
+    lengths = lattice.side * 0.5 ** np.arange(THINNEST_HALVINGS)
+    steps = np.concatenate([lengths, -lengths])[:, None, None]
+    points = np.concatenate([centers[None], places[nearest] + steps * normals[nearest]])
+    depths = region.depths(points.reshape(-1, region.dim)).reshape(len(points), -1) / lattice.side
+    best = depths.argmax(axis=0), np.arange(len(cells))
+    deepest = LatticeBalls(lattice.from_metres(points[best]), depths[best], depths[best])
+    return deepest.select(deepest.depths > 0.0)
 
 
 class LatticeBalls(NamedTuple):

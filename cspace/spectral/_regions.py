@@ -8,6 +8,7 @@ from itertools import product
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cspace._bodies.triangle_proofs import RADIUS, build_trees
 from cspace._grid import Grid
@@ -74,6 +75,12 @@ MAX_GAP_HALVINGS: Final = 14
 
 MAX_GAP_BOXES: Final = 4_000_000
 """Largest number of boxes processed at once."""
+
+MAX_BALL_BOXES: Final = 200_000
+"""Largest number of boxes of balls processed at once, for the time they take."""
+
+SMALLEST_LENGTH: Final = 1e-300
+"""Smallest length that others are divided by, metres."""
 
 MAX_DISTANCES_PER_BLOCK: Final = 2**18
 """Number of distances held at once, which fit into a cache."""
@@ -147,6 +154,20 @@ class ShapeBoundary:
 
         run_in_chunks(bound_chunk, len(points), MIN_DEPTHS_PER_THREAD)
         return near, far
+
+    def sample(self, number: int, rng: np.random.Generator) -> tuple[Floats, Floats]:
+        """Draw points of the boundary, spread evenly, and the normals there, (number, d) each."""
+        sides = np.diff(self.pieces, axis=1)
+        normals = (
+            sides[:, 0, ::-1] * (1.0, -1.0) if self.dim == 2 else np.cross(*sides.swapaxes(0, 1))
+        )
+        sizes = np.linalg.norm(normals, axis=1)
+        shares = sizes / sizes.sum() if sizes.any() else None
+        chosen = rng.choice(len(sizes), number, p=shares)
+        weights = rng.dirichlet(np.ones(self.dim), number)
+        points = np.einsum("ij,ijk->ik", weights, self.pieces[chosen])
+        lengths = np.maximum(sizes, SMALLEST_LENGTH)[chosen, None]
+        return points, normals[chosen] / lengths
 
     @cached_property
     def tree(self) -> PieceTree:
@@ -276,10 +297,29 @@ class Lattice:
             factor = min(max(2.0, factor), 16.0)
             box_cells = min(MAX_REFINED_CELLS, int(box_cells * factor))
 
+    @cached_property
+    def hollows(self) -> NDArray[np.bool_]:
+        """Mask of the cells that no way from outside reaches without meeting the shape."""
+        from scipy.ndimage import binary_fill_holes
+
+        return np.asarray(binary_fill_holes(self.cells) & ~self.cells)
+
+    def filled_depths(self, points: Floats) -> Floats:
+        """Estimate depths of points (n, d), metres, in the shape with its hollows filled."""
+        depths = self.region.depths(points)
+        cells = np.floor(self.from_metres(points)).astype(np.int64)
+        cells = np.clip(cells, 0, np.array(self.cells.shape) - 1)  # the outermost are no hollows
+        return np.where(self.hollows[tuple(cells.T)], -depths, depths)
+
     def to_metres(self, points: Floats) -> Floats:
         """Convert lattice coordinates (n, 3) to metres (n, d)."""
         in_space = self.corner + self.side * points
         return np.asarray(in_space[:, 3 - self.region.dim :])
+
+    def from_metres(self, points: Floats) -> Floats:
+        """Convert points (n, d) in metres to lattice coordinates (n, 3)."""
+        in_space = np.pad(points, ((0, 0), (3 - self.region.dim, 0)))
+        return np.asarray((in_space - self.corner) / self.side)
 
     def depths_at(self, points: Floats) -> Floats:
         """Return lower bounds of the depths of points (n, 3) in the region, in sides."""
@@ -408,7 +448,7 @@ def bound_shape_to_balls(
     """Bound the largest distance from a shape to balls, metres.
 
     Points give the lower bound. Boxes that cover the shape give the upper bound; boxes that may
-    contain the farthest point are halved until the bounds differ by 2 % or by 1e-4 of the size of
+    contain the farthest point are halved until the bounds differ by 0.5 % or by 1e-4 of the size of
     the shape.
 
     Returns the bounds, in metres, and the growth of each ball, shape (n,). Each box is assigned to
@@ -442,7 +482,7 @@ def bound_shape_to_balls(
         far = far[relevant]
         owners = owners[relevant]
         # Boxes that reach little beyond the lower bound are final; the others are halved.
-        is_open = far > low + max(0.02 * low, 1e-4 * region.size)
+        is_open = far > low + max(0.005 * low, 1e-4 * region.size)
         child_count = np.count_nonzero(is_open) * len(child_offsets)
         if level == MAX_GAP_HALVINGS or child_count > MAX_GAP_BOXES:
             is_open[:] = False
@@ -458,18 +498,48 @@ def bound_shape_to_balls(
 def bound_balls_to_shape(region: Region, centers: Floats, radii: Floats) -> tuple[float, float]:
     """Bound the largest distance from balls to a shape, metres.
 
-    The upper bound comes from the depths of the centers: a ball sticks out of the shape by at most
-    its radius minus that depth. The lower bound comes from points of the spheres.
+    Points of the balls give the lower bound. The upper bound comes from boxes around the balls:
+    the part of a ball in a box sticks out by at most half the diagonal minus the depth of the point
+    of the ball nearest to the center of the box. Boxes that may stick out most are halved until the
+    bounds differ by 0.5 % or by 1e-4 of the size of the shape.
     """
-    excesses = radii - region.depths(centers)
-    high = max(0.0, float(excesses.max()))
     # Points of each sphere in random directions, as many as memory allows, at most 200.
     count = max(1, min(200, MAX_GAP_BOXES // len(radii)))
     directions = np.random.default_rng(0).normal(size=(count, region.dim))
-    lengths = np.linalg.norm(directions, axis=1, keepdims=True)
-    directions *= (1.0 - MEASURE_ROUNDING) / lengths
-    points = centers[:, None] + radii[:, None, None] * directions
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    inner_radii = radii * (1.0 - MEASURE_ROUNDING)
+    points = centers[:, None] + inner_radii[:, None, None] * directions
     low = float(region.gaps(points.reshape(-1, region.dim)).max())
+    excesses = radii - region.depths(centers)
+    owners = np.arange(len(radii))
+    offsets = np.zeros_like(centers)  # from the center of the ball to that of the box
+    halves = radii[:, None]  # halves of the sides of the boxes
+    child_offsets = np.array(list(product((-1.0, 1.0), repeat=region.dim)))
+    high = 0.0
+    for _ in range(MAX_GAP_HALVINGS):
+        is_open = excesses > low + max(0.005 * low, 1e-4 * region.size)
+        high = max(high, float(excesses[~is_open].max(initial=0.0)))
+        children = np.flatnonzero(is_open).repeat(len(child_offsets))
+        excesses = excesses[is_open]
+        if not 0 < len(children) <= MAX_BALL_BOXES:
+            break
+        halves = 0.5 * halves[children]
+        offsets = offsets[children] + halves * np.resize(child_offsets, (len(children), region.dim))
+        owners = owners[children]
+        excesses = excesses.repeat(len(child_offsets))
+        # Only boxes that meet their ball count.
+        gaps = np.linalg.norm(np.maximum(np.abs(offsets) - halves, 0.0), axis=1)
+        meets = gaps <= radii[owners]
+        halves, offsets, owners, excesses = (
+            values[meets] for values in (halves, offsets, owners, excesses)
+        )
+        shares = inner_radii[owners] / np.linalg.norm(offsets, axis=1)
+        points = centers[owners] + offsets * np.minimum(shares, 1.0)[:, None]
+        depths = region.depths(points)
+        low = max(low, float(region.gaps(points[-depths > low]).max(initial=0.0)))
+        diagonals = math.sqrt(region.dim) * halves[:, 0] + 2.0**-38 * radii[owners]
+        excesses = np.minimum(excesses, diagonals - depths)
+    high = max(high, float(excesses.max(initial=0.0)))
     return min(low, high), high
 
 

@@ -36,11 +36,12 @@ def bare_depth(points, balls):
 
 
 def check_outer(balls, mesh):
-    """Check that balls cover a mesh, and stick out by no more than they say."""
+    """Check that balls cover a mesh, and stick out by no more than they say, also within it."""
     points = np.vstack([mesh.sample(SAMPLES, seed=0), mesh.vertices])
     assert bare_depth(points, balls) <= 0.0
     directions = np.random.default_rng(0).normal(size=(50, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    directions = np.concatenate([directions, 0.5 * directions, np.zeros((1, 3))])
     spheres = (balls.centers[:, None] + balls.radii[:, None, None] * directions).reshape(-1, 3)
     gap = cKDTree(points).query(spheres)[0] - balls.hausdorff.upper
     if mesh.is_watertight:

@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from scipy.spatial.distance import cdist
 
 from cspace import InputError, Robot
-from cspace._shapes import Mesh, Voxels
+from cspace._shapes import Mesh, Polygons, Voxels
 from cspace.errors import GeometryError
 from cspace.spectral import decompose
-from cspace.spectral._regions import Lattice, Region, bound_shape_to_balls
+from cspace.spectral._regions import Lattice, Region, bound_balls_to_shape, bound_shape_to_balls
 from tests.helpers.oracles import distance_to_triangles, winds_around
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import seeds, stars
@@ -184,6 +184,42 @@ def test_balls_cover_open_surfaces_lines_and_cells():
     balls = decompose(Voxels.of(cells, 0.1, (0.3, -2.0)), kind="outer", number=40)
     corners = np.argwhere(cells)[:, None] + [(0, 0), (0, 1), (1, 0), (1, 1)]
     assert measure_gaps((0.3, -2.0) + 0.1 * corners.reshape(-1, 2), balls).max() <= 0.0
+
+
+def test_balls_fill_the_hollow_of_an_open_mesh():
+    box = trimesh.creation.box((1.0, 1.0, 1.0))
+    # Six faces with gaps along the edges enclose nothing.
+    corners = box.triangles + 0.001 * box.face_normals[:, None]
+    faces = np.arange(36).reshape(12, 3)
+    mesh = Mesh.of(trimesh.Trimesh(corners.reshape(-1, 3), faces, process=False), "surface")
+    assert not mesh.is_watertight
+    balls = decompose(mesh, kind="outer", number=1)
+    # The point farthest from the faces, in the middle, lies 0.501 from them. The mesh still has no
+    # inside, so the ball sticks out as far into it.
+    low, high = balls.hausdorff
+    assert low <= 0.501 <= high <= 0.515
+    assert measure_gaps(corners.reshape(-1, 3), balls).max() <= 0.0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_balls_stick_out_within_near_bounds(seed):
+    rng = np.random.default_rng(seed)
+    centers = rng.uniform(-1.0, 1.0, (4, 2))
+    radii = rng.uniform(0.1, 1.5, 4)
+    low, high = bound_balls_to_shape(Region(Polygons.of(ELL)), centers, radii)
+    discs = shapely.union_all(
+        [shapely.Point(*c).buffer(r, 256) for c, r in zip(centers, radii, strict=True)]
+    )
+    exact = shapely.distance(shapely.points(shapely.get_coordinates(discs)), ELL).max()
+    assert low <= exact + 1e-4
+    assert exact <= high <= 1.03 * exact
+
+
+def test_foil_is_filled():
+    foil = trimesh.creation.box((1.0, 1.0, 0.002))
+    balls = decompose(foil, kind="inner", tolerance=0.1)
+    assert balls.hausdorff.upper <= 0.1
+    assert (np.abs(balls.centers[:, 2]) + balls.radii <= 0.001).all()
 
 
 def test_distance_of_a_sheet_from_balls_has_near_bounds():
