@@ -728,6 +728,7 @@ class CSpace(ConfigurationMap):
         from cspace._queries.paths import (
             MAX_SHORTENING_SECONDS,
             are_free,
+            keep_rotation,
             pull_taut_in_plane,
             pulled_straight,
             waypoints,
@@ -764,15 +765,7 @@ class CSpace(ConfigurationMap):
             taut = pull_taut_in_plane(self._states[0], self.grid, path, check, end)
             if len(taut):
                 return taut
-        start_rotation, goal_rotation = endpoints[:, self.grid.dim :]
-        rotation_cells = cells[:, 0]
-        stays_in_cell = (rotation_cells == rotation_cells[0]).all()
-        if stays_in_cell and (start_rotation == goal_rotation).all():
-            # Do not turn to the center of the rotation cell and back, unless the rotation is on the
-            # border of a rotation cell that is not FREE.
-            still = path.copy()
-            still[:, self.grid.dim :] = start_rotation
-            path = still if are_free(still, check) else path
+        path = keep_rotation(path, cells[:, 0], self.grid.dim, check)
         # Only the edges from start and to goal may fail, if they touch cells that are not FREE.
         if not are_free(path, check):
             return self._no_path()

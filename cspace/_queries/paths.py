@@ -46,6 +46,21 @@ def waypoints(grid: Grid, rotations: Rotations, endpoints: Floats, cells: Ints) 
     return np.vstack([start, np.column_stack(centers), goal])
 
 
+def keep_rotation(path: Floats, rotation_cells: Ints, dim: int, check: Check) -> Floats:
+    """Keep the rotation of both ends if they have the same one, in a path that does not turn.
+
+    ``path`` has shape (n + 2, size), with the centers of ``rotation_cells``, shape (n,), between
+    its ends. If an edge fails ``check``, because the rotation is on the border of a rotation cell
+    that is not FREE, the path stays as it is.
+    """
+    turns = (rotation_cells != rotation_cells[0]).any()
+    if turns or (path[0, dim:] != path[-1, dim:]).any():
+        return path
+    still = path.copy()
+    still[:, dim:] = path[0, dim:]
+    return still if are_free(still, check) else path
+
+
 def pulled_straight(
     path: Floats,
     rotations: Rotations,
