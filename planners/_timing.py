@@ -199,6 +199,7 @@ def find_stop(
     intervals = measure_intervals(segments, rotations, bounds, begin)
     squares = [speed**2]
     moved: list[float] = []
+    slowings: list[float] = []
     for k, length in enumerate(intervals.lengths.tolist()):
         room = 1.0 - intervals.bend_shares[k] * squares[-1]
         slowing = float((room / np.maximum(intervals.rate_shares[k], MIN_SPEED)).min())
@@ -208,11 +209,13 @@ def find_stop(
         after = min(squares[-1] - 2.0 * slowing * length, float(intervals.end_caps[k + 1]))
         moved.append(min(length, stopping) if after <= 0.0 else length)
         squares.append(max(after, 0.0))
+        slowings.append(slowing)
         if after <= 0.0:
             break
     count = len(moved)
     lengths = np.array(moved)
     gains = -np.diff(squares) / (2.0 * np.maximum(lengths, MIN_SPEED))
+    gains = np.minimum(gains, slowings)  # rounding may leave too short a length at the end
     owners, begins = intervals.owners[:count], intervals.begins[:count]
     return _make_phases(owners, begins, lengths, 0.0 * lengths, gains, np.array(squares))
 

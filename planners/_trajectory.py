@@ -77,6 +77,10 @@ MAX_BEGIN_GAP: Final = 1e-6
 SLOW_SHARE: Final = 0.5
 """Share of full speed below which a stop may be quicker than a curve that goes on."""
 
+LEAST_BEND_SHARE: Final = 0.02
+"""Share of full speed at which a robot can follow the bend of a curve that another one takes up.
+Bends at the very end of a motion may be of micrometres."""
+
 MIN_FACTOR: Final = 1e-3
 """Least ratio of the rates of two curves in the same direction."""
 
@@ -902,6 +906,8 @@ def _make_junction(
         return None
     squares = bounds.velocity.multiply(rates, rates).sum()
     bends -= bounds.velocity.multiply(rates, bends).sum() / squares * rates
+    if float(bounds.acceleration.shares(bends).max()) * LEAST_BEND_SHARE**2 > full**2:
+        return None
     return Junction(rates[0] / full, bends[0] / full**2)
 
 

@@ -111,12 +111,14 @@ def _cut_piece(controls: Floats) -> list[Leg]:
     while pending:
         controls, halvings = pending.pop()
         leg = _make_leg(controls)
-        if leg is not None and leg.drift <= MAX_DEVIATION and leg.spread <= MAX_SPREAD:
+        if leg is None:
+            continue
+        if leg.drift <= MAX_DEVIATION and leg.spread <= MAX_SPREAD:
             legs.append(leg)
         elif halvings < MAX_HALVINGS:
             first, second = _halve(controls)
             pending += [(second, halvings + 1), (first, halvings + 1)]
-        elif leg is not None:
+        else:
             x, y = leg.start
             raise ValueError(f"turns too sharply at ({x:.6g}, {y:.6g}); check its unit (metres)")
     return legs

@@ -433,10 +433,15 @@ def _read_order(document: Element, heading: HeadingRule | None, level: str | Non
     """Read the nodes and edges of a VDA 5050 order, one map of it."""
     builder = GraphBuilder(heading, "any")
     maps = set()
+    places: dict[str, Any] = {}
     for node in document.children("nodes", "node", "nodeId"):
-        if str(node.need("nodeId")) in builder.indices:  # an order may pass a node again
-            continue
         place = node.child("nodePosition")
+        name = str(node.need("nodeId"))
+        if name in places:  # an order may pass a node again
+            if places[name] != place.fields:
+                raise node.fail("has two positions", "an audit has one for each node")
+            continue
+        places[name] = place.fields
         maps.add(str(place.get("mapId")))
         _add_place(builder, node, place)
     if len(maps) > 1 or (level is not None and maps - {level}):

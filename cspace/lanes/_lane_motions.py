@@ -108,6 +108,11 @@ def check_map(space: ConfigurationMap, graph: RouteGraph) -> None:
             problem = f"has no yaw, but {space.robot.name} turns on the lane {lane.name!r}"
             hint = "build it with rotations=72, or set heading=0.0 for a robot that never turns"
             raise InputError("space", problem, "the shape at every yaw is needed", hint)
+    for name, yaw in zip(graph.names, graph.yaws.tolist(), strict=True):
+        if abs(math.remainder(yaw, math.tau)) > SAME_YAW:  # not of a yaw that is NaN
+            problem = f"has no yaw, but {space.robot.name} has the yaw {yaw:g} at the node {name!r}"
+            hint = "build it with rotations=72"
+            raise InputError("space", problem, "the shape at every yaw is needed", hint)
 
 
 def list_legs(graph: RouteGraph, lane: Lane) -> tuple[Leg, ...]:
@@ -136,9 +141,12 @@ def lever_of(space: ConfigurationMap) -> float:
 
 
 def split_yaws(space: ConfigurationMap) -> Floats:
-    """Return parts of rotation cells, shape (n, 2): their lower and upper yaws, all around."""
+    """Return parts of rotation cells, shape (n, 2): their lower and upper yaws, all around.
+
+    Without a yaw, a round robot has all yaws, and another one only zero.
+    """
     if not space.rotations.names:
-        return np.zeros((1, 2))
+        return np.array([[-math.pi, math.pi]]) * space.robot.shape.is_round
     bounds = space.rotations._stored_arrays["yaw_bounds"]
     count = math.ceil(np.ptp(bounds, axis=1).max() / MAX_PART - SAME_YAW)
     borders = np.linspace(bounds[:, 0], bounds[:, 1], count + 1, axis=1)

@@ -40,10 +40,9 @@ class NodeYaws(NamedTuple):
     cells: Ints
 
     def list_free(self) -> list[Floats]:
-        """Return the intervals of yaw at which the robot may stand at each node, radians.
-
-        Without a yaw, a free node has the interval of all yaws.
-        """
+        """Return the intervals of yaw at which the robot may stand at each node, radians."""
+        if not np.ptp(self.parts):  # a robot that never turns
+            return [self.parts[free] for free in self.is_free]
         return [join_yaw_cells(free, self.parts) for free in self.is_free]
 
 

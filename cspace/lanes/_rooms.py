@@ -26,6 +26,9 @@ Corners = list[tuple[Floats, Floats, Floats]]
 STRIP_CELLS: Final = 0.9
 """Width, in cells, of strips that cells prove by their outline."""
 
+ARC_CHORDS: Final = 8
+"""Number of chords of the half circles around the ends of a motion."""
+
 ROOM_STEP: Final = 1.0 / 8.0
 """Largest step, in cells, in which rooms are measured."""
 
@@ -84,11 +87,16 @@ def measure_rooms(
         return is_free
 
     def prove_ring(rows: Ints, low: Floats, high: Floats) -> Bools:
-        """Return whether cells prove all between two rectangles around straight motions."""
-        first, last, middle = motions.starts, motions.ends, 0.5 * (low + high)
-        corners = [(first, -middle, middle), (last, middle, middle)]
-        corners += [(last, middle, -middle), (first, -middle, -middle), corners[0]]
-        return prove_outline(rows, corners, 0.5 * (high - low))
+        """Return whether cells prove all between two distances from straight motions."""
+        middle = 0.5 * (low + high)
+        turns = np.linspace(0.5, -0.5, ARC_CHORDS + 1) * math.pi
+        around = [
+            (motions.ends, math.cos(turn) * middle, math.sin(turn) * middle) for turn in turns
+        ]
+        around += [(motions.starts, -along, -aside) for _, along, aside in around]
+        # The chords of an arc leave it by its height.
+        height = middle * (1.0 - math.cos(0.5 * math.pi / ARC_CHORDS))
+        return prove_outline(rows, [*around, around[0]], 0.5 * (high - low) + height)
 
     def prove_strip(side: float, rows: Ints, low: Floats, high: Floats) -> Bools:
         """Return whether cells prove strips: those that meet a narrow one meet its outline."""

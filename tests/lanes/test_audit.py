@@ -192,6 +192,18 @@ def test_no_post_is_skipped_beside_a_lane(row):
     assert max(lane.left, lane.right) == 1.0
 
 
+@pytest.mark.parametrize("post", [(3.85, 3.0), (3.6, 3.6), (1.0, 1.4), (2.6, 3.4)])
+def test_margins_hold_around_the_ends_of_diagonal_lanes(post):
+    box = shapely.box(*np.subtract(post, 0.005), *np.add(post, 0.005))
+    with pytest.warns(cspace.UnitWarning):  # of a box smaller than a cell
+        workspace = cspace.Workspace.from_polygons([box], spacing=0.05, bounds=(-1, -1, 6, 6))
+    space = cspace.build(workspace, "disc:0.07")
+    graph = RouteGraph.from_arrays([(2, 2), (3, 3)], [(0, 1)])
+    (row,) = planners.audit(space, graph, max_room=2.0).lanes
+    truth = shapely.LineString([(2, 2), (3, 3)]).distance(box) - 0.07
+    assert truth - 0.15 <= row.margin <= truth
+
+
 def test_headings_decide_the_yaw(rooms):
     # Through the door, 0.8 m wide, only along the robot; across it, the robot is 0.7 m long.
     nodes = [(3.0, 2.5), (5.0, 2.5)]
@@ -315,6 +327,14 @@ def test_a_map_without_a_yaw_is_for_a_round_robot_or_one_that_never_turns():
     check_followed(
         lambda: planners.audit(bar, graph), build_again, "or set heading=0.0 for a robot"
     )
+    standing = build_again()
+    assert standing.lanes[0].verdict == "free"
+    assert not standing.nodes[0].turns_around
+    np.testing.assert_array_equal(standing.nodes[0].free_yaws, [[0.0, 0.0]])
+    turned = RouteGraph.from_arrays([(1, 1), (3, 2)], [(0, 1)], 0.0, yaws=[0.0, 1.5])
+    with pytest.raises(InputError, match=r"has the yaw 1.5 at the node '1'.*with rotations=72"):
+        planners.audit(bar, turned)
+    assert planners.audit(disc, turned).lanes[0].verdict == "free"
 
 
 def test_tiles_give_the_verdicts_of_memory(tmp_path):

@@ -175,6 +175,19 @@ def test_orders_have_deviations_and_corridors(tmp_path):
     np.testing.assert_array_equal(graph.yaws, [0.5, math.nan])
 
 
+@pytest.mark.parametrize("change", [{}, {"theta": 2.0}, {"x": 9.0}])
+def test_an_order_may_pass_a_node_again_as_it_was(tmp_path, change):
+    order = copy.deepcopy(ORDER)
+    first = order["nodes"][0]
+    order["nodes"].append(first | {"nodePosition": first["nodePosition"] | change})
+    file = write(tmp_path, "order.json", order)
+    if change:
+        with pytest.raises(FileError, match="has two positions; an audit has one for each node"):
+            RouteGraph.open(file)
+    else:
+        assert len(RouteGraph.open(file).names) == 2
+
+
 def edit(name, path, value):
     """Return a copy of a document with another value at a path of keys."""
     document = copy.deepcopy(FILES[name])
@@ -367,6 +380,12 @@ def test_the_motions_of_a_curve_are_as_wide_as_it_deviates(tmp_path):
     assert min(leg.drift for leg in legs) > 0.0
     assert (needed <= motions.growths[of_legs]).all()
     assert (motions.growths[of_legs] <= needed + 1e-3).all()
+
+
+def test_a_piece_that_is_one_point_has_no_leg():
+    points = np.array([(0, 0), (0, 0), (1, 0.0)])
+    (leg,) = cut_nurbs(1, np.array([0, 0, 1, 2, 2.0]), points, np.ones(3))
+    assert (leg.start, leg.end, leg.drift < 1e-8) == ((0.0, 0.0), (1.0, 0.0), True)
 
 
 def test_a_curve_that_turns_back_jumps_there():

@@ -362,3 +362,35 @@ def test_what_cannot_go_on_is_refused() -> None:
         plan.trajectory(max_velocity=1.0, max_acceleration=0.0, after=trajectory)
     again = plan.trajectory(**LIMITS, after=trajectory)  # at rest
     np.testing.assert_allclose(again.positions, trajectory.positions, atol=1e-9)
+
+
+@pytest.mark.parametrize("exponent", range(2, 16))
+def test_a_stop_just_before_the_end_keeps_the_limits(exponent):
+    space = cspace.build(cspace.Workspace.from_array(np.zeros((40, 30), bool), 0.1), "disc:0.3")
+    plan = planners.plan(space, (0.5, 1.5), (3.5, 1.5))
+    trajectory = plan.trajectory(max_velocity=1.0, max_acceleration=0.5)
+    at = trajectory.duration - 10.0**-exponent
+    stop = trajectory.braked(at)
+    assert np.abs(stop.accelerations).max() <= 0.5 * (1.0 + 1e-9)
+    np.testing.assert_array_equal(stop.velocities[0], trajectory.sample(at)[1])
+    np.testing.assert_allclose(stop.positions[-1], trajectory.positions[-1], atol=1e-15)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.7, 0.95])
+def test_a_bend_of_micrometres_is_not_taken_up(share):
+    cells = np.zeros((60, 60), dtype=bool)
+    cells[20:24, :40] = cells[40:44, 20:] = True
+    robot = cspace.Robot.rectangle(0.5, 0.3)
+    space = cspace.build(cspace.Workspace.from_array(cells, 0.1), robot, rotations=36)
+    limits = LIMITS | TURNING_LIMITS
+    goal = (5.0, 5.0, 1.0)
+    whole = planners.plan(space, (1.0, 1.0, 0.0), goal).trajectory(**limits)
+    # A way to the same goal, in the last tens of microseconds, bends within micrometres.
+    for at in whole.duration - np.geomspace(1e-5, 1e-4, 9):
+        plan = planners.plan(space, whole.starts_after(at)[0], goal)
+        last = plan.trajectory(**limits, after=whole, at=at)
+        t = share * last.duration
+        for start in last.starts_after(t):
+            back = planners.plan(space, start, (1.0, 1.0, 0.0))
+            new = back.trajectory(**limits, after=last, at=t)
+            np.testing.assert_allclose(new.sample(0.0)[1], last.sample(t)[1], atol=1e-9)
