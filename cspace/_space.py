@@ -756,7 +756,7 @@ class CSpace(ConfigurationMap):
             lambda: self.is_connected(start, goal),
             WEIGHT_OF_TAUT_PATHS if is_pulled_taut else WEIGHT,
         )
-        if is_stopped() or not len(cells):
+        if not len(cells):
             return self._no_path()
         path = waypoints(self.grid, rotations, endpoints, cells)
         check = self.edge_checker()
@@ -765,6 +765,8 @@ class CSpace(ConfigurationMap):
             taut = pull_taut_in_plane(self._states[0], self.grid, path, check, end)
             if len(taut):
                 return taut
+        if is_stopped():  # before thousands of edges are proven
+            return self._no_path()
         path = keep_rotation(path, cells[:, 0], self.grid.dim, check)
         # Only the edges from start and to goal may fail, if they touch cells that are not FREE.
         if not are_free(path, check):

@@ -98,7 +98,7 @@ def pull_taut_in_plane(
     """Return a short path along a chain of cells, found until a reading of the clock.
 
     ``states``, shape (nx, ny), are those of the cells, and ``path`` has shape (n, 2). There is no
-    row if an edge fails ``check``, or if time is over.
+    row if an edge fails ``check``, or if time is over at first.
     """
     ends = path[[0, -1]]
     taut = path[:0]

@@ -32,7 +32,7 @@ FindPath: TypeAlias = Callable[["ConfigurationMap", Floats, Floats], Floats]
 """``find_path(space, start, goal)`` returns waypoints, shape (n, size); n is 0 without a path."""
 
 LaneState: TypeAlias = Literal["free", "blocked", "undecided"]
-"""What is proven about a lane."""
+"""Verdicts about a lane."""
 
 COLORS: Final = {"free": "#1a7f37", "blocked": "#c4161c", "undecided": "#e08a00"}
 """Colors of lanes in pictures, by verdict."""
@@ -48,7 +48,7 @@ COLUMNS: Final = (
 
 
 class LaneVerdict(NamedTuple):
-    """What is proven about a lane in one direction.
+    """Verdict about a lane in one direction.
 
     Attributes
     ----------
@@ -315,7 +315,7 @@ class Audit:
 
 
 class LaneProofs(NamedTuple):
-    """What is proven of lanes, by index.
+    """Proofs of lanes, by index.
 
     Attributes
     ----------

@@ -24,7 +24,7 @@ YAW_DIGITS: Final = 9
 
 
 class NodeYaws(NamedTuple):
-    """What is known of each node, by parts of rotation cells.
+    """Yaws of nodes, by parts of rotation cells.
 
     Attributes
     ----------

@@ -89,9 +89,9 @@ def measure_rooms(
     def prove_ring(rows: Ints, low: Floats, high: Floats) -> Bools:
         """Return whether cells prove all between two distances from straight motions."""
         middle = 0.5 * (low + high)
-        turns = np.linspace(0.5, -0.5, ARC_CHORDS + 1) * math.pi
+        angles = np.linspace(0.5, -0.5, ARC_CHORDS + 1) * math.pi
         around = [
-            (motions.ends, math.cos(turn) * middle, math.sin(turn) * middle) for turn in turns
+            (motions.ends, math.cos(angle) * middle, math.sin(angle) * middle) for angle in angles
         ]
         around += [(motions.starts, -along, -aside) for _, along, aside in around]
         # The chords of an arc leave it by its height.

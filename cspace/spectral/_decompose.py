@@ -1,10 +1,9 @@
 """Decomposition of shapes into balls that fill or cover them.
 
 Few balls are arranged (:mod:`cspace.spectral._arrange`); more are chosen greedily by the lattice
-cells that they add. Lengths in this module are in
-sides of a cell, unless they say metres. A ball contains a cell if ``sum (|cell_center - center| +
-half)^2 <= reach^2`` over the axes. With ``half`` zero it contains the cell's center, otherwise the
-whole cell. An *open* cell lies in no chosen ball.
+cells that they add. Lengths in this module are in sides of a cell, unless they say metres. A ball
+contains a cell if ``sum (|cell_center - center| + half)^2 <= reach^2`` over the axes. With ``half``
+zero it contains the cell's center, otherwise the whole cell. An *open* cell lies in no chosen ball.
 """
 
 from __future__ import annotations
@@ -142,9 +141,9 @@ def decompose(
     The balls fill the shape or cover it. Up to 64 balls are arranged by alternating assignment. For
     more, a greedy choice takes the ball that adds most cells of a lattice (V. Chvatal, "A greedy
     heuristic for the set-covering problem", 1979); candidates have their centers along the medial
-    axis. The results are proven, not sampled: an "inner" ball is no
-    larger than the distance of its center from the boundary. For "outer", cells cover the shape,
-    and each cell lies entirely in one ball.
+    axis. The results are proven, not sampled: an "inner" ball is no larger than the distance of its
+    center from the boundary. For "outer", cells cover the shape, and each cell lies entirely in one
+    ball.
 
     Parameters
     ----------
