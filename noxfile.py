@@ -25,7 +25,7 @@ nox.options.reuse_venv = "yes"
 def test(session: nox.Session) -> None:
     """Run the tests on each Python, e.g. `nox -s test-3.12 -- tests/rotations`."""
     session.install("-c", "constraints.txt", "-e", ".[test]")
-    session.run("python", "-m", "pytest", "-q", *session.posargs)
+    session.run("python", "-m", "pytest", "-q", "--cpu", *session.posargs)
 
 
 @nox.session(python=PYTHONS)
@@ -97,7 +97,12 @@ def ros(session: nox.Session) -> None:
     number = str(1 + os.getpid() % 100)  # runs beside this one have others
     domain = {"ROS_DOMAIN_ID": number, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     options = ("-q", "-n0", "--noconftest", "-W", "ignore::DeprecationWarning", *session.posargs)
-    for name in ("planner_node", "nav2_handlers"):  # rclpy starts once in a process
+    for name in (
+        "planner_node",
+        "nav2_handlers",
+        "nav2_costmap",
+        "gate_node",
+    ):  # rclpy starts once in a process
         file = f"tests/ros/test_{name}.py"
         session.run("python", "-m", "pytest", *options, file, env=domain)
 
@@ -118,4 +123,4 @@ def mutants(session: nox.Session) -> None:
 def coverage(session: nox.Session) -> None:
     """Print the lines of Python that no test runs; compiled functions count as not run."""
     packages = ("--cov=cspace", "--cov=planners", "--cov-report=term-missing:skip-covered")
-    session.run(PYTHON, "-m", "pytest", "-q", *packages, *session.posargs)
+    session.run(PYTHON, "-m", "pytest", "-q", "-m", "", *packages, *session.posargs)

@@ -189,6 +189,54 @@ def query_edges(yaw: bool, quick: bool) -> Iterator[Run]:
         yield lambda: f"{np.count_nonzero(space.motion_is_free(q, q + steps))} free edges"
 
 
+def query_batch(yaw: bool, quick: bool) -> Iterator[Run]:
+    disc = Robot.disc(0.3)
+    space = build_warehouse(quick) if yaw else cspace.build(make_warehouse(quick), disc)
+    lower, upper = np.array(space.grid.lower), np.array(space.grid.upper)
+    rng = np.random.default_rng(0)
+    q = rng.uniform(lower, upper, (10**5 if quick else 10**6, 2))
+    if yaw:
+        q = np.column_stack([q, rng.uniform(-np.pi, np.pi, len(q))])
+    while True:
+        yield lambda: f"{np.count_nonzero(space.is_free(q))} free"
+
+
+def bound_lengths(quick: bool) -> Iterator[Run]:
+    space = cspace.build(make_warehouse(quick), Robot.disc(0.3))
+    pairs = draw_pairs(space, 2 if quick else 10)
+    while True:
+        yield lambda: f"{sum(space.min_path_length(*pair) for pair in pairs):.1f} m"
+
+
+def build_disc(quick: bool) -> Iterator[Run]:
+    workspace = make_warehouse(quick)
+    while True:
+        yield lambda: f"{cspace.build(workspace, Robot.disc(0.3)).count()} cells"
+
+
+def move_six(quick: bool) -> Iterator[Run]:
+    occupied = np.zeros((120, 60) if quick else (286, 423), dtype=np.bool_)
+    robot = Robot.polygon(NOTCHED)
+    space = cspace.build(Workspace.from_array(occupied, SPACING), robot, rotations=YAW_CELLS)
+    corners = np.random.default_rng(0).uniform(0.5, 0.7 * np.array(space.grid.upper), (6, 2))
+    for step in itertools.count():
+        shift = 0.05 * (step % 20)
+        movers = {
+            f"mover {k}": shapely.box(x + shift, y, x + shift + 0.5, y + 0.4)
+            for k, (x, y) in enumerate(corners.tolist())
+        }
+
+        def work(movers: dict[str, Any] = movers) -> str:
+            try:
+                space.update(movers)
+            except (AttributeError, TypeError, ValueError):  # on older commits, one by one
+                for name, shape in movers.items():
+                    space.add_obstacle(name, shape)
+            return f"{len(space.obstacles)} movers"
+
+        yield work
+
+
 def print_plan(quick: bool) -> Iterator[Run]:
     pair = None
     while True:
@@ -277,6 +325,34 @@ def query_arm(quick: bool) -> Iterator[Run]:
         yield work
 
 
+def query_arm_singly(quick: bool) -> Iterator[Run]:
+    arm, problems = read_arm()
+    space = cspace.build_arm_space(problems[0][0], arm)
+    rng = np.random.default_rng(0)
+    q = rng.uniform(arm.lower, arm.upper, (100 if quick else 2000, arm.dof))
+    ends = (q + rng.normal(0.0, 0.1, q.shape)).clip(arm.lower, arm.upper)
+    pairs = [
+        (tuple(start), tuple(end)) for start, end in zip(q.tolist(), ends.tolist(), strict=True)
+    ]
+
+    def work() -> str:
+        free = sum(space.is_free(start) for start, _ in pairs)
+        edges = sum(space.motion_is_free(*pair) for pair in pairs)
+        return f"{free} free, {edges} edges"
+
+    while True:
+        yield work
+
+
+def prove_row(quick: bool) -> Iterator[Run]:
+    space = build_warehouse(quick)
+    rows = draw_free(space, 500, yaw=True)
+    step = np.array([0.01, 0.0, 0.01])
+    pairs = [(q, (q + step)[np.newaxis]) for q in rows]
+    while True:
+        yield lambda: f"{sum(space.certify_chunk(*pair).proven for pair in pairs)} rows"
+
+
 def plan_arm(quick: bool) -> Iterator[Run]:
     arm, problems = read_arm()
     spaces = [
@@ -348,10 +424,17 @@ JOBS: dict[str, Callable[[bool], Iterator[Run]]] = {
     "clearance of one configuration, 2,000 times": partial(query_one, "clearance"),
     "20,000 edges in the plane": partial(query_edges, False),
     "20,000 edges in SE(2)": partial(query_edges, True),
+    "is_free of 10^6 random points, plane": partial(query_batch, False),
+    "is_free of 10^6 random points, SE(2)": partial(query_batch, True),
+    "10 lower bounds of lengths, warehouse": bound_lengths,
+    "build, plane, disc": build_disc,
+    "move six obstacles, 286 x 423 x 72": move_six,
+    "500 chunks of one row, SE(2)": prove_row,
     "print(plan) on an OctoMap": print_plan,
     "save and open, warehouse x 72": save_and_open,
     "UR5: read and set up": set_up_arm,
     "UR5: 5,000 configurations and 500 edges": query_arm,
+    "UR5: 2,000 configurations and edges, one by one": query_arm_singly,
     "UR5: 3 default plans": plan_arm,
     "read a URDF of 20,000 links": read_chain,
     "read a PNG of 12,000^2 pixels": read_image,

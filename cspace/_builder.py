@@ -28,6 +28,7 @@ from cspace._engines.slices import (
     group_rasters,
     slice_rasters,
 )
+from cspace._files.access import check_name
 from cspace._grid import MAX_COORDINATE, SLACK, Grid
 from cspace._limits import bytes_text, check_memory, map_bytes
 from cspace._record.contents import Contents
@@ -39,8 +40,15 @@ from cspace._rotations.quaternion import MAX_ANGLE_TIMES_PARTS, MAX_PARTS_PER_AX
 from cspace._rotations.yaw import MAX_YAW_CELLS
 from cspace._space import CSpace
 from cspace._support.arrays import Floats
-from cspace._support.check import check_count, check_not_negative, check_positive, check_word
-from cspace._support.reporting import warn_user
+from cspace._support.check import (
+    check_count,
+    check_flag,
+    check_not_negative,
+    check_positive,
+    check_word,
+    names_options,
+)
+from cspace._support.reporting import format_sides, warn_user
 from cspace._support.words import Method, Outside
 from cspace._workspace import Workspace, covering_shape, load_workspace
 from cspace.errors import InputError, UnitWarning
@@ -74,6 +82,9 @@ MAX_WIDTH_DIRECTIONS: Final = 4096
 MAX_EXAMINED_CELLS: Final = 10_000_000
 """Maximum number of cells of a workspace that is examined to explain why no cell is FREE."""
 
+DEFAULT_TILE: Final = 4096
+"""Largest number of cells of a tile along each axis, unless another one is asked for."""
+
 _TURN_AXES: Final = {"fixed": 0, "yaw": 1, "all": 3}
 """Number of axes of rotation of a robot, by the argument ``rotations`` of :func:`suggest`."""
 
@@ -105,10 +116,11 @@ def build(
     robot: Robot | ShapeLike,
     *,
     store: str | os.PathLike[str],
-    tile: int | Sequence[int] = 4096,
+    tile: int | Sequence[int] = DEFAULT_TILE,
     client: Client | None = None,
     **options: Unpack[BuildOptions],
 ) -> TiledCSpace: ...
+@names_options
 def build(
     workspace: Workspace,
     robot: Robot | ShapeLike,
@@ -122,7 +134,7 @@ def build(
     workers: int | None = None,
     progress: Progress | None = None,
     store: str | os.PathLike[str] | None = None,
-    tile: int | Sequence[int] = 4096,
+    tile: int | Sequence[int] = DEFAULT_TILE,
     client: Client | None = None,
 ) -> CSpace | TiledCSpace:
     """Build the map of a robot's configurations.
@@ -212,13 +224,15 @@ def build(
     """
     margin = check_not_negative(margin, "margin", GROWN)
     cells = Rotations.of(rotations)
-    _check_types(workspace, robot)
+    _check_types(workspace, robot, progress)
     robot = robot_of(robot)
     _check_options(workspace, robot, cells, method, counts, outside, workers)
+    check_flag(inner, "inner")
     explained = _warn_of_units(workspace.grid, robot, cells, margin, outside)
     if store is not None:  # build tile by tile, into a folder
         from cspace._tiles.build import build_tiles
 
+        check_name(store)
         if counts:
             hint = "leave it out and build windows of the map with counts"
             raise InputError("counts", "is True with a store", "a store has no counts", hint)
@@ -240,9 +254,10 @@ def build(
         if not (explained or tiled.count()[0]):
             _warn_of_nothing_free(tiled, margin)
         return tiled
-    if client is not None:
+    if client is not None or tile != DEFAULT_TILE:
         hint = "pass store='map.zarr'"
-        raise InputError("client", "is given without a store", "its workers make tiles", hint)
+        name = "tile" if client is None else "client"
+        raise InputError(name, "is given without a store", "only a store has tiles", hint)
     contents, rasters = build_contents(
         load_workspace(workspace),
         robot,
@@ -307,8 +322,12 @@ def build_contents(
     return contents, rasters
 
 
-def _check_types(workspace: object, robot: object) -> None:
-    """Raise InputError unless the first argument, and not the second, is a Workspace."""
+def _check_types(workspace: object, robot: object, progress: object = None) -> None:
+    """Raise InputError unless the arguments of :func:`build` have their types and order."""
+    if progress is not None and not callable(progress):
+        rule = "it is called with the steps done and all steps"
+        hint = "pass a function, e.g. progress=print"
+        raise InputError("progress", f"is {progress!r}", rule, hint)
     if not isinstance(workspace, Workspace):
         hint = "call build(workspace, robot), e.g. with Workspace.from_array(...) first"
         if isinstance(workspace, str | os.PathLike) and not isinstance(robot, Workspace):
@@ -337,6 +356,7 @@ def _check_options(
             hint = "use robot.footprint()"
         raise InputError("robot", problem, "they must agree", hint)
     rotations._check_dimension(robot.dim)
+    check_flag(counts, "counts")
     if workers is not None:
         check_count(workers, "workers", 1, hint="leave it out for all cores")
     check_word(method, "method", METHODS, "leave it out")
@@ -366,13 +386,13 @@ def _warn_of_units(
     fits = _may_fit(sides + 2.0 * margin, workspace_sides, rotations)
     if outside == "blocked" and not fits:
         grown = f"with a margin of {margin:g} m, " if margin > 0.0 else ""
-        workspace_text = _sides_text(workspace_sides)
+        workspace_text = format_sides(workspace_sides)
         problem = (
             f"{grown}the workspace is {workspace_text}, so it fits nowhere and no cell is FREE"
         )
         hint = "check the units of both (metres, not millimetres), and the workspace's bounds"
     elif outside == "free" and size > MAX_OPEN_SIZE_RATIO * workspace_sides.max():
-        problem = f"the workspace is only {_sides_text(workspace_sides)}"
+        problem = f"the workspace is only {format_sides(workspace_sides)}"
         hint = "check the units of both (metres, not millimetres)"
     elif 0.0 < size < MIN_ROBOT_CELLS * grid.spacing:
         share = f"1/{1.0 / MIN_ROBOT_CELLS:g}"
@@ -385,7 +405,7 @@ def _warn_of_units(
         hint = f"move its center there, by ({move}) m, and check the units (metres)"
     else:
         return False
-    warn_user(f"the robot is {_sides_text(sides)} large; {problem}; {hint}", UnitWarning)
+    warn_user(f"the robot is {format_sides(sides)} large; {problem}; {hint}", UnitWarning)
     return outside == "blocked" and not fits
 
 
@@ -444,11 +464,6 @@ def _may_fit(sides: Floats, workspace_sides: Floats, rotations: Rotations) -> bo
     return bool((np.array(longest) <= (1.0 + SLACK) * np.array(diagonals)).all())
 
 
-def _sides_text(sides: Floats) -> str:
-    """Format the sides of a box, metres, e.g. "2 m x 3 m"."""
-    return " x ".join(f"{side:.6g} m" for side in sides)
-
-
 # ---- suggestions ---------------------------------------------------------------------------------
 
 
@@ -476,6 +491,7 @@ class Suggestion:
         return f"spacing {self.spacing:g} m, {turns}, {bytes_text(self.memory)} of states"
 
 
+@names_options
 def suggest(
     workspace: Workspace,
     robot: Robot | ShapeLike,

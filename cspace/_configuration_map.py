@@ -21,9 +21,15 @@ from cspace._queries.yaws import join_yaw_cells
 from cspace._record.states import read_only
 from cspace._robot import Robot
 from cspace._rotations import Rotations
-from cspace._rotations.base import warn_of_degrees
 from cspace._support.arrays import BLOCKED, FREE, MIXED, STATE_NAMES, Bools, Floats, Ints
-from cspace._support.check import check_not_negative, check_point, check_rows
+from cspace._support.check import (
+    check_angle,
+    check_not_negative,
+    check_point,
+    check_rows,
+    names_options,
+    warn_of_degrees,
+)
 from cspace.errors import ConfigurationError, EndReason, InputError
 
 if TYPE_CHECKING:
@@ -68,6 +74,11 @@ class ConfigurationMap(ConfigurationSpace):
     def grid(self) -> Grid:
         """Grid of the positions of the reference point, which is the workspace's grid."""
         return self._map_contents.grid
+
+    @property
+    def frame_id(self) -> str:
+        """Frame of the map in ROS, that of its grid; "map" if it is not known."""
+        return self.grid.frame_id or "map"
 
     @property
     def robot(self) -> Robot:
@@ -165,8 +176,8 @@ class ConfigurationMap(ConfigurationSpace):
 
         Raises InputError if a value is not finite, or a rotation is invalid.
         """
-        points = check_rows(q, name, self.size).astype(np.float64, copy=False)
-        evaluate(points, self.size, self._write_states, np.uint8, self._angles, name)
+        points = check_rows(q, name, self.axes).astype(np.float64, copy=False)
+        evaluate(points, self.axes, self._write_states, np.uint8, self._angles, name)
         return points
 
     @overload
@@ -228,7 +239,7 @@ class ConfigurationMap(ConfigurationSpace):
                 return known
         write = partial(self._write_connections, apart)
         with self._map_lock():
-            return evaluate_edges(q0, q1, self.size, write, self._angles)
+            return evaluate_edges(q0, q1, self.axes, write, self._angles)
 
     def _connection_of_one(
         self, q0: tuple[Any, ...], q1: tuple[Any, ...], apart: bool
@@ -303,11 +314,12 @@ class ConfigurationMap(ConfigurationSpace):
         bool or ndarray of bool, shape (...)
         """
         metres = check_not_negative(distance, "distance")
-        radians = check_not_negative(angle, "angle", "pass it in radians")
+        radians = check_not_negative(check_angle(angle, "angle"), "angle", "pass it in radians")
         write = partial(self._write_free_around, metres, radians)
-        free: bool | Bools = evaluate(q, self.size, write, np.bool_, self._angles)
+        free: bool | Bools = evaluate(q, self.axes, write, np.bool_, self._angles)
         return free
 
+    @names_options
     def certify_twists(
         self,
         q: ArrayLike,
@@ -434,7 +446,7 @@ class ConfigurationMap(ConfigurationSpace):
             if known is not None:
                 return known
         metres: float | Floats = evaluate(
-            q, self.size, self._write_clearances, np.float64, self._angles
+            q, self.axes, self._write_clearances, np.float64, self._angles
         )
         return metres
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace._support.arrays import Bools, Floats, Ints
-from cspace._support.check import check_finite, check_points, check_positive, check_real
+from cspace._support.check import AXES, check_finite, check_points, check_positive, check_real
 from cspace.errors import InputError
 
 SLACK: Final = 2.0**-26
@@ -59,6 +59,9 @@ class Grid:
         Names of the coordinates; by default x, y and, in space, z.
     units : sequence of str, length d, optional
         Units of the coordinates, "m" by default; the joints of an arm may have "rad".
+    frame_id : str, optional
+        Frame of the coordinates in ROS; empty if it is not known. Grids that differ in it alone are
+        equal.
 
     Raises
     ------
@@ -82,6 +85,7 @@ class Grid:
     shape: tuple[int, ...]
     axes: tuple[str, ...]
     units: tuple[str, ...]
+    frame_id: str = field(default="", compare=False, repr=False)
 
     def __init__(
         self,
@@ -90,9 +94,10 @@ class Grid:
         shape: Sequence[int],
         axes: Sequence[str] | None = None,
         units: Sequence[str] | None = None,
+        frame_id: str = "",
     ) -> None:
         """Check the numbers and names, and convert them to tuples."""
-        corner = check_finite(lower, "lower")
+        corner = check_finite(lower, "lower", AXES[: np.size(lower)])
         if corner.ndim != 1 or len(corner) not in (2, 3):
             rule = "it must have length 2 or 3"
             raise InputError("lower", f"is {lower!r}", rule, "pass e.g. (0.0, 0.0)")
@@ -121,6 +126,7 @@ class Grid:
         object.__setattr__(self, "shape", tuple(counts.tolist()))
         object.__setattr__(self, "axes", names)
         object.__setattr__(self, "units", unit_names)
+        object.__setattr__(self, "frame_id", frame_id)
 
     @property
     def dim(self) -> int:
@@ -164,7 +170,7 @@ class Grid:
         InputError
             If the last axis is not d long, or a value is not finite.
         """
-        return check_points(points, name, self.dim)
+        return check_points(points, name, self.axes)
 
     def contains(self, points: ArrayLike) -> Bools:
         """Return True for points in the closed box of the grid.

@@ -6,16 +6,22 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, NamedTuple, Unpack, cast, overload
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, Unpack, cast, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace._queries.batches import Configuration, evaluate, evaluate_edges, evaluate_rows
 from cspace._rotations import Rotations
-from cspace._rotations.base import METRES_PER_RADIAN, angle_axes, wrap_angles, wrap_steps
+from cspace._rotations.base import (
+    METRES_PER_RADIAN,
+    angle_axes,
+    turn_near,
+    wrap_angles,
+    wrap_steps,
+)
 from cspace._support.arrays import FREE, Bools, Floats, Ints, States
-from cspace._support.check import check_finite, check_pairs
+from cspace._support.check import check_finite, check_pairs, names_options
 from cspace.errors import ConfigurationError, InputError
 
 if TYPE_CHECKING:
@@ -27,6 +33,9 @@ Endpoint = tuple[float, ...]
 
 Checker = Callable[..., bool]
 """Test of a configuration or a motion, given by its numbers."""
+
+HALF_TURN: Final = math.pi + 1e-9
+"""Largest turn of a continuous joint between path rows, radians, with a rounding error."""
 
 
 class Goal:
@@ -150,6 +159,11 @@ class Space(ABC):
     def has_poses(self) -> bool:
         """Whether a configuration is the pose of a rigid body."""
         return has_pose_names(self.axes) and not any(self.periodic_axes)
+
+    @property
+    def frame_id(self) -> str:
+        """Frame of the coordinates in ROS; "map" if it is not known."""
+        return "map"
 
     @cached_property
     def rotations(self) -> Rotations:
@@ -277,13 +291,12 @@ class Space(ABC):
         return np.empty((0, self.size))
 
     def check_endpoint(self, q: ArrayLike, name: str, exact: bool = False) -> Endpoint:
-        """Return a start or goal in canonical form.
+        """Return a start or goal in canonical form; continuous joints keep their whole turns.
 
         Raises InputError if it is no configuration, and ConfigurationError if no motion from it can
         be proven free.
         """
         canonical = self.rotations._make_canonical(self._check_one_configuration(q, name), name)
-        canonical = wrap_angles(canonical, self.periodic_axes)
         point = tuple(canonical.tolist())
         # Continuous joints have no bounds.
         position = canonical[: self.dim]
@@ -292,7 +305,7 @@ class Space(ABC):
         if (is_bounded & ((position < lower) | (position > upper))).any():
             problem = "lies outside the bounds"
             rule = "a path stays within them"
-        elif not self.is_free(point):
+        elif not self.is_free(tuple(wrap_angles(canonical, self.periodic_axes).tolist())):
             problem = "is not free"
             rule = "a path starts and ends in free configurations"
         else:
@@ -305,6 +318,8 @@ class Space(ABC):
     ) -> list[Endpoint]:
         """Return the checked goals that a path may end at, nearest first.
 
+        Continuous joints are within half a turn of the start.
+
         Raises errors as :meth:`check_endpoint`.
         """
         if isinstance(goal, Goal):
@@ -314,14 +329,16 @@ class Space(ABC):
                 "the space of an arm is needed for that",
                 "pass a configuration",
             )
-        return [self.check_endpoint(cast("ArrayLike", goal), "goal", exact)]
+        checked = self.check_endpoint(cast("ArrayLike", goal), "goal", exact)
+        turned = turn_near(np.array(checked), np.array(start), self.periodic_axes)
+        return [tuple(turned.tolist())]
 
     def _check_one_configuration(self, q: ArrayLike, name: str) -> Floats:
         """Return one configuration as an array.
 
         Raises InputError if it is not one configuration, or not finite.
         """
-        point = check_finite(q, name)
+        point = check_finite(q, name, self.axes)
         if point.shape != (self.size,):
             raise InputError(
                 name,
@@ -397,13 +414,13 @@ class ConfigurationSpace(Space):
         Warns
         -----
         AngleWarning
-            If an angle of a single configuration exceeds 2 pi, as if it were in degrees.
+            If an angle exceeds 2 pi, as if it were in degrees.
         """
         if isinstance(q, tuple):
             state = self._state_of_one(q)
             if state is not None:
                 return state
-        states: int | States = evaluate(q, self.size, self._write_states, np.uint8, self._angles)
+        states: int | States = evaluate(q, self.axes, self._write_states, np.uint8, self._angles)
         return states
 
     @overload
@@ -418,11 +435,11 @@ class ConfigurationSpace(Space):
         With ``exact``, geometry decides in MIXED cells of a map. For an arm it always does.
         """
         if isinstance(q, tuple) and not exact:
-            state = self._state_of_one(q)
-            if state is not None:
-                return state == FREE
+            is_free = self._is_one_free(q)
+            if is_free is not None:
+                return is_free
         write = partial(self._write_free, exact)
-        free: bool | Bools = evaluate(q, self.size, write, np.bool_, self._angles)
+        free: bool | Bools = evaluate(q, self.axes, write, np.bool_, self._angles)
         return free
 
     @overload
@@ -459,7 +476,7 @@ class ConfigurationSpace(Space):
             if state is not None:
                 return state == FREE
         write = partial(self._write_motions, exact)
-        free: bool | Bools = evaluate_edges(q0, q1, self.size, write, self._angles)
+        free: bool | Bools = evaluate_edges(q0, q1, self.axes, write, self._angles)
         return free
 
     def certify_path(
@@ -485,13 +502,14 @@ class ConfigurationSpace(Space):
         Returns
         -------
         ndarray of bool, shape (n - 1,), (..., n - 1) or (m,)
-            Empty for a path of one configuration, which has no edges.
+            A path of one configuration counts as one edge from it to itself.
 
         Raises
         ------
         InputError
-            If a configuration is invalid, even if no edge uses it; if a path is empty; or if an
-            edge is not a pair of indices of vertices.
+            If a configuration is invalid, even if no edge uses it; if a path is empty; if an edge
+            is not a pair of indices of vertices; or if a joint turns by more than half a turn along
+            an edge, unless a limit of the joint ends a map of it.
         ConfigurationError
             As :meth:`classify`.
 
@@ -509,20 +527,20 @@ class ConfigurationSpace(Space):
         points = self._check_configurations(path, "path")
         write = partial(self._write_motions, exact)
         if edges is not None:
-            first, second = check_pairs(edges, points).T
+            pairs = check_pairs(edges, points)
+            first, second = pairs.T
+            self._check_spans(points[first], points[second], pairs)
             return evaluate_rows(points[first], points[second], write)
-        if points.ndim < 2 or points.shape[-2] == 0:
-            raise InputError(
-                "path",
-                f"has shape {points.shape}",
-                "a path has at least one configuration",
-                f"pass an array of shape (n, {self.size})",
-            )
+        self._check_path(points)
         starts = points[..., :-1, :]
         ends = points[..., 1:, :]
+        if not starts.shape[-2]:
+            starts = ends = points  # one configuration stays where it is
+        self._check_spans(starts, ends)
         rows = evaluate_rows(starts.reshape(-1, self.size), ends.reshape(-1, self.size), write)
         return rows.reshape(starts.shape[:-1])
 
+    @names_options
     def certify_chunk(
         self,
         q: ArrayLike,
@@ -601,7 +619,7 @@ class ConfigurationSpace(Space):
     def view(self, *, block: bool = True, **options: Unpack[ViewOptions]) -> Viewer:
         """Show the space on a page in the browser, and plan there.
 
-        Needs ``pip install "cspace[view]"``. The page shows the obstacles, the robot, and the
+        Needs the extra ``view``. The page shows the obstacles, the robot, and the
         border of a map's C-obstacle or the closest pair of an arm. On it one sets start and goal,
         or drags an arm's tool to a pose, plans and plays paths, and reads what is proven. It is
         served on this machine alone, unless ``host`` says otherwise.
@@ -651,6 +669,11 @@ class ConfigurationSpace(Space):
         None means that only the query of arrays can answer, or raise the error.
         """
         return None
+
+    def _is_one_free(self, q: tuple[Any, ...]) -> bool | None:
+        """Return whether one configuration is proven free, or None as for its state."""
+        state = self._state_of_one(q)
+        return None if state is None else state == FREE
 
     def _state_of_motion(self, q0: tuple[Any, ...], q1: tuple[Any, ...]) -> int | None:
         """Return FREE if a motion is proven free, else MIXED, or None.
@@ -709,6 +732,54 @@ class ConfigurationSpace(Space):
         unusable = np.flatnonzero(~np.isfinite(rows).all(axis=1))
         return int(unusable[0]) if len(unusable) else -1
 
+    def _check_path(self, points: Floats) -> None:
+        """Raise InputError unless configurations are those of a path, or of several."""
+        if points.ndim < 2 or not points.shape[-2]:
+            raise InputError(
+                "path",
+                f"has shape {points.shape}",
+                "a path has at least one configuration",
+                f"pass an array of shape (n, {self.size})",
+            )
+
+    @property
+    def _spans(self) -> Floats:
+        """Largest motion of each coordinate between path rows, shape (size,).
+
+        It is half a turn for continuous joints, otherwise infinite.
+        """
+        return np.where(self.periodic_axes, HALF_TURN, math.inf)
+
+    def _check_spans(self, q0: Floats, q1: Floats, pairs: Ints | None = None) -> None:
+        """Raise InputError if a continuous joint turns too far.
+
+        Along an edge it may turn by half a turn. Edges lead from ``q0`` to ``q1``, shape (..., n,
+        size). ``pairs``, shape (n, 2), are the rows that each edge joins; by default each row and
+        the next.
+        """
+        spans = self._spans
+        if np.isinf(spans).all():
+            return
+        steps = np.abs(q1 - q0)
+        # The error names the first joint that turns too far.
+        for *path, edge, joint in np.argwhere(steps > spans)[:1].tolist():
+            first = edge
+            last = edge + 1
+            if pairs is not None:
+                first, last = pairs[edge].tolist()
+            turn = f"turns {self.axes[joint]} by {steps[*path, edge, joint]:.6g} rad"
+            raise InputError(
+                "path",
+                f"{turn} from row {first} to row {last}",
+                "a joint turns by at most half a turn, so that the edge is the shorter way",
+                "add whole turns to the rows (numpy.unwrap), or rows between them",
+            )
+
     def _check_targets(self, before: Floats, targets: Floats) -> list[RowCheck]:
         """Return checks of targets, shape (b, n, size), and of the steps from those before."""
-        return []
+        from cspace._queries.chunks import RowCheck
+
+        spans = self._spans
+        if np.isinf(spans).all():
+            return []
+        return [RowCheck("limit", self.axes, "turns by", np.abs(targets - before), spans)]

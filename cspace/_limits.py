@@ -17,6 +17,7 @@ from typing import Final, Literal, NamedTuple
 
 from cspace._grid import Grid
 from cspace._support.arrays import StrPath
+from cspace._support.check import check_count, check_known
 from cspace.errors import FileError, InputError
 
 WORKSPACE_CELL_BYTES: Final = 2
@@ -43,6 +44,9 @@ plane, 8 to 11 in space."""
 
 MAX_MEMORY_FRACTION: Final = 0.95
 """Maximum fraction of the free memory that a build or a reader may use."""
+
+_BYTES_PER_DRAWN_NUMBER: Final = 32
+"""Memory for a number of a drawn configuration, bytes: that, and what is drawn for it."""
 
 _MIN_CHECKED_BYTES: Final = 2**18
 """Needs below which the free memory is not queried, because that takes longer than reading."""
@@ -119,9 +123,8 @@ def raised_limits(**limits: int) -> Iterator[None]:
     ...     pass  # e.g. workspace = cspace.Workspace.open("city.png", spacing=0.05)
     """
     for name, value in limits.items():
-        if name not in FileLimits._fields:
-            rule = f"the limits are {', '.join(FileLimits._fields)}"
-            raise InputError(name, f"is {value}", rule, "correct the name")
+        check_known(name, "limits", FileLimits._fields, "name")
+        check_count(value, name, 1)
     token = _LIMITS.set(_LIMITS.get()._replace(**limits))
     try:
         yield
@@ -178,6 +181,19 @@ def check_file_memory(path: StrPath, declared: str, needed: float) -> None:
         problem, rule = _memory_parts(declared, needed, free)
         hint = "take a machine with more memory, or a smaller or coarser file"
         raise FileError(os.fspath(path), problem, rule, hint)
+
+
+def check_samples(n: int | None, size: int) -> int:
+    """Return the number of configurations to draw, of ``size`` numbers each; 1 for None.
+
+    Raises InputError if it is negative, or so many do not fit into memory.
+    """
+    count = 1 if n is None else check_count(n, "n")
+    needed = _BYTES_PER_DRAWN_NUMBER * float(count) * size
+    if needed >= _MIN_CHECKED_BYTES and needed > MAX_MEMORY_FRACTION * (free := free_bytes()):
+        problem, rule = _memory_parts(f"is {count}", needed, free)
+        raise InputError("n", problem, rule, "draw fewer at a time")
+    return count
 
 
 class PlannedGrid(NamedTuple):

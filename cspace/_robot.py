@@ -28,7 +28,7 @@ from cspace._shapes import (
     shape_from_spec,
 )
 from cspace._support.arrays import StrPath, Surface
-from cspace._support.check import check_not_negative, check_positive
+from cspace._support.check import check_not_negative, check_positive, names_options
 from cspace.errors import InputError
 
 if TYPE_CHECKING:
@@ -105,6 +105,7 @@ class Robot:
         return json.dumps(self.spec, sort_keys=True)
 
     @classmethod
+    @names_options
     def polygon(
         cls, shape: ArrayLike | BaseGeometry | Sequence[BaseGeometry], *, name: str | None = None
     ) -> Robot:
@@ -130,6 +131,7 @@ class Robot:
         return cls(name or f"polygon with {polygons.corners} corners{parts}", polygons)
 
     @classmethod
+    @names_options
     def rectangle(cls, length: float, width: float, center: ArrayLike = (0.0, 0.0)) -> Robot:
         """Make a rectangle.
 
@@ -139,6 +141,7 @@ class Robot:
         return cls(*primitives.rectangle(length, width, center))
 
     @classmethod
+    @names_options
     def ellipse(cls, radius_x: float, radius_y: float, center: ArrayLike = (0.0, 0.0)) -> Robot:
         """Make an ellipse with semi-axes along x and y.
 
@@ -168,16 +171,19 @@ class Robot:
         return cls(*primitives.ellipse(radius_x, radius_y, center))
 
     @classmethod
+    @names_options
     def disc(cls, radius: float, center: ArrayLike = (0.0, 0.0)) -> Robot:
         """Make a disc of ``radius`` around ``center`` in the robot's frame (metres)."""
         return cls(*primitives.disc(radius, center))
 
     @classmethod
+    @names_options
     def ball(cls, radius: float, center: ArrayLike = (0.0, 0.0, 0.0)) -> Robot:
         """Make a ball of ``radius`` around ``center`` in the robot's frame (metres)."""
         return cls(*primitives.ball(radius, center))
 
     @classmethod
+    @names_options
     def from_balls(cls, centers: ArrayLike | BallSet, radii: ArrayLike | None = None) -> Robot:
         """Make a union of discs or balls.
 
@@ -207,6 +213,7 @@ class Robot:
         return cls(name, balls)
 
     @classmethod
+    @names_options
     def box(cls, extents: ArrayLike, center: ArrayLike = (0.0, 0.0, 0.0)) -> Robot:
         """Make a box along the axes.
 
@@ -220,6 +227,7 @@ class Robot:
         return cls(*primitives.box(extents, center))
 
     @classmethod
+    @names_options
     def cylinder(cls, radius: float, height: float, center: ArrayLike = (0.0, 0.0, 0.0)) -> Robot:
         """Make an upright cylinder around ``center`` (metres).
 
@@ -229,6 +237,7 @@ class Robot:
         return cls(*primitives.cylinder(radius, height, center))
 
     @classmethod
+    @names_options
     def capsule(cls, radius: float, length: float, center: ArrayLike = (0.0, 0.0, 0.0)) -> Robot:
         """Make an upright capsule around ``center``.
 
@@ -239,6 +248,7 @@ class Robot:
         return cls(*primitives.capsule(radius, length, center))
 
     @classmethod
+    @names_options
     def from_mesh(
         cls,
         shape: MeshLike,
@@ -276,6 +286,7 @@ class Robot:
         return cls(name or f"mesh of {len(mesh.faces)} triangles", mesh)
 
     @classmethod
+    @names_options
     def from_bitmap(
         cls, occupied: ArrayLike, spacing: float, lower: ArrayLike | None = None
     ) -> Robot:
@@ -306,6 +317,7 @@ class Robot:
         return cls(f"bitmap {cells} cells of {voxels.side:g} m", voxels)
 
     @classmethod
+    @names_options
     def from_footprint(
         cls, footprint: str | ArrayLike, *, padding: float = 0.0, name: str | None = None
     ) -> Robot:
@@ -333,6 +345,7 @@ class Robot:
         return cls(name or made.name, made.shape)
 
     @classmethod
+    @names_options
     def from_nav2(cls, path: str | os.PathLike[str], costmap: str | None = None) -> Robot:
         """Read the robot of Nav2's YAML parameters.
 
@@ -363,6 +376,7 @@ class Robot:
         return cls.disc(base.radius + base.padding)
 
     @classmethod
+    @names_options
     def from_urdf(
         cls,
         path: str | os.PathLike[str],
@@ -495,6 +509,7 @@ class Robot:
         return cls(*primitives.parse_shorthand(text, "robot"))
 
     @classmethod
+    @names_options
     def open(
         cls,
         path: str | os.PathLike[str],

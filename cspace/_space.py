@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
 from dataclasses import replace
 from functools import partial
@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace._configuration_map import ConfigurationMap
 from cspace._engines.slices import slice_rasters
-from cspace._interface import Endpoint, SearchOptions
-from cspace._limits import check_memory
+from cspace._interface import HALF_TURN, Endpoint, SearchOptions
+from cspace._limits import check_memory, check_samples
 from cspace._queries.batches import (
     MIN_EDGES_PER_THREAD,
     Configuration,
@@ -33,18 +33,28 @@ from cspace._record.states import (
     count_states,
     read_only,
 )
-from cspace._rotations.base import MAX_EXPECTED_ANGLE, warn_of_degrees
 from cspace._shapes import Shape, ShapeLike, as_shape
-from cspace._support.arrays import BLOCKED, FREE, STATE_NAMES, Bools, Floats, Ints, States
+from cspace._support.arrays import (
+    BLOCKED,
+    FREE,
+    MAX_EXPECTED_ANGLE,
+    STATE_NAMES,
+    Bools,
+    Floats,
+    Ints,
+    States,
+)
 from cspace._support.check import (
-    check_count,
     check_finite,
     check_flag,
+    check_known,
     check_points,
     check_positive,
     check_rng,
     check_rows,
     check_text,
+    names_options,
+    warn_of_degrees,
 )
 from cspace._support.compiling import clock
 from cspace._support.deadlines import is_stopped
@@ -60,6 +70,7 @@ if TYPE_CHECKING:
     from cspace._exact.boundaries import Problem
     from cspace._exact.proofs import BoundaryProofs, ExactQueries
     from cspace._obstacles import ObstacleLayers
+    from cspace._queries.any_angle import Rectangles
     from cspace._queries.components import Components
     from cspace._queries.distance import DistanceMap, Distances
     from cspace._queries.frontier import Costs
@@ -311,7 +322,7 @@ class CSpace(ConfigurationMap):
         InputError
             If the interior of a mesh depends on the spacing, or an argument is invalid.
         """
-        points = check_rows(q, "q", self.size)
+        points = check_rows(q, "q", self.axes)
         rows = as_contiguous(points.reshape(-1, self.size))
         row_lengths = _broadcast_spans(lengths, "lengths", points.shape[:-1])
         row_turns = _broadcast_spans(turns, "turns", points.shape[:-1])
@@ -342,7 +353,8 @@ class CSpace(ConfigurationMap):
         float
             As :meth:`obstacle_distance`; NaN if the interior of a mesh depends on the spacing.
         """
-        rows = check_rows(path, "path", self.size)
+        rows = self._check_configurations(path, "path")
+        self._check_path(rows)
         starts, ends = (rows[:-1], rows[1:]) if len(rows) > 1 else (rows, rows)
         change = self.steps_between(starts, ends)
         metres = np.linalg.norm(change[:, : self.dim], axis=1)
@@ -374,7 +386,7 @@ class CSpace(ConfigurationMap):
             state = self._look_up_state(*q)
         except (TypeError, ValueError):  # the number or the type of entries is wrong
             return None
-        if state == NOT_USABLE or self._seems_in_degrees(q):
+        if state == NOT_USABLE or self._is_suspect(q):
             return None
         return state
 
@@ -389,7 +401,7 @@ class CSpace(ConfigurationMap):
             return None
         if state == NOT_USABLE or len(q0) != len(q1):
             return None
-        return None if self._seems_in_degrees(q0) or self._seems_in_degrees(q1) else state
+        return None if self._is_suspect(q0) or self._is_suspect(q1) else state
 
     def _connection_of_one(
         self, q0: tuple[Any, ...], q1: tuple[Any, ...], apart: bool
@@ -404,7 +416,7 @@ class CSpace(ConfigurationMap):
                 flat_cells = self._look_up_flat_cell(*q0), self._look_up_flat_cell(*q1)
             except (TypeError, ValueError):
                 return None
-            if -1 in flat_cells or self._seems_in_degrees(q0) or self._seems_in_degrees(q1):
+            if -1 in flat_cells or self._is_suspect(q0) or self._is_suspect(q1):
                 return None
             joined = self._components.are_joined(*flat_cells)
             # No component of FREE and MIXED cells may join them if they shall be apart.
@@ -425,12 +437,14 @@ class CSpace(ConfigurationMap):
             metres = self._look_up_clearance(table, *q)
         except (TypeError, ValueError):
             return None
-        return None if math.isnan(metres) or self._seems_in_degrees(q) else metres
+        return None if math.isnan(metres) or self._is_suspect(q) else metres
 
-    def _seems_in_degrees(self, q: tuple[Any, ...]) -> bool:
-        """Return True if an angle seems to be in degrees."""
-        if not self._angles:
-            return False
+    def _is_suspect(self, q: tuple[Any, ...]) -> bool:
+        """Return True if an angle seems to be in degrees, or a coordinate is a text."""
+        try:
+            sum(q)  # compiled look-ups would parse texts
+        except TypeError:
+            return True
         return any(abs(q[axis]) > MAX_EXPECTED_ANGLE for axis in self._angles)
 
     # ---- for callbacks ---------------------------------------------------------------------------
@@ -555,6 +569,7 @@ class CSpace(ConfigurationMap):
         lower = np.asarray(self.grid.lower)
         return lower + self.grid.spacing * first, lower + self.grid.spacing * (last + 1)
 
+    @names_options
     def find_path(
         self,
         q0: ArrayLike,
@@ -729,11 +744,10 @@ class CSpace(ConfigurationMap):
             MAX_SHORTENING_SECONDS,
             are_free,
             keep_rotation,
-            pull_taut_in_plane,
             pulled_straight,
             waypoints,
         )
-        from cspace._queries.search import WEIGHT, WEIGHT_OF_TAUT_PATHS, find_chain
+        from cspace._queries.search import find_chain
 
         # If components are computed already, they save a search that cannot succeed.
         start, goal = map(tuple, endpoints.tolist())
@@ -744,7 +758,15 @@ class CSpace(ConfigurationMap):
         until = clock() + seconds
         first, last = self._cells_of(endpoints)
         factors = NO_FACTORS if factors is None else factors
-        is_pulled_taut = straight and cost is None and self.size == 2
+        check = self.edge_checker()
+
+        def may_exist() -> bool:
+            return bool(self.is_connected(start, goal))
+
+        if straight and cost is None and self.size == 2:
+            path = self._find_taut_path(endpoints, until, may_exist)
+            if len(path) and are_free(path, check):
+                return path
         cells = find_chain(
             self._states,
             self._slice_of,
@@ -753,18 +775,12 @@ class CSpace(ConfigurationMap):
             last,
             until,
             factors,
-            lambda: self.is_connected(start, goal),
-            WEIGHT_OF_TAUT_PATHS if is_pulled_taut else WEIGHT,
+            may_exist,
         )
         if not len(cells):
             return self._no_path()
         path = waypoints(self.grid, rotations, endpoints, cells)
-        check = self.edge_checker()
         end = until + MAX_SHORTENING_SECONDS
-        if is_pulled_taut:
-            taut = pull_taut_in_plane(self._states[0], self.grid, path, check, end)
-            if len(taut):
-                return taut
         if is_stopped():  # before thousands of edges are proven
             return self._no_path()
         path = keep_rotation(path, cells[:, 0], self.grid.dim, check)
@@ -774,6 +790,26 @@ class CSpace(ConfigurationMap):
         if not straight:
             return path
         return pulled_straight(path, rotations, check, cost, end)
+
+    def _find_taut_path(
+        self, endpoints: Floats, until: float, may_exist: Callable[[], bool]
+    ) -> Floats:
+        """Find the shortest path in the plane that keeps a margin, shape (n, 2).
+
+        It is the shortest among those that pass obstacles as the shortest path without a margin.
+        The length n is 0 if there is none.
+        """
+        from cspace._queries.any_angle import find_shortest_way
+        from cspace._queries.taut import pull_taut
+
+        start, goal = (endpoints - self.grid.lower) / self.grid.spacing
+        way = find_shortest_way(self._rectangles, start, goal, until, may_exist)
+        if not len(way.runs):
+            return self._no_path()
+        taut = pull_taut(self._rectangles, way.runs, start, goal)
+        path = np.asarray(self.grid.lower) + self.grid.spacing * taut
+        path[[0, -1]] = endpoints
+        return path
 
     def _no_path(self) -> Floats:
         """Return an empty path, which means that no path was found."""
@@ -822,10 +858,10 @@ class CSpace(ConfigurationMap):
         """Bound the length of every collision-free path between two configurations from below.
 
         A point that is BLOCKED at all rotations is on no path, within the grid or outside. The
-        bound is that of ``cspace/_queries/lower_bound.py``: in the plane, within 3 % and two cells
-        of the shortest path among the other points. In space, it is the largest of three such
-        bounds, of projections along each axis, extended by the difference along that axis.
-        Rotations count nothing.
+        bound is that of ``cspace/_queries/lower_bound.py``: in the plane, the length of the
+        shortest path among the other points. In space, it is the largest of three such bounds, of
+        projections along each axis, extended by the difference along that axis. Rotations count
+        nothing.
 
         Parameters
         ----------
@@ -958,11 +994,12 @@ class CSpace(ConfigurationMap):
         ConfigurationError
             If the map has no FREE cell.
         InputError
-            If ``n`` is negative or ``rng`` is neither None nor a Generator.
+            If ``n`` is negative or too large for the memory, or ``rng`` is neither None nor a
+            Generator.
         """
         from cspace._queries.sampling import sample
 
-        count = 1 if n is None else check_count(n, "n")
+        count = check_samples(n, self.size)
         generator = check_rng(rng)
         free = self._free_cells
         if not free.counts.any():
@@ -1014,19 +1051,19 @@ class CSpace(ConfigurationMap):
     # ---- updates ---------------------------------------------------------------------------------
 
     @overload
-    def update(self, cells: Workspace) -> Update: ...
+    def update(self, cells: Workspace | Mapping[str, ShapeLike | None]) -> Update: ...
     @overload
     def update(
         self, cells: ArrayLike, lower: Sequence[int], *, inner: ArrayLike | None = None
     ) -> Update: ...
     def update(
         self,
-        cells: ArrayLike | Workspace,
+        cells: ArrayLike | Workspace | Mapping[str, ShapeLike | None],
         lower: Sequence[int] | None = None,
         *,
         inner: ArrayLike | None = None,
     ) -> Update:
-        """Replace a box of workspace cells, or all cells by those of another workspace.
+        """Move named obstacles, or replace a box of workspace cells or all cells.
 
         The map becomes equal to a new build. The cost grows with the cells that differ, in boxes
         around them, and with the robot, not with the map. Existing checkers (:meth:`point_checker`,
@@ -1050,11 +1087,13 @@ class CSpace(ConfigurationMap):
 
         Parameters
         ----------
-        cells : array-like of bool, shape (mx, my) or (mx, my, mz), or Workspace
+        cells : array-like of bool, shape (mx, my) or (mx, my, mz), Workspace or mapping
             New cells of the box: True if they meet an obstacle; 0 and 1 are accepted. A workspace
-            has the grid of this map, and also gives its unknown cells and its shapes.
+            has the grid of this map, and also gives its unknown cells and its shapes. A mapping
+            from names to shapes adds or moves obstacles as :meth:`add_obstacle` does, and None
+            removes one, all in one step, which takes less time than one by one.
         lower : sequence of int, shape (d,)
-            Index of the first cell of the box, which must lie in the grid; not for a workspace.
+            Index of the first cell of the box, which must lie in the grid; for a box alone.
         inner : array-like of bool, the shape of cells, optional
             True for cells that lie in obstacles; ``cells`` if left out.
 
@@ -1078,15 +1117,27 @@ class CSpace(ConfigurationMap):
         124
         >>> space.is_free([2.0, 1.5])
         False
+        >>> carts = {name: cspace.Robot.disc(0.2, (x, 2.5)) for name, x in [("a", 0.8), ("b", 3.2)]}
+        >>> space.update(carts).changed
+        172
         """
         from cspace._record.update import Patch
 
         self._check_not_window()
+        if isinstance(cells, Mapping):
+            if lower is not None or inner is not None:
+                rule = "lower and inner belong to a box of cells"
+                raise InputError("lower", "is for names of obstacles", rule, "leave both out")
+            return self._set_obstacles(cells)
         if isinstance(cells, Workspace):
             if cells.grid != self.grid or lower is not None or inner is not None:
                 problem = f"is a workspace of {cells.grid}, and the map has {self.grid}"
                 rule = "the grids must be equal, without lower and inner"
                 raise InputError("cells", problem, rule, "build a new map for another grid")
+            if cells.grid.frame_id not in ("", self.frame_id):
+                problem = f"is in the frame {cells.grid.frame_id!r}"
+                rule = f"it must be {self.frame_id!r}, the frame of the map"
+                raise InputError("cells", problem, rule, "transform it with tf2")
             with self.lock:
                 return self._updates.replace(cells)
         if lower is None:
@@ -1096,6 +1147,7 @@ class CSpace(ConfigurationMap):
         with self.lock:
             return self._updates.update(patch)
 
+    @names_options
     def add_obstacle(
         self, name: str, shape: ShapeLike, *, radius: ArrayLike | None = None
     ) -> Update:
@@ -1103,8 +1155,8 @@ class CSpace(ConfigurationMap):
 
         The map becomes equal to a build with the base of the workspace and all named obstacles. An
         obstacle replaces the one of the same name, and the cells that it covered reappear.
-        Obstacles may overlap. They are clipped to the grid; one that lies outside keeps its name
-        and changes nothing.
+        Obstacles may overlap. They are clipped to the grid; one that lies outside keeps its name,
+        changes nothing, and raises a UnitWarning.
 
         Queries with ``exact=True`` use the shape of the obstacle, not its cells. :meth:`update`
         changes the base, below all named obstacles; exact queries then use the cells of the base.
@@ -1154,19 +1206,28 @@ class CSpace(ConfigurationMap):
         >>> list(space.obstacles)
         ['people']
         """
-        check_text(name, "name", "cart")
         self._check_not_window()
-        obstacle = as_shape(shape, radius, "shape")
-        if obstacle.dim != self.grid.dim:
-            place = "the plane" if self.grid.dim == 2 else "space"
-            raise InputError(
-                "shape",
-                f"is in {obstacle.place}",
-                f"it must be in {place}, as the map is",
-                "pass another shape",
-            )
+        return self._set_obstacles({name: as_shape(shape, radius, "shape")})
+
+    def _set_obstacles(self, shapes: Mapping[str, ShapeLike | None]) -> Update:
+        """Add, move or remove named obstacles in one step."""
+        obstacles: dict[str, Shape | None] = {}
+        for name, shape in shapes.items():
+            check_text(name, "name", "cart")
+            obstacle = None if shape is None else as_shape(shape, None, "shape")
+            if obstacle is not None and obstacle.dim != self.grid.dim:
+                place = "the plane" if self.grid.dim == 2 else "space"
+                raise InputError(
+                    "shape",
+                    f"is in {obstacle.place}",
+                    f"it must be in {place}, as the map is",
+                    "pass another shape",
+                )
+            obstacles[name] = obstacle
         with self.lock:
-            return self._updates.set_obstacle(name, obstacle)
+            for name in [name for name, obstacle in obstacles.items() if obstacle is None]:
+                check_known(name, "name", self.obstacles)
+            return self._updates.set_obstacles(obstacles)
 
     def remove_obstacle(self, name: str) -> Update:
         """Remove a named obstacle; the cells that it covered reappear.
@@ -1184,19 +1245,7 @@ class CSpace(ConfigurationMap):
         InputError
             If there is no obstacle of that name.
         """
-        with self.lock:
-            named = self.obstacles
-            if name not in named:
-                rule = "there is no named obstacle"
-                if named:
-                    rule = f"it must be one of {', '.join(map(repr, named))}"
-                raise InputError(
-                    "name",
-                    f"is {name!r}",
-                    rule,
-                    "see space.obstacles for the names",
-                )
-            return self._updates.set_obstacle(name, None)
+        return self._set_obstacles({name: None})
 
     @property
     def obstacles(self) -> dict[str, Shape]:
@@ -1242,6 +1291,7 @@ class CSpace(ConfigurationMap):
 
     # ---- reasons ---------------------------------------------------------------------------------
 
+    @names_options
     def explain(self, start: ArrayLike, goal: ArrayLike, *, refine: bool = False) -> Explanation:
         """Explain why a path between two configurations exists, or does not.
 
@@ -1368,6 +1418,7 @@ class CSpace(ConfigurationMap):
 
         return to_xarray(self._contents)
 
+    @names_options
     def save(
         self,
         path: str | Path,
@@ -1408,6 +1459,7 @@ class CSpace(ConfigurationMap):
 
         self._call_with_contents(write, exterior=True)
 
+    @names_options
     def export(
         self, path: str | Path, *, overwrite: bool = False, rotation: ArrayLike | None = None
     ) -> None:
@@ -1422,8 +1474,9 @@ class CSpace(ConfigurationMap):
 
         self._call_with_contents(partial(export, path=path, overwrite=overwrite, rotation=rotation))
 
+    @names_options
     def to_occupancy_grid(
-        self, msg: Any = None, *, rotation: ArrayLike | None = None, frame_id: str = "map"
+        self, msg: Any = None, *, rotation: ArrayLike | None = None, frame_id: str | None = None
     ) -> Any:
         """Return a plane map as a ROS occupancy grid.
 
@@ -1438,8 +1491,8 @@ class CSpace(ConfigurationMap):
             ``nav_msgs/OccupancyGrid``. Default: a new :class:`cspace.ros.OccupancyGrid`.
         rotation : array-like, shape (k,), optional
             Rotation of the robot. Default: 0 means free, and 100 blocked, at every rotation.
-        frame_id : str
-            Frame in the header, whose stamp stays as it is.
+        frame_id : str, optional
+            Frame in the header, whose stamp stays as it is; by default :attr:`frame_id`.
 
         Returns
         -------
@@ -1454,8 +1507,9 @@ class CSpace(ConfigurationMap):
         """
         from cspace.export._messages import fill_occupancy_grid
 
-        return fill_occupancy_grid(self, msg, rotation, frame_id)
+        return fill_occupancy_grid(self, msg, rotation, frame_id or self.frame_id)
 
+    @names_options
     def to_costmap(
         self,
         msg: Any = None,
@@ -1463,7 +1517,7 @@ class CSpace(ConfigurationMap):
         inflation_radius: float = 0.55,
         cost_scaling_factor: float = 10.0,
         rotation: ArrayLike | None = None,
-        frame_id: str = "map",
+        frame_id: str | None = None,
     ) -> Any:
         """Return a plane map as a Nav2 costmap.
 
@@ -1487,8 +1541,8 @@ class CSpace(ConfigurationMap):
             Rotation of the robot. Default: in each cell, the rotation of the largest clearance;
             this takes some 20 nanoseconds for each cell and slice at the first call, and after an
             update.
-        frame_id : str
-            Frame in the header, whose stamp stays as it is.
+        frame_id : str, optional
+            Frame in the header, whose stamp stays as it is; by default :attr:`frame_id`.
 
         Returns
         -------
@@ -1509,7 +1563,7 @@ class CSpace(ConfigurationMap):
             inflation_radius,
             cost_scaling_factor,
             rotation,
-            frame_id,
+            frame_id or self.frame_id,
         )
 
     # ---- caches ----------------------------------------------------------------------------------
@@ -1525,6 +1579,19 @@ class CSpace(ConfigurationMap):
         return self._contents.exterior or Exterior.of(
             self.workspace.outer, self._rasters, self.outside
         )
+
+    @property
+    def _spans(self) -> Floats:
+        """Largest motion of each coordinate between path rows; see the base class.
+
+        A map stores no kinds of joints. One that goes on beyond both ends of the map may be
+        continuous, and what it passes on the shorter way is not in the map.
+        """
+        if self.has_poses:
+            return super()._spans
+        first, last = self._exterior.table[0, :-1].reshape(2, -1)
+        goes_on = (first < 0) & (last >= self.grid.shape) & (np.array(self.units) == "rad")
+        return np.where(goes_on, HALF_TURN, math.inf)
 
     @lazy
     def _kernel_map(self) -> Map:
@@ -1617,6 +1684,13 @@ class CSpace(ConfigurationMap):
         from cspace._queries.sampling import FreeCells
 
         return FreeCells(self._states)
+
+    @derived
+    def _rectangles(self) -> Rectangles:
+        """Runs of FREE cells of a map of the plane."""
+        from cspace._queries.any_angle import list_rectangles
+
+        return list_rectangles(self._states[0])
 
     @lazy
     def _turn_costs(self) -> Floats:
@@ -1778,7 +1852,7 @@ class CSpace(ConfigurationMap):
             count_overlaps, self._kernel_map, sums, self._robot_rows, int(exterior_counts)
         )
         write = partial(write_in_threads, count)
-        counts: int | Ints = evaluate(q, self.size, write, np.int64, self._angles)
+        counts: int | Ints = evaluate(q, self.axes, write, np.int64, self._angles)
         return counts
 
     def _check_ends(self, q0: ArrayLike, q1: ArrayLike, **options: bool) -> Floats:
@@ -1797,9 +1871,8 @@ class CSpace(ConfigurationMap):
         With ``free`` it must be FREE, or with ``exact`` proven free by geometry. Raises
         ConfigurationError otherwise.
         """
-        values = check_points(q, name, self.size)
-        if values.ndim == 1:
-            warn_of_degrees(values, self._angles, name)
+        values = check_points(q, name, self.axes)
+        warn_of_degrees(values, self._angles, name)
         point = self.rotations._make_canonical(values, name)
         is_valid = bool(point.ndim == 1 and self.grid.contains(point[: self.grid.dim]))
         required = "configuration"

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TypeAlias, TypedDict, Unpack
+from typing import TYPE_CHECKING, Final, TypeAlias, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,7 +25,16 @@ from cspace._limits import (
 )
 from cspace._shapes import Balls, Mesh, Polygons, Shape, ShapeLike, Voxels, as_shape
 from cspace._support.arrays import Bools, Floats, StrPath, frozen
-from cspace._support.check import check_bounds, check_cells, check_point, check_positive, check_word
+from cspace._support.check import (
+    check_bounds,
+    check_cells,
+    check_point,
+    check_positive,
+    check_word,
+    find_sizes,
+    names_options,
+    select_positions,
+)
 from cspace._support.reporting import warn_user
 from cspace.errors import FileError, InputError, UnitWarning
 
@@ -34,7 +43,6 @@ if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
     from cspace._files.meshes import Up
-    from cspace._files.ros_maps import GridMessage
     from cspace._files.urdf import PackageDirs
     from cspace._obstacles import Source
     from cspace._shapes.balls import BallSet
@@ -51,6 +59,9 @@ that an obstacle in this sliver still marks the last cell."""
 
 _ZERO_BOUND: Final = SLACK / 2**14
 """Bounds nearer to zero than this, in cells, count as zero."""
+
+_SINGLE_SUFFIXES: Final = (".stl", ".ply", ".pcd", ".glb", ".gltf")
+"""Suffixes of files of points whose numbers often have 32 bits."""
 
 _MIN_EXTENT: Final = 1.0 - 2.0**-20
 """Extent of all obstacles, in cells, below which their unit is probably wrong."""
@@ -170,6 +181,7 @@ class Workspace:
         return f"Workspace({self.source}: {cells}, {occupied}{unknown_text})"
 
     @classmethod
+    @names_options
     def from_array(
         cls,
         occupied: ArrayLike | StrPath,
@@ -246,6 +258,7 @@ class Workspace:
         return cls(grid, cells, inside, source=source)
 
     @classmethod
+    @names_options
     def from_ros_map(cls, path: StrPath, unknown: str = "occupied") -> Workspace:
         """Read a ROS map.
 
@@ -276,9 +289,10 @@ class Workspace:
         return cls(grid, outer, inner, source=str(path), unknown=unseen)
 
     @classmethod
+    @names_options
     def from_occupancy_grid(
         cls,
-        msg: GridMessage,
+        msg: object,
         unknown: str = "occupied",
         *,
         free_thresh: float = 0.25,
@@ -288,12 +302,13 @@ class Workspace:
 
         Parameters
         ----------
-        msg : object
-            With the fields of ``nav_msgs/OccupancyGrid``, of ROS 1 or 2 or
-            :class:`cspace.ros.OccupancyGrid`: ``info.resolution``, ``width``, ``height`` and
-            ``origin``, and ``data``, row by row in per cent, -1 for unknown. The yaw of the origin
-            applies as in a ROS map. The resolution is a float32 in messages; it is read as the
-            shortest decimal number that rounds to it: 0.05, not 0.0500000007.
+        msg : object, mapping or path-like
+            With the fields of ``nav_msgs/OccupancyGrid``, of ROS 1 or 2, of rosbridge or
+            :class:`cspace.ros.OccupancyGrid`, or a YAML file of them: ``info.resolution``,
+            ``width``, ``height`` and ``origin``, and ``data``, row by row in per cent, -1 for
+            unknown. The yaw of the origin applies as in a ROS map. The resolution is a float32 in
+            messages; it is read as the shortest decimal number that rounds to it: 0.05, not
+            0.0500000007. The frame in the header becomes that of the :attr:`grid`.
         unknown : {"occupied", "free"}
             State of unknown cells: of value -1, or between the thresholds.
         free_thresh, occupied_thresh : float
@@ -318,6 +333,7 @@ class Workspace:
         return cls(grid, outer, inner, source="occupancy grid", unknown=unseen)
 
     @classmethod
+    @names_options
     def from_image(
         cls,
         path: StrPath,
@@ -365,6 +381,7 @@ class Workspace:
         return cls(grid, cells, cells, source=str(path), unknown=unseen)
 
     @classmethod
+    @names_options
     def from_movingai(cls, path: StrPath, spacing: float = 1.0) -> Workspace:
         """Read a map of the MovingAI benchmarks.
 
@@ -438,6 +455,7 @@ class Workspace:
         return cls(grid, outer, inner, source=source, shapes=tuple(shapes))
 
     @classmethod
+    @names_options
     def from_shapes(
         cls, shapes: Iterable[ShapeLike], spacing: float, bounds: ArrayLike | None = None
     ) -> Workspace:
@@ -512,6 +530,7 @@ class Workspace:
         return (Voxels(self.outer, self.grid.spacing, np.asarray(self.grid.lower)),)
 
     @classmethod
+    @names_options
     def from_polygons(
         cls,
         polygons: Geometries,
@@ -571,6 +590,7 @@ class Workspace:
         return cls._of([shape], spacing, bounds, source, "set of polygons", lazy=lazy)
 
     @classmethod
+    @names_options
     def from_mesh(
         cls,
         mesh: MeshLike,
@@ -617,6 +637,7 @@ class Workspace:
         """
         check_extent(spacing, bounds, 3)
         shape = Mesh.of(mesh, solid, up)
+        warn_of_rounding(mesh, shape.vertices, spacing)
         if offset is not None:
             shape = replace(shape, vertices=shape.vertices + check_point(offset, "offset", 3))
         source = str(mesh) if isinstance(mesh, str | os.PathLike) else shape.source
@@ -632,6 +653,7 @@ class Workspace:
         return replace(workspace, shapes=None)
 
     @classmethod
+    @names_options
     def from_balls(
         cls,
         centers: ArrayLike | BallSet,
@@ -664,6 +686,7 @@ class Workspace:
         return cls._of([balls], spacing, bounds, f"{len(balls.radii)} balls")
 
     @classmethod
+    @names_options
     def from_points(
         cls,
         points: ArrayLike | StrPath,
@@ -700,6 +723,7 @@ class Workspace:
         FileError
             If the file is missing, truncated or malformed.
         """
+        from cspace._files.fields import warn_of_names
         from cspace._files.point_clouds import read_points
 
         if isinstance(points, str | os.PathLike):
@@ -708,21 +732,21 @@ class Workspace:
             source = str(points)
         else:
             check_positive(spacing, "spacing")
-            table: Any = points
-            names = list(getattr(table, "columns", ()))  # of pandas
-            if {"x", "y"} <= set(names):
-                table = table[[axis for axis in "xyz" if axis in names]]
+            centers = select_positions(points, "points")
+            warn_of_names("points", find_sizes(map(str, getattr(points, "columns", ()))), ())
             if drop_missing:
-                table = np.asarray(table)
-                table = table[np.isfinite(table).all(axis=-1)]
-            cloud = Balls.of(table, radius)
+                centers = centers[np.isfinite(centers).all(axis=-1)]
+            cloud = Balls.of(centers, radius)
             source = f"{len(cloud.radii)} points"
+            points = centers
+        warn_of_rounding(points, cloud.centers, spacing)
         if offset is not None:
             cloud = Balls(cloud.centers + check_point(offset, "offset", cloud.dim), cloud.radii)
         # The extent of the points shows a wrong unit; the balls around them would hide it.
         return cls._of([cloud], spacing, bounds, source, "cloud", cloud.centers)
 
     @classmethod
+    @names_options
     def from_octomap(
         cls, path: StrPath, unknown: str = "occupied", bounds: ArrayLike | None = None
     ) -> Workspace:
@@ -755,6 +779,7 @@ class Workspace:
         return cls(grid, cells, cells, source=str(path), unknown=unseen)
 
     @classmethod
+    @names_options
     def from_moveit_scene(
         cls,
         source: object,
@@ -766,8 +791,8 @@ class Workspace:
         """Read the obstacles of a MoveIt planning scene.
 
         Boxes, spheres, cylinders, cones and meshes of collision objects are read; all objects must
-        be in one frame, the planning frame. Cylinders and cones lie between two polyhedra, as
-        :meth:`cspace.Robot.cylinder` does.
+        be in one frame, the planning frame, which becomes that of the :attr:`grid`. Cylinders and
+        cones lie between two polyhedra, as :meth:`cspace.Robot.cylinder` does.
 
         Parameters
         ----------
@@ -801,7 +826,9 @@ class Workspace:
 
         check_extent(spacing, bounds, 3)
         scene = read_scene(source, package_dirs)
-        return cls._of(scene.list_obstacles(), spacing, bounds, scene.source, "planning scene")
+        obstacles = scene.list_obstacles()
+        workspace = cls._of(obstacles, spacing, bounds, scene.source, "planning scene")
+        return replace(workspace, grid=replace(workspace.grid, frame_id=scene.frame))
 
     @classmethod
     def open(cls, path: StrPath, **options: Unpack[OpenOptions]) -> Workspace:
@@ -1026,6 +1053,35 @@ def warn_of_units(corners: Floats, spacing: float, what: str, bounded: bool) -> 
             f"the {what} is {size} m large and fits into one cell of {spacing:g} m; its units are "
             "probably wrong (metres are needed): scale it, or use a smaller spacing",
             UnitWarning,
+        )
+
+
+def warn_of_rounding(source: object, points: Floats, spacing: float) -> None:
+    """Warn of 16-bit and 32-bit coordinates that round by more than a tenth of a cell.
+
+    ``source`` is the array or file of the points, shape (n, d).
+    """
+    if isinstance(source, str | os.PathLike):
+        from cspace._files.lazy_arrays import read_npy
+
+        suffix, name = Path(source).suffix.lower(), os.fspath(source)
+        dtype = np.dtype(np.float32 if suffix in _SINGLE_SUFFIXES else np.float64)
+        if suffix == ".npy":
+            dtype = read_npy(source).dtype
+    else:
+        dtype = getattr(source, "dtype", np.dtype(np.float64))
+        name = "points"
+    if dtype.kind != "f" or dtype.itemsize >= np.float64().itemsize:
+        return
+    largest = np.abs(points).max(initial=0.0)
+    with np.errstate(over="ignore", invalid="ignore"):  # then they need more bits
+        stored = points.astype(dtype)
+        rounding = 0.5 * float(np.spacing(dtype.type(largest)))
+    if rounding > 0.1 * spacing and (stored == points).all():
+        warn_user(
+            f"{name}: its numbers have {8 * dtype.itemsize} bits, which round coordinates near "
+            f"{largest:.7g} m by up to {rounding:.2g} m, more than a tenth of a cell of "
+            f"{spacing:g} m; write it with 64 bits, or nearer to its origin",
         )
 
 

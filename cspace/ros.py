@@ -11,12 +11,12 @@ from cspace._files.ros_maps import (
     Path,
     PoseStamped,
     Twist,
-    get_field,
+    read_pose,
     read_ros_map,
     update_occupancy_grid,
 )
 from cspace._interface import Space
-from cspace._support.check import check_finite
+from cspace._support.check import check_not_negative
 from cspace.errors import InputError
 
 __all__ = [
@@ -32,21 +32,26 @@ __all__ = [
     "update_occupancy_grid",
 ]
 
-_POSE_SLACK: Final = 1e-3
-"""Deviation of a quaternion's norm from 1, and sine of half the tilt, that pass as rounding."""
+_ROUNDING: Final = 2e-3
+"""Tilt, radians, that passes as rounding."""
 
 
-def configuration_of(msg: object, space: Space, frame_id: str = "map") -> tuple[float, ...]:
+def configuration_of(
+    msg: object, space: Space, frame_id: str | None = None, *, tilt_tolerance: float = 0.0
+) -> tuple[float, ...]:
     """Convert a stamped pose to a configuration of a map.
 
     Parameters
     ----------
-    msg : object
+    msg : object or mapping
         With the fields of ``geometry_msgs/PoseStamped``.
     space : CSpace or TiledCSpace
         A map in the plane ignores z; a map without a yaw ignores the yaw.
-    frame_id : str
-        Frame of the map.
+    frame_id : str, optional
+        Frame of the map; by default ``space.frame_id``.
+    tilt_tolerance : float
+        Largest tilt, radians, that a map which cannot tilt ignores, e.g. 0.05 for the poses of a
+        robot with an inertial sensor.
 
     Returns
     -------
@@ -56,8 +61,9 @@ def configuration_of(msg: object, space: Space, frame_id: str = "map") -> tuple[
     Raises
     ------
     InputError
-        If the pose has another frame, is tilted on a map that cannot tilt, has no unit quaternion
-        or is not finite, a field is missing, or the space has no poses.
+        If the pose has another frame, is tilted by more than the tolerance on a map that cannot
+        tilt, has no unit quaternion or is not finite, a field is missing, or the space has no
+        poses.
 
     Examples
     --------
@@ -69,29 +75,20 @@ def configuration_of(msg: object, space: Space, frame_id: str = "map") -> tuple[
     >>> cspace.ros.configuration_of(pose, space)
     (1.5, 0.0, 0.0)
     """
-    kind = "geometry_msgs/PoseStamped"
     if not space.has_poses:
         rule = "it must be a map of a rigid robot"
         raise InputError("space", f"is {space!r}", rule, "pass joint positions to plan instead")
-    frame = get_field(msg, "header.frame_id", "msg", kind)
-    if frame != frame_id:
-        problem = f"is {frame!r}"
-        rule = f"it must be {frame_id!r}, the frame of the map"
-        raise InputError("msg.header.frame_id", problem, rule, "transform the pose with tf2")
-    values = [get_field(msg, f"pose.position.{name}", "msg", kind) for name in "xyz"]
-    position = check_finite(values, "msg.pose.position").tolist()
-    place = "msg.pose.orientation"
-    values = [get_field(msg, f"pose.orientation.{name}", "msg", kind) for name in "xyzw"]
-    x, y, z, w = turn = check_finite(values, place).tolist()
-    if abs(math.hypot(x, y, z, w) - 1.0) > _POSE_SLACK:
-        problem = f"is ({x:g}, {y:g}, {z:g}, {w:g}), which is no unit quaternion"
-        raise InputError(place, problem, "its norm must be 1", "set w to 1 for no rotation")
+    tolerance = max(check_not_negative(tilt_tolerance, "tilt_tolerance"), _ROUNDING)
+    position, turn = read_pose(msg, frame_id or space.frame_id)
+    x, y, z, w = turn
     names = space.rotations.names
     if len(names) == 4:
         return (*position, *turn)
-    if math.hypot(x, y) > _POSE_SLACK:
+    if math.hypot(x, y) > math.sin(0.5 * min(tolerance, math.pi)):
         problem = f"is ({x:g}, {y:g}, {z:g}, {w:g}), which is tilted"
         rule = "the robot of this map turns about z only"
-        raise InputError(place, problem, rule, "set x and y to 0")
+        tilt = 2.0 * math.asin(min(math.hypot(x, y), 1.0))
+        hint = f"project it with tilt_tolerance={math.ceil(1e3 * tilt) / 1e3:g} if that is right"
+        raise InputError("msg.pose.orientation", problem, rule, hint)
     yaw = (2.0 * math.atan2(z, w),) if names else ()
     return (*position[: space.dim], *yaw)

@@ -53,7 +53,7 @@ def list_fields() -> Iterable[str]:
     modules = pkgutil.iter_modules(cspace._files.__path__, "cspace._files.")
     for name in (*(module.name for module in modules), "cspace.lanes._graph_files"):
         for fields in getattr(import_module(name), "FIELDS", ()):
-            yield f"| {' | '.join(fields)} |"
+            yield f"| {' | '.join(fields[:4])} |"
 
 
 def list_refusals() -> Iterable[str]:

@@ -3,7 +3,7 @@ Put a part into a pocket
 ========================
 
 ``spectral.best_placements`` searches all positions at a grid of rotations, one FFT each, and moves
-the best placements along the gradient. It needs ``pip install "cspace[spectral]"``.
+the best placements along the gradient. It needs the extra ``spectral``.
 """
 
 import matplotlib.pyplot as plt

@@ -8,7 +8,7 @@ but ``cspace.arms.ArmPenetration`` tells how deep, with the derivatives by all j
 optimizer pulls it out in about as long. The field proves nothing; the space of the arm then proves
 the path, whatever the field missed.
 
-It needs ``pip install "cspace[spectral]"``.
+It needs the extra ``spectral``.
 """
 
 from pathlib import Path

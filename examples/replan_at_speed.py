@@ -30,9 +30,11 @@ start, goal, period = (1.0, 3.0, 0.0), (11.0, 3.0, 0.0), 0.1
 plan = planners.plan(space, start, start, drive="differential")
 motion, clock, driven, stops = plan.trajectory(**limits), 0.0, [], 0
 while len(driven) < 400 and np.linalg.norm(motion.sample(clock)[0][:2] - goal[:2]) > 0.01:
-    for name, (x, phase) in trolleys.items():
-        y = 3.0 + 1.8 * np.sin(0.02 * len(driven) + phase)
-        space.add_obstacle(name, box(x - 0.3, y - 0.3, x + 0.3, y + 0.3))
+    places = {
+        name: (x, 3.0 + 1.8 * np.sin(0.02 * len(driven) + phase))
+        for name, (x, phase) in trolleys.items()
+    }
+    space.update({name: box(x - 0.3, y - 0.3, x + 0.3, y + 0.3) for name, (x, y) in places.items()})
     at = clock + period
     for q in motion.starts_after(at):
         try:
@@ -40,7 +42,7 @@ while len(driven) < 400 and np.linalg.norm(motion.sample(clock)[0][:2] - goal[:2
         except cspace.ConfigurationError:  # a trolley is near that place
             continue
         new = plan.trajectory(**limits, after=motion, at=at)
-        if np.allclose(new.positions[-1], goal):
+        if not new.stop_reason:
             break
     else:
         new, stops = motion.braked(at), stops + 1

@@ -5,7 +5,7 @@ Collision in the frequency domain, in seven figures
 The figures follow Lysenko (2013) and Behandish and Ilies (2016), with data of our own runs.
 ``docs/explanation/frequency.md`` explains them. CPU times are medians of a few runs on the machine that
 built this page. The figures are written into the working folder, as ``report_figures_1.png`` and so
-on. It needs ``pip install "cspace[spectral]"``.
+on. It needs the extra ``spectral``.
 """
 
 import math
@@ -104,7 +104,7 @@ def draw_modulus(ax: Axes, spectrum: Complexes, title: str) -> Any:
     levels = np.log10(np.maximum(np.abs(np.fft.fftshift(spectrum)) / np.abs(spectrum).max(), 1e-30))
     reach = (FREQUENCIES // 2 + 0.5) / PERIOD
     extent = (-reach, reach - 1.0 / PERIOD, -reach, reach - 1.0 / PERIOD)
-    plain(ax, title, "frequency along x [cycles/m]", "frequency along y [cycles/m]")
+    plain(ax, title, "frequency along x (cycles/m)", "frequency along y (cycles/m)")
     return ax.imshow(levels.T, origin="lower", extent=extent, cmap="cividis", vmin=-5.0, vmax=0.0)
 
 
@@ -128,7 +128,7 @@ grid = cspace.Grid((0.0, 0.0), 2.0 / 512, (512, 512))
 obstacle = sample_indicator(grid)
 left.imshow(obstacle.T, origin="lower", extent=(0.0, 2.0, 0.0, 2.0), cmap="Greys", vmax=1.3)
 left.set(xticks=np.arange(0.0, 2.1, 0.5), yticks=np.arange(0.0, 2.1, 0.5))
-plain(left, "an obstacle", "x [m]", "y [m]")
+plain(left, "an obstacle", "x (m)", "y (m)")
 spectrum = sampled_spectrum(obstacle, grid, PERIOD, FREQUENCIES)
 image = draw_modulus(right, spectrum, "spectrum of its indicator")
 energies = np.abs(spectrum) ** 2
@@ -161,11 +161,11 @@ for alpha, color in zip((0.5, 1.0, 2.0, 4.0, 16.0, math.inf), COLORS, strict=Tru
     print(f"alpha = {alpha:g}: {share:.2g} of the energy beyond 1 cycle per radius")
 left.set(ylim=(-0.03, 1.08))
 right.set(xlim=(0.1, 30.0), ylim=(1e-6, 1.5))
-plain(left, "the bump", "distance from the centre [radii]", r"$\psi$")
+plain(left, "the bump", "distance from the centre (radii)", r"$\psi$")
 plain(
     right,
     "how much lies in high frequencies",
-    "frequency [cycles/radius]",
+    "frequency (cycles/radius)",
     "share of the energy beyond it",
 )
 figure.legend(loc="outside right center", frameon=False)
@@ -186,7 +186,7 @@ left.add_collection(discs)
 print(f"48 inner discs: {100.0 * balls.volume_ratio:.1f} % of the area")
 left.plot(*SHAPE.exterior.xy, color="#262626", linewidth=1.2)
 left.set_aspect("equal")
-plain(left, f"48 inner discs, {100.0 * balls.volume_ratio:.1f} % of the area", "x [m]", "y [m]")
+plain(left, f"48 inner discs, {100.0 * balls.volume_ratio:.1f} % of the area", "x (m)", "y (m)")
 grid = cspace.Grid((0.2, 0.2), 0.004, (400, 400))
 values = sample_balls(balls.centers, balls.radii, Bump(2.0), grid)
 extent = (grid.lower[0], grid.upper[0], grid.lower[1], grid.upper[1])
@@ -194,7 +194,7 @@ image = right.imshow(
     np.where(values > 0.0, values, np.nan).T, origin="lower", extent=extent, cmap="cividis"
 )
 right.plot(*SHAPE.exterior.xy, color="#262626", linewidth=1.2)
-plain(right, r"the sum of their bumps, $\alpha$ = 2", "x [m]", "y [m]")
+plain(right, r"the sum of their bumps, $\alpha$ = 2", "x (m)", "y (m)")
 plt.colorbar(image, ax=right, shrink=0.8, label="descriptor")
 save(figure, 3)
 
@@ -222,7 +222,7 @@ for spectrum, color, label in ((ball, COLORS[1], "one disc"), (shape, COLORS[0],
     axes[2].semilogy(
         k / PERIOD, np.abs(spectrum[k, 0]) / abs(spectrum[0, 0]), color=color, label=label
     )
-plain(axes[2], "both along x", "frequency along x [cycles/m]", "modulus over its value at 0")
+plain(axes[2], "both along x", "frequency along x (cycles/m)", "modulus over its value at 0")
 axes[2].legend(frameon=False)
 save(figure, 4)
 
@@ -291,7 +291,7 @@ for ax, (title, firsts, sizes) in zip(both, panels, strict=True):
     ax.axvline(n or math.nan, color=COLORS[0], linestyle=":")
     ax.loglog(sizes, direct, "o-", color=COLORS[0], markersize=4.0, label=label)
     ax.loglog(sizes, fft, "o-", color=COLORS[1], markersize=4.0, label="FFT")
-    plain(ax, title, "n", "CPU time [s]")
+    plain(ax, title, "n", "CPU time (s)")
     ax.set_xticks([n for n in (2, 4, 8, 16, 32) if n <= sizes[-1]])
     ax.xaxis.set_major_formatter("{x:g}")
     ax.xaxis.set_minor_formatter(NullFormatter())
@@ -357,7 +357,7 @@ for name, each, error, color in zip(methods, times, errors, COLORS, strict=False
     print(f"{name}: {1e3 * each[-1]:.3g} ms for {numbers[-1]} discs")
     ax.loglog(numbers, each, "o-", color=color, markersize=4.0, label=name + tells)
 plain(
-    ax, f"the spectrum of discs at {count} x {count} frequencies", "number of discs", "CPU time [s]"
+    ax, f"the spectrum of discs at {count} x {count} frequencies", "number of discs", "CPU time (s)"
 )
 figure.legend(loc="outside right center", frameon=False)
 save(figure, 6)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Final, Literal, NamedTuple, TypeAlias, cast, get_args
@@ -10,6 +9,7 @@ from typing import Final, Literal, NamedTuple, TypeAlias, cast, get_args
 from ompl import base as ob
 from ompl import geometric as og
 
+from cspace._support.check import suggest_name
 from cspace._support.words import Drive
 from cspace.errors import InputError
 
@@ -58,7 +58,7 @@ THREADED_PLANNERS: Final = ("PRM", "PRMstar")
 
 The second thread needs Python's lock to call a Python objective or stopping rule, while the first
 thread holds the lock and waits for it: a deadlock. So these planners are refused with such
-callbacks. A callback must not raise in them either, because an exception ends the process.
+callbacks. An exception of a callback would end the process, so a plan raises it after the search.
 """
 
 BIDIRECTIONAL_PLANNERS: Final = ("BFMT", "BKPIECE1", "LBKPIECE1", "PRM", "PRMstar")
@@ -203,9 +203,8 @@ def planner_named(name: str, searches: Sequence[str] = ()) -> PlannerName:
     if not isinstance(name, str) or name.lower() not in known:
         # Users of OMPL's documentation may write RRT*.
         hint = f"choose one of {', '.join(planner_names())}"
-        spelling = str(name).lower().replace("*", "star")
-        for similar in difflib.get_close_matches(spelling, known, n=1):
-            hint = f"did you mean {known[similar]}? {hint}"
+        similar = suggest_name(str(name).replace("*", "star"), known.values())
+        hint = f"{similar} {hint}".lstrip()
         others = [word for word in searches if word not in BUILT_IN_SEARCHES]
         choices = [*others, GRID, MAX_CLEARANCE, LATTICE, f"or for an arm {BIRRT}"]
         raise InputError(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING, Any
 
+from cspace._support.check import names_options
 from cspace.errors import InputError
 
 if TYPE_CHECKING:
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
     from cspace.lanes import Audit, RouteGraph
 
 
+@names_options
 def audit(
     space: ConfigurationMap,
     graph: RouteGraph | StrPath | Any,

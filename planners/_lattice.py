@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Final, NamedTuple, cast
 
 import numpy as np
@@ -95,7 +96,10 @@ On shorter drives, curves that turn to and fro are as short up to
 """
 
 NODES_PER_CLOCK_CHECK: Final = 2**12
-"""Nodes expanded between two checks of the time limit."""
+"""Nodes taken from the queue between two checks of the time limit."""
+
+NODES_BEFORE_PROOF: Final = 2**12
+"""Nodes expanded until a search asks whether a path may exist."""
 
 KNOWN_TOLERANCE: Final = 0.01
 """Fraction of a cell's side by which a path into a cell must be cheaper to replace the known path.
@@ -120,6 +124,21 @@ blocks that it has not entered."""
 TIME_CHECK: Final = -3
 FULL: Final = -4
 """Results of :func:`expand_nodes` other than a node, :data:`NO_NODE` and :data:`UNKNOWN`."""
+
+
+@dataclass
+class _Limit:
+    """The end of a search, postponed while it asks whether a path may exist."""
+
+    until: float  # reading of the clock
+    may_exist: Callable[[], bool]
+
+    def admits_path(self) -> bool:
+        """Return True if a path may exist."""
+        began = clock()
+        answer = self.may_exist()
+        self.until += clock() - began
+        return answer
 
 
 class Motions(NamedTuple):
@@ -182,13 +201,13 @@ def find_lattice_path(
     is_backwards = _starts_at_goal(edges, endpoints)
     if is_backwards:
         endpoints = endpoints[::-1]
-    until = clock() + seconds
+    limit = _Limit(clock() + seconds, may_exist)
     try:
-        path, reason = _search_levels(edges, endpoints, is_backwards, until, may_exist)
+        path, reason = _search_levels(edges, endpoints, is_backwards, limit)
     except TimeoutError:
         return np.empty((0, 3)), ""
     if simplify and len(path):
-        path = shorten_path(edges, path, until + MAX_SHORTENING_SECONDS)
+        path = shorten_path(edges, path, limit.until + MAX_SHORTENING_SECONDS)
     return path, reason
 
 
@@ -196,8 +215,7 @@ def _search_levels(
     edges: LocalPlanner,
     endpoints: Endpoints,
     is_backwards: bool,
-    until: float,
-    may_exist: Callable[[], bool],
+    limit: _Limit,
 ) -> tuple[Floats, str]:
     """Search on lattices, coarse to fine, and again around blocks where even a fine one stalled.
 
@@ -208,15 +226,15 @@ def _search_levels(
     min_stalled = MIN_STALLED_NODES
     while True:
         for motions in levels:
-            path, reason, vain = _search(
-                edges, motions, guide, endpoints, min_stalled, until, may_exist
-            )
+            path, reason, vain = _search(edges, motions, guide, endpoints, min_stalled, limit)
             if is_backwards:
                 path = path[::-1]
             if len(path) and edges.are_free(path):
                 return path, ""
             if len(path):
                 reason = "rounding keeps the path of the lattice from being proven"
+            if not limit.admits_path():  # finer lattices take longer than the proof
+                return np.empty((0, 3)), reason
             if vain is not None and len(motions.headings) >= FINE_HEADINGS:
                 break
         if vain is None:
@@ -461,14 +479,13 @@ def _search(
     guide: Guide,
     endpoints: Endpoints,
     min_stalled: int,
-    until: float,
-    may_exist: Callable[[], bool],
+    limit: _Limit,
 ) -> tuple[Floats, str, Bools | None]:
     """Search from the start for a path to the goal, shape (n, 3).
 
     If n is 0, the note says what ended the search; if it stalled, blocks to avoid follow. With
-    fewer than ``min_stalled`` nodes, it does not count as stalled. Raises TimeoutError after
-    ``until``, a reading of the clock.
+    fewer than ``min_stalled`` nodes, it does not count as stalled. Raises TimeoutError at
+    the limit.
     """
     start, goal = cast(tuple[Pose, Pose], endpoints)
     map_ = edges.bounded_map()
@@ -478,12 +495,17 @@ def _search(
     add_node(map_, motions, target, nodes, start, heading, 0.0, NO_NODE, 0)
     is_free = edges.edge_checker()
     reason = f"the lattice search ended at its limit of {motions.max_nodes:,} nodes"
+    may_fail = True
     while nodes.counts[0] < motions.max_nodes:
         node = expand_nodes(map_, motions, target, nodes)
-        check_deadline(until)
+        check_deadline(limit.until)
+        if may_fail and nodes.counts[1] >= NODES_BEFORE_PROOF:
+            if not limit.admits_path():
+                break
+            may_fail = False
         if node == UNKNOWN:
             direction, i, j = nodes.place.tolist()
-            guide.reach(direction, (0, i, j), until)
+            guide.reach(direction, (0, i, j), limit.until)
         elif node == FULL:
             vain = _find_vain_blocks(map_, motions, target, nodes)
             if len(nodes.keys) >= min_stalled and vain.any():
@@ -492,12 +514,7 @@ def _search(
         elif node == NO_NODE:
             reason = "the lattice search reached no more nodes"
             break
-        elif node == TIME_CHECK:
-            began = clock()
-            if not may_exist():
-                break
-            until += clock() - began
-        elif is_free(*nodes.poses[node].tolist(), *goal):
+        elif node != TIME_CHECK and is_free(*nodes.poses[node].tolist(), *goal):
             return _trace_path(nodes, node, endpoints, motions.radius is None), "", None
     return np.empty((0, 3)), reason, None
 

@@ -11,10 +11,11 @@ import numpy as np
 from ompl import base as ob
 
 from cspace._interface import Space
-from cspace._queries.distance import Distances
+from cspace._queries.batches import as_contiguous
+from cspace._queries.distance import DistanceMap, Distances
 from cspace._space import CSpace
 from cspace._support.arrays import Floats
-from cspace._support.check import check_not_negative, check_positive
+from cspace._support.check import check_finite, check_not_negative, check_number, check_positive
 from cspace._support.words import Drive
 from cspace.errors import InputError
 from planners._drives import local_planner
@@ -44,8 +45,9 @@ class WeightedLength(ob.OptimizationObjective):
         From a :func:`planners.state_space`.
     space : CSpace
     field : DistanceMap or ndarray of float64, optional
-        Source of the value. The distances of the map give the clearance; an array has the shape of
-        the map's states. The default is the plain length.
+        Source of the value. The distances of the map give the clearance. An array has a value for
+        each cell of each slice, shape (slices, x, y) or (slices, x, y, z), without the first axis
+        for a robot that does not turn. The default is the plain length.
     offset, slope : float
         Penalty at value zero, and its change per unit of the value.
     weight : float
@@ -61,7 +63,8 @@ class WeightedLength(ob.OptimizationObjective):
     Raises
     ------
     InputError
-        If ``weight`` is negative or not finite; and as :func:`planners.state_space`.
+        If ``weight`` is negative, a number is not finite, the array has another shape, or ``si``
+        has states of another space; and as :func:`planners.state_space`.
     """
 
     # A StateCostIntegralObjective would do the integral, but the bindings never call its Python
@@ -83,7 +86,11 @@ class WeightedLength(ob.OptimizationObjective):
         check_information(si, space)
         super().__init__(si)
         weight = check_not_negative(weight, "weight", "pass 10.0")
+        offset = check_number(offset, "offset")
+        slope = check_number(slope, "slope")
         check_has_cells(space)
+        if field is not None and not isinstance(field, DistanceMap):
+            field = _check_costs(field, space)
         edges = local_planner(space, False, drive, turning_radius)
         self._field = field
         self._density = CostDensity(offset, slope, weight, edges.rotation_weight)
@@ -168,6 +175,20 @@ class ClearanceObjective(WeightedLength):
             drive=drive,
             turning_radius=turning_radius,
         )
+
+
+def _check_costs(field: Floats, space: CSpace) -> Floats:
+    """Return a value for each cell of a map as kernels index it, shape (slices, ...)."""
+    costs = check_finite(field, "field")
+    shape = len(space.slice_rotations), *space.grid.shape
+    if costs.shape != shape and (1, *costs.shape) != shape:
+        raise InputError(
+            "field",
+            f"has shape {costs.shape}",
+            f"the map has slices and cells of shape {shape}",
+            f"pass e.g. numpy.zeros({shape})",
+        )
+    return as_contiguous(costs)
 
 
 def default_clearance_threshold(space: CSpace) -> float:

@@ -9,10 +9,13 @@ from __future__ import annotations
 
 import itertools
 import math
+import signal
+import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, replace
 from functools import partial
+from types import FrameType
 from typing import Any, Final
 
 import numpy as np
@@ -87,10 +90,11 @@ class Deadline:
     end : float
         Reading of the clock; infinite by default, and at once if the caller ends the search.
     terminate : callable or None
-        Called if the caller ends the search.
+        Called if the caller ends the search, or a check of a planner with threads raises.
     """
 
     terminate: Callable[[], None] | None = None
+    _error: BaseException | None = None
 
     def __init__(self, raises: bool) -> None:
         self.end = math.inf
@@ -109,8 +113,35 @@ class Deadline:
         return seconds_late < 0.0
 
     def refuse_late(self, check: Callable[..., bool]) -> Callable[..., bool]:
-        """Let a check refuse everything after the deadline."""
-        return lambda *states: self.check() and check(*states)
+        """Let a check refuse everything after the deadline.
+
+        In a planner with threads an exception would end the process, so it ends the search instead.
+        """
+
+        def check_in_time(*states: Any) -> bool:
+            try:
+                return self.check() and check(*states)
+            except BaseException as error:
+                if self._raises:
+                    raise
+                self.fail(error)
+                return False
+
+        return check_in_time
+
+    def fail(self, error: BaseException) -> None:
+        """End the search by an exception that is raised after it."""
+        self._error = self._error or error
+        self.end = -math.inf
+        if self.terminate is not None:
+            self.terminate()
+
+    def raise_error(self) -> None:
+        """Raise the exception that ended the search, if any."""
+        error = self._error
+        self._error = None  # its traceback holds OMPL's objects
+        if error is not None:
+            raise error
 
     def end_late(self, cost: Callable[..., float]) -> Callable[..., float]:
         """Let a cost end the work after the deadline."""
@@ -348,10 +379,12 @@ class _Run:
         else:
             condition = ob.PlannerTerminationCondition(is_over)
         status = "Timeout"
-        with suppress(OutOfTime):
+        signals = _guard_signals(self._deadline) if self._is_threaded else nullcontext()
+        with suppress(OutOfTime), signals:
             setup.setPlanner(make_planner(name, setup.getSpaceInformation()))
             status = str(setup.solve(condition).asString())
         self._deadline.terminate = None
+        self._deadline.raise_error()
         return "" if status in _USUAL_STATUSES else f"OMPL reports {status!r}"
 
     def _improve(self, path: og.PathGeometric) -> og.PathGeometric:
@@ -386,7 +419,35 @@ class _Run:
     def _rows(self, path: og.PathGeometric) -> Floats:
         """Return the configurations of OMPL's path, shape (n, size)."""
         rows = [self._kind.read(state) for state in path.getStates()]
-        return self._kind.unwind(np.array(rows))
+        return self._kind.unwind(np.array(rows), self._task.endpoints[0])
+
+
+@contextmanager
+def _guard_signals(deadline: Deadline) -> Iterator[None]:
+    """Let an exception of a signal's handler end a search, and be raised after it.
+
+    Python may run a handler before the first line of a callback, where nothing catches it.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield  # Python handles signals in the main thread
+        return
+    found = [(number, signal.getsignal(number)) for number in signal.valid_signals()]
+    handlers = {number: handler for number, handler in found if callable(handler)}
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        """Run the handler, and keep its exception."""
+        try:
+            handlers[signal.Signals(number)](number, frame)
+        except BaseException as error:
+            deadline.fail(error)
+
+    for number in handlers:
+        signal.signal(number, handle)
+    try:
+        yield
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
 
 
 @contextmanager

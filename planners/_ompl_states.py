@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple, TypeVar
 
@@ -10,7 +11,7 @@ import numpy as np
 from ompl import base as ob
 
 from cspace._interface import Space
-from cspace._rotations.base import METRES_PER_RADIAN, wrap_angles, wrap_steps
+from cspace._rotations.base import METRES_PER_RADIAN, TWO_PI, wrap_angles, wrap_steps
 from cspace._support.arrays import Floats
 from cspace.errors import InputError
 
@@ -20,7 +21,8 @@ Configuration = tuple[float, ...]
 Value = TypeVar("Value")
 
 WRAP_TOLERANCE: Final = 1e-12
-"""Rounding error, in radians, allowed between angles that are equal modulo 2 pi."""
+"""Rounding error, in radians, allowed between angles that are equal modulo 2 pi; relative to angles
+beyond 1."""
 
 
 class StateKind(NamedTuple):
@@ -56,9 +58,15 @@ class StateKind(NamedTuple):
         read = self.read
         return lambda *states: query(*itertools.chain.from_iterable(map(read, states)))
 
-    def unwind(self, path: Floats) -> Floats:
-        """Unwrap the continuous joints of a path, shape (n, size), to move the shorter way."""
+    def unwind(self, path: Floats, start: Configuration | None = None) -> Floats:
+        """Unwrap the continuous joints of a path, shape (n, size), to move the shorter way.
+
+        A path from ``start``, or whole turns from it, then begins there.
+        """
         unwound = path.copy()
+        if start is not None and len(path) and self.are_equal(path[0], np.array(start)):
+            unwound[0] = start
+            path = unwound.copy()
         steps = np.diff(path, axis=0)
         # Whole turns add up along the path.
         whole_turns = wrap_steps(steps, self.periodic_axes) - steps
@@ -71,7 +79,8 @@ class StateKind(NamedTuple):
         Continuous joints are compared modulo 2 pi.
         """
         gaps = np.abs(wrap_steps(first - second, self.periodic_axes))
-        return bool((gaps <= WRAP_TOLERANCE * np.array(self.periodic_axes)).all())
+        rounding = WRAP_TOLERANCE * np.maximum(1.0, np.abs(first))
+        return bool((gaps <= rounding * np.array(self.periodic_axes)).all())
 
     def reached_goal(self, path: Floats, endpoints: Sequence[Configuration]) -> int:
         """Return the index of the endpoint that a path reaches.
@@ -107,8 +116,11 @@ def find_state_kind(space: Space) -> StateKind:
     return kind._replace(periodic_axes=space.periodic_axes)
 
 
-def check_information(si: object, space: object) -> None:
-    """Check that ``si`` is SpaceInformation and ``space`` a :class:`cspace.Space`."""
+def check_information(si: object, space: Space) -> None:
+    """Check that ``si`` is SpaceInformation of states of ``space``, a :class:`cspace.Space`.
+
+    States of another size would be read and written beyond their memory.
+    """
     if not isinstance(si, ob.SpaceInformation):
         raise InputError(
             "si",
@@ -117,6 +129,24 @@ def check_information(si: object, space: object) -> None:
             "pass e.g. setup.getSpaceInformation()",
         )
     check_space(space)
+    given = _list_parts(si.getStateSpace())
+    needed = _list_parts(find_state_kind(space).make())
+    if given != needed:
+        raise InputError(
+            "si",
+            f"has states of {', '.join(given)}",
+            f"the space has {', '.join(needed)}",
+            "pass that of planners.simple_setup(space)",
+        )
+
+
+def _list_parts(states: ob.StateSpace) -> list[str]:
+    """List the parts of a state in memory: the type and dimension of each simple space."""
+    if states.isCompound():
+        parts = map(states.getSubspace, range(states.getSubspaceCount()))
+        return [text for part in parts for text in _list_parts(part)]
+    kind = _PART_NAMES.get(states.getType(), f"type {states.getType()}")
+    return [f"{kind}({states.getDimension()})"]
 
 
 def check_space(space: object) -> None:
@@ -200,10 +230,13 @@ def _make_compound_kind(periodic_axes: tuple[bool, ...], weight: float) -> State
         if limited:
             _write_vector(state[0], *(q[axis] for axis in limited))
         for subspace, axis in axis_of_circle.items():
-            state[subspace].value = q[axis]
+            state[subspace].value = math.remainder(q[axis], TWO_PI)
 
     return StateKind(make, read, write)
 
+
+_PART_NAMES: Final = {1: "R", 2: "SO2", 3: "SO3"}
+"""Names of OMPL's types of simple state spaces."""
 
 _STATE_KINDS: Final[dict[tuple[str, ...], StateKind]] = {
     ("x", "y"): _make_vector_kind(2),

@@ -22,7 +22,7 @@ from cspace._interface import (
 )
 from cspace._rotations.base import TWO_PI
 from cspace._support.arrays import Floats, frozen
-from cspace._support.check import check_count, check_flag, check_positive
+from cspace._support.check import check_count, check_flag, check_positive, names_options
 from cspace._support.compiling import clock
 from cspace._support.deadlines import is_stopped, stopping
 from cspace._support.words import Drive
@@ -140,6 +140,7 @@ def _list_searches(space: Space) -> tuple[PlannerName, ...]:
     return cast(tuple[PlannerName, ...], names)
 
 
+@names_options
 def plan(
     space: Space,
     start: ArrayLike,
@@ -174,9 +175,8 @@ def plan(
         Name, in upper or lower case, of a planner of OMPL (:func:`planners.planner_names`) or of a
         built-in search: "Grid", "MaxClearance" and "Lattice" on maps, "BiRRT" for arms.
     time_limit : float
-        Seconds of the process's CPU time, of all its threads, after which the search ends; of the
-        clock for PRM and PRMstar. Simplification then has another 0.1 s. Work that a map does once
-        is not limited. ``stop`` can set a deadline by the clock.
+        Seconds after which the search ends. Simplification then has another 0.1 s. Work that a map
+        does once, and compiling, also by other threads of this process, come on top.
     iterations : int, optional
         Largest number of iterations of a planner of OMPL, or of BiRRT's further searches.
     simplify : bool
@@ -202,7 +202,7 @@ def plan(
         proves it free, the plan is ``exact``. Not for other objectives than the length.
     stop : callable, optional
         Called without arguments every 5 ms or more, in this thread, until it returns True, which
-        ends the search soon after: for a request to cancel, or a deadline by the clock, such as
+        ends the search soon after: for a request to cancel, or a deadline of all work, such as
         ``lambda: time.monotonic() > end``. A map of ten million cells ends it within 50 ms, once a
         first plan has filled its caches. Only planners of OMPL return a path found before.
 
@@ -237,7 +237,7 @@ def plan(
     >>> planners.plan(space, (1.0, 1.0), (1.0, 5.0)).length
     4.0
     """
-    began = time.process_time()
+    began = time.monotonic()
     check_flag(simplify, "simplify")
     if stop is not None and not callable(cast(object, stop)):
         rule = "it is called to ask whether the search ends"
@@ -812,9 +812,9 @@ def _describe_free_yaws(edges: LocalPlanner, endpoints: Endpoints) -> list[str]:
 def _make_plan(task: PlanTask, result: SearchResult, exists: bool | None, began: float) -> Plan:
     """Make the plan of a search, and measure its path.
 
-    ``began`` is a reading of ``time.process_time`` before all checks.
+    ``began`` is a reading of ``time.monotonic`` before all checks.
     """
-    searched = time.process_time()
+    searched = time.monotonic()
     status, hint = _describe_outcome(task, result, exists)
     edges = task.edges
     waypoints = result.path
@@ -852,6 +852,7 @@ def _make_plan(task: PlanTask, result: SearchResult, exists: bool | None, began:
         exact=edges.exact,
         seed=task.seed,
         time_limit=task.time_limit,
-        times=Times(setup, result.planning, result.simplification, time.process_time() - searched),
+        times=Times(setup, result.planning, result.simplification, time.monotonic() - searched),
+        frame_id=edges.space.frame_id,
         space=edges.space,
     )

@@ -7,6 +7,7 @@ import math
 import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Unpack, cast
 
 import numpy as np
@@ -16,7 +17,7 @@ from cspace._files.access import replacing
 from cspace._interface import Space, format_configuration, has_pose_names
 from cspace._rotations.base import METRES_PER_RADIAN
 from cspace._support.arrays import Bools, Floats
-from cspace._support.check import check_flag, check_positive
+from cspace._support.check import check_flag, check_positive, names_options
 from cspace._support.words import Drive
 from cspace.errors import InputError
 from planners._catalogue import PlannerName
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Times:
-    """Durations of the steps of :func:`planners.plan`, in seconds of the process's CPU time.
+    """Durations of the steps of :func:`planners.plan`, in seconds.
 
     The time limit applies to planning and simplification. The first plan on a map also computes the
     caches that all later plans use, such as components and, for "MaxClearance", the clearance of
@@ -79,8 +80,9 @@ class Plan:
         :meth:`cspace.CSpace.certify_path` proves both waypoints and path.
     start, goal : ndarray of float64, shape (size,), read-only
         Endpoints of the search, as planners hold them: yaw in [-pi, pi), a quaternion of norm 1,
-        the joints of an arm within their limits. Among several goals, the goal that the path
-        reaches, or if not solved the nearest.
+        the joints of an arm within their limits. A continuous joint starts at the given number, and
+        its goal is within half a turn; the path may end whole turns from that. Among several goals,
+        the goal that the path reaches, or if not solved the nearest.
     axes : tuple of str
         Names of the columns of the path, equal to :attr:`cspace.CSpace.axes`.
     units : tuple of str
@@ -94,7 +96,8 @@ class Plan:
         Motion of the robot from the previous row to each row: 1 ahead, -1 in reverse, 0 turning on
         the spot. The first row repeats the second. None for a holonomic robot.
     solved : bool
-        Whether the path reaches the goal. Approximate solutions of OMPL are discarded.
+        Whether the path reaches the goal, as ``bool(plan)`` says. Approximate solutions of OMPL are
+        discarded.
     certified : bool
         Whether every edge between the waypoints was proven free **when it was planned**, by the
         map, or with ``exact`` by the map and the geometry, checked again after OMPL was done;
@@ -131,6 +134,8 @@ class Plan:
     time_limit : float
         Time limit of the search, seconds.
     times : Times
+    frame_id : str
+        Frame of the map in ROS, :attr:`cspace.CSpace.frame_id`.
     space : Space or None
         The map that it was planned on; None after pickling or copying, which drop the map and keep
         the present values of :attr:`clearance`, or for an arm :attr:`obstacle_distance`, and
@@ -162,6 +167,7 @@ class Plan:
     seed: int | None
     time_limit: float
     times: Times
+    frame_id: str = "map"
     space: Space | None = None
     _kept: tuple[float, float, float] = (math.nan, math.nan, math.nan)
 
@@ -347,9 +353,14 @@ class Plan:
         explanation: Explanation = space.explain(self.start, self.goal, refine=refine)
         return replace(explanation, moves_sideways=self.drive == HOLONOMIC)
 
+    def __bool__(self) -> bool:
+        """Return :attr:`solved`."""
+        return self.solved
+
     def __repr__(self) -> str:
         """Return a summary in a few lines.
 
+        It omits :attr:`obstacle_distance`, whose proof compiles for seconds at its first use.
         Without a path it has the reason, which may take some seconds for a large map.
         """
         return "Plan(" + "\n     ".join(self._lines()) + ")"
@@ -366,8 +377,6 @@ class Plan:
         measures = [f"{self.length:.3f} {self.length_unit}"]
         if self.total_rotation:
             measures.append(f"total rotation {self.total_rotation:.2f} rad")
-        if distance := self.distance_text:
-            measures.append(distance)
         edges = "straight edges" if self.drive == HOLONOMIC else f"drive: {self.drive}"
         if self.turning_radius:
             edges += f" of {self.turning_radius:g} m"
@@ -383,6 +392,8 @@ class Plan:
     @property
     def _reasons(self) -> list[str]:
         """First sentence of the explanation, if the map knows why there is no path."""
+        if find_spec("cspace.reasons") is None:  # the package works without it
+            return []
         try:
             explanation = self.explain()
         except InputError:  # the space explains nothing
@@ -458,7 +469,10 @@ class Plan:
         drawn = self._picture("draw it with cspace.plot.animate(space, plan, file)")
         animate(drawn, self.path, file, overwrite, **options)
 
-    def to_path(self, msg: Any = None, *, frame_id: str = "map", step: float | None = None) -> Any:
+    @names_options
+    def to_path(
+        self, msg: Any = None, *, frame_id: str | None = None, step: float | None = None
+    ) -> Any:
         """Convert a rigid robot's path to a ``nav_msgs/Path`` of ROS.
 
         Parameters
@@ -466,8 +480,9 @@ class Plan:
         msg : object, optional
             A message to fill, of ROS 1 or 2: any object with the fields of ``nav_msgs/Path``. A new
             :class:`cspace.ros.Path` if left out.
-        frame_id : str
-            Frame of the header and of each pose. The header keeps its stamp, and each pose gets it.
+        frame_id : str, optional
+            Frame of the header and of each pose; by default :attr:`frame_id`. The header keeps its
+            stamp, and each pose gets it.
         step : float, optional
             Largest distance of successive poses along the path, metres, as controllers want it;
             they also turn by 5 degrees at most.
@@ -483,10 +498,12 @@ class Plan:
         ------
         InputError
             If the plan has no path or moves joints, the message lacks a field, or ``step`` is given
-            and not above zero, or given for a plan that was pickled, which leaves the map behind.
+            and not above zero or so small that it makes a million poses, or given for a plan that
+            was pickled, which leaves the map behind.
         """
         from cspace._files.ros_maps import Path
         from cspace.export._messages import fill_path
+        from planners._trajectory import MAX_ROWS
 
         if self._moves_joints:
             raise InputError(
@@ -500,9 +517,13 @@ class Plan:
         rows = self.path
         if step is not None:
             metres = check_positive(step, "step", "metres")
+            if self.length / metres >= MAX_ROWS:
+                rule = f"it makes {self.length / metres:.2g} poses; at most {MAX_ROWS} are possible"
+                raise InputError("step", f"is {step!r}", rule, "pass e.g. step=0.05")
             rows = self._edges_on(self._map("leave step out")).resample(self.waypoints, metres)
-        return fill_path(self.axes, rows, filled, frame_id)
+        return fill_path(self.axes, rows, filled, frame_id or self.frame_id)
 
+    @names_options
     def trajectory(
         self,
         *,
@@ -550,7 +571,8 @@ class Plan:
         duration : float, optional
             Seconds of the whole trajectory, to which the fastest one is slowed down evenly.
         time_step : float
-            Largest time between rows, seconds. Each change of acceleration adds a row.
+            Largest time between rows, seconds. Each change of acceleration adds a row, and between
+            two rows the robot turns less than halfway.
         blend : bool
             Whether corners become curves. If False, the robot stays on the edges of the path, and
             stops at corners.
@@ -560,7 +582,8 @@ class Plan:
             ``after.starts_after(at)``: the place of that state, or the end of
             ``after.braked(at)``, to which the robot follows the old curve. There it does not stop
             if a curve goes on smoothly. If the plan has no path, or none that is proven and that
-            the speed allows, it is ``after.braked(at)`` itself.
+            the speed allows, it is ``after.braked(at)``: ``is_stop`` is True, and ``stop_reason``
+            says why.
         at : float
             Seconds from the start of ``after``, time 0 of the new trajectory.
 
@@ -604,6 +627,7 @@ class Plan:
             waypoints=self.waypoints,
             axes=self.axes,
             units=self.units,
+            frame_id=self.frame_id,
             moves_joints=self._moves_joints,
             drive=self.drive,
             turning_radius=self.turning_radius,

@@ -63,7 +63,7 @@ class Segments(NamedTuple):
     lengths: Floats  # (m,)
     ends: Floats  # (m, size), configurations
 
-    def select(self, index: Ints | Bools | list[int]) -> Segments:
+    def select(self, index: Ints | Bools | list[int] | slice) -> Segments:
         """Return some of the segments."""
         return Segments._make(column[index] for column in self)
 
@@ -300,10 +300,14 @@ def _prove_curves(space: Any, curves: Segments) -> Bools:
             break
         if level:
             points = place_along(curves.select(owners), space.rotations, begins + 0.5 * widths)[0]
-            if not hasattr(space, "is_free_around"):
+            # Queries suspect degrees in angles beyond a turn, as of a robot that turns on and on.
+            if hasattr(space, "is_free_around"):
+                points = space.rotations._make_canonical(points)
+            else:
                 # Arms refuse configurations beyond their limits, which the proof finds anyway.
                 within = np.clip(points, *space.check_bounds())
-                points = np.where(space.periodic_axes, points, within)
+                wrapped = wrap_angles(points, space.periodic_axes)
+                points = np.where(space.periodic_axes, wrapped, within)
             proven[owners[~space.is_free(points)]] = False
             left = proven[owners]
             owners = np.repeat(owners[left], cuts)

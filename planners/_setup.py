@@ -11,7 +11,7 @@ from ompl import base as ob
 from ompl import geometric as og
 
 from cspace._interface import Space
-from cspace._support.check import check_rng
+from cspace._support.check import check_rng, names_options
 from cspace._support.words import Drive
 from cspace.errors import InputError
 from planners._drives import local_planner
@@ -31,6 +31,7 @@ MAX_CHECKING_SHARE: Final = 0.5
 extent."""
 
 
+@names_options
 def state_space(
     space: Space, *, drive: Drive = HOLONOMIC, turning_radius: float | None = None
 ) -> ob.StateSpace:
@@ -112,6 +113,7 @@ def _check_extent(space: Space, states: ob.StateSpace) -> None:
         )
 
 
+@names_options
 def simple_setup(
     space: Space,
     *,

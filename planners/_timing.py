@@ -39,7 +39,10 @@ MIN_RATE_STEP: Final = 1e-10
 """Smallest jump of a rate, relative to full speed; smaller ones are rounding errors."""
 
 MAX_ERROR: Final = 1e-9
-"""Largest relative gap between the parts of a motion, and excess over its limits, for rounding."""
+"""Largest relative gap between the parts of a motion, for rounding."""
+
+MAX_EXCESS: Final = 1e-6
+"""Largest relative excess over a limit, for rounding."""
 
 MAX_SPEED_GAP: Final = 1e-5
 """Largest jump of the speed between phases, relative to the largest: that of skipped phases."""
@@ -94,6 +97,14 @@ class MotionBounds(NamedTuple):
     lateral: float  # largest acceleration across the direction of driving
     gap: float  # largest relative gap between segments
 
+    def lateral_shares(self, segments: Segments, rates: Floats) -> list[Floats]:
+        """Return the shares of the lateral limit that rates use, shape (m, 1), if any do."""
+        turns_ahead = (segments.drives != 0) | (segments.curvatures != 0.0)
+        if not turns_ahead.any():
+            return []
+        sideways = turns_ahead * np.abs(rates[:, 2]) * np.linalg.norm(rates[:, :2], axis=1)
+        return [sideways[:, np.newaxis] / self.lateral]
+
 
 def are_same_bounds(first: MotionBounds, second: MotionBounds) -> bool:
     """Return True if two motions have the same limits."""
@@ -141,10 +152,7 @@ def measure_intervals(
     rate_shares = bounds.acceleration.shares(rates)
     bend_shares = bounds.acceleration.shares(bends)
     shares = [bounds.velocity.shares(rates) ** 2, bend_shares]
-    turns_ahead = (parts.drives != 0) | (parts.curvatures != 0.0)
-    if turns_ahead.any():
-        sideways = turns_ahead * rates[:, 2] * np.linalg.norm(rates[:, :2], axis=1)
-        shares.append(sideways[:, np.newaxis] / bounds.lateral)
+    shares += bounds.lateral_shares(parts, rates)
     caps = 1.0 / np.column_stack(shares).max(axis=1)
     # Numbers for times resolve no larger accelerations.
     duration = (lengths + np.sqrt(lengths * rate_shares.max(axis=1))).sum()
@@ -191,33 +199,44 @@ def find_phases(
 def find_stop(
     segments: Segments, rotations: Rotations, bounds: MotionBounds, begin: float, speed: float
 ) -> Phases:
-    """Return the shortest stop of a motion, from a length along its first segment and a speed.
+    """Return a stop of a motion, from a length along its first segment and a speed.
 
-    In each interval the robot slows down as much as the limits allow. From a lower speed it may
-    slow down more, so by induction it is nowhere faster than the motion, which keeps the limits.
+    In each interval the robot slows down evenly, as much as the limits allow at its begin. From a
+    lower speed it may slow down more, so by induction it is nowhere faster than the motion, which
+    keeps the limits.
     """
     intervals = measure_intervals(segments, rotations, bounds, begin)
-    squares = [speed**2]
-    moved: list[float] = []
+    lengths = intervals.lengths.tolist()
+    # The caps at ends are where the motion itself stops; others are reached up to rounding.
+    speed_caps = np.sqrt(intervals.end_caps[1:]).tolist()
+    speeds: list[float] = []
     slowings: list[float] = []
-    for k, length in enumerate(intervals.lengths.tolist()):
-        room = 1.0 - intervals.bend_shares[k] * squares[-1]
+    durations: list[float] = []
+    for k, length in enumerate(lengths):
+        # At a limit of the curve there is no room, and by rounding less than none.
+        room = np.maximum(1.0 - intervals.bend_shares[k] * speed**2, 0.0)
         slowing = float((room / np.maximum(intervals.rate_shares[k], MIN_SPEED)).min())
-        slowing = max(slowing, MIN_SPEED)
-        stopping = 0.5 * squares[-1] / slowing
-        # The caps at ends are where the motion itself stops; others are reached up to rounding.
-        after = min(squares[-1] - 2.0 * slowing * length, float(intervals.end_caps[k + 1]))
-        moved.append(min(length, stopping) if after <= 0.0 else length)
-        squares.append(max(after, 0.0))
+        after = min(max(speed**2 - 2.0 * slowing * length, 0.0) ** 0.5, speed_caps[k])
+        stops = after == 0.0
+        duration = speed / max(slowing, MIN_SPEED) if stops else 2.0 * length / (speed + after)
+        if not stops and length > MAX_ERROR * intervals.begins[k]:
+            slowing = (speed - after) / duration  # it reaches the cap; in a tiny rest it may not
+        speeds.append(speed)
         slowings.append(slowing)
-        if after <= 0.0:
+        durations.append(duration)
+        if stops:
             break
-    count = len(moved)
-    lengths = np.array(moved)
-    gains = -np.diff(squares) / (2.0 * np.maximum(lengths, MIN_SPEED))
-    gains = np.minimum(gains, slowings)  # rounding may leave too short a length at the end
-    owners, begins = intervals.owners[:count], intervals.begins[:count]
-    return _make_phases(owners, begins, lengths, 0.0 * lengths, gains, np.array(squares))
+        speed = after
+    count = len(speeds)
+    begins = intervals.begins[:count]
+    return _join_phases(
+        np.array(durations),
+        intervals.owners[:count],
+        begins,
+        np.array(speeds),
+        -np.array(slowings),
+        begins[-1] + min(0.5 * speed * durations[-1], lengths[count - 1]),
+    )
 
 
 @kernel
@@ -275,12 +294,28 @@ def _make_phases(
     durations = moved / np.maximum(mean_speeds, MIN_SPEED)
     positions = np.column_stack([begins, begins + up, begins + lengths - down]).ravel()
     accelerations = np.column_stack([gains, 0.0 * gains, -gains]).ravel()
+    end = begins[-1] + lengths[-1]
+    begin_speeds = speeds[:, :-1].ravel()
+    return _join_phases(
+        durations, np.repeat(owners, 3), positions, begin_speeds, accelerations, end
+    )
+
+
+def _join_phases(
+    durations: Floats,
+    segments: Ints,
+    positions: Floats,
+    speeds: Floats,
+    accelerations: Floats,
+    end: float,
+) -> Phases:
+    """Return phases that follow each other, and then rest at a length along the last segment."""
     kept = durations > MIN_PHASE_SHARE * durations.sum()
     return Phases(
         times=np.append(0.0, np.cumsum(durations[kept])),
-        segments=np.append(np.repeat(owners, 3)[kept], owners[-1]),
-        positions=np.append(positions[kept], begins[-1] + lengths[-1]),
-        speeds=np.append(speeds[:, :-1].ravel()[kept], 0.0),
+        segments=np.append(segments[kept], segments[-1]),
+        positions=np.append(positions[kept], end),
+        speeds=np.append(speeds[kept], 0.0),
         accelerations=np.append(accelerations[kept], 0.0),
     )
 
@@ -310,8 +345,10 @@ def find_passes(segments: Segments, rotations: Rotations, bounds: MotionBounds) 
 
     A yaw rate without a limit of acceleration may jump.
     """
-    ends = place_along(segments, rotations, segments.lengths)[1][:-1]
-    begins = place_along(segments, rotations, np.zeros(len(segments.lengths)))[1][1:]
+    numbers = np.arange(len(segments.lengths))
+    parts = segments.select(np.concatenate([numbers[:-1], numbers[1:]]))
+    places = np.concatenate([segments.lengths[:-1], 0.0 * segments.lengths[1:]])
+    ends, begins = np.split(place_along(parts, rotations, places)[1], 2)
     jumps = bounds.acceleration.shares(ends - begins)
     largest = bounds.acceleration.shares(np.maximum(np.abs(ends), np.abs(begins)))
     allowed = max(MAX_RATE_STEP, bounds.gap) * largest
@@ -320,36 +357,56 @@ def find_passes(segments: Segments, rotations: Rotations, bounds: MotionBounds) 
 
 
 def is_motion(
-    rows: Floats,
+    ends: Floats,
     segments: Segments,
     rotations: Rotations,
     phases: Phases,
     bounds: MotionBounds,
-    begin_speed: float = 0.0,
+    begin_velocity: Floats | float = 0.0,
 ) -> bool:
-    """Return True if phases move from the first to the last row, to rest.
+    """Return True if phases move along segments from the first row of ends to the last one.
 
-    Configurations and velocities may not jump between phases. Comparisons are False for NaN.
+    It begins with a velocity, shape (k,), and ends at rest. Phases take time and stay on their
+    segments, configurations and velocities do not jump between them, and limits hold at their ends.
+    Comparisons are False for NaN.
     """
     durations = np.diff(phases.times)
-    parts = segments.select(phases.segments[:-1])
-    begins = phases.positions[:-1]
+    count = len(durations)
     begin_speeds = phases.speeds[:-1]
     end_speeds = begin_speeds + durations * phases.accelerations[:-1]
-    ends = begins + 0.5 * durations * (begin_speeds + end_speeds)
-    first_rows, first_rates, _ = place_along(parts, rotations, begins)
-    last_rows, last_rates, _ = place_along(parts, rotations, ends)
-    before = np.concatenate([rows[:1], last_rows])
-    after = np.concatenate([first_rows, rows[-1:]])
+    speeds = np.concatenate([begin_speeds, end_speeds])
+    lasts = phases.positions[:-1] + 0.5 * durations * (begin_speeds + end_speeds)
+    positions = np.concatenate([phases.positions[:-1], lasts])
+    parts = segments.select(np.tile(phases.segments[:-1], 2))
+    rows, rates, bends = place_along(parts, rotations, positions)
+    before = np.concatenate([ends[:1], rows[count:]])
+    after = np.concatenate([rows[:count], ends[-1:]])
     gaps = np.abs(rotations._steps_between(before, after))
-    rest = np.zeros((1, first_rates.shape[1]))
-    begin = begin_speed * place_along(segments.select([0]), rotations, phases.positions[:1])[1]
-    velocities_before = np.concatenate([begin, last_rates * end_speeds[:, np.newaxis]])
-    velocities_after = np.concatenate([first_rates * begin_speeds[:, np.newaxis], rest])
+    velocities = rates * speeds[:, np.newaxis]
+    rest = np.zeros((1, rates.shape[1]))
+    velocities_before = np.concatenate([rest + begin_velocity, velocities[count:]])
+    velocities_after = np.concatenate([velocities[:count], rest])
     jumps = bounds.acceleration.shares(velocities_after - velocities_before)
-    largest = bounds.acceleration.shares(velocities_after).max()
+    largest = bounds.acceleration.shares(velocities_before).max()
+    # The acceleration across an arc has a limit of its own.
+    bends = np.where(parts.curvatures[:, np.newaxis], 0.0, bends)
+    accelerations = rates * np.tile(phases.accelerations[:-1], 2)[:, np.newaxis]
+    accelerations += bends * (speeds**2)[:, np.newaxis]
+    shares = [bounds.velocity.shares(velocities), bounds.acceleration.shares(accelerations)]
+    shares += bounds.lateral_shares(parts, velocities)
+    slack = MAX_ERROR * parts.lengths
     return bool(
         (durations > 0.0).all()
+        and (positions >= -slack).all()
+        and (positions <= parts.lengths + slack).all()
         and (gaps <= bounds.gap * measure_sizes(before, rotations)).all()
         and (jumps <= MAX_SPEED_GAP * largest).all()
+        and all((share <= 1.0 + MAX_EXCESS).all() for share in shares)
     )
+
+
+def trim_segments(segments: Segments, phases: Phases) -> tuple[Segments, Phases]:
+    """Leave out the segments before the first phase and after the last one."""
+    first, last = phases.segments[[0, -1]].tolist()
+    kept = segments.select(slice(first, last + 1))
+    return kept, phases._replace(segments=phases.segments - first)

@@ -19,7 +19,7 @@ from cspace._rotations import Rotations
 from cspace._rotations.base import TWO_PI, wrap_angles
 from cspace._rotations.quaternion import multiply
 from cspace._support.arrays import Bools, Floats, Ints, frozen
-from cspace._support.check import check_finite, check_positive
+from cspace._support.check import check_each, check_finite, check_positive, names_options
 from cspace._support.words import Drive
 from cspace.errors import InputError
 from planners._car_curves import MAX_GAP
@@ -27,8 +27,10 @@ from planners._cars import CarCurves
 from planners._drives import check_axes, local_planner
 from planners._local_planner import CURVES, HOLONOMIC, ON_THE_SPOT, Pieces
 from planners._segments import (
+    MAX_EDGE_TURN,
     Segments,
     align_quaternions,
+    bound_derivatives,
     can_prove_curves,
     cut_segments,
     join_segments,
@@ -52,6 +54,7 @@ from planners._timing import (
     is_motion,
     join_phases,
     slow_down,
+    trim_segments,
 )
 
 if TYPE_CHECKING:
@@ -120,6 +123,9 @@ class Trajectory:
     certified : bool
         Whether every part was proven free when the trajectory was made: edges as
         :meth:`planners.Plan.recheck` proves them, and curves. Without a map, as the plan says.
+    stop_reason : str
+        Why the trajectory is only a stop, as :meth:`braked` returns it. Empty if it ends at the
+        goal of a plan.
     """
 
     times: Floats
@@ -134,8 +140,10 @@ class Trajectory:
     _segments: Segments
     _phases: Phases
     _bounds: MotionBounds
+    stop_reason: str = ""
 
     @classmethod
+    @names_options
     def along(
         cls,
         space: ConfigurationSpace,
@@ -220,6 +228,7 @@ class Trajectory:
             waypoints=waypoints,
             axes=space.axes,
             units=space.units,
+            frame_id=space.frame_id,
             moves_joints=True,
             drive=HOLONOMIC,
             turning_radius=None,
@@ -269,11 +278,12 @@ class Trajectory:
         return edges.edges_are_free(route.waypoints)
 
     def braked(self, t: float) -> Trajectory:
-        """Return the quickest stop on this curve from the state at a time.
+        """Return a stop on this curve from the state at a time.
 
         It begins in motion and keeps the limits of this trajectory, so positions and velocities are
         continuous if the robot drives it from ``t`` on. It is a part of what was proven, and
-        :meth:`recheck` proves that part alone.
+        :meth:`recheck` proves that part alone. On lines and arcs no stop is quicker. On a curve the
+        robot slows down by bounds for pieces of the curve, so a quicker stop may exist.
 
         Parameters
         ----------
@@ -304,23 +314,33 @@ class Trajectory:
         at = check_finite(t, "t")
         if at.ndim:
             raise InputError("t", f"has shape {at.shape}", "it is one time", "pass e.g. 0.5")
-        found = _locate(self._phases, np.clip(at.reshape(1), 0.0, self.duration))
-        (first,), (length,), ((speed,), _) = found
-        segments = Segments._make(column[first:] for column in self._segments)
-        phases = find_stop(segments, self._rotations, self._bounds, float(length), float(speed))
-        segments = Segments._make(column[: phases.segments[-1] + 1] for column in segments)
+        (first,), length, ((speed,), _) = _locate(
+            self._phases, np.clip(at.reshape(1), 0.0, self.duration)
+        )
+        place, rates, _ = place_along(self._segments.select([first]), self._rotations, length)
+        ahead = self._segments.select(slice(first, None))
+        phases = find_stop(ahead, self._rotations, self._bounds, float(length[0]), float(speed))
+        segments, phases = trim_segments(ahead, phases)
         cut = _cut_driven(segments, phases, self._rotations)
         waypoints = self._rotations._make_canonical(_make_waypoints(cut, self._rotations))
-        route = self._route._replace(waypoints=waypoints)
-        stop = replace(self, _route=route, _segments=segments, _phases=phases)
-        return stop._set_rows(_row_times(phases, STOP_STEP))
+        ends = np.concatenate([place, waypoints[-1:]])
+        path = ends, segments, self._rotations, phases, self._bounds
+        stop = replace(
+            self,
+            certified=self.certified and is_motion(*path, rates * speed),
+            stop_reason="braked() was called",
+            _route=self._route._replace(waypoints=waypoints),
+            _segments=segments,
+            _phases=phases,
+        )
+        return stop._set_rows(stop._row_times(STOP_STEP))
 
     def starts_after(self, t: float) -> Floats:
         """Return where a plan may start that goes on from the state at a time.
 
         The first row is the place of that state. A plan from there goes on at once, if a curve
         along it is proven and allows the speed. The second row is the end of :meth:`braked`, from
-        which a plan always goes on. If the robot rests, there is only one row.
+        which a proven plan with the same limits goes on. If the robot rests, there is only one row.
 
         Parameters
         ----------
@@ -340,11 +360,11 @@ class Trajectory:
         return stop.positions[[0, -1]] if stop.duration else stop.positions[:1]
 
     def stop_time(self, t: float) -> float:
-        """Return the seconds of the quickest stop from the state at a time; see :meth:`braked`."""
+        """Return the seconds of the stop from the state at a time; see :meth:`braked`."""
         return self.braked(t).duration
 
     def stop_distance(self, t: float) -> float:
-        """Return the distance of the quickest stop from the state at a time; see :meth:`braked`.
+        """Return the distance of the stop from the state at a time; see :meth:`braked`.
 
         It is measured along the curve as :attr:`planners.Plan.length`: in metres that the reference
         point moves, or for an arm in its joints.
@@ -358,11 +378,16 @@ class Trajectory:
         speeds = np.linalg.norm(velocities[..., :dim], axis=-1)
         return float((halves * weights * speeds).sum())
 
+    @property
+    def is_stop(self) -> bool:
+        """Whether the trajectory only stops the robot; :attr:`stop_reason` says why."""
+        return bool(self.stop_reason)
+
     def __repr__(self) -> str:
-        """Return the duration and the number of rows."""
-        return (
-            f"Trajectory({self.duration:.3f} s, {len(self.times)} rows of {', '.join(self.axes)})"
-        )
+        """Return the duration, the number of rows, and why it is only a stop."""
+        rows = f"{len(self.times)} rows of {', '.join(self.axes)}"
+        stop = f"; a stop: {self.stop_reason}" if self.stop_reason else ""
+        return f"Trajectory({self.duration:.3f} s, {rows}{stop})"
 
     def sample(self, t: ArrayLike) -> tuple[Floats, Floats, Floats]:
         """Return exact positions, velocities and accelerations at any times.
@@ -403,7 +428,8 @@ class Trajectory:
         Raises
         ------
         InputError
-            If the rate is not above zero, or makes a million rows.
+            If the rate is not above zero, makes a million rows, or may leave more than half a turn
+            between two.
 
         Examples
         --------
@@ -425,7 +451,42 @@ class Trajectory:
                 f"it makes {rows} rows; at most {MAX_ROWS} are possible",
                 "lower it",
             )
+        if (step := self._largest_step(1.0 / checked)) < 1.0 / checked:
+            raise InputError(
+                "rate",
+                f"is {rate:g}",
+                "rows may lie more than half a turn of the robot apart",
+                f"raise it to {math.ceil(1.0 / step)}",
+            )
         return self._set_rows(np.arange(rows + 1) / checked)
+
+    def _row_times(self, time_step: float) -> Floats:
+        """Return row times, at most ``time_step`` apart, with phase starts."""
+        phases = self._phases
+        step = self._largest_step(time_step)
+        counts = np.maximum(np.ceil(np.diff(phases.times) / step), 1.0)
+        total = counts.sum()
+        if total >= MAX_ROWS:
+            raise InputError(
+                "time_step",
+                f"is {time_step:g}",
+                f"it makes {total:.2g} rows; at most {MAX_ROWS} are possible",
+                "raise it, or the limits",
+            )
+        owners, numbers = number_parts(counts.astype(np.int64))
+        rows = phases.times[owners] + numbers / counts[owners] * np.diff(phases.times)[owners]
+        return np.append(rows, phases.times[-1])
+
+    def _largest_step(self, step: float) -> float:
+        """Return the largest time, up to ``step``, in which the robot turns less than halfway."""
+        segments = self._segments
+        limit = self._bounds.velocity.angular or math.inf
+        if not self._rotations.names or step * limit <= MAX_EDGE_TURN:
+            return step
+        rates, _ = bound_derivatives(segments, 0.0 * segments.lengths, segments.lengths)
+        angular = np.linalg.norm(rates[:, self._bounds.velocity.dim :], axis=1)
+        fastest = min(float(angular.max() * self._phases.speeds.max()), limit)
+        return step / max(step * fastest / MAX_EDGE_TURN, 1.0)
 
     def _set_rows(self, times: Floats) -> Trajectory:
         """Return the same motion with rows at these times."""
@@ -533,7 +594,7 @@ class Trajectory:
             add_legend_below(cast("Figure", left.figure), handles)
         return left
 
-    def to_path(self, msg: Any = None, *, frame_id: str = "map") -> Any:
+    def to_path(self, msg: Any = None, *, frame_id: str | None = None) -> Any:
         """Return the rows as a ``nav_msgs/Path`` of ROS.
 
         The stamp of each pose is the message's stamp plus the time of the row. Parameters, result
@@ -550,7 +611,9 @@ class Trajectory:
                 "use to_joint_trajectory()",
             )
         filled = Path() if msg is None else msg
-        return fill_path(self.axes, self.positions, filled, frame_id, self.times)
+        return fill_path(
+            self.axes, self.positions, filled, frame_id or self._route.frame_id, self.times
+        )
 
     def to_joint_trajectory(self, msg: Any = None, *, frame_id: str = "") -> Any:
         """Return an arm's trajectory as a ``trajectory_msgs/JointTrajectory`` of ROS.
@@ -658,7 +721,7 @@ class TimedMotion(NamedTuple):
 
     segments: Segments
     phases: Phases
-    begin_speed: float = 0.0
+    begin_velocity: Floats | float = 0.0
     olds: int = 0  # number of segments of the motion before, whose curves were proven then
 
 
@@ -669,6 +732,7 @@ class DrivenPath(NamedTuple):
     waypoints: Floats
     axes: tuple[str, ...]
     units: tuple[str, ...]
+    frame_id: str
     moves_joints: bool
     drive: Drive
     turning_radius: float | None
@@ -722,14 +786,14 @@ def check_after(after: object, axes: tuple[str, ...], duration: float | None) ->
 def continue_trajectory(
     stop: Trajectory, path: DrivenPath, limits: MotionLimits, time_step: float
 ) -> Trajectory:
-    """Make the fastest trajectory along a stop and on along a path, or if unproven, the stop.
+    """Make the fastest trajectory along a stop and on along a path, or the stop with its reason.
 
     See :meth:`planners.Plan.trajectory`.
     """
     step = check_positive(time_step, "time_step", "seconds")
     bounds = _check_bounds(path, limits)
     if not len(path.waypoints):
-        return stop
+        return replace(stop, stop_reason="the plan has no path")
     rotations = stop._rotations
     onward = _start_at(path, stop.positions[-1], rotations)
     from_rest = onward is not None
@@ -752,8 +816,13 @@ def continue_trajectory(
         if from_rest:
             rows = np.concatenate([stop._route.waypoints, path.waypoints[1:]])
             path = path._replace(waypoints=rows)
-    made = None if motion is None else _make(path, motion, rotations, bounds, step)
-    return made if made is not None and made.certified else stop
+    reason = "no curve along the plan is proven and allows the speed and the limits"
+    if motion is not None:
+        made = _make(path, motion, rotations, bounds, step)
+        if made is not None and made.certified:
+            return made
+        reason = "the motion along the plan is not proven free, or rounding exceeds its limits"
+    return replace(stop, stop_reason=reason)
 
 
 def _start_at(path: DrivenPath, q: Floats, rotations: Rotations) -> DrivenPath | None:
@@ -796,14 +865,14 @@ def _go_on(
     begin, end = stop._phases.positions[[0, -1]].tolist()
     speed = float(stop._phases.speeds[0])
     first = stop._segments.select([0])
-    first_rates = place_along(first, rotations, np.array([begin]))[1]
+    velocity = speed * place_along(first, rotations, np.array([begin]))[1]
     driven, length = (stop._segments, end) if from_rest else (first, begin)
     head = cut_segments(driven, rotations, 0.0, length)
     last = head.select([-1])
     _, rates, bends = place_along(last, rotations, last.lengths)
     if not from_rest:
         head, begin = head.select([]), 0.0
-    is_slow = float(bounds.velocity.shares(first_rates * speed).max()) < SLOW_SHARE
+    is_slow = float(bounds.velocity.shares(velocity).max()) < SLOW_SHARE
     junction = _make_junction(rates, bends, rotations, bounds, path)
     smooth = _smooth(path, edges, rotations, bounds, junction)
     olds = len(head.lengths)
@@ -820,13 +889,13 @@ def _go_on(
         segments = join_segments([scale_segments(head, factor), tail])
         phases = find_phases(segments, rotations, bounds, begin / factor, speed / factor)
         if phases is not None:
-            motions.append(TimedMotion(segments, phases, speed / factor, olds))
+            motions.append(TimedMotion(segments, phases, velocity, olds))
     may_stop = from_rest and are_same_bounds(bounds, stop._bounds)
     if may_stop and (smooth is None or not motions or is_slow):
         rest = _start(path, edges, rotations, bounds)
         segments = join_segments([head, rest.segments])
         phases = join_phases(stop._phases, rest.phases, olds)
-        motions.append(TimedMotion(segments, phases, speed, olds))
+        motions.append(TimedMotion(segments, phases, velocity, olds))
     return min(motions, key=_end_time, default=None)
 
 
@@ -843,8 +912,9 @@ def _make(
     time_step: float,
 ) -> Trajectory | None:
     """Make a trajectory and prove what is not; None if rounding exceeds its limits."""
-    segments, phases, begin_speed, olds = motion
-    if not is_motion(path.waypoints, segments, rotations, phases, bounds, begin_speed):
+    segments, phases = trim_segments(motion.segments, motion.phases)
+    timing = path.waypoints, segments, rotations, phases, bounds
+    if not is_motion(*timing, motion.begin_velocity):
         return None
     none = np.zeros(0)
     made = Trajectory(
@@ -860,13 +930,14 @@ def _make(
         _segments=segments,
         _phases=phases,
         _bounds=bounds,
-    )._set_rows(_row_times(phases, time_step))
+    )
+    made = made._set_rows(made._row_times(time_step))
     space = path.space
     if space is None:
         return made
     if not segments.is_curve.any():
         return replace(made, certified=bool(made.recheck(space).all()))
-    is_old = np.arange(len(segments.lengths)) < olds
+    is_old = np.arange(len(segments.lengths)) < motion.olds - motion.phases.segments[0]
     left = _cut_driven(segments, phases, rotations).select(is_old | ~segments.is_curve)
     return replace(made, certified=bool(prove_segments(space, path.exact, left).all()))
 
@@ -940,20 +1011,8 @@ def _check_limits(
     Shape () is for the whole translation. ``known`` are the defaults of axes.
     """
     axes = path.axes[:dim]
-    rule = f"it must be one number, or one for each of {', '.join(axes)}"
-    if value is None or isinstance(value, Mapping):
-        given = {**known, **(value or {})}
-        if missing := [axis for axis in axes if given.get(axis, np.inf) == np.inf]:
-            raise InputError(
-                name,
-                f"lacks {', '.join(missing)}",
-                rule,
-                f"pass {name}=1.0",
-            )
-        value = [given[axis] for axis in axes]
-    limits = check_finite(value, name)
-    if limits.shape not in ((), (dim,)):
-        raise InputError(name, f"has shape {limits.shape}", rule, "pass e.g. 1.0")
+    finite = {axis: known[axis] for axis in axes if math.isfinite(known.get(axis, math.inf))}
+    limits = check_each({} if value is None else value, name, axes, finite)
     for limit in limits.ravel().tolist():
         check_positive(limit, name, "metres, radians, seconds")
     if path.drive in CURVES and limits.ndim:
@@ -1054,22 +1113,6 @@ def _stretch(phases: Phases, duration: float | None) -> Phases:
             "raise it, or the limits",
         )
     return slow_down(phases, factor)
-
-
-def _row_times(phases: Phases, time_step: float) -> Floats:
-    """Return row times, at most ``time_step`` apart, with phase starts."""
-    counts = np.maximum(np.ceil(np.diff(phases.times) / time_step), 1.0)
-    total = counts.sum()
-    if total >= MAX_ROWS:
-        raise InputError(
-            "time_step",
-            f"is {time_step:g}",
-            f"it makes {total:.2g} rows; at most {MAX_ROWS} are possible",
-            "raise it, or the limits",
-        )
-    owners, numbers = number_parts(counts.astype(np.int64))
-    rows = phases.times[owners] + numbers / counts[owners] * np.diff(phases.times)[owners]
-    return np.append(rows, phases.times[-1])
 
 
 def _locate(phases: Phases, t: Floats) -> tuple[Ints, Floats, tuple[Floats, Floats]]:

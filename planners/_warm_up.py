@@ -22,9 +22,9 @@ _SAMPLED_PAIRS = 10
 def warm_up(space: Space, drive: Drive = HOLONOMIC) -> None:
     """Compile what plans on a space need, so that the first one does not wait.
 
-    For a map, it plans, updates and plans again on a small map with the same axes; for an arm, it
-    plans between some of its configurations. It takes up to half a minute on a new machine, and
-    some tenths of a second once the code is kept on disk.
+    For a map, it plans, updates and plans again on a small map with the same axes, and explains why
+    no path is left; for an arm, it plans between some of its configurations. It takes up to half a
+    minute on a new machine, and some tenths of a second once the code is kept on disk.
 
     Parameters
     ----------
@@ -63,6 +63,9 @@ def warm_up(space: Space, drive: Drive = HOLONOMIC) -> None:
     first.recheck()
     small.path_exists(start, goal)  # a plan asks if it finds no path
     plan(small, start, goal, drive=drive, turning_radius=radius, time_limit=5.0, previous=first)
+    if space.dim == 2:
+        small.update(np.ones((20, 2), dtype=bool), (40, 29))  # nothing passes the wall
+        str(plan(small, start, goal, drive=drive, turning_radius=radius, time_limit=5.0))
 
 
 def _build_small_map(space: Space) -> CSpace:

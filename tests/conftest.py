@@ -1,9 +1,12 @@
-"""A compile cache of its own, the settings of hypothesis, and the folder of real maps."""
+"""A compile cache of its own, settings of hypothesis, the two sets, CPU by file, and real maps."""
 
 import atexit
 import os
+import re
 import shutil
 import tempfile
+import time
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -20,8 +23,85 @@ if "PYTEST_XDIST_WORKER" not in os.environ:
 
 # There is no deadline because the first call of a kernel compiles it. The seed of a run is an
 # option of pytest: pyproject.toml gives 0, and fuzzing new ones.
-settings.register_profile("cspace", deadline=None, max_examples=50, database=None, print_blob=True)
-settings.load_profile("cspace")
+settings.register_profile("all", deadline=None, max_examples=50, database=None, print_blob=True)
+settings.register_profile("quick", settings.get_profile("all"), max_examples=12)
+settings.load_profile("all")
+
+# ---- the two sets --------------------------------------------------------------------------------
+
+
+def pytest_configure(config):
+    """Draw fewer examples in the quick set, and refuse unknown markers of the option -m."""
+    if config.getoption("-m") == "not thorough":
+        settings.load_profile("quick")
+    known = {re.split(r"[:(]", line)[0] for line in config.getini("markers")}
+    words = set(re.findall(r"\w+", config.getoption("-m"))) - {"and", "or", "not"}
+    if unknown := sorted(words - known):
+        raise pytest.UsageError(f"-m names {unknown[0]!r}, which is no marker of pyproject.toml")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    """Mark the tests on real maps, which are large, as thorough."""
+    for item in items:
+        if "data" in item.fixturenames:
+            item.add_marker("thorough")
+
+
+# ---- CPU -----------------------------------------------------------------------------------------
+
+
+def used_cpu():
+    """Return the CPU seconds of this process and of its children that have ended."""
+    return sum(os.times()[:4])
+
+
+def pytest_addoption(parser):
+    parser.addoption("--cpu", action="store_true", help="print the CPU of the run and by file")
+    parser.addoption("--complete", action="store_true", help="fail if a test is skipped")
+
+
+def pytest_sessionfinish(session):
+    """Fail a run that had to have each package, browser and map, if a test was skipped."""
+    reporter = session.config.pluginmanager.get_plugin("terminalreporter")
+    if session.config.getoption("--complete") and reporter and "skipped" in reporter.stats:
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item):
+    item.cpu_before = used_cpu()
+    return (yield)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item, call):
+    if call.when == "teardown":
+        item.user_properties.append(("cpu", used_cpu() - item.cpu_before))
+    return (yield)
+
+
+def pytest_terminal_summary(terminalreporter):
+    """Print the CPU of the run, with its workers and children, and its ten dearest files."""
+    if not terminalreporter.config.getoption("--cpu"):
+        return
+    files = Counter()
+    for report in (each for each in terminalreporter.getreports("") if each.when == "teardown"):
+        files[report.nodeid.partition("::")[0]] += dict(report.user_properties)["cpu"]
+    terminalreporter.section(f"{used_cpu():.0f} s of CPU")
+    for file, seconds in files.most_common(10):
+        terminalreporter.write_line(f"{seconds:6.1f} s  {file}")
+
+
+# ---- real maps -----------------------------------------------------------------------------------
+
+
+@pytest.fixture(autouse=True)
+def count_work(monkeypatch):
+    """Let time limits count the CPU time of a test, which a busy machine does not change."""
+    from cspace._support.compiling import clock
+
+    monkeypatch.setattr(type(clock), "read", staticmethod(time.process_time))
 
 
 @pytest.fixture(scope="session")

@@ -6,7 +6,7 @@ import numpy as np
 import pyclipper
 import pytest
 import shapely
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
@@ -14,7 +14,7 @@ import cspace
 from cspace import BLOCKED, FREE, MIXED, Robot, Rotations, UnitWarning, Workspace
 from cspace._engines.slices import slice_rasters
 from tests.helpers.oracles import overlaps_by_shifts
-from tests.helpers.strategies import exteriors, robots, stars
+from tests.helpers.strategies import examples, exteriors, robots, stars
 
 CELL_SIDE = 0.15
 """Spacing of the maps, in metres."""
@@ -31,7 +31,7 @@ def problems(draw, size=0.25, side=(9, 7)):
 
 
 @pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
-@settings(max_examples=40)
+@examples(40)
 @given(
     problems(),
     st.sampled_from([None, None, 1, 3, 4, 6, "any way"]),
@@ -66,7 +66,7 @@ def test_states_match_the_definition(problem, rotations, outside, margin):
     assert (bare._states == np.minimum(expected, MIXED)).all()
 
 
-@settings(max_examples=15)
+@examples(15)
 @example(  # The robot is so thin that it contains no lattice point, so an inner cell blocks no cell.
     np.array([(0.1, 0.1), (-0.3, 0.3), (0.2, 0.0)]),
     np.array([(-0.308, -0.044), (0.412, -0.765), (0.939, 0.0)]),
@@ -111,7 +111,7 @@ def test_states_agree_with_the_exact_minkowski_sum(robot, obstacle):
     assert (space.cell_states[tuple((inner[:, None] - offsets).reshape(-1, 2).T)] == BLOCKED).all()
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(problems(0.3), st.sampled_from([None, 5, "any way"]), st.integers(-3, 3), st.data())
 def test_maps_obey_monotony_union_and_translation(problem, rotations, shift, data):
 

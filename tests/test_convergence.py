@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import shapely
 import trimesh
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
@@ -17,7 +17,7 @@ import cspace
 from cspace import BLOCKED, FREE, MIXED, Robot, Rotations, Workspace
 from cspace._rotations.quaternion import MAX_ANGLE_TIMES_PARTS
 from tests.helpers.refusals import refusals
-from tests.helpers.strategies import seeds
+from tests.helpers.strategies import examples, seeds
 
 CONSTANT = 2.0
 """Constant of the theorem."""
@@ -170,7 +170,7 @@ def draw_plane(rng, kind, spacing, rotations):
     return space, robots, obstacles
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(seeds, st.sampled_from(["discs", "polygons"]), st.sampled_from([None, 5, 60]))
 def test_maps_of_the_plane_decide_all_beyond_the_bound(seed, kind, rotations):
     rng = np.random.default_rng(seed)
@@ -178,7 +178,7 @@ def test_maps_of_the_plane_decide_all_beyond_the_bound(seed, kind, rotations):
     check_rate(*draw_plane(rng, kind, spacing, rotations), rng)
 
 
-@settings(max_examples=8)
+@examples(8)
 @given(seeds, st.sampled_from([None, 36, "all"]))
 def test_maps_of_space_decide_all_beyond_the_bound(seed, rotations):
     rng = np.random.default_rng(seed)
@@ -200,7 +200,7 @@ def test_maps_of_space_decide_all_beyond_the_bound(seed, rotations):
 
 
 @pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # points
-@pytest.mark.parametrize(("rotations", "least"), [(None, 0.99), (24, 0.9)])
+@pytest.mark.parametrize("rotations, least", [(None, 0.99), (24, 0.9)])
 def test_the_constant_is_sharp(rotations, least):
     # A point near the upper corner of its cell; a robot that is one, far from the axis if it turns.
     spacing = 0.05
@@ -269,7 +269,7 @@ def draw_doorway(rng, gap, workspace_spacing, thickness=0.6):
     return workspace, 1.5 * normal, -1.5 * normal
 
 
-@settings(max_examples=8)
+@examples(8)
 @given(seeds, st.sampled_from(["disc", "rectangle", "balls"]), st.floats(0.08, 0.3))
 def test_maps_as_suggested_find_the_gap_and_prove_narrower_ones_shut(seed, kind, excess):
     rng = np.random.default_rng(seed)
@@ -290,7 +290,7 @@ def test_maps_as_suggested_find_the_gap_and_prove_narrower_ones_shut(seed, kind,
         assert space.is_disconnected((*start, *yaw), (*goal, *yaw)) != is_open
 
 
-@pytest.mark.parametrize(("rotations", "turn"), [("yaw", (0.0,)), ("all", (0.0, 0.0, 0.0, 1.0))])
+@pytest.mark.parametrize("rotations, turn", [("yaw", (0.0,)), ("all", (0.0, 0.0, 0.0, 1.0))])
 def test_suggestions_in_space_find_the_gap(rotations, turn):
     walls = ["box:1.3x0.8x2@-1.35,0,0", "box:1.3x0.8x2@1.35,0,0"]  # 1.4 m apart
     bounds = (-1.2, -1.4, -0.7, 1.2, 1.4, 0.7)

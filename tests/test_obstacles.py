@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 import shapely
 import trimesh
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import cspace
 from cspace import Robot, Workspace
 from cspace._shapes import Shape, as_shape
+from tests.helpers.strategies import examples
 from tests.helpers.updates import (
     OBSTACLE,
     SPACING,
@@ -61,11 +62,18 @@ class Stage:
         elif action < 0.4:
             cells, lower, inner = self.world.patch()
             space.update(cells, lower, inner=inner)
+        elif action < 0.7:
+            shapes = {each: as_shape(*self.obstacle()) for each in ("cart", "dog", "cat")}
+            gone = list(self.placed)[:1]
+            space.update(shapes | dict.fromkeys(gone))
+            self.placed |= shapes
+            for each in gone:
+                del self.placed[each]
         else:
             obstacle, radius = self.obstacle()
             space.add_obstacle(name, obstacle, radius=radius)
             self.placed[name] = as_shape(obstacle, radius)
-        assert list(space.obstacles) == list(self.placed)
+        assert set(space.obstacles) == set(self.placed)
         return self.build()
 
     def build(self):
@@ -84,7 +92,7 @@ class Stage:
 
 
 @pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
-@settings(max_examples=12)
+@examples(12)
 @given(worlds(), st.booleans())
 def test_added_moved_and_removed_obstacles_equal_a_rebuild(world, queried):
     stage, space = Stage(world), world.build()
@@ -98,7 +106,7 @@ def test_added_moved_and_removed_obstacles_equal_a_rebuild(world, queried):
 
 
 @pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
-@settings(max_examples=6)
+@examples(6)
 @given(worlds())
 def test_checkers_and_exact_queries_follow_obstacles(world):
     stage, space = Stage(world), world.build()
@@ -125,6 +133,20 @@ def test_obstacles_and_updates_make_unknown_cells_known():
     space.remove_obstacle("cart")
     np.testing.assert_array_equal(space.workspace.unknown, unknown)
     assert workspace.unknown is not None and workspace.unknown[:4, 20:24].all()
+
+
+def test_refused_names_of_obstacles_change_nothing():
+    space = build_empty_room()
+    states = space.cell_states.copy()
+    for shapes, lower, message in (
+        ({"cart": CART_BOX, "dog": None}, None, "name is 'dog'; there is none"),
+        ({"cart": CART_BOX, "box": trimesh.creation.box()}, None, "must be in the plane"),
+        ({"cart": CART_BOX}, (0, 0), "lower is for names of obstacles; .*; leave both out"),
+    ):
+        with pytest.raises(cspace.InputError, match=message):
+            space.update(shapes, lower)
+    np.testing.assert_array_equal(space.cell_states, states)
+    assert not space.obstacles
 
 
 # ---- copies, files, threads ----------------------------------------------------------------------

@@ -23,7 +23,7 @@ def test_robots_have_the_given_geometry():
 
 
 @pytest.mark.parametrize(
-    ("text", "robot"),
+    "text, robot",
     [
         ("disc:0.3", Robot.disc(0.3)),
         ("rect:0.9x0.6", Robot.rectangle(0.9, 0.6)),

@@ -7,7 +7,7 @@ import cspace
 
 
 @pytest.mark.parametrize(
-    ("side", "rotations", "dof", "size"),
+    "side, rotations, dof, size",
     [
         ((0.3, 0.1), None, 2, 2),
         ((0.3, 0.1), 4, 3, 3),

@@ -88,3 +88,20 @@ USUAL_ROBOTS = {
 def test_a_build_with_a_usual_robot_does_not_warn(case):
     workspace, robot, options = USUAL_ROBOTS[case]
     assert not find_warnings(lambda: cspace.build(workspace, robot, **options))
+
+
+@pytest.mark.parametrize(
+    "workspace, robot, near, far",
+    [
+        (PLANE, Robot.disc(0.3), [(1.0, 1.0)], [(3000.0, 2000.0)]),
+        (PLANE, Robot.disc(0.3), [(-0.2, 4.0)], [(-0.4, 4.0)]),  # a ball of 0.3 m at the border
+        (SHELF, Robot.box((0.2, 0.2, 0.1)), [(1.0, 1.0, 0.2)], [(1.0, 1.0, 200.0)]),
+    ],
+)
+def test_an_obstacle_wholly_outside_of_the_map_is_named(workspace, robot, near, far):
+    space = cspace.build(workspace, robot)
+    assert not find_warnings(lambda: space.add_obstacle("cart", near, radius=0.3))
+    (warning,) = find_warnings(lambda: space.add_obstacle("cart", far, radius=0.3))
+    assert "obstacle 'cart' lies outside the map, from (0, 0" in str(warning.message)
+    assert list(space.obstacles) == ["cart"] and warning.filename == __file__
+    assert not find_warnings(lambda: space.remove_obstacle("cart"))

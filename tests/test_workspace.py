@@ -16,6 +16,7 @@ import cspace
 from cspace import Grid, Robot, Workspace
 from cspace._workspace import covering_grid
 from cspace.errors import FileError, InputError
+from tests.helpers.handmade import build_empty
 
 L_CELLS = [[1, 1, 0], [0, 1, 0]]
 """Obstacle cells of an L, two cells along x and three along y."""
@@ -91,8 +92,7 @@ def test_workspaces_accept_shapes_of_every_kind():
         [(1, 1), (2, 1), (1, 2)],
     ]
     workspace = Workspace.from_shapes(iter(shapes), 0.1, (0, 0, 4, 3))
-    empty = Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
-    space = cspace.build(empty, Robot.disc(0.2), outside="free")
+    space = build_empty((40, 30), Robot.disc(0.2), outside="free")
     for number, shape in enumerate(shapes):
         space.add_obstacle(str(number), shape)
     assert (workspace.outer == space.workspace.outer).all()
@@ -115,7 +115,7 @@ def test_bounds_of_shapely_and_trimesh_are_accepted():
 
 
 @pytest.mark.parametrize(
-    ("extent", "bounds", "warns"),
+    "extent, bounds, warns",
     [
         (0.099, None, True),
         (0.1, None, False),
@@ -146,13 +146,13 @@ def test_polygons_whose_map_does_not_fit_are_refused_before_any_work(monkeypatch
     assert Workspace.from_polygons(wall, coarser).outer.all()
 
 
-@pytest.mark.parametrize("array", [[[0.0, 0.7], [1.0, 0.2]], [[0, 70], [100, 20]]], ids=str)
-def test_the_hint_about_arrays_of_numbers_is_followed(array):
-    array = np.array(array)
+@pytest.mark.parametrize("row", [(0.0, 0.7, 0.2), (0, 70, 20)], ids=str)
+def test_the_hint_about_arrays_of_numbers_is_followed(row):
+    array = np.tile(row, (2, 3))
     with pytest.raises(InputError, match=r"compare with a threshold first, e\.g\. ") as caught:
         Workspace.from_array(array, 0.1)
     compared = eval(caught.value.hint.partition("e.g. ")[2], {"array": array})
-    assert Workspace.from_array(compared, 0.1).outer.tolist() == [[False, True], [True, False]]
+    assert Workspace.from_array(compared, 0.1).outer.tolist() == [[False, True, False] * 3] * 2
 
 
 def test_the_hint_about_unknown_cells_of_ros_is_followed():

@@ -227,7 +227,9 @@ def build_hulls(tree: Trees, volume: float) -> Hulls:
             continue
         first_corner = first_corners[starts[node]]
         stop_corner = first_corners[starts[node] + counts[node]]
-        hull = points[np.unique(point_of_corner[first_corner:stop_corner])]
+        # Most hulls have a handful of corners, for which numpy takes far longer.
+        numbers = set(point_of_corner[first_corner:stop_corner].tolist())
+        hull = points[sorted(numbers)]
         depth = half_sides[node].min()
         if not is_rounded and (node == 0 or not is_tile):
             fit = _fit_hull(hull, volume if node == 0 else 0.0)
@@ -371,18 +373,22 @@ def _bound_largest_gap(points: Floats, triangles: Floats) -> float:
     ``points`` has shape (n, 3), ``triangles`` (m, 3, 3). Each point is compared with one point of
     each triangle: the nearest one if that is not on the border, and otherwise one near it.
     """
+    if not len(points):
+        return 0.0
     origins = triangles[:, 0]
     inverses = np.linalg.pinv(triangles[:, 1:] - triangles[:, :1])
+    # Weights of a plane are linear in the point, so that one product gives those of all planes.
+    shifts = (origins[:, np.newaxis] @ inverses)[:, 0]
+    columns = inverses.transpose(1, 0, 2).reshape(3, -1)
     largest = 0.0
     for block in _split_into_blocks(points, len(triangles)):
         # Barycentric weights of the nearest point of each plane, shape (points, triangles, 3). The
         # weights of a point beside its triangle are cut to zero or above.
-        offsets = block[:, np.newaxis] - origins
-        other_weights = np.einsum("pni,nij->pnj", offsets, inverses)
+        other_weights = (block @ columns).reshape(len(block), -1, 2) - shifts
         first_weight = 1.0 - other_weights.sum(axis=2, keepdims=True)
         weights = np.maximum(np.concatenate([first_weight, other_weights], axis=2), 0.0)
         weights /= weights.sum(axis=2, keepdims=True)
-        points_of_triangles = np.einsum("pnk,nki->pni", weights, triangles)
+        points_of_triangles = sum(weights[..., [k]] * triangles[:, k] for k in range(3))
         gaps = np.linalg.norm(points_of_triangles - block[:, np.newaxis], axis=2)
         nearest_gaps = gaps.min(axis=1)
         largest = max(largest, float(nearest_gaps.max(initial=0.0)))

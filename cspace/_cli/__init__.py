@@ -5,10 +5,16 @@ Heavy modules are imported only when a command runs, so that ``--help`` is fast.
 
 from __future__ import annotations
 
+import _thread
+import os
+import signal
 import sys
+import threading
 import warnings
 from collections.abc import Callable
-from typing import Any
+from pathlib import Path
+from types import FrameType
+from typing import Any, Final
 
 import typer
 from typer.core import TyperGroup
@@ -27,12 +33,22 @@ _USAGE_ERRORS: tuple[Any, ...] = typer.BadParameter.__mro__[1:2]
 """The base class of typer's usage errors, taken from a subclass because its module depends on the
 version of typer."""
 
+_BROKEN_PIPE: Final = 141
+"""Exit code of shells for a program whose output nobody reads, 128 + SIGPIPE."""
+
 
 class _Commands(TyperGroup):
     """A group of commands that prints each error and warning as one line."""
 
+    def make_context(self, *arguments: Any, **options: Any) -> Any:
+        """Parse the arguments; ``--help`` and ``--version`` print already now."""
+        try:
+            return super().make_context(*arguments, **options)
+        except BrokenPipeError:
+            raise _end_for_reader() from None
+
     def invoke(self, ctx: Any) -> Any:
-        """Run a command; print errors and exit with code 2 or 130."""
+        """Run a command; print errors and exit with code 2, 130 or 141."""
 
         def list_options() -> Options:
             """Return the options of the command; its context exists only once it runs."""
@@ -50,8 +66,8 @@ class _Commands(TyperGroup):
                 warnings.filterwarnings("ignore", r".*numpy\.radians", AngleWarning)
                 warnings.showwarning = print_warning
                 return super().invoke(ctx)
-        except BrokenPipeError:  # typer handles it: the reader of the output has ended
-            raise
+        except BrokenPipeError:
+            raise _end_for_reader() from None
         except CspaceError as error:
             problem = format_error(error, list_options())
         except _USAGE_ERRORS as error:  # e.g. an option without its value
@@ -67,6 +83,12 @@ class _Commands(TyperGroup):
             raise typer.Exit(130) from None
         typer.echo(f"cspace: {problem}", err=True)
         raise typer.Exit(2)
+
+
+def _end_for_reader() -> typer.Exit:
+    """Make the exit of a command whose output nobody reads any more, such as ``| head``."""
+    sys.stdout = Path(os.devnull).open("w")  # noqa: SIM115 - Python flushes it at its end
+    return typer.Exit(_BROKEN_PIPE)
 
 
 app = typer.Typer(
@@ -121,8 +143,26 @@ for _name, _command in _COMMANDS.items():
     app.command(_name)(_command)
 
 
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    """Raise KeyboardInterrupt as soon as the compiler does not run.
+
+    LLVM calls Python back while it compiles; what is raised there is lost, and the process crashes.
+    """
+    while frame is not None:
+        if "llvmlite" in frame.f_code.co_filename:
+            later = threading.Timer(0.01, _thread.interrupt_main)
+            later.daemon = True
+            later.start()
+            return
+        frame = frame.f_back
+    raise KeyboardInterrupt
+
+
 def main() -> None:
     """Run the command line and exit with its code."""
+    # A parent in the background may have ignored Ctrl-C; then it stays so.
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, _interrupt)
     try:
         app(prog_name="cspace")
     except KeyboardInterrupt:

@@ -84,6 +84,9 @@ def audit(
         lanes = RouteGraph.open(
             graph, heading=_parse_heading(heading), level=level, vehicle=vehicle
         )
+    if not lanes.lanes:
+        rule = "an audit of nothing would say that no lane is blocked"
+        raise InputError(str(graph), "has no lanes", rule, "pass a graph with lanes")
     audits = {}
     for name, make in makers.items():
         with clock.step(f"build {name}".strip()):

@@ -44,10 +44,31 @@ _LFS_POINTER_START: Final = b"version https://git-lfs.github.com/spec/v1"
 _MAX_LFS_POINTER_BYTES: Final = 1024
 """Maximum size, in bytes, of a git-lfs pointer file, by its specification."""
 
+SDF_HINT: Final = "convert it to URDF, e.g. with sdf2urdf of the ROS package pysdf"
+"""Hint for robots and worlds of Gazebo."""
+
+MJCF_HINT: Final = "take the robot's URDF; mjcf_urdf_simple_converter makes one of the meshes alone"
+"""Hint for models of MuJoCo."""
+
 _CONVERTERS: Final = {
+    **dict.fromkeys(
+        (".shp", ".gpkg", ".kml", ".gml", ".fgb"),
+        "convert it to metres: ogr2ogr -t_srs EPSG:32632 (your UTM zone) new.geojson old",
+    ),
+    ".dxf": "convert it: ogr2ogr -f GeoJSON new.geojson old.dxf; scale it if it is in millimetres",
+    ".svg": "draw it as an image: inkscape old.svg --export-filename=new.png",
+    **dict.fromkeys((".las", ".laz", ".e57"), "convert it: pdal translate old new.ply"),
+    **dict.fromkeys((".fbx", ".3ds", ".x3d", ".blend"), "convert it: assimp export old new.glb"),
+    **dict.fromkeys(
+        (".step", ".stp", ".iges", ".igs"),
+        "convert it: gmsh old -2 -o new.stl; that is in millimetres, so scale it by 0.001",
+    ),
+    **dict.fromkeys((".sdf", ".world"), SDF_HINT),
+    **dict.fromkeys((".mjcf", ".xml"), MJCF_HINT),
     ".nrrd": "read it with pynrrd or SimpleITK, and pass the array to Workspace.from_array",
     ".off": "convert it: trimesh.load('mesh.off').export('mesh.ply')",
     ".3mf": "convert it: trimesh.load_scene('mesh.3mf').convert_units('m').export('mesh.stl')",
+    ".scene": "publish it in RViz, and save ros2 topic echo --once /planning_scene as .yaml",
     ".xacro": "expand it: xacro robot.urdf.xacro > robot.urdf",
 }
 """Hint for each suffix of other formats that are easily converted."""
@@ -265,9 +286,9 @@ def read_text(path: StrPath, kind: str, memory: float = 4.0, limit: SizeLimit = 
 def read_columns(text: str, first: int = 1) -> Floats:
     """Parse lines of numbers into an array of shape (n, columns).
 
-    Without numbers the shape is (0, 0). Commas separate columns if the first row has one, blanks
-    otherwise; ``#`` starts a comment. `first` is the number of the first line, for messages. A text
-    truncated within its last number cannot be detected.
+    Without numbers the shape is (0, 0). Semicolons or commas separate columns if the first row has
+    one, blanks otherwise; ``#`` starts a comment. `first` is the number of the first line, for
+    messages. A text truncated within its last number cannot be detected.
 
     Raises ContentError, naming the line, if a line holds anything but numbers or its length differs
     from the first row's.
@@ -276,7 +297,7 @@ def read_columns(text: str, first: int = 1) -> Floats:
     first_row = next(filter(None, contents), "")
     if not first_row:
         return np.zeros((0, 0))
-    separator = "," if "," in first_row else None
+    separator = next((mark for mark in ";," if mark in first_row), None)
     try:
         return np.loadtxt(
             io.StringIO(text), dtype=np.float64, comments="#", delimiter=separator, ndmin=2
@@ -303,7 +324,7 @@ def _make_line_error(text: str, first: int, separator: str | None, columns: int)
             if len(values) in (0, columns):
                 continue
         except ValueError:
-            rule = "it must hold only numbers"
+            rule = "it must hold only numbers, with decimal points"
         problem = f"line {number} is {line.strip()[:_MAX_QUOTED_CHARACTERS]!r}"
         return ContentError(problem, rule, hint)
     return ContentError("cannot be read", "it must hold columns of numbers", hint)

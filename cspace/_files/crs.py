@@ -19,8 +19,11 @@ _NOT_METRES: Final = frozenset({84, 83, 27, 3857, 900913, *range(4000, 5000)})
 _DEGREES: Final = ("GEOG", "+proj=longlat", "latitude_longitude")
 """First letters of longitude and latitude in WKT, PROJ and the CF conventions."""
 
-_UTM_HUNDREDS: Final = frozenset({326, 327, 258, 269, 283})
-"""Hundreds of the codes of the transverse Mercator zones of WGS 84, ETRS89, NAD83 and GDA94."""
+_UTM_ZONES: Final = (
+    *(range(32601, 32661), range(32701, 32761)),  # WGS 84, north and south
+    *(range(25828, 25839), range(26901, 26924), range(28348, 28359)),  # ETRS89, NAD83, GDA94
+)
+"""Codes of transverse Mercator zones in metres; some codes beside them are in feet."""
 
 
 def check_crs(crs: Any, name: str) -> None:
@@ -37,9 +40,7 @@ def check_crs(crs: Any, name: str) -> None:
     if is_geographic or code in _NOT_METRES:
         problem = f"has the coordinate reference system {text:.60}"
         raise GeometryError(name, problem, "its units are not metres on the ground", PROJECT)
-    if code // 100 not in _UTM_HUNDREDS:
+    if not any(code in zones for zones in _UTM_ZONES):
         warn_user(
-            f"{name}: its coordinates in {text:.60} are read as metres; {PROJECT}, or leave the "
-            "reference system out",
-            UnitWarning,
+            f"{name}: its coordinates in {text:.60} are read as metres; {PROJECT}", UnitWarning
         )

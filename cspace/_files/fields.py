@@ -1,12 +1,46 @@
-"""Records of the fields of files that change what the numbers in them mean."""
+"""Ledgers of the fields that readers take, and lists of the fields of each format."""
 
-from typing import NamedTuple
+from __future__ import annotations
+
+import math
+import os
+import re
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import cache
+from numbers import Real
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+from xml.etree.ElementTree import Element
+
+from cspace._files.access import ContentError, decoding, suggest_file
+from cspace._files.plain import parse_finite, read_yaml
+from cspace._support.arrays import MAX_EXPECTED_ANGLE
+from cspace._support.check import suggest_name
+from cspace._support.reporting import warn_user
+from cspace.errors import AngleWarning, InputError
+
+_MAX_LISTED_NAMES: Final = 10
+"""Largest number of names that a warning lists."""
+
+_MAX_NUMBER: Final = 1e100
+"""Largest number that a reader takes; its powers are finite."""
+
+_ECHO_CUT: Final = "..."
+"""Word in place of the rest of a list or text that ``ros2 topic echo`` cuts."""
+
+UNKNOWN_FIELDS: Final = "unknown fields"
+"""Words in :attr:`Fields.refused` of a format whose unknown fields are refused."""
+
+_ANGLE_ROUNDING: Final = 0.01
+"""Excess, as a share, of a whole turn that a file writes with few digits."""
 
 
 class Fields(NamedTuple):
     """Fields of a format, by what its reader does with them.
 
-    The module of each reader has a tuple ``FIELDS`` of these, and the page on fields lists them.
+    The module of each reader has a tuple ``FIELDS`` of these, and the page on fields lists them. A
+    :class:`Ledger` gives a reader only fields that are named here, in backticks.
 
     Attributes
     ----------
@@ -15,9 +49,321 @@ class Fields(NamedTuple):
     honoured, refused, warned : str
         Names of fields, separated by semicolons. A field with any effect on positions, sizes or
         occupancy is in one of them.
+    harmless : str
+        Names of fields without such an effect, separated by blanks.
     """
 
     files: str
     honoured: str = ""
     refused: str = ""
     warned: str = ""
+    harmless: str = ""
+
+    @cache  # noqa: B019 - there is one for each format
+    def list_known(self) -> frozenset[str]:
+        """Return the names that a reader may take."""
+        return _list_names(self.honoured + self.refused + self.warned)
+
+
+def _list_names(text: str) -> frozenset[str]:
+    """Return the names in backticks."""
+    return frozenset(re.findall("`([^`]+)`", text))
+
+
+def list_fields(value: Any, known: Collection[str] = ()) -> Mapping[str, Any] | None:
+    """Return the fields of a mapping or a message by name; None if it has none.
+
+    Messages have the fields that they list, and those that are ``known``.
+    """
+    if isinstance(value, Mapping):
+        return value
+    # Arrays have data, and texts have a center, but they are no messages.
+    if hasattr(value, "tolist") or type(value).__module__ == "builtins":
+        return None
+    # Messages list their fields in ROS 2, in rosbags and in ROS 1.
+    list_names = getattr(value, "get_fields_and_field_types", tuple)
+    slots = getattr(value, "__slots__", ())
+    names = [*(list_names() or getattr(value, "__dataclass_fields__", slots)), *known]
+    return {name: getattr(value, name) for name in names if hasattr(value, name)} or None
+
+
+class Ledger:
+    """A mapping or message, of a file or a call, which notes the fields that are taken.
+
+    The inner mappings of a document share its ledgers, so that one warning names all fields that
+    nobody took.
+
+    Attributes
+    ----------
+    fields : mapping of str to value
+    where : str
+        Its name for messages.
+    kind : str
+        Kind of element, for the warning.
+    """
+
+    def __init__(
+        self,
+        fields: Any,
+        where: str,
+        formats: Fields,
+        kind: str = "",
+        document: Ledger | None = None,
+    ) -> None:
+        """Check that it is a mapping; ``document`` is the outermost one."""
+        self.where = where
+        self.kind = kind
+        self.formats = formats
+        self.document = document or self
+        self.members: list[Ledger] = []
+        self.angles: list[tuple[str, float]] = []
+        self.taken: set[str] = set()
+        self.document.members.append(self)
+        found = list_fields(fields, formats.list_known())
+        if found is None:
+            rule = f"it must hold fields and values, not a {type(fields).__name__}"
+            raise self.fail(f"is {fields!r:.60}", rule, "pass such a message or write such a table")
+        self.fields = found
+
+    def fail(self, problem: str, rule: str, hint: str = "correct the element") -> ContentError:
+        """Return an error that names the mapping."""
+        return ContentError(f"{self.where} {problem}", rule, hint)
+
+    def get(self, key: str, otherwise: Any = None) -> Any:
+        """Take a field; one that is null is missing."""
+        if key not in self.formats.list_known():
+            raise KeyError(f"{key} is in no list of {self.formats.files}")
+        self.taken.add(key)
+        value = self.fields.get(key)
+        return otherwise if value is None else value
+
+    def need(self, key: str) -> Any:
+        """Take a field that must be there."""
+        value = self.get(key)
+        if value is None:
+            present = ", ".join(map(str, self.fields)) or "nothing"
+            raise self.fail(f"has no {key}", f"it must have one, besides {present:.200}", "add it")
+        return value
+
+    def number(
+        self,
+        key: str,
+        otherwise: float | None = None,
+        lowest: float = -_MAX_NUMBER,
+        highest: float = _MAX_NUMBER,
+    ) -> float:
+        """Take a finite number between two bounds."""
+        value = self.need(key) if otherwise is None else self.get(key, otherwise)
+        return self.check_number(key, value, lowest, highest)
+
+    def numbers(self, keys: Sequence[str]) -> list[float]:
+        """Take several finite numbers."""
+        return [self.number(key) for key in keys]
+
+    def count(self, key: str, lowest: int = 0) -> int:
+        """Take a whole number."""
+        count = self.number(key, lowest=lowest)
+        if count % 1.0:
+            raise self.fail(f"has the {key} {count!r}", "it must be a whole number")
+        return int(count)
+
+    def flag(self, key: str) -> bool:
+        """Take a truth value; a missing one is False."""
+        value = self.get(key, False)
+        if not isinstance(value, bool):
+            rule = "it must be true or false"
+            raise self.fail(f"has the {key} {value!r:.60}", rule, "write it without quotes")
+        return value
+
+    def angle(self, key: str) -> float:
+        """Take an angle, radians; the document warns if it is beyond a whole turn."""
+        return self.note_angle(key, self.number(key))
+
+    def note_angle(self, name: str, angle: float) -> float:
+        """Note an angle, radians, for the document's warning."""
+        self.document.angles.append((f"{self.where}.{name}", angle))
+        return angle
+
+    def check_number(
+        self,
+        name: str,
+        value: Any,
+        lowest: float = -_MAX_NUMBER,
+        highest: float = _MAX_NUMBER,
+    ) -> float:
+        """Return a value if it is a number between two bounds."""
+        return check_number(self.where, name, value, lowest, highest)
+
+    def point(self, value: Any) -> tuple[float, float]:
+        """Return the first two of a list of coordinates."""
+        if not isinstance(value, list) or len(value) < 2:
+            raise self.fail(f"has the coordinates {value!r:.60}", "x and y are needed")
+        return self.check_number("x", value[0]), self.check_number("y", value[1])
+
+    def entries(self, key: str) -> list[Any]:
+        """Take a list; a missing one is empty."""
+        value = self.get(key, [])
+        if hasattr(value, "tolist"):  # an array of numpy or of Python
+            value = value.tolist()
+        if not isinstance(value, list | tuple):
+            raise self.fail(f"has the {key} {value!r:.60}", "it must be a list")
+        return list(value)
+
+    def inner(self, fields: Any, where: str, kind: str = "") -> Ledger:
+        """Return a ledger of the same document."""
+        return Ledger(fields, where, self.formats, kind, self.document)
+
+    def child(self, key: str, kind: str = "", otherwise: Any = None) -> Ledger:
+        """Take the mapping or message in a field."""
+        value = self.need(key) if otherwise is None else self.get(key, otherwise)
+        return self.inner(value, f"{self.where}.{key}", kind or key)
+
+    def children(self, key: str, kind: str = "", name: str = "") -> Iterator[Ledger]:
+        """Take the mappings in a list, by their names if they have any."""
+        for number, fields in enumerate(self.entries(key)):
+            child = self.inner(fields, f"{self.where}.{key}[{number}]", kind or key)
+            if name:
+                child.where = f"{kind} {child.need(name)!r}"
+            yield child
+
+    def refuse(
+        self,
+        key: str,
+        *allowed: Any,
+        rule: str = "it is not honoured",
+        hint: str = "correct it",
+    ) -> None:
+        """Refuse a field whose value is not among the allowed ones."""
+        value = self.get(key)
+        if value is not None and value not in allowed:
+            raise self.fail(f"has {key} {value!r:.60}", rule, hint)
+
+    def skip(self) -> None:
+        """Note that the mapping concerns somebody else."""
+        self.taken.update(self.fields)
+
+    def close(self, source: str) -> None:
+        """Warn once of all fields of a document that nobody took, and once of large angles.
+
+        Raises ContentError for such fields if the format refuses them.
+        """
+        harmless = self.formats.harmless.split()
+        known = self.formats.list_known()
+        # What is known but only warned of is no better name.
+        read = _list_names(self.formats.honoured + self.formats.refused)
+        read = read.union(*(member.taken for member in self.members))
+        ignored: dict[str, str] = {}
+        for member in self.members:
+            for key in member.fields.keys() - member.taken - set(harmless):
+                if member.fields[key] is None:
+                    continue
+                if UNKNOWN_FIELDS in self.formats.refused:
+                    problem = f"has the unknown field {str(key)!r:.60}"
+                    rule = f"the fields are {', '.join(sorted(known)):.200}"
+                    raise member.fail(problem, rule, "correct or remove it")
+                name = f"{key} ({member.kind})" if member.kind else str(key)
+                ignored[name] = "" if key in known else str(key)
+        warn_of_names(source, ignored, read)
+        warn_of_large_angles(source, self.angles)
+
+
+def open_elements(root: Element, formats: Fields, parts: Mapping[str, str]) -> Ledger:
+    """Return the ledger of an XML document, from which known parts are taken.
+
+    ``parts`` has the attributes and children, separated by blanks, of each known element.
+    """
+    document = Ledger({}, root.tag, formats)
+    pending = [root]
+    while pending:
+        element = pending.pop()
+        tag = str(element.tag)
+        children = {str(child.tag): child for child in element}
+        ledger = document.inner({**element.attrib, **children}, f"<{tag}>", tag)
+        ledger.taken.update(parts[tag].split())
+        pending += [child for child in element if child.tag in ledger.taken & parts.keys()]
+    return document
+
+
+def check_number(
+    where: str,
+    name: str,
+    value: Any,
+    lowest: float = -_MAX_NUMBER,
+    highest: float = _MAX_NUMBER,
+) -> float:
+    """Return a value of a place if it is a number between two bounds."""
+    is_number = isinstance(value, int | float | Real) and not isinstance(value, bool)
+    if is_number and lowest <= value <= highest:
+        return float(value)
+    rule = "it must be a finite number"
+    if lowest > -_MAX_NUMBER:
+        rule += f", at least {lowest:g}"
+    if highest < _MAX_NUMBER:
+        rule += f", at most {highest:g}"
+    hint = "correct it"
+    if isinstance(value, str) and parse_finite(value):
+        hint = "write the number without quotes"
+    if isinstance(value, str) and value == _ECHO_CUT:
+        hint = "write the whole message, with ros2 topic echo --full-length"
+    raise ContentError(f"{where} has the {name} {value!r:.60}", rule, hint)
+
+
+@contextmanager
+def reading(source: object, kind: str, name: str, formats: Fields) -> Iterator[tuple[str, Ledger]]:
+    """Yield the source and the ledger of a YAML file, a mapping or a message, and close it.
+
+    ``name`` is that of the outermost mapping in errors. A ContentError in the block becomes a
+    FileError, or an InputError for what a caller passes.
+    """
+    if isinstance(source, str | os.PathLike):
+        file = os.fspath(source)
+        content = read_yaml(source, kind)
+        with decoding(source, kind):
+            if list_fields(content) is None:
+                hint = suggest_file(Path(source), "write such a table, or pass another file")
+                raise ContentError(f"holds {content!r:.60}", "it must hold fields and values", hint)
+            document = Ledger(content, name, formats)
+            yield file, document
+            document.close(file)
+        return
+    try:
+        document = Ledger(source, name, formats)
+        yield kind, document
+        document.close(kind)
+    except ContentError as error:
+        problem, rule, hint = error.parts
+        argument = kind
+        if problem.startswith(name):
+            argument, _, problem = problem.partition(" ")
+        raise InputError(argument, problem, rule, hint) from error
+
+
+def warn_of_names(source: str, ignored: Mapping[str, str], known: Collection[str]) -> None:
+    """Warn once of fields that are not read.
+
+    ``ignored`` has the name of each field by its description, or an empty one if no other name is
+    meant; ``known`` are the names that a reader would take.
+    """
+    if not ignored:
+        return
+    listed = []
+    for description in sorted(ignored)[:_MAX_LISTED_NAMES]:
+        key = ignored[description]
+        hint = suggest_name(key, known) if key and key not in known else ""
+        listed.append(f"{description:.80}; {hint}" if hint else f"{description:.80}")
+    if len(ignored) > _MAX_LISTED_NAMES:
+        listed.append(f"{len(ignored) - _MAX_LISTED_NAMES} more")
+    warn_user(f"{source}: these fields are not read: {', '.join(listed)}")
+
+
+def warn_of_large_angles(source: str, angles: Sequence[tuple[str, float]]) -> None:
+    """Warn once of angles, each with its place, beyond a whole turn."""
+    limit = (1.0 + _ANGLE_ROUNDING) * MAX_EXPECTED_ANGLE
+    large = [(place, angle) for place, angle in angles if abs(angle) > limit]
+    if large:
+        place, angle = large[0]
+        warn_user(
+            f"{source}: {len(large)} angles are beyond a whole turn, first {place}: {angle:g}; "
+            f"angles are in radians; write {math.radians(angle):.6g} for {angle:g} degrees",
+            AngleWarning,
+        )

@@ -25,7 +25,7 @@ def split_parts(shape: BaseGeometry, name: str) -> list[BaseGeometry]:
     import shapely
 
     if shapely.get_type_id(shape) < _MIN_COLLECTION_TYPE or shape.is_empty:
-        return [shape]
+        return [_drop_zero_heights(shape)]
     parts: list[BaseGeometry] = []
     try:
         members = shapely.get_parts(shape)
@@ -34,6 +34,15 @@ def split_parts(shape: BaseGeometry, name: str) -> list[BaseGeometry]:
     for member in members:
         parts += split_parts(member, name)
     return parts
+
+
+def _drop_zero_heights(shape: BaseGeometry) -> BaseGeometry:
+    """Return a geometry without z if all are zero, as programs write that have no heights."""
+    import shapely
+
+    if not shapely.has_z(shape) or shapely.get_coordinates(shape, include_z=True)[:, 2].any():
+        return shape
+    return shapely.force_2d(shape)
 
 
 def check_shapes(shapes: Sequence[BaseGeometry], names: Sequence[str]) -> None:

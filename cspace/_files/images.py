@@ -48,6 +48,15 @@ _UNKNOWN_LEVEL: Final = 205
 _ROS_LEVELS: Final = (0, _UNKNOWN_LEVEL, 254)
 """Levels that the map savers of ROS write: occupied, unknown and free."""
 
+_MAX_BLUR: Final = 24
+"""Largest difference of a level from the nearest of these that compression and scaling make."""
+
+UNKNOWN_SHADE: Final = _UNKNOWN_LEVEL / _WHITE_8_BIT
+"""Shade that the map savers of ROS write for unknown cells."""
+
+_LOSSY_COMPRESSIONS: Final = ("jpeg", "tiff_jpeg", "webp")
+"""Compressions of TIFF that change shades, by Pillow's names."""
+
 _UNSIGNED_FORMATS: Final = frozenset({1, 4})
 """Sample formats of TIFF that are unsigned whole numbers, or not said."""
 
@@ -90,11 +99,14 @@ class Shades(NamedTuple):
         Level of white; black is 0.
     opaque : ndarray of bool, shape (nx, ny), or True
         True for pixels of full alpha.
+    is_lossy : bool
+        True if compression changed the levels, as in a JPEG.
     """
 
     levels: NDArray[np.unsignedinteger[Any]]
     white_level: int
     opaque: Bools | bool
+    is_lossy: bool = False
 
     @property
     def shades(self) -> Floats:
@@ -134,10 +146,12 @@ def read_image(
     check_word(dark, "dark", ("occupied", "free"))
     image = read_shades(path, "image")
     occupied_levels = image.shades < level
-    if _is_ros_map(image) and not occupied_levels[_UNKNOWN_LEVEL]:
+    safe_threshold = _find_ros_threshold(image)
+    if level < safe_threshold:
         warn_user(
             f"{path}: it looks like the image of a ROS map, and its grey 205, unknown there, "
-            "counts as bright; read its YAML with Workspace.from_ros_map, or pass threshold=0.81"
+            "counts as bright; read its YAML with Workspace.from_ros_map, or pass "
+            f"threshold={safe_threshold}"
         )
     if dark == "free":
         occupied_levels = ~occupied_levels
@@ -149,14 +163,24 @@ def read_image(
     return frozen(occupied), unknown
 
 
-def _is_ros_map(image: Shades) -> bool:
-    """Return True if an image has unknown cells and no other shades than ROS's map savers write."""
+def _find_ros_threshold(image: Shades) -> float:
+    """Return a threshold above the unknown cells of a ROS map's image; 0 for other images.
+
+    Such an image has unknown cells and no other shades than ROS's map savers write, or few that are
+    not near them if it was compressed or scaled.
+    """
     if image.white_level != _WHITE_8_BIT:
-        return False
-    other_levels = np.ones(image.white_level + 1, dtype=np.bool_)
-    other_levels[list(_ROS_LEVELS)] = False
+        return 0.0
+    levels = np.arange(image.white_level + 1)
+    distances = np.abs(levels[:, None] - _ROS_LEVELS)
     has_unknown = (image.levels == _UNKNOWN_LEVEL).any()
-    return bool(has_unknown) and not image.select(other_levels).any()
+    if has_unknown and not image.select(distances.min(axis=1) > 0).any():
+        return 0.81
+    if not (has_unknown or image.is_lossy):
+        return 0.0
+    others = image.select(distances.min(axis=1) > _MAX_BLUR).mean()
+    unknown = image.select(distances[:, 1] <= _MAX_BLUR).mean()
+    return 0.9 if others < 0.05 and unknown > 0.1 else 0.0
 
 
 def read_shades(path: StrPath, kind: str, *, may_turn: bool = True) -> Shades:
@@ -192,7 +216,8 @@ def read_shades(path: StrPath, kind: str, *, may_turn: bool = True) -> Shades:
             raise ContentError("has a value for no data", rule, "fill it, with gdal_fillnodata")
         image.load()
         ImageOps.exif_transpose(image, in_place=True)
-        shades = _convert_image(image, tags)
+        is_jpeg = image.format == "JPEG" or image.info.get("compression") in _LOSSY_COMPRESSIONS
+        shades = _convert_image(image, tags)._replace(is_lossy=is_jpeg)
     gamma = image.info.get("gamma", _USUAL_GAMMA)
     if pages > 1:
         warn_user(f"{path}: it has {pages} pages or frames, and only the first is read")

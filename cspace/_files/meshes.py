@@ -39,6 +39,7 @@ from cspace._files.access import (
 from cspace._files.fields import Fields
 from cspace._files.plain import check_nesting, parse_xml
 from cspace._files.polygons import (
+    cover_lines,
     join_surfaces,
     read_obj,
     read_ply,
@@ -69,6 +70,9 @@ UPRIGHT: Final[Mapping[Up, Floats]] = {
 
 _MESH_KIND: Final = "mesh"
 
+GLTF_SUFFIXES: Final = (".glb", ".gltf")
+"""Suffixes of glTF files, in which y points up."""
+
 _APPEARANCE_PREFIXES: Final = (
     "KHR_materials_",
     "KHR_texture_",
@@ -87,11 +91,11 @@ FIELDS: Final = (
             "skins and morphs; sparse, quantised or compressed numbers; extensions except of the "
             "appearance; parts without triangles"
         ),
-        warned="y is up (`up=`)",
+        warned="y is up (`up=`; in a URDF it becomes z)",
     ),
     Fields(
         "`.dae`",
-        honoured="`unit meter`; `matrix`, `translate`, `rotate`, `scale`; instances",
+        honoured="`unit meter`; `matrix`, `translate`, `rotate`, `scale`; instances; lines",
         refused="parts of another unit; `lookat`, `skew`; controllers",
         warned="`up_axis` (`up=`); by default Y_UP",
     ),
@@ -102,14 +106,14 @@ FIELDS: Final = (
     ),
     Fields(
         "`.obj`",
-        honoured="negative indices",
+        honoured="negative indices; lines and points beside faces",
         refused="weights; surfaces of curves; other files",
         warned="a unit in a comment",
     ),
     Fields(
         "`.ply`",
         honoured="`format`; types and order of properties",
-        refused="lists of other elements than `face`",
+        refused="edges; lists of other elements than `face`",
         warned="a unit in a comment",
     ),
 )
@@ -172,7 +176,8 @@ def _join_placed(
     copies: list[Surface] = []
     for mesh, pose in placed:
         if (pose[3] != (0.0, 0.0, 0.0, 1.0)).any():
-            raise ContentError(f"has a matrix with the last row {pose[3].tolist()}")
+            problem = f"has a matrix with the last row {pose[3].tolist()}"
+            raise ContentError(problem, "it must be 0, 0, 0, 1", "apply it where it is written")
         copies += [transform_surface(surface, pose) for surface in surfaces[mesh]]
     return join_surfaces(copies)
 
@@ -256,7 +261,8 @@ def _read_buffer(buffer: Json, embedded: bytes, file: Path) -> bytes:
     else:
         buffer_file = file.parent / unquote(uri)
         if not buffer_file.resolve().is_relative_to(file.parent.resolve()):
-            raise ContentError(f"has its data in {uri!r:.80}, outside its folder")
+            problem = f"has its data in {uri!r:.80}, outside its folder"
+            raise ContentError(problem, "such files are not read", "move them into its folder")
         content = read_bytes(buffer_file, "buffer of glTF")
     if len(content) < buffer["byteLength"]:
         raise ContentError(f"has a buffer of {len(content)} bytes, fewer than it declares")
@@ -379,7 +385,8 @@ def _parse_gltf_header(data: bytes) -> Json:
     header: Json = json.loads(text)
     version = str(header["asset"]["version"])
     if not version.startswith("2."):
-        raise ContentError(f"is of version {version}; only glTF 2 is read")
+        problem = f"is of version {version}"
+        raise ContentError(problem, "only glTF 2 is read", "export it as glTF 2")
     required = dict.fromkeys(header.get("extensionsRequired", []))
     _refuse_extensions({"extensions": required})
     return _refuse_extensions(header)
@@ -397,8 +404,11 @@ _MAX_EXTRA_VISITS: Final = 100_000
 """Largest number of node visits beyond the number of elements; a few nested instances can unfold
 without end."""
 
-_SURFACELESS_CHILDREN: Final = frozenset(["source", "vertices", "extra", "lines", "linestrips"])
-"""Tags of the children of a mesh that have no surface."""
+_DATA_CHILDREN: Final = frozenset(["source", "vertices", "extra"])
+"""Tags of the children of a mesh that have no shape."""
+
+_LINES: Final = ("lines", "linestrips")
+"""Tags of the children of a mesh that are lines."""
 
 
 class _Collada(NamedTuple):
@@ -470,7 +480,8 @@ def _parse_collada(data: bytes) -> _Collada:
         if name:
             named[name] = None if name in named else element
     if root.tag != "COLLADA":
-        raise ContentError(f"holds {root.tag}, not COLLADA")
+        rule = "a .dae file has COLLADA as its root"
+        raise ContentError(f"holds {root.tag:.60}", rule, "give the file the suffix of its format")
     return _Collada(root, named, {})
 
 
@@ -521,7 +532,8 @@ def _read_unit(root: Element) -> float:
     """Return the metres per unit of a COLLADA file."""
     metres = float(_read_asset(root, "unit", lambda unit: unit.get("meter")) or 1.0)
     if not (math.isfinite(metres) and metres > 0.0):
-        raise ContentError(f"has a unit of {metres:g} metres")
+        problem = f"has a unit of {metres:g} metres"
+        raise ContentError(problem, "it must be above zero", "correct <unit meter=...>")
     return metres
 
 
@@ -592,7 +604,7 @@ def _read_surfaces(geometry: Element, collada: _Collada) -> list[Surface]:
             continue
         if element.tag != "mesh":
             raise unsupported_part(f"a geometry that is a {element.tag}")
-        primitives = [child for child in element if child.tag not in _SURFACELESS_CHILDREN]
+        primitives = [child for child in element if child.tag not in _DATA_CHILDREN]
         surfaces += [_read_collada_part(primitive, collada) for primitive in primitives]
     return surfaces
 
@@ -620,6 +632,9 @@ def _read_collada_part(part: Element, collada: _Collada) -> Surface:
     vertex_offset = int(inputs[0].get("offset", "0"))
     corners = numbers[vertex_offset::stride]
     points = _read_positions(collada.resolve(inputs[0]), collada)
+    if part.tag in _LINES:
+        corners = cover_lines(corners, sizes)
+        sizes = np.full(len(corners) // 3, 3)
     return points, triangulate(points, corners, sizes)
 
 
@@ -635,7 +650,9 @@ def _count_corners(part: Element, list_sizes: list[int]) -> Ints:
         return np.full(sum(list_sizes) // 3, 3)
     if part.tag == "polylist":
         return _parse_integers(part.findtext("vcount"))
-    if part.tag == "polygons":
+    if part.tag == "lines":
+        return np.full(sum(list_sizes) // 2, 2)
+    if part.tag in ("polygons", "linestrips"):
         return np.array(list_sizes, dtype=np.int64)
     raise unsupported_part(f"a mesh with {part.tag}")
 
@@ -659,7 +676,8 @@ def _read_positions(vertices: Element, collada: _Collada) -> Floats:
     first = int(accessor.get("offset", "0"))
     names = [param.get("name") for param in accessor.findall("param")]
     if list(filter(None, names)) != ["X", "Y", "Z"] or len(names) > stride:
-        raise ContentError(f"has positions with the columns {names} instead of X, Y, Z")
+        problem = f"has positions with the columns {names}"
+        raise ContentError(problem, "they must be X, Y and Z", "write them in this order")
     end = first + count * stride
     declared = int(array.get("count", len(values)))
     if min(first, count) < 0 or len(values) != declared or end > declared:
@@ -709,8 +727,8 @@ def read_mesh(path: StrPath, up: Up | None = "z") -> Surface:
     Nothing is repaired, merged or dropped: a file with an unsupported part is refused with
     GeometryError. A polygon of four or more corners is refused too if its triangles are ambiguous:
     its corners are out of plane by more than rounding, or no fan around one of them covers it.
-    Lines and points are skipped in ``.obj``, ``.ply`` and ``.dae``, where they are common, and
-    refused in ``.glb`` and ``.gltf``. Truncation of an ``.obj`` between two lines, or within its
+    Lines and points of ``.obj`` and ``.dae`` are surfaces without area; those of other formats are
+    refused. Truncation of an ``.obj`` between two lines, or within its
     last number, cannot be detected.
 
     Returns
@@ -800,8 +818,7 @@ _READERS: Final[dict[str, Callable[[Path], tuple[Surface, Up]]]] = {
     ".stl": _read_stl,
     ".obj": lambda file: (read_obj(file), "z"),
     ".ply": _read_ply,
-    ".glb": _read_gltf,
-    ".gltf": _read_gltf,
+    **dict.fromkeys(GLTF_SUFFIXES, _read_gltf),
     ".dae": _read_collada,
 }
 """Function that reads a file and the axis that it calls up, by suffix."""

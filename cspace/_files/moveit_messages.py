@@ -8,19 +8,19 @@ answer but are not read are refused too, unless they are empty.
 from __future__ import annotations
 
 import itertools
-import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping
+from functools import cache
 from types import SimpleNamespace
 from typing import Any, Final, TypeAlias
 
 import numpy as np
 
-from cspace._files.access import ContentError, decoding
-from cspace._files.fields import Fields
-from cspace._files.plain import read_yaml
+from cspace._files.access import ContentError
+from cspace._files.fields import UNKNOWN_FIELDS, Fields, Ledger, check_number, list_fields
+from cspace._files.plain import MAX_LEVELS
 from cspace._support.arrays import Floats
-from cspace.errors import InputError
+from cspace._support.reporting import warn_user
+from cspace.errors import AngleWarning
 
 WORLD: Final = "world"
 """Frame of poses whose header names none, as in robowflex."""
@@ -32,8 +32,8 @@ There, rounding is 1e-13 m, less than :data:`cspace._bodies.DISTANCE_ROUNDING` a
 a far frame may lead back to the arm.
 """
 
-MAX_NUMBER: Final = 1e100
-"""Largest number of a message."""
+_MAX_COMPONENT: Final = 1.01
+"""Largest component of a quaternion that was rounded to few digits."""
 
 MOTION_ROUNDING: Final = 1e-6
 """Largest difference of the entries of two equal motions, metres and radians."""
@@ -50,6 +50,11 @@ FIELDS: Final = (
             "`octomap`; `link_padding`, `link_scale`; `is_diff`; unknown fields"
         ),
         warned="attached objects without an arm",
+        harmless="seq stamp type name weight detach_posture velocity effort joint_names twist "
+        "wrench binary id resolution child_frame_id robot_model_name object_colors "
+        "parameterization workspace_parameters pipeline_id planner_id num_planning_attempts "
+        "max_velocity_scaling_factor max_acceleration_scaling_factor "
+        "cartesian_speed_end_effector_link cartesian_speed_limited_link max_cartesian_speed",
     ),
     Fields(
         "MoveIt requests",
@@ -78,7 +83,7 @@ PRIMITIVES: Final[Mapping[str, tuple[str, ...]]] = {
 }
 """Dimensions of each primitive, in the order of the numbers of their types, which begin at 1."""
 
-_NEUTRAL_FIELDS: Final = ("name", "header", "is_diff", "w")
+_NEUTRAL_FIELDS: Final = frozenset({"name", "header", "is_diff", "w"})
 """Fields that messages without content may have; w is that of the quaternion of no rotation."""
 
 
@@ -100,12 +105,13 @@ def refuse(hint: str) -> Parser:
     return check
 
 
-def _holds_entries(value: Any) -> bool:
-    """Return True if a message holds more than neutral fields and zeros."""
-    if isinstance(value, Mapping):
-        fields = (field for name, field in value.items() if name not in _NEUTRAL_FIELDS)
-        return any(map(_holds_entries, fields))
-    if isinstance(value, list):
+def _holds_entries(value: Any, levels: int = MAX_LEVELS) -> bool:
+    """Return True if a message holds more than neutral fields and zeros, or too many levels."""
+    fields = list_fields(value)
+    if fields is not None:
+        names = fields.keys() - _NEUTRAL_FIELDS
+        return levels == 0 or any(_holds_entries(fields[name], levels - 1) for name in names)
+    if isinstance(value := _make_plain(value), list):
         return any(entry != 0 for entry in value)
     return bool(value)
 
@@ -138,6 +144,7 @@ def parse(schema: Schema, value: Any, place: str) -> Any:
     schema of each field. A list may stand for a table of which it is the only field. Tables become
     objects with their fields as attributes.
     """
+    value = _make_plain(value)
     if callable(schema):
         return schema(value, place)
     if isinstance(schema, list):
@@ -146,29 +153,31 @@ def parse(schema: Schema, value: Any, place: str) -> Any:
         (item_schema,) = schema
         items = enumerate(value or ())
         return [parse(item_schema, item, f"{place}[{number}]") for number, item in items]
-    return _parse_table(schema, value, place)
-
-
-def _parse_table(schema: dict[str, Schema], value: Any, place: str) -> SimpleNamespace:
-    """Parse a table of names and values."""
     if isinstance(value, list) and len(schema) == 1:
         value = dict.fromkeys(schema, value)
-    if not isinstance(value, dict | None):
-        raise wrong_value(value, place or "the top", "it must be a table of names and values")
     # A field that is missing is parsed as None, for which its parser has a default or an error.
-    table = value or {}
-    for name in table:
-        if name not in schema and name not in _IGNORED_FIELDS:
-            raise ContentError(
-                f"has the unknown field {str(name)[:40]!r} at {place or 'the top'}",
-                f"the fields are {', '.join(schema)}",
-                "correct or remove it",
-            )
+    table = Ledger({} if value is None else value, place, _make_format(tuple(schema)))
     fields = {
-        name: parse(field, table.get(name), f"{place}.{name}".lstrip("."))
-        for name, field in schema.items()
+        name: parse(field, table.get(name), f"{place}.{name}") for name, field in schema.items()
     }
+    table.close(place)
     return SimpleNamespace(**fields)
+
+
+@cache
+def _make_format(names: tuple[str, ...]) -> Fields:
+    """Return the format of a table, which refuses other fields than those of these names."""
+    honoured = " ".join(f"`{name}`" for name in names)
+    return Fields("MoveIt's messages", honoured, UNKNOWN_FIELDS, harmless=FIELDS[0].harmless)
+
+
+def _make_plain(value: Any) -> Any:
+    """Return an array or a tuple as a list, and a byte of ROS 2 as text of one character."""
+    if hasattr(value, "tolist"):  # of numpy or of Python
+        return value.tolist()
+    if isinstance(value, bytes):
+        return value.decode("latin-1")
+    return list(value) if isinstance(value, tuple) else value
 
 
 def parse_name(value: Any, place: str) -> str:
@@ -205,21 +214,20 @@ def parse_frame(value: Any, place: str) -> str:
 
 def parse_number(value: Any, place: str) -> float:
     """Parse a finite number."""
-    if type(value) not in (int, float) or not abs(value) < MAX_NUMBER:
-        raise wrong_value(value, place, "it must be one finite number")
-    return float(value)
+    return check_number(place, "value", value)
 
 
 def make_vector_parser(count: int) -> Parser:
     """Make a parser of a list of numbers, or of a table with x, y, z and w."""
 
     def parse_vector(value: Any, place: str) -> Floats:
-        entries = value
-        if isinstance(value, dict) and len(value) == count:
-            entries = [value.get(name) for name in "xyzw"[:count]]
-        if not isinstance(entries, list) or len(entries) != count:
+        names = "xyzw"[:count]
+        if list_fields(value, names) is not None:
+            numbers = parse(dict.fromkeys(names, parse_number), value, place)
+            return np.array([getattr(numbers, name) for name in names])
+        if not isinstance(value, list) or len(value) != count:
             raise wrong_value(value, place, f"it must be {count} finite numbers")
-        return np.array([parse_number(entry, place) for entry in entries])
+        return np.array([parse_number(entry, place) for entry in value])
 
     return parse_vector
 
@@ -251,7 +259,14 @@ def parse_rotation(value: Any, place: str) -> Floats:
     if quaternion is None or not quaternion[:3].any():  # the identity, whatever the norm
         return np.eye(3)
     # Squares of tiny numbers would lose digits.
-    scaled = quaternion / np.abs(quaternion).max()
+    largest = np.abs(quaternion).max()
+    scaled = quaternion / largest
+    if largest > _MAX_COMPONENT:
+        warn_user(
+            f"{place}: a quaternion has the component {largest:g}, beyond 1, and is scaled to norm "
+            "1 as in MoveIt; write sin(yaw / 2) as z and cos(yaw / 2) as w if it was an angle",
+            AngleWarning,
+        )
     return np.asarray(Rotation.from_quat(scaled).as_matrix())
 
 
@@ -321,37 +336,6 @@ def pair_items(lists: Mapping[str, list[Any]], place: str, rule: str) -> Pairs:
 
 
 # ---- messages ------------------------------------------------------------------------------------
-
-_IGNORED_FIELDS: Final = (
-    "seq",
-    "stamp",
-    "type",
-    "name",
-    "weight",
-    "detach_posture",
-    "velocity",
-    "effort",
-    "joint_names",
-    "twist",
-    "wrench",
-    "binary",
-    "id",
-    "resolution",
-    "child_frame_id",
-    "robot_model_name",
-    "object_colors",
-    "parameterization",
-    "workspace_parameters",
-    "pipeline_id",
-    "planner_id",
-    "num_planning_attempts",
-    "max_velocity_scaling_factor",
-    "max_acceleration_scaling_factor",
-    "cartesian_speed_end_effector_link",
-    "cartesian_speed_limited_link",
-    "max_cartesian_speed",
-)
-"""Fields of messages that change no answer; a schema that has one of them reads it."""
 
 HEADER: Final[Schema] = {"frame_id": parse_frame}
 """Schema of the header of a pose."""
@@ -461,43 +445,6 @@ SCENE: Final[Schema] = {
     "link_scale": [{"link_name": parse_name, "scale": accept_only(1.0, hint=_USE_PADDING)}],
 }
 """Schema of a planning scene."""
-
-
-@contextmanager
-def reading(source: object, kind: str) -> Iterator[tuple[str, Any]]:
-    """Yield the name and the plain value of a YAML file, a mapping or a message.
-
-    The name of a message is its kind. A ContentError in the block becomes a FileError, or an
-    InputError for a message.
-    """
-    if isinstance(source, str | os.PathLike):
-        content = read_yaml(source, kind)
-        with decoding(source, kind):
-            yield os.fspath(source), content
-        return
-    try:
-        yield kind, _convert_message(source)
-    except ContentError as error:
-        raise InputError(kind, *error.parts) from error
-
-
-def _convert_message(value: Any) -> Any:
-    """Convert a message to tables, lists and plain values."""
-    if isinstance(value, bytes):  # ROS 2 has a byte as text of one character
-        return value.decode("latin-1")
-    if hasattr(value, "tolist"):  # an array of numpy or of Python
-        return value.tolist()
-    if isinstance(value, list | tuple):
-        return [_convert_message(item) for item in value]
-    if not isinstance(value, Mapping):
-        # The fields of messages in ROS 2, in rosbags, and in ROS 1.
-        list_fields = getattr(value, "get_fields_and_field_types", tuple)
-        slots = getattr(value, "__slots__", ())
-        names: Iterable[str] = list_fields() or getattr(value, "__dataclass_fields__", slots)
-        if not names:
-            return value
-        value = {name: getattr(value, name) for name in names}
-    return {name: _convert_message(field) for name, field in value.items()}
 
 
 def find_frame(frames: set[str]) -> str:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import math
+import os
 from array import array
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from cspace._files.access import ContentError, decoding, iterate_header_lines, read_bytes
-from cspace._files.fields import Fields
+from cspace._files.fields import Fields, Ledger
+from cspace._files.plain import parse_finite
 from cspace._limits import check_cells
 from cspace._support.arrays import Bools, Bytes, Floats, Ints, StrPath, frozen
 
@@ -19,7 +20,8 @@ FIELDS: Final = (
     Fields(
         "`.bt`, `.ot`",
         honoured="first line, `id`; `size`; `res`; unknown cells",
-        refused="trees but OcTree and ColorOcTree; values that are NaN",
+        refused="trees but OcTree and ColorOcTree; values that are NaN; a field given twice",
+        warned="unknown fields of the header",
     ),
 )
 
@@ -32,6 +34,9 @@ _LEVELS: Final = 16
 
 _SIDE: Final = 2**_LEVELS
 """Number of finest cells along each axis of an octree. The origin is in the middle."""
+
+_MIN_RESOLUTION: Final = 1e-12
+"""Smallest side of a cell, metres."""
 
 _OCTREE_SHAPE: Final = (_SIDE, _SIDE, _SIDE)
 
@@ -75,8 +80,10 @@ def read_octomap(
     # 320 bytes.
     content = read_bytes(path, _OCTOMAP_KIND, memory=320.0)
     with decoding(path, _OCTOMAP_KIND):
-        header, end = _parse_octomap_header(content)
+        entries, binary, end = _parse_octomap_header(content)
+        header = _check_octomap_header(entries, binary, end < len(content))
         leaves = _read_leaves(header, content[end:])
+    entries.close(os.fspath(path))
     # Cells count from the origin, which is in the middle of the octree.
     corners = leaves.corners - _SIDE // 2
     first = corners.min(axis=0)
@@ -96,9 +103,9 @@ def read_octomap(
     return first * header.resolution, header.resolution, frozen(occupied), frozen(unseen)
 
 
-def _parse_octomap_header(content: bytes) -> tuple[_OctomapHeader, int]:
-    """Return the header and the position of the first node."""
-    entries: dict[str, str] = {}
+def _parse_octomap_header(content: bytes) -> tuple[Ledger, bool, int]:
+    """Return the header, whether the tree is binary, and the position of the first node."""
+    entries: dict[str, str | float] = {}
     binary: bool | None = None
     for line, after in iterate_header_lines(content):
         text = line.strip()
@@ -108,36 +115,28 @@ def _parse_octomap_header(content: bytes) -> tuple[_OctomapHeader, int]:
                 raise ContentError(f"begins with {line[:40]!r}", rule, "pass an OctoMap")
             binary = _FIRST_LINES[text]
         elif text == "data":
-            return _check_octomap_header(entries, binary), after
+            return Ledger(entries, "header", FIELDS[0]), binary, after
         elif text and not text.startswith("#"):
             key, _, value = text.partition(" ")
-            entries[key] = value.strip()
+            if key in entries:
+                raise ContentError(f"has {key} twice", "a header has it once", "remove one")
+            numbers = parse_finite(value)
+            entries[key] = numbers[0] if numbers else value.strip()
     raise ContentError("has no line 'data' after its header" if content else "is empty")
 
 
-def _check_octomap_header(entries: dict[str, str], binary: bool) -> _OctomapHeader:
-    """Check the entries of a header and convert them."""
-    # The type of the tree, its number of nodes, and the side of a cell.
-    tree = entries.get("id", "")
-    size = entries.get("size", "")
-    resolution = entries.get("res", "")
-    if tree not in _COLOUR_BYTES:
-        rule = f"only {' and '.join(_COLOUR_BYTES)} are read"
-        raise ContentError(f"holds a tree of type {tree!r:.60}", rule)
-    try:
-        count = int(size)
-        side = float(resolution)
-    except ValueError:
-        count = -1
-        side = math.nan
-    if count < 0 or not 0.0 < side < math.inf:
-        problem = f"says size {size[:40]!r} and res {resolution[:40]!r}"
-        raise ContentError(problem, "they must be the number of nodes and the cell size in metres")
-    if count == 0:
+def _check_octomap_header(header: Ledger, binary: bool, has_nodes: bool) -> _OctomapHeader:
+    """Check the entries of a header, which ``has_nodes`` after it, and convert them."""
+    header.need("id")
+    rule = f"only {' and '.join(_COLOUR_BYTES)} are read"
+    header.refuse("id", *_COLOUR_BYTES, rule=rule, hint="write it again as an OcTree")
+    count = header.count("size")
+    side = header.number("res", lowest=_MIN_RESOLUTION)
+    if count == 0 and not has_nodes:
         raise ContentError(
             "has no known cell", "a map needs some known space", "insert a scan before writing it"
         )
-    return _OctomapHeader(binary, tree, count, side)
+    return _OctomapHeader(binary, header.get("id"), count, side)
 
 
 _FREE_LEAF: Final = 1
@@ -173,7 +172,9 @@ def _read_leaves(header: _OctomapHeader, data: bytes) -> _Leaves:
     else:
         leaves, nodes = _decode_full(data, _COLOUR_BYTES[header.tree])
     if nodes != header.size:
-        raise ContentError(f"holds {nodes} nodes but its header says {header.size}")
+        rule = "both must agree, so that no part of it is lost"
+        hint = f"copy it again, or if it is whole write 'size {nodes}' in its header"
+        raise ContentError(f"holds {nodes} nodes but its header says {header.size}", rule, hint)
     return leaves
 
 

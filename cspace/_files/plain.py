@@ -18,7 +18,7 @@ from cspace._files.access import ContentError, decoding, read_text
 from cspace._limits import SizeLimit, check_file_memory
 from cspace._support.arrays import StrPath
 
-_MAX_LEVELS: Final = 64
+MAX_LEVELS: Final = 64
 """Maximum depth of nested lists, tables and brackets."""
 
 _MAX_XML_LEVELS: Final = 256
@@ -106,15 +106,18 @@ def _load_yaml(text: str) -> Any:
             value = _parse_word(event.value) if is_unquoted else event.value
             levels[-1].add(value, event)
         elif isinstance(event, yaml.CollectionStartEvent):
-            if len(levels) > _MAX_LEVELS:
-                raise _make_yaml_error(event, f"more than {_MAX_LEVELS} levels of lists and tables")
+            if len(levels) > MAX_LEVELS:
+                raise _make_yaml_error(event, f"more than {MAX_LEVELS} levels of lists and tables")
             levels.append(_Level([] if isinstance(event, yaml.SequenceStartEvent) else {}))
         elif isinstance(event, yaml.CollectionEndEvent):
             values = levels.pop().values
             levels[-1].add(values, event)
+    # The output of ros2 topic echo ends with ---, and so with an empty document.
+    documents = [document for document in documents if document is not None]
     if len(documents) > 1:
-        problem = f"holds {len(documents)} documents"
-        raise ContentError(problem, "it must hold one", "remove the others")
+        problem = f"holds {len(documents)} documents, between lines of ---"
+        hint = "remove the others, or save one message with ros2 topic echo --once"
+        raise ContentError(problem, "it must hold one", hint)
     return documents[0] if documents else None
 
 
@@ -167,7 +170,22 @@ def read_json(
         check_file_memory(path, f"holds {lists:,} lists", needed)
         # int() takes quadratic time; the float of a very long integer is infinite. Eighteen digits
         # fit into 64 bits.
-        return json.loads(text, parse_int=lambda word: float(word) if len(word) > 18 else int(word))
+        return json.loads(
+            text,
+            parse_int=lambda word: float(word) if len(word) > 18 else int(word),
+            object_pairs_hook=_join_pairs,
+        )
+
+
+def _join_pairs(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return a table of JSON; raise ContentError if a key is repeated."""
+    table = dict(pairs)
+    if len(table) < len(pairs):
+        keys = [key for key, _ in pairs]
+        repeated = next(key for key in keys if keys.count(key) > 1)
+        problem = f"has the key {repeated!r:.60} twice in one table"
+        raise ContentError(problem, "only the last would be read", "rename or remove one")
+    return table
 
 
 def parse_xml(data: bytes) -> Element:
@@ -212,8 +230,8 @@ def check_nesting(text: str, opening: str, closing: str) -> None:
         characters = np.frombuffer(block, dtype=np.uint8)
         levels = level + np.cumsum(level_change[characters])
         level = int(levels[-1])
-        if levels.max() > _MAX_LEVELS:
-            raise ContentError(f"has more than {_MAX_LEVELS} nested brackets")
+        if levels.max() > MAX_LEVELS:
+            raise ContentError(f"has more than {MAX_LEVELS} nested brackets")
 
 
 def _make_yaml_error(event: Any, what: str) -> ContentError:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Final
 
 import numpy as np
@@ -24,11 +24,12 @@ from cspace._files.access import (
     read_columns,
     read_text,
 )
-from cspace._files.fields import Fields
+from cspace._files.fields import Fields, warn_of_names
 from cspace._files.lazy_arrays import read_npy
-from cspace._files.polygons import read_ply
+from cspace._files.polygons import read_ply, read_ply_header
 from cspace._files.unit_notes import warn_of_unit
 from cspace._support.arrays import Floats, StrPath
+from cspace._support.check import find_sizes
 from cspace._support.reporting import warn_user
 from cspace.errors import GeometryError
 
@@ -46,13 +47,13 @@ FIELDS: Final = (
         "`.pcd`",
         honoured="FIELDS, SIZE, TYPE, COUNT; WIDTH, HEIGHT, POINTS; DATA",
         refused="binary_compressed; NaN, unless dropped",
-        warned="VIEWPOINT; bytes after the points; a unit in a comment",
+        warned="VIEWPOINT; a radius or size; bytes after the points; a unit in a comment",
     ),
     Fields(
         "`.xyz`, `.txt`, `.csv`",
         honoured="names of columns",
         refused="columns without x, y and z; NaN, unless dropped",
-        warned="a unit in a comment",
+        warned="a unit in a comment; a radius or size",
     ),
     Fields(
         "`.npy`",
@@ -94,6 +95,12 @@ def read_points(path: StrPath, drop_missing: bool = False) -> Floats:
     return points
 
 
+def _warn_of_sizes(path: StrPath, names: Iterable[str]) -> None:
+    """Warn of columns that give points a size, which nobody reads."""
+    ignored = find_sizes(names)
+    warn_of_names(str(path), ignored, ignored)
+
+
 def _read_npy(path: StrPath) -> Floats:
     """Read the points of a ``.npy`` file, shape (n, 3)."""
     array = read_npy(path)
@@ -123,7 +130,8 @@ def _read_text(path: StrPath) -> Floats:
     if len(columns) != 3 or len(names) != rows.shape[1]:
         problem = f"has {rows.shape[1]} columns under the heading {' '.join(names):.60}"
         rule = "it must name every column, and x, y and z once each, in metres"
-        raise ContentError(problem, rule, "write e.g. id,x,y,z, or delete the heading")
+        raise ContentError(problem, rule, "name them, e.g. id,x,y,z")
+    _warn_of_sizes(path, names)
     return np.ascontiguousarray(rows[:, columns])
 
 
@@ -147,7 +155,11 @@ def _find_rows(text: str) -> tuple[list[str], int]:
         words = _WORD.findall(content.lstrip("#/"))
         is_comment = content.startswith(("#", "//"))
         if is_comment:
-            is_heading = {"x", "y", "z"} <= {word[0] for word in words}
+            # A sentence may have such words, too, but hardly as many as there are columns.
+            rows = filter(None, map(_WORD.findall, lines[number:]))
+            first_row = next((row for row in rows if _is_number(row[0])), [])
+            has_axes = {"x", "y", "z"} <= {word[0] for word in words}
+            is_heading = has_axes and len(words) == len(first_row)
         else:
             is_heading = not any(map(_is_number, words))
         if words and is_heading:
@@ -164,6 +176,19 @@ def _is_number(word: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+def _read_ply_points(path: StrPath) -> Floats:
+    """Read the vertices of a ``.ply`` file, shape (n, 3)."""
+    header = read_ply_header(path)
+    _warn_of_sizes(path, [name for name, _ in header.properties["vertex"]])
+    faces = header.counts.get("face", 0)
+    if faces:
+        warn_user(
+            f"{path}: only the points of its {faces} faces are read; for the surface, read it "
+            "with Workspace.from_mesh"
+        )
+    return read_ply(path)[0]
 
 
 def read_pcd(path: StrPath) -> Floats:
@@ -191,8 +216,10 @@ def read_pcd(path: StrPath) -> Floats:
         viewpoint = [float(word) for word in entries.get("VIEWPOINT", _NO_VIEWPOINT)]
     except (TypeError, ValueError, IndexError) as error:
         rule = "fields need types F, I or U, a SIZE and a COUNT, and POINTS is their number"
-        raise ContentError(f"has a malformed header: {error}; {rule}") from error
+        hint = "correct the header"
+        raise ContentError(f"has a malformed header: {error}", rule, hint) from error
     fields = _find_coordinates(entries["FIELDS"], counts)
+    _warn_of_sizes(path, entries["FIELDS"])
     if viewpoint != _NO_VIEWPOINT:
         warn_user(
             f"{path}: its VIEWPOINT is not applied, as in the Point Cloud Library; if the points "
@@ -280,7 +307,8 @@ def _find_coordinates(fields: list[str], counts: list[int]) -> list[int]:
     indices = [fields.index(axis) for axis in "xyz" if fields.count(axis) == 1]
     if len(indices) != 3 or any(counts[index] != 1 for index in indices):
         problem = f"has the fields {' '.join(fields)}"
-        raise ContentError(f"{problem}; a cloud in space has x, y and z, once each")
+        rule = "a cloud in space has x, y and z, once each, in metres"
+        raise ContentError(problem, rule, "write its points with these fields")
     return indices
 
 
@@ -289,7 +317,7 @@ CLOUD_READERS: Final[dict[str, Callable[[StrPath], Floats]]] = {
     ".xyz": _read_text,
     ".txt": _read_text,
     ".csv": _read_text,
-    ".ply": lambda path: read_ply(path)[0],
+    ".ply": _read_ply_points,
     ".pcd": read_pcd,
 }
 """Reader of each suffix."""

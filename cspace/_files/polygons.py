@@ -41,7 +41,7 @@ MAX_FANS: Final = 100
 
 
 _SKIPPED_STATEMENTS: Final = frozenset(
-    b"vt vn vp g o s mg l p usemtl mtllib usemap maplib bevel c_interp d_interp lod "
+    b"vt vn vp g o s mg usemtl mtllib usemap maplib bevel c_interp d_interp lod "
     b"shadow_obj trace_obj deg bmat step "
     b"cstype parm trim hole scrv sp end con ctech stech curv2".split()
 )
@@ -232,6 +232,16 @@ def _make_face_error(polygon: Ints, what: str) -> ContentError:
     return ContentError(problem, rule, hint, kind=GeometryError)
 
 
+def cover_lines(corners: Ints, sizes: Ints) -> Ints:
+    """Return the corners of triangles without area along lines, shape (3 n,).
+
+    ``sizes`` has the number of corners of each line.
+    """
+    owners = np.repeat(np.arange(len(sizes)), sizes)
+    (begins,) = np.nonzero(owners[1:] == owners[:-1])
+    return corners[np.stack([begins, begins + 1, begins + 1], axis=1)].ravel()
+
+
 def unsupported_part(what: str) -> ContentError:
     """Return the error for an unsupported part of a file."""
     problem = f"has {what}, which is not read"
@@ -242,7 +252,7 @@ def unsupported_part(what: str) -> ContentError:
 def read_obj(file: Path) -> Surface:
     """Read the triangles of all objects of an OBJ file.
 
-    Lines and points are skipped.
+    Lines and points are triangles without area: an outer cell covers them, and no inside changes.
 
     Raises FileError if a line is malformed or names a missing vertex. Raises GeometryError if the
     file has free-form surfaces, refers to other files, or has a polygon whose triangles are
@@ -265,6 +275,12 @@ def read_obj(file: Path) -> Surface:
             corners += tokens[1:]
             sizes.append(len(tokens) - 1)
             vertices_before.append(len(points))
+        elif name in (b"l", b"p"):
+            ends = tokens[2:] if name == b"l" else tokens[1:]
+            for first, last in zip(tokens[1:], ends, strict=False):
+                corners += [first, last, last]
+                sizes.append(3)
+                vertices_before.append(len(points))
         elif name == b"v":
             points.append(tokens[1:])
         elif name in _SURFACE_STATEMENTS:
@@ -303,7 +319,13 @@ def _parse_vertices(points: list[list[bytes]]) -> Floats:
     if any(float(point[3]) != 1.0 for point in points if len(point) == 4):
         raise unsupported_part("vertices with weights other than 1")
     words = list(itertools.chain.from_iterable(point[:3] for point in points))
-    return parse_numbers(words, float).reshape(-1, 3)
+    try:
+        return parse_numbers(words, float).reshape(-1, 3)
+    except ValueError as error:
+        rule = "x, y and z must be numbers, with decimal points"
+        raise ContentError(
+            f"has a vertex that is none ({error!s:.80})", rule, "correct it"
+        ) from error
 
 
 def _parse_indices(corners: list[bytes], before: Ints) -> Ints:
@@ -390,11 +412,13 @@ def read_ply(path: StrPath) -> tuple[Floats, Ints, Ints]:
     content = read_bytes(path, PLY_KIND, memory=8.0)
     header = _parse_ply_header(content)
     if not {"x", "y", "z"} <= {name for name, _ in header.properties["vertex"]}:
-        raise ContentError("has vertices without x, y and z")
+        problem = f"has vertices with {', '.join(name for name, _ in header.properties['vertex'])}"
+        raise ContentError(problem, "they need x, y and z, in metres", "rename its properties")
     lists = [name for name, is_list in header.properties.get("face", []) if is_list]
     names = [name for name in lists if name in _CORNER_LISTS]
     if header.faces and len(names) != 1:
-        raise ContentError(f"has faces without one list named {' or '.join(_CORNER_LISTS)}")
+        rule = f"the corners of faces are one list named {' or '.join(_CORNER_LISTS)}"
+        raise ContentError(f"has faces with {names or lists}", rule, "rename its properties")
     if header.is_text:
         return _read_ply_text(content[header.end :], header)
     if not header.vertices:
@@ -452,6 +476,10 @@ def _read_ply_text(text: bytes, header: PlyHeader) -> tuple[Floats, Ints, Ints]:
         raise ContentError(f"has elements that are not as declared ({error})") from error
 
 
+_PLY_ELEMENTS: Final = ("vertex", "face", "range_grid", "camera", "material", "user")
+"""Elements of PLY that are read, or that occupy nothing."""
+
+
 def _parse_ply_header(content: bytes) -> PlyHeader:
     """Parse the header of a PLY file."""
     # Each element is followed by its properties, so ``name`` is the last element.
@@ -475,7 +503,7 @@ def _parse_ply_header(content: bytes) -> PlyHeader:
             case ["property", kind, label] if name and kind != "list":
                 properties[name].append((label, False))
             case ["end_header"] if "vertex" in counts and form in _PLY_FORMATS:
-                _check_ply_lists(counts, properties)
+                _check_ply_elements(counts)
                 return PlyHeader(form == "ascii", counts, properties, after)
             case ["comment" | "obj_info", *_] | []:
                 pass
@@ -484,12 +512,13 @@ def _parse_ply_header(content: bytes) -> PlyHeader:
     raise _make_ply_header_error()
 
 
-def _check_ply_lists(counts: dict[str, int], properties: dict[str, list[tuple[str, bool]]]) -> None:
-    """Refuse elements other than faces that have lists."""
+def _check_ply_elements(counts: dict[str, int]) -> None:
+    """Refuse elements that may be obstacles, other than faces and points."""
     for element, count in counts.items():
-        has_list = any(is_list for _, is_list in properties[element])
-        if count and has_list and element not in ("face", "range_grid"):
-            raise unsupported_part(f"elements {element} with lists, which may be surfaces")
+        if count and element == "edge":
+            raise unsupported_part("edges beside its faces or points")
+        if count and element not in _PLY_ELEMENTS:
+            raise unsupported_part(f"elements {element}, which may be surfaces")
 
 
 def _make_ply_header_error() -> ContentError:
@@ -509,6 +538,7 @@ def _read_corners(data: Any, name: str, lists: list[str]) -> tuple[Ints, Ints]:
         lengths = data[list_name]["f0"]
         if (lengths != lengths[0]).any():
             problem = "has faces of different numbers of corners"
-            raise ContentError(f"{problem}; write it as text, or with triangles only")
+            rule = "those of a binary file must have equally many"
+            raise ContentError(problem, rule, "write it as text, or with triangles only")
     corners = np.asarray(data[name]["f1"], dtype=np.int64).reshape(-1)
     return corners, data[name]["f0"].astype(np.int64).reshape(-1)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
 
 from cspace._files.crs import check_crs
-from cspace._files.fields import Fields
+from cspace._files.fields import Fields, warn_of_names
 from cspace._support.arrays import Floats
 from cspace._support.check import check_finite
 from cspace.errors import InputError
@@ -18,6 +19,16 @@ _METRES: Final = ("", "m", "metre", "metres", "meter", "meters")
 _CRS_ATTRIBUTES: Final = ("crs_wkt", "spatial_ref", "grid_mapping_name")
 """Attributes of a coordinate that name a reference system; the first one counts."""
 
+_AXIS_NAMES: Final = (
+    "units unit uom positive axis standard_name long_name bounds crs crs_wkt spatial_ref "
+    "grid_mapping scale_factor add_offset _fillvalue actual_range valid_min valid_max valid_range "
+    "comment description"
+)
+"""Attributes of a coordinate, in lower case, that are read or harmless."""
+
+_PLACE_ATTRIBUTES: Final = ("transform", "GeoTransform", "crs", "crs_wkt", "spatial_ref", "res")
+"""Attributes of a raster that give it a place; its coordinates have to say it."""
+
 _MAX_STEP_ERROR: Final = 1e-3
 """Maximum distance of a coordinate from its place, in cells; float32 needs some."""
 
@@ -26,11 +37,17 @@ FIELDS: Final = (
         "xarray",
         honoured="coordinates, in either direction; their order",
         refused=(
-            "unequal steps; steps other than `spacing`; `units` other than metres; `positive` "
+            "unequal steps; steps other than the spacing; `units` other than metres; `positive` "
             "down; `scale_factor`, `add_offset`, `_FillValue` of 0 or 1, where not decoded; `crs` "
             "in degrees; y, x without coordinates; `inner` at another place"
         ),
-        warned="other `crs`",
+        warned="other `crs`; attributes that are not named here",
+        harmless=(
+            "AREA_OR_POINT _ARRAY_DIMENSIONS actual_range cell_methods cell_measures comment "
+            "Conventions coordinates created date description flag_masks flag_meanings flag_values "
+            "grid_mapping history institution long_name missing_chunks missing_value name note "
+            "references source standard_name title valid_max valid_min valid_range version"
+        ),
     ),
     Fields(
         "`.zarr`",
@@ -49,11 +66,14 @@ def place_raster(array: Any, spacing: float, name: str = "occupied") -> tuple[An
     Raises InputError if the coordinates are not cells of `spacing`, in metres.
     """
     coordinates = getattr(array, "coords", {})
+    _warn_of_attributes(array, name)
     if hasattr(array, "iloc") or hasattr(array, "data_vars"):
         hint = "pass one array, indexed by ascending x and y"
         raise InputError(name, f"is a {type(array).__name__}", "its labels are not read", hint)
+    array = _drop_other_dimensions(array)
     axes = [axis for axis in "xyz" if axis in getattr(array, "dims", ())]
     if not axes or len(axes) != len(array.dims) or not set(axes) <= set(coordinates):
+        _refuse_another_place(array, coordinates, name)
         return array, None
     systems = [array.attrs.get("crs")]
     for coordinate in coordinates.values():
@@ -74,6 +94,7 @@ def place_raster(array: Any, spacing: float, name: str = "occupied") -> tuple[An
             centers = centers[::-1]
         expected = centers[0] + spacing * np.arange(len(centers))
         if np.abs(centers - expected).max() > _MAX_STEP_ERROR * spacing:
+            _refuse_single_precision(array[axis].values, centers, spacing, label)
             steps = np.diff(centers)
             problem = f"has steps from {steps.min():g} to {steps.max():g} m"
             hint = f"pass spacing={np.median(steps):.6g}, or interpolate the array"
@@ -82,16 +103,69 @@ def place_raster(array: Any, spacing: float, name: str = "occupied") -> tuple[An
     return array.drop_vars(axes), lower
 
 
+def _drop_other_dimensions(array: Any) -> Any:
+    """Drop dimensions of one entry beside x, y and z, such as the band of a file of one."""
+    for dimension in set(getattr(array, "dims", ())) - set("xyz"):
+        if hasattr(array, "isel") and array.sizes[dimension] == 1:
+            array = array.isel({dimension: 0}, drop=True)
+    return array
+
+
+def _warn_of_attributes(array: Any, name: str) -> None:
+    """Warn of attributes of an array that may give its cells another place or meaning."""
+    attributes = getattr(array, "attrs", {})
+    if isinstance(attributes, Mapping):
+        known = FIELDS[0].list_known() | set(_PLACE_ATTRIBUTES)
+        ignored = set(map(str, attributes)) - known - set(FIELDS[0].harmless.split())
+        warn_of_names(f"{name}, attributes", {key: key for key in ignored}, known)
+
+
+def _refuse_another_place(array: Any, coordinates: Any, name: str) -> None:
+    """Raise InputError if an xarray has a place, but no coordinate for each dimension."""
+    attributes = getattr(array, "attrs", {})
+    places = [str(key) for key in coordinates if key not in array.dims]
+    places += [key for key in _PLACE_ATTRIBUTES if key in attributes]
+    if places and hasattr(array, "dims"):
+        raise InputError(
+            name,
+            f"has its place in {', '.join(places):.80}",
+            "each dimension needs coordinates, the centers of its cells in metres",
+            "open it with its coordinates, or pass its values with ascending x and y, and lower=",
+        )
+
+
+def _refuse_single_precision(values: Any, centers: Floats, spacing: float, label: str) -> None:
+    """Raise InputError if steps are unequal because coordinates have 32 bits."""
+    rounding = 0.5 * float(np.spacing(np.abs(centers).max().astype(np.float32)))
+    if values.dtype == np.float32 and rounding > _MAX_STEP_ERROR * spacing:
+        raise InputError(
+            label,
+            f"is float32, which rounds its coordinates by up to {rounding:.2g} m",
+            f"they must be the spacing, {spacing:g} m, apart",
+            "compute it in float64, e.g. x0 + spacing * np.arange(n)",
+        )
+
+
 def _check_axis(coordinate: Any, axis: str, label: str) -> None:
     """Raise InputError unless a coordinate of an xarray is in metres, upwards."""
-    attributes = coordinate.attrs
-    units = str(attributes.get("units", attributes.get("unit", "")))
+    attributes = {str(key).lower(): str(value) for key, value in coordinate.attrs.items()}
+    unknown = attributes.keys() - set(_AXIS_NAMES.split())
+    warn_of_names(f"{label}, attributes", {key: key for key in unknown}, ())
+    name = attributes.get("standard_name", "")
+    units = next(filter(None, map(attributes.get, ("units", "unit", "uom"))), "")
+    if name in ("longitude", "latitude"):
+        units = f"degrees of {name}"
     _check_decoded(coordinate, label)
-    if attributes.get("positive") == "down":
+    if attributes.get("axis", axis).lower() != axis:
+        hint = "rename or transpose the array"
+        raise InputError(label, f"says that it is {attributes['axis']}", "names must agree", hint)
+    if attributes.get("positive", "").lower() == "down" or name == "depth":
         hint = f"turn it, e.g. array.assign_coords({axis}=-array.{axis}.values)"
         raise InputError(label, "is positive downwards", "z must point up", hint)
     if units not in _METRES:
         hint = f"scale it, e.g. array.assign_coords({axis}=0.01 * array.{axis}.values) for cm"
+        if units.startswith("k"):
+            hint = f"scale it, e.g. array.assign_coords({axis}=1000 * array.{axis}.values)"
         if units.startswith("deg"):
             hint = "project it, e.g. by array.rio.reproject of rioxarray"
         raise InputError(label, f"is in {units!r:.40}", "it must be in metres", hint)

@@ -7,33 +7,25 @@ the fields of the ROS 2 messages of the same names.
 from __future__ import annotations
 
 import ast
+import base64
 import itertools
 import math
-import os
 import pathlib
 from array import array
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, MutableMapping
+from contextlib import suppress
 from dataclasses import dataclass, field
-from operator import attrgetter
-from typing import Any, Final, NamedTuple, Protocol
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace._files.access import ContentError, decoding
-from cspace._files.fields import Fields
-from cspace._files.images import Shades, read_shades
-from cspace._files.plain import read_yaml
+from cspace._files.fields import Fields, Ledger, reading
+from cspace._files.images import UNKNOWN_SHADE, Shades, read_shades
 from cspace._support.arrays import Bools, Floats, StrPath
-from cspace._support.check import (
-    check_count,
-    check_finite,
-    check_not_negative,
-    check_positive,
-    check_real,
-)
+from cspace._support.check import check_finite, check_not_negative, check_positive, check_real
 from cspace._support.reporting import warn_user
-from cspace.errors import AngleWarning, FileError, GeometryError, InputError
+from cspace.errors import FileError, GeometryError, InputError
 
 YAML_SUFFIXES: Final = (".yaml", ".yml")
 
@@ -43,20 +35,8 @@ _MAX_METRES: Final = 1e15
 MODES: Final = ("trinary", "scale", "raw")
 """Values of ``mode`` in the YAML of a map; the first is the default."""
 
-_REQUIRED_MAP_KEYS: Final = (
-    "image",
-    "resolution",
-    "origin",
-    "negate",
-    "occupied_thresh",
-    "free_thresh",
-)
-
-_ANGLE_ROUNDING: Final = 1e-6
-"""Excess, in radians, of a whole turn that is written with few digits."""
-
-_UNKNOWN_GREY: Final = 205 / 255
-"""Shade that the map savers of ROS write for unknown cells in trinary mode."""
+_FREE_SHADE_BOUND: Final = (205 + 254) / 2 / 255
+"""Shade halfway between those that map savers write for unknown and for free cells."""
 
 FIELDS: Final = (
     Fields(
@@ -67,21 +47,44 @@ FIELDS: Final = (
         ),
         refused="`negate` in raw mode; EXIF orientation of the image",
         warned=(
-            "grey 205 below `free_thresh`, unknown; yaw beyond a whole turn; an image outside the "
-            "folder; other keys"
+            "grey 205, and grey near it in a JPEG or a scaled image, below `free_thresh`, unknown; "
+            "JPEG; yaw beyond a whole turn; an image outside the folder; unknown fields"
         ),
     ),
     Fields(
-        "`nav_msgs/OccupancyGrid`",
-        honoured="`resolution`, of float32; `width`, `height`; `origin`; -1",
-        refused="tilt of `origin`",
-        warned="values beyond -1 to 100, unknown; 0 and 1 alone",
+        "`nav_msgs/OccupancyGrid`, `map_msgs/OccupancyGridUpdate`",
+        honoured=(
+            "`header`, `frame_id`; `info`: `resolution`, of float32, `width`, `height`, `origin`; "
+            "`position`: `x`, `y`; `orientation`: `z`, `w`; `data`; -1"
+        ),
+        refused="tilt of `origin`; an update in another frame",
+        warned="values beyond -1 to 100, unknown; 0 and 1 alone; unknown fields",
+        harmless="stamp seq map_load_time z",
+    ),
+    Fields(
+        "`geometry_msgs/PoseStamped`",
+        honoured=(
+            "`header`, `frame_id`; `pose`; `position`: `x`, `y`, `z`; "
+            "`orientation`: `x`, `y`, `z`, `w`"
+        ),
+        refused="frames other than that of the map; tilt, where the robot cannot tilt",
+        warned="unknown fields",
+        harmless="stamp seq",
     ),
     Fields(
         "Nav2 parameters",
         honoured="`footprint`; `robot_radius`; `footprint_padding`",
         refused="numbers in quotes; negative padding",
-        warned="padding, where Nav2's differs",
+        warned="padding, where Nav2's differs; unknown parameters of the costmap",
+        harmless="always_send_full_costmap clearable_layers controller_frequency "
+        "cost_scaling_factor enabled filters footprint_clearing_enabled footprint_topic "
+        "global_frame height inflation_radius initial_transform_timeout introspection_mode "
+        "lethal_cost_threshold map_topic map_type map_vis_z mark_threshold max_obstacle_height "
+        "min_obstacle_height observation_sources obstacle_range origin_x origin_y origin_z "
+        "plugins published_footprint_topic publish_frequency publish_voxel_map raytrace_range "
+        "resolution robot_base_frame rolling_window static_map subscribe_to_updates "
+        "track_unknown_space transform_tolerance trinary_costmap unknown_cost_value "
+        "unknown_threshold update_frequency use_maximum use_sim_time width z_resolution z_voxels",
     ),
 )
 
@@ -95,7 +98,8 @@ def read_ros_map(path: StrPath, unknown: str = "occupied") -> tuple[MapInfo, Boo
 
     * ``trinary`` (the default): ``p >= occupied_thresh`` is occupied, ``p < free_thresh`` is free,
       the rest is unknown. Grey 205, which map savers write for unknown cells, is unknown also if
-      it is below ``free_thresh``; a warning counts such cells;
+      it is below ``free_thresh``, and in a JPEG, or beside grey 205, so are greys up to 229; a
+      warning counts such cells;
     * ``scale``: ``p < free_thresh`` is free and the rest is occupied, because a cell with some
       probability of being occupied is not proven free;
     * ``raw``: ``round(255 * shade)`` is the occupancy in per cent; below ``100 * free_thresh`` is
@@ -122,10 +126,19 @@ def read_ros_map(path: StrPath, unknown: str = "occupied") -> tuple[MapInfo, Boo
     ------
     FileError
         If the YAML or its image is missing or malformed; the message names the key and its value.
+
+    Warns
+    -----
+    UserWarning
+        If a field is not read, the image is a JPEG, or free cells may be unknown.
     """
-    with decoding(path, "ROS map"):
-        header = _read_header(path)
+    header = _read_header(path)
     image = read_shades(header.image, "ROS map's image", may_turn=False)
+    if image.is_lossy:  # whatever the caller takes unknown cells for
+        warn_user(
+            f"{path}: its image is a JPEG, which changes shades, so that walls and unknown cells "
+            "may be lost; save the map as PGM or PNG"
+        )
     free, occupied = _classify_pixels(header, image, unknown == "occupied")
     return header.info, free, occupied
 
@@ -143,12 +156,15 @@ class MapInfo(NamedTuple):
         Lower left corner of the first cell, metres.
     yaw : float
         Rotation of the map about that corner, radians.
+    frame_id : str
+        Frame of the corner; empty if none is named.
     """
 
     source: str
     resolution: float
     origin: tuple[float, float]
     yaw: float
+    frame_id: str = ""
 
 
 class _MapHeader(NamedTuple):
@@ -165,86 +181,52 @@ class _MapHeader(NamedTuple):
 def _read_header(path: StrPath) -> _MapHeader:
     """Read the YAML file of a ROS map.
 
-    Raises an error that names the key if a value is missing or wrong.
+    Raises FileError, which names the key, if a value is missing or wrong.
     """
-    # The keys that must be there, then words, then numbers, then the image.
-    document = read_yaml(path, "ROS map")
-    if not isinstance(document, dict):
-        problem = f"holds {type(document).__name__}"
-        hint = "write e.g. 'resolution: 0.05'"
-        raise _make_key_error(problem, "keys and values", hint)
-    for key in _REQUIRED_MAP_KEYS:
-        if key not in document:
-            present = ", ".join(document) or "nothing"
-            raise _make_key_error(f"{key} is missing", f"there, besides {present:.200}", "add it")
-    read_keys = {*_REQUIRED_MAP_KEYS, "mode"}
-    other_keys = ", ".join(key for key in document if key not in read_keys)
-    if other_keys:
-        warn_user(f"{path}: {other_keys:.60} is not read in a ROS map; remove or correct it")
-    mode = document.get("mode", MODES[0])
-    negate = document["negate"]
-    if mode not in MODES:
-        raise _make_key_error(f"mode is {mode!r:.60}", f"one of {', '.join(MODES)}", "correct it")
-    if negate not in (0, 1):
-        hint = "write 'negate: 0' if dark pixels are obstacles"
-        raise _make_key_error(f"negate is {negate!r:.60}", "0 or 1", hint)
-    if negate and mode == "raw":
-        rule = "0 there: ROS 1 and ROS 2 disagree on its effect"
-        raise _make_key_error("negate is 1 in raw mode", rule, "remove it")
-    info = _parse_placement(document, os.fspath(path))
-    occupied_thresh = _parse_number(document["occupied_thresh"], "occupied_thresh", 0.0, 1.0)
-    free_thresh = _parse_number(document["free_thresh"], "free_thresh", 0.0, 1.0)
-    if free_thresh >= occupied_thresh:
-        problem = f"free_thresh is {free_thresh} and occupied_thresh is {occupied_thresh}"
-        raise _make_key_error(problem, "free below occupied", "exchange them")
-    image = _find_image(pathlib.Path(path), document["image"])
-    return _MapHeader(info, image, mode, bool(negate), occupied_thresh, free_thresh)
-
-
-def _parse_placement(document: Mapping[str, Any], source: str) -> MapInfo:
-    """Parse the resolution and the origin of a ROS map."""
-    resolution = _parse_number(document["resolution"], "resolution", 1.0 / _MAX_METRES)
-    origin = document["origin"]
-    if not isinstance(origin, list) or len(origin) != 3:
-        hint = "write e.g. 'origin: [0.0, 0.0, 0.0]'"
-        raise _make_key_error(f"origin is {origin!r:.60}", "x, y and yaw", hint)
-    x, y, yaw = (_parse_number(value, f"origin[{index}]") for index, value in enumerate(origin))
-    if abs(yaw) > 2.0 * math.pi + _ANGLE_ROUNDING:
-        warn_user(
-            f"{source}: the yaw of origin is {yaw:g}, beyond a whole turn; it is in radians; "
-            f"write {math.radians(yaw):.6g} if it was in degrees",
-            AngleWarning,
+    with reading(path, "ROS map", "map", FIELDS[0]) as (source, header):
+        if {"info", "data"} <= header.fields.keys():
+            hint = "pass the file to Workspace.from_occupancy_grid"
+            raise header.fail("is an occupancy grid", "a ROS map has an image", hint)
+        image = _find_image(header, pathlib.Path(path))
+        resolution = header.number("resolution", lowest=1.0 / _MAX_METRES, highest=_MAX_METRES)
+        origin = header.need("origin")
+        if not isinstance(origin, list) or len(origin) != 3:
+            hint = "write e.g. 'origin: [0.0, 0.0, 0.0]'"
+            raise header.fail(f"has the origin {origin!r:.60}", "it must be x, y and yaw", hint)
+        x, y, yaw = (
+            header.check_number(f"origin[{index}]", value, -_MAX_METRES, _MAX_METRES)
+            for index, value in enumerate(origin)
         )
-    return MapInfo(source, resolution, (x, y), yaw)
+        header.note_angle("origin[2], the yaw", yaw)
+        header.refuse("mode", *MODES, rule=f"it must be one of {', '.join(MODES)}")
+        mode = header.get("mode", MODES[0])
+        negate = header.need("negate")
+        hint = "write 'negate: 0' if dark pixels are obstacles"
+        header.refuse("negate", 0, 1, rule="it must be 0 or 1", hint=hint)
+        if negate and mode == "raw":
+            rule = "ROS 1 and ROS 2 disagree on its effect"
+            raise header.fail("has negate 1 in raw mode", rule, "remove it")
+        high, low = (
+            header.number(key, lowest=0.0, highest=1.0)
+            for key in ("occupied_thresh", "free_thresh")
+        )
+        if low >= high:
+            problem = f"has free_thresh {low} and occupied_thresh {high}"
+            raise header.fail(problem, "the first must be below the second", "exchange them")
+    info = MapInfo(source, resolution, (x, y), yaw)
+    return _MapHeader(info, image, mode, bool(negate), high, low)
 
 
-def _find_image(path: pathlib.Path, name: Any) -> pathlib.Path:
+def _find_image(header: Ledger, path: pathlib.Path) -> pathlib.Path:
     """Return the path of the image; warn if it lies outside the map's folder."""
+    name = header.need("image")
     if not isinstance(name, str) or not name or "\0" in name:
-        raise _make_key_error(f"image is {name!r:.60}", "its name", "write e.g. 'image: map.pgm'")
+        hint = "write e.g. 'image: map.pgm'"
+        raise header.fail(f"has the image {name!r:.60}", "it must be a file name", hint)
     file = path.parent / name
     if not file.resolve().is_relative_to(path.parent.resolve()):
         warn_user(f"{path}: image is {name!r}, which lies outside the folder of the map")
     return file
-
-
-def _parse_number(
-    value: Any, key: str, lowest: float = -_MAX_METRES, highest: float = _MAX_METRES
-) -> float:
-    """Return a value of the header as a float between two bounds."""
-    try:
-        number = math.nan if isinstance(value, bool) else float(value)
-    except (TypeError, ValueError):
-        number = math.nan
-    if not lowest <= number <= highest:
-        rule = f"a number from {lowest:g} to {highest:g}"
-        raise _make_key_error(f"{key} is {value!r:.60}", rule, "correct it")
-    return number
-
-
-def _make_key_error(problem: str, rule: str, hint: str) -> ContentError:
-    """Return the error for a wrong value in the YAML of a ROS map."""
-    return ContentError(problem, f"in a ROS map it must be {rule}", hint)
 
 
 def _classify_pixels(header: _MapHeader, image: Shades, warn: bool) -> tuple[Bools, Bools]:
@@ -265,23 +247,46 @@ def _classify_pixels(header: _MapHeader, image: Shades, warn: bool) -> tuple[Boo
         occupied_levels = ~free_levels
     else:
         occupied_levels = probability >= header.occupied_thresh
-        doubtful_levels = free_levels & (shades == _UNKNOWN_GREY) & (not header.negate)
-        if doubtful_levels.any():
-            free_levels &= ~doubtful_levels
-            count = np.count_nonzero(image.select(doubtful_levels) & image.opaque)
-            if count and warn:
-                warn_user(
-                    f"{header.info.source}: {count:,} cells are of grey 205, which map savers "
-                    f"write for unknown ones, but lie below free_thresh: {header.free_thresh:g}; "
-                    "they count as unknown: write free_thresh: 0.196, or pass unknown='free'"
-                )
+        free_levels &= ~_find_doubtful_levels(header, image, free_levels, warn)
     free = image.select(free_levels) & image.opaque
     occupied = image.select(occupied_levels) & image.opaque
     return free, occupied
 
 
+def _find_doubtful_levels(
+    header: _MapHeader, image: Shades, free_levels: Bools, warn: bool
+) -> Bools:
+    """Return the free levels of an image that may be those of unknown cells.
+
+    In an image that was compressed or scaled, they are all that are darker than halfway from 205 to
+    254, the level of free cells. With `warn`, warn of their cells.
+    """
+    shades = image.shades[::-1] if header.negate else image.shades
+    unknown: Bools = shades == UNKNOWN_SHADE
+    doubtful: Bools = free_levels & unknown
+    name = "of grey 205"
+    hint = "write free_thresh: 0.196"
+    if image.is_lossy or image.select(unknown).any():
+        blurred = free_levels & (shades < _FREE_SHADE_BOUND)
+        if image.select(blurred & ~unknown).any():
+            doubtful = blurred
+            name = "of grey 205 or near it"
+            hint = "save the map in its own size, as PGM or PNG"
+    count = np.count_nonzero(image.select(doubtful) & image.opaque)
+    if count and warn:
+        warn_user(
+            f"{header.info.source}: {count:,} cells are {name}, which map savers write for unknown "
+            f"ones, but lie below free_thresh: {header.free_thresh:g}; they count as unknown: "
+            f"{hint}, or pass unknown='free'"
+        )
+    return doubtful
+
+
 _MAX_TILT: Final = 1e-6
-"""Maximum x and y components, relative to the norm of the quaternion, of a map that lies flat."""
+"""Maximum x and y components of the quaternion of a map that lies flat."""
+
+_MAX_NORM_ERROR: Final = 1e-3
+"""Deviation of a quaternion's norm from 1 that passes as rounding."""
 
 
 @dataclass
@@ -442,22 +447,8 @@ class JointTrajectory:
     points: list[JointTrajectoryPoint] = field(default_factory=list)
 
 
-class GridMessage(Protocol):
-    """Any object with the fields of ``nav_msgs/OccupancyGrid``."""
-
-    @property
-    def info(self) -> object:
-        """Size and placement."""
-        ...
-
-    @property
-    def data(self) -> object:
-        """Occupancy of the cells."""
-        ...
-
-
 def read_occupancy_grid(
-    msg: GridMessage, free_thresh: float, occupied_thresh: float
+    msg: object, free_thresh: float, occupied_thresh: float
 ) -> tuple[MapInfo, Bools, Bools]:
     """Read the placement, and the free and occupied cells, of a message.
 
@@ -472,8 +463,15 @@ def read_occupancy_grid(
         rule = "free_thresh must be below occupied_thresh, both from 0 to 1"
         hint = "pass e.g. 0.25 and 0.65"
         raise InputError("free_thresh", problem, rule, hint)
-    # Row by row from the lowest y; other numbers than per cent stand for unknown cells.
-    percent = _read_rows(msg, "info.", "msg", "nav_msgs/OccupancyGrid").T
+    with reading(msg, "occupancy grid", "msg", FIELDS[1]) as (_, grid):
+        frame_id = read_frame(grid)
+        info = grid.child("info")
+        # Row by row from the lowest y; other numbers than per cent stand for unknown cells.
+        percent = _read_rows(grid, info).T
+        origin = info.child("origin")
+        x, y = origin.child("position").numbers("xy")
+        yaw = _read_yaw(origin.child("orientation"))
+        resolution = info.number("resolution", lowest=1.0 / _MAX_METRES, highest=_MAX_METRES)
     is_known = (percent >= 0) & (percent <= 100)
     others = np.count_nonzero(~is_known & (percent != -1))
     if others:
@@ -488,28 +486,29 @@ def read_occupancy_grid(
         )
     free = is_known & (percent / 100.0 < low)
     occupied = is_known & (percent / 100.0 >= high)
-    position = "info.origin.position"
-    coordinates = [get_field(msg, f"{position}.{name}") for name in "xy"]
-    x, y = check_finite(coordinates, f"msg.{position}").tolist()
-    info = MapInfo("msg", _parse_resolution(msg), (x, y), _parse_yaw(msg))
-    return info, free, occupied
+    single = np.float32(resolution)
+    if float(single) == resolution:
+        # Messages store single precision. The shortest text of a float32 is the decimal number that
+        # was rounded to it.
+        resolution = float(str(single))
+    return MapInfo("msg", resolution, (x, y), yaw, frame_id), free, occupied
 
 
-def update_occupancy_grid(msg: GridMessage, update: object) -> None:
+def update_occupancy_grid(msg: object, update: object) -> None:
     """Write the new values of a box of cells into an occupancy grid message.
 
     Parameters
     ----------
-    msg : object
+    msg : object or mapping
         With the fields of ``nav_msgs/OccupancyGrid``; its ``data`` is replaced.
-    update : object
+    update : object or mapping
         With the fields of ``map_msgs/OccupancyGridUpdate``.
 
     Raises
     ------
     InputError
-        If a field is missing or malformed, the box is not within the grid, or the data of either
-        are not as many as its cells; nothing changes then.
+        If a field is missing or malformed, both name a frame and the frames differ, the box is not
+        within the grid, or the data of either are not as many as its cells; nothing changes then.
 
     Examples
     --------
@@ -520,84 +519,113 @@ def update_occupancy_grid(msg: GridMessage, update: object) -> None:
     >>> cspace.ros.update_occupancy_grid(grid, update); grid.data.tolist()
     [0, 100, -1]
     """
-    kind = "map_msgs/OccupancyGridUpdate"
-    cells = _read_rows(msg, "info.", "msg", "nav_msgs/OccupancyGrid").astype(np.int8)
-    values = _read_rows(update, "", "update", kind)
-    x, y = (check_count(get_field(update, name, "update", kind), f"update.{name}") for name in "xy")
-    window = cells[y : y + len(values), x : x + values.shape[1]]
-    if window.shape != values.shape:
-        problem = f"has {values.shape[1]} x {len(values)} cells from ({x}, {y}) on"
-        rule = f"they must lie in the grid of {cells.shape[1]} x {len(cells)}"
-        raise InputError("update", problem, rule, "wait for the whole new map")
+    with reading(msg, "occupancy grid", "msg", FIELDS[1]) as (_, grid):
+        frame_id = read_frame(grid)
+        info = grid.child("info")
+        cells = _read_rows(grid, info).astype(np.int8)
+        for key in ("resolution", "origin"):
+            info.get(key)
+    with reading(update, "grid update", "update", FIELDS[1]) as (_, box):
+        values = _read_rows(box, box)
+        if read_frame(box) and frame_id:
+            check_frame(box, frame_id)
+        x, y = box.count("x"), box.count("y")
+        window = cells[y : y + len(values), x : x + values.shape[1]]
+        if window.shape != values.shape:
+            problem = f"has {values.shape[1]} x {len(values)} cells from ({x}, {y}) on"
+            rule = f"they must lie in the grid of {cells.shape[1]} x {len(cells)}"
+            raise box.fail(problem, rule, "wait for the whole new map")
     window[...] = values
+    data = array("b", cells.tobytes())
     whole: Any = msg
-    whole.data = array("b", cells.tobytes())
+    if isinstance(msg, MutableMapping):
+        whole["data"] = data.tolist()
+        return
+    try:
+        whole.data = data
+    except AttributeError as error:
+        rule = "its data are replaced"
+        raise InputError("msg", "cannot be written to", rule, "pass dict(msg)") from error
 
 
-def _read_rows(msg: object, info: str, argument: str, kind: str) -> NDArray[Any]:
+def _read_rows(grid: Ledger, size: Ledger) -> NDArray[Any]:
     """Return the data of a message as rows of its cells, shape (height, width).
 
-    ``info`` is the prefix of the fields of its size, ``argument`` its name in errors, and ``kind``
-    its type.
+    ``size`` has the fields ``width`` and ``height``.
     """
-    width, height = (
-        check_count(get_field(msg, f"{info}{name}", argument, kind), f"{argument}.{info}{name}", 1)
-        for name in ("width", "height")
-    )
-    values = check_real(get_field(msg, "data", argument, kind), f"{argument}.data")
+    width, height = (size.count(name, lowest=1) for name in ("width", "height"))
+    data = grid.need("data")
+    if isinstance(data, str):  # as rosbridge writes bytes
+        with suppress(ValueError):
+            data = base64.b64decode(data, validate=True)
+    if isinstance(data, bytes):
+        data = np.frombuffer(data, dtype=np.int8)
+    if isinstance(data, list) and data:
+        grid.check_number("last of the data", data[-1])
+    values = check_real(data, f"{grid.where}.data")
     if values.shape != (width * height,) or values.dtype.kind not in "iu":
-        problem = f"has shape {values.shape} and type {values.dtype}"
+        problem = f"has data of shape {values.shape} and type {values.dtype}"
         rule = f"it must have width x height = {width} x {height} whole numbers, from -1 to 100"
-        raise InputError(f"{argument}.data", problem, rule, "pass the whole message")
+        raise grid.fail(problem, rule, "pass the whole message")
     return values.reshape(height, width)
 
 
-def get_field(
-    msg: object, path: str, argument: str = "msg", kind: str = "nav_msgs/OccupancyGrid"
-) -> Any:
-    """Return a field of a message by its dotted path.
+def read_frame(message: Ledger) -> str:
+    """Return the frame in the header of a message, without the slash of old versions of ROS.
 
-    ``argument`` is its name in errors, and ``kind`` its type.
+    It is empty if the header names none.
     """
-    try:
-        return attrgetter(path)(msg)
-    except AttributeError as error:
-        raise missing_field_error(argument, path, kind) from error
+    header = message.child("header", otherwise={})
+    frame_id = header.get("frame_id", "")
+    if not isinstance(frame_id, str):
+        raise header.fail(f"has the frame_id {frame_id!r:.60}", "it must be a name")
+    return frame_id.lstrip("/")
 
 
-def missing_field_error(argument: str, path: str, kind: str) -> InputError:
-    """Return the error for a message without a field."""
-    return InputError(
-        argument, f"has no {path}", f"it must have the fields of {kind}", "pass such a message"
-    )
+def check_frame(message: Ledger, frame_id: str) -> None:
+    """Refuse a message in another frame than that of the map."""
+    frame = read_frame(message)
+    if frame != frame_id.lstrip("/"):
+        rule = f"it must be {frame_id!r}, the frame of the map"
+        place = f"{message.where}.header.frame_id"
+        raise InputError(place, f"is {frame!r}", rule, "transform it with tf2")
 
 
-def _parse_resolution(msg: object) -> float:
-    """Return the side of a cell of a message's map, metres.
+def read_pose(msg: object, frame_id: str) -> tuple[list[float], list[float]]:
+    """Return the position, metres, and the quaternion, x to w, of a stamped pose.
 
-    Messages store single precision; this undoes the rounding.
+    Raises InputError if the pose is in another frame, a field is missing or not a finite number, or
+    the quaternion is not of norm 1.
     """
-    value = check_positive(get_field(msg, "info.resolution"), "msg.info.resolution")
-    single = np.float32(value)
-    # The shortest text of a float32 is the decimal number that was rounded to it.
-    return float(str(single)) if float(single) == value else value
+    with reading(msg, "pose", "msg", FIELDS[2]) as (_, stamped):
+        check_frame(stamped, frame_id)
+        pose = stamped.child("pose")
+        return pose.child("position").numbers("xyz"), _read_turn(pose.child("orientation"))
 
 
-def _parse_yaw(msg: object) -> float:
+def _read_turn(orientation: Ledger) -> list[float]:
+    """Return the quaternion of a message, x to w, of norm 1."""
+    x, y, z, w = turn = orientation.numbers("xyzw")
+    if abs(math.hypot(x, y, z, w) - 1.0) > _MAX_NORM_ERROR:
+        problem = f"is ({x:g}, {y:g}, {z:g}, {w:g}), which is no unit quaternion"
+        hint = "set z to sin(yaw / 2) and w to cos(yaw / 2)"
+        raise orientation.fail(problem, "its norm must be 1", hint)
+    return turn
+
+
+def _read_yaw(orientation: Ledger) -> float:
     """Return the yaw of a message's map, radians.
 
     An unset quaternion, all zeros, counts as no rotation.
     """
-    place = "info.origin.orientation"
-    values = [get_field(msg, f"{place}.{name}") for name in "xyzw"]
-    x, y, z, w = check_finite(values, f"msg.{place}").tolist()
-    norm = math.hypot(x, y, z, w)
-    if norm == 0.0:
+    x, y, z, w = orientation.numbers("xyzw")
+    if x == y == z == w == 0.0:
         return 0.0
-    if max(abs(x), abs(y)) > _MAX_TILT * norm:
+    if max(abs(x), abs(y)) > _MAX_TILT:
         rule = "a map must lie flat, turned about z only"
         problem = f"is ({x:g}, {y:g}, {z:g}, {w:g}), which is tilted"
-        raise InputError(f"msg.{place}", problem, rule, "set x and y to 0")
+        raise orientation.fail(problem, rule, "publish it in a frame whose z points up")
+    _read_turn(orientation)
     return 2.0 * math.atan2(z, w)  # a quaternion has half the angle
 
 
@@ -654,18 +682,19 @@ def read_nav2(path: StrPath, costmap: str | None = None) -> CostmapRobot:
     Raises FileError if the file is missing or malformed, or describes no robot, several, or not
     that costmap.
     """
-    file = os.fspath(path)
-    tables = dict(_iterate_tables(read_yaml(path, "Nav2 parameter file"), ()))
-    if not tables:
-        problem = "holds neither footprint nor robot_radius"
-        rule = "a costmap has one of them"
-        hint = "write e.g. 'robot_radius: 0.22' in its local_costmap and global_costmap"
-        raise FileError(file, problem, rule, hint)
-    robots = {
-        name: _parse_robot(table, f"{file}: {name or 'the file'}")
-        for name, table in tables.items()
-        if costmap is None or name.endswith(costmap)
-    }
+    with reading(path, "Nav2 parameter file", "file", FIELDS[3]) as (file, document):
+        document.skip()  # most of it concerns other nodes
+        tables = dict(_iterate_tables(document.fields, ()))
+        if not tables:
+            problem = "holds neither footprint nor robot_radius"
+            rule = "a costmap has one of them"
+            hint = "write e.g. 'robot_radius: 0.22' in its local_costmap and global_costmap"
+            raise FileError(file, problem, rule, hint)
+        robots = {
+            name: _parse_robot(document.inner(table, f"{file}: {name or 'the file'}", name))
+            for name, table in tables.items()
+            if costmap is None or name.endswith(costmap)
+        }
     if not robots:
         rule = f"it has {', '.join(tables)}"
         raise FileError(file, f"has no costmap {costmap!r}", rule, "name one of these")
@@ -692,14 +721,17 @@ def _iterate_tables(value: Any, path: tuple[str, ...]) -> Iterator[tuple[str, Ma
         yield from _iterate_tables(inner, (*path, name))
 
 
-def _parse_robot(table: Mapping[str, Any], place: str) -> CostmapRobot:
+def _parse_robot(table: Ledger) -> CostmapRobot:
     """Parse the robot of a costmap's parameters."""
-    footprint: Any = table.get("footprint")
+    layers = [key for key, value in table.fields.items() if isinstance(value, Mapping)]
+    table.taken.update(layers)
+    footprint = table.get("footprint")
+    radius = table.get("robot_radius")
     padding = check_not_negative(
-        table.get("footprint_padding", DEFAULT_FOOTPRINT_PADDING), f"{place}: footprint_padding"
+        table.get("footprint_padding", DEFAULT_FOOTPRINT_PADDING),
+        f"{table.where}: footprint_padding",
     )
     if footprint in _NO_FOOTPRINT:
-        radius = check_positive(table["robot_radius"], f"{place}: robot_radius")
-        return CostmapRobot((), radius, padding)
-    corners = parse_footprint(footprint, f"{place}: footprint").tolist()
+        return CostmapRobot((), check_positive(radius, f"{table.where}: robot_radius"), padding)
+    corners = parse_footprint(footprint, f"{table.where}: footprint").tolist()
     return CostmapRobot(tuple((x, y) for x, y in corners), 0.0, padding)

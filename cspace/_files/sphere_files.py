@@ -8,9 +8,10 @@ from collections.abc import Iterable, Mapping
 from typing import Any, Final, TypeAlias
 from xml.etree.ElementTree import Element, SubElement
 
-from cspace._files.access import ContentError, check_suffix, decoding, read_bytes
-from cspace._files.fields import Fields
+from cspace._files.access import check_suffix, decoding, read_bytes
+from cspace._files.fields import Fields, Ledger
 from cspace._files.plain import parse_finite, parse_xml, read_json, read_yaml
+from cspace._support.reporting import warn_user
 
 Sphere: TypeAlias = tuple[list[float], float]
 """Center in the frame of a link, and radius, metres."""
@@ -24,9 +25,25 @@ _KIND: Final = "file of spheres"
 FIELDS: Final = (
     Fields(
         "`spheres=` of a URDF: cuRobo's `.yaml`, foam's `.json`, `.srdf`",
-        honoured="centers and radii of the spheres of each link",
-        refused="radii that are not above zero",
-        warned="links that the URDF lacks",
+        honoured=(
+            "`robot_cfg`, `kinematics`, `collision_spheres`; `spheres` of each link; `center` or "
+            "`origin`, `radius`"
+        ),
+        refused=(
+            "radii of zero, or below in other files than cuRobo's; `collision_sphere_buffer`; "
+            "XRDF's `format`"
+        ),
+        warned=(
+            "`self_collision_buffer`; spheres that cuRobo disables, of a radius below zero; "
+            "links that the URDF lacks"
+        ),
+        harmless="mean best worst version use_usd_kinematics usd_path usd_robot_root "
+        "usd_flip_joints usd_flip_joint_limits isaac_usd_path urdf_path asset_root_path "
+        "external_asset_path external_robot_configs base_link ee_link link_names lock_joints "
+        "extra_links extra_collision_spheres collision_link_names mesh_link_names "
+        "self_collision_ignore load_collision_spheres use_global_cumul use_external_assets cspace "
+        "add_object_link robot_name format_version grasp_contact_link_names load_dynamics "
+        "tool_frames",
     ),
 )
 
@@ -34,27 +51,58 @@ FIELDS: Final = (
 def read_spheres(path: str | os.PathLike[str]) -> dict[str, list[Sphere]]:
     """Read the spheres of each link.
 
+    A warning counts the spheres of cuRobo's files that have a radius below zero, which disables
+    them, and are left out. A link that has no other spheres is left out too.
+
     Raises InputError for another suffix, and FileError if the file is missing or malformed.
     """
     suffix = check_suffix(path, SPHERE_SUFFIXES, "spheres are read from such files", "spheres")
-    entries: Any
+    content: Any
     if suffix == ".srdf":
         data = read_bytes(path, _KIND, 20.0, "max_description_bytes")
         with decoding(path, _KIND):
-            entries = _list_srdf_links(parse_xml(data))
-            return _convert_links(entries)
-    if suffix == ".json":
-        entries = read_json(path, _KIND, limit="max_description_bytes")
-        with decoding(path, _KIND):
-            links = _check_table(entries, "the file")
-            entries = {name: _check_table(links[name], name).get("spheres") for name in links}
-            return _convert_links(entries)
-    entries = read_yaml(path, _KIND)
+            content = _list_srdf_links(parse_xml(data))
+    elif suffix == ".json":
+        content = read_json(path, _KIND, limit="max_description_bytes")
+    else:
+        content = read_yaml(path, _KIND)
     with decoding(path, _KIND):
+        document = table = Ledger(content, "file", FIELDS[0])
         # A description of a robot for cuRobo has the spheres two levels down.
         for key in ("robot_cfg", "kinematics", "collision_spheres"):
-            entries = _check_table(entries, "the file").get(key, entries)
-        return _convert_links(entries)
+            rule = "a table of links and their spheres is read"
+            table.refuse("format", rule=rule, hint="write the spheres of its geometry so")
+            hint = "add it to the radii, and remove it"
+            rule = "it enlarges the spheres, and is not read"
+            table.refuse("collision_sphere_buffer", 0, rule=rule, hint=hint)
+            if key in table.fields:
+                table = _open_links(table, key)
+        table.skip()
+        lowest = 0.0 if suffix in (".srdf", ".json") else -math.inf
+        links = {name: _read_link(table, name, lowest) for name in table.fields}
+        if not links:
+            raise table.fail("has no spheres", "it must have those of one link", "add some")
+    document.close(os.fspath(path))
+    enabled = {name: [each for each in links[name] if each[1] > 0.0] for name in links}
+    disabled = sum(len(links[name]) - len(enabled[name]) for name in links)
+    if disabled:
+        warn_user(
+            f"{os.fspath(path)}: {disabled} spheres have a radius below zero, which disables them "
+            "in cuRobo, and are left out; a link without others keeps the geometry of the URDF"
+        )
+    return {name: spheres for name, spheres in enabled.items() if spheres}
+
+
+def _open_links(table: Ledger, key: str) -> Ledger:
+    """Take the table in a field; say how to write or pass other forms of it."""
+    value = table.get(key)
+    rule = "it must be a table of links"
+    if isinstance(value, str):
+        raise table.fail(f"has {key} {value!r:.60}", rule, "pass spheres= with that file")
+    if isinstance(value, list):
+        hint = "write each entry without its dash, as 'link: [...]'"
+        raise table.fail(f"has a list as {key}", rule, hint)
+    return table.child(key)
 
 
 def _list_srdf_links(root: Element) -> dict[str, list[dict[str, Any]]]:
@@ -67,52 +115,36 @@ def _list_srdf_links(root: Element) -> dict[str, list[dict[str, Any]]]:
             spheres.append(
                 {
                     "center": parse_finite(sphere.get("center", "")),
-                    "radius": radius[0] if len(radius) == 1 else None,
+                    "radius": radius[0] if len(radius) == 1 else sphere.get("radius"),
                 }
             )
     return links
 
 
-def _check_table(value: Any, name: str) -> Mapping[str, Any]:
-    """Return a table of a file, or raise ContentError."""
-    if not isinstance(value, Mapping):
-        raise ContentError(f"has no table of links, but {name} is a {type(value).__name__}")
-    return value
+def _read_link(table: Ledger, name: str, lowest: float) -> list[Sphere]:
+    """Return the spheres of a link: a list, or foam's table with one.
+
+    ``lowest`` is the lowest radius, metres.
+    """
+    entry = table.fields[name]
+    link = table.inner({"spheres": entry} if isinstance(entry, list) else entry, f"link {name!r}")
+    spheres = [_read_sphere(sphere, lowest) for sphere in link.children("spheres", "sphere")]
+    if not spheres:
+        raise link.fail("has no spheres", "it must have some", "add them, or remove the link")
+    return spheres
 
 
-def _convert_links(links: Any) -> dict[str, list[Sphere]]:
-    """Check the spheres of all links, and return their centers and radii."""
-    table = _check_table(links, "collision_spheres")
-    converted = {
-        name: [_convert_sphere(name, sphere) for sphere in spheres]
-        for name, spheres in table.items()
-        if isinstance(spheres, list)
-    }
-    for name in table:
-        if not converted.get(name):
-            raise ContentError(f"has no spheres of link {name!r}")
-    if not converted:
-        raise ContentError("has no spheres")
-    return converted
-
-
-def _convert_sphere(link: str, sphere: Any) -> Sphere:
-    """Return the center and radius of a sphere; raise ContentError if they are not numbers."""
-    entry = _check_table(sphere, link)
-    center = entry.get("center", entry.get("origin"))
-    radius: Any = entry.get("radius")
-    numbers = [*center, radius] if isinstance(center, list) else []
-    is_valid = len(numbers) == 4 and all(
-        isinstance(number, int | float) and math.isfinite(number) for number in numbers
-    )
-    if not is_valid or radius <= 0.0:
-        raise ContentError(
-            f"has a sphere of link {link!r} with center {center!r} and radius {radius!r}",
-            "a center is three finite numbers, and a radius one above zero",
-            "correct that sphere",
-        )
-    *place, size = map(float, numbers)
-    return place, size
+def _read_sphere(sphere: Ledger, lowest: float) -> Sphere:
+    """Return the center and radius of a sphere; a disabled one has a radius below zero."""
+    key = "origin" if "origin" in sphere.fields else "center"
+    sphere.need(key)
+    center = [sphere.check_number(key, number) for number in sphere.entries(key)]
+    radius = sphere.number("radius", lowest=lowest)
+    if len(center) != 3 or radius == 0.0:
+        problem = f"has the {key} {center} and the radius {radius:g}"
+        rule = "a center is three numbers, and a radius one above zero"
+        raise sphere.fail(problem, rule, "correct that sphere")
+    return center, radius
 
 
 def replace_geometry(root: Element, links: Mapping[str, Iterable[Sphere]]) -> None:

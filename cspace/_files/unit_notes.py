@@ -7,8 +7,10 @@ import re
 from pathlib import Path
 from typing import Final
 
-from cspace._support.arrays import StrPath
-from cspace._support.reporting import warn_user
+import numpy as np
+
+from cspace._support.arrays import Floats, StrPath
+from cspace._support.reporting import format_sides, warn_user
 from cspace.errors import UnitWarning
 
 _COMMENT_BYTES: Final = 4096
@@ -22,10 +24,16 @@ _END_OF_HEADER: Final = re.compile(rb"\n(?:end_header|data)\b")
 
 _UNIT_NOTE: Final = re.compile(
     rb"^(?:#|//|comment|obj_info)[^\n]*?"
-    rb"\b(millimet\w+|centimet\w+|inch(?:es)?|feet|(?<!\d)(?<!\d )[cm]m|units?\W{1,4}(?:in|ft))\b",
+    rb"\b((?:milli|centi|kilo|micro|deci)met\w+|inch(?:es)?|feet|(?<!\d)(?<!\d )[cm]m"
+    rb"|units?\s*(?:[:=]|\bin\b|\bis\b|\bare\b)?\W{0,3}(?:in|ft)"
+    rb"|units?\s*(?:[:=]|\bin\b|\bis\b|\bare\b)\W{0,3}(?!met(?:re|er)s?\b|m\b)[a-z]+)\b",
     re.MULTILINE,
 )
 """A comment, in lower case, with a unit other than the metre; a length such as 2 mm is none."""
+
+
+_MAX_EXPECTED_SIDE: Final = 20.0
+"""Largest side, metres, of a part of a robot whose unit is not suspected."""
 
 
 def warn_of_unit(path: StrPath) -> None:
@@ -42,6 +50,20 @@ def warn_of_unit(path: StrPath) -> None:
     note = _UNIT_NOTE.search(_END_OF_HEADER.split(text)[0])
     if note is not None:
         warn_of_units(os.fspath(path), note[1].decode("latin-1"))
+
+
+def warn_of_size(place: str, points: Floats, advice: str) -> None:
+    """Warn of a part of a robot that is too large to be in metres.
+
+    ``points``, shape (n, 3), are its corners; ``advice`` is for one in millimetres.
+    """
+    sides = np.ptp(points, axis=0)
+    if sides.max() > _MAX_EXPECTED_SIDE:
+        warn_user(
+            f"{place} is {format_sides(sides)} large; check its unit (metres): if it is in "
+            f"millimetres, {advice}",
+            UnitWarning,
+        )
 
 
 def warn_of_units(name: str, units: str) -> None:

@@ -6,8 +6,8 @@ SRDF files add allowed contacts, groups, named states and end effectors.
 from __future__ import annotations
 
 import io
+import itertools
 import logging
-import math
 import os
 from collections import Counter
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
@@ -21,13 +21,13 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from cspace._files.access import ContentError, decoding, read_bytes
-from cspace._files.fields import Fields
+from cspace._files.access import MJCF_HINT, SDF_HINT, ContentError, decoding, read_bytes
+from cspace._files.fields import Fields, open_elements
 from cspace._files.plain import check_expanded, parse_finite, parse_xml
 from cspace._files.sphere_files import read_spheres, replace_geometry
 from cspace._support.arrays import Floats
 from cspace._support.reporting import import_optional, warn_user
-from cspace.errors import AngleWarning, FileError, InputError
+from cspace.errors import FileError, InputError
 
 if TYPE_CHECKING:
     from yourdfpy import URDF
@@ -55,7 +55,7 @@ FIELDS: Final = (
         warned=(
             "`visual` without `collision` (`visuals=True`); angles beyond a whole turn; `limit` "
             "without lower and upper, or of a continuous joint; links that move against a rigid "
-            "robot"
+            "robot; elements and attributes that URDF lacks"
         ),
     ),
     Fields(
@@ -81,14 +81,54 @@ _NUMBERS_PER_ATTRIBUTE: Final[Mapping[str, Mapping[str, int]]] = {
 }
 """Number of values of each numeric attribute, by element and attribute."""
 
+_PARTS: Final = {
+    "robot": "name version link joint material transmission gazebo",
+    "link": "name type inertial visual collision contact self_collision_checking",
+    "collision": "name origin geometry verbose contact_coefficients material",
+    "geometry": "box cylinder sphere mesh",
+    "box": "size",
+    "cylinder": "radius length",
+    "sphere": "radius",
+    "mesh": "filename scale",
+    "origin": "xyz rpy",
+    "joint": (
+        "name type origin parent child axis limit safety_controller mimic dynamics calibration "
+        "hardwareInterface"
+    ),
+    "parent": "link",
+    "child": "link",
+    "axis": "xyz",
+    "limit": "lower upper velocity effort acceleration jerk deceleration",
+    "safety_controller": "soft_lower_limit soft_upper_limit k_position k_velocity",
+    "mimic": "joint multiplier offset",
+}
+"""Attributes and children of each element of a URDF that are read, or that move nothing."""
+
+_SRDF_PARTS: Final = {
+    "robot": (
+        "name group group_state end_effector virtual_joint passive_joint disable_collisions "
+        "enable_collisions disable_default_collisions link_sphere_approximation joint_property"
+    ),
+    "group": "name joint link chain group passive_joint",
+    "group_state": "name group joint",
+    "chain": "base_link tip_link",
+    "joint": "name value",
+    "end_effector": "name parent_link group parent_group",
+    "passive_joint": "name",
+    "disable_collisions": "link1 link2 reason",
+    "enable_collisions": "link1 link2 reason",
+    "disable_default_collisions": "link reason",
+}
+"""Attributes and children of each element of an SRDF that are read, or that move nothing."""
+
+_SINGLE_PARTS: Final = ("origin", "geometry", "axis", "limit", "mimic", "parent", "child")
+"""Elements that another one has once."""
+
 _ANGLES_PER_TYPE: Final[Mapping[str, tuple[str, ...]]] = {
     "revolute": ("rpy", "lower", "upper", "soft_lower_limit", "soft_upper_limit", "offset"),
     "continuous": ("rpy", "offset"),
 }
 """Attributes that are angles, by the type of joint; elsewhere only ``rpy`` is."""
-
-_MAX_EXPECTED_ANGLE: Final = 1.01 * math.tau
-"""Largest angle, radians, that is not suspected to be in degrees; files round a whole turn."""
 
 
 PackageDirs: TypeAlias = "str | os.PathLike[str] | Sequence[str | os.PathLike[str]]"
@@ -129,19 +169,17 @@ def load_urdf(
         replace_geometry(root, links)
         root.set("name", root.get("name", Path(path).stem))
         _choose_geometry(root, visuals)
-        large_angles = _check_robot(root)
+        angles = _check_robot(root)
+        _check_single_parts(root)
+        ledger = open_elements(root, FIELDS[0], _PARTS)
         plain = io.BytesIO(ElementTree.tostring(root))
         # Omit its scene graphs, because they take cubic time for a long chain of links.
         urdf: URDF = yourdfpy.URDF.load(
             plain, load_meshes=False, build_scene_graph=False, build_collision_scene_graph=False
         )
         _shorten_mimic_chains(urdf)
-    if large_angles:
-        warn_user(
-            f"{os.fspath(path)}: {len(large_angles)} angles are beyond a whole turn, first "
-            f"{large_angles[0]}; angles are in radians; write e.g. 3.14159 for 180 degrees",
-            AngleWarning,
-        )
+    ledger.angles = angles
+    ledger.close(os.fspath(path))
     return urdf
 
 
@@ -255,30 +293,41 @@ def _parse_robot(data: bytes, kind: str) -> Element:
     root = parse_xml(data)
     if root.tag != "robot":
         problem = f"holds <{root.tag:.60}>, not <robot>"
-        raise ContentError(problem, f"{kind} files describe a robot", "pass the right file")
+        hint = {"sdf": SDF_HINT, "mujoco": MJCF_HINT}.get(root.tag, "pass the right file")
+        raise ContentError(problem, f"{kind} files describe a robot", hint)
     check_expanded(root)
     return root
 
 
-def _check_robot(root: Element) -> list[str]:
-    """Refuse a URDF that yourdfpy would misread; return the angles beyond a whole turn.
+def _check_robot(root: Element) -> list[tuple[str, float]]:
+    """Refuse a URDF that yourdfpy would misread; return its angles, each with its place.
 
     Raises ContentError.
     """
-    large_angles = []
+    angles = []
     names = _read_names(root, "link")
     if not names:
         raise ContentError("has no <link>", "a robot needs one", "pass the right file")
     for kind in ("link", "joint"):
         _check_unique(_read_names(root, kind), kind)
         for element in root.findall(kind):
-            large_angles += _check_numbers(element, f"{kind} {element.get('name')!r}")
+            angles += _check_numbers(element, f"{kind} {element.get('name')!r}")
     _check_tree(names, _find_parents(root, set(names)))
     for link in root.findall("link"):
         for number, collision in enumerate(link.findall("collision")):
             place = f"link {link.get('name')!r}, collision {number}"
             _check_geometry(collision.find("geometry"), place)
-    return large_angles
+    return angles
+
+
+def _check_single_parts(root: Element) -> None:
+    """Raise ContentError for a second part where one is read."""
+    for element in itertools.chain(*map(root.iterfind, ("link", "link/collision", "joint"))):
+        counts = Counter(str(child.tag) for child in element)
+        for tag in _SINGLE_PARTS:
+            if counts[tag] > 1:
+                problem = f"has {counts[tag]} <{tag}> in a <{element.tag}>"
+                raise ContentError(problem, "only one would be read", "split it, or remove one")
 
 
 def _read_names(root: Element, kind: str) -> list[str]:
@@ -348,13 +397,13 @@ def _check_tree(names: list[str], parents: dict[str, str]) -> None:
         raise ContentError(problem, "there must be one root", "join the others")
 
 
-def _check_numbers(element: Element, place: str) -> list[str]:
-    """Refuse attributes with a wrong count of numbers; return the angles beyond a whole turn.
+def _check_numbers(element: Element, place: str) -> list[tuple[str, float]]:
+    """Refuse attributes with a wrong count of numbers; return the angles, each with its place.
 
     Raises ContentError. ``place`` names the element in messages.
     """
     angle_names = _ANGLES_PER_TYPE.get(element.get("type", ""), ("rpy",))
-    large_angles = []
+    angles = []
     # The element and all elements in it.
     for member in element.iter():
         if member.tag == "origin" and not member.attrib.keys() <= {"xyz", "rpy"}:
@@ -371,9 +420,9 @@ def _check_numbers(element: Element, place: str) -> list[str]:
                 rule = "one finite number" if count == 1 else f"{count} finite numbers"
                 hint = "write numbers, separated by blanks"
                 raise ContentError(f"has {attribute}", f"it must be {rule}", hint)
-            if name in angle_names and max(map(abs, numbers)) > _MAX_EXPECTED_ANGLE:
-                large_angles.append(attribute)
-    return large_angles
+            if name in angle_names:
+                angles.append((f"{name} at the {member.tag} of {place}", max(numbers, key=abs)))
+    return angles
 
 
 def _check_geometry(geometry: Element | None, place: str) -> None:
@@ -608,6 +657,7 @@ def read_srdf(path: str | os.PathLike[str], urdf: URDF) -> Srdf:
     data = read_bytes(path, _SRDF_KIND, 20.0, "max_description_bytes")
     with decoding(path, _SRDF_KIND):
         root = _parse_robot(data, _SRDF_KIND)
+        ledger = open_elements(root, FIELDS[1], _SRDF_PARTS)
         reader = _Reader(root, urdf)
         srdf = Srdf(
             reader.read_allowed(),
@@ -616,6 +666,8 @@ def read_srdf(path: str | os.PathLike[str], urdf: URDF) -> Srdf:
             reader.read_end_effectors(),
             {_get_attribute(element, "name") for element in root.findall("passive_joint")},
         )
+    ledger.angles = reader.angles
+    ledger.close(os.fspath(path))
     # The reader has collected the names that it skipped.
     skipped = []
     if reader.unknown:
@@ -644,6 +696,7 @@ class _Reader:
         self._joint_types = {joint.name: joint.type for joint in urdf.robot.joints}
         for joint in root.iter("virtual_joint"):
             self._joint_types[_get_attribute(joint, "name")] = "virtual"
+        self.angles: list[tuple[str, float]] = []
         self.unknown: dict[str, None] = {}
         self.bare: dict[str, None] = {}
 
@@ -742,8 +795,14 @@ class _Reader:
             self._check_known(values, self._joint_types)
             if values and values.keys().isdisjoint(self._joint_types):
                 continue
+            if name in states:
+                problem = f"has the state {name!r} twice"
+                raise ContentError(problem, "only the last would count", "rename or remove one")
             moving = [joint for joint in values if self._joint_types.get(joint) in _MOVING_TYPES]
             states[name] = {joint: _parse_value(values[joint], name, joint) for joint in moving}
+            for joint, value in states[name].items():
+                if self._joint_types[joint] != "prismatic":
+                    self.angles.append((f"{joint} of the state {name!r}", value))
         return states
 
     def read_end_effectors(self) -> dict[str, EndEffector]:

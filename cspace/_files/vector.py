@@ -12,11 +12,12 @@ import numpy as np
 
 from cspace._files.access import decoding, read_text
 from cspace._files.crs import PROJECT, check_crs
-from cspace._files.fields import Fields
+from cspace._files.fields import Fields, Ledger
 from cspace._files.geometries import check_shapes, make_curve_error, split_parts
 from cspace._files.plain import check_nesting, read_json
 from cspace._limits import check_file_memory
 from cspace._support.arrays import StrPath
+from cspace._support.check import find_sizes
 from cspace._support.reporting import warn_user
 from cspace.errors import FileError, GeometryError, InputError, UnitWarning
 
@@ -46,9 +47,19 @@ _MIN_SIZES_FROM_ORIGIN: Final = 50.0
 FIELDS: Final = (
     Fields(
         "`.geojson`, `.json`, `__geo_interface__`",
-        honoured="type; `crs` or `coordRefSys` of a UTM zone, or null",
-        refused="`crs` or `coordRefSys` in degrees, or web Mercator; altitudes; `place`",
-        warned="other `crs`; no `crs` and coordinates like degrees",
+        honoured=(
+            "`type`, `features`, `geometry`, `geometries`, `coordinates`; `crs` or `coordRefSys` "
+            "of a UTM zone, or null; altitudes of zero"
+        ),
+        refused="`crs` or `coordRefSys` in degrees, or web Mercator; other altitudes; `place`",
+        warned=(
+            "other `crs`; no `crs` and coordinates like degrees; `radius`, `buffer`, `width`, "
+            "`thickness` in `properties`"
+        ),
+        harmless=(
+            "bbox conformsTo copyright description featureType fileName generator id links name "
+            "numberMatched numberReturned time timeStamp timestamp title xy_coordinate_resolution"
+        ),
     ),
     Fields(
         "`.wkt`, shapely",
@@ -186,7 +197,9 @@ def _read_geojson(document: Mapping[str, Any], name: str) -> Iterator[tuple[str,
     """Yield the geometries of GeoJSON; warn if they look like degrees and it does not say."""
     import shapely
 
-    named_shapes = list(_parse_geojson(document, name))
+    ledger = _open_part(document, name)
+    named_shapes = list(_parse_geojson(ledger))
+    ledger.close(name)
     yield from named_shapes
     if not named_shapes or not document.keys().isdisjoint(("crs", "coordRefSys")):
         return
@@ -202,46 +215,74 @@ def _read_geojson(document: Mapping[str, Any], name: str) -> Iterator[tuple[str,
         )
 
 
-def _parse_geojson(document: Any, name: str) -> Iterator[tuple[str, BaseGeometry]]:
+_MEMBERS: Final = {
+    "FeatureCollection": ("features", "feature"),
+    "GeometryCollection": ("geometries", "part"),
+}
+"""Field of the members of a collection, and their name in messages."""
+
+
+def _parse_geojson(part: Ledger) -> Iterator[tuple[str, BaseGeometry]]:
     """Yield the geometries of a GeoJSON geometry, Feature or FeatureCollection."""
     from shapely.geometry import shape
 
-    if not isinstance(document, Mapping):
-        problem = f"has geometry {document!r:.60}"
-        hint = "remove or correct the feature"
-        raise GeometryError(name, problem, "an obstacle needs one", hint)
+    name, kind = part.where, part.get("type")
+    _check_frame(part)
     # Collections and features hold geometries, in which the recursion ends.
-    kind = document.get("type")
-    if isinstance(document.get("place"), Mapping):
+    if isinstance(kind, str) and kind in _MEMBERS:
+        field, member_name = _MEMBERS[kind]
+        members = part.get(field)
+        if not isinstance(members, list | tuple):
+            problem = f"has {field} {members!r:.60}"
+            raise GeometryError(name, problem, "they must be a list", "correct it")
+        for index, member in enumerate(members):
+            yield from _parse_geojson(_open_part(member, f"{name}, {member_name} {index}", part))
+    elif kind == "Feature":
+        properties = part.get("properties", {})
+        if isinstance(properties, Mapping):
+            sizes = find_sizes(map(str, properties))  # which some programs draw around geometries
+            if sizes:
+                part.inner(sizes, name, "properties")
+        yield from _parse_geojson(_open_part(part.get("geometry"), name, part))
+    elif not isinstance(kind, str):
+        fields = ", ".join(map(str, part.fields)) or "nothing"
+        rule = "GeoJSON has 'type' and 'coordinates', as RFC 7946 says"
+        raise GeometryError(name, f"has no type, only {fields:.100}", rule, "convert it to GeoJSON")
+    else:
+        part.get("coordinates")
+        try:
+            with np.errstate(invalid="ignore"):
+                geometry = shape(part.fields)
+        except Exception as error:  # shapely raises anything for coordinates that are no numbers
+            problem = f"of type {kind!r:.40} is not GeoJSON: {' '.join(str(error).split()):.200}"
+            rule = "it must hold 'type' and 'coordinates' as RFC 7946 says"
+            raise GeometryError(name, problem, rule, "correct it") from error
+        yield name, geometry
+
+
+def _check_frame(part: Ledger) -> None:
+    """Refuse coordinates that are not in metres, or not those of the geometry."""
+    name = part.where
+    if isinstance(part.get("place"), Mapping):
         raise GeometryError(
             name,
             "has a place, the geometry of JSON-FG in its own coordinates",
             "only geometry is read",
             "write it as the geometry, with its coordRefSys",
         )
-    systems = document.get("coordRefSys") or []
+    systems = part.get("coordRefSys", [])
     for system in systems if isinstance(systems, list) else [systems]:
         check_crs(system, name)
-    crs = document.get("crs")
+    crs = part.get("crs")
     if crs is not None:
         properties = crs.get("properties") if isinstance(crs, Mapping) else None
         check_crs(properties.get("name", crs) if isinstance(properties, Mapping) else crs, name)
-    if kind == "FeatureCollection":
-        features = document.get("features")
-        if not isinstance(features, list | tuple):
-            problem = f"has features {features!r:.60}"
-            raise GeometryError(name, problem, "they must be a list", "correct it")
-        for index, feature in enumerate(features):
-            yield from _parse_geojson(feature, f"{name}, feature {index}")
-        return
-    if kind == "Feature":
-        yield from _parse_geojson(document.get("geometry"), name)
-        return
-    try:
-        with np.errstate(invalid="ignore"):
-            geometry = shape(document)
-    except Exception as error:  # shapely may raise anything for coordinates that are not numbers
-        problem = f"of type {kind!r:.40} is not GeoJSON: {' '.join(str(error).split()):.200}"
-        rule = "it must hold 'type' and 'coordinates' as RFC 7946 says"
-        raise GeometryError(name, problem, rule, "correct it") from error
-    yield name, geometry
+
+
+def _open_part(document: Any, name: str, whole: Ledger | None = None) -> Ledger:
+    """Return the ledger of a document, of a feature or of its geometry."""
+    if not isinstance(document, Mapping):
+        hint = "remove or correct the feature"
+        problem = f"has geometry {document!r:.60}"
+        raise GeometryError(name, problem, "an obstacle needs one", hint)
+    return Ledger(document, name, FIELDS[0], document=whole.document if whole else None)

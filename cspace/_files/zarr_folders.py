@@ -104,7 +104,8 @@ class Layout:
         codecs = _check_codecs(metadata)
         data_type = str(metadata["data_type"])
         if not re.fullmatch(r"bool|u?int(8|16|32|64)|float(32|64)", data_type):
-            raise ContentError(f"has entries of type {data_type:.40}, which cannot be read")
+            problem = f"has entries of type {data_type:.40}"
+            raise ContentError(problem, "cells are booleans", "write array.astype(bool)")
         dtype = np.dtype(data_type).newbyteorder("<")
         shape = _check_counts(metadata["shape"])
         chunks = _check_counts(metadata["chunk_grid"]["configuration"]["chunk_shape"])
@@ -271,6 +272,7 @@ class ZarrArray:
             self._fill = metadata["fill_value"]
             attributes = metadata.get("attributes") or {}
             meaning = attributes.get(MISSING_CHUNKS_ATTRIBUTE)
+        self.attrs = attributes
         is_number = isinstance(self._fill, bool | int | float)
         self._may_miss_chunks = is_number and meaning == "fill_value"
         self.shape = self._layout.shape

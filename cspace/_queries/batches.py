@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace._rotations import Rotations
-from cspace._rotations.base import warn_of_degrees
 from cspace._support.arrays import Bools, Floats
-from cspace._support.check import check_rows
+from cspace._support.check import check_rows, warn_of_degrees
 from cspace._support.threads import MIN_ITEMS_PER_THREAD, run_in_chunks
 from cspace.errors import InputError
 
@@ -37,7 +36,7 @@ MIN_EDGES_PER_THREAD: Final = 2_000
 
 def evaluate(
     q: ArrayLike,
-    size: int,
+    axes: Sequence[str],
     write: Write,
     dtype: type[Entry],
     angles: Mapping[int, str] = NO_ANGLES,
@@ -49,15 +48,14 @@ def evaluate(
     ----------
     q : array-like, shape (d,) or (..., d)
         One configuration, or a batch.
-    size : int
-        Length d of a configuration.
+    axes : sequence of str
+        Names of the d coordinates.
     write : callable
         Writes the answers of rows.
     dtype : numpy scalar type
         Type of an answer.
     angles : mapping of int to str
-        Coordinates, by index and name, that are probably in degrees if beyond a whole turn; only a
-        single configuration is checked.
+        Coordinates, by index and name, that are probably in degrees if beyond a whole turn.
     name : str
         Name of the configurations in error messages.
 
@@ -70,21 +68,20 @@ def evaluate(
     InputError
         If the last axis is not d long, or a value is not finite.
     """
-    points = check_rows(q, name, size)
-    rows = as_contiguous(points.reshape(-1, size))
+    points = check_rows(q, name, axes)
+    rows = as_contiguous(points.reshape(-1, len(axes)))
     out = np.empty(len(rows), dtype=dtype)
     bad = write(rows, out)  # index of the first unusable row, or -1
     if bad >= 0:
         raise _make_unusable_error(rows[bad], name, bad)
-    if angles and points.ndim == 1:
-        warn_of_degrees(points, angles, name)
+    warn_of_degrees(rows, angles, name)
     return _shape_answers(out, points.shape[:-1], isinstance(q, np.ndarray))
 
 
 def evaluate_edges(
     q0: ArrayLike,
     q1: ArrayLike,
-    size: int,
+    axes: Sequence[str],
     write: Write,
     angles: Mapping[int, str] = NO_ANGLES,
 ) -> Any:
@@ -93,8 +90,9 @@ def evaluate_edges(
     Both have shape (d,) or (..., d) and broadcast. ``write`` writes True or False for each edge;
     other parameters, results and errors are those of :func:`evaluate`.
     """
-    starts = check_rows(q0, "q0", size)
-    ends = check_rows(q1, "q1", size)
+    size = len(axes)
+    starts = check_rows(q0, "q0", axes)
+    ends = check_rows(q1, "q1", axes)
     try:
         shape = np.broadcast_shapes(starts.shape, ends.shape)
     except ValueError as error:
@@ -107,10 +105,8 @@ def evaluate_edges(
     first_rows = np.broadcast_to(starts, shape).reshape(-1, size)
     second_rows = np.broadcast_to(ends, shape).reshape(-1, size)
     out = evaluate_rows(first_rows, second_rows, write)
-    # Large angles of single configurations are probably in degrees.
-    for rows, name in ((starts, "q0"), (ends, "q1")):
-        if angles and rows.ndim == 1:
-            warn_of_degrees(rows, angles, name)
+    warn_of_degrees(starts, angles, "q0")
+    warn_of_degrees(ends, angles, "q1")
     has_array = isinstance(q0, np.ndarray) or isinstance(q1, np.ndarray)
     return _shape_answers(out, shape[:-1], has_array)
 
@@ -132,7 +128,7 @@ def write_in_threads(
 ) -> int:
     """Call ``kernel(*arrays)`` on slices of the arrays in threads.
 
-    Returns the index of the first unusable row, or -1. Each thread gets at least ``min_items``.
+    Returns what the kernel does. Each thread gets at least ``min_items``.
     """
 
     def write_chunk(start: int, stop: int) -> int:

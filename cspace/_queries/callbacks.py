@@ -77,11 +77,8 @@ def configuration_before(map_: Map, numbers: Numbers, end: int) -> tuple[Row, Nu
 
     Its coordinates are the last of ``numbers[:end]``.
     """
-    borders = map_.rotations.borders
-    rotation = rotation_before(borders, numbers, end)
-    first = end - map_.dim
-    if borders.shape[0] > 0:  # otherwise the rotation is no part of the configuration
-        first -= len(rotation)
+    rotation = rotation_before(map_.rotations.borders, numbers, end)
+    first = end - len(rotation) - map_.dim
     x = numbers[first]
     y = numbers[first + 1]
     if map_.dim == 2:
@@ -94,8 +91,9 @@ def rotation_before(borders: Floats, numbers: Numbers, end: int) -> Numbers:
     """Return the rotation at the end of ``numbers[:end]``."""
     if borders.ndim == 2:  # a quaternion
         return numbers[end - 4], numbers[end - 3], numbers[end - 2], numbers[end - 1]
-    yaw = numbers[end - 1] if borders.shape[0] > 0 else 0.0
-    return (yaw,)
+    if borders.ndim == 1:
+        return (numbers[end - 1],)
+    return ()
 
 
 @kernel

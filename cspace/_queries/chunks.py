@@ -11,10 +11,10 @@ differs by at most L a / 8 from even motion along the chord.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Final, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,7 +22,15 @@ from numpy.typing import ArrayLike
 from cspace._queries.batches import as_contiguous
 from cspace._rotations.base import TWO_PI, wrap_angles
 from cspace._support.arrays import Bools, Floats, Ints, frozen
-from cspace._support.check import check_finite, check_positive, check_rows
+from cspace._support.check import (
+    check_each,
+    check_finite,
+    check_points,
+    check_positive,
+    check_rows,
+    names_options,
+    warn_of_degrees,
+)
 from cspace.errors import InputError
 
 if TYPE_CHECKING:
@@ -52,8 +60,24 @@ INSTANTS_PER_TUBE: Final = 33
 MAX_SPEED: Final = 1e100
 """Largest speed of a twist that is a usable number, m/s and rad/s."""
 
+TWIST_NAMES: Final = ("v", "omega")
+"""Names of the numbers of a twist, m/s and rad/s."""
+
+TWISTING_AXES: Final = ("x", "y", "yaw")
+"""Axes of the maps of robots that are driven by twists."""
+
+FAR_RATIO: Final = 10.0
+"""Ratio of the way to the first row and the longest way between others, from which on rows may be
+changes."""
+
+MAX_DT: Final = 10.0
+"""Time between rows, seconds, from which on it is probably in milliseconds."""
+
 MAX_ARCS_PER_TWIST: Final = 64
 """Largest number of arcs that a twist is cut into."""
+
+SHARES: Final = 16
+"""Number of shares of a twist that are tried."""
 
 SAG_PER_CELL: Final = 1.0 / 16.0
 """Largest distance between an arc and even motion along its chord, in cells."""
@@ -176,6 +200,12 @@ class ChunkMotions(NamedTuple):
         instants = self.space.interpolate(part[:-1], part[1:], shares).swapaxes(0, 1)
         rows = instants.reshape(-1, self.space.size)
         names, text = self.space._explain_tube(rows, self._find_radii(tracking))
+        if row == 0:
+            with np.errstate(all="ignore"):  # later rows may hold any numbers
+                lengths = self.space.distance(points[:-1], points[1:])
+            if lengths[0] > FAR_RATIO * lengths[1:].max(initial=0.0):
+                far = f"it is far from q, by {lengths[0]:.3g}; rows are targets, not changes"
+                text = f"{far}; {text}"
         return RowRefusal(row, "collision", names, f"row {row}: {text}")
 
     def _find_radii(self, tracking: Floats) -> Floats:
@@ -208,6 +238,11 @@ class Chunk:
         """Whether all rows are proven; shape (B,) for a batch."""
         are_proven: Bools = np.equal(self.proven, self.rows.shape[-2])
         return are_proven if self.rows.ndim == 3 else bool(are_proven)
+
+    def __bool__(self) -> bool:
+        """Return :attr:`is_proven`; InputError for a batch."""
+        self._check_alone()
+        return bool(self.is_proven)
 
     @cached_property
     def refusal(self) -> RowRefusal | None:
@@ -246,7 +281,7 @@ class Chunk:
             raise InputError(
                 "chunk",
                 f"is a batch of {len(self.rows)}",
-                "only a single chunk has a refusal and a largest tracking error",
+                "only a single chunk has a truth, a refusal and a largest tracking error",
                 "pass rows[k] to certify_chunk",
             )
 
@@ -278,14 +313,14 @@ def certify_rows(
     max_velocity: ArrayLike | None,
 ) -> Chunk:
     """Prove a chunk of targets; see :meth:`cspace.CSpace.certify_chunk`."""
-    starts, targets, is_batch = _check_chunk(space, q, rows, space.size)
-    errors = _check_numbers(space, tracking, "tracking")
+    starts, targets, is_batch = _check_chunk(space, q, rows, "rows", space.axes)
+    errors = check_each(tracking, "tracking", _list_steps(space))
     checks = list[RowCheck]()
     with np.errstate(all="ignore"):  # rows may hold any numbers
         before = np.concatenate([starts[:, np.newaxis], targets[:, :-1]], axis=1)
         checks += space._check_targets(before, targets)
         if dt is not None:
-            seconds = check_positive(dt, "dt", "seconds")
+            seconds = _check_dt(dt)
             names = _list_steps(space)
             steps = np.abs(space.steps_between(before, targets))
             if steps.shape[-1] > len(names):  # rotation vectors
@@ -294,12 +329,7 @@ def certify_rows(
             limits = _check_velocities(space, max_velocity)
             checks.append(RowCheck("speed", names, "changes per second by", speeds, limits))
         elif max_velocity is not None:
-            raise InputError(
-                "dt",
-                "is missing",
-                "speeds are compared with max_velocity",
-                "pass the seconds between rows, e.g. dt=0.02",
-            )
+            raise _make_missing_dt()
     tubes = ChunkMotions(space, starts, targets, checks)
     return _prove(tubes, targets, is_batch, errors)
 
@@ -314,28 +344,21 @@ def certify_twists(
     turning_radius: float | None,
 ) -> Chunk:
     """Prove a chunk of twists; see :meth:`cspace.CSpace.certify_twists`."""
-    if space.axes != ("x", "y", "yaw"):
+    if space.axes != TWISTING_AXES:
         raise InputError(
             "space",
             f"has the axes {', '.join(space.axes)}",
             "twists move a robot with x, y and yaw",
             "build a map of a plane with rotations=72",
         )
-    starts, commands, is_batch = _check_chunk(space, q, twists, 2)
-    errors = _check_numbers(space, tracking, "tracking")
-    seconds = check_positive(dt, "dt", "seconds")
+    starts, commands, is_batch = _check_chunk(space, q, twists, "twists", TWIST_NAMES)
+    errors = check_each(tracking, "tracking", _list_steps(space))
+    seconds = _check_dt(dt)
     magnitudes = np.abs(commands)
-    checks = [RowCheck("number", ("v", "omega"), "is", magnitudes, np.array([MAX_SPEED]))]
+    checks = [RowCheck("number", TWIST_NAMES, "is", magnitudes, np.array([MAX_SPEED]))]
     if max_velocity is not None:
-        limits = check_finite(max_velocity, "max_velocity")
-        if limits.shape != (2,) or (limits < 0.0).any():
-            raise InputError(
-                "max_velocity",
-                f"is {max_velocity!r}",
-                "twists have two limits, zero or above",
-                "pass (m/s, rad/s), e.g. (0.5, 1.0)",
-            )
-        checks.append(RowCheck("speed", ("v", "omega"), "is", magnitudes, limits))
+        limits = check_each(max_velocity, "max_velocity", TWIST_NAMES)
+        checks.append(RowCheck("speed", TWIST_NAMES, "is", magnitudes, limits))
     if turning_radius is not None:
         radius = check_positive(turning_radius, "turning_radius")
         largest = magnitudes[..., :1] / radius
@@ -385,24 +408,24 @@ def _prove(tubes: ChunkMotions, rows: Floats, is_batch: bool, tracking: Floats) 
 
 
 def _check_chunk(
-    space: ConfigurationSpace, q: ArrayLike, rows: ArrayLike, length: int
+    space: ConfigurationSpace, q: ArrayLike, rows: ArrayLike, name: str, columns: Sequence[str]
 ) -> tuple[Floats, Floats, bool]:
-    """Return where the robot is, shape (B, size), and its rows, shape (B, n, length).
+    """Return where the robot is, shape (B, size), and its rows, shape (B, n, len(columns)).
 
-    The third value is True for a batch. Raises InputError for other shapes, or if ``q`` is not
-    finite; rows may be.
+    The third value is True for a batch. ``name`` is that of the rows. Raises InputError for other
+    shapes, or if ``q`` is not finite; rows may hold any numbers.
     """
-    name = "rows" if length == space.size else "twists"
-    array = check_rows(rows, name, length)
+    array = check_rows(rows, name, columns)
+    size = len(columns)
     if array.ndim not in (2, 3) or array.shape[-2] == 0:
         raise InputError(
             name,
             f"has shape {array.shape}",
             "a chunk has at least one row",
-            f"pass an array of shape (n, {length}), or (B, n, {length}) for a batch",
+            f"pass an array of shape (n, {size}), or (B, n, {size}) for a batch",
         )
     chunks = array if array.ndim == 3 else array[np.newaxis]
-    points = check_finite(check_rows(q, "q", space.size), "q")
+    points = check_points(q, "q", space.axes)
     if points.shape not in ((space.size,), (len(chunks), space.size)):
         raise InputError(
             "q",
@@ -417,6 +440,9 @@ def _check_chunk(
             "it must be where the robot is",
             "normalise its quaternion, and wrap its yaw",
         )
+    warn_of_degrees(points, space._angles, "q")
+    if columns == space.axes:
+        warn_of_degrees(chunks, space._angles, name)
     starts = np.broadcast_to(points, (len(chunks), space.size))
     return as_contiguous(starts), as_contiguous(chunks), array.ndim == 3
 
@@ -427,33 +453,43 @@ def _list_steps(space: ConfigurationSpace) -> tuple[str, ...]:
     return (*space.axes[: space.dim], *(("rotation",) if len(names) == 4 else names))
 
 
-def _check_numbers(space: ConfigurationSpace, value: ArrayLike, name: str) -> Floats:
-    """Return one number for all coordinates that stray, or one for each."""
-    names = _list_steps(space)
-    numbers = check_finite(value, name)
-    if numbers.shape not in ((), (len(names),)) or (numbers < 0.0).any():
-        raise InputError(
-            name,
-            f"is {value!r}",
-            "it must be zero or above",
-            f"pass one number, or one for each of {', '.join(names)}",
-        )
-    return numbers
+def _check_twist(twist: ArrayLike, name: str) -> Floats:
+    """Return a single twist, shape (2,)."""
+    values = check_finite(twist, name, TWIST_NAMES)
+    if values.shape != (2,):
+        rule = "a twist is a speed, m/s, and a yaw rate, rad/s"
+        raise InputError(name, f"has shape {values.shape}", rule, "pass e.g. (0.5, 0.0)")
+    return values
+
+
+def _check_dt(dt: float) -> float:
+    """Return the seconds between rows, which are few."""
+    seconds = check_positive(dt, "dt", "seconds")
+    if seconds >= MAX_DT:
+        rule = f"rows follow each other within {MAX_DT:g} seconds"
+        hint = f"pass seconds, e.g. {seconds / 1000.0:g} for {seconds:g} ms"
+        raise InputError("dt", f"is {dt!r}", rule, hint)
+    return seconds
+
+
+def _make_missing_dt() -> InputError:
+    """Make the error for limits of speeds without the time between rows."""
+    rule = "speeds are compared with max_velocity"
+    return InputError("dt", "is missing", rule, "pass the seconds between rows, e.g. dt=0.02")
 
 
 def _check_velocities(space: ConfigurationSpace, max_velocity: ArrayLike | None) -> Floats:
     """Return the largest speed of each coordinate; by default those that the space knows."""
     if max_velocity is not None:
-        return np.full(len(_list_steps(space)), _check_numbers(space, max_velocity, "max_velocity"))
-    known = space.max_velocity
-    if not known:
+        return check_each(max_velocity, "max_velocity", _list_steps(space), space.max_velocity)
+    if not space.max_velocity:
         raise InputError(
             "max_velocity",
             "is missing",
             "the speeds of rows at dt have limits",
             f"pass one number, or one for each of {', '.join(_list_steps(space))}",
         )
-    return np.array([known.get(axis, math.inf) for axis in space.axes])
+    return np.array([space.max_velocity.get(axis, math.inf) for axis in space.axes])
 
 
 class GatedCommands(NamedTuple):
@@ -475,11 +511,31 @@ class GatedCommands(NamedTuple):
     chunk: Chunk
 
 
+class SlowedCommand(NamedTuple):
+    """The fastest part of a twist that a gate lets through, and how the robot stops after it.
+
+    Attributes
+    ----------
+    share : float
+        Share of the twist, at most 1; 0 if the robot must brake.
+    commands : ndarray of float64, shape (n, 2)
+        The twist to drive next, then those that bring the robot to rest.
+    chunk : Chunk
+        The proof of all commands. Where not even braking is proven, as behind an obstacle that has
+        just come, it is not, and has the refusal.
+    """
+
+    share: float
+    commands: Floats
+    chunk: Chunk
+
+
 class Gate:
     """A gate for commands that others make, such as a policy.
 
     It lets through the proven part of a chunk, then holds. A robot does not stop at once, so
-    ``tracking`` must cover the way that it needs to stop behind a row.
+    ``tracking`` must cover the way that it needs to stop behind a row, as :meth:`stop_distance`
+    says. Or :meth:`slow_down` proves that way, too.
 
     Parameters
     ----------
@@ -487,6 +543,13 @@ class Gate:
         Its obstacles may change at any time.
     tracking, dt, max_velocity, turning_radius
         As for :meth:`cspace.CSpace.certify_chunk` and :meth:`cspace.CSpace.certify_twists`.
+    max_deceleration : array-like, shape (2,), optional
+        How fast the robot can brake along its way and in yaw, m/s^2 and rad/s^2.
+
+    Raises
+    ------
+    InputError
+        If a limit is not one that a chunk of rows, or of twists, could have.
 
     Examples
     --------
@@ -501,6 +564,7 @@ class Gate:
     'collision'
     """
 
+    @names_options
     def __init__(
         self,
         space: ConfigurationSpace,
@@ -509,8 +573,9 @@ class Gate:
         dt: float | None = None,
         max_velocity: ArrayLike | None = None,
         turning_radius: float | None = None,
+        max_deceleration: ArrayLike | None = None,
     ) -> None:
-        """Keep the space and the limits; InputError for a space of your own."""
+        """Check and keep the limits; InputError for a space of your own."""
         if not hasattr(space, "certify_chunk"):
             raise InputError(
                 "space",
@@ -518,11 +583,29 @@ class Gate:
                 "a gate proves whole tubes, on a map or for an arm",
                 "prove the motions alone with space.motion_is_free",
             )
+        names = _list_steps(space)
+        takes_twists = space.axes == TWISTING_AXES
         self.space = space
-        self.tracking = tracking
-        self.dt = dt
+        self.tracking = check_each(tracking, "tracking", names)
+        self.dt = None if dt is None else _check_dt(dt)
         self.max_velocity = max_velocity
         self.turning_radius = turning_radius
+        # Limits of twists are two, those of rows one for each coordinate.
+        if max_velocity is not None and dt is None:
+            raise _make_missing_dt()
+        given: Any = list(max_velocity) if isinstance(max_velocity, Mapping) else max_velocity
+        if takes_twists and max_velocity is not None and np.size(given) == 2:
+            check_each(max_velocity, "max_velocity", TWIST_NAMES)
+        elif max_velocity is not None or not (takes_twists or dt is None):
+            _check_velocities(space, max_velocity)
+        if turning_radius is not None:
+            check_positive(turning_radius, "turning_radius")
+        self.max_deceleration = max_deceleration
+        if max_deceleration is not None:
+            rates = check_each(max_deceleration, "max_deceleration", TWIST_NAMES)
+            for name, rate in zip(TWIST_NAMES, rates.tolist(), strict=True):
+                check_positive(rate, f"max_deceleration of {name}")
+            self.max_deceleration = rates
 
     def check_rows(self, q: ArrayLike, rows: ArrayLike) -> GatedCommands:
         """Let through the proven part of a chunk of targets.
@@ -541,6 +624,108 @@ class Gate:
 
         Parameters and errors are those of :meth:`cspace.CSpace.certify_twists`, for a single chunk.
         """
+        chunk = self._certify(q, twists)
+        chunk._check_alone()
+        commands = np.array(twists, dtype=np.float64)
+        commands[int(chunk.proven) :] = 0.0
+        return GatedCommands(commands, _name_state(chunk), chunk)
+
+    def slow_down(
+        self, q: ArrayLike, twist: ArrayLike, *, twist_now: ArrayLike = (0.0, 0.0)
+    ) -> SlowedCommand:
+        """Let through the fastest share of a twist after which the robot can still stop.
+
+        The twist is driven for ``dt``, then the robot brakes along the same arc, as quickly as
+        ``max_deceleration`` allows. All of that is proven. If no share is, the robot brakes at
+        once, on the way that the call before has proven.
+
+        Parameters
+        ----------
+        q : array-like, shape (3,)
+            Where the robot is.
+        twist : array-like, shape (2,)
+            The wanted speed, m/s, and yaw rate, rad/s.
+        twist_now : array-like, shape (2,)
+            What it drives now: the first command of the call before.
+
+        Raises
+        ------
+        InputError
+            If the gate has no ``dt`` or no ``max_deceleration``, or a twist is not two finite
+            numbers; and as :meth:`cspace.CSpace.certify_twists`.
+
+        Examples
+        --------
+        >>> import numpy as np, cspace
+        >>> workspace = cspace.Workspace.from_array(np.zeros((60, 40), dtype=bool), 0.1)
+        >>> space = cspace.build(workspace, cspace.Robot.disc(0.2), rotations=8)
+        >>> gate = cspace.Gate(space, dt=0.1, max_deceleration=(0.5, 1.0))
+        >>> gate.slow_down((1.0, 2.0, 0.0), (1.0, 0.0)).share
+        1.0
+        >>> gate.slow_down((5.0, 2.0, 0.0), (1.0, 0.0)).share
+        0.75
+        """
+        wanted = _check_twist(twist, "twist")
+        now = _check_twist(twist_now, "twist_now")
+        most = self._find_steps()
+        # A share may not be slower than what the brakes can reach.
+        shares = np.arange(SHARES, 0, -1) / SHARES
+        firsts = shares[:, np.newaxis] * wanted
+        reached = ((now - firsts) * np.sign(now) <= most).all(axis=1)
+        shares = np.append(shares[reached], 0.0)
+        ramps = [self._brake(first) for first in firsts[reached]] + [self._brake(now)[1:]]
+        rows = max(map(len, ramps))
+        chunks = np.zeros((len(ramps), max(rows, 1), 2))
+        for padded, ramp in zip(chunks, ramps, strict=True):
+            padded[: len(ramp)] = ramp
+        proven = np.asarray(self._certify(q, chunks).is_proven)
+        # The arcs of one ramp may be cut into fewer pieces than in the batch, so it is asked again.
+        for best in (*np.flatnonzero(proven[:-1]).tolist(), len(ramps) - 1):
+            commands = chunks[best, : max(len(ramps[best]), 1)]
+            chunk = self._certify(q, commands)
+            if chunk:
+                break
+        return SlowedCommand(float(shares[best]), commands, chunk)
+
+    def stop_distance(self, twist: ArrayLike) -> float:
+        """Return the way, metres, that the robot needs to stop: one ``dt`` of a twist, and braking.
+
+        ``tracking`` must cover it where :meth:`check_rows` or :meth:`check_twists` is asked.
+
+        Raises
+        ------
+        InputError
+            If the gate has no ``dt`` or no ``max_deceleration``, or the twist is not two finite
+            numbers.
+        """
+        ramp = self._brake(_check_twist(twist, "twist"))
+        return float(np.abs(ramp[:, 0]).sum() * (self.dt or 0.0))
+
+    def _brake(self, twist: Floats) -> Floats:
+        """Return the twists that bring the robot to rest along an arc, the first one included."""
+        # Rounded down, so that what is left of a ramp never gets longer.
+        ratio = float((np.abs(twist) / self._find_steps()).max())
+        steps = math.ceil(ratio * (1.0 - LIMIT_ROUNDING))
+        return twist * (1.0 - np.arange(steps) / max(steps, 1))[:, np.newaxis]
+
+    def _find_steps(self) -> Floats:
+        """Return the largest change of a braking twist in ``dt``; InputError if it is unknown."""
+        if self.max_deceleration is None:
+            raise InputError(
+                "max_deceleration",
+                "is missing",
+                "the robot must be able to stop",
+                "pass it in m/s^2 and rad/s^2, e.g. Gate(space, dt=0.1, max_deceleration=(0.5, 1))",
+            )
+        return np.asarray(self._check_dt() * np.asarray(self.max_deceleration))
+
+    def _certify(self, q: ArrayLike, twists: ArrayLike) -> Chunk:
+        """Prove twists with the limits of the gate."""
+        limits = self.max_velocity, self.turning_radius
+        return certify_twists(self.space, q, twists, self._check_dt(), self.tracking, *limits)
+
+    def _check_dt(self) -> float:
+        """Return the seconds of a twist; InputError if they are missing."""
         if self.dt is None:
             raise InputError(
                 "dt",
@@ -548,12 +733,7 @@ class Gate:
                 "a twist is driven for some time",
                 "pass its seconds, e.g. Gate(space, dt=0.1)",
             )
-        limits = self.max_velocity, self.turning_radius
-        chunk = certify_twists(self.space, q, twists, self.dt, self.tracking, *limits)
-        chunk._check_alone()
-        commands = np.array(twists, dtype=np.float64)
-        commands[int(chunk.proven) :] = 0.0
-        return GatedCommands(commands, _name_state(chunk), chunk)
+        return self.dt
 
 
 def _name_state(chunk: Chunk) -> GateState:

@@ -145,6 +145,7 @@ def count_free_tubes(
     shape (b, n, size), in turn. Only as many as ``counts``, shape (b,), are tested. A tube with an
     end that is not usable is not FREE. Returns -1; see `tube_is_free` for ``radii`` and ``turn``.
     """
+    turn = min(turn, math.pi)  # which leads to all rotations
     for chunk in range(starts.shape[0]):
         p0, r0 = configuration_in(map_, starts, chunk)
         wanted = counts[chunk] if is_usable(p0, r0) else 0
@@ -176,18 +177,19 @@ def short_tubes_are_free(
     size), in turn. The box costs less than the tubes, and proves most of them. False proves
     nothing.
     """
-    middle, rotation = configuration_in(map_, ends, len(ends) // 2)
-    if len(rotation) == 4:
+    if len(first) == 4:
         return False
+    middle, rotation = configuration_in(map_, ends, len(ends) // 2)
     x, y, z = middle
     reach = max(abs(start[0] - x), abs(start[1] - y), abs(start[2] - z))
-    swing = abs(signed_angle(rotation[0], first[0], 0))
+    swing, _ = arc_angle_and_error(rotation, first, 0)
     for k in range(len(ends)):
         p, r = configuration_in(map_, ends, k)
         if not is_usable(p, r):
             return False
         reach = max(reach, abs(p[0] - x), abs(p[1] - y), abs(p[2] - z))
-        swing = max(swing, abs(signed_angle(rotation[0], r[0], 0)))
+        angle, _ = arc_angle_and_error(rotation, r, 0)
+        swing = max(swing, angle)
     # Far beyond a right angle, the shortest arc between two yaws would leave the box.
     if reach > MAX_BOX_CELLS * map_.spacing or swing > MAX_BOX_TURN:
         return False
@@ -212,9 +214,9 @@ def tube_is_free(
     # Most edges of a planner that collide do so at their end.
     if state_at(map_, p1, r1) != FREE:
         return False
-    borders = map_.rotations.borders
-    if borders.shape[0] == 0:
+    if len(r0) == 0:
         return segment_is_free(map_, int(map_.rotations.slice_of[0]), p0, p1, radii)
+    borders = map_.rotations.borders
     # Cut the edge at the borders of rotation cells, from the lowest yaw on.
     start = wrap_to_cells(borders, r0[0])
     for arc in range(arc_count(r0, r1)):

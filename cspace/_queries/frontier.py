@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 
 from cspace._queries.points import Cell
 from cspace._support.arrays import Bools, Floats, Ints
-from cspace._support.compiling import internal, kernel
+from cspace._support.compiling import inlined, internal, kernel
 from cspace._support.deadlines import is_over
 
 Costs = NDArray[np.float32]
+Nodes = NDArray[np.signedinteger[Any]]
+"""Numbers of nodes, plus 1: int32, or int64 if there are more than 2^31 nodes."""
 
 POPS_PER_CLOCK_CHECK: Final = 2**14
 """Nodes taken from the queue between two checks of the time limit, about 10 ms."""
@@ -60,7 +62,7 @@ class Estimate(NamedTuple):
         Node ``(x, y, z)`` of the goal.
     positions : ndarray of float32, shape (directions, x, y, z), or empty
         Cost from each reached block of nodes, in blocks; empty for the cost without obstacles.
-    reached : ndarray of int64, the shape of positions
+    reached : ndarray of int32 or int64, the shape of positions
         Nonzero for blocks that the guide has reached.
     side : int
         Nodes along each side of a block.
@@ -74,7 +76,7 @@ class Estimate(NamedTuple):
     shape: Cell
     goal: Cell
     positions: Costs
-    reached: Ints
+    reached: Nodes
     side: int
     bound: Floats
     rotations: Floats
@@ -87,7 +89,7 @@ class Progress(NamedTuple):
     ----------
     cost : ndarray of float32, shape (cells,)
         Cost of the best chain found to each reached cell, in cells.
-    previous : ndarray of int64, shape (cells,)
+    previous : ndarray of int32 or int64, shape (cells,)
         The cell before each reached cell of its best chain, plus 1; 0 for cells not reached, so
         that a large map takes memory only where the search leads.
     closed : ndarray of bool, shape (cells,)
@@ -99,7 +101,7 @@ class Progress(NamedTuple):
     """
 
     cost: Costs
-    previous: Ints
+    previous: Nodes
     closed: Bools
     keys: Floats
     queue: Ints
@@ -119,7 +121,7 @@ def estimate_without_obstacles(shape: Cell, goal: Cell, weight: float) -> Estima
         shape=shape,
         goal=goal,
         positions=np.empty((0, 0, 0, 0), dtype=np.float32),
-        reached=np.empty((0, 0, 0, 0), dtype=np.int64),
+        reached=np.empty((0, 0, 0, 0), dtype=np.int32),
         side=1,
         bound=np.zeros(1),
         rotations=np.zeros(1),
@@ -128,9 +130,10 @@ def estimate_without_obstacles(shape: Cell, goal: Cell, weight: float) -> Estima
 
 def make_progress(count: int, queue_length: int) -> Progress:
     """Make an empty search over ``count`` nodes."""
+    kind = np.int32 if count < 2**31 else np.int64
     return Progress(
         cost=sparse_zeros(count, np.float32),
-        previous=sparse_zeros(count, np.int64),
+        previous=sparse_zeros(count, kind),
         closed=sparse_zeros(count, np.bool_),
         keys=np.empty(queue_length),
         queue=np.empty(queue_length, dtype=np.int64),
@@ -206,22 +209,20 @@ def reach_cell(
     u: int,
     v: int,
     w: int,
-    step: float,
+    cost: float,
 ) -> None:
-    """Record a step from a cell to (u, v, w) at a rotation, if its chain is the cheapest so far.
+    """Record that the cheapest chain so far to (u, v, w) at a rotation comes from a cell.
 
-    ``step`` is the cost of the step, in cells.
+    ``cost`` is that of the chain, in cells.
     """
     nx, ny, nz = estimate.shape
     reached = ((rotation * nx + u) * ny + v) * nz + w
-    cost = progress.cost[cell] + step
-    if is_cheaper(progress, reached, cost):
-        progress.cost[reached] = cost
-        progress.previous[reached] = cell + 1
-        push(progress, expected_cost(estimate, progress, reached, rotation, u, v, w), reached)
+    progress.cost[reached] = cost
+    progress.previous[reached] = cell + 1
+    push(progress, expected_cost(estimate, progress, reached, rotation, u, v, w), reached)
 
 
-@internal
+@inlined
 def is_cheaper(progress: Progress, node: int, cost: float) -> bool:
     """Return True if a chain is the cheapest so far to a node that was not expanded.
 
@@ -264,6 +265,8 @@ def pop_best(estimate: Estimate, progress: Progress) -> int:
         pop_first(progress)
         if is_closed:
             continue
+        if len(estimate.positions) == 0:
+            return node
         # The guide may have reached the block since the node was queued.
         key = expected_cost(estimate, progress, node, rotation, u, v, w)
         if key <= former_key:

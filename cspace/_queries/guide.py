@@ -43,7 +43,7 @@ from cspace._queries.frontier import (
 from cspace._queries.moves import list_moves
 from cspace._queries.points import Cell
 from cspace._support.arrays import FREE, Bools, Floats, Ints, States
-from cspace._support.compiling import internal, kernel
+from cspace._support.compiling import inlined, internal, kernel
 
 POSITIONS_WEIGHT: Final = 1.1
 DIRECTIONS_WEIGHT: Final = 1.05
@@ -362,9 +362,12 @@ def expand_blocks(
             else:
                 other = directions.neighbors[direction, option - n_moves]
                 length = directions.turn_costs[direction, option - n_moves] / blocks.side
-            cost = length * find_cost_factor(blocks, directions.slices, other, u, v, w)
+            factor = blocks.costs[other, u, v, w]
+            if factor == 0.0:
+                factor = find_cost_factor(blocks, directions.slices, other, u, v, w)
             reached = ((other * nx + u) * ny + v) * nz + w
-            if not is_cheaper(progress, reached, progress.cost[state] + cost):
+            cost = progress.cost[state] + length * factor
+            if not is_cheaper(progress, reached, cost):
                 continue
             if has_one_rotation and option < n_moves:
                 number = directions.slices[direction, 0]
@@ -378,14 +381,11 @@ def expand_blocks(
 def find_cost_factor(
     blocks: Blocks, slices: Ints, direction: int, u: int, v: int, w: int
 ) -> np.float32:
-    """Return the factor of the cost in block (u, v, w); infinity if it is not passable.
+    """Compute and keep the factor of the cost in block (u, v, w); infinity if it is not passable.
 
     ``slices`` are those of :class:`Directions`. The factor is that of a cell that the robot may
     pass, and grows with the share of rotations at which it may not pass the middle of the block.
     """
-    known: np.float32 = blocks.costs[direction, u, v, w]
-    if known > 0.0:
-        return known
     _, nx, ny, nz = blocks.states.shape
     side = blocks.side
     count = slices.shape[1]
@@ -479,7 +479,7 @@ def factor_of_any(blocks: Blocks, slices: Ints, u: int, v: int, w: int) -> np.fl
     return np.float32(math.inf)
 
 
-@internal
+@inlined
 def factor_at(factors: Costs, number: int, i: int, j: int, k: int) -> np.float32:
     """Return the factor of the cost of moves in cell (i, j, k) of slice ``number``."""
     if factors.shape[0] == 0:

@@ -10,10 +10,9 @@ from typing import Final
 import numpy as np
 
 from cspace._grid import Grid
-from cspace._queries.taut import pull_taut
 from cspace._rotations import Rotations
 from cspace._rotations.base import METRES_PER_RADIAN, wrap_angles
-from cspace._support.arrays import Floats, Ints, States
+from cspace._support.arrays import Floats, Ints
 from cspace._support.deadlines import is_over
 
 Check = Callable[..., bool]
@@ -90,34 +89,6 @@ def pulled_straight(
         if total > (1.0 - MIN_GAIN_SHARE) * before:
             break
     return np.ascontiguousarray(path)
-
-
-def pull_taut_in_plane(
-    states: States, grid: Grid, path: Floats, check: Check, until: float
-) -> Floats:
-    """Return a short path along a chain of cells, found until a reading of the clock.
-
-    ``states``, shape (nx, ny), are those of the cells, and ``path`` has shape (n, 2). There is no
-    row if an edge fails ``check``, or if time is over at first.
-    """
-    ends = path[[0, -1]]
-    taut = path[:0]
-    shortest = math.inf
-    while True:
-        cells = pull_taut(states, (path - grid.lower) / grid.spacing)
-        path = np.asarray(grid.lower) + grid.spacing * cells
-        path[[0, -1]] = ends
-        length = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
-        if length >= shortest or is_over(until) or not are_free(path, check):
-            break
-        gains_little = length > (1.0 - MIN_GAIN_SHARE) * shortest
-        taut = path
-        shortest = length
-        if gains_little:
-            break
-        # An edge may pass obstacles on another side.
-        path = _skip_points_both_ways(taut, check, until)
-    return taut
 
 
 def are_free(path: Floats, check: Check) -> bool:

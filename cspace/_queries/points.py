@@ -27,7 +27,15 @@ from cspace._rotations.lookup import (
     widened_bounds,
     wrap_to_cells,
 )
-from cspace._support.arrays import FREE, MIXED, Bools, Floats, Numbers, Row, States
+from cspace._support.arrays import (
+    FREE,
+    MIXED,
+    Bools,
+    Floats,
+    Numbers,
+    Row,
+    States,
+)
 from cspace._support.compiling import inlined, internal, kernel
 
 Cell = tuple[int, int, int]
@@ -284,9 +292,9 @@ def neighborhood_is_free(
     """
     if len(rotation) == 4:
         return quaternion_neighborhood_is_free(map_, position, rotation, distance, angle)
-    borders = map_.rotations.borders
-    if borders.shape[0] == 0:
+    if len(rotation) == 0:
         return box_is_free(map_, int(map_.rotations.slice_of[0]), position, distance)
+    borders = map_.rotations.borders
     # Test the yaw cells in reach, at most all of them once.
     start = wrap_to_cells(borders, rotation[0])
     reach = min(angle, math.pi)

@@ -32,6 +32,7 @@ from cspace._queries.frontier import (
     Progress,
     begin_at,
     expand_until_done,
+    is_cheaper,
     pop_best,
     reach_cell,
 )
@@ -62,10 +63,6 @@ BLOCK_SIDE: Final = 4
 MAX_POSITIONS_WITHOUT_BLOCKS: Final = 2**14
 """Largest number of cells of a map without rotations whose guide examines each cell, in a few
 milliseconds. Blocks of cells may hide which way around an obstacle is shorter."""
-
-WEIGHT_OF_TAUT_PATHS: Final = 2.0
-"""Weight of the estimate if the path is pulled taut afterwards, so that the chain only has to pass
-obstacles on the side that the guide chose."""
 
 WEIGHT_OF_ONE_ROTATION: Final = 1.02
 """Weight of the guide's own estimate for robots that only translate: it chooses the way around each
@@ -108,7 +105,6 @@ def find_chain(
     until: float,
     factors: Costs = NO_FACTORS,
     may_exist: Callable[[], bool] | None = None,
-    weight: float = WEIGHT,
 ) -> Ints:
     """Find a short chain of passable cells from start to goal.
 
@@ -127,8 +123,6 @@ def find_chain(
         Factor, 1 or above, of the cost of moves in each cell.
     may_exist : callable, optional
         Returns False if no chain exists. It is asked once, if the search takes long.
-    weight : float
-        Weight of the estimate.
 
     Returns
     -------
@@ -156,7 +150,7 @@ def find_chain(
     cells_shape = (len(slice_of), *states.shape[1:])
     start_cell = int(np.ravel_multi_index(tuple(start), cells_shape))
     goal_cell = int(np.ravel_multi_index(tuple(goal), cells_shape))
-    progress = _search_guided(graph, start_cell, goal_cell, until, may_exist, weight)
+    progress = _search_guided(graph, start_cell, goal_cell, until, may_exist)
     if not progress.closed[goal_cell]:
         return np.empty((0, 1 + dim), dtype=np.int64)
     # Follow the chain back from the goal; the cells before are stored plus 1.
@@ -195,7 +189,6 @@ def _search_guided(
     goal: int,
     until: float,
     may_exist: Callable[[], bool] | None,
-    weight: float,
 ) -> Progress:
     """Search from start to goal, indices of cells over all rotation cells.
 
@@ -221,7 +214,7 @@ def _search_guided(
     if not guide.is_reached(start_cell):
         return begin_at(start, len(graph.slice_of) * size)
     rotations = measure_turns(graph.neighbors, graph.turns, goal_rotation)
-    estimate = guide.estimate._replace(weight=weight, rotations=rotations)
+    estimate = guide.estimate._replace(weight=WEIGHT, rotations=rotations)
 
     def reach_block(node: int) -> None:
         guide.reach(0, _locate(node % size, shape), until)
@@ -309,7 +302,9 @@ def expand_cells(graph: Graph, estimate: Estimate, progress: Progress, goal: int
                     continue
                 length = graph.turns[rotation, option - n_moves]
             mean = 0.5 * (factor + factor_at(graph.factors, there, u, v, w))
-            reach_cell(estimate, progress, cell, other, u, v, w, mean * length)
+            cost = progress.cost[cell] + mean * length
+            if is_cheaper(progress, ((other * nx + u) * ny + v) * nz + w, cost):
+                reach_cell(estimate, progress, cell, other, u, v, w, cost)
     return GOES_ON
 
 

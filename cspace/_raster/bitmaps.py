@@ -295,7 +295,7 @@ def align_image(
         return _rotate_image(info, solid, unknown_cells, exterior_solid)
     lower, _ = _rotated_bounds(info, solid.shape, *QUARTER_TURNS[quarters])
     cells = np.rot90(solid, quarters)
-    grid = Grid(lower, info.resolution, cells.shape)
+    grid = Grid(lower, info.resolution, cells.shape, frame_id=info.frame_id)
     return grid, cells, cells, np.rot90(unknown_cells, quarters)
 
 
@@ -351,7 +351,8 @@ def _rotate_image(
     center = 0.5 * (lower + upper)
     shape = tuple(int(n) for n in counts)
     check_cells(info.source, shape, memory=8.0)
-    grid = Grid(center - 0.5 * info.resolution * counts, info.resolution, shape)
+    lower = center - 0.5 * info.resolution * counts
+    grid = Grid(lower, info.resolution, shape, frame_id=info.frame_id)
     # Outline the set that is bounded by the image, so that the area around it needs no outline.
     bounded = ~solid if exterior_solid else solid
     points = boundary_segments(bounded, 1.0, (0.0, 0.0)).reshape(-1, 2)

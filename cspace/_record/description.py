@@ -154,7 +154,9 @@ def make_grid(metadata: Mapping[str, Any]) -> Grid:
     """Return the grid that a map's metadata describe."""
     shape = tuple(metadata["shape"])
     axes = metadata["axes"].split()[: len(shape)]
-    return Grid(metadata["lower"], metadata["spacing"], shape, axes, metadata["units"].split())
+    units = metadata["units"].split()
+    frame_id = str(metadata.get("frame_id", ""))
+    return Grid(metadata["lower"], metadata["spacing"], shape, axes, units, frame_id)
 
 
 def make_attributes(name: str, grid: Grid) -> dict[str, Any]:
@@ -175,9 +177,11 @@ def make_metadata(contents: Contents) -> dict[str, Any]:
 
     ``lower`` and ``spacing`` are in the ``units`` of the cells; ``axes`` names the numbers of a
     configuration; ``rotations`` is the number of rotation cells; ``robot`` is JSON text for
-    ``Robot.from_spec``. ``inner`` is 1 if BLOCKED is proven, else 0.
+    ``Robot.from_spec``. ``inner`` is 1 if BLOCKED is proven, else 0. ``frame_id`` is left out if it
+    is not known.
     """
     grid = contents.grid
+    frame = {"frame_id": grid.frame_id} if grid.frame_id else {}
     return {
         "format": FORMAT,
         "format_version": VERSION,
@@ -194,6 +198,7 @@ def make_metadata(contents: Contents) -> dict[str, Any]:
         "robot": contents.robot.definition,
         "workspace_source": contents.workspace.source,
         "inner": int(contents.proves_blocked),
+        **frame,
     }
 
 

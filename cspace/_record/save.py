@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from cspace import __version__
 from cspace._files.access import check_suffix, read_bytes, read_member, replacing
 from cspace._files.zarr_folders import ROOT_FILE, Layout
-from cspace._grid import Grid, check_reach
+from cspace._grid import FARTHEST_CELL, Grid, check_reach
 from cspace._limits import check_bytes
 from cspace._record.contents import Contents
 from cspace._record.description import (
@@ -429,6 +429,9 @@ def check_exterior(table: Ints, outside: str) -> Exterior:
     states = table[:, -1]
     if not np.isin(states, _EXTERIOR_STATES[outside]).all():
         raise ValueError(f"its exterior has other states than space that is {outside} outside")
-    if boxes.min() < -_MAX_EXTERIOR_CELL or boxes.max() > _MAX_EXTERIOR_CELL:
+    is_far = np.abs(boxes) > _MAX_EXTERIOR_CELL
+    if outside == "blocked":  # boxes have no end where a joint goes on beyond a map of it
+        is_far &= np.abs(boxes) != FARTHEST_CELL
+    if is_far.any():
         raise ValueError("its exterior reaches beyond all grids")
     return Exterior(table)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -22,12 +22,16 @@ from cspace._record.exterior import Exterior
 from cspace._shapes import Shape
 from cspace._support.arrays import Bools, Bytes, Floats, Ints, frozen, intersect_boxes
 from cspace._support.check import check_cells
-from cspace._workspace import Workspace, copy_workspace
-from cspace.errors import InputError
+from cspace._support.reporting import warn_user
+from cspace._workspace import Workspace, copy_workspace, in_metres
+from cspace.errors import InputError, UnitWarning
 
 _INFINITY: Final = 2**62
 """Minimum offset of a raster without cells, above all offsets; its negative is the maximum."""
 
+
+MAX_STACKED_CELLS: Final = 2**18
+"""Cells of boxes that are computed in one pass, so that rasters are prepared once."""
 
 CELLS_PER_BOX: Final = 50_000
 """Cells whose states take as long to compute as the preparations for a box of cells."""
@@ -185,9 +189,12 @@ class Updater:
         self._rasters = rasters
         self._exterior = exterior
         self._drop_derived = drop_derived
-        self._groups = group_rasters(rasters, contents.proves_blocked)
+        groups = group_rasters(rasters, contents.proves_blocked)
         is_blocked = contents.outside == "blocked"
-        self._offset_range = _measure_offsets(self._groups, contents.grid.shape, is_blocked)
+        self._offset_range = _measure_offsets(groups, contents.grid.shape, is_blocked)
+        # Bitmaps begin at the first cell that decides a state, so rasters move to the state.
+        shift = -self._offset_range[0]
+        self._groups = [[raster.translate(shift) for raster in group] for group in groups]
         # Cells of the largest raster along each axis, and number of rotation cells of each slice.
         self._raster_size = np.max([outer.cells.shape for outer, _ in rasters], axis=0)
         self._weights = np.bincount(contents.slice_of, minlength=len(contents.states))
@@ -240,16 +247,30 @@ class Updater:
         self._layers = layers
         return self._copy_layers(layers, [(first, np.array(self._grid.shape))])
 
-    def set_obstacle(self, name: str, shape: Shape | None) -> Update:
-        """Add, replace or remove a named obstacle, and update the map."""
-        obstacle = None if shape is None else Obstacle.of(shape, self._grid)
+    def set_obstacles(self, shapes: Mapping[str, Shape | None]) -> Update:
+        """Add, replace or remove named obstacles, and update the map once."""
+        obstacles = {
+            name: None if shape is None else Obstacle.of(shape, self._grid)
+            for name, shape in shapes.items()
+        }
+        corners = " to ".join(map(in_metres, (self._grid.lower, self._grid.upper)))
+        for name, obstacle in obstacles.items():
+            if obstacle is not None and not obstacle.outer.any():
+                warn_user(
+                    f"the obstacle {name!r} lies outside the map, from {corners}, and changes "
+                    "nothing: check its place, and the units (metres)",
+                    UnitWarning,
+                )
         if self._layers is None:
             self._layers = _make_layers(self._workspace)
-        boxes = self._layers.set_obstacle(name, obstacle)
-        # The old and the new place of an obstacle are one box if a robot can touch both.
-        if len(boxes) == 2 and not self._are_apart(*boxes):
-            firsts, stops = zip(*boxes, strict=True)
-            boxes = [(np.min(firsts, axis=0), np.max(stops, axis=0))]
+        boxes: list[CellBox] = []
+        for name, obstacle in obstacles.items():
+            places = self._layers.set_obstacle(name, obstacle)
+            # The old and the new place of an obstacle are one box if a robot can touch both.
+            if len(places) == 2 and not self._are_apart(*places):
+                firsts, stops = zip(*places, strict=True)
+                places = [(np.min(firsts, axis=0), np.max(stops, axis=0))]
+            boxes += places
         return self._copy_layers(self._layers, boxes)
 
     def _are_apart(self, box: CellBox, other: CellBox) -> bool:
@@ -283,39 +304,41 @@ class Updater:
         that the map agrees with the obstacles.
         """
         try:
-            updates = [self._write(patch) for patch in patches]
+            return self._write(patches)
         except BaseException:
-            for patch in patches:
-                self._write(patch)
+            self._write(patches)
             raise
         finally:
             self._drop_derived(self._workspace, self._layers)
-        return Update.combine(updates, self._grid.dim)
 
-    def _write(self, patch: Patch) -> Update:
-        """Write a patch into the workspace, and update the map."""
-        outer_differs = self._workspace.outer[patch.window] != patch.outer
-        differs = outer_differs | (self._workspace.inner[patch.window] != patch.inner)
-        occupied = int(np.count_nonzero(differs))
-        if not occupied:
-            self._write_cells(patch)  # unknown cells may become known
-            return Update(0, patch.lower, patch.lower, 0)
-        windows = []
-        for changed in split_changes(differs, self._raster_size):
-            first, stop = self._find_dependent(*(corner + patch.lower for corner in changed))
-            if (first < stop).all():
-                window = (slice(None), *map(slice, first.tolist(), stop.tolist()))
-                windows.append((first, stop, window, self._compute(patch, first, stop)))
+    def _write(self, patches: Sequence[Patch]) -> Update:
+        """Write patches into the workspace, and update the map."""
+        boxes: list[CellBox] = []
+        for patch in patches:
+            outer_differs = self._workspace.outer[patch.window] != patch.outer
+            differs = outer_differs | (self._workspace.inner[patch.window] != patch.inner)
+            if differs.any():
+                for changed in split_changes(differs, self._raster_size):
+                    first, stop = self._find_dependent(
+                        *(corner + patch.lower for corner in changed)
+                    )
+                    if (first < stop).all():
+                        boxes.append((first, stop))
+        states = self._compute(patches, boxes)
         # From here on the map changes. Each step may be repeated after an interruption.
-        self._drop_derived(self._workspace, self._layers)
-        updates = [Update(occupied, patch.lower, patch.lower, 0)]
-        for first, stop, window, states in windows:
-            differences = (states != self._states[window]).reshape(len(states), -1)
+        if boxes:
+            self._drop_derived(self._workspace, self._layers)
+        updates = []
+        for (first, stop), new_states in zip(boxes, states, strict=True):
+            window = (slice(None), *map(slice, first.tolist(), stop.tolist()))
+            differences = (new_states != self._states[window]).reshape(len(new_states), -1)
             count = int(self._weights @ np.count_nonzero(differences, axis=1))
-            self._states[window] = states
+            self._states[window] = new_states
             updates.append(Update(0, tuple(first.tolist()), tuple(stop.tolist()), count))
-        self._write_cells(patch)
-        if self._outside == "free":
+        updates += [
+            Update(self._write_cells(patch), patch.lower, patch.lower, 0) for patch in patches
+        ]
+        if self._outside == "free" and any(update.occupied for update in updates):
             exterior = Exterior.of(self._workspace.outer, self._rasters, "free")
             self._exterior.table[...] = exterior.table
         return Update.combine(updates, self._grid.dim)
@@ -329,32 +352,51 @@ class Updater:
         # The box is empty if no cell of the grid depends on the changes.
         return first, np.maximum(stop, first)
 
-    def _compute(self, patch: Patch, first: Ints, stop: Ints) -> Bytes:
-        """Compute the states of a box of cells after a patch.
-
-        The box is from cell ``first`` to before cell ``stop``.
-        """
+    def _compute(self, patches: Sequence[Patch], boxes: Sequence[CellBox]) -> list[Bytes]:
+        """Compute the states of boxes of cells after patches."""
+        if not boxes:
+            return []
+        size = np.max([stop - first for first, stop in boxes], axis=0)
+        is_small = len(boxes) * math.prod(size.tolist()) <= MAX_STACKED_CELLS
+        if len(boxes) > 1 and not (is_small and self._grid.dim == 2):
+            return [states for box in boxes for states in self._compute(patches, [box])]
+        # Boxes of one size, with all cells that decide them, are layers of one bitmap.
+        firsts = [np.minimum(first, self._grid.shape - size) for first, _ in boxes]
         lowest_offset, highest_offset = self._offset_range
-        begin = np.maximum(first + lowest_offset, 0)
-        end = np.minimum(stop + highest_offset, self._grid.shape)
-        cells = self._cells_after(patch, tuple(map(slice, begin.tolist(), end.tolist())))
-        # The engine begins at the first cell of its workspace, so rasters move to the first state.
-        shift = (first - begin).tolist()
-        groups = [[raster.translate(shift) for raster in group] for group in self._groups]
-        states = np.empty((len(self._states), *(stop - first).tolist()), dtype=np.uint8)
-        fill_states(dilation, self._outside, cells, groups, states)
-        return states
+        shape = (2, len(boxes), *(size + highest_offset - lowest_offset).tolist())
+        cells = np.full(shape, self._outside == "blocked")
+        for layer, first in enumerate(firsts):
+            begin = first + lowest_offset
+            end = first + size + highest_offset
+            inside = np.maximum(begin, 0), np.minimum(end, self._grid.shape)
+            low, high = (np.subtract(corner, begin).tolist() for corner in inside)
+            window = (slice(None), *map(slice, low, high))
+            cells[:, layer][window] = self._cells_after(patches, *inside)
+        states = np.empty((len(self._states), len(boxes), *size.tolist()), dtype=np.uint8)
+        is_plane = self._grid.dim == 2
+        outer, inner = cells if is_plane else cells[:, 0]
+        results = states if is_plane else states[:, 0]
+        fill_states(dilation, self._outside, (outer, inner), self._groups, results)
+        found = []
+        for layer, (first, stop) in enumerate(boxes):
+            begin = first - firsts[layer]
+            window = (slice(None), *map(slice, begin.tolist(), (begin + stop - first).tolist()))
+            found.append(states[:, layer][window])
+        return found
 
-    def _cells_after(self, patch: Patch, window: tuple[slice, ...]) -> tuple[Bools, Bools]:
-        """Return outer and inner cells of a window of the workspace after a patch.
-
-        The two are one array if they are equal.
-        """
+    def _cells_after(
+        self, patches: Sequence[Patch], first: Ints, stop: Ints
+    ) -> tuple[Bools, Bools]:
+        """Return outer and inner cells of a box of the workspace after patches."""
+        if self._layers is not None:
+            outer, inner, _ = self._layers.cells(first, stop)
+            return outer, inner
+        # Without named obstacles, there is one patch.
+        (patch,) = patches
+        window = tuple(map(slice, first.tolist(), stop.tolist()))
         in_window, in_patch = intersect_boxes(window, patch.window)
         outer = self._workspace.outer[window].copy()
         outer[in_window] = patch.outer[in_patch]
-        if self._stay_equal(patch):
-            return outer, outer
         inner = self._workspace.inner[window].copy()
         inner[in_window] = patch.inner[in_patch]
         return outer, inner
@@ -365,13 +407,14 @@ class Updater:
             return False
         return patch.inner is patch.outer or np.array_equal(patch.inner, patch.outer)
 
-    def _write_cells(self, patch: Patch) -> None:
-        """Write a patch into the workspace.
+    def _write_cells(self, patch: Patch) -> int:
+        """Write a patch into the workspace, and return the number of cells that differed.
 
         Its inner and outer cells may be one array, as long as they are equal.
         """
         old = self._workspace
         window = patch.window
+        differs = (old.outer[window] != patch.outer) | (old.inner[window] != patch.inner)
         if old.inner is not old.outer:
             _overwrite(old.outer, window, patch.outer)
             _overwrite(old.inner, window, patch.inner)
@@ -387,6 +430,7 @@ class Updater:
             self._workspace = Workspace(old.grid, *parts, live=True)
         if self._workspace.unknown is not None:
             _overwrite(self._workspace.unknown, window, patch.unknown)
+        return int(np.count_nonzero(differs))
 
 
 def split_changes(changed: Bools, raster_size: Ints) -> list[CellBox]:

@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace._support.arrays import Floats, Ints
-from cspace._support.check import check_finite
-from cspace._support.reporting import warn_user
-from cspace.errors import AngleWarning, InputError
+from cspace._support.check import check_finite, warn_of_degrees
+from cspace.errors import InputError
 
 METRES_PER_RADIAN: Final = 0.5
 """Length that a rotation by one radian adds to a path, as in OMPL's SE(2) and SE(3)."""
@@ -28,9 +27,6 @@ MAX_ANGLE: Final = 2.0**20
 ANGLE_SLACK: Final = 1e-9
 """Rounding allowance in radians, by which rotation cells are widened on both sides."""
 
-MAX_EXPECTED_ANGLE: Final = TWO_PI * (1.0 + 1e-9)
-"""Largest angle, in radians, that is not suspected to be in degrees."""
-
 
 def angle_axes(axes: Sequence[str], periodic_axes: Sequence[bool] = ()) -> dict[int, str]:
     """Return the names of the coordinates that are wrapped angles, by index.
@@ -39,20 +35,6 @@ def angle_axes(axes: Sequence[str], periodic_axes: Sequence[bool] = ()) -> dict[
     """
     wrapped_axes = {k for k, is_periodic in enumerate(periodic_axes) if is_periodic}
     return {k: name for k, name in enumerate(axes) if name == "yaw" or k in wrapped_axes}
-
-
-def warn_of_degrees(q: Sequence[float] | Floats, angles: Mapping[int, str], name: str) -> None:
-    """Warn if an angle of one configuration is beyond a whole turn.
-
-    ``angles`` comes from :func:`angle_axes`. The text leaves out the value, so that Python prints
-    it once for each line of the user's program.
-    """
-    for k, axis in angles.items():
-        if abs(q[k]) > MAX_EXPECTED_ANGLE:
-            problem = f"{axis} is beyond a whole turn"
-            rule = "angles are in radians, and whole turns are ignored"
-            hint = "use numpy.radians for degrees"
-            warn_user(f"{name}: {problem}; {rule}; {hint}", AngleWarning)
 
 
 def wrap_steps(steps: Floats, periodic_axes: ArrayLike = True) -> Floats:
@@ -79,6 +61,11 @@ def unwrap_near(angle: Floats, other: Floats) -> Floats:
     """Shift angles by whole turns to within pi of other angles, like :func:`numpy.unwrap`."""
     whole_turns = np.rint((other - angle) / TWO_PI)
     return angle + TWO_PI * whole_turns
+
+
+def turn_near(q: Floats, other: Floats, periodic_axes: ArrayLike) -> Floats:
+    """Shift continuous joints by whole turns to within pi of other joints."""
+    return np.where(periodic_axes, unwrap_near(q, other), q)
 
 
 MAX_PAIRS_PER_BATCH: Final = 2**20
@@ -162,9 +149,10 @@ class RotationTable(NamedTuple):
     Attributes
     ----------
     borders : ndarray of float64
-        Boundaries of the yaw cells, shape (n + 1,), which is empty for a single cell; or boundaries
-        of the parts of an axis of quotients, shape (1, n + 1), for quaternions. Compiled code knows
-        the number of axes, so it has no quaternions unless the map has.
+        Boundaries of the yaw cells, shape (n + 1,); or boundaries of the parts of an axis of
+        quotients, shape (1, n + 1), for quaternions; or a number without meaning, shape (), for a
+        robot that does not turn. Compiled code knows the number of axes, so it has no rotations
+        unless the map has.
     slice_of : ndarray of int64, shape (rotations,)
         Slice of each rotation cell.
     """
@@ -363,7 +351,7 @@ class Rotations(ABC):
 
         Raises InputError if it is not one rotation.
         """
-        numbers = np.atleast_1d(check_finite(rotation, name))
+        numbers = np.atleast_1d(check_finite(rotation, name, self.names))
         if numbers.shape != (len(self.names),):
             rule = "the robot does not turn"
             if self.names:
@@ -572,7 +560,7 @@ class Rotations(ABC):
 
     def _make_lookups(self, slice_of: Ints) -> RotationTable:
         """Return the rotation cells in the form that kernels use."""
-        return RotationTable(np.empty(0), np.ascontiguousarray(slice_of))
+        return RotationTable(np.zeros(()), np.ascontiguousarray(slice_of))
 
     @property
     def _facts(self) -> dict[str, object]:

@@ -45,11 +45,13 @@ def rotation_in(borders: Floats, row: Floats) -> Numbers:
     """Return the rotation in a row, which has the coordinates of a configuration.
 
     ``borders``, of :class:`cspace._rotations.base.RotationTable`, have two axes for quaternions,
-    and no entry for a robot that does not turn.
+    and none for a robot that does not turn.
     """
     if borders.ndim == 2:
         return row[-4], row[-3], row[-2], row[-1]
-    return (row[-1] if borders.shape[0] > 0 else 0.0,)
+    if borders.ndim == 1:
+        return (row[-1],)
+    return ()
 
 
 @inlined
@@ -60,7 +62,9 @@ def is_rotation(rotation: Numbers) -> bool:
     """
     if len(rotation) == 4:
         return abs(dot_product(rotation, rotation) - 1.0) <= 2.0 * NORM_SLACK  # False for NaN
-    return abs(rotation[0]) <= MAX_ANGLE  # False for NaN
+    if len(rotation) == 1:
+        return abs(rotation[0]) <= MAX_ANGLE  # False for NaN
+    return True
 
 
 @inlined
@@ -72,9 +76,9 @@ def rotation_cell(borders: Floats, rotation: Numbers) -> int:
     if len(rotation) == 4:  # a quaternion
         chart, i, j, k = find_parts(borders[0], rotation)
         return cell_index(borders[0], chart, i, j, k)
-    if borders.shape[0] == 0:
-        return 0
-    return find_cell(borders, rotation[0])
+    if len(rotation) == 1:
+        return find_cell(borders, rotation[0])
+    return 0
 
 
 @internal
@@ -86,6 +90,8 @@ def arc_count(first: Numbers, second: Numbers) -> int:
     if len(first) == 4:
         cosine = dot_product(normalise(first, 1.0), normalise(second, 1.0))
         return 2 if abs(cosine) <= QUOTIENT_SLACK else 1
+    if len(first) == 0:
+        return 1
     shorter_arc = len(first) - 1  # zero; for a constant, numba would compile the function again
     angle = signed_angle(first[0], second[0], shorter_arc)
     return 2 if math.pi - abs(angle) <= ANGLE_SLACK else 1
@@ -105,6 +111,8 @@ def arc_angle_and_error(first: Numbers, second: Numbers, arc: int) -> tuple[floa
         angle = 4.0 * path.half_angle
         error = angle if path.is_tiny else 0.0
         return angle, error
+    if len(first) == 0:
+        return 0.0, 0.0
     return abs(signed_angle(first[0], second[0], arc)), 0.0
 
 
@@ -123,7 +131,9 @@ def rotation_along(first: Numbers, second: Numbers, arc: int, t: float) -> Numbe
             first_weight = math.sin(first_weight * angle)
             second_weight = math.sin(second_weight * angle)
         return normalise(weighted_sum(path.first, path.second, first_weight, second_weight), 1.0)
-    return (first[0] + t * signed_angle(first[0], second[0], arc),)
+    if len(first) == 1:
+        return (first[0] + t * signed_angle(first[0], second[0], arc),)
+    return ()
 
 
 @internal
@@ -136,6 +146,8 @@ def matrix_rows(rotation: Numbers) -> Matrix:
             (2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)),
             (2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)),
         )
+    if len(rotation) == 0:
+        return (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
     cosine = math.cos(rotation[0])
     sine = math.sin(rotation[0])
     return (cosine, -sine, 0.0), (sine, cosine, 0.0), (0.0, 0.0, 1.0)

@@ -180,7 +180,7 @@ class QuaternionRotations(Rotations):
         Quaternions are (x, y, z, w), shape (..., 4). Their norm is 1; a quaternion and its negative
         lie in one cell.
         """
-        q = check_points(rotation, "rotation", 4)
+        q = check_points(rotation, "rotation", self.names)
         self._canonical_rotation(q, "rotation")
         largest = np.abs(q).argmax(axis=-1)  # the first of equals
         # A cell is given by its largest component, and the parts of the quotients of the others.

@@ -14,7 +14,7 @@ from cspace._raster import Raster
 from cspace._rotations import NO_ROTATION, RotationCell
 from cspace._shapes.shape import ExactShape, RoundedSimplices
 from cspace._support.arrays import Bools, Floats, Surface, frozen
-from cspace._support.check import check_finite, check_points
+from cspace._support.check import AXES, check_finite, check_points, select_positions
 from cspace.errors import InputError
 
 if TYPE_CHECKING:
@@ -133,7 +133,7 @@ class Balls(ExactShape):
         """Return a mask of the points in the shape; see ``ExactShape.contains``."""
         from scipy.spatial import cKDTree
 
-        array = check_points(points, "points", self.dim)
+        array = check_points(points, "points", AXES[: self.dim])
         inside = np.zeros(array.shape[:-1], dtype=np.bool_)
         # For balls of one radius, the nearest center decides.
         for radius in np.unique(self.radii):
@@ -266,7 +266,7 @@ def check_balls(centers: ArrayLike | BallSet, radii: ArrayLike | None) -> tuple[
         rule = "balls need one number, or one per center"
         raise InputError("radii", "is missing", rule, "pass it in metres")
     # From here on, the radii are given: one for all balls, or one for each.
-    points = check_finite(centers, "centers")
+    points = check_finite(select_positions(centers, "centers"), "centers")
     sizes = check_finite(radii, "radii")
     if points.ndim != 2 or points.shape[1] not in (2, 3) or not len(points):
         problem = f"has shape {points.shape}"

@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 
 from cspace._files.access import ContentError
-from cspace._files.meshes import read_mesh
+from cspace._files.fields import reading
+from cspace._files.meshes import GLTF_SUFFIXES, Up, read_mesh
 from cspace._files.moveit_messages import (
+    FIELDS,
     SCENE,
     WORLD,
     Contacts,
@@ -19,11 +21,10 @@ from cspace._files.moveit_messages import (
     find_frame,
     pair_poses,
     parse,
-    reading,
     wrong_value,
 )
 from cspace._files.polygons import join_surfaces, transform_surface
-from cspace._files.unit_notes import warn_of_unit
+from cspace._files.unit_notes import warn_of_size, warn_of_unit
 from cspace._files.urdf import (
     GEOMETRIES,
     PackageDirs,
@@ -163,6 +164,8 @@ def link_shapes(
         solid_part = solid if collision.geometry.mesh is not None else "auto"
         outer = Mesh(*outer_surface, solid_part, place)
         outer.warn_if_open(fills=False)
+        if collision.geometry.mesh is None:
+            warn_of_size(place, outer_surface[0], "scale it by 0.001")
         shape: Shape = outer
         if inner_surface is not outer_surface:
             shape = BoundedShape(outer, Mesh.of(inner_surface))
@@ -179,7 +182,7 @@ def _make_bounds(geometry: Any, meshes: Mapping[str, Path], place: str) -> Bound
     shape = getattr(geometry, kind)
     place = f"{place}: {kind}"
     if kind == "mesh":
-        surface = _scale_mesh(meshes[str(shape.filename)], shape.scale, place)
+        surface = _scale_mesh(meshes[str(shape.filename)], shape.scale, place, "y")
         return surface, surface
     if kind == "box":
         sides = check_point(shape.size, f"{place}: size", 3).tolist()
@@ -193,8 +196,11 @@ def _make_bounds(geometry: Any, meshes: Mapping[str, Path], place: str) -> Bound
     return capsule_bounds(sizes[0], 0.0)
 
 
-def _scale_mesh(file: Path, scale: Any, place: str) -> Surface:
-    """Read the surface of a mesh, scaled by one factor or three."""
+def _scale_mesh(file: Path, scale: Any, place: str, gltf_up: Up) -> Surface:
+    """Read the surface of a mesh, scaled by one factor or three.
+
+    ``gltf_up`` is the axis of a glTF file that becomes z.
+    """
     scale = 1.0 if scale is None else scale
     factors = check_finite(np.broadcast_to(scale, 3), f"{place}: scale")
     if not factors.all():
@@ -203,7 +209,16 @@ def _scale_mesh(file: Path, scale: Any, place: str) -> Surface:
         raise InputError(f"{place}: scale", problem, rule, "correct it")
     if (factors == 1.0).all():
         warn_of_unit(file)
-    return transform_surface(read_mesh(file), np.diag([*factors, 1.0]))
+    is_gltf = file.suffix.lower() in GLTF_SUFFIXES
+    if is_gltf:
+        turned = "it is turned upright, as in rviz and Drake; MoveIt keeps its axes"
+        kept = "its axes stay as they are, as in MoveIt"
+        what = turned if gltf_up == "y" else kept
+        warn_user(f"{place}: y points up in the glTF file {file.name}; {what}")
+    surface = read_mesh(file, gltf_up if is_gltf else "z")
+    surface = transform_surface(surface, np.diag([*factors, 1.0]))
+    warn_of_size(place, surface[0], 'write scale="0.001 0.001 0.001"')
+    return surface
 
 
 class SceneShape(NamedTuple):
@@ -298,10 +313,12 @@ def read_scene(source: object, package_dirs: PackageDirs = ()) -> SceneContent:
     GeometryError if a mesh has no triangle.
     """
     folders = package_folders(package_dirs)
-    with reading(source, "planning scene") as (name, content):
-        if isinstance(content, dict) and "collision_objects" in content:
+    with reading(source, "planning scene", "scene", FIELDS[0]) as (name, document):
+        document.skip()  # each of its tables has a ledger of its own
+        content = document.fields
+        if "collision_objects" in content:
             content = {"world": content}
-        fields = parse(SCENE, content, "")
+        fields = parse(SCENE, content, "scene")
         state = fields.robot_state
         shapes = list[SceneShape]()
         for item in fields.world.collision_objects:
@@ -364,7 +381,7 @@ def _read_mesh(mesh: Any, place: str, source: str, folders: Sequence[Path]) -> M
         raise ContentError(problem, "a mesh has one of them", "remove one")
     if resource:
         files = locate_meshes({resource: place}, source, folders)
-        surface = _scale_mesh(files[resource], dimensions, place)
+        surface = _scale_mesh(files[resource], dimensions, place, "z")
     else:
         surface = _read_inline_mesh(mesh, place)
     return Mesh(*surface, source=f"{source}: {place}")

@@ -20,7 +20,7 @@ from cspace._shapes.bodies import MeshBody, find_bodies
 from cspace._shapes.polygon import Polygons
 from cspace._shapes.shape import BoundedShape, ExactShape, RoundedSimplices, Shape, unique_rows
 from cspace._support.arrays import Bools, Floats, Ints, Surface, frozen
-from cspace._support.check import check_finite, check_points, check_unmasked, check_word
+from cspace._support.check import AXES, check_finite, check_points, check_unmasked, check_word
 from cspace._support.reporting import warn_user
 from cspace.errors import GeometryError, InputError
 
@@ -377,7 +377,7 @@ class Mesh(ExactShape):
             If the last axis is not three long, a value is not finite, or ``solid`` is ``"fill"``.
         """
         self._refuse_fill("ask its cells, or pass solid='auto'")
-        array = check_points(points, "points", self.dim)
+        array = check_points(points, "points", AXES[: self.dim])
         if not self.encloses:
             return np.zeros(array.shape[:-1], dtype=np.bool_)
         lower, upper = self.bounds

@@ -17,7 +17,7 @@ from cspace._raster.bitmaps import point_segments, ring_segments
 from cspace._rotations import NO_ROTATION, RotationCell
 from cspace._shapes.shape import ExactShape, RoundedSimplices
 from cspace._support.arrays import Bools, Floats
-from cspace._support.check import check_finite, check_points
+from cspace._support.check import AXES, check_finite, check_points
 from cspace.errors import GeometryError
 
 if TYPE_CHECKING:
@@ -155,7 +155,7 @@ class Polygons(ExactShape):
         """Return a mask of the points in the shape; see :meth:`ExactShape.contains`."""
         import shapely
 
-        array = check_points(points, "points", self.dim)
+        array = check_points(points, "points", AXES[: self.dim])
         shapely.prepare(self.outline)
         x, y = np.moveaxis(array, -1, 0)
         return np.asarray(shapely.intersects_xy(self.outline, x, y))
@@ -227,7 +227,7 @@ def _as_geometries(
         return [shape]
     if isinstance(shape, Sequence) and shape and isinstance(shape[0], shapely.Geometry):
         return shape
-    vertices = check_finite(shape, "polygon")
+    vertices = check_finite(shape, "polygon", AXES[:2])
     if vertices.ndim != 2 or vertices.shape[1] != 2 or len(vertices) < 3:
         rule = "it must be (n, 2) with n at least 3"
         hint = "pass its vertices in order"

@@ -25,7 +25,7 @@ from cspace._rotations import NO_ROTATION, RotationCell
 from cspace._shapes.polygon import Polygons
 from cspace._shapes.shape import Boxes, ExactShape, RoundedSimplices
 from cspace._support.arrays import Bools, Floats, Surface, frozen
-from cspace._support.check import check_cells, check_point, check_points, check_positive
+from cspace._support.check import AXES, check_cells, check_point, check_points, check_positive
 from cspace.errors import GeometryError
 
 if TYPE_CHECKING:
@@ -107,7 +107,7 @@ class Box(ExactShape):
 
     def contains(self, points: ArrayLike) -> Bools:
         """Return a mask of the points in the box; see :meth:`ExactShape.contains`."""
-        array = check_points(points, "points", self.dim)
+        array = check_points(points, "points", AXES[: self.dim])
         return np.asarray(((self.lower <= array) & (array <= self.upper)).all(axis=-1))
 
     def boundary(self) -> RoundedSimplices:
@@ -244,7 +244,7 @@ class Voxels(ExactShape):
 
     def contains(self, points: ArrayLike) -> Bools:
         """Return a mask of the points in the cells; see :meth:`ExactShape.contains`."""
-        array = check_points(points, "points", self.dim)
+        array = check_points(points, "points", AXES[: self.dim])
         # Points outside are clipped into the padding, which is empty.
         padded = np.pad(self.occupied, 1)
         cells = np.floor((array - self.lower) / self.side) + 1.0  # in the padded bitmap

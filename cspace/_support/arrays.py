@@ -1,5 +1,6 @@
 """Array types, cell states and functions on plain arrays."""
 
+import math
 import os
 from collections.abc import Sequence
 from typing import Any, Final, TypeVar
@@ -42,6 +43,9 @@ BLOCKED: Final = 2
 
 STATE_NAMES: Final = ("free", "mixed", "blocked")
 """Names of the states, in the order of their values."""
+
+MAX_EXPECTED_ANGLE: Final = math.tau * (1.0 + 1e-9)
+"""Largest angle, in radians, that is not suspected to be in degrees."""
 
 
 def frozen(array: NDArray[Any]) -> NDArray[Any]:

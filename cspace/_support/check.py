@@ -3,15 +3,27 @@
 from __future__ import annotations
 
 import difflib
+import inspect
 import operator
-from collections.abc import Collection, Iterable, Sequence
-from typing import Any, Final
+import re
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from functools import wraps
+from types import MappingProxyType
+from typing import Any, Final, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace._support.arrays import Bools, Floats, Ints, frozen
-from cspace.errors import InputError
+from cspace._support.arrays import MAX_EXPECTED_ANGLE, Bools, Floats, Ints, frozen
+from cspace._support.reporting import warn_user
+from cspace._support.threads import run_in_chunks
+from cspace.errors import AngleWarning, InputError
+
+Arguments = ParamSpec("Arguments")
+Result = TypeVar("Result")
+
+_MAX_POINT_COLUMNS: Final = 8
+"""Largest number of columns of an array whose rows may be points: x, y, z, a colour and more."""
 
 MAX_COUNT: Final = 2**53
 """Largest count. Floats represent all whole numbers up to it exactly."""
@@ -19,24 +31,49 @@ MAX_COUNT: Final = 2**53
 UNKNOWN_CELL: Final = -1
 """Value of unknown cells in occupancy grids of ROS."""
 
+AXES: Final = ("x", "y", "z")
+"""Names of the axes of space; a plane has the first two."""
 
-def check_real(values: ArrayLike, name: str) -> NDArray[Any]:
+_ROW_ATTRIBUTES: Final = ("to_numpy", "mask", "_fields", "units", "unit")
+"""Attributes of rows with labels, masks or units."""
+
+_SI_UNIT: Final = re.compile(
+    r"(\b(m|met(re|er)s?|rad(ian)?s?|s|seconds?|kg|n|per|dimensionless|unitless)\b|[-\s/*^.()\d])*"
+)
+"""Names of units that numbers are in, and of their quotients, in lower case."""
+
+_SIZE: Final = re.compile(
+    r"(^|_)(r|radius|radii|diameter|size|width|thickness|buffer|scale|extent)(_|\d|$)"
+)
+"""Part of a name, in lower case, that gives a point or a line a size."""
+
+NUMBERS_HINT: Final = "pass numbers, in metres or radians"
+
+MAX_LISTED_NAMES: Final = 20
+"""Largest number of known names that a message lists."""
+
+
+def check_real(values: ArrayLike, name: str, axes: Sequence[str] = ()) -> NDArray[Any]:
     """Return values as an array of real numbers.
 
-    Integers and booleans keep their type; other types become float64. Raises InputError if a value
-    is not a real number, or is too large for float64.
+    Integers and booleans keep their type; other types become float64. ``axes`` name the entries of
+    the last axis, in order. Raises InputError if a value is not a real number, or is too large for
+    float64, or if labels are not the axes.
     """
-    check_unmasked(values, name)
+    if type(values) is not np.ndarray:
+        check_unmasked(values, name)
+        _check_unit(values, name)
+        values = order_labels(values, name, axes)
     # Refuse None and texts, because numpy would turn None into NaN and parse texts as numbers.
     # Arrays of objects, such as fractions, are converted if they hold numbers.
     try:
         array = np.asarray(values)
-        if values is None or array.dtype.kind in "US":
-            raise TypeError("texts and None are no numbers")
+        if values is None or array.dtype.kind in "USMm":
+            raise TypeError("texts, dates and None are no numbers")
         if array.dtype.kind not in "fiubc":
             array = np.asarray(array, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        hint = "pass numbers, in metres or radians"
+        hint = NUMBERS_HINT
         if isinstance(values, str | bytes):
             hint = "write the number without quotes"
         elif hasattr(values, "as_quat"):
@@ -50,12 +87,84 @@ def check_real(values: ArrayLike, name: str) -> NDArray[Any]:
     return array
 
 
-def check_finite(values: ArrayLike, name: str) -> Floats:
+def _check_unit(values: Any, name: str) -> None:
+    """Raise InputError for values that have another unit than ours, as of pint or xarray."""
+    if hasattr(values, "columns"):  # a column may be called so
+        return
+    attributes = getattr(values, "attrs", None)
+    unit = attributes.get("units") if isinstance(attributes, Mapping) else None
+    for attribute in ("units", "unit"):
+        unit = unit or getattr(values, attribute, None)
+    if unit is not None and not callable(unit) and not _SI_UNIT.fullmatch(str(unit).lower()):
+        rule = "numbers are in metres, radians and seconds"
+        raise InputError(name, f"has the unit {unit}", rule, "convert it, and pass its numbers")
+
+
+def order_labels(values: Any, name: str, axes: Sequence[str]) -> Any:
+    """Return values in the order of axes, if their columns have names.
+
+    Names are columns of a table, the index of a Series, labels of a dimension of xarray, and fields
+    of named tuples. Raises InputError if they are not the axes.
+    """
+    if isinstance(values, list | tuple):
+        return _order_rows(values, name, axes)
+    for dimension in getattr(values, "dims", ()):
+        labels = values.coords[dimension].values if dimension in values.coords else ()
+        if _are_names(labels):
+            _check_labels(labels, name, axes)
+            return values.sel({dimension: list(axes)}).transpose(..., dimension).values
+    index = getattr(values, "index", ())
+    labels = getattr(values, "columns", index)
+    if not callable(index) and not _are_names(labels) and set(map(str, index)) & set(axes):
+        labels = index  # of a table whose rows are the axes
+    if callable(labels) or not _are_names(labels):
+        return values
+    _check_labels(labels, name, axes)
+    if labels is index and hasattr(values, "columns"):
+        return values.loc[list(axes)].T
+    return values[list(axes)]
+
+
+def _order_rows(values: list[Any] | tuple[Any, ...], name: str, axes: Sequence[str]) -> Any:
+    """Return a list of rows, or a row, in the order of axes."""
+    # Long lists hold few types, and numpy would drop the labels, units and masks of rows.
+    kinds = set(map(type, values))
+    if any(hasattr(kind, each) for kind in kinds for each in _ROW_ATTRIBUTES):
+        return [check_real(row, name, axes) for row in values]
+    fields = getattr(values, "_fields", ())
+    if not set(fields) & set(axes):
+        return values
+    _check_labels(fields, name, axes)
+    return [getattr(values, axis) for axis in axes]
+
+
+def _are_names(labels: Any) -> bool:
+    """Return True if labels are names; numbers only count columns or rows."""
+    return np.asarray(labels).dtype.kind not in "iuf"
+
+
+def _check_labels(labels: Iterable[Any], name: str, axes: Sequence[str]) -> None:
+    """Raise InputError unless labels are the names of axes, in any order."""
+    given = [str(label) for label in labels]
+    if sorted(given) == sorted(axes):
+        return
+    problem = f"has the labels {', '.join(given)}"
+    if not axes:
+        raise InputError(name, problem, "they have no effect here", "pass its to_numpy()")
+    rule = f"they must be {', '.join(axes)}"
+    raise InputError(name, problem, rule, "rename or select its columns")
+
+
+def check_finite(values: ArrayLike, name: str, axes: Sequence[str] = ()) -> Floats:
     """Return values as a float64 array.
 
-    Raises InputError if a value is not a real number, is NaN or is infinite.
+    ``axes`` are as for :func:`check_real`. Raises InputError as it does, and if a value is NaN or
+    infinite.
     """
-    array = np.asarray(check_real(values, name), dtype=np.float64)
+    numbers = check_real(values, name, axes)
+    if numbers.dtype.kind == "b":
+        raise InputError(name, f"is {values!r}", "it must be numeric", NUMBERS_HINT)
+    array = np.asarray(numbers, dtype=np.float64)
     is_finite = np.isfinite(array)
     if not is_finite.all():
         entry, value = _first_wrong_entry(array, name, ~is_finite)
@@ -89,6 +198,14 @@ def check_unmasked(values: Any, name: str) -> None:
         problem = f"has {count} masked entries"
         hint = "fill them first, e.g. array.filled(True) for occupied cells"
         raise InputError(name, problem, "each must have a value", hint)
+
+
+def check_number(value: Any, name: str, hint: str = "pass e.g. 0.5") -> float:
+    """Return one finite number as a float; raise InputError otherwise."""
+    number = check_finite(value, name)
+    if number.ndim:
+        raise InputError(name, f"is {value!r}", "it must be one number", hint)
+    return float(number)
 
 
 def check_positive(value: Any, name: str, unit: str = "metres") -> float:
@@ -154,22 +271,119 @@ def check_word(
     if isinstance(value, bool) or not isinstance(value, str | int) or value not in choices:
         *others, last = map(repr, choices)
         rule = f"it must be {', '.join(others)} or {last}"
-        raise InputError(name, f"is {value!r}", rule, hint)
+        similar = suggest_name(value, [word for word in choices if isinstance(word, str)])
+        raise InputError(name, f"is {value!r}", rule, similar or hint)
 
 
 def check_known(value: object, name: str, known: Collection[str], verb: str = "is") -> str:
     """Return a known name; raise InputError, with the most similar name, otherwise."""
     if isinstance(value, str) and value in known:
         return value
-    similar = difflib.get_close_matches(str(value), known, n=1)
-    rule = f"there are {', '.join(known)}"
-    hint = "name one of these"
-    if not known:
-        rule = "there is none"
-        hint = "leave it out"
-    elif similar:
-        hint = f"did you mean {similar[0]!r}?"
+    listed = list(known)[:MAX_LISTED_NAMES]
+    if len(listed) < len(known):
+        listed.append(f"and {len(known) - len(listed)} others")
+    rule = f"there are {', '.join(listed)}" if known else "there is none"
+    hint = suggest_name(value, known) or ("name one of these" if known else "leave it out")
     raise InputError(name, f"{verb} {value!r}", rule, hint)
+
+
+def suggest_name(value: object, known: Collection[str]) -> str:
+    """Return "did you mean ...?" with the most similar name; empty if none is similar."""
+    lower_names = {name.lower(): name for name in known}
+    similar = difflib.get_close_matches(str(value).lower(), lower_names, n=1)
+    return f"did you mean {lower_names[similar[0]]!r}?" if similar else ""
+
+
+def names_options(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
+    """Make a function name the most similar option if one is unknown, as Python 3.13 does.
+
+    It is not for queries of single configurations, because it takes a fraction of a microsecond.
+    """
+    known = frozenset(inspect.signature(function).parameters)
+
+    @wraps(function)
+    def call(*values: Arguments.args, **options: Arguments.kwargs) -> Result:
+        """Call the function, if it has all options."""
+        if not known.issuperset(options):
+            name = next(option for option in options if option not in known)
+            hint = suggest_name(name, known) or f"its options are {', '.join(sorted(known))}"
+            raise TypeError(f"{function.__qualname__}() has no option {name!r}; {hint}")
+        return function(*values, **options)
+
+    return call
+
+
+def check_mapping(values: Any, name: str, known: Collection[str]) -> dict[str, Any]:
+    """Return a mapping of known names, or a Series of them, as a dictionary.
+
+    Raises InputError, with the most similar name, if a name is unknown.
+    """
+    if not (isinstance(values, Mapping) or hasattr(values, "to_dict")):
+        example = f"pass e.g. {{{next(iter(known), 'elbow')!r}: 0.1}}"
+        raise InputError(name, f"is {values!r}", "it must map names to numbers", example)
+    return {check_known(key, name, known, "names"): value for key, value in values.items()}
+
+
+def check_each(
+    values: ArrayLike | Mapping[str, Any],
+    name: str,
+    names: Sequence[str],
+    defaults: Mapping[str, float] = MappingProxyType({}),
+) -> Floats:
+    """Return one number for all of ``names``, shape (), or one for each, shape (k,).
+
+    A mapping gives numbers by name, and may leave out those with a default. Raises InputError if a
+    number is missing, negative or not finite, a name is unknown, or the shape differs.
+    """
+    rule = f"it must be one number, or one for each of {', '.join(names)}"
+    if isinstance(values, Mapping):
+        given = {**defaults, **check_mapping(values, name, names)}
+        missing = [each for each in names if each not in given]
+        if missing:
+            raise InputError(name, f"lacks {', '.join(missing)}", rule, f"pass {name}=1.0")
+        values = [given[each] for each in names]
+    numbers = check_finite(values, name, names)
+    if numbers.shape not in ((), (len(names),)):
+        raise InputError(name, f"has shape {numbers.shape}", rule, f"pass {name}=1.0")
+    if (numbers < 0.0).any():
+        hint = "pass it in metres, radians and seconds"
+        raise InputError(name, f"is {values!r}", "it must be zero or above", hint)
+    return numbers
+
+
+def check_angle(value: ArrayLike, name: str) -> float:
+    """Return an angle, radians, as a float; warn if it is beyond a whole turn.
+
+    Raises InputError if it is not one finite number.
+    """
+    radians = check_number(value, name, "pass radians, e.g. 1.57")
+    warn_of_degrees([radians], {0: "it"}, name)
+    return radians
+
+
+def warn_of_degrees(q: ArrayLike, angles: Mapping[int, str], name: str) -> None:
+    """Warn if an angle of configurations, shape (..., size), is beyond a whole turn.
+
+    ``angles`` are the names of angles, by index. The text leaves out the value, so that Python
+    prints it once for each line of the user's program.
+    """
+    rows = np.asarray(q)
+    for k, axis in angles.items():
+        if _exceed_a_turn(rows[..., k].reshape(-1)):
+            problem = f"{axis} is beyond a whole turn"
+            rule = "angles are in radians, and whole turns are ignored"
+            hint = "use numpy.radians for degrees"
+            warn_user(f"{name}: {problem}; {rule}; {hint}", AngleWarning)
+
+
+def _exceed_a_turn(angles: NDArray[Any]) -> bool:
+    """Return True if one of many angles, shape (n,), is beyond a whole turn."""
+
+    def find_chunk(start: int, stop: int) -> int:
+        """Return 0 if an angle of [start, stop) is beyond a whole turn, else -1."""
+        return int((np.abs(angles[start:stop]) > MAX_EXPECTED_ANGLE).any()) - 1
+
+    return run_in_chunks(find_chunk, len(angles)) >= 0
 
 
 def check_names(values: Iterable[str], name: str) -> list[str]:
@@ -214,25 +428,49 @@ def check_rng(rng: object) -> np.random.Generator:
     return rng
 
 
-def check_rows(values: ArrayLike, name: str, length: int) -> NDArray[Any]:
-    """Return real numbers of any type as an array, shape (..., length).
+def check_rows(values: ArrayLike, name: str, axes: Sequence[str]) -> NDArray[Any]:
+    """Return real numbers of any type as an array, shape (..., len(axes)).
 
-    They may be NaN or infinite. Raises InputError if a value is not a real number, or the last axis
-    has another length.
+    They may be NaN or infinite. Raises InputError if a value is not a real number, the last axis
+    has another length, or labels are not the axes.
     """
-    array = check_real(values, name)
-    if array.ndim == 0 or array.shape[-1] != length:
-        rule = f"its last axis must be {length} long, one entry for each coordinate"
+    array = check_real(values, name, axes)
+    if array.ndim == 0 or array.shape[-1] != len(axes):
+        rule = f"its last axis must be {len(axes)} long, for {', '.join(axes)}"
         raise InputError(name, f"has shape {array.shape}", rule, "pass one or a batch")
     return array
 
 
-def check_points(values: ArrayLike, name: str, dim: int) -> Floats:
-    """Return finite points as float64, shape (..., dim).
+def check_points(values: ArrayLike, name: str, axes: Sequence[str]) -> Floats:
+    """Return finite points as float64, shape (..., len(axes)).
 
-    Raises InputError if the last axis has another length, or a value is not finite.
+    Raises InputError as :func:`check_rows`, and if a value is not finite.
     """
-    return check_finite(check_rows(values, name, dim), name)
+    return check_finite(check_rows(values, name, axes), name)
+
+
+def find_sizes(names: Iterable[str]) -> dict[str, str]:
+    """Return the names, each by itself, that give points a size."""
+    known = list(names)
+    sizes = {name: name for name in known if _SIZE.search(name.lower())}
+    if {"r", "g", "b"} <= set(known):  # a colour
+        del sizes["r"]
+    return sizes
+
+
+def select_positions(values: Any, name: str) -> NDArray[Any]:
+    """Return positions in the plane or in space as an array of real numbers.
+
+    Of a table, the columns x, y (and z) are taken. Raises InputError as :func:`check_real`.
+    """
+    columns = getattr(values, "columns", ())
+    axes = [axis for axis in AXES if axis in columns]
+    if {"x", "y"} <= set(axes):
+        values = values[axes]
+    labels = {
+        label for each in getattr(values, "coords", {}).values() for label in each.values.flat
+    }
+    return check_real(values, name, axes or [axis for axis in AXES if axis in labels])
 
 
 def check_point(value: ArrayLike, name: str = "center", dim: int = 2) -> Floats:
@@ -240,7 +478,7 @@ def check_point(value: ArrayLike, name: str = "center", dim: int = 2) -> Floats:
 
     Raises InputError if the shape differs, or a value is not finite.
     """
-    point = check_finite(value, name)
+    point = check_finite(value, name, AXES[:dim])
     if point.shape != (dim,):
         rule = f"it must be {dim} numbers in metres"
         hint = f"pass e.g. {(0.5,) * dim}"
@@ -254,7 +492,7 @@ def check_bounds(bounds: ArrayLike, dim: int = 2) -> Floats:
     ``bounds`` has that shape, or is ``xmin, ymin, (zmin,) xmax, ymax(, zmax)``. Raises InputError
     if it has another shape, or an upper value is not above the lower value.
     """
-    box = check_finite(bounds, "bounds")
+    box = check_finite(bounds, "bounds", AXES[:dim])
     names = [f"{axis}{end}" for end in ("min", "max") for axis in "xyz"[:dim]]
     hint = f"pass ({', '.join(names)}) in metres"
     if box.shape not in ((2 * dim,), (2, dim)):
@@ -274,7 +512,7 @@ def check_pairs(edges: ArrayLike, vertices: Floats) -> Ints:
 
     Raises InputError if they have another shape, or an index is not that of a vertex.
     """
-    pairs = check_real(edges, "edges")
+    pairs = check_real(edges, "edges", ("start", "end"))
     # numpy makes an empty list an array of floats, shape (0,).
     if pairs.size == 0:
         pairs = np.empty((0, 2), dtype=np.int64)
@@ -302,7 +540,9 @@ def check_dims(array: Any, name: str) -> None:
     which :func:`cspace._files.rasters.place_raster` evaluates and removes.
     """
     metadata = getattr(array, "metadata", None)
+    attributes = getattr(array, "attrs", {})
     dims = getattr(array, "dims", None) or getattr(metadata, "dimension_names", None) or ()
+    dims = dims or attributes.get("_ARRAY_DIMENSIONS", ())  # of Zarr version 2
     if dims and None not in dims and tuple(dims) != ("x", "y", "z")[: len(dims)]:
         rule = "they must be x, y (and z), in this order"
         hint = "project, rename or transpose it, and reverse y if its first row is the top"
@@ -334,7 +574,7 @@ def check_cells(values: ArrayLike, name: str) -> Bools:
         check_finite(array, name)
     if array.dtype.kind not in "biu":
         problem = f"has dtype {array.dtype}"
-        hint = "compare with a threshold first, e.g. array > 0.5"
+        hint = _advise_points(array) or "compare with a threshold first, e.g. array > 0.5"
         raise InputError(name, problem, "cells must be boolean", hint)
     is_boolean = array.dtype.kind == "b"
     if not is_boolean:
@@ -348,6 +588,14 @@ def check_cells(values: ArrayLike, name: str) -> Bools:
     return frozen(np.ascontiguousarray(stored_values != 0))
 
 
+def _advise_points(array: NDArray[Any]) -> str:
+    """Return a hint for an array whose rows may be points; empty for any other."""
+    if array.ndim != 2 or not 2 <= array.shape[1] <= _MAX_POINT_COLUMNS:
+        return ""
+    axes = min(array.shape[1], 3)
+    return f"if its rows are points, pass array[:, :{axes}] to Workspace.from_points"
+
+
 def _check_zeros_and_ones(array: NDArray[Any], name: str) -> None:
     """Raise InputError for numbers other than 0 and 1."""
     wrong = (array != 0) & (array != 1)
@@ -357,7 +605,7 @@ def _check_zeros_and_ones(array: NDArray[Any], name: str) -> None:
     # Occupancy grids of ROS get a message of their own.
     problem = f"is {value}"
     rule = "whole numbers must be 0 or 1"
-    hint = "compare with a threshold first, e.g. array >= 50"
+    hint = _advise_points(array) or "compare with a threshold first, e.g. array >= 50"
     if (array == UNKNOWN_CELL).any():
         problem = f"{problem}, and some cells are {UNKNOWN_CELL}, as unknown cells of ROS"
         rule = f"{rule}, and unknown cells may hide obstacles"

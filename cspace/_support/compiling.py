@@ -1,7 +1,17 @@
-"""Compile functions with numba, and keep their machine code on disk."""
+"""Compile functions with numba, and keep their machine code on disk.
+
+Numba compiles a function into each of its callers, and optimises it there again. So choose:
+
+- :func:`kernel` for functions that Python calls, and :func:`allocating` if they allocate arrays;
+- :func:`internal` for functions that only kernels call;
+- :func:`inlined` for those that take a few nanoseconds, less than a call;
+- :func:`call` with :func:`find_address` for functions that several kernels call, and that take more
+  than a second to compile. They are compiled once. A call costs a few nanoseconds.
+"""
 
 from __future__ import annotations
 
+import gc
 import hashlib
 import logging
 import os
@@ -19,7 +29,14 @@ from pathlib import Path
 from typing import Any, Final, TypeVar
 
 import numba
+from numba import types
+from numba._dispatcher import compute_fingerprint
 from numba.core import event
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler
+from numba.core.errors import TypingError
+from numba.core.typing.templates import Signature
+from numba.extending import NativeValue, intrinsic, models, register_model, unbox
 
 from cspace.errors import InputError
 
@@ -70,10 +87,9 @@ def kernel(function: F) -> F:
 def internal(function: F) -> F:
     """Compile a function that only kernels call, otherwise like :func:`kernel`.
 
-    A call from Python crashes. Omitting the wrapper for Python saves a quarter of the time to
-    compile.
+    A call from Python crashes. Without machine code of its own, it compiles in half the time.
     """
-    return _compile(function, _nrt=False, no_cpython_wrapper=True)
+    return _compile(function, _nrt=False, no_cpython_wrapper=True, pipeline_class=_PartCompiler)
 
 
 def inlined(function: F) -> F:
@@ -81,7 +97,13 @@ def inlined(function: F) -> F:
 
     A call would take as long as the function itself.
     """
-    return _compile(function, _nrt=False, no_cpython_wrapper=True, forceinline=True)
+    return _compile(
+        function,
+        _nrt=False,
+        no_cpython_wrapper=True,
+        forceinline=True,
+        pipeline_class=_PartCompiler,
+    )
 
 
 def allocating(function: F) -> F:
@@ -114,6 +136,133 @@ def _compile(function: F, **options: Any) -> F:
             return numba.njit(**options)(function)  # type: ignore[no-any-return]
         finally:
             vars(_CONFIG).update(user_settings)
+
+
+class _Part(JITCodeLibrary):
+    """Code of a function that only kernels call.
+
+    It is optimised and made machine code as a part of each kernel. Numba would do so here too, for
+    nobody.
+    """
+
+    def _optimize_final_module(self) -> None:
+        """Do nothing, because kernels optimise their parts."""
+
+    def _finalize_final_module(self) -> None:
+        """Do without machine code."""
+        self._finalize_dynamic_globals()  # type: ignore[no-untyped-call]
+        self._finalized = True
+
+    @property
+    def codegen(self) -> _Part:
+        """The receiver of the environment of machine code."""
+        return self
+
+    def set_env(self, name: str, environment: object) -> None:
+        """Do nothing, because there is no machine code."""
+
+    def serialize_using_object_code(self) -> tuple[str, str, bytes]:
+        """Return the code for the cache."""
+        return self.serialize_using_bitcode()  # type: ignore[no-any-return,no-untyped-call]
+
+
+class _PartCompiler(Compiler):
+    """Compiler of functions that only kernels call."""
+
+    def define_pipelines(self) -> Any:
+        """Return numba's pipelines, with another container of the code."""
+        state = self.state
+        name = state.func_id.func_qualname
+        state.library = _Part(state.targetctx.codegen(), name)  # type: ignore[no-untyped-call]
+        return super().define_pipelines()  # type: ignore[no-untyped-call]
+
+
+# ---- calls by address ----------------------------------------------------------------------------
+
+
+class AddressType(types.Type):
+    """Type of addresses of the compiled functions with a signature."""
+
+    bitwidth = 64
+
+    def __init__(self, signature: Signature) -> None:
+        """Name the type after the signature."""
+        self.signature = signature
+        super().__init__(f"AddressType({signature})")
+
+
+class Address:
+    """Address of a compiled function, for kernels that call it.
+
+    It is an argument of these kernels, because it differs from process to process, but their code
+    is cached. Its type has the signature, so no kernel calls a function with other arguments.
+
+    Attributes
+    ----------
+    function : callable
+        It keeps the code alive.
+    value : int
+    """
+
+    def __init__(self, function: Any, argument_types: tuple[types.Type, ...]) -> None:
+        """Compile the function, or take its code from the cache."""
+        function.compile(argument_types)
+        compiled = function.overloads[argument_types]
+        self.function = function
+        self.value: int = compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name)
+        self._numba_type_ = AddressType(compiled.signature)
+
+
+_addresses: Final = dict[tuple[Callable[..., Any], bytes], Address]()
+
+
+def find_address(function: Callable[..., Any], *arguments: Any) -> Address:
+    """Return the address of a kernel that returns a number, compiled for arguments like these."""
+    # Numba's own key of types is a hundred times as fast as the types.
+    key = function, compute_fingerprint(arguments)
+    if key not in _addresses:
+        _addresses[key] = Address(function, tuple(map(numba.typeof, arguments)))
+    return _addresses[key]
+
+
+def _type_call(_: Any, address: Any, arguments: Any) -> Any:
+    """Return the signature of :data:`call` for types of arguments, and its code generator."""
+    expected = address.signature.args
+    result = address.signature.return_type
+    # Arrays of another layout would be misread.
+    if arguments.types != expected:
+        raise TypingError(f"call: arguments are {arguments.types}; they must be {expected}")
+
+    def generate(context: Any, builder: Any, _: Any, values: Any) -> Any:
+        """Generate the code of the call."""
+        convention = context.call_conv
+        type_ = convention.get_function_type(result, expected).as_pointer()
+        pointer = builder.inttoptr(values[0], type_)
+        each = [builder.extract_value(values[1], k) for k in range(len(expected))]
+        status, value = convention.call_function(builder, pointer, result, expected, each)
+        with builder.if_then(status.is_error, likely=False):
+            convention.return_status_propagate(builder, status)
+        return value
+
+    return result(address, arguments), generate
+
+
+call: Final[Any] = intrinsic(_type_call)
+"""``call(address, arguments)``, in kernels, calls a compiled function by its :class:`Address`.
+
+The arguments are a tuple, of exactly the types for which the function is compiled."""
+
+
+def _unbox_address(_: AddressType, instance: Any, context: Any) -> Any:
+    """Generate code that reads the value of an address."""
+    value = context.pyapi.object_getattr_string(instance, "value")
+    native = context.pyapi.long_as_longlong(value)
+    context.pyapi.decref(value)
+    return NativeValue(native)  # type: ignore[no-untyped-call]
+
+
+unbox(AddressType)(_unbox_address)  # type: ignore[no-untyped-call]
+register_model(AddressType)(models.IntegerModel)
 
 
 @cache
@@ -182,10 +331,12 @@ def _remove_unused(parent: Path) -> None:
 
 
 class _Clock(event.Listener):
-    """A clock for time limits: CPU time of the process without compilations.
+    """A clock for time limits: the time that passes, without this process's compilations.
 
-    CPU time does not depend on the load of the machine by other programs.
+    A compilation in one thread holds up the others, so it stops the clock for all of them.
     """
+
+    read = staticmethod(time.monotonic)
 
     # Number of nested compilations, start of the outermost one, and seconds that all earlier ones
     # took. They are one tuple, so that threads read values of one moment.
@@ -193,16 +344,16 @@ class _Clock(event.Listener):
     _has_warned = False
 
     def __call__(self) -> float:
-        """Return the CPU time of the process without compilations, seconds."""
+        """Return the time without compilations, seconds."""
         depth, since, seconds = self._stops
-        return (since if depth else time.process_time()) - seconds
+        return (since if depth else self.read()) - seconds
 
     def on_start(self, event: Any) -> None:
         """Stop the clock, and log a long wait once."""
         depth, since, seconds = self._stops
-        self._stops = depth + 1, since if depth else time.process_time(), seconds
+        self._stops = depth + 1, since if depth else self.read(), seconds
         module = event.data["dispatcher"].py_func.__module__
-        has_waited = time.process_time() - self() > LONG_WAIT_SECONDS
+        has_waited = self.read() - self() > LONG_WAIT_SECONDS
         if has_waited and not self._has_warned and module.startswith(("cspace.", "planners.")):
             self._has_warned = True
             how_often = "once" if cache_folder() else "at each start, as no cache is safe"
@@ -212,8 +363,32 @@ class _Clock(event.Listener):
         """Restart the clock after the outermost compilation."""
         depth, since, seconds = self._stops
         if depth == 1:
-            seconds += time.process_time() - since
+            seconds += self.read() - since
         self._stops = depth - 1, since, seconds
+
+
+class _CollectorPause(event.Listener):
+    """A pause of the garbage collector while a function is compiled.
+
+    A compiler makes many objects and keeps most of them, so visiting them would take a tenth of its
+    time.
+    """
+
+    _depth = 0
+    _was_enabled = False
+
+    def on_start(self, event: Any) -> None:
+        """Pause at the start of the outermost compilation."""
+        if self._depth == 0:
+            self._was_enabled = gc.isenabled()
+            gc.disable()
+        self._depth += 1
+
+    def on_end(self, event: Any) -> None:
+        """Go on after the outermost compilation."""
+        self._depth -= 1
+        if self._depth == 0 and self._was_enabled:
+            gc.enable()
 
 
 class _SaveLock(event.Listener):
@@ -240,7 +415,8 @@ class _SaveLock(event.Listener):
 
 
 clock: Final = _Clock()
-event.register("numba:compile", clock)  # type: ignore[no-untyped-call]
+for _listener in (clock, _CollectorPause()):
+    event.register("numba:compile", _listener)  # type: ignore[no-untyped-call]
 if (_folder := cache_folder()) is not None:
     _save_lock = _SaveLock(_folder / "lock")
     for _kind in ("numba:compile", "numba:compiler_lock"):

@@ -8,6 +8,7 @@ import warnings
 from importlib import import_module
 from typing import Any, Final
 
+from cspace._support.arrays import Floats
 from cspace.errors import MissingPackageError
 
 _INTERNAL_PACKAGES: Final = frozenset({"cspace", "planners", *sys.stdlib_module_names})
@@ -44,3 +45,8 @@ def warn_user(message: str, category: type[Warning] = UserWarning) -> None:
         frame = frame.f_back
         level += 1
     warnings.warn(message, category, stacklevel=level)
+
+
+def format_sides(sides: Floats) -> str:
+    """Format the sides of a box, metres, e.g. "2 m x 3 m"."""
+    return " x ".join(f"{side:.6g} m" for side in sides)

@@ -31,17 +31,20 @@ def run_in_chunks(
     """Call ``work(start, stop)`` for chunks of a range, in threads.
 
     The chunks cover ``range(size)``, one for each thread, and have at least ``min_items``. Each
-    call returns the index, relative to ``start``, of the first bad item of its chunk, or -1.
-    Returns the index of the first bad item of the range, or -1. Nested calls run serially.
+    call returns the index, relative to ``start``, of the first bad item of its chunk, or a negative
+    number. Returns the index of the first bad item of the range, or the largest of these numbers.
+    Nested calls run serially.
     """
-    threads = min(count_cores(), max(1, size // min_items))
+    if size < 2 * min_items:  # for one thread, at once, because most queries are small
+        return work(0, size)
+    threads = min(count_cores(), size // min_items)
     bounds = [size * k // threads for k in range(threads + 1)]
     chunks = list(itertools.pairwise(bounds))
     indices = map_in_threads(lambda chunk: work(*chunk), chunks, threads)
     for (start, _), index in zip(chunks, indices, strict=True):
         if index >= 0:
             return start + index
-    return -1
+    return max(indices)
 
 
 def map_in_threads(

@@ -67,16 +67,12 @@ def build_tiles(
         "source_stamp": stamp,
     }
     folder = _open_or_create(Path(store), frame, layout)
-    # Tasks skip tiles that are there. If the map was complete, build only tiles that were removed.
-    tiles: Sequence[int] = range(len(folder))
-    if folder.frame.exterior is not None:
-        tiles = [tile for tile in tiles if not folder.tile_path(tile).exists()]
-        if not tiles:
-            return TiledCSpace(folder)
     build = partial(build, inner=inner, method=method, workers=1 if client else workers)
+    # Tasks skip tiles that are whole, and build damaged ones again, of a complete map too.
     task = partial(build_tile, folder, workspace.cells, build)
-    run_tasks(task, tiles, estimate_build_bytes(folder), client, workers, progress)
-    return TiledCSpace(folder.complete())
+    run_tasks(task, range(len(folder)), estimate_build_bytes(folder), client, workers, progress)
+    is_complete = folder.frame.exterior is not None
+    return TiledCSpace(folder if is_complete else folder.complete())
 
 
 def _open_or_create(path: Path, frame: Contents, layout: dict[str, Any]) -> TileFolder:

@@ -98,7 +98,7 @@ class TileFolder:
         cell = self.frame.grid
         first, stop = corners
         lower = np.array(cell.lower) + cell.spacing * first
-        return Grid(lower, cell.spacing, stop - first, cell.axes, cell.units)
+        return Grid(lower, cell.spacing, stop - first, cell.axes, cell.units, cell.frame_id)
 
     @property
     def tile(self) -> tuple[int, ...]:
@@ -319,7 +319,7 @@ def make_frame(
     """
     whole = workspace.grid
     one_cell = (1,) * whole.dim
-    grid = Grid(whole.lower, whole.spacing, one_cell, whole.axes, whole.units)
+    grid = Grid(whole.lower, whole.spacing, one_cell, whole.axes, whole.units, whole.frame_id)
     occupied = np.ones(one_cell, dtype=np.bool_)
     cell = Workspace(grid, occupied, occupied, source=workspace.source, shapes=workspace.shapes)
     slice_of = rotations._assign_slices(robot.shape)

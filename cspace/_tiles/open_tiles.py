@@ -167,7 +167,9 @@ class OpenTiles:
         states = np.full_like(seen, MIXED)
         states[seen == 1 << FREE] = FREE
         states[seen == 1 << BLOCKED] = BLOCKED
-        coarse_grid = Grid(grid.lower, grid.spacing * factor, shape, grid.axes, grid.units)
+        coarse_grid = Grid(
+            grid.lower, grid.spacing * factor, shape, grid.axes, grid.units, grid.frame_id
+        )
         # No coarse cell is known to lie in obstacles, so the inner cells are empty.
         inner = np.zeros_like(outer)
         source = f"overview of {folder.path.name}"

@@ -6,7 +6,7 @@ import math
 import threading
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import chain
 from typing import TYPE_CHECKING, Any, Final, Unpack, cast
 
@@ -20,26 +20,36 @@ from cspace._interface import (
     GoalLike,
     SearchOptions,
 )
+from cspace._limits import check_samples
+from cspace._queries.callbacks import bind_kernel
 from cspace._queries.chunks import RowCheck
 from cspace._rotations.base import (
-    MAX_EXPECTED_ANGLE,
     TWO_PI,
-    unwrap_near,
-    warn_of_degrees,
+    turn_near,
     wrap_angles,
 )
 from cspace._shapes import ShapeLike, as_shape
-from cspace._support.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, States
+from cspace._support.arrays import (
+    BLOCKED,
+    FREE,
+    MAX_EXPECTED_ANGLE,
+    MIXED,
+    Bools,
+    Floats,
+    Ints,
+    States,
+)
 from cspace._support.check import (
     check_count,
     check_finite,
     check_known,
+    check_mapping,
     check_names,
     check_not_negative,
-    check_pairs,
     check_positive,
     check_rng,
     check_text,
+    names_options,
 )
 from cspace._workspace import Workspace
 from cspace.arms._inverse import PoseGoal, check_pose_tolerance
@@ -91,10 +101,6 @@ _DISTANCE_SHARES: Final = (0.95, 0.8, 0.6, 0.4, 0.2, 0.1, 0.03, 0.0)
 the margin itself."""
 
 
-_HALF_TURN_ROUNDING: Final = 1e-9
-"""Rounding error, radians, by which a joint may exceed half a turn."""
-
-
 class ArmSpace(ConfigurationSpace):
     """Configurations of an arm among obstacles.
 
@@ -138,7 +144,20 @@ class ArmSpace(ConfigurationSpace):
 
     @property
     def obstacles(self) -> dict[str, PosedShape]:
-        """The obstacles in the frame of the arm's base; a copy."""
+        """The obstacles by name, a copy, as :meth:`add_obstacle` takes them.
+
+        Their poses lead to the frame of the obstacles; see ``base_pose`` of
+        :func:`cspace.build_arm_space`.
+        """
+        to_obstacles = np.linalg.inv(self._base)
+        return {
+            name: PosedShape(placed.shape, to_obstacles @ placed.pose)
+            for name, placed in self._placed_obstacles.items()
+        }
+
+    @property
+    def _placed_obstacles(self) -> dict[str, PosedShape]:
+        """The obstacles in the frame of the arm's base."""
         obstacles = self.snapshot.obstacles
         return {name: placed for name, placed in obstacles.items() if placed is not None}
 
@@ -182,12 +201,12 @@ class ArmSpace(ConfigurationSpace):
 
     @property
     def bounds(self) -> tuple[Floats, Floats]:
-        """Limits of the joints, at most two revolutions to each side.
+        """Limits of the joints, of joints that turn at most two revolutions to each side.
 
         A joint may have no limits and still not be periodic: if another follows it by half, it
         repeats after two revolutions.
         """
-        most = 2.0 * TWO_PI
+        most = np.where(np.array(self.units) == "rad", 2.0 * TWO_PI, np.inf)
         return np.maximum(self.arm.lower, -most), np.minimum(self.arm.upper, most)
 
     @property
@@ -197,6 +216,7 @@ class ArmSpace(ConfigurationSpace):
 
     # ---- changes of the scene --------------------------------------------------------------------
 
+    @names_options
     def add_obstacle(
         self,
         name: str,
@@ -300,6 +320,7 @@ class ArmSpace(ConfigurationSpace):
             padding = _set_entry(now.padding, name, 0.0)
             self._replace(now, others, _drop_name(now.allowed, name), padding)
 
+    @names_options
     def attach(
         self,
         name: str,
@@ -351,8 +372,8 @@ class ArmSpace(ConfigurationSpace):
                         "the obstacle is where it is",
                         "leave it out, or pass a shape",
                     )
-                shapes_by_name = self.obstacles
-                placed = shapes_by_name[check_known(name, "name", shapes_by_name)]
+                placed_by_name = self._placed_obstacles
+                placed = placed_by_name[check_known(name, "name", placed_by_name)]
                 del obstacles[name]
                 on_base = now.arm.pose(self.arm._check_configuration(q, "q"), carrier)
                 shape = placed.shape
@@ -375,6 +396,7 @@ class ArmSpace(ConfigurationSpace):
             padding_now = _set_entry(now.padding, name, extra)
             self._replace(now, obstacles, now.allowed, padding_now, arm)
 
+    @names_options
     def detach(
         self, name: str, q: ArrayLike | None = None, *, touch_links: str | Iterable[str] = ()
     ) -> None:
@@ -554,7 +576,12 @@ class ArmSpace(ConfigurationSpace):
 
     def _state_of_one(self, q: tuple[Any, ...]) -> int | None:
         """Return FREE if one configuration is proven free; see the base class."""
-        return FREE if self._state_of_motion(q, q) == FREE else None
+        return FREE if self._is_one_free(q) else None
+
+    def _is_one_free(self, q: tuple[Any, ...]) -> bool | None:
+        """Return whether one configuration is proven free; see the base class."""
+        state = self._state_of_motion(q, q)
+        return None if state is None else state == FREE
 
     def _state_of_motion(self, q0: tuple[Any, ...], q1: tuple[Any, ...]) -> int | None:
         """Return FREE if one motion is proven free, else MIXED; see the base class."""
@@ -592,8 +619,11 @@ class ArmSpace(ConfigurationSpace):
             if getattr(local, "scene", None) is not scene:
                 local.scene = scene
                 local.scratch = make_scene_scratch(scene)
-            first, last = np.array(endpoints, dtype=np.float64).reshape(2, -1)
-            return bool(motion_is_free(scene, first, last, local.scratch))
+                local.ends = np.empty((2, self.size))
+                rows = *local.ends, local.scratch
+                local.prove = partial(bind_kernel(motion_is_free, (scene,), *rows), *rows)
+            local.ends.ravel()[:] = endpoints
+            return bool(local.prove())
 
         return prove
 
@@ -640,6 +670,7 @@ class ArmSpace(ConfigurationSpace):
             As :meth:`certify_path`.
         """
         rows = self._check_configurations(path, "path").reshape(-1, self.size)
+        self._check_path(rows)
         starts, ends = rows[:-1], rows[1:]
         self._check_spans(starts, ends)
         midpoints = 0.5 * (starts + ends)
@@ -661,27 +692,26 @@ class ArmSpace(ConfigurationSpace):
         return self.obstacle_distance(q)
 
     def check_endpoint(self, q: ArrayLike, name: str, exact: bool = False) -> Endpoint:
-        """Return a start or goal with joints clamped and angles wrapped.
+        """Return a start or goal with joints clamped; continuous ones keep their whole turns.
 
         Raises ConfigurationError if it is beyond the limits or not proven free, and InputError if
         it is no configuration.
         """
         given = self._check_one_configuration(q, name)
         point = self.arm._clamp(self._check_configurations(given, name))
-        warn_of_degrees(given, self._angles, name)
         if not self.is_free(point):
             raise _make_collision_error(self.snapshot, point, name)
-        return tuple(wrap_angles(point, self.periodic_axes).tolist())
+        return tuple(point.tolist())
 
     def find_goals(
         self, goal: GoalLike, start: Endpoint, seed: int | None, exact: bool = False
     ) -> list[Endpoint]:
         """Return the configurations of a goal that are proven free, the nearest to start first.
 
-        A pose gives several. ``seed`` is that of its inverse kinematics. Raises ConfigurationError
-        if none is free.
+        Continuous joints are within half a turn of the start. A pose gives several. ``seed`` is
+        that of its inverse kinematics. Raises ConfigurationError if none is free.
         """
-        alternatives = _list_alternatives(goal)
+        alternatives = _list_alternatives(goal, self.axes)
         goals: list[Endpoint] = []
         errors: list[ConfigurationError] = []
         # One alternative suffices, so their errors matter only if all fail.
@@ -706,7 +736,8 @@ class ArmSpace(ConfigurationSpace):
             )
         lengths = self.distance(np.array(start), np.array(goals))
         nearest_first = np.argsort(lengths, kind="stable")
-        return [goals[row] for row in nearest_first.tolist()]
+        turned = turn_near(np.array(goals), np.array(start), self.periodic_axes)
+        return [tuple(q) for q in turned[nearest_first].tolist()]
 
     def _solve_pose(
         self, goal: PoseGoal, name: str, start: Endpoint, seed: int | None
@@ -728,8 +759,7 @@ class ArmSpace(ConfigurationSpace):
             f"has {len(points)} configurations that reach the pose, and none is proven free: "
             f"{link} is in collision with {other}, or nearly so, in {number} of them"
         )
-        hint = f"choose another pose, or pass allowed_collisions=[({link!r}, {other!r})]"
-        hint += " if they may touch"
+        hint = f"choose another pose, or {_allow(link, other)}"
         raise ConfigurationError(
             name,
             problem,
@@ -791,9 +821,10 @@ class ArmSpace(ConfigurationSpace):
         ConfigurationError
             If none of very many samples is free.
         InputError
-            If ``n`` is negative or ``rng`` is neither None nor a Generator.
+            If ``n`` is negative or too large for the memory, or ``rng`` is neither None nor a
+            Generator.
         """
-        count = 1 if n is None else check_count(n, "n")
+        count = check_samples(n, self.size)
         generator = check_rng(rng)
         snapshot = self.snapshot
         batches = [np.empty((0, self.size))]
@@ -901,6 +932,7 @@ class ArmSpace(ConfigurationSpace):
         path = search.find(straight)
         return search.shorten(path, searches) if len(path) and searches != 0 else path
 
+    @names_options
     def follow_line(
         self,
         q0: ArrayLike,
@@ -984,36 +1016,6 @@ class ArmSpace(ConfigurationSpace):
             raise _make_collision_error(snapshot, start, "q0")
         return follow_lines(snapshot, start, frame, corners, lines, max_deviation)
 
-    @property
-    def _spans(self) -> Floats:
-        """Largest motion of each joint between path rows.
-
-        Its shape is (dof,). It is half a turn for continuous joints, otherwise infinite.
-        """
-        return np.where(self.periodic_axes, math.pi + _HALF_TURN_ROUNDING, math.inf)
-
-    def _check_spans(self, q0: Floats, q1: Floats, pairs: Ints | None = None) -> None:
-        """Raise InputError if a continuous joint turns too far.
-
-        Along an edge it may turn by half a turn. Edges lead from ``q0`` to ``q1``, shape (..., n,
-        dof). ``pairs``, shape (n, 2), are the rows that each edge joins; by default each row and
-        the next.
-        """
-        steps = np.abs(q1 - q0)
-        # The error names the first joint that turns too far.
-        for *path, edge, joint in np.argwhere(steps > self._spans)[:1].tolist():
-            first = edge
-            last = edge + 1
-            if pairs is not None:
-                first, last = pairs[edge].tolist()
-            turn = f"turns {self.axes[joint]} by {steps[*path, edge, joint]:.6g} rad"
-            raise InputError(
-                "path",
-                f"{turn} from row {first} to row {last}",
-                "a joint turns by at most half a turn, so that the edge is the shorter way",
-                "add whole turns to the rows (numpy.unwrap), or rows between them",
-            )
-
     def certify_path(
         self, path: ArrayLike, edges: ArrayLike | None = None, *, exact: bool = False
     ) -> Bools:
@@ -1040,7 +1042,7 @@ class ArmSpace(ConfigurationSpace):
         Returns
         -------
         ndarray of bool, shape (n - 1,), (..., n - 1) or (m,)
-            A path of one configuration has no edges, so nothing is proven about it.
+            A path of one configuration counts as one edge from it to itself.
 
         Raises
         ------
@@ -1050,13 +1052,6 @@ class ArmSpace(ConfigurationSpace):
         ConfigurationError
             If a configuration is more than 1e-5 rad (m) beyond a limit.
         """
-        points = self._check_configurations(path, "path")
-        if edges is not None:
-            pairs = check_pairs(edges, points)
-            starts, ends = pairs.T
-            self._check_spans(points[starts], points[ends], pairs)
-        elif points.ndim > 1:
-            self._check_spans(points[..., :-1, :], points[..., 1:, :])
         return super().certify_path(path, edges, exact=exact)
 
     def motions_are_free_around(
@@ -1100,7 +1095,7 @@ class ArmSpace(ConfigurationSpace):
         ``start`` has shape (dof,), ``goals`` (n, dof), the result (m, dof). Its first n rows are
         the goals the shorter way round; a goal that already is, is unchanged to the last bit.
         """
-        images = np.where(self.periodic_axes, unwrap_near(goals, start), goals)
+        images = turn_near(goals, start, self.periodic_axes)
         for joint in np.flatnonzero(self.periodic_axes)[:MAX_DOUBLED_JOINTS]:
             # Each joint doubles the images: all so far, and all with this joint a turn further.
             other_way = images.copy()
@@ -1113,7 +1108,7 @@ class ArmSpace(ConfigurationSpace):
 
         Returns -1, because no row fails; see the base class.
         """
-        self._check_configurations(rows, "q")
+        self.arm._check_limits(check_finite(rows, "q"), "q")
         snapshot = self.snapshot
         free = snapshot.are_free(rows, rows)
         out[:] = np.where(free, FREE, MIXED)
@@ -1128,7 +1123,7 @@ class ArmSpace(ConfigurationSpace):
 
         Returns -1, because no row fails; see the base class.
         """
-        self._check_configurations(rows, "q")
+        self.arm._check_limits(check_finite(rows, "q"), "q")
         out[:] = self.snapshot.are_free(rows, rows)
         return -1
 
@@ -1137,8 +1132,8 @@ class ArmSpace(ConfigurationSpace):
 
         Returns -1, because no row fails; see the base class.
         """
-        self._check_configurations(starts, "q0")
-        self._check_configurations(ends, "q1")
+        self.arm._check_limits(check_finite(starts, "q0"), "q0")
+        self.arm._check_limits(check_finite(ends, "q1"), "q1")
         out[:] = self.snapshot.are_free(starts, ends)
         return -1
 
@@ -1153,11 +1148,8 @@ class ArmSpace(ConfigurationSpace):
         """Return checks of the limits of joints, and of turns of continuous ones."""
         excesses = np.maximum(self.arm.lower - targets, targets - self.arm.upper)
         slacks = np.full(self.size, LIMIT_SLACK)
-        turns = np.abs(targets - before)
-        return [
-            RowCheck("limit", self.axes, "exceeds its limits by", excesses, slacks),
-            RowCheck("limit", self.axes, "turns by", turns, self._spans),
-        ]
+        limits = RowCheck("limit", self.axes, "exceeds its limits by", excesses, slacks)
+        return [limits, *super()._check_targets(before, targets)]
 
     def _explain_tube(self, rows: Floats, radii: Floats) -> tuple[tuple[str, ...], str]:
         """Name the link that comes nearest to touching at instants of a tube, and the other."""
@@ -1179,13 +1171,13 @@ class ArmSpace(ConfigurationSpace):
         return points
 
 
-def _list_alternatives(goal: GoalLike) -> list[Goal | ArrayLike]:
+def _list_alternatives(goal: GoalLike, axes: Sequence[str]) -> list[Goal | ArrayLike]:
     """List the alternatives of a goal: pose goals, or configurations of shape (dof,)."""
     if isinstance(goal, Goal):
         return [goal]
     if isinstance(goal, Sequence) and any(isinstance(item, Goal) for item in goal):
         return list(goal)
-    rows = check_finite(cast("ArrayLike", goal), "goal")
+    rows = check_finite(cast("ArrayLike", goal), "goal", axes)
     return list(rows) if rows.ndim == 2 and len(rows) else [rows]
 
 
@@ -1197,12 +1189,18 @@ def _make_collision_error(snapshot: Snapshot, q: Floats, name: str) -> Configura
     """
     link, other, *_ = snapshot.contact(snapshot.outer, q[np.newaxis])
     problem = f"is not proven free: {link} is in collision with {other}, or nearly so"
-    hint = f"choose another, or pass allowed_collisions=[({link!r}, {other!r})] if they may touch"
+    hint = f"choose another, or {_allow(link, other)}"
     point = f"({', '.join(f'{x:.6g}' for x in q)})"
     rule = "a path must start and end in FREE"
     return ConfigurationError(name, f"{point} {problem}", rule, hint, reason="mixed")
 
 
+def _allow(link: str, other: str) -> str:
+    """Name the call after which two bodies may touch."""
+    return f"call space.allow_collisions([({link!r}, {other!r})]) if they may touch"
+
+
+@names_options
 def build_arm_space(
     obstacles: Workspace | PlanningScene | Mapping[str, Workspace | PosedShape | ShapeLike],
     arm: Arm,
@@ -1250,6 +1248,7 @@ def build_arm_space(
         If an obstacle touches a link that no joint moves, or if a pair that at most two joints move
         touches in all 1000 random configurations.
     """
+    _check_arm(arm)
     pairs = set[Names]()
     pose = np.eye(4) if base_pose is None else check_rigid(base_pose, "base_pose")
     # A planning scene also has a frame, attached objects, and pairs that may touch.
@@ -1273,13 +1272,19 @@ def build_arm_space(
     pairs |= _check_allowed(allowed_collisions, "allowed_collisions", known)
     min_distance = check_not_negative(margin, "margin")
     extra = {}
-    for name, metres in (padding or {}).items():
-        check_known(name, "padding", known, "names")
+    for name, metres in check_mapping(padding or {}, "padding", known).items():
         extra[name] = check_not_negative(metres, f"padding of {name}")
     # Kernels know only the frame of the base.
     base = np.linalg.inv(pose).astype(np.float64)
     placed = {name: place_obstacle(obstacle, name, base) for name, obstacle in named.items()}
     return ArmSpace(make_snapshot(arm, placed, pairs, extra, min_distance), base)
+
+
+def _check_arm(arm: object) -> None:
+    """Raise InputError unless it is an Arm."""
+    if not isinstance(arm, Arm):
+        hint = "read it first: Arm.from_urdf('robot.urdf')"
+        raise InputError("arm", f"is a {type(arm).__name__}", "it must be an Arm", hint)
 
 
 def _check_allowed(

@@ -156,6 +156,10 @@ def check_pose_tolerance(tolerance: tuple[float, float]) -> Floats:
             "it must be two numbers above zero, metres and radians, of which one may be infinite",
             f"pass e.g. {DEFAULT_TOLERANCE}",
         )
+    if math.pi < pair[1] < math.inf:
+        rule = "an angle is at most pi radians, or infinite for any rotation"
+        hint = f"pass {math.radians(pair[1]):.6g} for {pair[1]:g} degrees"
+        raise InputError("tolerance", f"is {tolerance!r}", rule, hint)
     return pair
 
 

@@ -32,8 +32,16 @@ from cspace._rotations import Rotations
 from cspace._shapes import OriginPoint
 from cspace._space import CSpace
 from cspace._support.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, States
-from cspace._support.check import check_finite, check_known, check_positive
+from cspace._support.check import (
+    check_finite,
+    check_known,
+    check_mapping,
+    check_positive,
+    names_options,
+    warn_of_degrees,
+)
 from cspace._support.derived import lazy
+from cspace._support.reporting import warn_user
 from cspace._support.threads import count_cores, map_in_threads
 from cspace._workspace import Workspace
 from cspace.arms._arm_space import ArmSpace
@@ -87,6 +95,7 @@ _COUNT_ROUNDING: Final = 1e-9
 """Rounding error of a number of cells; a range that exceeds a whole number by less gets no cell."""
 
 
+@names_options
 def build_joint_map(
     space: ArmSpace,
     spacing: float,
@@ -149,7 +158,8 @@ def build_joint_map(
     names = _check_joints(arm, joints)
     joint_indices = np.array([arm.joints.index(name) for name in names])
     held = _check_held_joints(arm, joint_indices, held_joints)
-    intervals = np.array([_find_range(space, name, limits) for name in names])
+    parts = check_mapping(limits or {}, "limits", names)
+    intervals = np.array([_find_range(space, name, parts) for name in names])
     joint_limits = np.column_stack([arm.lower, arm.upper])[joint_indices]
     shape = _count_cells(intervals, joint_limits, side)
     units = tuple(arm.units[number] for number in joint_indices.tolist())
@@ -170,6 +180,11 @@ def build_joint_map(
     for axis in np.flatnonzero(last_ends > upper_limits + _COUNT_ROUNDING * side):
         last_cells = np.moveaxis(states, axis, 0)[-1]
         last_cells[last_cells == FREE] = MIXED
+    if not (states == FREE).any():
+        warn_user(
+            f"no cell of the joint map is FREE: {np.count_nonzero(states == MIXED):,} of "
+            f"{states.size:,} cells are MIXED at {side:g} rad; use a smaller spacing, in radians"
+        )
     # In joint space the arm is a point, and its obstacles are the cells that are not FREE.
     workspace = Workspace(grid, states != FREE, states == BLOCKED, source=repr(space))
     rotations = Rotations.of(None)
@@ -452,7 +467,7 @@ def _check_held_joints(arm: Arm, joint_indices: Ints, held_joints: ArrayLike | N
 
 
 def _find_range(
-    space: ArmSpace, name: str, limits: Mapping[str, tuple[float, float]] | None
+    space: ArmSpace, name: str, limits: Mapping[str, tuple[float, float]]
 ) -> tuple[float, float]:
     """Return the lowest and highest mapped value of a joint, radians or metres.
 
@@ -461,7 +476,7 @@ def _find_range(
     """
     number = space.arm.joints.index(name)
     low, high = float(space.arm.lower[number]), float(space.arm.upper[number])
-    if limits is not None and name in limits:
+    if name in limits:
         argument = f"limits[{name!r}]"
         given = check_finite(limits[name], argument)
         if given.shape != (2,) or not low <= given[0] < given[1] <= high:
@@ -471,6 +486,8 @@ def _find_range(
                 f"they must be two ascending numbers within {low:.12g} and {high:.12g}",
                 "correct them",
             )
+        if number in space._angles:
+            warn_of_degrees(given[:, np.newaxis], {0: "one"}, argument)
         return float(given[0]), float(given[1])
     if low == high:
         raise InputError(

@@ -243,6 +243,10 @@ class LineMotion:
         """The waypoints, which pictures and the viewer draw as a path."""
         return self.waypoints
 
+    def __bool__(self) -> bool:
+        """Return :attr:`certified`."""
+        return self.certified
+
     def __repr__(self) -> str:
         """Return the status, the bounds and the number of waypoints."""
         near = f"within {self.deviation:.2g} m and {self.angle:.2g} rad of the line"

@@ -14,15 +14,20 @@ from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cspace._files.unit_notes import warn_of_size
 from cspace._shapes import ShapeLike, as_shape
 from cspace._support.arrays import Bools, Floats, frozen
 from cspace._support.check import (
     check_count,
     check_finite,
     check_known,
+    check_mapping,
     check_names,
+    check_points,
     check_text,
     check_word,
+    names_options,
+    warn_of_degrees,
 )
 from cspace._support.reporting import warn_user
 from cspace.arms._chain import FIXED, MAX_BODIES, PRISMATIC, REVOLUTE, Chain, compute_poses
@@ -190,6 +195,7 @@ class Arm:
     _states: dict[str, dict[str, float]]
 
     @classmethod
+    @names_options
     def from_urdf(
         cls,
         path: str | os.PathLike[str],
@@ -344,6 +350,7 @@ class Arm:
             name: poses[..., body, :, :] @ pose for name, (body, pose) in self.placements.items()
         }
 
+    @names_options
     def inverse(
         self,
         frame: str,
@@ -478,6 +485,12 @@ class Arm:
         return repeats
 
     @cached_property
+    def _angles(self) -> dict[int, str]:
+        """Names of continuous joints that repeat after a turn, by index."""
+        is_continuous = np.isinf(self.upper) & self._whole_turns
+        return {k: self.joints[k] for k in np.flatnonzero(is_continuous).tolist()}
+
+    @cached_property
     def named_configurations(self) -> dict[str, Floats]:
         """Group states of the SRDF, each shape (dof,), read-only.
 
@@ -489,6 +502,7 @@ class Arm:
             for name in self._states
         }
 
+    @names_options
     def configuration(
         self, values: Mapping[str, float] | str | None = None, base: ArrayLike | str | None = None
     ) -> Floats:
@@ -523,13 +537,16 @@ class Arm:
             self._check_limits(q, "base")
         else:
             q = self._rest if base is None else self._check_configuration(base, "base")
-        given = values or {}
+        given: Any = {} if values is None or not len(values) else values
+        if hasattr(given, "to_dict"):  # a Series of pandas
+            given = given.to_dict()
         if isinstance(values, str):
             given = self._find_group_state(values, "values")
         if isinstance(given, JointValues):
             given = self._select_moving_joints(given, needs_all=base is None)
         moved = self._move_joints(q, check_joint_values(given, "values", self.joints))
         self._check_limits(moved, "values")
+        warn_of_degrees(moved, self._angles, "values")
         return moved
 
     def _select_moving_joints(self, values: JointValues, needs_all: bool) -> dict[str, float]:
@@ -595,6 +612,7 @@ class Arm:
         state = self._states[full_names[0]]
         return {joint: value for joint, value in state.items() if joint in self.joints}
 
+    @names_options
     def spheres(
         self,
         *,
@@ -634,6 +652,7 @@ class Arm:
 
         return find_spheres(self, number, tolerance, kind)
 
+    @names_options
     def attach(
         self,
         name: str,
@@ -794,17 +813,11 @@ class Arm:
         Raises
         ------
         InputError
-            If the last axis is not dof long, or a value is not finite.
+            If the last axis is not dof long, labels are not the joints, or a value is not finite.
         """
-        array = check_finite(q, name)
-        if array.ndim == 0 or array.shape[-1] != self.dof:
-            raise InputError(
-                name,
-                f"has shape {array.shape}",
-                f"the last axis must hold one number for each of {', '.join(self.joints)}",
-                f"pass {self.dof} numbers",
-            )
-        return array
+        points = check_points(q, name, self.joints)
+        warn_of_degrees(points, self._angles, name)
+        return points
 
     def _check_configuration(self, q: ArrayLike | None, name: str) -> Floats:
         """Return one configuration, shape (dof,), as floats.
@@ -835,16 +848,8 @@ def check_joint_values(values: object, argument: str, joints: Collection[str]) -
     Raises InputError if they are no mapping, name a joint not in ``joints``, or are not finite
     numbers.
     """
-    if not isinstance(values, Mapping):
-        raise InputError(
-            argument,
-            f"is {values!r}",
-            "it must map names of joints to numbers",
-            f"pass e.g. {{{next(iter(joints), 'elbow')!r}: 0.0}}",
-        )
     checked = {}
-    for joint, value in values.items():
-        check_known(joint, argument, joints, "names")
+    for joint, value in check_mapping(values, argument, joints).items():
         place = f"{argument}[{joint!r}]"
         number = check_finite(value, place)
         if number.ndim:
@@ -896,8 +901,13 @@ def _read_joint(joint: Any, file: str) -> Joint:
         )
     kind = _JOINT_KINDS[joint.type]
     frame = np.eye(4) if joint.origin is None else check_rigid(joint.origin, f"{where}: origin")
+    ends = np.stack([np.zeros(3), frame[:3, 3]])
+    warn_of_size(f"{where}: the way from its parent", ends, "scale it by 0.001")
     axis = check_finite(joint.axis, f"{where}: axis")
     velocity = getattr(joint.limit, "velocity", None) or 0.0
+    if velocity < 0.0:
+        rule = "a speed has no sign"
+        raise InputError(f"{where}: velocity", f"is {velocity:g}", rule, f"write {-velocity:g}")
     # Continuous joints have no limits.
     lower = -math.inf
     upper = math.inf
@@ -1070,6 +1080,8 @@ class _ArmBuilder:
                     f"its limits are {joint.lower:.12g} and {joint.upper:.12g}",
                     "stay within them",
                 )
+            if joint.kind == REVOLUTE:
+                warn_of_degrees([value], {0: name}, "held_joints")
 
     def build_arm(self, srdf: Srdf, package_dirs: Sequence[Path], inside: SolidMode) -> Arm:
         """Build the arm from its joints and links, and from the groups of the SRDF.

@@ -39,7 +39,7 @@ from cspace._bodies.triangle_proofs import (
 )
 from cspace._raster.surfaces import signed_crossing
 from cspace._support.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, Row
-from cspace._support.compiling import internal, kernel
+from cspace._support.compiling import Address, call, find_address, internal, kernel
 from cspace._support.vectors import (
     THIN,
     add_scaled,
@@ -245,12 +245,20 @@ def are_free(scene: ArmScene, firsts: Floats, lasts: Floats) -> Bools:
     """
     out = np.empty(len(firsts), dtype=np.bool_)
     paddings = np.empty((len(firsts), 0))
-    motions_are_free(scene, firsts, lasts, paddings, out, make_scene_scratch(scene))
+    prove = find_proof(scene)
+    motions_are_free(prove, scene, firsts, lasts, paddings, out, make_scene_scratch(scene))
     return out
+
+
+def find_proof(scene: ArmScene) -> Address:
+    """Return the address of :func:`motion_is_free`, which compiles once for all of its callers."""
+    q = np.zeros(0)
+    return find_address(motion_is_free, scene, q, q, make_scene_scratch(scene))
 
 
 @kernel
 def motions_are_free(
+    prove: Address,
     scene: ArmScene,
     firsts: Floats,
     lasts: Floats,
@@ -261,7 +269,7 @@ def motions_are_free(
     """Fill ``out`` with whether motions, shapes (n, dof), are proven free.
 
     Equal endpoints mean a point. ``paddings`` of the pairs replace those of the scene, shape (n, p)
-    for each motion; of shape (n, 0), they do not.
+    for each motion; of shape (n, 0), they do not. ``prove`` is :func:`find_proof`.
     """
     padding = scene.padding
     for k in range(len(firsts)):
@@ -275,12 +283,17 @@ def motions_are_free(
             scene.max_coordinate,
             scene.required,
         )
-        out[k] = motion_is_free(padded, firsts[k], lasts[k], scratch)
+        out[k] = call(prove, (padded, firsts[k], lasts[k], scratch))
 
 
 @kernel
 def count_free_motions(
-    scene: ArmScene, starts: Floats, ends: Floats, counts: Ints, scratch: SceneScratch
+    prove: Address,
+    scene: ArmScene,
+    starts: Floats,
+    ends: Floats,
+    counts: Ints,
+    scratch: SceneScratch,
 ) -> None:
     """Lower the counts to the numbers of motions that are proven free, from the first on.
 
@@ -292,7 +305,7 @@ def count_free_motions(
         counts[chunk] = 0
         start = starts[chunk]
         for row in range(wanted):
-            if not motion_is_free(scene, start, ends[chunk, row], scratch):
+            if not call(prove, (scene, start, ends[chunk, row], scratch)):
                 break
             start = ends[chunk, row]
             counts[chunk] = row + 1

@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace._files.access import ContentError
+from cspace._files.fields import reading, warn_of_large_angles
 from cspace._files.moveit_messages import (
+    FIELDS,
     HEADER,
     STATE,
     WORLD,
@@ -30,7 +32,6 @@ from cspace._files.moveit_messages import (
     parse_pose,
     parse_primitive,
     parse_rotation,
-    reading,
     refuse,
     wrong_value,
 )
@@ -415,8 +416,9 @@ def read_moveit_request(source: object) -> MotionPlanRequest:
     >>> request.group, request.start_state, request.goals[0].upper
     ('arm', {'elbow': 0.5}, {'elbow': 1.01})
     """
-    with reading(source, "motion plan request") as (name, content):
-        fields = parse(_REQUEST, content, "")
+    with reading(source, "motion plan request", "request", FIELDS[1]) as (name, document):
+        document.skip()  # each of its tables has a ledger of its own
+        fields = parse(_REQUEST, document.fields, "request")
         goals = fields.goal_constraints
         if not goals:
             raise ContentError("has no goal_constraints", "a request has at least one", "add them")
@@ -437,6 +439,13 @@ def _parse_tolerance(value: Any, place: str) -> float:
     if tolerance < 0.0:
         raise wrong_value(value, place, "it may not be negative")
     return tolerance
+
+
+def _parse_angle(value: Any, place: str) -> float:
+    """Parse an angle, radians, with a warning beyond a whole turn; a missing one is zero."""
+    angle: float = _parse_optional(value, place)
+    warn_of_large_angles("motion plan request", [(place, angle)])
+    return angle
 
 
 def _parse_ball(value: Any, place: str) -> tuple[Floats, float]:
@@ -556,7 +565,7 @@ _ORIENTATION_CONSTRAINT: Final[Schema] = {
     "header": HEADER,
     "orientation": parse_rotation,
     "link_name": parse_name,
-    **{f"absolute_{axis}_axis_tolerance": _parse_optional for axis in "xyz"},
+    **{f"absolute_{axis}_axis_tolerance": _parse_angle for axis in "xyz"},
 }
 
 _GOAL: Final[Schema] = {

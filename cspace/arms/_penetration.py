@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace._support.arrays import Floats
-from cspace._support.check import check_known
+from cspace._support.check import check_mapping
 from cspace.arms._chain import REVOLUTE, compute_poses
 from cspace.arms._model import Arm
 from cspace.errors import InputError
@@ -60,8 +60,8 @@ class ArmPenetration:
         bodies = []
         centers = []
         radii = []
-        for name, source in links.items():
-            body, pose = arm.placements[check_known(name, "links", arm.placements)]
+        for name, source in check_mapping(links, "links", arm.placements).items():
+            body, pose = arm.placements[name]
             balls = as_balls(source, name, 3)
             bodies.append(np.full(len(balls.radii), body))
             centers.append(balls.centers @ pose[:3, :3].T + pose[:3, 3])

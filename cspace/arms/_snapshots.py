@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
+from functools import cached_property, partial
 from itertools import chain, combinations
 from typing import Any, Final, NamedTuple
 
@@ -19,6 +20,7 @@ from cspace._bodies import ADVANCE_FACTOR, DISTANCE_ROUNDING
 from cspace._bodies.hulls import node_corners
 from cspace._queries.batches import as_contiguous
 from cspace._support.arrays import Bools, Floats, Ints
+from cspace._support.compiling import Address
 from cspace._support.threads import run_in_chunks
 from cspace.arms._chain import FIXED, REVOLUTE, compute_poses
 from cspace.arms._model import CONTACT_SAMPLES, Arm, Names, always_touch, sort_pair
@@ -27,6 +29,7 @@ from cspace.arms._motion_proofs import (
     are_blocked,
     bound_distances,
     count_free_motions,
+    find_proof,
     make_scene_scratch,
     motions_are_free,
 )
@@ -118,6 +121,11 @@ class Snapshot:
         """Names of links with geometry, attached objects and obstacles."""
         return [*(link.name for link in self.arm.links), *self.obstacles]
 
+    @cached_property
+    def proof(self) -> Address:
+        """Address of the proof of a motion."""
+        return find_proof(self.outer)
+
     def are_free(
         self,
         firsts: Floats,
@@ -134,7 +142,7 @@ class Snapshot:
             paddings = np.empty((len(firsts), 0))
         out = np.empty(len(firsts), dtype=np.bool_)
         rows = [as_contiguous(each) for each in (firsts, lasts, paddings)]
-        _run_in_threads(motions_are_free, scene or self.outer, *rows, out)
+        _run_in_threads(partial(motions_are_free, self.proof), scene or self.outer, *rows, out)
         return out
 
     def are_free_around(self, firsts: Floats, lasts: Floats, deviations: Floats) -> Bools:
@@ -154,7 +162,8 @@ class Snapshot:
         """
         min_chunks = max(1, MIN_MOTIONS_PER_THREAD // ends.shape[1])
         scene = self.pad_scene(deviations)
-        _run_in_threads(count_free_motions, scene, starts, ends, counts, min_items=min_chunks)
+        count = partial(count_free_motions, self.proof)
+        _run_in_threads(count, scene, starts, ends, counts, min_items=min_chunks)
 
     def pad_scene(self, deviations: Floats) -> ArmScene:
         """Return the outer scene with padding for deviations of the joints, shape (dof,)."""
@@ -174,7 +183,8 @@ class Snapshot:
         reaches = chain.lengths[bodies] + solids.levers[first, np.newaxis]
         levers = np.where(chain.kinds == REVOLUTE, reaches, 1.0)
         moves = chain.between[bodies, solids.bodies[second]] & (chain.kinds != FIXED)
-        displacements = rates @ (moves * levers).T
+        with np.errstate(over="ignore"):  # bounds may be infinite
+            displacements = rates @ (moves * levers).T
         rounding = DISTANCE_ROUNDING * self.outer.max_coordinate * rates.sum(axis=1, keepdims=True)
         return np.asarray(displacements / ADVANCE_FACTOR + rounding)
 
@@ -412,8 +422,8 @@ def _refuse_fixed(snapshot: Snapshot, scene: ArmScene) -> None:
             f"touches obstacle {obstacle!r}, or comes nearer than the margin, at every "
             "configuration",
             "no joint moves it",
-            f"move the obstacle, or pass allowed_collisions=[({link!r}, {obstacle!r})]; "
-            f"touch_links=[{link!r}] of add_obstacle",
+            f"move the obstacle, or pass allowed_collisions=[({link!r}, {obstacle!r})] of "
+            f"build_arm_space, or touch_links=[{link!r}] of add_obstacle",
         )
 
 
@@ -438,7 +448,7 @@ def _refuse_always(snapshot: Snapshot) -> None:
             "configurations",
             "they may not touch, so no configuration would be free",
             "correct the robot or its SRDF, move the obstacle, or pass "
-            f"allowed_collisions=[({link!r}, {other!r})]",
+            f"allowed_collisions=[({link!r}, {other!r})] of build_arm_space",
         )
 
 

@@ -38,8 +38,9 @@ from cspace._shapes import (
 from cspace._shapes.shape import unique_rows
 from cspace._support.arrays import Bools, Floats, Ints
 from cspace._support.check import check_finite
+from cspace._support.reporting import warn_user
 from cspace._workspace import Workspace, load_workspace
-from cspace.errors import InputError
+from cspace.errors import InputError, UnitWarning
 
 PROBES_PER_PART: Final = 60
 """Approximate number of corners and inner points of each part that are sought in others, to prove
@@ -331,6 +332,10 @@ def place_obstacle(obstacle: object, name: str, base: Floats) -> PosedShape | No
     return place_shape(shape, name, base)
 
 
+_MAX_EXPECTED_GAP: Final = 100.0
+"""Largest distance, metres, between an arm and an obstacle whose unit is not suspected."""
+
+
 def place_shape(shape: Shape, name: str, pose: Floats) -> PosedShape:
     """Place a shape in space by a rigid motion, shape (4, 4).
 
@@ -343,7 +348,17 @@ def place_shape(shape: Shape, name: str, pose: Floats) -> PosedShape:
             "arms are in space",
             "pass a solid",
         )
-    return PosedShape(shape, check_rigid(pose, name))
+    placed = PosedShape(shape, check_rigid(pose, name))
+    lower, upper = shape.outer.bounds
+    middle = placed.pose[:3, :3] @ (0.5 * (lower + upper)) + placed.pose[:3, 3]
+    gap = np.linalg.norm(middle) - 0.5 * np.linalg.norm(upper - lower)
+    if gap > _MAX_EXPECTED_GAP:
+        warn_user(
+            f"the obstacle {name!r} is {gap:.4g} m away from the base of the arm; check its unit "
+            "(metres): if it is in millimetres, scale it by 0.001",
+            UnitWarning,
+        )
+    return placed
 
 
 def _place_workspace(obstacle: Workspace, name: str, base: Floats) -> PosedShape | None:

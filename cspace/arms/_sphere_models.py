@@ -18,7 +18,7 @@ from cspace._files.plain import parse_xml
 from cspace._files.polygons import join_surfaces, transform_surface
 from cspace._files.sphere_files import Sphere, join_numbers, replace_geometry
 from cspace._shapes import Balls, BoundedShape, Mesh, Shape
-from cspace._support.check import check_known
+from cspace._support.check import check_known, check_mapping
 from cspace._support.reporting import warn_user
 from cspace.errors import GeometryError, InputError
 
@@ -203,6 +203,8 @@ def find_spheres(
     from cspace.spectral import decompose
 
     links = {}
+    if isinstance(number, Mapping):
+        check_mapping(number, "number", [link.name for link in arm.links])
     for link in arm.links:
         count = _find_number(number, link.name) if isinstance(number, Mapping) else number
         shape = _join_parts(arm, link)

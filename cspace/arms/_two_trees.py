@@ -12,9 +12,9 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace._support.arrays import Floats, Ints
-from cspace._support.compiling import clock, internal, kernel
+from cspace._support.compiling import Address, call, clock, internal, kernel
 from cspace._support.deadlines import is_over
-from cspace.arms._motion_proofs import ArmScene, SceneScratch, make_scene_scratch, motion_is_free
+from cspace.arms._motion_proofs import ArmScene, SceneScratch, find_proof, make_scene_scratch
 
 MAX_STRIDE: Final = 1.0
 """Longest motion by which a tree grows, radians or metres."""
@@ -77,7 +77,13 @@ class Forest(NamedTuple):
 
 @internal
 def extend(
-    scene: ArmScene, forest: Forest, side: int, q: Floats, reaches: float, scratch: SceneScratch
+    prove: Address,
+    scene: ArmScene,
+    forest: Forest,
+    side: int,
+    q: Floats,
+    reaches: float,
+    scratch: SceneScratch,
 ) -> tuple[int, bool]:
     """Grow tree ``side`` by at most a stride towards a configuration ``q``, shape (dof,).
 
@@ -97,8 +103,8 @@ def extend(
             start = nodes[nearest, d]
             nodes[new, d] = start + MAX_STRIDE / distance * (q[d] - start)
     # Most colliding motions end in a collision.
-    end_is_free = motion_is_free(scene, nodes[new], nodes[new], scratch)
-    if not (end_is_free and motion_is_free(scene, nodes[nearest], nodes[new], scratch)):
+    end_is_free = call(prove, (scene, nodes[new], nodes[new], scratch))
+    if not (end_is_free and call(prove, (scene, nodes[nearest], nodes[new], scratch))):
         forest.reaches[side, nearest] = NEAR_PER_SQRT_JOINT * math.sqrt(len(q))
         return -1, False
     forest.parents[side, new] = nearest
@@ -127,7 +133,7 @@ def find_nearest(nodes: Floats, count: int, q: Floats) -> tuple[int, float]:
 
 @kernel
 def grow_trees(
-    scene: ArmScene, forest: Forest, samples: Floats, scratch: SceneScratch
+    prove: Address, scene: ArmScene, forest: Forest, samples: Floats, scratch: SceneScratch
 ) -> tuple[int, int]:
     """Grow the smaller tree towards each sample, shape (n, dof), and the other one towards it.
 
@@ -142,13 +148,13 @@ def grow_trees(
             break
         side = 0 if counts[0] <= counts[1] else 1
         other_side = 1 - side
-        new, _ = extend(scene, forest, side, samples[k], 1.0, scratch)
+        new, _ = extend(prove, scene, forest, side, samples[k], 1.0, scratch)
         # Grow the other tree towards the new node as far as possible.
         other = new
         meets = False
         while other >= 0 and not meets and counts[other_side] + 1 < capacity:
             target = forest.nodes[side, new]
-            other, meets = extend(scene, forest, other_side, target, math.inf, scratch)
+            other, meets = extend(prove, scene, forest, other_side, target, math.inf, scratch)
         if meets and side == 0:
             return new, other
         if meets:
@@ -157,7 +163,9 @@ def grow_trees(
 
 
 @kernel
-def path_is_free(scene: ArmScene, path: Floats, spans: Floats, scratch: SceneScratch) -> bool:
+def path_is_free(
+    prove: Address, scene: ArmScene, path: Floats, spans: Floats, scratch: SceneScratch
+) -> bool:
     """Return True if the motions of a path between free ends are proven free.
 
     The path has shape (n, dof). No joint may move farther than its span, shape (dof,).
@@ -168,11 +176,11 @@ def path_is_free(scene: ArmScene, path: Floats, spans: Floats, scratch: SceneScr
                 return False
     # Waypoints come first, because most colliding motions end in a collision.
     for k in range(1, len(path) - 1):
-        if not motion_is_free(scene, path[k], path[k], scratch):
+        if not call(prove, (scene, path[k], path[k], scratch)):
             return False
     is_free = True
     for k in range(1, len(path)):
-        is_free = is_free and motion_is_free(scene, path[k - 1], path[k], scratch)
+        is_free = is_free and call(prove, (scene, path[k - 1], path[k], scratch))
     return is_free
 
 
@@ -240,6 +248,7 @@ def straighten(path: Floats, joint: int, weight: float) -> None:
 
 @kernel
 def pull_parts(
+    prove: Address,
     scene: ArmScene,
     path: Floats,
     count: int,
@@ -284,7 +293,7 @@ def pull_parts(
         before = path[math.floor(first) : math.ceil(last) + 1]
         pulled = trial[math.floor(first) : rows - (count - 1 - math.ceil(last))]
         gain = measure_length(before) - measure_length(pulled)
-        if gain >= MIN_PULL and path_is_free(scene, pulled, spans, scratch):
+        if gain >= MIN_PULL and path_is_free(prove, scene, pulled, spans, scratch):
             count = copy_distinct(trial[:rows], path)
     return count
 
@@ -319,6 +328,7 @@ class PathSearch:
     ) -> None:
         """Sort the goals, the nearest to the start first, and start the clock."""
         self._scene = scene
+        self._prove = find_proof(scene)
         self._scratch = make_scene_scratch(scene)
         self._end = clock() + seconds
         self._bounds = bounds
@@ -391,7 +401,9 @@ class PathSearch:
         batches = 0
         while meeting < 0 and batches < max_batches and not is_over(self._end):
             samples = np.concatenate([samples, self._sample(goals, length)])
-            meeting, meeting_at_goal = grow_trees(self._scene, forest, samples, self._scratch)
+            meeting, meeting_at_goal = grow_trees(
+                self._prove, self._scene, forest, samples, self._scratch
+            )
             samples = _make_empty(samples)
             batches += 1
             # This is why grow_trees may have stopped early.
@@ -415,7 +427,7 @@ class PathSearch:
             # Try the farthest waypoint first, then half as far; the next one is always reached.
             ahead = last
             while ahead > here + 1 and not path_is_free(
-                self._scene, path[[here, ahead]], self._spans, self._scratch
+                self._prove, self._scene, path[[here, ahead]], self._spans, self._scratch
             ):
                 ahead = here + (ahead - here) // 2
             here = ahead
@@ -461,7 +473,7 @@ class PathSearch:
             rows = np.concatenate([path, np.empty((2 * PULLS_PER_BATCH, path.shape[1]))])
             trial = np.empty_like(rows)
             count = pull_parts(
-                self._scene, rows, len(path), draws, self._spans, trial, self._scratch
+                self._prove, self._scene, rows, len(path), draws, self._spans, trial, self._scratch
             )
             path = rows[:count]
             last = length

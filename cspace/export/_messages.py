@@ -1,6 +1,7 @@
 """ROS messages, filled without ROS: occupancy grids, costmaps, paths and joint trajectories.
 
-A message is any object with the right fields, such as those of :mod:`cspace._files.ros_maps`.
+A message is any object with the right fields, such as those of :mod:`cspace._files.ros_maps`, or a
+mapping, which gets the fields that it lacks.
 """
 
 from __future__ import annotations
@@ -8,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 from array import array
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, MutableMapping, Sequence
 from copy import copy
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final, TypeVar
@@ -21,7 +22,6 @@ from cspace._files.ros_maps import (
     JointTrajectoryPoint,
     OccupancyGrid,
     PoseStamped,
-    missing_field_error,
 )
 from cspace._grid import Grid
 from cspace._support.arrays import BLOCKED, FREE, MIXED, Bools, Floats
@@ -113,7 +113,9 @@ def fill_path(
     """
     kind = "nav_msgs/Path"
     make_pose = _find_element_class(msg, "poses", PoseStamped)
-    stamp = getattr(getattr(msg, "header", None), "stamp", None)
+    if isinstance(msg, MutableMapping):
+        msg.setdefault("header", {}).setdefault("stamp", {"sec": 0, "nanosec": 0})
+    stamp = _get_field(_get_field(msg, "header"), "stamp")
     poses = []
     for index, row in enumerate(rows.tolist()):
         # The rotation is a quaternion. Missing coordinates are 0, a missing rotation the identity.
@@ -186,11 +188,12 @@ def _add_seconds(msg: object, kind: str, name: str, seconds: float) -> None:
     """
     time: object = msg
     for field in name.split("."):
-        time = getattr(time, field, None)
+        time = _get_field(time, field)
     # The fields of a time have other names in ROS 1.
-    second_name, nano_name = ("secs", "nsecs") if hasattr(time, "secs") else ("sec", "nanosec")
-    old_seconds = getattr(time, second_name, 0)
-    old_nanoseconds = getattr(time, nano_name, 0)
+    is_old = _get_field(time, "secs") is not None
+    second_name, nano_name = ("secs", "nsecs") if is_old else ("sec", "nanosec")
+    old_seconds = _get_field(time, second_name) or 0
+    old_nanoseconds = _get_field(time, nano_name) or 0
     total = _NANO * old_seconds + old_nanoseconds + round(_NANO * seconds)
     whole, nanoseconds = divmod(total, _NANO)
     fields = {f"{name}.{second_name}": whole, f"{name}.{nano_name}": nanoseconds}
@@ -270,14 +273,27 @@ def _set_fields(msg: Message, kind: str, fields: Mapping[str, object]) -> Messag
     Raises InputError if the message lacks a field.
     """
     for path, value in fields.items():
+        if path == "header.frame_id" and not isinstance(value, str):
+            raise InputError("frame_id", f"is {value!r}", "it must be a name", "pass e.g. 'map'")
         *parents, last = path.split(".")
-        target: object = msg
+        target: Any = msg
         for name in parents:
-            target = getattr(target, name, None)
-        if not hasattr(target, last):
-            raise missing_field_error("msg", path, kind)
-        setattr(target, last, value)
+            if isinstance(target, MutableMapping):
+                target.setdefault(name, {})
+            target = _get_field(target, name)
+        if isinstance(target, MutableMapping):
+            target[last] = value.tolist() if isinstance(value, array) else value
+        elif hasattr(target, last):
+            setattr(target, last, value)
+        else:
+            rule = f"it must have the fields of {kind}"
+            raise InputError("msg", f"has no {path}", rule, "pass such a message")
     return msg
+
+
+def _get_field(target: Any, name: str) -> Any:
+    """Return a field of a message or a mapping; None if it is missing."""
+    return target.get(name) if isinstance(target, Mapping) else getattr(target, name, None)
 
 
 def _find_element_class(msg: object, name: str, default: Callable[[], Any]) -> Callable[[], Any]:
@@ -286,6 +302,8 @@ def _find_element_class(msg: object, name: str, default: Callable[[], Any]) -> C
     ROS messages declare it as text, such as "geometry_msgs/PoseStamped[]". For others, return
     `default`.
     """
+    if isinstance(msg, Mapping):
+        return dict
     get_types = getattr(msg, "get_fields_and_field_types", None)
     if get_types is not None:  # ROS 2
         types = dict(get_types())

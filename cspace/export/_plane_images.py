@@ -10,6 +10,7 @@ import numpy as np
 from cspace._files.access import replacing
 from cspace._grid import Grid
 from cspace._support.arrays import BLOCKED, FREE, MIXED, States, StrPath
+from cspace._support.reporting import warn_user
 
 GREY_LEVELS: Final = {FREE: 254, MIXED: 205, BLOCKED: 0}
 """Grey level of each state in a ROS map, as the ROS tools write free, unknown and occupied."""
@@ -102,3 +103,8 @@ def write_ros_map(state: States, grid: Grid, path: StrPath, overwrite: bool = Fa
     with replacing(target, overwrite) as yaml_file, replacing(image, overwrite) as image_file:
         image_file.write_bytes(b"P5\n%d %d\n255\n" % (width, height) + rows_from_top.tobytes())
         yaml_file.write_text(text, encoding="utf-8")
+    if grid.frame_id not in ("", "map"):
+        warn_user(
+            f"{target}: a ROS map names no frame, and map_server serves it in 'map'; set its "
+            f"parameter frame_id to {grid.frame_id!r}"
+        )

@@ -230,7 +230,7 @@ def to_xarray(contents: Contents) -> xarray.Dataset:
         made). The arrays are read-only; copy the Dataset to change it. Attributes are text, numbers
         and lists of numbers: ``lower``, ``spacing``, ``outside``, ``margin_m``, ``inner``,
         ``rotations`` (their number), ``robot`` (JSON text for ``Robot.from_spec``),
-        ``workspace_source`` and the versions.
+        ``workspace_source``, ``frame_id`` if it is known, and the versions.
 
         For a robot that turns, ``cell_states`` and ``overlap_counts`` have the leading dimension
         ``rotation``, with the coordinates ``yaw`` (the representative, radians), ``yaw_bounds``

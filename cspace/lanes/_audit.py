@@ -15,8 +15,7 @@ import numpy as np
 
 from cspace._files.access import replacing
 from cspace._support.arrays import BLOCKED, Bools, Floats, StrPath
-from cspace._support.check import check_flag, check_not_negative
-from cspace.errors import InputError
+from cspace._support.check import check_flag, check_known, check_not_negative
 from cspace.lanes._collisions import Hit, find_hits, sample_motions
 from cspace.lanes._lane_motions import check_map, list_legs, list_motions, list_parts, list_yaws
 from cspace.lanes._reach import Reach, judge_ways, prove_nodes
@@ -349,7 +348,7 @@ def audit_graph(
     return Audit(
         space,
         graph,
-        [_describe(graph, proofs, k) for k in range(len(graph.lanes))],
+        [_describe(space, graph, proofs, k) for k in range(len(graph.lanes))],
         [NodeVerdict(*row) for row in zip(graph.names, graph.places, yaws, strict=True)],
         [[graph.names[node] for node in part] for part in reach.list_parts()],
         [
@@ -400,7 +399,9 @@ def prove_lanes(
     return proofs
 
 
-def _describe(graph: RouteGraph, proofs: LaneProofs, number: int) -> LaneVerdict:
+def _describe(
+    space: ConfigurationMap, graph: RouteGraph, proofs: LaneProofs, number: int
+) -> LaneVerdict:
     """Return the verdict about a lane."""
     lane = graph.lanes[number]
     ends = lane.name, graph.names[lane.start], graph.names[lane.end]
@@ -409,16 +410,18 @@ def _describe(graph: RouteGraph, proofs: LaneProofs, number: int) -> LaneVerdict
         rooms = proofs.rooms[number].tolist()
         return LaneVerdict(*ends, "free", proven_by, None, "", *rooms)
     hit = proofs.hits[number]
+    obstacle = hit.obstacle
+    for node in (lane.end, lane.start):
+        if space.outside != "free" and not space.grid.contains(graph.positions[node]):
+            obstacle = f"node {graph.names[node]} lies outside the map"
     return LaneVerdict(
-        *ends, "undecided" if hit.is_open else "blocked", at=hit.point, obstacle=hit.obstacle
+        *ends, "undecided" if hit.is_open else "blocked", at=hit.point, obstacle=obstacle
     )
 
 
 def _index_of(graph: RouteGraph, name: str, argument: str) -> int:
     """Return the index of a node; raise InputError if there is none."""
-    if name not in graph.names:
-        raise InputError(argument, f"is {name!r}", "it must be the name of a node")
-    return graph.names.index(name)
+    return graph.names.index(check_known(name, argument, graph.names))
 
 
 def _line_of(graph: RouteGraph, number: int) -> Floats:

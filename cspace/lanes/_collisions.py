@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 
 from cspace._support.arrays import BLOCKED, FREE, Bools, Floats, Ints, States
-from cspace.lanes._lane_motions import LaneMotions
+from cspace.lanes._lane_motions import LaneMotions, find_shares_near_map
 
 if TYPE_CHECKING:
     from cspace._configuration_map import ConfigurationMap
@@ -84,12 +84,17 @@ class Samples(NamedTuple):
 
 
 def sample_motions(space: CSpace, motions: LaneMotions) -> Samples:
-    """Return the configurations on motions that are not FREE, a fraction of a cell apart."""
+    """Return the configurations on motions that are not FREE.
+
+    They are a fraction of a cell apart around the map. Beyond, all are in one state, that of the
+    ends of motions.
+    """
     steps = space.steps_between(motions.starts, motions.ends)
-    parts = np.hypot(*steps[:, :2].T) * SAMPLES_PER_CELL / space.grid.spacing
+    enter, leave = find_shares_near_map(space, motions.starts, steps)
+    parts = (leave - enter) * np.hypot(*steps[:, :2].T) * SAMPLES_PER_CELL / space.grid.spacing
     if space.rotations.names:
         parts = np.maximum(parts, np.abs(steps[:, 2]) / SAMPLE_RADIANS)
-    counts = np.where(motions.on_lane, np.maximum(np.ceil(parts), 1.0), 1.0).astype(np.int64) + 1
+    counts = np.where(motions.on_lane, np.maximum(np.ceil(parts), 1.0), 1.0).astype(np.int64) + 3
     found = [Samples(steps[:0], motions.lanes[:0], steps[:0, 0], np.zeros(0, np.uint8))]
     batches = np.cumsum(counts) // MAX_SAMPLES
     for batch in np.unique(batches):
@@ -97,7 +102,10 @@ def sample_motions(space: CSpace, motions: LaneMotions) -> Samples:
         rows = np.repeat(chosen, counts[chosen])
         begins = np.cumsum(counts[chosen]) - counts[chosen]
         numbers = np.arange(len(rows)) - np.repeat(begins, counts[chosen])
-        shares = numbers / (counts[rows] - 1)
+        # The first and the last configuration are the ends, the others are around the map.
+        shares = enter[rows] + (leave - enter)[rows] * (numbers - 1) / (counts[rows] - 3)
+        shares[numbers == 0] = 0.0
+        shares[numbers == counts[rows] - 1] = 1.0
         points = motions.starts[rows] + shares[:, np.newaxis] * steps[rows]
         points[shares == 1.0] = motions.ends[rows[shares == 1.0]]
         states = np.asarray(space.classify(points))

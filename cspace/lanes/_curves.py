@@ -9,6 +9,7 @@ leaves its chord, and its directions.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -24,6 +25,15 @@ MAX_DEVIATION: Final = 0.001
 
 MAX_HALVINGS: Final = 20
 """Number of times that a piece of a curve is halved at most."""
+
+MAX_DEGREE: Final = 16
+"""Largest degree of a curve; work grows with its square."""
+
+MAX_LEGS: Final = 4096
+"""Largest number of legs of a curve."""
+
+MAX_JUMP: Final = 1e-6
+"""Distance between pieces of a curve, metres, up to which they join; it adds to their drift."""
 
 POINT_ROUNDING: Final = 1e-9
 """Rounding of the points of a curve, as a share of its coordinates."""
@@ -82,6 +92,8 @@ def cut_nurbs(degree: int, knots: Floats, points: Floats, weights: Floats) -> tu
         raise ValueError(
             f"has {len(knots)} knots; {len(points)} control points of degree {degree} need {count}"
         )
+    if degree > MAX_DEGREE:
+        raise ValueError(f"has the degree {degree}; it may be {MAX_DEGREE} at most")
     if degree < 1 or len(points) <= degree:
         raise ValueError(f"has {len(points)} control points of degree {degree}; too few")
     if (np.diff(knots) < 0.0).any() or knots[degree] >= knots[-degree - 1]:
@@ -100,13 +112,25 @@ def cut_nurbs(degree: int, knots: Floats, points: Floats, weights: Floats) -> tu
     pieces = BPoly.from_power_basis(PPoly(np.array(powers), breaks)).c
     legs: list[Leg] = []
     for k in range(pieces.shape[1]):
-        legs += _cut_piece(pieces[:, k])
+        for leg in _cut_piece(pieces[:, k]):
+            gap = math.dist(legs[-1].end, leg.start) if legs else 0.0
+            x, y = leg.start
+            if gap > MAX_JUMP:
+                raise ValueError(f"jumps {gap:.3g} m to ({x:.6g}, {y:.6g}); its pieces must join")
+            if len(legs) == MAX_LEGS:
+                raise ValueError(f"is too long or bent at ({x:.6g}, {y:.6g}); check its unit")
+            legs.append(leg._replace(drift=leg.drift + gap))
     return tuple(legs)
 
 
-def _cut_piece(controls: Floats) -> list[Leg]:
+def clamp_knots(degree: int, points: int) -> Floats:
+    """Return uniform knots of a curve that begins and ends at its first and last point."""
+    inner = np.linspace(0.0, 1.0, max(0, points - degree) + 1)
+    return np.concatenate([np.zeros(degree), inner, np.ones(degree)])
+
+
+def _cut_piece(controls: Floats) -> Iterator[Leg]:
     """Cut a rational Bezier piece into legs; ``controls`` are homogeneous, shape (n, 3)."""
-    legs: list[Leg] = []
     pending = [(controls, 0)]
     while pending:
         controls, halvings = pending.pop()
@@ -114,14 +138,13 @@ def _cut_piece(controls: Floats) -> list[Leg]:
         if leg is None:
             continue
         if leg.drift <= MAX_DEVIATION and leg.spread <= MAX_SPREAD:
-            legs.append(leg)
+            yield leg
         elif halvings < MAX_HALVINGS:
             first, second = _halve(controls)
             pending += [(second, halvings + 1), (first, halvings + 1)]
         else:
             x, y = leg.start
             raise ValueError(f"turns too sharply at ({x:.6g}, {y:.6g}); check its unit (metres)")
-    return legs
 
 
 def _make_leg(controls: Floats) -> Leg | None:

@@ -9,19 +9,21 @@ from __future__ import annotations
 import itertools
 import json
 import math
-from collections.abc import Collection, Iterator, Mapping
+import os
+from collections.abc import Collection, Mapping
 from typing import Any, Final
 
 import numpy as np
 import shapely
-import yaml
 
-from cspace._files.access import ContentError, check_suffix, decoding, read_text
-from cspace._files.fields import Fields
+from cspace._files.access import ContentError, check_suffix, decoding
+from cspace._files.crs import check_crs
+from cspace._files.fields import Fields, Ledger
+from cspace._files.plain import read_json, read_yaml
 from cspace._support.arrays import Floats, StrPath
-from cspace._support.reporting import warn_user
-from cspace.lanes._curves import Leg, cut_nurbs
-from cspace.lanes._headings import HEADINGS, HeadingRule, Lane
+from cspace._support.check import check_point
+from cspace.lanes._curves import Leg, clamp_knots, cut_nurbs
+from cspace.lanes._headings import HEADINGS, HeadingRule, Lane, parse_heading
 
 SUFFIXES: Final = (".geojson", ".json", ".yaml", ".yml")
 """Suffixes of route graphs."""
@@ -35,57 +37,56 @@ MAX_GAP: Final = 0.01
 METRIC_CRS: Final = ("EPSG::3857", "EPSG:3857")
 """Coordinate systems that Nav2's example graphs name for metres of the map."""
 
-KNOWN_FIELDS: Final = {
-    "Nav2 node": "id frame name metadata operations class",
-    "Nav2 edge": "id startid endid cost overridable metadata operations name class",
-    "vertex": "name is_holding_point is_passthrough_point is_parking_spot is_charger "
-    "is_cleaning_zone dock_name merge_radius mutex spawn_robot_name spawn_robot_type "
-    "pickup_dispenser dropoff_ingestor human_goal_set_name lift_cabin",
-    "lane": "orientation_constraint is_bidirectional speed_limit dock_name undock_name door_name "
-    "mutex graph_idx demo_mock_floor_name demo_mock_lift_name",
-    "node": "nodeId nodeName nodeDescription nodeDescriptor nodePosition mapId sequenceId released "
-    "actions vehicleTypeNodeProperties",
-    "nodePosition": "x y theta allowedDeviationXY allowedDeviationXy allowedDeviationTheta mapId "
-    "mapDescription",
-    "vehicleTypeNodeProperties": "vehicleTypeId vehicleTypeIds theta actions",
-    "LIF": "metaInformation layouts",
-    "layout": "layoutId layoutName layoutVersion layoutLevelId layoutDescription nodes edges "
-    "stations",
-    "station": "stationId interactionNodeIds stationName stationDescription stationHeight "
-    "stationPosition",
-    "edge": "edgeId edgeName edgeDescription edgeDescriptor sequenceId released startNodeId "
-    "endNodeId orientation orientationType rotationAllowed trajectory corridor actions length "
-    "maxSpeed maximumSpeed maxRotationSpeed vehicleTypeEdgeProperties",
-    EDGE_PROPERTIES: "vehicleTypeId vehicleTypeIds vehicleOrientation orientationType "
-    "rotationAllowed rotationAtStartNodeAllowed rotationAtEndNodeAllowed maxSpeed "
-    "maxRotationSpeed reentryAllowed trajectory corridor actions",
-    "trajectory": "degree knotVector controlPoints",
-    "control point": "x y weight orientation",
-    "corridor": "leftWidth rightWidth corridorRefPoint corridorReferencePoint releaseRequired "
-    "releaseLossBehavior",
-}
-"""Fields of elements that are honoured, refused or change nothing, separated by blanks."""
-
 FIELDS: Final = (
     Fields(
         "route graphs of Nav2, `.geojson`",
-        honoured="`id`, `startid`, `endid`; coordinates of nodes",
+        honoured="`features`, `properties`, `geometry`; `type`; `id`, `startid`, `endid`; "
+        "`coordinates` of nodes",
         refused="`crs` other than metres of the map; `frame` other than `map`; drawn corners",
         warned="unknown fields",
+        harmless="name metadata operations class cost overridable description bbox date_generated",
     ),
     Fields(
         "Open-RMF navigation graphs, `.yaml`",
-        honoured="`levels`; `orientation_constraint`; `is_bidirectional`",
-        refused="several levels without `level=`; other constraints",
-        warned="unknown options",
+        honoured="`levels`, `vertices`, `lanes`; `name`; `orientation_constraint`; "
+        "`is_bidirectional`",
+        refused="several levels without `level=`; other constraints; `crs_name` in degrees",
+        warned="other `crs_name`; unknown options",
+        harmless="building_name lifts doors fiducials elevation is_holding_point "
+        "is_passthrough_point is_parking_spot is_charger is_cleaning_zone dock_name merge_radius "
+        "mutex spawn_robot_name spawn_robot_type pickup_dispenser dropoff_ingestor "
+        "human_goal_set_name lift_cabin speed_limit undock_name door_name graph_idx "
+        "demo_mock_floor_name demo_mock_lift_name",
     ),
     Fields(
         "LIF layouts and VDA 5050 orders, `.json`",
-        honoured="`theta`; `orientationType`, `orientation`, `vehicleOrientation`; "
-        "`rotationAllowed`; `trajectory`; `corridor`; `allowedDeviationXY`; types of vehicles",
-        refused="`origins`; `rotationAtStartNodeAllowed`, `rotationAtEndNodeAllowed` other than "
-        "`BOTH`; `allowedDeviationTheta` at a node with `theta`; `orientation` of control points",
-        warned="unknown fields, such as `loadRestriction`",
+        honoured="`layouts`, `nodes`, `edges`, `stations`; `layoutId`, `nodeId`, `edgeId`, "
+        "`stationId`; `nodePosition`, `x`, "
+        "`y`, `theta`; `allowedDeviationXY`, `allowedDeviationXy`; `orientationType`, "
+        "`orientation`, `vehicleOrientation`; `rotationAllowed`; `trajectory`, `degree`, "
+        "`knotVector`, `controlPoints`, `weight`; ellipses of `a` and `b`; `corridor`, "
+        "`leftWidth`, `rightWidth`; "
+        "`vehicleTypeNodeProperties`, `vehicleTypeEdgeProperties`, `vehicleTypeId`, "
+        "`vehicleTypeIds`; `startNodeId`, `endNodeId`, `interactionNodeIds`; `version`",
+        refused="several `mapId`; `origins`; `rotationAtStartNodeAllowed`, "
+        "`rotationAtEndNodeAllowed` other than `BOTH`; `allowedDeviationTheta` at a node with "
+        "`theta`; `orientation` of control points; curves that jump",
+        warned="angles beyond a whole turn; unknown fields, such as `loadRestriction`",
+        harmless="metaInformation headerId timestamp manufacturer serialNumber orderId "
+        "orderDescription orderUpdateId zoneSetId layoutName layoutVersion layoutLevelId "
+        "layoutDescription nodeName nodeDescription nodeDescriptor sequenceId released actions "
+        "mapDescription stationName stationDescription stationHeight stationPosition edgeName "
+        "edgeDescription edgeDescriptor length direction maxSpeed maximumSpeed maxRotationSpeed "
+        "maximumRotationSpeed reentryAllowed corridorRefPoint corridorReferencePoint "
+        "releaseRequired releaseLossBehavior",
+    ),
+    Fields(
+        "graphs of networkx",
+        honoured="`pos`, or `x` and `y`; `yaw`; `heading`",
+        refused="`geometry` of edges; `crs` in degrees",
+        warned="other `crs`; other attributes",
+        harmless="name label id key color colour weight length cost distance osmid highway "
+        "street_count ref speed_limit created_with created_date simplified",
     ),
 )
 """Fields that change where a robot drives, or how it stands there."""
@@ -95,85 +96,6 @@ Stations = Mapping[str, tuple[str, ...]]
 
 GraphContents = tuple[tuple[str, ...], Floats, tuple[Lane, ...], Floats, Stations]
 """Attributes of a route graph, in their order."""
-
-
-class Element:
-    """A mapping of a file, with its name for messages.
-
-    The fields that audits do not know are collected for all elements of a file.
-    """
-
-    def __init__(
-        self, fields: Any, where: str, kind: str = "", ignored: set[str] | None = None
-    ) -> None:
-        """Check that it is a mapping; its ``kind`` is one of the known, or none."""
-        self.where = where
-        self.ignored = set() if ignored is None else ignored
-        if not isinstance(fields, Mapping):
-            raise self.fail(f"is {fields!r:.60}", "it must be a mapping")
-        self.fields = fields
-        if kind:
-            unknown = fields.keys() - KNOWN_FIELDS[kind].split()
-            self.ignored.update(f"{key} ({kind})" for key in unknown)
-
-    def fail(self, problem: str, rule: str, hint: str = "correct the element") -> ContentError:
-        """Return an error that names the element."""
-        return ContentError(f"{self.where} {problem}", rule, hint)
-
-    def get(self, key: str, otherwise: Any = None) -> Any:
-        """Return a field; one that is null is missing."""
-        value = self.fields.get(key)
-        return otherwise if value is None else value
-
-    def need(self, key: str) -> Any:
-        """Return a field that the element must have."""
-        value = self.get(key)
-        if value is None:
-            raise self.fail(f"has no {key}", "it must have one")
-        return value
-
-    def number(self, key: str, otherwise: float | None = None) -> float:
-        """Return a finite number."""
-        value = self.need(key) if otherwise is None else self.get(key, otherwise)
-        return self.check_number(key, value)
-
-    def check_number(self, name: str, value: Any) -> float:
-        """Return a value if it is a finite number."""
-        is_number = isinstance(value, int | float) and not isinstance(value, bool)
-        if not is_number or not math.isfinite(value):
-            raise self.fail(f"has the {name} {value!r:.60}", "it must be a finite number")
-        return float(value)
-
-    def point(self, value: Any) -> tuple[float, float]:
-        """Return the first two of a list of coordinates."""
-        if not isinstance(value, list) or len(value) < 2:
-            raise self.fail(f"has the coordinates {value!r:.60}", "x and y are needed")
-        return self.check_number("x", value[0]), self.check_number("y", value[1])
-
-    def entries(self, key: str) -> list[Any]:
-        """Return a list; a missing one is empty."""
-        value = self.get(key, [])
-        if not isinstance(value, list):
-            raise self.fail(f"has the {key} {value!r:.60}", "it must be a list")
-        return value
-
-    def child(self, key: str, kind: str = "") -> Element:
-        """Return the mapping in a field."""
-        return Element(self.need(key), f"{self.where}, {key}", kind, self.ignored)
-
-    def children(self, key: str, kind: str = "", name: str = "") -> Iterator[Element]:
-        """Yield the mappings in a list, by their names if they have any."""
-        for number, fields in enumerate(self.entries(key)):
-            child = Element(fields, f"{self.where}, {key}[{number}]", kind, self.ignored)
-            if name:
-                child.where = f"{kind} {child.need(name)!r}"
-            yield child
-
-    def refuse(self, key: str, *allowed: Any) -> None:
-        """Refuse a field whose value is not among the allowed ones."""
-        value = self.get(key)
-        if value is not None and value not in allowed:
-            raise self.fail(f"has {key} {value!r:.60}", "audits do not honour it")
 
 
 class GraphBuilder:
@@ -193,7 +115,7 @@ class GraphBuilder:
 
     def add_node(
         self,
-        element: Element,
+        element: Ledger,
         name: Any,
         point: tuple[float, float],
         yaw: float = math.nan,
@@ -207,7 +129,7 @@ class GraphBuilder:
         self.yaws.append(yaw)
         self.deviations.append(deviation)
 
-    def find(self, element: Element, name: Any) -> int:
+    def find(self, element: Ledger, name: Any) -> int:
         """Return the index of the node that an element names."""
         if str(name) not in self.indices:
             raise element.fail(f"names the node {name!r}", "there is no such node")
@@ -215,7 +137,7 @@ class GraphBuilder:
 
     def add_lane(
         self,
-        element: Element,
+        element: Ledger,
         name: Any,
         ends: list[int],
         heading: HeadingRule | None = None,
@@ -247,58 +169,54 @@ def read_graph(
 ) -> GraphContents:
     """Read a route graph; see :meth:`cspace.lanes.RouteGraph.open`."""
     suffix = check_suffix(path, SUFFIXES, f"a route graph ends in {', '.join(SUFFIXES)}")
-    text = read_text(path, "route graph", memory=30.0)
+    is_yaml = suffix in (".yaml", ".yml")
+    loaded = read_yaml(path, "route graph") if is_yaml else read_json(path, "route graph")
     with decoding(path, "route graph"):
-        is_yaml = suffix in (".yaml", ".yml")
-        loaded = yaml.load(text, yaml.CSafeLoader) if is_yaml else json.loads(text)
-        document = Element(loaded, "the graph")
-        if "features" in document.fields:
-            contents = _read_nav2(document, heading)
-        elif "levels" in document.fields:
-            contents = _read_rmf(document, heading, level)
-        elif "layouts" in document.fields:
-            contents = _read_lif(document, heading, level, vehicle)
-        elif "nodes" in document.fields:
-            contents = _read_order(document, heading, level)
-        else:
-            rule = "a route graph has one of features, levels, layouts, nodes"
-            raise document.fail("has no nodes", rule)
-    if document.ignored:
-        names = ", ".join(sorted(document.ignored))
-        warn_user(f"route graph: audits ignore the fields {names}")
+        found = loaded if isinstance(loaded, Mapping) else {}
+        key = next((key for key in _GRAPHS if key in found), "features")
+        formats, read_format = _GRAPHS[key]
+        document = Ledger(loaded, "the graph", formats)
+        if key not in found:
+            rule = f"a route graph has one of {', '.join(_GRAPHS)}; LIF is read up to version 1"
+            raise document.fail("has no nodes", rule, "write it in one of these formats")
+        contents = read_format(document, heading, level, vehicle)
+    document.close(os.fspath(path))
     return contents
 
 
 # ---- Nav2 ----------------------------------------------------------------------------------------
 
 
-def _read_nav2(document: Element, heading: HeadingRule | None) -> GraphContents:
+def _read_nav2(
+    document: Ledger, heading: HeadingRule | None, level: str | None, vehicle: str | None
+) -> GraphContents:
     """Read a GeoJSON graph: points are nodes, and lines are edges in one direction.
 
     The route server drives straight from node to node, whatever line is drawn.
     """
     builder = GraphBuilder(heading, "forward")
+    document.refuse("type", "FeatureCollection")
     crs = json.dumps(document.get("crs", METRIC_CRS))
     if not any(name in crs for name in METRIC_CRS):
         raise document.fail(
             f"has the crs {crs:.80}", "coordinates must be metres of the map's frame"
         )
-    edges: dict[str, tuple[Element, list[Any]]] = {}
-    for feature in document.children("features"):
+    edges: dict[str, tuple[Ledger, list[Any]]] = {}
+    for feature in document.children("features", "feature"):
+        feature.refuse("type", "Feature")
+        feature.get("id")
         geometry, properties = feature.child("geometry"), feature.child("properties")
         number, coordinates = properties.need("id"), geometry.entries("coordinates")
         kind = geometry.get("type")
         if kind == "Point":
-            where = f"node {number!r}"
-            node = Element(properties.fields, where, "Nav2 node", document.ignored)
-            node.refuse("frame", "map", "")
-            builder.add_node(node, number, node.point(coordinates))
+            properties.where, properties.kind = f"node {number!r}", "Nav2 node"
+            properties.refuse("frame", "map", "")
+            builder.add_node(properties, number, properties.point(coordinates))
         elif kind in ("LineString", "MultiLineString"):
-            where = f"edge {number!r}"
-            edge = Element(properties.fields, where, "Nav2 edge", document.ignored)
+            properties.where, properties.kind = f"edge {number!r}", "Nav2 edge"
             if str(number) in edges:
-                raise edge.fail("is there twice", "ids must differ")
-            edges[str(number)] = edge, [coordinates] if kind == "LineString" else coordinates
+                raise properties.fail("is there twice", "ids must differ")
+            edges[str(number)] = properties, [coordinates] if kind == "LineString" else coordinates
         else:
             rule = "nodes are Points, edges are MultiLineStrings"
             raise feature.fail(f"with the id {number!r} is a {kind}", rule)
@@ -307,7 +225,7 @@ def _read_nav2(document: Element, heading: HeadingRule | None) -> GraphContents:
     return builder.build()
 
 
-def _add_nav2_edge(builder: GraphBuilder, edge: Element, name: str, lines: list[Any]) -> None:
+def _add_nav2_edge(builder: GraphBuilder, edge: Ledger, name: str, lines: list[Any]) -> None:
     """Add an edge of Nav2, unless it is drawn with a corner."""
     if name in builder.indices:
         raise edge.fail("has the id of a node", "ids must differ")
@@ -324,11 +242,16 @@ def _add_nav2_edge(builder: GraphBuilder, edge: Element, name: str, lines: list[
 # ---- Open-RMF ------------------------------------------------------------------------------------
 
 
-def _read_rmf(document: Element, heading: HeadingRule | None, level: str | None) -> GraphContents:
+def _read_rmf(
+    document: Ledger, heading: HeadingRule | None, level: str | None, vehicle: str | None
+) -> GraphContents:
     """Read the vertices and lanes of one level of an Open-RMF navigation graph."""
+    if document.get("crs_name") is not None:
+        check_crs(document.get("crs_name"), "crs_name")
     levels = document.child("levels")
+    levels.skip()
     name = _choose(document, list(levels.fields), level, "level")
-    content = Element(levels.fields[name], f"level {name!r}", ignored=document.ignored)
+    content = document.inner(levels.fields[name], f"level {name!r}", "level")
     builder = GraphBuilder(heading, "both")
     for number, vertex in enumerate(content.entries("vertices")):
         options = _read_options(content, vertex, "vertex", number)
@@ -343,18 +266,23 @@ def _read_rmf(document: Element, heading: HeadingRule | None, level: str | None)
         options.refuse("orientation_constraint", "", "forward", "backward")
         word = options.get("orientation_constraint")
         builder.add_lane(options, number, ends, HEADINGS[word] if word else None)
-        if options.get("is_bidirectional"):
+        if options.flag("is_bidirectional"):
             builder.lanes.append(builder.lanes[-1].reverse())
     return builder.build()
 
 
-def _read_options(level: Element, entry: Any, kind: str, number: int) -> Element:
+def _read_options(level: Ledger, entry: Any, kind: str, number: int) -> Ledger:
     """Return the options at the end of a vertex or lane of Open-RMF."""
     has_options = isinstance(entry, list) and len(entry) > 2 and entry[2] is not None
-    return Element(entry[2] if has_options else {}, f"{kind} {number}", kind, level.ignored)
+    if has_options and not isinstance(entry[2], Mapping):
+        problem = f"has the {kind} {number} {entry!r:.60}"
+        rule = "the third entry of a navigation graph holds options"
+        hint = "make one of a building map: building_map_generator nav of rmf_building_map_tools"
+        raise ContentError(problem, rule, hint)
+    return level.inner(entry[2] if has_options else {}, f"{kind} {number}", kind)
 
 
-def _choose(element: Element, choices: Collection[str], wanted: str | None, kind: str) -> str:
+def _choose(element: Ledger, choices: Collection[str], wanted: str | None, kind: str) -> str:
     """Return the level, layout or type that is wanted, or the only one."""
     if wanted is None and len(choices) == 1:
         wanted = next(iter(choices))
@@ -370,16 +298,10 @@ def _choose(element: Element, choices: Collection[str], wanted: str | None, kind
 
 
 def _read_lif(
-    document: Element, heading: HeadingRule | None, level: str | None, vehicle: str | None
+    document: Ledger, heading: HeadingRule | None, level: str | None, vehicle: str | None
 ) -> GraphContents:
     """Read a layout of LIF, for one type of vehicle."""
-    document = Element(document.fields, document.where, "LIF", document.ignored)
-    layouts = {
-        str(layout.get("layoutId", number)): layout
-        for number, layout in enumerate(document.children("layouts"))
-    }
-    fields = layouts[_choose(document, layouts, level, "layout")].fields
-    layout = Element(fields, "the layout", "layout", document.ignored)
+    layout = _choose_layout(document, level)
     for element in (document, layout):
         element.refuse("origins", [])  # places of other frames
     edges = [
@@ -390,12 +312,16 @@ def _read_lif(
     if types or vehicle:
         vehicle = _choose(layout, sorted(types), vehicle, "vehicle")
     builder = GraphBuilder(heading, "any")
+    maps = set()
     for node in layout.children("nodes", "node", "nodeId"):
-        entry = _own_entry(node, "vehicleTypeNodeProperties", vehicle)
+        entry = _own_entry(list(node.children("vehicleTypeNodeProperties")), vehicle)
+        maps.add(str(node.get("mapId")))
         _add_place(builder, node, entry or node)
+    _check_map(layout, maps, None)
     for edge, entries in edges:
-        entry = _own_entry(edge, EDGE_PROPERTIES, vehicle)
+        entry = _own_entry(entries, vehicle)
         if entries and entry is None:
+            edge.skip()
             continue  # not for this type of vehicle
         entry = entry or edge
         entry.refuse("rotationAtStartNodeAllowed", "BOTH")
@@ -404,7 +330,20 @@ def _read_lif(
     return builder.build(_read_stations(builder, layout))
 
 
-def _read_stations(builder: GraphBuilder, layout: Element) -> Stations:
+def _choose_layout(document: Ledger, level: str | None) -> Ledger:
+    """Return the only layout of LIF, or the chosen one; the others concern nobody."""
+    layouts = {
+        str(layout.get("layoutId", number)): layout
+        for number, layout in enumerate(document.children("layouts", "layout"))
+    }
+    layout = layouts.pop(_choose(document, layouts, level, "layout"))
+    layout.where = "the layout"
+    for other in layouts.values():
+        other.skip()
+    return layout
+
+
+def _read_stations(builder: GraphBuilder, layout: Ledger) -> Stations:
     """Return the nodes of each station."""
     stations = {}
     for station in layout.children("stations", "station", "stationId"):
@@ -415,21 +354,30 @@ def _read_stations(builder: GraphBuilder, layout: Element) -> Stations:
     return stations
 
 
-def _types_of(entry: Element) -> list[str | None]:
+def _types_of(entry: Ledger) -> list[str | None]:
     """Return the types of vehicle that properties are for; None if they do not say."""
     return [*entry.entries("vehicleTypeIds"), entry.get("vehicleTypeId")]
 
 
-def _own_entry(element: Element, key: str, vehicle: str | None) -> Element | None:
-    """Return the first properties for a type of vehicle."""
-    for number, entry in enumerate(element.children(key)):
-        if vehicle in _types_of(entry):
-            where = f"{element.where}, {key}[{number}]"
-            return Element(entry.fields, where, key, element.ignored)
-    return None
+def _own_entry(entries: list[Ledger], vehicle: str | None) -> Ledger | None:
+    """Return the first properties for a type of vehicle; the others concern other vehicles."""
+    own = next((entry for entry in entries if vehicle in _types_of(entry)), None)
+    for entry in entries:
+        if entry is not own:
+            entry.skip()
+    return own
 
 
-def _read_order(document: Element, heading: HeadingRule | None, level: str | None) -> GraphContents:
+def _check_map(element: Ledger, maps: set[str], level: str | None) -> None:
+    """Refuse nodes of several maps, or of another one than the chosen level."""
+    if len(maps) > 1 or (level is not None and maps - {level}):
+        rule = "an audit has one map"
+        raise element.fail(f"has nodes on the maps {sorted(maps)}", rule, "split the file by mapId")
+
+
+def _read_order(
+    document: Ledger, heading: HeadingRule | None, level: str | None, vehicle: str | None
+) -> GraphContents:
     """Read the nodes and edges of a VDA 5050 order, one map of it."""
     builder = GraphBuilder(heading, "any")
     maps = set()
@@ -440,14 +388,12 @@ def _read_order(document: Element, heading: HeadingRule | None, level: str | Non
         if name in places:  # an order may pass a node again
             if places[name] != place.fields:
                 raise node.fail("has two positions", "an audit has one for each node")
+            place.skip()
             continue
         places[name] = place.fields
         maps.add(str(place.get("mapId")))
         _add_place(builder, node, place)
-    if len(maps) > 1 or (level is not None and maps - {level}):
-        raise document.fail(
-            f"has nodes on the maps {sorted(maps)}", "an order is audited on one map"
-        )
+    _check_map(document, maps, level)
     default = "GLOBAL" if str(document.get("version", "2")).startswith("1") else "TANGENTIAL"
     for edge in document.children("edges", "edge", "edgeId"):
         turning = edge.get("rotationAllowed") is not False
@@ -455,26 +401,29 @@ def _read_order(document: Element, heading: HeadingRule | None, level: str | Non
     return builder.build()
 
 
-def _add_place(builder: GraphBuilder, node: Element, entry: Element) -> None:
+def _add_place(builder: GraphBuilder, node: Ledger, entry: Ledger) -> None:
     """Add a node of LIF or VDA 5050, with the yaw of an entry."""
-    place = node.child("nodePosition", "nodePosition")
+    place = entry if entry.kind == "nodePosition" else node.child("nodePosition")
     yaw = math.nan
+    tolerance = place.get("allowedDeviationTheta")
     if entry.get("theta") is not None:
-        yaw = entry.number("theta")
-        place.refuse("allowedDeviationTheta", 0)
+        yaw = entry.angle("theta")
+        if tolerance:
+            place.refuse("allowedDeviationTheta")
     deviation = place.get("allowedDeviationXY", place.get("allowedDeviationXy", 0.0))
     if isinstance(deviation, Mapping):  # an ellipse
-        ellipse = Element(deviation, f"{place.where}, allowedDeviationXY")
+        ellipse = place.inner(deviation, f"{place.where}, allowedDeviationXY", "ellipse")
         deviation = max(ellipse.number("a"), ellipse.number("b"))
-    deviation = place.check_number("allowedDeviationXY", deviation)
+        ellipse.get("theta")  # of the ellipse, which becomes a disc
+    deviation = place.check_number("allowedDeviationXY", deviation, 0.0)
     point = place.number("x"), place.number("y")
-    builder.add_node(node, node.need("nodeId"), point, yaw, max(deviation, 0.0))
+    builder.add_node(node, node.need("nodeId"), point, yaw, deviation)
 
 
 def _add_edge(
     builder: GraphBuilder,
-    edge: Element,
-    entry: Element,
+    edge: Ledger,
+    entry: Ledger,
     key: str,
     turning: bool,
     default: str = "TANGENTIAL",
@@ -489,29 +438,91 @@ def _add_edge(
     rule = None
     if entry.get(key) is not None:
         frame = "map" if entry.get("orientationType", default) == "GLOBAL" else "lane"
-        rule = HeadingRule(frame, (entry.number(key),))
+        rule = HeadingRule(frame, (entry.angle(key),))
         rule = HEADINGS["any"] if turning else rule
     legs: tuple[Leg, ...] = ()
     if entry.get("trajectory") is not None:
-        legs = _read_trajectory(entry.child("trajectory", "trajectory"))
+        legs = _read_trajectory(entry.child("trajectory"))
     widths = [0.0]
     if entry.get("corridor"):
-        corridor = entry.child("corridor", "corridor")
+        corridor = entry.child("corridor")
         widths = [corridor.number(side, 0.0) for side in ("leftWidth", "rightWidth")]
     builder.add_lane(edge, edge.need("edgeId"), ends, rule, legs, max(widths))
 
 
-def _read_trajectory(trajectory: Element) -> tuple[Leg, ...]:
+def _read_trajectory(trajectory: Ledger) -> tuple[Leg, ...]:
     """Read a NURBS curve as legs."""
     rows = []
     for point in trajectory.children("controlPoints", "control point"):
         point.refuse("orientation")
         rows.append((point.number("x"), point.number("y"), point.number("weight", 1.0)))
     table = np.array(rows, dtype=np.float64).reshape(-1, 3)
-    knots = [trajectory.check_number("knot", knot) for knot in trajectory.entries("knotVector")]
-    degree = int(trajectory.number("degree", 1))
+    degree = trajectory.number("degree", 1)
+    if degree % 1.0:
+        raise trajectory.fail(f"has the degree {degree:g}", "it must be a whole number")
+    version = str(trajectory.document.get("version"))
+    if version.startswith("3") and trajectory.get("knotVector") is None:
+        knots = clamp_knots(int(degree), len(rows))
+    else:
+        trajectory.need("knotVector")
+        words = trajectory.entries("knotVector")
+        knots = np.array([trajectory.check_number("knot", word) for word in words])
     try:
-        return cut_nurbs(degree, np.array(knots), table[:, :2], table[:, 2])
+        return cut_nurbs(int(degree), knots, table[:, :2], table[:, 2])
     except ValueError as error:
         problem, _, rule = str(error).partition("; ")
         raise trajectory.fail(problem, rule) from error
+
+
+_GRAPHS: Final = {
+    "features": (FIELDS[0], _read_nav2),
+    "levels": (FIELDS[1], _read_rmf),
+    "layouts": (FIELDS[2], _read_lif),
+    "nodes": (FIELDS[2], _read_order),
+}
+"""Fields and reader of each format, by the field that it alone has."""
+
+
+# ---- networkx ------------------------------------------------------------------------------------
+
+
+def read_networkx(graph: Any) -> dict[str, Any]:
+    """Return the arguments of :meth:`cspace.lanes.RouteGraph.from_arrays` for a graph."""
+    document = Ledger(graph.graph, "the graph", FIELDS[3], "graph")
+    if document.get("crs") is not None:
+        check_crs(document.get("crs"), "graph")
+    indices = {node: k for k, node in enumerate(graph.nodes)}
+    positions = []
+    yaws = []
+    for name, data in graph.nodes(data=True):
+        node = document.inner(data, f"has the node {name!r}, which", "node")
+        place = node.get("pos", (node.get("x"), node.get("y")))
+        try:
+            x, y = check_point(place).tolist()
+            yaw = float(node.get("yaw", math.nan))
+            if math.isinf(yaw):
+                raise ValueError
+        except (TypeError, ValueError):
+            problem = f"has the node {name!r} at {place!r}"
+            hint = "set it: networkx.set_node_attributes(graph, positions, 'pos')"
+            rule = "it needs pos=(x, y), or x and y, metres"
+            raise ContentError(problem, rule, hint) from None
+        positions.append((x, y))
+        yaws.append(yaw)
+    ends = []
+    headings = []
+    for first, last, data in graph.edges(data=True):
+        edge = document.inner(data, f"has the edge {first!r}, {last!r}, which", "edge")
+        edge.refuse("geometry", rule="edges are straight, so that each corner needs a node")
+        ends.append((indices[first], indices[last]))
+        heading = edge.get("heading", "forward")
+        headings.append(parse_heading(heading, f"heading of the edge {first!r}, {last!r}"))
+    document.close("graph")
+    return {
+        "positions": np.array(positions).reshape(-1, 2),
+        "edges": np.array(ends, dtype=np.int64).reshape(-1, 2),
+        "headings": headings,
+        "two_way": not graph.is_directed(),
+        "names": [str(node) for node in graph.nodes],
+        "yaws": yaws,
+    }

@@ -8,6 +8,8 @@ from typing import Any, Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
+from cspace._rotations.base import wrap_angles
+from cspace._support.check import warn_of_degrees
 from cspace.errors import InputError
 from cspace.lanes._curves import Leg, reverse_legs
 
@@ -43,14 +45,16 @@ HEADINGS: Final = {
 def parse_heading(value: Any, name: str = "heading") -> HeadingRule:
     """Return the rule of a word, or of a fixed yaw; raise InputError otherwise."""
     if isinstance(value, HeadingRule):
-        return value
+        yaws = np.array(value.yaws, dtype=np.float64)
+        warn_of_degrees(yaws[:, np.newaxis], {0: "its yaw"}, name)
+        return value._replace(yaws=tuple(wrap_angles(yaws).tolist()))
     if isinstance(value, str) and value in HEADINGS:
         return HEADINGS[value]
     is_number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
     if not is_number or not math.isfinite(value):
         rule = f"it must be {', '.join(map(repr, HEADINGS))} or a yaw of the map"
         raise InputError(name, f"is {value!r}", rule, "pass e.g. 'forward', or radians")
-    return HeadingRule("map", (float(value),))
+    return parse_heading(HeadingRule("map", (float(value),)), name)
 
 
 class Lane(NamedTuple):

@@ -167,7 +167,7 @@ def list_motions(space: ConfigurationMap, graph: RouteGraph) -> LaneMotions:
         legs = list_legs(graph, lane)
         if not space.in_memory:
             longest = min(cast("TiledCSpace", space).tile) * space.grid.spacing
-            legs = tuple(part for leg in legs for part in _cut(leg, longest))
+            legs = tuple(part for leg in legs for part in _cut(space, leg, longest))
         ways = list_yaws(graph, lane) if has_yaw else []
         stops = (yaws[lane.start], yaws[lane.end]) if ways else (math.nan, math.nan)
         for way in ways or all_ways:
@@ -179,12 +179,36 @@ def list_motions(space: ConfigurationMap, graph: RouteGraph) -> LaneMotions:
     return LaneMotions(starts, ends, growths, spares, *kinds)
 
 
-def _cut(leg: Leg, longest: float) -> Iterator[Leg]:
-    """Cut a straight leg into parts that windows of a map in tiles hold."""
-    count = math.ceil(math.dist(leg.start, leg.end) / longest) if leg.drift == 0.0 else 1
-    points = np.linspace(leg.start, leg.end, max(count, 1) + 1).tolist()
-    for start, end in itertools.pairwise(points):
-        yield leg._replace(start=tuple(start), end=tuple(end))
+def _cut(space: ConfigurationMap, leg: Leg, longest: float) -> Iterator[Leg]:
+    """Cut a straight leg where it enters and leaves a map, and into parts for windows between."""
+    if leg.drift > 0.0 or leg.start == leg.end:
+        yield leg
+        return
+    start, end = np.array([leg.start]), np.array([leg.end])
+    enter, leave = np.concatenate(find_shares_near_map(space, start, end - start)).tolist()
+    count = math.ceil((leave - enter) * math.dist(leg.start, leg.end) / longest)
+    between = start + np.linspace(enter, leave, count + 1)[:, np.newaxis] * (end - start)
+    points = dict.fromkeys([leg.start, *map(tuple, between.tolist()), leg.end])  # equal ones once
+    for first, last in itertools.pairwise(points):
+        yield leg._replace(start=first, end=last)
+
+
+def find_shares_near_map(
+    space: ConfigurationMap, starts: Floats, steps: Floats
+) -> tuple[Floats, Floats]:
+    """Return the shares at which straight motions come near a map, and leave it.
+
+    Two equal shares cut a motion that does not come near into parts beside the map. ``starts`` and
+    ``steps`` have shape (n, 2) or (n, 3); the yaw does not count.
+    """
+    reach = lever_of(space) + space.margin + 2.0 * space.grid.spacing
+    borders = np.array([space.grid.lower, space.grid.upper]) + np.array([[-reach], [reach]])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        shares = (borders[:, np.newaxis] - starts[:, :2]) / steps[:, :2]
+    # A motion along a border never crosses it.
+    shares = np.where(np.isnan(shares), [[[-math.inf]], [[math.inf]]], shares)
+    enter = np.clip(shares.min(axis=0).max(axis=1), 0.0, 1.0)
+    return enter, np.clip(shares.max(axis=0).min(axis=1), enter, 1.0)
 
 
 def _list_way(

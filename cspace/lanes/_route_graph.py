@@ -9,10 +9,21 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from cspace._files.access import ContentError
+from cspace._rotations.base import wrap_angles
 from cspace._support.arrays import Floats, StrPath
-from cspace._support.check import check_finite, check_points
+from cspace._support.check import (
+    AXES,
+    check_finite,
+    check_flag,
+    check_pairs,
+    check_points,
+    check_real,
+    names_options,
+    warn_of_degrees,
+)
 from cspace.errors import InputError
 from cspace.lanes._headings import Heading, HeadingRule, Lane, find_repeated, parse_heading
 
@@ -58,6 +69,7 @@ class RouteGraph:
         return f"RouteGraph({len(self.names)} nodes, {len(self.lanes)} lanes)"
 
     @classmethod
+    @names_options
     def open(
         cls,
         path: StrPath,
@@ -94,6 +106,7 @@ class RouteGraph:
         return cls(*read_graph(path, rule, level, vehicle))
 
     @classmethod
+    @names_options
     def from_arrays(
         cls,
         positions: ArrayLike,
@@ -127,11 +140,13 @@ class RouteGraph:
         InputError
             If an argument has another shape, or names are not unique.
         """
-        points, ends = _check_edges(positions, edges)
-        is_one = isinstance(headings, str | int | float | np.number | HeadingRule)
+        points = check_points(positions, "positions", AXES[:2])
+        ends = check_pairs(edges, points)
+        check_flag(two_way, "two_way")
+        is_one = isinstance(headings, str | HeadingRule) or not np.iterable(headings)
         rules: Iterable[Any] = [headings] * len(ends) if is_one else list(headings)  # type: ignore[arg-type]
-        labels = [str(k) for k in range(len(ends))] if edge_names is None else list(edge_names)
-        nodes = [str(k) for k in range(len(points))] if names is None else list(names)
+        labels = list(map(str, range(len(ends)) if edge_names is None else edge_names))
+        nodes = list(map(str, range(len(points)) if names is None else names))
         lanes = []
         _check_length("headings", rules, len(ends))
         _check_length("edge_names", labels, len(ends))
@@ -140,7 +155,7 @@ class RouteGraph:
             zip(labels, ends.tolist(), rules, strict=True)
         ):
             heading = parse_heading(rule, "headings" if is_one else f"headings[{k}]")
-            lane = Lane(str(label), start, end, heading)
+            lane = Lane(label, start, end, heading)
             lanes += [lane, lane.reverse()] if two_way else [lane]
         for name, values in (("names", nodes), ("edge_names", labels)):
             twice = find_repeated(values)
@@ -148,10 +163,14 @@ class RouteGraph:
                 raise InputError(name, f"has {twice!r} twice", "names must differ")
         still = np.full(len(points), math.nan)
         if yaws is not None:
-            still = np.array(yaws, dtype=np.float64)
-            _check_length("yaws", still, len(points))
+            still = check_real(yaws, "yaws").astype(np.float64)
+            if still.shape != (len(points),):
+                rule = f"it must have {len(points)} numbers, one for each node"
+                raise InputError("yaws", f"has shape {still.shape}", rule, "use NaN for any yaw")
             check_finite(still[~np.isnan(still)], "yaws")
-        return cls(tuple(map(str, nodes)), points, tuple(lanes), still)
+            warn_of_degrees(still[:, np.newaxis], {0: "one"}, "yaws")
+            still = wrap_angles(still)
+        return cls(tuple(nodes), points, tuple(lanes), still)
 
     @classmethod
     def from_networkx(cls, graph: Any) -> RouteGraph:
@@ -159,62 +178,24 @@ class RouteGraph:
 
         Nodes have the attribute ``pos``, a pair of metres, or ``x`` and ``y``, and perhaps ``yaw``.
         Edges may have a ``heading``, by default "forward". The robot drives the edges of an
-        undirected graph in both directions.
+        undirected graph in both directions. Edges with a ``geometry`` are refused.
 
         Raises
         ------
         InputError
             If a node has no position, or an attribute is wrong; the message names the element.
+        GeometryError
+            If the graph has a ``crs`` in degrees.
         """
-        indices = {node: k for k, node in enumerate(graph.nodes)}
-        positions = []
-        yaws = []
-        for node, data in graph.nodes(data=True):
-            place = data.get("pos", (data.get("x"), data.get("y")))
-            try:
-                x, y = map(float, place)
-                yaw = float(data.get("yaw", math.nan))
-                if not (math.isfinite(x) and math.isfinite(y)) or math.isinf(yaw):
-                    raise ValueError
-            except (TypeError, ValueError):
-                rule = "it needs pos=(x, y), or x and y, metres"
-                raise InputError("graph", f"has the node {node!r} at {place!r}", rule) from None
-            positions.append((x, y))
-            yaws.append(yaw)
-        edges = list(graph.edges(data=True))
-        return cls.from_arrays(
-            np.array(positions).reshape(-1, 2),
-            np.array([(indices[a], indices[b]) for a, b, _ in edges], dtype=np.int64).reshape(
-                -1, 2
-            ),
-            [
-                parse_heading(data.get("heading", "forward"), f"heading of the edge {a!r}, {b!r}")
-                for a, b, data in edges
-            ],
-            two_way=not graph.is_directed(),
-            names=[str(node) for node in graph.nodes],
-            yaws=yaws,
-        )
+        from cspace.lanes._graph_files import read_networkx
 
-
-def _check_edges(positions: ArrayLike, edges: ArrayLike) -> tuple[Floats, NDArray[Any]]:
-    """Return nodes, shape (n, 2), and pairs of their indices, shape (m, 2), if they fit."""
-    points = check_points(positions, "positions", 2)
-    ends = np.asarray(edges).reshape(-1, 2) if np.size(edges) == 0 else np.asarray(edges)
-    if points.ndim != 2:
-        raise InputError(
-            "positions", f"has shape {points.shape}", "it must be one row for each node"
-        )
-    is_pairs = ends.ndim == 2 and ends.shape[1] == 2
-    if not is_pairs or (ends.size and ends.dtype.kind not in "iu"):
-        rule = "it must be pairs of indices of nodes"
-        raise InputError("edges", f"has shape {ends.shape} of {ends.dtype}", rule)
-    is_known = ((ends >= 0) & (ends < len(points))).all(axis=1)
-    if not is_known.all():
-        number = int(np.argmin(is_known))
-        rule = f"its nodes must be 0 to {len(points) - 1}"
-        raise InputError(f"edges[{number}]", f"is {ends[number].tolist()}", rule)
-    return points, ends
+        if not hasattr(graph, "edges"):
+            hint = "pass networkx.Graph(edges), with the attribute pos of each node"
+            raise InputError("graph", f"is a {type(graph).__name__}", "it must be a graph", hint)
+        try:
+            return cls.from_arrays(**read_networkx(graph))
+        except ContentError as error:
+            raise InputError("graph", *error.parts) from error
 
 
 def _check_length(name: str, values: Any, count: int) -> None:

@@ -159,7 +159,7 @@ def paint_scene(
     # Surfaces are cut along the sides of a box.
     sides = trimesh.creation.box(bounds=clip)
     obstacles = []
-    for obstacle in space.obstacles.values():
+    for obstacle in space._placed_obstacles.values():
         surface = transform_surface(obstacle.shape.outer.surface, obstacle.pose)
         mesh: Any = trimesh.Trimesh(*surface, process=False)
         near = mesh.slice_plane(sides.facets_origin, -sides.facets_normal)

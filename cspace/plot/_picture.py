@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypedDict, Unpack
 
 from cspace._files.access import check_suffix, replacing
-from cspace._support.check import check_positive
+from cspace._support.check import check_positive, names_options
 from cspace._workspace import Workspace
 from cspace.errors import InputError
 from cspace.plot import _artists as artists
@@ -57,6 +57,7 @@ class PlotOptions(WorkspaceOptions, total=False):
     goal: ArrayLike
 
 
+@names_options
 def plot(
     space: ConfigurationMap | Workspace,
     *,

@@ -267,7 +267,7 @@ def check_path(space: HasAxes, path: Any) -> Floats:
     Raises InputError if it is no path in the space.
     """
     values = getattr(path, "path", path)
-    points = np.empty(0) if values is None else check_finite(values, "path")
+    points = np.empty(0) if values is None else check_finite(values, "path", space.axes)
     if points.shape == (0,):  # no path, or an empty list
         return np.empty((0, len(space.axes)))
     return _check_coordinates(points, "path", space.axes, ndim=2)
@@ -278,7 +278,7 @@ def _check_coordinates(values: Any, name: str, axes: Sequence[str], ndim: int = 
 
     ``ndim`` is 1 for one configuration, 2 for rows.
     """
-    points = check_finite(values, name)
+    points = check_finite(values, name, axes)
     if points.ndim != ndim or points.shape[-1] != len(axes):
         shape = f"(n, {len(axes)})" if ndim == 2 else f"({len(axes)},)"
         raise InputError(

@@ -280,7 +280,11 @@ class ResizedRobot:
         occupied = space.workspace.outer
         if rest > 0.0:
             occupied = grow_cells(occupied, rest, outside, outwards=True)
-        return ~self._collide(occupied, rasters, outside)
+        is_free = ~self._collide(occupied, rasters, outside)
+        if margin <= space.margin:
+            # A window also knows what is FREE by the obstacles around it.
+            is_free |= states_of_slices(space) == FREE
+        return is_free
 
     def make_free_map(self, margin: float) -> CSpace:
         """Return a map of the robot with a margin, with states FREE and MIXED."""
@@ -304,6 +308,8 @@ class ResizedRobot:
         if rest > 0.0:
             occupied = grow_cells(occupied, rest, outside, outwards=False)
         hits = self._collide(occupied, rasters, outside)
+        if margin >= 0.0:  # as above
+            hits |= states_of_slices(space) == BLOCKED
         states = np.where(hits, np.uint8(BLOCKED), np.uint8(MIXED))
         pairs = [(raster, raster) for raster in rasters]
         return self._make_map(states, Exterior.of(space.workspace.outer, pairs, space.outside))

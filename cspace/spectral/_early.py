@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace._shapes import Balls
 from cspace._support.arrays import Bytes, Ints
-from cspace._support.check import check_points, check_positive
+from cspace._support.check import AXES, check_points, check_positive
 from cspace.errors import InputError
 from cspace.spectral._ball_sets import PLACEMENT_ROUNDING
 from cspace.spectral._bump import TRANSFORM_ERROR
@@ -118,7 +118,7 @@ class EarlyTest:
     def compare(self, t: ArrayLike) -> Comparison:
         """Compare the overlap with A moved by t, shape (..., d), metres, with the threshold."""
         overlap = self.overlap
-        placements = check_points(t, "t", overlap.dim)
+        placements = check_points(t, "t", AXES[: overlap.dim])
         shares = overlap.relative(placements) / overlap.lattice.periods
         # Beyond a period, copies of A would meet B; the sets are apart there.
         is_near = (np.abs(shares) <= 0.5).all(axis=-1)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from cspace._shapes import Balls
 from cspace._support.arrays import Bools, Floats
-from cspace._support.check import check_point, check_points, check_positive
+from cspace._support.check import AXES, check_point, check_points, check_positive
 from cspace.errors import InputError
 from cspace.spectral._ball_sets import (
     PLACEMENT_ROUNDING,
@@ -253,7 +253,7 @@ class FourierOverlap:
 
     def _sum(self, t: ArrayLike, terms: Complexes) -> Floats:
         """Sum series, shape (m, counts), at placements (..., d); return shape (..., m)."""
-        placements = check_points(t, "t", self.dim)
+        placements = check_points(t, "t", AXES[: self.dim])
         shares = self.relative(placements) / self.lattice.periods
         out = np.zeros((len(shares), len(terms)))
         # Outside the domain, sums are zero.

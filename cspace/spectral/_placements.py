@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from cspace._rotations import Rotations
@@ -314,6 +315,11 @@ class BallPenetration:
         # Only the radii of the moving balls matter, so all stand at the origin.
         moving = as_balls((np.zeros((len(sizes), balls.dim)), sizes), "radii")
         moving = round_radii(moving, MAX_RADII)
+        self._radii = moving.radii
+        self._fixed = [
+            (radius, cKDTree(balls.centers[balls.radii == radius]))
+            for radius in np.unique(balls.radii).tolist()
+        ]
         limits = tolerance, MAX_OVERLAP_FREQUENCIES
         self._fields = _Fields(moving, [balls], [1.0], check_bump(bump), *limits)
 
@@ -337,6 +343,12 @@ class BallPenetration:
         # The value of each ball, and its derivatives.
         sums = self._fields.evaluate(points.reshape(-1, count, dim))
         sums = sums.reshape(*points.shape[:-1], 1 + dim)
+        # Splines leave a rest where a ball meets none.
+        meets = np.zeros(points.shape[:-1], dtype=np.bool_)
+        for radius, tree in self._fixed:
+            distances, _ = tree.query(points)
+            meets |= distances < radius + self._radii
+        sums[~meets] = 0.0
         return sums[..., 0].sum(axis=-1), sums[..., 1:]
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace._support.arrays import Bytes, Floats, Ints
-from cspace._support.check import check_points
+from cspace._support.check import AXES, check_points
 from cspace._support.compiling import allocating, internal
 from cspace._support.threads import run_in_chunks
 from cspace.errors import InputError
@@ -215,7 +215,7 @@ class ContactTest:
         ``t``, shape (..., d), is in metres. Returns a Verdict for one placement, and values of
         :class:`Verdict` as uint8 of shape (...) for more.
         """
-        placements = check_points(t, "t", self.dim)
+        placements = check_points(t, "t", AXES[: self.dim])
         spatial = np.pad(placements.reshape(-1, self.dim), ((0, 0), (0, 3 - self.dim)))
         verdicts = np.empty(len(spatial), dtype=np.uint8)
         outer_a, outer_b, inner_a, inner_b = self._placed

@@ -168,7 +168,7 @@ class ArmCanvas(Canvas):
             for group in ("obstacles", "robot", *ENDPOINT_COLORS):
                 scene.remove_by_name(f"/{group}")
                 scene.add_frame(f"/{group}", show_axes=False)
-            for name, obstacle in self._space.obstacles.items():
+            for name, obstacle in self._space._placed_obstacles.items():
                 self._add_obstacle(f"/obstacles/{name}", obstacle.shape.outer, obstacle.pose)
             self._links = {"robot": self._add_links("robot", [*self._figure.links])}
             for name, color in ENDPOINT_COLORS.items():

@@ -12,7 +12,7 @@ from ipaddress import ip_address
 from typing import TYPE_CHECKING, Any, Final, TypedDict
 from urllib.parse import urlsplit
 
-from cspace._support.check import check_count
+from cspace._support.check import check_count, names_options
 from cspace._support.reporting import import_optional
 from cspace.arms import ArmSpace
 from cspace.errors import InputError
@@ -67,6 +67,7 @@ class Viewer:
         The drawing.
     """
 
+    @names_options
     def __init__(
         self,
         space: HasAxes,

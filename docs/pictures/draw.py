@@ -325,11 +325,9 @@ def draw_trajectory() -> Figure:
         left.plot(*trajectory.positions[:, :2].T, color=PATH, linewidth=1.8)
         rests = trajectory.positions[~trajectory.velocities.any(axis=1)]
         left.plot(*rests[:, :2].T, ".", color=PATH, markersize=8.0)
-        left.set(title=f'drive="{drive}"', xlabel="x [m]", ylabel="y [m]")
+        left.set(title=f'"{drive}"; dots: stops', xlabel="x (m)", ylabel="y (m)")
         trajectory.plot(right)
-        right.set_title(
-            f"{trajectory.duration:.1f} s; blue: speed, orange: angular speed; dots: stops"
-        )
+        right.set_title(f"{trajectory.duration:.1f} s; blue: speed, orange: angular speed")
     return figure
 
 
@@ -369,7 +367,7 @@ def draw_controller() -> Figure:
         left.add_patch(polygon(placed, facecolor=PALE, edgecolor=ROBOT, linewidth=0.8))
     left.plot(*plan.waypoints[:, :2].T, "--", color=MIXED, linewidth=1.0, label="path")
     left.plot(*commands.positions[:, :2].T, color=PATH, linewidth=1.8, label="trajectory")
-    left.set(xlabel="x [m]", ylabel="y [m]", title="once a second")
+    left.set(xlabel="x (m)", ylabel="y (m)", title="once a second")
     left.legend(frameon=False, loc="lower right")
     right.plot(commands.times, commands.v, color=PATH, label="v (m/s)")
     right.plot(commands.times, commands.omega, color=ROBOT, label="omega (rad/s)")
@@ -503,13 +501,13 @@ def draw_joint_map() -> Figure:
         )
     axes[0].plot(0, 0, "o", color="black", markersize=6.0)
     axes[0].set_title("the arm along its path")
-    axes[0].set(xlim=(-1.3, 2.3), ylim=(-1.5, 2.3), aspect="equal", xlabel="x [m]", ylabel="y [m]")
+    axes[0].set(xlim=(-1.3, 2.3), ylim=(-1.5, 2.3), aspect="equal", xlabel="x (m)", ylabel="y (m)")
     lower, upper = joints.grid.lower, joints.grid.upper
     draw_states_in(axes[1], states, (lower[0], upper[0], lower[1], upper[1]), None)
     axes[1].plot(path[:, 0], path[:, 1], color=PATH, linewidth=2.0)
     axes[1].plot(*path[0], "o", color=PATH)
     axes[1].plot(*path[-1], "s", color=PATH)
-    axes[1].set(xlabel="shoulder [rad]", ylabel="elbow [rad]", title="the map of its joints")
+    axes[1].set(xlabel="shoulder (rad)", ylabel="elbow (rad)", title="the map of its joints")
     handles = [
         Patch(facecolor=FREE, edgecolor=GRID, label="FREE"),
         Patch(facecolor=MIXED, label="MIXED"),
@@ -551,7 +549,7 @@ def draw_spheres() -> Figure:
                 ax.add_patch(plt.Circle((x, z + height), radius, **style))
                 ax.add_patch(plt.Circle((x, z + height), radius, fill=False, edgecolor=PATH))
         ax.set_title(f"{number} spheres a link: at most {1000 * farthest:.0f} mm beyond it")
-        ax.set(xlim=(-0.5, 1.2), ylim=(-0.25, 0.95), aspect="equal", xlabel="x [m]", ylabel="z [m]")
+        ax.set(xlim=(-0.5, 1.2), ylim=(-0.25, 0.95), aspect="equal", xlabel="x (m)", ylabel="z (m)")
     return figure
 
 
@@ -584,7 +582,7 @@ def draw_states_in(
             ax.plot([x, x], extent[2:], color=GRID, linewidth=0.4)
         for y in np.arange(extent[2], extent[3] + spacing / 2, spacing):
             ax.plot(extent[:2], [y, y], color=GRID, linewidth=0.4)
-    ax.set(aspect="equal", xlim=extent[:2], ylim=extent[2:], xlabel="x [m]", ylabel="y [m]")
+    ax.set(aspect="equal", xlim=extent[:2], ylim=extent[2:], xlabel="x (m)", ylabel="y (m)")
 
 
 def centers(grid: cspace.Grid) -> NDArray[np.float64]:

@@ -6,28 +6,35 @@ Run it with ``python planner_node.py --ros-args --params-file params.yaml``; the
 
 import copy
 import itertools
+import math
+import sys
 import threading
 import time
+from collections import deque
+from functools import partial
 from importlib.util import find_spec
 
 import numpy as np
 import rclpy
 import shapely
-from geometry_msgs.msg import Point, Polygon, PoseStamped
+from geometry_msgs.msg import Point, Polygon, PoseStamped, Quaternion
 from nav_msgs.msg import OccupancyGrid, Path
 from nav_msgs.srv import GetPlan
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.duration import Duration
+from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
+from scipy.spatial.transform import Rotation
 from shapely import affinity
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 import cspace
 import planners
-from cspace.errors import ConfigurationError, CspaceError
+from cspace.errors import ConfigurationError, CspaceError, InputError
 
 PARAMETERS = {
     "footprint": "[]",
@@ -41,9 +48,26 @@ PARAMETERS = {
     "occupied_thresh": 0.65,
     "time_limit": 1.0,
     "step": 0.05,
+    "tilt_tolerance": 0.05,
     "robot_base_frame": "base_link",
 }
 """Parameters and their defaults, in metres, radians and seconds."""
+
+AT_RUN_TIME = {
+    "time_limit": FloatingPointRange(from_value=0.001, to_value=3600.0),
+    "step": FloatingPointRange(from_value=0.001, to_value=10.0),
+    "tilt_tolerance": FloatingPointRange(from_value=0.0, to_value=3.2),
+}
+"""Parameters that may change while the node runs, and the range of each; the rest is read-only."""
+
+OCCUPANCY = np.array([0, -1, 100], dtype=np.int8)
+"""Occupancy of the states FREE, MIXED and BLOCKED, in per cent."""
+
+WORDS = {
+    "drive": ("holonomic", "differential", "differential-reverse", "dubins", "reeds-shepp"),
+    "unknown": ("occupied", "free"),
+}
+"""Values of the parameters that are words."""
 
 UNKNOWN, TF_ERROR, TIMEOUT, NO_VALID_PATH = 200, 202, 207, 208
 OUTSIDE = {"start": 203, "goal": 204}
@@ -65,30 +89,35 @@ class PlannerNode(Node):
 
     def __init__(self):
         super().__init__("cspace_planner")
-        self.option = {
-            name: self.declare_parameter(name, default).value
-            for name, default in PARAMETERS.items()
-        }
-        self.lock = threading.Lock()  # of the map and its grid
+        for name, default in PARAMETERS.items():
+            ranges = [AT_RUN_TIME[name]] if name in AT_RUN_TIME else []
+            rule = ParameterDescriptor(read_only=not ranges, floating_point_range=ranges)
+            word = self.declare_parameter(name, default, rule).value
+            if word not in WORDS.get(name, (word,)):
+                raise InputError(
+                    name, f"is {word!r}", f"it must be one of {WORDS[name]}", "correct it"
+                )
+        self.lock = threading.Condition()  # of the map, and of what it follows
         self.planning = threading.Lock()
         self.explaining = threading.Thread()
-        self.grid = self.space = self.last = None
-        self.version = 0  # of the map
+        self.space = self.last = self.shown = None
         self.frame = "map"
+        self.grid = self.workspace = None  # the newest, which the map follows
+        self.arrived = self.version = 0  # messages that came, and that the map holds
+        self.sent = self.since = 0  # times of the newest grid, and after which one is whole
+        self.is_live = self.has_updates = False
+        self.updates = deque(maxlen=100)  # with their times, as their grid may come after them
+        self.number = 0  # of the newest update
         self.complaints = set()
-        self.robot, self.outline = self.make_robot(self.option["footprint"])
+        self.corners = self.option("footprint")
+        self.robot, self.outline = self.make_robot(self.corners)
         kept = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self.create_subscription(OccupancyGrid, "map", self.on_map, kept)
-        self.create_subscription(Polygon, "footprint", self.on_footprint, 1)
+        self.subscribe(kept)
         self.map_publisher = self.create_publisher(OccupancyGrid, "~/map", kept)
         self.path_publisher = self.create_publisher(Path, "~/plan", kept)
         self.marker_publisher = self.create_publisher(MarkerArray, "~/markers", kept)
         one_at_a_time = MutuallyExclusiveCallbackGroup()
         self.create_service(GetPlan, "~/make_plan", self.make_plan, callback_group=one_at_a_time)
-        if find_spec("map_msgs"):
-            from map_msgs.msg import OccupancyGridUpdate
-
-            self.create_subscription(OccupancyGridUpdate, "map_updates", self.on_update, 10)
         if find_spec("nav2_msgs"):
             self.serve_nav2(ReentrantCallbackGroup())
         self.transforms = None
@@ -97,6 +126,28 @@ class PlannerNode(Node):
 
             self.transforms = tf2_ros.Buffer()
             self.listener = tf2_ros.TransformListener(self.transforms, self)
+        self.news = threading.Event()
+        threading.Thread(target=self.keep_up, daemon=True).start()
+
+    def subscribe(self, kept):
+        """Subscribe to the world; these callbacks only store, and wait for nothing else."""
+        group = MutuallyExclusiveCallbackGroup()
+        subscribe = partial(self.create_subscription, callback_group=group)
+        self.update_topic = self.resolve_topic_name("map") + "_updates"
+        self.update_subscription = None
+        if find_spec("map_msgs"):
+            from map_msgs.msg import OccupancyGridUpdate
+
+            # Kept updates tell whether any was sent before this node was heard.
+            every = QoSProfile(history=HistoryPolicy.KEEP_ALL, durability=kept.durability)
+            self.update_subscription = subscribe(
+                OccupancyGridUpdate, self.update_topic, self.on_update, every
+            )
+            # Publishers learn of subscriptions in their order: one that sends a grid to this one,
+            # which gets no kept grid, sends all updates after the grid to the one above.
+            subscribe(OccupancyGrid, "map", partial(self.on_map, is_live=True), QoSProfile(depth=1))
+        subscribe(OccupancyGrid, "map", self.on_map, kept)
+        subscribe(Polygon, "footprint", self.on_footprint, 1)
 
     def serve_nav2(self, group):
         """Serve Nav2's action and service under private names."""
@@ -117,6 +168,10 @@ class PlannerNode(Node):
             IsPathValid, "~/is_path_valid", self.is_path_valid, callback_group=group
         )
 
+    def option(self, name):
+        """Return the value of a parameter."""
+        return self.get_parameter(name).value
+
     def complain(self, problem):
         """Log a problem once."""
         if problem not in self.complaints:
@@ -127,65 +182,151 @@ class PlannerNode(Node):
 
     def make_robot(self, footprint):
         """Return the robot of a footprint, or of the radius if it is empty, and its outline."""
-        padding = self.option["footprint_padding"]
+        padding = self.option("footprint_padding")
         if footprint == "[]":
-            radius = self.option["robot_radius"] + padding
+            radius = self.option("robot_radius") + padding
             return cspace.Robot.disc(radius), shapely.Point(0.0, 0.0).buffer(radius)
         robot = cspace.Robot.from_footprint(footprint, padding=padding)
         return robot, robot.shape.geometries[0]
 
-    def on_map(self, msg):
-        """Follow a map: update in place, or build if its grid is another one."""
-        try:
-            self.follow(msg)
-        except CspaceError as error:
-            self.complain(f"map: {error}")
+    def on_map(self, msg, info, is_live=False):
+        """Take a full grid; live ones were sent after the publisher had met this node."""
+        sent = info["source_timestamp"]
+        if self.is_live and not is_live and sent <= self.sent:
+            return  # it came live before
+        updates = self.updates
+        has_all = len(updates) < updates.maxlen or updates[0][0] <= sent
+        with self.lock:
+            self.sent, self.is_live = sent, is_live and has_all
+            self.take(msg, updates)
 
-    def on_update(self, update):
-        """Follow an update of a part of the map."""
-        if self.grid is None:
-            return
-        try:
-            grid = copy.copy(self.grid)
-            cspace.ros.update_occupancy_grid(grid, update)
-            self.follow(grid)
-        except CspaceError as error:
-            self.complain(f"map_updates: {error}")
+    def on_update(self, update, info):
+        """Take an update of a part of the grid."""
+        sent, number = info["source_timestamp"], info["publication_sequence_number"]
+        if number != self.number + 1:  # None if the middleware does not count
+            self.since = sent
+            self.complain("map: updates were sent that did not come")
+        self.number = number or 0
+        self.updates.append((sent, update))
+        if self.grid is not None:
+            self.take(self.grid, [(sent, update)])
 
     def on_footprint(self, msg):
-        """Build the map for a new footprint."""
+        """Take a footprint, unless it is the newest one again."""
+        corners = [(corner.x, corner.y) for corner in msg.points]
+        if corners == self.corners:
+            return
         try:
-            robot, outline = self.make_robot([(corner.x, corner.y) for corner in msg.points])
-            if self.grid is not None:
-                self.follow(self.grid, robot)
-            self.robot, self.outline = robot, outline
+            robot, outline = self.make_robot(corners)
         except CspaceError as error:
             self.complain(f"footprint: {error}")
+            return
+        with self.lock:
+            self.robot, self.outline, self.corners = robot, outline, corners
+            self.arrived += 1
+        self.news.set()
 
-    def follow(self, grid, robot=None):
-        """Make the map equal to a new one of an occupancy grid."""
-        option = self.option
-        workspace = cspace.Workspace.from_occupancy_grid(
-            grid,
-            option["unknown"],
-            free_thresh=option["free_thresh"],
-            occupied_thresh=option["occupied_thresh"],
+    def take(self, grid, updates):
+        """Let the map follow a grid with the updates that were sent after it."""
+        grid = copy.copy(grid)
+        frame = grid.header.frame_id
+        try:
+            for sent, update in updates:
+                if sent <= self.sent:
+                    continue
+                if update.header.frame_id != frame:
+                    problem = f"is {update.header.frame_id!r}"
+                    rule = f"it must be {frame!r}, the frame of the map"
+                    raise InputError("update.header.frame_id", problem, rule, "send both in one")
+                cspace.ros.update_occupancy_grid(grid, update)
+            workspace = cspace.Workspace.from_occupancy_grid(
+                grid,
+                self.option("unknown"),
+                free_thresh=self.option("free_thresh"),
+                occupied_thresh=self.option("occupied_thresh"),
+            )
+        except CspaceError as error:
+            self.is_live = False
+            self.complain(f"map: {error}")
+            return
+        self.find_doubt()  # a publisher of updates that ends later counts
+        with self.lock:
+            self.grid, self.workspace = grid, workspace
+            self.arrived += 1
+        self.news.set()
+
+    def find_doubt(self):
+        """Return why the grid may lack obstacles, or an empty text.
+
+        A grid is whole without a publisher of updates, or if it came live and all updates since.
+        """
+        publishers = self.count_publishers(self.update_topic)
+        self.has_updates = self.has_updates or publishers > 0
+        listener = self.update_subscription
+        is_heard = listener and listener.get_publisher_count() >= publishers
+        if not self.has_updates or (is_heard and self.is_live and self.sent > self.since):
+            return ""
+        return (
+            f"waiting for a full grid, as updates on {self.update_topic} may be missing: set "
+            "always_send_full_costmap: true in the costmap, or start it after this node"
         )
-        frame = grid.header.frame_id or "map"
-        if robot is None and self.space is not None and self.space.grid == workspace.grid:
-            with self.lock:
-                self.space.update(workspace)
-                self.grid, self.frame, self.version = grid, frame, self.version + 1
-        else:
-            space = cspace.build(workspace, robot or self.robot, rotations=option["rotations"])
-            if self.space is None:
-                planners.warm_up(space, option["drive"])
-            with self.lock:
-                self.space, self.grid, self.frame, self.last = space, grid, frame, None
-                self.version += 1
-        self.map_publisher.publish(
-            self.space.to_occupancy_grid(OccupancyGrid(), rotation=0.0, frame_id=frame)
-        )
+
+    def keep_up(self):
+        """Follow what arrives."""
+        while self.news.wait():
+            self.news.clear()
+            try:
+                self.follow()
+            except CspaceError as error:
+                self.complain(f"the map is not built: {error}")
+
+    def follow(self):
+        """Make the map equal to the newest grid, for the newest footprint."""
+        with self.lock:
+            grid, workspace, robot, arrived = self.grid, self.workspace, self.robot, self.arrived
+        if grid is None:
+            return
+        space = self.space
+        if space is None:
+            self.get_logger().info("building the first map, which may compile for minutes")
+        frame = workspace.grid.frame_id or "map"
+        is_same = space is not None and space.frame_id == frame and space.grid == workspace.grid
+        if not is_same or space.robot is not robot:
+            space = cspace.build(workspace, robot, rotations=self.option("rotations"))
+        if self.space is None:
+            planners.warm_up(space, self.option("drive"))
+            self.get_logger().info("ready to plan")
+        with self.lock:
+            if space is self.space:
+                self.show_changes(space, space.update(workspace))
+            else:
+                self.space, self.last = space, None
+                self.shown = space.to_occupancy_grid(OccupancyGrid(), rotation=0.0, frame_id=frame)
+            self.frame, self.version = grid.header.frame_id or "map", arrived
+            self.lock.notify_all()
+        doubt = self.find_doubt()
+        if doubt:
+            self.complain(doubt)
+        elif rclpy.ok():
+            self.map_publisher.publish(self.shown)
+
+    def show_changes(self, space, update):
+        """Write the cells that an update computed again into the published message."""
+        info = self.shown.info
+        shown = np.frombuffer(self.shown.data, np.int8).reshape(info.height, info.width)
+        (left, bottom), (right, top) = update.lower, update.upper
+        states = space.states_at(0.0)[left:right, bottom:top]
+        shown[bottom:top, left:right] = OCCUPANCY[states].T
+
+    def wait_for_map(self, stop):
+        """Wait, with the lock, until the map holds all that came before; raise NoPlanError if not."""
+        if self.grid is None:
+            raise NoPlanError("there is no map yet", UNKNOWN)
+        wanted = self.arrived
+        while self.version < wanted or self.find_doubt():
+            if stop():
+                raise NoPlanError(self.find_doubt() or "the newest map is not built", TIMEOUT)
+            self.lock.wait(0.05)
 
     # ---- plans -----------------------------------------------------------------------------------
 
@@ -194,20 +335,20 @@ class PlannerNode(Node):
 
         Raises NoPlanError with the reason, also if the request is cancelled.
         """
-        end = time.monotonic() + self.option["time_limit"]
 
         def stop():
             return is_cancelled() or time.monotonic() > end or not rclpy.ok()
 
         with self.planning:
+            end = time.monotonic() + self.option("time_limit")  # from when it is served
             while True:
                 with self.lock:
+                    self.wait_for_map(stop)
                     version, frame, last = self.version, self.frame, self.last
                     space = copy.copy(self.space)
-                if space is None:
-                    raise NoPlanError("there is no map yet", UNKNOWN)
                 plan = self.plan_once(space, frame, last, (start, goal), stop)
-                with self.lock:  # the map may have changed since
+                with self.lock:
+                    self.wait_for_map(stop)  # it may have changed since
                     if plan.solved and plan.recheck(self.space).all():
                         self.last = plan
                         return plan
@@ -219,9 +360,8 @@ class PlannerNode(Node):
 
     def plan_once(self, space, frame, last, poses, stop):
         """Plan on a map that does not change; go on along the last plan if its goal is the same."""
-        option = self.option
         try:
-            start, goal = (cspace.ros.configuration_of(pose, space, frame) for pose in poses)
+            start, goal = (self.configure(pose, space, frame) for pose in poses)
         except CspaceError as error:
             code = TF_ERROR if "frame_id" in error.argument else UNKNOWN
             raise NoPlanError(str(error), code) from error
@@ -232,9 +372,9 @@ class PlannerNode(Node):
                 space,
                 start,
                 goal,
-                drive=option["drive"],
-                turning_radius=option["turning_radius"] or None,
-                time_limit=option["time_limit"],
+                drive=self.option("drive"),
+                turning_radius=self.option("turning_radius") or None,
+                time_limit=self.option("time_limit"),
                 previous=last,
                 stop=stop,
             )
@@ -253,7 +393,7 @@ class PlannerNode(Node):
         code, reason = 0, ""
         try:
             plan = self.find_plan(start or self.locate_robot(), goal, is_cancelled)
-            plan.to_path(path, frame_id=self.frame, step=self.option["step"])
+            plan.to_path(path, frame_id=self.frame, step=self.option("step"))
             self.marker_publisher.publish(self.mark_path(plan))
         except NoPlanError as error:
             code, reason = error.code, str(error)
@@ -276,9 +416,15 @@ class PlannerNode(Node):
         result = self.compute_path.Result()
         began = time.monotonic()
         start = request.start if request.use_start else None
-        result.path, result.error_code, reason = self.answer(
-            start, request.goal, lambda: goal_handle.is_cancel_requested
-        )
+        self.newest = goal_handle
+
+        def is_cancelled():
+            """Return True if the goal is cancelled, or a newer one came."""
+            return goal_handle.is_cancel_requested or self.newest is not goal_handle
+
+        result.path, result.error_code, reason = self.answer(start, request.goal, is_cancelled)
+        if result.error_code and self.newest is not goal_handle:
+            result.error_code, reason = UNKNOWN, "a newer goal came"
         if hasattr(result, "error_msg"):  # since Kilted
             result.error_msg = reason
         result.planning_time = Duration(seconds=time.monotonic() - began).to_msg()
@@ -294,30 +440,66 @@ class PlannerNode(Node):
         """Return the robot's pose; raise NoPlanError if tf2 does not know it."""
         if self.transforms is None:
             raise NoPlanError("use_start is false, and tf2_ros is not installed", TF_ERROR)
+        robot = PoseStamped()
+        robot.header.frame_id = self.option("robot_base_frame")
+        return self.transform(robot, self.frame)
+
+    def transform(self, pose, frame):
+        """Return a pose in a frame, by the newest transform; raise NoPlanError without one."""
         try:
-            frames = self.frame, self.option["robot_base_frame"]
-            moved = self.transforms.lookup_transform(*frames, rclpy.time.Time())
+            moved = self.transforms.lookup_transform(frame, pose.header.frame_id, rclpy.time.Time())
+            place, turn = moved.transform.translation, moved.transform.rotation
+            turn = Rotation.from_quat([turn.x, turn.y, turn.z, turn.w])
+            own, ahead = pose.pose.position, pose.pose.orientation
+            own = turn.apply([own.x, own.y, own.z]) + np.array([place.x, place.y, place.z])
+            ahead = turn * Rotation.from_quat([ahead.x, ahead.y, ahead.z, ahead.w])
         except Exception as error:  # tf2 has several kinds
             raise NoPlanError(str(error), TF_ERROR) from error
-        start = PoseStamped(header=moved.header)
-        place = moved.transform.translation
-        start.pose.position = Point(x=place.x, y=place.y, z=place.z)
-        start.pose.orientation = moved.transform.rotation
-        return start
+        found = PoseStamped()
+        found.header.frame_id = frame
+        found.pose.position = Point(**dict(zip("xyz", own.tolist(), strict=True)))
+        found.pose.orientation = Quaternion(**dict(zip("xyzw", ahead.as_quat(), strict=True)))
+        return found
+
+    def configure(self, pose, space, frame):
+        """Return the configuration of a pose, which tf2 transforms if its frame is another one."""
+        own = pose.header.frame_id
+        if self.transforms is not None and own not in ("", frame):
+            pose = self.transform(pose, frame)
+        tolerance = self.option("tilt_tolerance")
+        return cspace.ros.configuration_of(pose, space, frame, tilt_tolerance=tolerance)
 
     def is_path_valid(self, request, response):
-        """Answer nav2_msgs/IsPathValid: all motions between successive poses are proven free."""
+        """Answer nav2_msgs/IsPathValid: poses, and motions between them, are proven free.
+
+        Where tf2 knows the robot, the way behind the pose nearest to it does not count.
+        """
         response.is_valid = False
+        end = time.monotonic() + self.option("time_limit")
+        poses = request.path.poses
         try:
+            for pose in poses:
+                pose.header.frame_id = pose.header.frame_id or request.path.header.frame_id
             with self.lock:
-                poses = request.path.poses
-                rows = [cspace.ros.configuration_of(one, self.space, self.frame) for one in poses]
-                free = self.space.certify_path(rows)
-            response.is_valid = bool(free.all())
-            response.invalid_pose_indices = (np.flatnonzero(~free) + 1).tolist()
-        except (CspaceError, AttributeError) as error:  # there may be no map yet
+                self.wait_for_map(lambda: time.monotonic() > end)
+                rows = [self.configure(one, self.space, self.frame) for one in poses]
+                if rows:
+                    first = self.find_nearest(rows)
+                    ahead = rows[first:]
+                    bad = ~self.space.is_free(ahead)
+                    bad[1:] |= ~self.space.certify_path(ahead)[: len(ahead) - 1]
+                    response.is_valid = not bad.any()
+                    response.invalid_pose_indices = (first + np.flatnonzero(bad)).tolist()
+        except (CspaceError, NoPlanError) as error:
             self.complain(f"is_path_valid: {error}")
         return response
+
+    def find_nearest(self, rows):
+        """Return the number of the pose nearest to the robot; 0 if its place is unknown."""
+        if self.transforms is None:
+            return 0
+        x, y, _ = self.configure(self.locate_robot(), self.space, self.frame)
+        return int(np.argmin([math.dist(row[:2], (x, y)) for row in rows]))
 
     # ---- what RViz shows -------------------------------------------------------------------------
 
@@ -347,7 +529,8 @@ class PlannerNode(Node):
             barrier = plan.explain().barrier[:, 1:]
             points = plan.space.grid.center_of(np.unique(barrier, axis=0)).tolist()
             spacing = plan.space.grid.spacing
-            self.marker_publisher.publish(self.make_marker(Marker.CUBE_LIST, points, spacing))
+            if rclpy.ok():
+                self.marker_publisher.publish(self.make_marker(Marker.CUBE_LIST, points, spacing))
 
         self.explaining = threading.Thread(target=publish, daemon=True)
         self.explaining.start()
@@ -356,7 +539,11 @@ class PlannerNode(Node):
 def main():
     """Run the node until it is interrupted."""
     rclpy.init()
-    node = PlannerNode()
+    try:
+        node = PlannerNode()
+    except (CspaceError, ParameterException) as error:
+        rclpy.try_shutdown()
+        sys.exit(f"cspace_planner: {error}")
     try:
         rclpy.spin(node, MultiThreadedExecutor(num_threads=4))
     except (KeyboardInterrupt, ExternalShutdownException):

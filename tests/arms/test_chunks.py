@@ -4,14 +4,14 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import cspace
 from cspace.arms import Arm, build_arm_space, build_joint_map
 from tests.arms.test_space import approach_contact, draw_scene
-from tests.helpers.solids import sample_configurations
-from tests.helpers.strategies import seeds
+from tests.helpers.arm_oracle import sample_configurations
+from tests.helpers.strategies import examples, seeds
 from tests.helpers.urdfs import planar, planar_arm_meets, posed_box
 
 INSTANTS = 2000
@@ -43,7 +43,7 @@ def draw_instants(points, tracking, rng, count):
 
 
 @given(number=st.integers(0, 5), seed=seeds)
-@settings(max_examples=25)
+@examples(25)
 def test_no_tube_with_a_contact_is_proven_and_proven_tubes_have_none(scenes, number, seed):
     space, oracle = scenes[number]
     rng = np.random.default_rng(seed)
@@ -71,7 +71,7 @@ def test_no_tube_with_a_contact_is_proven_and_proven_tubes_have_none(scenes, num
 
 
 @given(seed=seeds, center=st.tuples(st.floats(0.3, 2.1), st.floats(-2.0, 2.0)))
-@settings(max_examples=30)
+@examples(30)
 def test_the_arm_meets_nothing_at_any_instant_within_proven_tubes(planar_arm, seed, center):
     space = make_post(planar_arm, *center)
     rng = np.random.default_rng(seed)
@@ -159,6 +159,23 @@ def test_half_turns_of_continuous_joints_are_refused(tmp_path):
     assert space.certify_chunk(
         (3.1, 0.0), np.unwrap([3.2, 3.3 - 2.0 * math.pi])[:, np.newaxis] * (1, 0)
     ).is_proven
+
+
+def test_maps_of_continuous_joints_refuse_turns_beyond_half(tmp_path):
+    """The shorter way is another motion, even if the map has lost the arm."""
+    space = build_arm_space({}, Arm.from_urdf(planar(tmp_path, kind="continuous", limits=None)))
+    joint_map = build_joint_map(space, 0.1)
+    joint_map.save(tmp_path / "joints.zarr")
+    for each in (space, joint_map, cspace.open(tmp_path / "joints.zarr")):
+        assert each.motion_is_free((-2.0, 0.0), (2.0, 0.0))
+        passed = cspace.Gate(each).check_rows((-2.0, 0.0), [(2.0, 0.0)])
+        assert passed.state == "hold" and passed.chunk.refusal.names == ("shoulder",)
+        assert not passed.chunk and passed.commands.tolist() == [[-2.0, 0.0]]
+        with pytest.raises(cspace.InputError, match="turns shoulder by 4 rad from row 0 to row 1"):
+            each.certify_path([(-2.0, 0.0), (2.0, 0.0)])
+        assert each.certify_path([(-2.0, 0.0), (1.0, 0.0)]).all()
+        # The elbow has limits, so that it cannot take another way.
+        assert cspace.Gate(each).check_rows((1.0, -2.0), [(1.0, 2.0)]).state == "go"
 
 
 def test_joint_maps_prove_chunks_and_name_pairs(planar_arm):

@@ -122,7 +122,7 @@ TENTH = {"limits": (0.1, 0.1)}
     (
         lambda f: arm(f).spheres(number={"foot": 1, "upper": 1}),
         lambda f: arm(f).spheres(number={"foot": 1, "upper": 1, "fore": 1}),
-        "add that link",
+        "number lacks 'fore'; each link with geometry needs one; add that link",
     ),
     (
         lambda f: arm(f).spheres(number=1).save(f / "spheres.urdf"),
@@ -138,7 +138,7 @@ TENTH = {"limits": (0.1, 0.1)}
     (
         lambda f: arm(f, joints=["elbow"], tip="fore"),
         lambda f: [arm(f, joints=["elbow"]), arm(f, tip="fore")],
-        "leave one out",
+        "joints is given with tip; both say which joints move; leave one out",
     ),
     (
         lambda f: planners.plan(space(f), ZERO, goal_at(9, 0)),
@@ -156,12 +156,12 @@ TENTH = {"limits": (0.1, 0.1)}
     (
         lambda f: arm(f, joints=["shoulder"]).configuration(state()),
         lambda f: arm(f, joints=["shoulder"], held_joints=state()).configuration(state()),
-        "pass these values as held_joints= to Arm.from_urdf",
+        "values has elbow at 1; the arm holds it at 0; pass these values as held_joints= to Arm.from_urdf",
     ),
     (
         lambda f: arm(f).configuration(state("elbow")),
         lambda f: arm(f).configuration(state("elbow"), base=ZERO),
-        "pass base= with the others",
+        "values lack shoulder; they are values of all joints of a robot; pass base= with the others",
     ),
     (
         lambda f: arm(f).configuration("home"),
@@ -171,7 +171,7 @@ TENTH = {"limits": (0.1, 0.1)}
     (
         lambda f: arm(f, joints="arm"),
         lambda f: [with_srdf(f, joints="arm"), arm(f, joints=["shoulder", "elbow"])],
-        "pass srdf=, or a list of joints",
+        "joints is 'arm'; no SRDF gives groups; pass srdf=, or a list of joints",
     ),
     (
         lambda f: arm(f).configuration({"elbow": 10**400, "shoulder": 0.0}),
@@ -181,7 +181,7 @@ TENTH = {"limits": (0.1, 0.1)}
     (
         lambda f: arm(f).configuration([0.0]),
         lambda f: arm(f).configuration({"elbow": 0.0, "shoulder": 0.0}),
-        "pass e.g. {",
+        "values is [0.0]; it must map names to numbers; pass e.g. {'shoulder': 0.1}",
     ),
     (
         lambda f: arm(f).attach("tool", shapely.box(0, 0, 1, 1), "fore"),
@@ -201,17 +201,17 @@ TENTH = {"limits": (0.1, 0.1)}
     (
         lambda f: space(f).is_free((4.0, 0.0)),
         lambda f: space(f).is_free((3.0 + 1e-6, 0.0)),
-        "stay within them; up to 1e-05 beyond is accepted",
+        "q has shoulder at 4; its limits are -3 and 3; stay within them; up to 1e-05 beyond is accepted",
     ),
     (
         lambda f: arm(f).pose((0, 0, 0), "fore"),
         lambda f: arm(f).pose(ZERO, "fore"),
-        "pass 2 numbers",
+        "pass one or a batch",
     ),
     (
         lambda f: read_chain(f, {"kind": "floating"}),
         lambda f: read_chain(f, {"kind": "floating"}, {}, base="l1"),
-        "or pass base='l1'",
+        "joint 'j0' is of type 'floating'; below the base, joints are fixed, revolute, continuous, prismatic; correct the type, or pass base='l1'",
     ),
     (
         lambda f: read_chain(f, {"kind": "floating"}),
@@ -226,7 +226,7 @@ TENTH = {"limits": (0.1, 0.1)}
     (
         lambda f: read_chain(f, {"limits": (1, -1)}),
         lambda f: read_chain(f, {"limits": (-1, 1)}),
-        "correct them",
+        "joint 'j0': limits are 1 and -1; the lower one must not be above the upper one; correct them; a limit that is left out is zero",
     ),
     (
         lambda f: read_chain(f, {"kind": "fixed", "limits": None}),
@@ -236,7 +236,7 @@ TENTH = {"limits": (0.1, 0.1)}
     (
         lambda f: arm(f, held_joints={"elbow": 9.0}, joints=["shoulder"]),
         lambda f: arm(f, held_joints={"elbow": 1.0}, joints=["shoulder"]),
-        "stay within them",
+        "held_joints has elbow at 9; its limits are -3 and 3; stay within them",
     ),
     (
         lambda f: read_chain(f, *[{}] * 70),
@@ -246,12 +246,12 @@ TENTH = {"limits": (0.1, 0.1)}
     (
         lambda f: Arm.from_urdf(bare(f)),
         lambda f: [Arm.from_urdf(bare(f), visuals=True), arm(f)],
-        "add <collision>, or pass visuals=True",
+        "has no collision geometry; an arm's links need some; add <collision>, or pass visuals=True",
     ),
     (
         lambda f: arm(f, base="upper", tip="foot"),
         lambda f: arm(f, base="upper", tip="fore"),
-        "name a link that is",
+        "tip is 'foot'; it is not below 'upper'; name a link that is",
     ),
     # Obstacles.
     (
@@ -338,15 +338,15 @@ TENTH = {"limits": (0.1, 0.1)}
     (
         lambda f: build_arm_space({}, read_chain(f, {})).closest([0.0]),
         lambda f: space(f).closest(ZERO),
-        "add an obstacle",
+        "obstacles are none; there is nothing to touch; add an obstacle",
     ),
     (
         lambda f: space(f, near=NEAR).find_path(ZERO, (1.0, 0.5)),
         lambda f: [
             space(f, near=NEAR).find_path((1.2, 0.3), (1.0, 0.5)),
-            space(f, near=NEAR, allowed_collisions=[("fore", "box")]).find_path(ZERO, (1.0, 0.5)),
+            touching(f).find_path(ZERO, (1.0, 0.5)),
         ],
-        "choose another, or pass allowed_collisions=[('fore', 'box')] if they may touch",
+        "choose another, or call space.allow_collisions([('fore', 'box')]) if they may touch",
     ),
     (
         lambda f: wound(f).certify_path([(0.0, 0.0), (4.0, 0.0)]),
@@ -363,10 +363,8 @@ TENTH = {"limits": (0.1, 0.1)}
     ),
     (
         lambda f: planners.plan(space(f, near=NEAR), (1.2, 0.3), [ZERO, ZERO]),
-        lambda f: planners.plan(
-            space(f, near=NEAR, allowed_collisions=[("fore", "box")]), (1.2, 0.3), [ZERO, ZERO]
-        ),
-        "pass allowed_collisions=[('fore', 'box')] if they may touch",
+        lambda f: planners.plan(touching(f), (1.2, 0.3), [ZERO, ZERO]),
+        "call space.allow_collisions([('fore', 'box')]) if they may touch",
     ),
     # Maps of joints.
     (
@@ -397,7 +395,7 @@ TENTH = {"limits": (0.1, 0.1)}
     (
         lambda f: mapped(f, limits={"elbow": (1.0, -1.0)}),
         lambda f: mapped(f, limits={"elbow": (-1.0, 1.0)}),
-        "correct them",
+        "limits['elbow'] are (1.0, -1.0); they must be two ascending numbers within -3 and 3; correct them",
     ),
     (
         lambda f: build_joint_map(geared(f), 0.5),
@@ -432,24 +430,24 @@ TENTH = {"limits": (0.1, 0.1)}
             with_scene(f, HELD_STATE, held_joints=read_moveit_scene(scene(HELD_STATE)).robot_state),
             with_scene(f, {}),
         ],
-        "pass held_joints=scene.robot_state to Arm.from_urdf, or remove robot_state",
+        "planning scene has elbow at 1; the arm holds it at 0; pass held_joints=scene.robot_state to Arm.from_urdf, or remove robot_state",
     ),
     (
         lambda f: build_arm_space(read_moveit_scene(scene({}, "map")), arm(f)),
         lambda f: build_arm_space(read_moveit_scene(scene({}, "map")), arm(f), base_pose=np.eye(4)),
-        "pass base_pose=, the pose of the arm's base in that frame",
+        "planning scene has poses in the frame 'map'; the arm has no such frame; its base is 'foot'; pass base_pose=, the pose of the arm's base in that frame",
     ),
     (
         lambda f: build_arm_space(read_moveit_scene(scene({}, name="fore")), arm(f)),
         lambda f: build_arm_space(read_moveit_scene(scene({}, name="box")), arm(f)),
-        "rename the object",
+        "planning scene has the object 'fore'; the arm has a frame of that name; rename the object",
     ),
     (
         lambda f: read_moveit_request(request(ELBOW)).make_goals(arm(f, joints=["shoulder"])),
         lambda f: read_moveit_request(request(ELBOW)).make_goals(
             arm(f, joints=["shoulder", "elbow"])
         ),
-        "pass other joints= to Arm.from_urdf",
+        "motion plan request: goal_constraints[0] has elbow at 1; the arm holds it at 0; pass other joints= to Arm.from_urdf",
     ),
     (
         lambda f: read_moveit_request({"goal_constraints": []}),
@@ -568,6 +566,13 @@ def rigid():
     pose = pose_at(0, 1.5)
     pose[:3, :3] = Rotation.from_euler("xyz", (0, 0, 0)).as_matrix()
     return pose
+
+
+def touching(folder):
+    """Build the space of an arm whose fore arm may touch the box."""
+    made = space(folder, near=NEAR)
+    made.allow_collisions([("fore", "box")])
+    return made
 
 
 def wound(folder):

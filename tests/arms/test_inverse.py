@@ -5,13 +5,13 @@ import pickle
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from cspace import Arm, ConfigurationError, InputError, PoseGoal
 from tests.helpers.refusals import refusals
-from tests.helpers.strategies import seeds
+from tests.helpers.strategies import examples, seeds
 from tests.helpers.urdfs import (
     joint,
     link,
@@ -28,7 +28,7 @@ BOX = ((0.05, 0.05, 0.05), (0, 0, 0))
 TOLERANCE = (1e-3, 1e-2)
 
 
-@settings(max_examples=25)
+@examples(25)
 @given(seed=seeds, count=st.integers(1, 8))
 def test_solutions_reach_the_pose_within_tolerance_and_limits(tmp_path_factory, seed, count):
     """A pose is reached from its own configuration, and hold a joint that does not move."""

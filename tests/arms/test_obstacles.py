@@ -5,16 +5,17 @@ from collections import Counter
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from cspace import BLOCKED, FREE, MIXED, Grid, Robot, Workspace
 from cspace._shapes import Mesh, Voxels
 from cspace.arms import Arm, PosedShape, build_arm_space
-from cspace.errors import ConfigurationError, InputError
+from cspace.errors import ConfigurationError, InputError, UnitWarning
+from tests.helpers.arm_oracle import ArmOracle, sample_configurations
 from tests.helpers.refusals import refusals
-from tests.helpers.solids import ArmOracle, ball, box, sample_configurations
-from tests.helpers.strategies import seeds
+from tests.helpers.solids import ball, box
+from tests.helpers.strategies import examples, seeds
 from tests.helpers.urdfs import joint, link, planar, pose_at, posed_box, random_arm, write_urdf
 
 H = 0.2
@@ -30,7 +31,7 @@ def make_cell_boxes(cells, pose):
 
 @pytest.mark.parametrize("kind", ["grid", "rotated cells", "moved arm", "cloud", "points"])
 @given(seed=seeds)
-@settings(max_examples=6)
+@examples(6)
 def test_workspaces_and_clouds_agree_with_fcl(tmp_path_factory, kind, seed):
     """FREE is compared with outer cells, BLOCKED with inner cells, points with themselves."""
     rng = np.random.default_rng(seed)
@@ -121,6 +122,18 @@ def arm(tmp_path_factory):
     return Arm.from_urdf(planar(tmp_path_factory.mktemp("arm")))
 
 
+def test_obstacles_in_millimetres_are_warned_of(arm):
+    table = Robot.box((500.0, 500.0, 20.0), center=(800.0, 0.0, 0.0))
+    with pytest.warns(UnitWarning, match="'table' is .* m away from the base.*scale it by 0.001"):
+        space = build_arm_space({"table": table}, arm)
+    with pytest.warns(UnitWarning, match="'post' is"):
+        space.add_obstacle("post", table)
+    pose = np.eye(4)
+    pose[0, 3] = 800.0
+    with pytest.warns(UnitWarning, match="'box' is"):
+        build_arm_space({"box": Robot.box((1.0, 1.0, 0.1))}, arm, base_pose=pose)
+
+
 def test_unknown_cells_are_obstacles_that_prove_no_collision(arm):
     cells, unknown = np.zeros((2, 20, 20, 20), dtype=bool)
     cells[13:15] = True
@@ -174,7 +187,7 @@ def test_obstacles_and_tools_must_be_solids(arm, call, message):
         call(arm)
 
 
-@settings(max_examples=25)
+@examples(25)
 @given(angles=st.tuples(*[st.floats(-3, 3)] * 3), at=st.tuples(*[st.floats(-5, 5)] * 3), seed=seeds)
 def test_surfaces_of_posed_soups_stay_closed_to_the_last_bit(angles, at, seed):
     """Each triangle has corners of its own, as in STL files; an open body and a cavity are added."""
@@ -191,3 +204,40 @@ def test_surfaces_of_posed_soups_stay_closed_to_the_last_bit(angles, at, seed):
             edges[*first, *last] += winding
             edges[*last, *first] -= winding
     assert not any(edges.values())
+
+
+@pytest.mark.parametrize("turn", [0.0, 1.1])
+def test_obstacles_and_what_else_a_space_hands_out_goes_in_again(tmp_path, turn):
+    base_pose = pose_at(5.0, 0.5, 0.2, (0.0, 0.3 * turn, turn))
+    arm = Arm.from_urdf(planar(tmp_path))
+    cells = np.zeros((4, 4, 4), dtype=bool)
+    cells[1, 2] = True
+    corner = (base_pose @ (0.5, 1.0, -0.2, 1.0))[:3]
+    space = build_arm_space(
+        {"cells": Workspace.from_array(cells, H, corner)},
+        arm,
+        base_pose=base_pose,
+        margin=0.01,
+        padding={"cells": 0.02},
+        allowed_collisions=[("upper", "fore")],
+    )
+    space.add_obstacle("box", Robot.box((0.3, 0.2, 0.4)), base_pose @ pose_at(1.2, -0.8))
+    again = build_arm_space(
+        space.obstacles,
+        space.arm,
+        base_pose=base_pose,
+        margin=space.margin,
+        padding=space.padding,
+        allowed_collisions=space.allowed_collisions,
+    )
+    q = np.random.default_rng(3).uniform(-3.0, 3.0, (2000, 2))
+    states = space.classify(q)
+    assert set(states.tolist()) >= {FREE, BLOCKED}
+    np.testing.assert_array_equal(again.classify(q), states)
+    for name, placed in again.obstacles.items():
+        again.add_obstacle(name, placed)
+    np.testing.assert_array_equal(again.classify(q), states)
+    # The pose that the arm hands out is that of the box it carries.
+    again.attach("box", link="fore", q=(0.0, 0.0))
+    again.detach("box", (0.0, 0.0))
+    np.testing.assert_allclose(again.obstacles["box"].pose, space.obstacles["box"].pose, atol=1e-12)

@@ -39,13 +39,17 @@ def test_penetration_is_the_sum_over_pairs_and_its_gradient_that_of_differences(
         lower, _ = penetration.value_and_gradient(q - step)
         tolerance = 1e-6 * np.abs(gradient).max()
         np.testing.assert_allclose(gradient[..., n], (higher - lower) / 2e-5, atol=tolerance)
+    apart, no_slopes = ArmPenetration(
+        arm, dict.fromkeys(CARRIERS, BALLS), (FIXED[0] + 5.0, FIXED[1])
+    ).value_and_gradient(q)
+    assert not apart.any() and not no_slopes.any()
     single, slopes = penetration.value_and_gradient(q[0, 0])
     assert single.shape == () and slopes == pytest.approx(gradient[0, 0])
 
 
 @refusals(
     "links, obstacles, message",
-    ({}, FIXED, "links is empty"),
+    ({}, FIXED, r"links is empty; there must be one; pass e\.g\. \{'hand': balls\}"),
     ({"knee": BALLS}, FIXED, "knee"),
     ({"l3": BALLS}, ([[0.0, 0.0]], 0.2), "obstacles has 2 dimensions"),
 )

@@ -6,7 +6,7 @@ from itertools import product
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -20,7 +20,7 @@ from cspace._bodies.triangle_proofs import (
 from cspace._shapes import RoundedSimplices
 from cspace._support.compiling import kernel
 from tests.helpers.oracles import cross, dot, minus
-from tests.helpers.strategies import seeds
+from tests.helpers.strategies import examples, seeds
 
 HERE = (0.0, 0.0, 0.0)
 STILL = np.eye(3)
@@ -180,7 +180,7 @@ class Pair:
 # ---- triangles -----------------------------------------------------------------------------------
 
 
-@settings(max_examples=200)
+@examples(200)
 @given(triangle_pairs())
 def test_distances_are_never_too_large_and_at_most_slightly_too_small(pair):
     square = squared_triangle_distance(*pair)
@@ -194,7 +194,7 @@ def test_distances_are_never_too_large_and_at_most_slightly_too_small(pair):
     assert square > 0 or distance <= ERROR * size
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(triangle_pairs(), seeds, st.sampled_from([0.0, 0.2]))
 def test_distances_include_pose_and_radius(pair, seed, radius):
     first, second = pair
@@ -209,7 +209,7 @@ def test_distances_include_pose_and_radius(pair, seed, radius):
     assert distance <= max(true, 0.0) + allowed and (distance > true - 1e-6 or true < 1e-6)
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(triangle_pairs(), seeds)
 def test_free_fractions_hold_along_the_motion(pair, seed):
     first, second = pair
@@ -261,7 +261,7 @@ def cross_pairs(pairs, required, displacement, out):
         out[n] = crosses(one, two, required, displacement)
 
 
-@settings(max_examples=150)
+@examples(150)
 @given(triangle_pairs(), seeds, st.sampled_from([1e-12, 1e-3]))
 def test_crosses_is_right_for_any_rounding(pair, seed, required):
     """Move the corners about as far as the rounding may be, then by less."""
@@ -277,7 +277,7 @@ def test_crosses_is_right_for_any_rounding(pair, seed, required):
 
 
 @given(seed=seeds, displacement=st.floats(1e-3, 0.5), flat=st.booleans())
-@settings(max_examples=15)
+@examples(15)
 def test_displaced_triangles_still_cross(seed, displacement, flat):
     """Move one of two triangles, also flat ones, by the largest displacements, in directions that
     separate them."""

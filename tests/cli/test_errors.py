@@ -113,7 +113,7 @@ def test_folders_without_permission_are_refused(room, monkeypatch, command):
 
 
 @pytest.mark.parametrize(
-    ("error", "code", "message"),
+    "error, code, message",
     [
         (KeyboardInterrupt(), 130, "cspace: interrupted\n"),
         (MemoryError("cannot allocate"), 2, "cspace: out of memory: cannot allocate"),

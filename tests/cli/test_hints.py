@@ -20,7 +20,7 @@ TURNS = "--max-angular-velocity 1 --max-angular-acceleration 1"
 
 
 @pytest.mark.parametrize(
-    ("command", "hint", "followed"),
+    "command, hint, followed",
     [
         (
             f"{MAP} --rotations 0",
@@ -109,7 +109,7 @@ def files(room):
 
 
 @pytest.mark.parametrize(
-    ("command", "hint", "followed"),
+    "command, hint, followed",
     [
         (
             "map small.glb --robot ball:0.01 --spacing 0.02",

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from cspace._cli.options import parse_angle, parse_box, parse_configuration
 from cspace._cli.report import format_error, show
 from cspace.errors import CspaceError, FileError, InputError
-from tests.helpers.commands import COMMANDS, flatten, run
+from tests.helpers.commands import commands, flatten, run
 from tests.helpers.refusals import refusals
 
 AXES = ("x", "y", "yaw")
@@ -58,7 +58,7 @@ def test_other_boxes_are_refused(text):
 
 
 @pytest.mark.parametrize(
-    ("error", "message"),
+    "error, message",
     [
         (
             InputError("spacing", "is -1", "it must be above zero", "pass it in metres"),
@@ -76,7 +76,7 @@ def test_errors_name_options_instead_of_arguments(error, message):
 
 def test_the_list_of_commands_cuts_no_sentence():
     printed = flatten(run("--help").stdout)
-    for name, command in COMMANDS.items():
+    for name, command in commands().items():
         assert f"{name} {flatten(command.help).partition('. ')[0]}" in printed
 
 

@@ -2,6 +2,7 @@
 //
 //   answers query MAP QUERIES ANSWERS [unchecked]   rows of two configurations: states of the first, motions, clearances
 //   answers prefix MAP ROWS N TRACKING...           proven rows of chunks of N rows, a line a chunk
+//   answers slow MAP ROWS DT V OMEGA TRACKING...    shares, proofs and commands of slowed twists, a line each
 //   answers open MAP...                             one line a map: "opened", or the text of the error
 //   answers time MAP QUERIES                        nanoseconds of CPU time a state at random, a state in cache, and a motion
 #include <ctime>
@@ -65,6 +66,25 @@ void count_proven(const cspace::Map& map, const std::vector<double>& rows, std::
   }
 }
 
+/// Print what a gate lets through of each of the rows x, y, yaw, v, omega, v now, omega now.
+void slow_down(const cspace::Map& map, const std::vector<double>& rows, const std::vector<std::string>& numbers) {
+  const double dt = std::stod(numbers[0]), v = std::stod(numbers[1]), omega = std::stod(numbers[2]);
+  const std::vector<double> tracking = {std::stod(numbers[3]), std::stod(numbers[4]), std::stod(numbers[5])};
+  std::cout.precision(17);
+  for (std::size_t k = 0; k + 7 <= rows.size(); k += 7) {
+    try {
+      const double* row = &rows[k];
+      const cspace::SlowedCommand slowed =
+          map.slow_down(row, {row[3], row[4]}, {row[5], row[6]}, dt, {v, omega}, tracking);
+      std::cout << slowed.share << " " << slowed.is_proven;
+      for (const cspace::Twist& twist : slowed.commands) std::cout << " " << twist.v << " " << twist.omega;
+      std::cout << "\n";
+    } catch (const cspace::InputError& error) {
+      std::cout << error.what() << "\n";
+    }
+  }
+}
+
 /// Open a map with and without its digest, and query it around its grid.
 std::string open(const std::string& path) {
   std::string text;
@@ -119,6 +139,8 @@ int main(int count, char** arguments) {
   else if (words.size() >= 4 && words[0] == "prefix")
     count_proven(cspace::Map::open(words[1]), read_numbers(words[2]), std::stoul(words[3]),
                  {words.begin() + 4, words.end()});
+  else if (words.size() == 9 && words[0] == "slow")
+    slow_down(cspace::Map::open(words[1]), read_numbers(words[2]), {words.begin() + 3, words.end()});
   else if (words.size() == 3 && words[0] == "time")
     time(cspace::Map::open(words[1]), read_numbers(words[2]));
   else if (words.size() >= 2 && words[0] == "open")

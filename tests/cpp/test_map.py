@@ -2,8 +2,6 @@
 
 import json
 import shutil
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,6 +18,7 @@ from tests.helpers.cpp import (
     count_prefixes,
     draw_queries,
     open_in_cpp,
+    slow_in_cpp,
     why_no_compiler,
 )
 from tests.helpers.refusals import refusals
@@ -32,20 +31,18 @@ N = 2000
 
 
 @pytest.fixture(scope="module")
-def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def program(tmp_path_factory):
     return build_program(tmp_path_factory.mktemp("program") / "answers", "-O0")
 
 
-def saved(folder: Path, **options: bool) -> Path:
+def saved(folder, **options):
     build_space("SE2 shared", "free").save(folder / "map", **options)
     return folder / "map"
 
 
 @pytest.mark.parametrize("outside", ["blocked", "free"])
 @pytest.mark.parametrize("name", SPACES)
-def test_states_motions_and_clearances_equal_those_of_python(
-    tmp_path: Path, program: Path, name: str, outside: str
-) -> None:
+def test_states_motions_and_clearances_equal_those_of_python(tmp_path, program, name, outside):
     space = build_space(name, outside)
     space.save(tmp_path / "map", compress=outside == "free", clearance=True)
     queries = draw_queries(space, N, np.random.default_rng(1))
@@ -55,7 +52,7 @@ def test_states_motions_and_clearances_equal_those_of_python(
     assert found == {"states": 0, "motions": 0, "clearances": 0}
 
 
-def test_a_window_with_an_unknown_outside_answers_equally(tmp_path: Path, program: Path) -> None:
+def test_a_window_with_an_unknown_outside_answers_equally(tmp_path, program):
     build_tiles("SE2", "free", tmp_path / "tiles")
     tiles = cspace.open(tmp_path / "tiles")
     assert isinstance(tiles, cspace.TiledCSpace)
@@ -69,9 +66,7 @@ def test_a_window_with_an_unknown_outside_answers_equally(tmp_path: Path, progra
 
 @pytest.mark.parametrize("outside", ["blocked", "free"])
 @pytest.mark.parametrize("name", ["R2", "SE2 shared", "R3 yaw"])
-def test_tiled_maps_answer_as_the_map_in_memory(
-    tmp_path: Path, program: Path, name: str, outside: str
-) -> None:
+def test_tiled_maps_answer_as_the_map_in_memory(tmp_path, program, name, outside):
     space = build_tiles(name, outside, tmp_path / "tiles")
     queries = draw_queries(space, N, np.random.default_rng(3))
     found = count_differences(space, program, tmp_path / "tiles", queries)
@@ -79,9 +74,7 @@ def test_tiled_maps_answer_as_the_map_in_memory(
 
 
 @pytest.mark.parametrize("name", ["flat", "solid"])
-def test_frozen_maps_give_the_answers_of_their_day(
-    program: Path, tmp_path: Path, name: str
-) -> None:
+def test_frozen_maps_give_the_answers_of_their_day(program, tmp_path, name):
     answers = json.loads((FROZEN / "answers.json").read_text(encoding="utf-8"))[name]
     shutil.copytree(FROZEN / name, tmp_path / name)
     states, motions, _ = answers_of(program, tmp_path / name, np.array(answers["queries"]))
@@ -90,9 +83,7 @@ def test_frozen_maps_give_the_answers_of_their_day(
 
 
 @pytest.mark.parametrize("name", ["R2", "SE2 uneven", "SE2 one cell", "R3", "R3 yaw", "SE3"])
-def test_proven_prefixes_of_chunks_equal_those_of_python(
-    tmp_path: Path, program: Path, name: str
-) -> None:
+def test_proven_prefixes_of_chunks_equal_those_of_python(tmp_path, program, name):
     outside = "free" if "R3" in name else "blocked"
     space = build_space(name, outside)
     space.save(tmp_path / "map")
@@ -113,7 +104,65 @@ def test_proven_prefixes_of_chunks_equal_those_of_python(
         assert size > 1.0 or 0 < expected.sum() < 5 * len(queries)
 
 
-def test_wrong_tracking_is_refused(tmp_path: Path, program: Path) -> None:
+@pytest.mark.parametrize("name", ["R2", "SE2 uneven", "R3 yaw"])
+def test_any_error_is_an_answer_at_once(tmp_path, program, name):
+    space = build_space(name, "free")
+    space.save(tmp_path / "map")
+    rows = space.sample_free(3 * N, np.random.default_rng(1)).reshape(-1, 3, space.size)
+    turns = bool(space.rotations.names)
+    for far in (1e6, 1e300, np.inf):
+        found = count_prefixes(program, tmp_path / "map", rows, (0.0,) * space.dim + (far,) * turns)
+        half_a_turn = (0.0,) * space.dim + (np.pi,) * turns
+        expected = space.certify_chunk(rows[:, 0], rows[:, 1:], half_a_turn).proven
+        assert list(map(int, found)) == expected.tolist()
+        found = count_prefixes(program, tmp_path / "map", rows, (far,) * (space.dim + turns))
+        assert set(found) == {"0"}
+
+
+@pytest.mark.parametrize("tracking", [(0.0, 0.0, 0.0), (0.05, 0.02, 0.1)])
+def test_slowed_twists_equal_those_of_python(tmp_path, program, tracking):
+    space = build_space("SE2 uneven", "blocked")
+    space.save(tmp_path / "map")
+    rng = np.random.default_rng(6)
+    poses = space.sample_free(400, rng)
+    rows = np.hstack([poses, rng.normal(0.0, (0.6, 1.5, 0.4, 1.0), (400, 4))])
+    rows[::3, 5:] = 0.0
+    dt, brakes = 0.1, (1.0, 3.0)
+    gate = cspace.Gate(space, dt=dt, tracking=tracking, max_deceleration=brakes)
+    answers = slow_in_cpp(program, tmp_path / "map", rows, dt, *brakes, *tracking)
+    shares = set()
+    for row, answer in zip(rows, answers, strict=True):
+        share, is_proven, *numbers = map(float, answer.split())
+        expected = gate.slow_down(row[:3], row[3:5], twist_now=row[5:])
+        # Python cuts the arcs of all shares into equally many pieces, so it may prove one more or less.
+        assert abs(share - expected.share) <= 1.0 / 16.0 or not share * expected.share
+        if (share, is_proven) == (expected.share, expected.chunk.is_proven):
+            commands = np.reshape(numbers, (-1, 2))
+            np.testing.assert_allclose(commands, expected.commands, rtol=1e-12, atol=1e-12)
+            shares.add(share)
+    assert len(shares) > 4
+    same = [
+        float(answer.split()[0]) == gate.slow_down(row[:3], row[3:5], twist_now=row[5:]).share
+        for row, answer in zip(rows, answers, strict=True)
+    ]
+    assert np.mean(same) > 0.95
+
+
+def test_wrong_twists_are_refused(tmp_path, program):
+    space = build_space("SE2 uneven", "blocked")
+    space.save(tmp_path / "map")
+    row = np.append(space.sample_free(rng=np.random.default_rng(0)), (0.5, 0.1, 0.0, 0.0))
+    broken = row.copy()
+    broken[3] = np.nan
+    good = (0.1, 1.0, 1.0, 0.0, 0.0, 0.0)
+    for rows, numbers in ((broken, good), (row, (0.0, *good[1:])), (row, (0.1, -1.0, *good[2:]))):
+        (answer,) = slow_in_cpp(program, tmp_path / "map", rows, *numbers)
+        assert "finite twists, and dt and brakes above zero" in answer
+    (answer,) = slow_in_cpp(program, tmp_path / "map", row, *good[:3], -0.1, 0.0, 0.0)
+    assert "zero or above" in answer
+
+
+def test_wrong_tracking_is_refused(tmp_path, program):
     space = build_space("SE3", "free")
     space.save(tmp_path / "map")
     rows = draw_queries(space, 1, np.random.default_rng(0)).reshape(1, 2, 7)
@@ -128,14 +177,14 @@ def test_wrong_tracking_is_refused(tmp_path: Path, program: Path) -> None:
 # ---- files that are no map -----------------------------------------------------------------------
 
 
-def test_damaged_files_are_refused(tmp_path: Path, program: Path) -> None:
+def test_damaged_files_are_refused(tmp_path, program):
     build_space("SE2 shared", "free").save(tmp_path / "map", clearance=True)
     maps = write_damaged(tmp_path / "map", tmp_path / "damaged", 40, np.random.default_rng(5))
     for path, answer in zip(maps, open_in_cpp(program, *maps), strict=True):
         assert answer.startswith(str(path)), answer
 
 
-def test_arrays_of_later_releases_are_skipped_and_digested(tmp_path: Path, program: Path) -> None:
+def test_arrays_of_later_releases_are_skipped_and_digested(tmp_path, program):
     path = saved(tmp_path)
     shutil.copytree(path / "slice_of", path / "added_later")
     names = json.loads((path / "zarr.json").read_bytes())["attributes"]["arrays"]
@@ -168,16 +217,14 @@ def test_arrays_of_later_releases_are_skipped_and_digested(tmp_path: Path, progr
     ({"compressed": False}, "another shape, type, chunks or codec"),
     ({"lower": "[" * 9999}, "instead of numbers"),
 )
-def test_forged_attributes_are_refused_despite_a_valid_digest(
-    tmp_path: Path, program: Path, changes: dict[str, Any], message: str
-) -> None:
+def test_forged_attributes_are_refused_despite_a_valid_digest(tmp_path, program, changes, message):
     path = saved(tmp_path)
     reseal(path, **changes)
     answer = open_in_cpp(program, path)[0]
     assert answer.startswith(str(path)) and message in answer, answer
 
 
-def test_incomplete_tiled_maps_are_refused(tmp_path: Path, program: Path) -> None:
+def test_incomplete_tiled_maps_are_refused(tmp_path, program):
     build_tiles("R2", "blocked", tmp_path / "tiles")
     shutil.rmtree(tmp_path / "tiles" / "0.1")
     assert "0.1/zarr.json" in open_in_cpp(program, tmp_path / "tiles")[0]
@@ -188,7 +235,7 @@ def test_incomplete_tiled_maps_are_refused(tmp_path: Path, program: Path) -> Non
     assert "not complete" in open_in_cpp(program, tmp_path / "tiles")[0]
 
 
-def test_tiles_of_another_map_or_size_are_refused(tmp_path: Path, program: Path) -> None:
+def test_tiles_of_another_map_or_size_are_refused(tmp_path, program):
     build_tiles("R2", "blocked", tmp_path / "tiles")
     tile, border_tile = tmp_path / "tiles" / "0.1", tmp_path / "tiles" / "3.2"
     stamp = json.loads((tile / "zarr.json").read_bytes())["attributes"]["stamp"]

@@ -9,11 +9,9 @@ import json
 import re
 import runpy
 import shlex
-from collections.abc import Callable
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -23,7 +21,7 @@ from PIL import Image
 from cspace._cli.demo import write_inputs
 from cspace.plot import animate
 from cspace.plot._picture import save_figure
-from planners import Plan, plan
+from planners import plan
 from tests.helpers.commands import run
 from tests.helpers.repository import ROOT, SOURCES
 
@@ -38,7 +36,7 @@ MODULES_WITH_EXAMPLES = [
 ]
 
 
-def write_files(folder: Path) -> None:
+def write_files(folder):
     """Write the inputs of pages."""
     (folder / "cspace-demo").mkdir()
     write_inputs(folder / "cspace-demo")
@@ -61,7 +59,7 @@ def write_files(folder: Path) -> None:
     zarr.create_array(folder / "occupied.zarr", data=field, config={"write_empty_chunks": True})
 
 
-def write_lanes(file: Path) -> None:
+def write_lanes(file):
     """Write a Nav2 route graph of one edge."""
     ends = [[-3.0, -2.0], [-1.0, -2.0]]
     shapes = [("Point", ends[0]), ("Point", ends[1]), ("MultiLineString", [ends])]
@@ -77,9 +75,7 @@ def write_lanes(file: Path) -> None:
 
 
 @pytest.mark.parametrize("page", PAGES_WITH_CODE)
-def test_the_code_of_a_page_runs(
-    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_code_of_a_page_runs(page, tmp_path, monkeypatch):
     """Run the blocks of a page in one namespace and one folder, empty for cli.md.
 
     For speed, pictures are small and without layout, animations are short, and anytime planners
@@ -94,7 +90,7 @@ def test_the_code_of_a_page_runs(
     )
     if page != "docs/reference/cli.md":
         write_files(tmp_path)
-    names: dict[str, object] = {"__name__": "page"}
+    names = {"__name__": "page"}
     for kind, text in PAGES[page]:
         if kind == "python":
             exec(compile(text, page, "exec"), names)
@@ -104,8 +100,8 @@ def test_the_code_of_a_page_runs(
                 call(command, monkeypatch)
 
 
-def save_small(draw: Callable[[], Any], file: str, overwrite: bool, dpi: float) -> Path:
-    def draw_without_layout() -> Any:
+def save_small(draw, file, overwrite, dpi):
+    def draw_without_layout():
         figure = draw()
         figure.set_layout_engine(None)  # otherwise it is draw_without_layout twice
         return figure
@@ -113,11 +109,11 @@ def save_small(draw: Callable[[], Any], file: str, overwrite: bool, dpi: float) 
     return save_figure(draw_without_layout, file, overwrite, dpi=30.0)
 
 
-def plan_briefly(*arguments: Any, **options: Any) -> Plan:
+def plan_briefly(*arguments, **options):
     return plan(*arguments, **({"time_limit": 0.1} if "objective" in options else {}) | options)
 
 
-def call(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def call(command, monkeypatch):
     program, *arguments = shlex.split(command)
     if program == "cd":
         monkeypatch.chdir(*arguments)
@@ -131,7 +127,7 @@ def call(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("page", PAGES)
-def test_files_that_a_page_names_exist(page: str) -> None:
+def test_files_that_a_page_names_exist(page):
     text = re.sub(
         r"^```.*?^```",
         "",
@@ -149,14 +145,14 @@ def test_files_that_a_page_names_exist(page: str) -> None:
 
 
 @pytest.mark.parametrize("page", PAGES)
-def test_tests_that_a_page_selects_exist(page: str) -> None:
+def test_tests_that_a_page_selects_exist(page):
     text = (ROOT / page).read_text(encoding="utf-8")
     for file, word in re.findall(r"(tests/[\w/]+\.py) -k (\w+)", text):
         tests = re.findall(r"^def (test_\w+)", (ROOT / file).read_text("utf-8"), re.MULTILINE)
         assert any(word in name for name in tests), f"-k {word} selects no test of {file}"
 
 
-def test_the_architecture_page_lists_every_package() -> None:
+def test_the_architecture_page_lists_every_package():
     page = (ROOT / "docs" / "explanation" / "architecture.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| (`.*?) \|", page, re.MULTILINE)
     listed = {name.strip("/") for row in rows for name in row.split("`")[1::2]}
@@ -165,7 +161,7 @@ def test_the_architecture_page_lists_every_package() -> None:
     assert listed == packages | {"cspace"}
 
 
-def test_the_pictures_of_concepts_can_be_drawn(tmp_path: Path) -> None:
+def test_the_pictures_of_concepts_can_be_drawn(tmp_path):
     names = runpy.run_path(str(ROOT / "docs" / "pictures" / "draw.py"))
     names["draw_all"](tmp_path)
     assert {file.name for file in tmp_path.iterdir()} == {
@@ -174,9 +170,7 @@ def test_the_pictures_of_concepts_can_be_drawn(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("module", MODULES_WITH_EXAMPLES)
-def test_the_examples_of_docstrings_run(
-    module: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_examples_of_docstrings_run(module, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     failed, tried = doctest.testmod(import_module(module))
     assert tried

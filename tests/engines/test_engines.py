@@ -5,14 +5,14 @@ from unittest.mock import patch
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from cspace._engines import ENGINES, choose_engine
 from cspace._raster import Raster
 from tests.helpers.oracles import collide, overlaps_by_shifts
-from tests.helpers.strategies import seeds
+from tests.helpers.strategies import examples, seeds
 
 both = pytest.mark.parametrize("engine", list(ENGINES.values()), ids=list(ENGINES))
 
@@ -34,7 +34,7 @@ def problems(draw, dim=None, side=9, across=7):
 
 
 @both
-@settings(max_examples=60)
+@examples(60)
 @given(problem=problems())
 @example(
     problem=(np.ones((4, 4), bool), Raster.from_bitmap(np.ones((20, 20), bool), (-9, -9)), True)
@@ -50,7 +50,7 @@ def test_engines_count_what_the_sum_counts(engine, problem):
         assert (counts == expected).all()
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(seeds, st.integers(2, 3))
 def test_engines_agree_with_each_other(seed, dim):
     """Cross words and tiles, by many rasters and threads."""

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 
 from cspace._engines import fft
 from cspace._engines.fft import choose_tiling, clip_raster
 from cspace._raster import Raster
 from tests.helpers.oracles import collide, overlaps_by_shifts
-from tests.helpers.strategies import seeds
+from tests.helpers.strategies import examples, seeds
 
 
 def box_sums(occupied, raster, outside):
@@ -24,8 +24,8 @@ def box_sums(occupied, raster, outside):
     return sums
 
 
-@pytest.mark.parametrize(("sides", "precision"), [((70, 95), "float32"), ((250, 700), "float64")])
-@settings(max_examples=6)
+@pytest.mark.parametrize("sides, precision", [((70, 95), "float32"), ((250, 700), "float64")])
+@examples(6)
 @given(seed=seeds)
 def test_large_counts_are_exact(seed, sides, precision):
     """Draw counts near the limit of float32, and counts far above it."""

@@ -24,7 +24,7 @@ ROBOTS = {
 
 
 @pytest.mark.parametrize(
-    ("name", "rotations"),
+    "name, rotations",
     [
         *((name, Rotations.of(count)) for count in (8, 12) for name in ROBOTS),
         *((name, Rotations.quaternions(2)) for name in ("box", "box beside its axis", "cells")),
@@ -47,7 +47,7 @@ def test_rasters_hold_at_every_rotation_of_their_slice(name, rotations):
 
 
 @pytest.mark.parametrize(
-    ("robot", "rotations", "slices"),
+    "robot, rotations, slices",
     [
         (Robot.box((0.33, 0.21, 0.13)), Rotations.quaternions(2), 8),
         (Robot.rectangle(0.7, 0.3), 8, 4),

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import cspace
 from cspace import Workspace
 from cspace._exact.boundaries import clip_to_grid, obstacle_boundary
 from cspace._shapes import RoundedSimplices
-from tests.helpers.strategies import seeds, stars
+from tests.helpers.strategies import examples, seeds, stars
 
 
 def to_pieces(simplices):
@@ -23,7 +23,7 @@ def compute_areas(triangles):
     )
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(seeds)
 def test_clip_keeps_the_part_in_the_box(seed):
     rng = np.random.default_rng(seed)
@@ -40,7 +40,7 @@ def test_clip_keeps_the_part_in_the_box(seed):
         assert compute_areas(part).sum() == pytest.approx(inside * whole, abs=0.03 * whole)
 
 
-@settings(max_examples=80)
+@examples(80)
 @given(st.lists(stars(2.0), min_size=1, max_size=3), seeds, st.booleans())
 def test_boundary_of_a_clipped_polygon_agrees_with_shapely(corners, seed, rounded):
     """Include caps, and corners on the boundary of the grid."""

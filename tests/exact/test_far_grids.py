@@ -2,13 +2,13 @@
 
 import numpy as np
 import shapely
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import cspace
 from cspace import MIXED, Robot, Workspace
 from cspace._grid import MAX_COORDINATE
-from tests.helpers.strategies import seeds
+from tests.helpers.strategies import examples, seeds
 
 CELLS = 48
 CORNERS = [(1, 1), (-1, 1), (-1, -1)]
@@ -21,7 +21,7 @@ def find_farthest_lower(signs, spacing):
     return np.where(np.array(signs) > 0, last, -last - CELLS) * spacing
 
 
-@settings(max_examples=15)
+@examples(15)
 @given(seeds, st.sampled_from(CORNERS), st.sampled_from([0.0625, 0.05]))
 def test_points_and_edges_agree_with_shapely_near_the_origin(seed, signs, spacing):
     """Differences of near coordinates are exact, so shapely's are as exact as near the origin."""

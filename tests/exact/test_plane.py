@@ -20,7 +20,7 @@ def make_corridor(share):
     return Workspace.from_polygons(blocks, SIDE / 5, (0, 0, 6, 4))
 
 
-@pytest.mark.parametrize(("turns", "yaw"), [(None, 0.0), (36, math.pi), (72, -4.0 * math.pi)])
+@pytest.mark.parametrize("turns, yaw", [(None, 0.0), (36, math.pi), (72, -4.0 * math.pi)])
 def test_only_exact_queries_pass_a_barely_wider_corridor(turns, yaw):
     robot = Robot.rectangle(0.9, SIDE)
     wide = cspace.build(make_corridor(1.02), robot, rotations=turns)

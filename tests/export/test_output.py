@@ -77,7 +77,7 @@ def test_an_existing_target_is_refused_before_and_after_the_work(tmp_path):
     assert list_names(tmp_path) == ["out"]
 
 
-@pytest.mark.parametrize(("failing", "remaining"), [(1, "old"), (2, "old"), (3, "old"), (4, "new")])
+@pytest.mark.parametrize("failing, remaining", [(1, "old"), (2, "old"), (3, "old"), (4, "new")])
 @pytest.mark.parametrize("stop", [OSError("no"), KeyboardInterrupt()])
 def test_a_failed_rename_leaves_the_old_or_the_new_folder(
     tmp_path,
@@ -111,7 +111,7 @@ def test_a_failed_rename_leaves_the_old_or_the_new_folder(
 
 
 @pytest.mark.parametrize(
-    ("writer", "name", "message"),
+    "writer, name, message",
     [
         (write_folder, "home", "holds more than an earlier output"),
         (write_folder, "file", "not a folder"),

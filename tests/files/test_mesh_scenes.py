@@ -38,7 +38,7 @@ def add_part(header, add, mode, corners):
     header["meshes"][0]["primitives"].append(part)
 
 
-@pytest.mark.parametrize(("name", "glb"), [("box.glb", True), ("box.gltf", False)])
+@pytest.mark.parametrize("name, glb", [("box.glb", True), ("box.gltf", False)])
 def test_a_gltf_box_is_read(tmp_path, name, glb):
     check_boxes(read(tmp_path, name, write_gltf(glb=glb)))
 
@@ -127,17 +127,27 @@ POLYGONS = write_primitives("polygons", 6, *BOX_QUADS)
         QUADS,
         write_primitives("triangles", 6, BOX_MESH.faces[:6])
         + write_primitives("polygons", 6, *BOX_MESH.faces[6:]),
-        write_primitives("lines", 1, [0, 1]) + POLYGONS,
         QUADS.replace('"0"', '"2"')
         .replace('"1"', '"0"')
         .replace(" 0 ", " 0 0 ")
         .replace("<p>", "<p>0 0 ")
         .replace(" 0</p>", "</p>"),
     ],
-    ids=["polylist", "both", "lines", "vertex last"],
+    ids=["polylist", "both", "vertex last"],
 )
 def test_every_surface_of_collada_is_read(tmp_path, primitives):
     check_boxes(read(tmp_path, "box.dae", make_collada(primitives)))
+
+
+def test_lines_of_collada_are_triangles_without_area(tmp_path):
+    edges = write_primitives("lines", 2, [0, 6, 1, 7]) + write_primitives(
+        "linestrips", 1, [0, 1, 6]
+    )
+    mesh = read(tmp_path, "box.dae", make_collada(QUADS + edges))
+    assert mesh.faces[12:].tolist() == (mesh.faces[12:, [0, 2, 2]]).tolist()
+    ends = mesh.vertices[mesh.faces[12:, :2]]
+    expected = [(0, 6), (1, 7), (0, 1), (1, 6)]
+    np.testing.assert_allclose(ends - ends[0, 0], BOX_CORNERS[expected] - BOX_CORNERS[0])
 
 
 def test_positions_of_collada_may_stand_among_other_numbers(tmp_path):
@@ -214,7 +224,7 @@ def measure(mesh):
     return (upper - lower).round(6).tolist()
 
 
-@pytest.mark.parametrize(("form", "axis"), [("glb", "y"), ("Y_UP", "y"), ("X_UP", "x")])
+@pytest.mark.parametrize("form, axis", [("glb", "y"), ("Y_UP", "y"), ("X_UP", "x")])
 def test_a_file_whose_y_or_x_is_up_is_warned_of_and_turned_on_demand(tmp_path, form, axis):
     path = write_plate(tmp_path, form)
     with pytest.warns(
@@ -240,7 +250,7 @@ def test_a_file_whose_y_or_x_is_up_is_warned_of_and_turned_on_demand(tmp_path, f
     assert (x1 - x0, y1 - y0) == pytest.approx((1.2, 0.8), abs=1e-5)
 
 
-@pytest.mark.parametrize(("form", "axis"), [("glb", "y"), ("X_UP", "x")])
+@pytest.mark.parametrize("form, axis", [("glb", "y"), ("X_UP", "x")])
 def test_turning_follows_the_right_hand_rule_of_the_format(tmp_path, form, axis):
     """COLLADA: up, right and in are x, -y and z for X_UP, y, x and z for Y_UP, z, x and -y for Z_UP."""
     right, up, inward = {
@@ -252,11 +262,17 @@ def test_turning_follows_the_right_hand_rule_of_the_format(tmp_path, form, axis)
     assert made.vertices.tolist() == [[1, 0, 0], [0, 0, 1], [0, -1, 0], [0, 0, 0]]
 
 
-def test_axes_of_meshes_in_urdf_stay_as_in_ros_without_a_warning(tmp_path):
+def test_gltf_meshes_of_urdf_are_turned_upright_with_a_warning(tmp_path):
     write_plate(tmp_path, "glb")
     path = tmp_path / "robot.urdf"
     geometry = '<collision><geometry><mesh filename="plate.glb"/></geometry></collision>'
     path.write_text(f'<robot name="r"><link name="l">{geometry}</link></robot>')
+    with pytest.warns(UserWarning, match=r"y points up in the glTF file plate\.glb; it is turned"):
+        robot = Robot.from_urdf(path)
+    assert measure(robot.shape) == [1.2, 0.8, 0.3]
+    # Files of other formats keep their axes, whichever they call up.
+    write_plate(tmp_path, "Y_UP")
+    path.write_text(path.read_text().replace("plate.glb", "plate.dae"))
     assert measure(Robot.from_urdf(path).shape) == [1.2, 0.3, 0.8]
 
 
@@ -265,7 +281,16 @@ def test_a_z_up_file_is_read_without_a_warning(tmp_path):
 
 
 NOTES = {
-    "obj": [("# File units = millimeters\n", True), ("# units: mm\n", True), ("o inches\n", False)],
+    "obj": [
+        ("# File units = millimeters\n", True),
+        ("# units: mm\n", True),
+        ("o inches\n", False),
+        ("# Units: foot\n", True),
+        ("# kilometers\n", True),
+        ("# unit: m\n", False),
+        ("# units are metres\n", False),
+        ("# unit normals\n", False),
+    ],
     "ply": [("comment exported in inches\n", True), ("comment unit: metre\n", False)],
     "stl": [
         ("units=mm", True),
@@ -277,7 +302,7 @@ NOTES = {
 
 
 @pytest.mark.parametrize(
-    ("form", "note", "warns"), [(form, *row) for form, rows in NOTES.items() for row in rows]
+    "form, note, warns", [(form, *row) for form, rows in NOTES.items() for row in rows]
 )
 def test_a_comment_that_names_another_unit_is_warned_of(tmp_path, form, note, warns):
     path = tmp_path / f"box.{form}"

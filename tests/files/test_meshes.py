@@ -1,5 +1,6 @@
 """OBJ, STL and PLY meshes, read whole or refused."""
 
+import itertools
 import struct
 
 import numpy as np
@@ -8,6 +9,7 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
+import cspace
 from cspace import FileError, GeometryError, InputError
 from cspace._files.polygons import triangulate
 from tests.helpers.mesh_files import (
@@ -41,7 +43,7 @@ def test_negative_corners_of_obj_count_back(tmp_path, second):
         lambda text: text.replace("\n", "  \r\n").replace("v ", " V\t", 3),
         lambda text: text.replace("\n", "\r"),
         lambda text: text.replace("\n", " # path C:\\folder\\\n"),
-        lambda text: text.replace("\nf", "\ng part\\one\nusemtl a#b\nl 1 2 3\np 1\nf"),
+        lambda text: text.replace("\nf", "\ng part\\one\nusemtl a#b\nf"),
         lambda text: text.replace(".0\n", ".0 0.5 0.5 0.5\n"),
         lambda text: text.replace("f ", "vt 0 0\nf ").replace("1 ", "1/1 ").replace("2 ", "2//1 "),
     ],
@@ -49,6 +51,30 @@ def test_negative_corners_of_obj_count_back(tmp_path, second):
 )
 def test_obj_is_read_in_every_layout(tmp_path, write):
     check_boxes(read(tmp_path, "laid.obj", write(VERTICES + FACES)))
+
+
+LINES_OF_OBJ = ("l 9 10 11\n", "l 9 10\nl -2 -1\n", "l 9/1 10/1 11/1\n")
+
+
+@pytest.mark.parametrize("text", LINES_OF_OBJ)
+def test_lines_and_points_of_obj_are_obstacles(tmp_path, text):
+    corners = [(4.5, 1.1, 1.1), (6.6, 1.4, 1.4), (6.6, 2.9, 1.2)]
+    box = VERTICES + FACES
+    (tmp_path / "box.obj").write_text(box)
+    (tmp_path / "lines.obj").write_text(box + lines("v", corners) + text + "p 1\n")
+    bounds = (-1, -1, -1, 8, 6, 6)
+    plain, lined = (
+        cspace.Workspace.open(tmp_path / f"{name}.obj", spacing=0.25, bounds=bounds)
+        for name in ("box", "lines")
+    )
+    # All points on the lines lie in outer cells, and no inside appears or goes, except on them.
+    shares = np.linspace(0.0, 1.0, 500)[:, np.newaxis]
+    on_lines = np.concatenate(
+        [a + shares * np.subtract(b, a) for a, b in itertools.pairwise(corners)]
+    )
+    assert lined.outer[tuple(lined.grid.cell_of(on_lines).T)].all()
+    assert (lined.outer >= plain.outer).all() and 15 < (lined.outer ^ plain.outer).sum() < 120
+    np.testing.assert_array_equal(lined.inner, plain.inner)
 
 
 @refusals(
@@ -183,7 +209,7 @@ def make_ply(order, faces=BOX_QUADS, point="f4", corner="i4"):
 
 
 @pytest.mark.parametrize("order", ORDERS)
-@pytest.mark.parametrize(("point", "corner"), [("f4", "i4"), ("f8", "u4")])
+@pytest.mark.parametrize("point, corner", [("f4", "i4"), ("f8", "u4")])
 def test_faces_of_ply_are_read_in_every_order_of_bytes(tmp_path, order, point, corner):
     check_boxes(read(tmp_path, "box.ply", make_ply(order, BOX_MESH.faces, point, corner)))
     check_boxes(read(tmp_path, "box.ply", make_ply(order, BOX_QUADS, point, corner)))
@@ -212,10 +238,11 @@ def test_inconsistent_ply_files_are_refused(tmp_path, content, message):
     check_refused(tmp_path, "odd.ply", content, message)
 
 
-def test_strips_of_ply_are_refused_and_edges_skipped(tmp_path):
+def test_strips_and_edges_of_ply_are_refused(tmp_path):
     text = ASCII.decode()
     strips = "element tristrips 1\nproperty list int int vertex_indices\n" + ENDED
     content = text.replace(ENDED, strips) + "4 0 1 2 3\n"
     check_refused(tmp_path, "strips.ply", content, "elements tristrips", GeometryError)
     edges = "element edge 1\nproperty int vertex1\nproperty int vertex2\n" + ENDED
-    check_boxes(read(tmp_path, "edges.ply", text.replace(ENDED, edges) + "0 1\n"))
+    content = text.replace(ENDED, edges) + "0 1\n"
+    check_refused(tmp_path, "edges.ply", content, "has edges beside", GeometryError)

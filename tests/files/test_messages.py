@@ -1,21 +1,27 @@
 """ROS messages without ROS, and costs of Nav2."""
 
+import dataclasses
+import json
 import math
+import pickle
+import types
 from array import array
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
 import cspace
+import planners
 from cspace import BLOCKED, FREE, MIXED, InputError, Robot, Workspace
-from tests.helpers.handmade import fill_boxes
+from tests.helpers.handmade import build_empty, fill_boxes
 from tests.helpers.refusals import refusals
-from tests.helpers.strategies import seeds
+from tests.helpers.strategies import examples, seeds
 
 
 def make_message(values, resolution=0.05, origin=(0.0, 0.0), yaw=0.0):
@@ -180,7 +186,7 @@ def compute_costs(space, radius, scaling, turns):
     return costs
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(st.sampled_from([None, 5, 8]), st.sampled_from([0.2, 0.55, 1.0, 30.0]), seeds)
 def test_costs_are_those_of_the_best_rotation(rotations, radius, seed):
     rng = np.random.default_rng(seed)
@@ -226,14 +232,33 @@ def test_an_unset_quaternion_is_no_rotation():
 
 @refusals(
     "msg, options, message",
-    (SimpleNamespace(info=SimpleNamespace(width=2), data=[]), {}, r"msg has no info\.height"),
-    (change("info.width", 4), {}, r"msg\.data has shape \(6,\) .* width x height = 4 x 2"),
-    (change("info.origin.position.x", math.inf), {}, r"msg\.info\.origin\.position\[0\] is inf"),
+    (
+        SimpleNamespace(info=SimpleNamespace(width=2), data=[]),
+        {},
+        r"msg\.info has no height; .* besides width; add it",
+    ),
+    (change("info.width", 4), {}, r"msg has data of shape \(6,\) .* width x height = 4 x 2"),
+    (change("info.origin.position.x", math.inf), {}, r"msg\.info\.origin\.position has the x inf"),
     (
         change("info.origin.orientation.x", 1.0),
         {},
         r"orientation is \(1, 0, 0, 1\), which is tilted",
     ),
+    (
+        change("info.origin.orientation.z", 90.0),
+        {},
+        r"orientation is \(0, 0, 90, 1\), which is no unit quaternion; .*; set z to sin\(yaw / 2\)",
+    ),
+    (change("data", [0, 0, "..."]), {}, r"last of the data '\.\.\.'; .* echo --full-length"),
+    (change("data", [0.0] * 6), {}, "has data of shape .* float64; .* whole numbers"),
+    (change("data", "AAA*"), {}, r"msg\.data is 'AAA\*'"),
+    (change("info.resolution", math.nan), {}, r"msg\.info has the resolution nan"),
+    (change("info.resolution", "5 cm"), {}, r"resolution '5 cm'; .*; correct it$"),
+    (change("info.width", True), {}, "has the width True"),
+    (change("info.width", 2.5), {}, "has the width 2.5; it must be a whole number"),
+    ({}, {}, "msg has no info; it must have one, besides nothing; add it"),
+    ([0, 100], {}, r"msg is \[0, 100\]; it must hold fields and values, not a list; pass such a"),
+    (cspace.ros.Costmap(), {}, "msg has no info; .* besides header, metadata, data"),
     (make_message([[0]]), {"unknown": "maybe"}, "unknown is 'maybe'"),
 )
 def test_from_occupancy_grid_refuses_in_one_line(msg, options, message):
@@ -243,14 +268,12 @@ def test_from_occupancy_grid_refuses_in_one_line(msg, options, message):
 
 
 def build_ball_map():
-    workspace = Workspace.from_array(np.zeros((3, 3, 3), bool), 0.1)
-    return cspace.build(workspace, Robot.ball(0.05))
+    return build_empty((3, 3, 3), Robot.ball(0.05))
 
 
 @refusals(
     "call, message",
     (lambda car: car.to_costmap(make_message([[0]])), r"msg has no header\.frame_id; .*nav2_msgs"),
-    (lambda car: build_ball_map().to_costmap(), "the map is one in space; a costmap"),
 )
 def test_messages_refuse_unsuitable_maps_and_arguments(spaces, call, message):
     with pytest.raises(InputError, match=message):
@@ -283,9 +306,11 @@ def test_a_pose_becomes_a_configuration(spaces):
     q = cspace.ros.configuration_of(make_pose(yaw=-3.0), spaces["car"])
     np.testing.assert_allclose(q, (1.0, 2.5, -3.0))
     assert cspace.ros.configuration_of(make_pose(), spaces["disc"]) == (1.0, 2.5)
-    cells = Workspace.from_array(np.zeros((4, 4, 4), dtype=bool), 0.5)
-    turning = cspace.build(
-        cells, Robot.box((0.2, 0.2, 0.2)), rotations=cspace.Rotations.quaternions(1)
+    turning = build_empty(
+        (4, 4, 4),
+        Robot.box((0.2, 0.2, 0.2)),
+        spacing=0.5,
+        rotations=cspace.Rotations.quaternions(1),
     )
     tilted = make_pose(yaw=0.0, x=0.0, w=0.6)
     tilted.pose.orientation.x = 0.8
@@ -297,15 +322,15 @@ def test_a_pose_becomes_a_configuration(spaces):
     "pose, message",
     (
         make_pose(frame="odom"),
-        "it must be 'map', the frame of the map; transform the pose with tf2",
+        "it must be 'map', the frame of the map; transform it with tf2",
     ),
     (make_pose(x=math.nan), "msg.pose.position"),
     (make_pose(w=math.inf), "msg.pose.orientation"),
-    (make_pose(z=0.0, w=0.0), "its norm must be 1; set w to 1 for no rotation"),
+    (make_pose(z=0.0, w=0.0), r"its norm must be 1; set z to sin\(yaw / 2\) and w to cos"),
     (make_pose(x=1.0, z=0.0, w=0.8), "no unit quaternion"),
     (
         SimpleNamespace(),
-        "msg has no header.frame_id; it must have the fields of geometry_msgs/PoseStamped",
+        r"msg is namespace\(\); it must hold fields and values",
     ),
 )
 def test_poses_of_another_kind_are_refused(spaces, pose, message):
@@ -317,8 +342,24 @@ def test_a_tilted_pose_is_refused(spaces):
     tilted = make_pose(z=0.0, w=0.8)
     tilted.pose.orientation.x = 0.6
     for space in spaces.values():
-        with pytest.raises(InputError, match=r"which is tilted; .*; set x and y to 0"):
+        with pytest.raises(
+            InputError, match=r"which is tilted; .*; project it with tilt_tolerance=1\.288"
+        ):
             cspace.ros.configuration_of(tilted, space)
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.03, -0.049])
+def test_a_small_tilt_is_projected_if_asked_for(spaces, tilt):
+    yaw = 0.7
+    leaning = Rotation.from_euler("zx", (yaw, tilt))
+    pose = make_pose()
+    for name, value in zip("xyzw", leaning.as_quat().tolist(), strict=True):
+        setattr(pose.pose.orientation, name, value)
+    q = cspace.ros.configuration_of(pose, spaces["car"], tilt_tolerance=0.05)
+    assert q[2] == pytest.approx(yaw)
+    if tilt:
+        with pytest.raises(InputError, match="which is tilted"):
+            cspace.ros.configuration_of(pose, spaces["car"], tilt_tolerance=0.9 * abs(tilt))
 
 
 def make_update(x, y, values):
@@ -350,11 +391,11 @@ def test_an_updated_message_has_the_new_values(seed):
         make_update(3, 0, [[0, 0]]),
         "lie in the grid of 4 x 3 cells|lie in the grid of 4 x 3; wait for the whole new map",
     ),
-    (make_update(-1, 0, [[0, 0]]), "update.x"),
-    (SimpleNamespace(width=1, height=1, x=0, y=0, data=[0, 1]), "update.data has shape"),
+    (make_update(-1, 0, [[0, 0]]), "update has the x -1; it must be a finite number, at least 0"),
+    (SimpleNamespace(width=1, height=1, x=0, y=0, data=[0, 1]), "update has data of shape"),
     (
-        SimpleNamespace(),
-        "update has no width; it must have the fields of map_msgs/OccupancyGridUpdate",
+        {"header": {}},
+        "update has no width; it must have one, besides header; add it",
     ),
 )
 def test_updates_beyond_the_grid_are_refused(update, message):
@@ -362,3 +403,174 @@ def test_updates_beyond_the_grid_are_refused(update, message):
     with pytest.raises(InputError, match=message):
         cspace.ros.update_occupancy_grid(grid, update)
     assert not any(grid.data)
+
+
+# ---- mappings, files and frames ------------------------------------------------------------------
+
+
+def make_grid(frame_id="odom", values=None):
+    """Make a grid message of cells of 0.1 m, shape (height, width); by default all are free."""
+    values = np.zeros((20, 30), int) if values is None else values
+    grid = cspace.ros.OccupancyGrid()
+    grid.header.frame_id = frame_id
+    grid.info.height, grid.info.width = np.shape(values)
+    grid.info.resolution = 0.1
+    grid.data.extend(np.ravel(values).tolist())
+    return grid
+
+
+def as_mapping(message):
+    """Return a message as rosbridge sends it."""
+    return json.loads(json.dumps(dataclasses.asdict(message), default=list))
+
+
+def test_a_mapping_and_a_file_are_read_like_the_message(tmp_path):
+    values = np.random.default_rng(0).choice([0, 100, -1], (20, 30))
+    message = make_grid("/odom", values)
+    expected = Workspace.from_occupancy_grid(message)
+    file = tmp_path / "grid.yaml"
+    file.write_text(f"{json.dumps(as_mapping(message))}\n---\n")
+    for source in (as_mapping(message), file):
+        workspace = Workspace.from_occupancy_grid(source)
+        assert workspace.grid == expected.grid
+        assert workspace.grid.frame_id == expected.grid.frame_id == "odom"
+        assert (workspace.outer == expected.outer).all()
+    # The header may be missing, and the frame is then unknown.
+    assert (
+        Workspace.from_occupancy_grid(
+            {key: value for key, value in as_mapping(message).items() if key != "header"}
+        ).grid.frame_id
+        == ""
+    )
+
+
+def test_poses_and_updates_may_be_mappings(spaces):
+    pose = as_mapping(make_pose())
+    assert cspace.ros.configuration_of(pose, spaces["car"]) == cspace.ros.configuration_of(
+        make_pose(), spaces["car"]
+    )
+    grid = as_mapping(make_grid(values=[[0, 0, 0]]))
+    cspace.ros.update_occupancy_grid(grid, as_mapping(make_update(1, 0, [[100, -1]])))
+    assert grid["data"] == [0, 100, -1]
+    frozen = types.MappingProxyType(grid)
+    with pytest.raises(InputError, match=r"msg cannot be written to; .*; pass dict\(msg\)"):
+        cspace.ros.update_occupancy_grid(frozen, make_update(0, 0, [[50]]))
+    copy = dict(frozen)
+    cspace.ros.update_occupancy_grid(copy, make_update(0, 0, [[50]]))
+    assert copy["data"] == [50, 100, -1]
+    assert grid["data"] == [0, 100, -1]
+
+
+def test_mappings_are_filled_like_messages(odom):
+    space, plan = odom
+    timed = plan.trajectory(max_velocity=1.0, max_acceleration=1.0)
+    for fill in (plan.to_path, timed.to_path, space.to_occupancy_grid, space.to_costmap):
+        message, mapping = as_mapping(fill()), fill({})
+        # A mapping gets what is known; the defaults of a message are left out.
+        assert_within(mapping, message)
+    stamped = timed.to_path({"header": {"stamp": {"secs": 5, "nsecs": 0}}})
+    assert stamped["poses"][-1]["header"]["stamp"]["secs"] == 5 + int(timed.duration)
+
+
+def assert_within(part, whole):
+    """Check that a mapping has only fields and values of another one."""
+    if isinstance(part, dict):
+        assert part.keys() <= whole.keys()
+        for name, value in part.items():
+            assert_within(value, whole[name])
+    elif isinstance(part, list):
+        for one, other in zip(part, whole, strict=True):
+            assert_within(one, other)
+    else:
+        assert part == pytest.approx(whole)
+
+
+@pytest.fixture(scope="module")
+def odom():
+    """Return a map of a grid in the frame odom, and a plan on it."""
+    space = cspace.build(Workspace.from_occupancy_grid(make_grid()), Robot.disc(0.15))
+    return space, planners.plan(space, (0.5, 0.5), (2.5, 1.5), time_limit=2, seed=1)
+
+
+def test_the_frame_of_a_grid_is_that_of_what_is_made_from_it(tmp_path, odom):
+    space, plan = odom
+    messages = {
+        "path": plan.to_path(),
+        "pickled path": pickle.loads(pickle.dumps(plan)).to_path(),
+        "timed path": plan.trajectory(max_velocity=1.0, max_acceleration=1.0).to_path(),
+        "grid": space.to_occupancy_grid(),
+        "costmap": space.to_costmap(),
+    }
+    space.save(tmp_path / "map.zarr")
+    messages["saved"] = cspace.open(tmp_path / "map.zarr").to_occupancy_grid()
+    workspace = Workspace.from_occupancy_grid(make_grid())
+    tiled = cspace.build(workspace, Robot.disc(0.15), store=tmp_path / "tiles.zarr", tile=16)
+    messages["tiled"] = tiled.window((0.0, 0.0), (2.0, 1.0)).to_occupancy_grid()
+    messages["overview"] = tiled.overview(10).to_costmap()
+    assert {name: message.header.frame_id for name, message in messages.items()} == dict.fromkeys(
+        messages, "odom"
+    )
+    assert {pose.header.frame_id for pose in messages["path"].poses} == {"odom"}
+    assert cspace.TiledCSpace.open(tmp_path / "tiles.zarr").frame_id == tiled.frame_id == "odom"
+    turned = make_grid()
+    turned.info.origin.orientation.z, turned.info.origin.orientation.w = 0.6, 0.8
+    assert Workspace.from_occupancy_grid(turned).grid.frame_id == "odom"
+    # Who names a frame gets it, and a map without one is in "map".
+    assert plan.to_path(frame_id="base").header.frame_id == "base"
+    assert space.to_costmap(frame_id="base").header.frame_id == "base"
+    free = Workspace.from_array(np.zeros((9, 9), bool), 0.1)
+    assert cspace.build(free, Robot.disc(0.1)).to_costmap().header.frame_id == "map"
+
+
+def test_a_map_file_warns_that_it_names_no_frame(tmp_path, odom):
+    space, _ = odom
+    with pytest.warns(UserWarning, match="in 'map'; set its parameter frame_id to") as heard:
+        space.export(tmp_path / "map.yaml")
+    assert str(heard[0].message).endswith("'odom'")
+    assert Workspace.open(tmp_path / "map.yaml").grid == space.grid
+    same = cspace.build(Workspace.from_occupancy_grid(make_grid("map")), Robot.disc(0.15))
+    same.export(tmp_path / "same.yaml")
+
+
+def test_poses_and_updates_in_another_frame_are_refused(odom):
+    space, _ = odom
+    pose = make_pose(x=1.0, y=1.0)
+    rule = "frame_id is 'map'; it must be 'odom', the frame of the map; transform it with tf2"
+    with pytest.raises(InputError, match=rf"msg\.header\.{rule}"):
+        cspace.ros.configuration_of(pose, space)
+    assert cspace.ros.configuration_of(pose, space, "map") == (1.0, 1.0)
+    pose.header.frame_id = "odom"  # as transformed
+    assert cspace.ros.configuration_of(pose, space) == (1.0, 1.0)
+    grid, update = make_grid(), make_update(0, 0, [[100]])
+    update.header.frame_id = "map"
+    with pytest.raises(InputError, match=rf"update\.header\.{rule}"):
+        cspace.ros.update_occupancy_grid(grid, update)
+    assert not any(grid.data)
+    for frame_id in ("/odom", ""):
+        update.header.frame_id = frame_id
+        cspace.ros.update_occupancy_grid(grid, update)
+        assert grid.data[0] == 100
+        grid.data[0] = 0
+
+
+def test_a_map_is_not_updated_by_a_workspace_in_another_frame(odom):
+    space, _ = odom
+    other = Workspace.from_occupancy_grid(make_grid("map", np.full((20, 30), 100)))
+    with pytest.raises(InputError, match=r"is in the frame 'map'; it must be 'odom', .* with tf2"):
+        space.update(other)
+    assert space.is_free((1.0, 1.0))
+    same = cspace.build(other, Robot.disc(0.15))
+    same.update(Workspace.from_array(np.zeros((30, 20), bool), 0.1))
+    assert same.is_free((1.0, 1.0))
+    assert same.to_costmap().header.frame_id == "map"
+
+
+def test_fields_of_a_mapping_that_are_not_read_are_named():
+    grid = as_mapping(make_grid())
+    grid["info"]["origin"]["orientaton"] = grid["info"]["origin"].pop("orientation")
+    with pytest.raises(InputError, match=r"msg\.info\.origin has no orientation; .* orientaton"):
+        Workspace.from_occupancy_grid(grid)
+    grid = as_mapping(make_grid()) | {"unknown_value": 255}
+    grid["info"]["scale"] = 2.0
+    with pytest.warns(UserWarning, match=r"are not read: scale \(info\), unknown_value"):
+        Workspace.from_occupancy_grid(grid)

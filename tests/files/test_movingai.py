@@ -34,7 +34,6 @@ def test_tiny_maps_are_read(tmp_path, end):
 @refusals(
     "read, text, message",
     (read_movingai_map, TINY_MAP.replace("width", "height"), "'height H', 'width W'"),
-    (read_movingai_map, TINY_MAP.replace("T", "x"), "line 6, column 3 is 'x'"),
     (read_movingai_voxels, VOXELS + "1 2\n", "line 5 is '1 2'; it must hold 'x y z'"),
     (read_movingai_voxels, VOXELS + "\n\n2 0 0\n", "line 7 is .* inside 2 x 3 x 4"),
 )

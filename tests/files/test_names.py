@@ -2,11 +2,11 @@
 
 import os
 
-import numpy as np
 import pytest
 
 import cspace
-from cspace import CspaceError, FileError, InputError, Mesh, Robot, Workspace, build
+from cspace import CspaceError, FileError, InputError, Mesh, Robot, Workspace
+from tests.helpers.handmade import build_empty
 
 POINTER = "version https://git-lfs.github.com/spec/v1\noid sha256:" + 64 * "0" + "\nsize 12345\n"
 
@@ -28,7 +28,7 @@ def test_a_pointer_of_git_lfs_is_refused_with_the_command_that_fetches_the_file(
 
 
 @pytest.mark.parametrize(
-    ("name", "misspelt", "read"),
+    "name, misspelt, read",
     [
         *((name, name[1] + name[0] + name[2:], read) for name, read in READERS.items()),
         ("floor.yaml", "floor.ymal", Workspace.open),
@@ -53,7 +53,7 @@ def test_a_file_of_another_format_is_refused_with_its_converter(tmp_path):
 
 
 def test_an_output_is_not_taken_for_a_misspelt_input(tmp_path):
-    space = cspace.build(Workspace.from_array(np.zeros((9, 9), dtype=bool), 0.1), "disc:0.1")
+    space = build_empty((9, 9), "disc:0.1")
     (tmp_path / "corridor.ply").touch()
     for write in (space.export, space.save):
         with pytest.raises(InputError, match=r"use one of \.zarr") as refused:
@@ -95,7 +95,35 @@ def test_another_folder_is_written_to_as_advised(tmp_path, monkeypatch):
         (tmp_path / name).mkdir()
     # The superuser may write everywhere.
     monkeypatch.setattr(os, "access", lambda path, mode: "locked" not in str(path))
-    space = build(Workspace.from_array(np.zeros((4, 4), dtype=bool), 0.1), Robot.disc(0.05))
+    space = build_empty((4, 4), Robot.disc(0.05))
     with pytest.raises(FileError, match="change its permissions or use another"):
         space.save(tmp_path / "locked" / "a.zarr")
     space.save(tmp_path / "other" / "a.zarr")
+
+
+CONVERTERS = {
+    "a.las": "pdal translate",
+    "a.dxf": "ogr2ogr -f GeoJSON",
+    "a.SHP": "ogr2ogr -t_srs EPSG:32632",
+    "a.svg": "inkscape",
+    "a.step": "gmsh .*scale it by 0.001",
+    "a.sdf": "sdf2urdf",
+    "a.xml": "mjcf_urdf_simple_converter",
+    "a.fbx": "assimp export",
+}
+
+
+@pytest.mark.parametrize("name", CONVERTERS)
+def test_the_tool_that_converts_other_formats_is_named(tmp_path, name):
+    (tmp_path / name).write_text("")
+    for reader in (cspace.Workspace.open, cspace.Robot.open):
+        options = {"spacing": 0.1} if reader == cspace.Workspace.open else {}
+        with pytest.raises(InputError, match=f"suffix .*{CONVERTERS[name]}"):
+            reader(tmp_path / name, **options)
+
+
+@pytest.mark.parametrize(("tag", "tool"), [("sdf", "sdf2urdf"), ("mujoco", "mjcf_urdf"), ("x", "")])
+def test_robots_of_other_formats_are_named(tmp_path, tag, tool):
+    (tmp_path / "robot.urdf").write_text(f"<{tag}><model/></{tag}>")
+    with pytest.raises(FileError, match=f"holds <{tag}>, not <robot>.*{tool}"):
+        cspace.Robot.from_urdf(tmp_path / "robot.urdf")

@@ -6,11 +6,12 @@ import warnings
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cspace import FileError, GeometryError, InputError, Robot
 from tests.helpers.refusals import refusals
+from tests.helpers.strategies import examples
 
 FOOTPRINT = "[[0.3, .2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]"
 
@@ -61,7 +62,7 @@ def pad_as_nav2(corners, padding):
     return shapely.make_valid(shapely.Polygon(moved))
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(
     radii=st.lists(st.floats(0.05, 1.0), min_size=3, max_size=9),
     shift=st.sampled_from([(0.0, 0.0), (0.8, 0.0), (2.0, -3.0)]),
@@ -100,7 +101,7 @@ def test_a_rectangle_around_the_origin_is_padded_as_in_nav2():
 
 
 @pytest.mark.parametrize(
-    ("table", "reach"),
+    "table, reach",
     [
         ("{robot_radius: 0.22}", 0.23),
         ('{robot_radius: 0.22, footprint_padding: 0.0, footprint: "[]"}', 0.22),
@@ -132,7 +133,6 @@ def test_costmaps_that_differ_are_both_named(tmp_path):
 
 @refusals(
     "table, error, message",
-    ("{resolution: 0.05}", FileError, "neither footprint nor robot_radius"),
     ("{robot_radius: wide}", InputError, "local_costmap: robot_radius is 'wide'"),
     ("{robot_radius: 0}", InputError, "robot_radius is 0; it must be one number above zero"),
     ("{robot_radius: '0.22'}", InputError, "robot_radius is '0.22'; .*; write .* without quotes$"),
@@ -140,7 +140,6 @@ def test_costmaps_that_differ_are_both_named(tmp_path):
     ("{robot_radius: 1, footprint_padding: -1}", InputError, "footprint_padding is -1; .*zero or"),
     ("{footprint: [1, 1, -1, 1, 0, 0]}", GeometryError, r"footprint is .*; write e\.g\. \[\["),
     ('{footprint: "[[1, 1], [-1, -1], [1, -1], [-1, 1]]"}', GeometryError, "cross|intersect"),
-    ('{footprint: "[[1, 1], [2, 2]]"}', GeometryError, "local_costmap: footprint is .* three"),
 )
 def test_bad_parameters_are_named(tmp_path, table, error, message):
     with pytest.raises(error, match=message):

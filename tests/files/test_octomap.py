@@ -5,13 +5,13 @@ import struct
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cspace import Workspace
 from cspace.errors import FileError, InputError
 from tests.helpers.refusals import refusals
-from tests.helpers.strategies import seeds
+from tests.helpers.strategies import examples, seeds
 
 BINARY = "# Octomap OcTree binary file\n# a comment\nid OcTree\nsize {}\nres 0.1\ndata\n"
 FULL = "# Octomap OcTree file\nid OcTree\nsize {}\nres 0.1\ndata\n"
@@ -68,7 +68,7 @@ def draw_tree(octomap, seed, kind):
     return tree
 
 
-@settings(max_examples=15)
+@examples(15)
 @given(seeds, st.sampled_from(["OcTree", "ColorOcTree"]))
 def test_octomaps_agree_with_the_library(tmp_path_factory, seed, kind):
     octomap = pytest.importorskip("octomap")
@@ -99,7 +99,11 @@ def make_binary(nodes, size, old="", new=""):
 @refusals(
     "content, message",
     (make_binary(CHAIN, 17, "OcTree\n", "CountingTree\n"), "'CountingTree'"),
-    (make_binary(CHAIN, -1), "size '-1'"),
+    (make_binary(CHAIN, -1), "header has the size -1.0; .* at least 0"),
+    (make_binary(CHAIN, 17, "res", "resolution"), "header has no res; .*, resolution"),
+    (make_binary(CHAIN, 17, "res ", "res 0.2\nres "), "has res twice; .*; remove one"),
+    (make_binary(CHAIN, 17, "res ", "res nan"), "header has the res 'nan"),
+    (make_binary(b"", 0), "has no known cell"),
     (make_binary(CHAIN[:9], 17), "ends after 4 records"),
     (make_binary(b"\xff" * 4000, 1000), "an inner node below level 16"),
     (make_binary(b"\x03\x00\x00\x00", 2), "an inner node without children"),
@@ -111,13 +115,29 @@ def test_malformed_octomaps_are_refused(tmp_path, content, message):
         Workspace.from_octomap(tmp_path / "bad.bt")
 
 
+def test_headers_are_corrected_as_their_hints_say(tmp_path):
+    path = tmp_path / "a.bt"
+    path.write_bytes(make_binary(CHAIN, 0))  # as octomap-python users write it
+    hint = "copy it again, or if it is whole write 'size 17' in its header"
+    with pytest.raises(FileError, match=f"holds 17 nodes but its header says 0; .*; {hint}"):
+        Workspace.from_octomap(path)
+    path.write_bytes(make_binary(CHAIN, 17, "OcTree\n", "OcTreeStamped\n"))
+    with pytest.raises(FileError, match=r"id 'OcTreeStamped'; .*; write it again as an OcTree"):
+        Workspace.from_octomap(path)
+    path.write_bytes(make_binary(CHAIN, 17, "res", "prob_hit 0.7\nres"))
+    with pytest.warns(UserWarning, match="are not read: prob_hit"):
+        Workspace.from_octomap(path)
+    path.write_bytes(make_binary(CHAIN, 17))
+    assert Workspace.from_octomap(path).outer.any()
+
+
 def test_unknown_cells_are_occupied_or_free(tmp_path):
     (tmp_path / "a.bt").write_bytes(make_binary(CHAIN, 17))
     with pytest.raises(InputError, match="unknown is 'maybe'"):
         Workspace.from_octomap(tmp_path / "a.bt", "maybe")
 
 
-@settings(max_examples=15)
+@examples(15)
 @given(seeds, st.sampled_from(["occupied", "free"]))
 def test_bounds_cut_the_same_cells_out_of_an_octomap(tmp_path_factory, seed, unknown):
     octomap = pytest.importorskip("octomap")

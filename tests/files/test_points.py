@@ -5,6 +5,7 @@ import struct
 import warnings
 
 import numpy as np
+import pandas as pd
 import pytest
 import trimesh
 from hypothesis import given
@@ -141,7 +142,6 @@ def test_further_columns_and_comments_of_a_text_are_skipped(tmp_path):
     "text, message",
     ("1 2 3\n\n1 2 3 4", "line 3 is '1 2 3 4'; it must hold 3 columns"),
     ("1 2 3\nx y z", "line 2 is 'x y z'; it must hold only numbers"),
-    ("id,a,b,c\n1,2,3,4", "4 columns under the heading id a b c"),
     ("x_mm y_mm z_mm\n1 2 3", "3 columns under the heading x_mm y_mm z_mm"),
     ("x,y,z,x\n1,2,3,4", "4 columns under the heading x y z x"),
     ("x [mm],y [mm],z [mm]\n1,2,3", "3 columns under the heading x [mm] y [mm] z [mm]"),
@@ -166,7 +166,7 @@ HEADINGS = [
 ]
 
 
-@pytest.mark.parametrize(("heading", "row"), HEADINGS)
+@pytest.mark.parametrize("heading, row", HEADINGS)
 def test_a_heading_names_the_columns(tmp_path, heading, row):
     path = write(tmp_path, "cloud.csv", f"{heading}\n{row}\n{row}\n".encode())
     assert read_points(path).tolist() == [[1, 2, 3]] * 2
@@ -174,11 +174,46 @@ def test_a_heading_names_the_columns(tmp_path, heading, row):
 
 def test_the_hint_about_a_heading_is_followed(tmp_path):
     path = write(tmp_path, "cloud.csv", b"id,e,n,u\n7,1,2,3\n")
-    with pytest.raises(FileError, match=r"write e\.g\. (id,x,y,z), or delete") as caught:
+    with pytest.raises(FileError, match=r"name them, e\.g\. id,x,y,z$") as caught:
         read_points(path)
-    heading = caught.value.hint.split()[2].strip(",")
+    heading = caught.value.hint.split()[-1]
     path = write(tmp_path, "cloud.csv", heading.encode() + b"\n7,1,2,3\n")
     assert read_points(path).tolist() == [[1, 2, 3]]
+
+
+FAR = np.array([(400000.0, 5400002.2, 0.5), (400005.0, 5400003.4, 1.5)])
+
+
+def write_far(folder, form, dtype):
+    """Write points in a coordinate system of a country."""
+    path = folder / f"far.{form}"
+    points = FAR.astype(dtype)
+    if form == "npy":
+        np.save(path, points)
+    elif form == "ply":
+        path.write_bytes(trimesh.PointCloud(points).export(file_type="ply", encoding="binary"))
+    elif form == "pcd":
+        size = points.itemsize
+        head = f"FIELDS x y z\nSIZE {size} {size} {size}\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 2\n"
+        path.write_bytes((head + "HEIGHT 1\nPOINTS 2\nDATA binary\n").encode() + points.tobytes())
+    else:
+        np.savetxt(path, points, fmt="%.9g")
+    return path
+
+
+@pytest.mark.parametrize("form", ["npy", "pcd", "xyz", "array"])
+@pytest.mark.parametrize("dtype", ["f4", "f8"])
+def test_coordinates_that_round_by_more_than_a_tenth_of_a_cell_are_named(tmp_path, form, dtype):
+    source = FAR.astype(dtype) if form == "array" else write_far(tmp_path, form, dtype)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        workspace = Workspace.from_points(source, 0.1, offset=(-400000, -5400000, 0), radius=0.02)
+    assert bool(caught) == (dtype == "f4" and form != "xyz")
+    for warning in caught:
+        text = "32 bits, which round coordinates near 5400004 m by up to 0.25 m"
+        assert text in str(warning.message)
+    if dtype == "f8":
+        assert workspace.grid.lower[1] == pytest.approx(2.18, abs=0.01)
 
 
 def test_long_comments_come_before_the_points(tmp_path):
@@ -205,7 +240,7 @@ def test_missing_points_are_dropped_on_request(tmp_path, form):
 
 def test_a_far_frame_is_refused_and_its_hint_followed(tmp_path):
     far = CLOUD[:2] + np.array([500_000, 5_200_000, 0])
-    path = write(tmp_path, "utm.npy", make_npy(far, ""))
+    path = write(tmp_path, "utm.npy", make_npy(far.astype(np.float64), ""))
     with pytest.raises(InputError, match=r"cells from the origin.* by offset= of the reader"):
         Workspace.open(path, spacing=0.5)
     offset = (-500_000, -5_200_000, 3)
@@ -278,3 +313,64 @@ def test_a_comment_that_names_another_unit_is_warned_of(tmp_path, form):
         warnings.simplefilter("error", UnitWarning)
         workspace = Workspace.from_points(0.001 * points, 1e-4)
     assert np.allclose(workspace.shapes[0].centers, 0.001 * points)
+
+
+SIZED = {
+    "a.csv": b"x,y,z,radius\n1,2,3,0.5\n5,6,7,0.5\n",
+    "a.pcd": b"FIELDS x y z Radius\nSIZE 4 4 4 4\nTYPE F F F F\nPOINTS 1\nWIDTH 1\nHEIGHT 1\n"
+    b"DATA ascii\n1 2 3 4\n",
+    "a.ply": b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
+    b"property float z\nproperty float scale_0\nend_header\n0 0 0 5\n",
+    "b.csv": b"x,y,z,r\n1,2,3,0.5\n",
+    "c.csv": b"x,y,z,crown_diameter\n1,2,3,0.5\n",
+}
+
+
+@pytest.mark.parametrize("name", SIZED)
+def test_sizes_of_points_that_nobody_reads_are_named(tmp_path, name):
+    (tmp_path / name).write_bytes(SIZED[name])
+    with pytest.warns(
+        UserWarning, match=r"these fields are not read: (radius|Radius|scale_0|r|crown_diameter)$"
+    ):
+        read_points(tmp_path / name)
+
+
+def test_a_size_in_a_table_of_points_is_named():
+    table = pd.DataFrame({"x": [0.0, 2.0], "y": [0.0, 2.0], "radius": [0.5, 0.5]})
+    with pytest.warns(UserWarning, match="points: these fields are not read: radius"):
+        Workspace.from_points(table, 0.1)
+    colours = table.rename(columns={"radius": "r"}).assign(g=1.0, b=1.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        Workspace.from_points(colours, 0.1)
+
+
+def test_faces_of_a_cloud_are_named(tmp_path):
+    trimesh.creation.box().export(tmp_path / "wall.ply")
+    with pytest.warns(UserWarning, match="only the points of its 12 faces.*Workspace.from_mesh"):
+        Workspace.from_points(tmp_path / "wall.ply", 0.1)
+
+
+@pytest.mark.parametrize("dtype, far", [(np.float32, 5e6), (np.float16, 1e3)])
+@pytest.mark.parametrize("kind", [np.asarray, list, pd.DataFrame])
+def test_coordinates_of_few_bits_are_warned_of_in_any_container(kind, dtype, far):
+    points = kind(np.array([[far + 0.3, 2.0], [far, 3.0]], dtype))
+    with pytest.warns(UserWarning, match=f"have {8 * np.dtype(dtype).itemsize} bits"):
+        Workspace.from_points(points, 0.1, offset=(-far, 0.0))
+
+
+@pytest.mark.parametrize("name", ["sphere", "triangle"])
+def test_elements_of_ply_that_may_be_surfaces_are_refused(tmp_path, name):
+    text = make_ply(CLOUD, "ascii").replace(
+        b"end_header", f"element {name} 1\nproperty int v1\nend_header".encode()
+    )
+    path = write(tmp_path, "a.ply", text + b"0\n")
+    with pytest.raises(GeometryError, match=f"elements {name}, which may be surfaces"):
+        Workspace.open(path, spacing=0.1)
+
+
+def test_a_sentence_in_a_comment_is_no_heading(tmp_path):
+    path = write(tmp_path, "a.xyz", b"# exported by Foo, x forward, y left, z up\n1 2 3\n4 5 6\n")
+    assert read_points(path).tolist() == [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]
+    path = write(tmp_path, "a.csv", b"z;y;x\n1;2;3\n4;5;6\n")
+    assert read_points(path).tolist() == [[3.0, 2.0, 1.0], [6.0, 5.0, 4.0]]

@@ -87,7 +87,6 @@ def test_a_raster_without_coordinates_is_indexed_by_x_and_y():
     ({"y": [0.0, 0.1, 0.3, 0.4]}, 0.1, "occupied.y has steps from 0.1 to 0.2 m"),
     ({"y": Y[[0, 2, 1, 3]]}, 0.1, "occupied.y has steps from "),
     ({}, 0.05, "they must be the spacing, 0.05 m; pass spacing=0.1"),
-    ({"x": ("x", X, {"units": "cm"})}, 0.1, "occupied.x is in 'cm'; it must be in metres"),
     ({"x": ("x", X, {"units": "degrees_east"})}, 0.1, "by array.rio.reproject"),
     ({"y": [np.nan, *Y[1:]]}, 0.1, "occupied.y[0] is nan"),
 )
@@ -108,6 +107,44 @@ def test_the_hints_about_units_and_spacing_are_followed():
         Workspace.from_array(make_raster(), 0.2)
     spacing = float(caught.value.hint.split(",")[0].partition("=")[2])
     assert Workspace.from_array(make_raster(), spacing).grid.spacing == 0.1
+
+
+@pytest.mark.parametrize(
+    "attributes, message",
+    [
+        ({"standard_name": "longitude"}, "is in 'degrees of longitude'"),
+        ({"Units": "cm"}, "is in 'cm'"),
+        ({"uom": "km"}, "scale it, e.g. .*=1000 "),
+        ({"axis": "Y"}, "says that it is Y"),
+        ({"positive": "Down"}, "is positive downwards"),
+        ({"standard_name": "depth"}, "is positive downwards"),
+    ],
+)
+def test_attributes_of_a_coordinate_count(attributes, message):
+    raster = make_raster()
+    raster["x"].attrs = attributes
+    with pytest.raises(InputError, match=message):
+        Workspace.from_array(raster, 0.1)
+
+
+def test_unknown_attributes_of_a_coordinate_and_of_zarr_are_named(tmp_path):
+    raster = make_raster()
+    raster["x"].attrs = {"shift": 0.5}
+    with pytest.warns(UserWarning, match=r"occupied\.x, attributes: .* not read: shift"):
+        Workspace.from_array(raster, 0.1)
+    options = {"config": {"write_empty_chunks": True}, "compressors": None}
+    cells = np.eye(4, dtype=bool)
+    zarr.create_array(tmp_path / "a.zarr", data=cells, attributes={"spacing": 0.5}, **options)
+    with pytest.warns(UserWarning, match="attributes: these fields are not read: spacing"):
+        Workspace.open(tmp_path / "a.zarr", spacing=0.1)
+
+
+def test_a_raster_of_one_band_is_that_of_the_plane():
+    raster = make_raster()
+    banded = raster.expand_dims(band=[1]).assign_attrs(AREA_OR_POINT="Area")
+    expected = Workspace.from_array(raster, 0.1)
+    found = Workspace.from_array(banded, 0.1)
+    assert found.grid == expected.grid and (found.outer == expected.outer).all()
 
 
 def test_the_reference_system_of_a_raster_counts():
@@ -133,6 +170,66 @@ def test_dimensions_of_zarr_arrays_are_read(tmp_path, names):
             tmp_path / "b.zarr", data=cells, dimension_names=good, overwrite=True, **options
         )
         assert Workspace.from_array(tmp_path / "b.zarr", 0.1).grid.shape == (3, 5)
+
+
+def test_dimensions_of_zarr_arrays_of_version_2_are_read(tmp_path):
+    make_raster().transpose("y", "x").to_dataset(name="walls").to_zarr(
+        tmp_path / "map.zarr", zarr_format=2, consolidated=False
+    )
+    with pytest.raises(InputError, match=r"has the dimensions \('y', 'x'\)"):
+        Workspace.from_array(zarr.open(tmp_path / "map.zarr")["walls"], 0.1)
+
+
+TRANSFORM = {"GeoTransform": "7.0 0.1 0.0 2.6 0.0 -0.1"}
+ROTATED = {"xc": (("x", "y"), np.full((6, 4), 7.0)), "yc": (("x", "y"), np.full((6, 4), 2.0))}
+
+
+@pytest.mark.parametrize(
+    ("coords", "attrs", "where"),
+    [
+        ({"spatial_ref": ((), 0, TRANSFORM)}, {}, "spatial_ref"),
+        (ROTATED, {}, "xc, yc"),
+        ({}, {"transform": (0.1, 0.0, 7.0, 0.0, -0.1, 2.6)}, "transform"),
+        ({}, {"crs": "EPSG:32632", "res": (0.1, 0.1)}, "crs, res"),
+        ({"x": 0.1 * np.arange(6), "lat": ("y", np.arange(4.0))}, {}, "lat"),
+    ],
+)
+def test_a_place_that_coordinates_do_not_say_is_refused(coords, attrs, where):
+    cells = np.zeros((6, 4), dtype=bool)
+    array = xarray.DataArray(cells, dims=("x", "y"), coords=coords, attrs=attrs)
+    with pytest.raises(
+        InputError, match=f"has its place in {where}; each dimension needs"
+    ) as caught:
+        Workspace.from_array(array, 0.1)
+    assert "pass its values with ascending x and y, and lower=" in str(caught.value)
+    assert Workspace.from_array(array.values, 0.1, lower=(7, 2)).grid.lower == (7.0, 2.0)
+
+
+@pytest.mark.parametrize("kind", ["xarray", "zarr"])
+def test_attributes_that_nobody_reads_are_named(tmp_path, kind):
+    cells, attrs = (
+        np.zeros((6, 4), dtype=bool),
+        {"title": "floor", "resolution": 0.05, "Units": "mm"},
+    )
+    array = xarray.DataArray(cells, dims=("x", "y"), attrs=attrs)
+    if kind == "zarr":
+        array = zarr.create_array(tmp_path / "a.zarr", data=~cells, attributes=attrs)
+    with pytest.warns(
+        UserWarning, match=r"attributes: these .* not read: Units; .*'units'.*, resolution$"
+    ):
+        Workspace.from_array(array, 0.1)
+
+
+def test_coordinates_of_32_bits_are_named():
+    y = (5.4e4 + 0.1 * np.arange(8)).astype("f4")
+    array = xarray.DataArray(np.zeros((3, 8), bool), dims=("x", "y"), coords={"x": X[:3], "y": y})
+    with pytest.raises(
+        InputError, match=r"occupied.y is float32, which rounds .* up to 0.002"
+    ) as caught:
+        Workspace.from_array(array, 0.1)
+    follow = caught.value.hint.removeprefix("compute it in float64, e.g. ")
+    better = eval(follow, {"np": np, "x0": 5.4e4, "spacing": 0.1, "n": 8})
+    assert Workspace.from_array(array.assign_coords(y=better), 0.1).grid.shape == (3, 8)
 
 
 @refusals(

@@ -72,7 +72,7 @@ def test_polygons_are_read_from_every_source(source):
 
 
 @pytest.mark.parametrize(
-    ("name", "text"),
+    "name, text",
     [
         ("a.geojson", "\ufeff" + json.dumps(mapping(BOTH))),
         ("a.wkt", f"{L_SHAPE.wkt}\n\n{FAR.wkt}\n"),
@@ -92,7 +92,7 @@ def test_polygon_files_are_read(tmp_path, name, text):
 
 
 @pytest.mark.parametrize(
-    ("bounds", "spacing", "shape"),
+    "bounds, spacing, shape",
     [
         ((0.1, 0.2, 0.4, 0.9), 0.1, (3, 7)),
         ((0, 0, 1.0 + 1e-6, 1.0), 0.1, (11, 10)),
@@ -138,16 +138,46 @@ def test_a_real_car_has_its_distance_from_a_real_parking_lot(data):
 BOW_TIE = "POLYGON ((0 0, 1 1, 1 0, 0 1, 0 0))"
 
 
+def test_altitudes_of_zero_are_none_and_others_are_refused():
+    corners = [(0, 0, 0.0), (2, 0, 0.0), (2, 1, 0.0), (0, 0, 0.0)]
+    for z in (0.0, 0.3):
+        rows = [(x, y, z * (x > 1)) for x, y, _ in corners]
+        document = {"type": "Polygon", "coordinates": [rows]}
+        for source in (
+            document,
+            shapely.Polygon(rows),
+            shapely.MultiPolygon([shapely.Polygon(rows)]),
+        ):
+            if z:
+                with pytest.raises(GeometryError, match="has z coordinates"):
+                    read_shapes(source)
+            else:
+                (shape,) = read_shapes(source)
+                assert shape.equals(shapely.Polygon([row[:2] for row in corners]))
+                assert not shape.has_z and Robot.polygon([shape]).geometry.area == pytest.approx(1)
+
+
+def test_members_of_geojson_that_nobody_reads_are_named_once():
+    point = {"type": "Point", "coordinates": [1, 2]}
+    harmless = {"type": "Feature", "id": 1, "bbox": [0, 0, 1, 1], "geometry": point}
+    features = [harmless | {"properties": {"name": "post"}}] * 3
+    read_shapes({"type": "FeatureCollection", "name": "room", "features": features})
+    thick = [harmless | {"properties": {"Radius": 0.5}}, harmless | {"geometri": None, "scale": 2}]
+    with pytest.warns(UserWarning, match=r"not read: Radius \(properties\).*, scale$"):
+        read_shapes({"type": "FeatureCollection", "features": thick})
+
+
 @refusals(
     "source, message",
+    (
+        {"version": "5.0", "shapes": []},
+        "has no type, only version, shapes.*; convert it to GeoJSON",
+    ),
     ([L_SHAPE, shapely.Polygon()], r"polygons\[1\] is empty"),
-    (BOW_TIE, "polygons is not valid: .*; a boundary may not cross itself"),
     (
         [FAR, f"MULTIPOLYGON(((0 0, 1 0, 1 1, 0 0)), {BOW_TIE[8:]})"],
         r"polygons\[1\], part 1 is not",
     ),
-    ([L_SHAPE, "POLYGON ((0 0, nan 1, 1 1, 0 0))"], r"polygons\[1\] has a vertex at \(nan, 1.0\)"),
-    (shapely.Point(1, 2, 3), "polygons has z coordinates"),
     ("POLYGON ((0 0, 1 0, 1 1, 0 0))\0POLYGON ((5 5, 6 5, 6 6, 5 5))", "NUL"),
 )
 def test_unusable_geometries_are_refused(source, message):
@@ -232,9 +262,26 @@ def test_what_the_hint_projects_to_is_read_without_a_warning(crs):
 
 
 def test_other_reference_systems_warn():
-    for crs in ({"type": "name", "properties": {"name": "EPSG:2056"}}, "local", {"type": "link"}):
+    feet = {"type": "name", "properties": {"name": "EPSG:32664"}}  # beside the zones of UTM
+    for crs in (
+        feet,
+        {"type": "name", "properties": {"name": "EPSG:2056"}},
+        "local",
+        {"type": "link"},
+    ):
         with pytest.warns(UnitWarning, match="are read as metres"):
             read_shapes(mapping(L_SHAPE) | {"crs": crs})
+
+
+def test_sizes_within_a_collection_are_named():
+    line = {"type": "LineString", "coordinates": [[0, 0], [3, 3]], "width": 1.0}
+    collection = {"type": "GeometryCollection", "geometries": [line]}
+    with pytest.warns(UserWarning, match="these fields are not read: width$"):
+        assert len(read_shapes(collection)) == 1
+    with pytest.raises(GeometryError, match="has geometries 5; they must be a list"):
+        read_shapes({"type": "GeometryCollection", "geometries": 5})
+    with pytest.raises(GeometryError, match="has no type"):
+        read_shapes({"type": ["GeometryCollection"], "geometries": []})
 
 
 def test_geojson_like_degrees_warns_unless_it_says_null():

@@ -89,6 +89,16 @@ def test_other_encodings_are_left_to_zarr(tmp_path, options):
     assert read_cells(zarr.open_array(path, mode="r")).all()
 
 
+def test_the_hint_about_types_is_followed(tmp_path):
+    values = np.ones((3, 4), dtype="complex64")
+    zarr.create_array(tmp_path / "a.zarr", data=values)
+    with pytest.raises(FileError, match="of type complex64; cells are booleans") as caught:
+        read_cells(tmp_path / "a.zarr")
+    assert caught.value.hint == "write array.astype(bool)"
+    zarr.create_array(tmp_path / "b.zarr", data=values.astype(bool))
+    assert read_cells(tmp_path / "b.zarr").all()
+
+
 def make_frame(size):
     """Return zeros as a zstd frame of repeated bytes that declares a window and no size."""
     starts = range(0, size, 2**17)
@@ -123,7 +133,7 @@ def test_a_forged_chunk_of_a_saved_map_is_refused_before_it_is_unpacked(saved):
 
 @pytest.mark.parametrize("name", ["distances", "of_a_later_release"])
 @pytest.mark.parametrize(
-    ("shape", "chunks"),
+    "shape, chunks",
     [
         ([2**31], [1]),
         ([2**61], [1]),

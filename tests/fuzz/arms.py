@@ -26,7 +26,7 @@ from cspace.arms import ArmSpace
 from cspace.errors import ConfigurationError
 from tests.fuzz.scenes import Rng
 from tests.fuzz.tally import Tally, draw_until
-from tests.helpers.solids import sample_configurations
+from tests.helpers.arm_oracle import sample_configurations
 from tests.helpers.urdfs import collision, joint, link, write_urdf
 
 REAL_ARMS = ("panda", "ur5")

@@ -1,4 +1,4 @@
-"""Work of one kind on growing inputs: ``python -m tests.laws.growth KIND`` prints its counts as JSON.
+"""Work of one kind on growing inputs: ``python tests/growth/count.py KIND`` prints its counts as JSON.
 
 Work is counted, not timed: lines of Python that run, kernels among them, as this process does not
 compile; numbers that are allocated, which NumPy's results are; and numbers that ``reduceat`` reads,
@@ -21,10 +21,10 @@ from typing import Any
 import numba
 
 
-def interpret(**options: Any) -> Any:
+def interpret(**options):
     """Take the place of ``numba.njit``, so that kernels run as Python."""
 
-    def decorate(function: Any) -> Any:
+    def decorate(function):
         function.compile = lambda types: None
         function.get_overload = lambda types: function
         return function
@@ -34,6 +34,11 @@ def interpret(**options: Any) -> Any:
 
 numba.njit = interpret
 os.sched_getaffinity = lambda process: {0}  # one thread, which is traced
+
+from cspace._support import compiling  # noqa: E402
+
+compiling.find_address = lambda function, *_: function
+compiling.call = lambda function, arguments: function(*arguments)
 
 import numpy as np  # noqa: E402
 import shapely  # noqa: E402
@@ -55,16 +60,16 @@ class Reductions:
 
     read = 0
 
-    def __init__(self, ufunc: np.ufunc) -> None:
+    def __init__(self, ufunc):
         self._ufunc = ufunc
 
-    def __call__(self, *arguments: Any, **options: Any) -> Any:
+    def __call__(self, *arguments, **options):
         return self._ufunc(*arguments, **options)
 
-    def __getattr__(self, name: str) -> Any:
+    def __getattr__(self, name):
         return getattr(self._ufunc, name)
 
-    def reduceat(self, array: Any, indices: Any, axis: int = 0, **options: Any) -> Any:
+    def reduceat(self, array, indices, axis=0, **options):
         """Reduce slices; one that does not ascend is a single row."""
         length = np.shape(array)[axis]
         stops = np.append(indices[1:], length)
@@ -76,12 +81,12 @@ class Reductions:
 class Counter:
     """Counts of the work of one call."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.lines = 0
         self.bytes = 0
         self._now = 0
 
-    def count(self, job: Job) -> int:
+    def count(self, job):
         """Return the work of a call."""
         gc.collect()
         Reductions.read = 0
@@ -95,7 +100,7 @@ class Counter:
             tracemalloc.stop()
         return self.lines + self.bytes // BYTES_PER_NUMBER + Reductions.read
 
-    def _trace(self, *_: Any) -> Any:
+    def _trace(self, *_):
         """Count a line, and the memory that was allocated since the last one."""
         self.lines += 1
         now, peak = tracemalloc.get_traced_memory()
@@ -108,7 +113,7 @@ class Counter:
 # Inputs
 
 
-def make_floor(n: int) -> Workspace:
+def make_floor(n):
     """Make a square of n cells with walls that have doors."""
     side = math.isqrt(n)
     occupied = np.zeros((side, side), dtype=np.bool_)
@@ -119,20 +124,20 @@ def make_floor(n: int) -> Workspace:
     return Workspace.from_array(occupied, 0.1)
 
 
-def list_squares(n: int) -> list[shapely.Polygon]:
+def list_squares(n):
     """Return n squares of 0.3 m in rows, 1 m apart."""
     places = itertools.islice(np.ndindex(math.isqrt(n) + 1, math.isqrt(n) + 1), n)
     return [shapely.box(x, y, x + 0.3, y + 0.3) for x, y in places]
 
 
-def make_sphere(n: int) -> trimesh.Trimesh:
+def make_sphere(n):
     """Make a ball of about n triangles with small bumps, so that its hull has many corners."""
     ball = trimesh.creation.uv_sphere(count=[math.isqrt(n // 2)] * 2)
     radii = 1.0 + 0.002 * np.sin(7.0 * ball.vertices).sum(axis=1)
     return trimesh.Trimesh(radii[:, np.newaxis] * ball.vertices, ball.faces)
 
 
-def list_boxes(n: int) -> trimesh.Trimesh:
+def list_boxes(n):
     """Make a mesh of n boxes apart from each other."""
     side = math.ceil(n ** (1 / 3))
     places = itertools.islice(np.ndindex(side, side, side), n)
@@ -146,44 +151,44 @@ def list_boxes(n: int) -> trimesh.Trimesh:
 # Kinds
 
 
-def build_disc(n: int, folder: Path) -> Job:
+def build_disc(n, folder):
     floor = make_floor(n)
     return lambda: cspace.build(floor, Robot.disc(0.15))
 
 
-def build_yaws(n: int, folder: Path) -> Job:
+def build_yaws(n, folder):
     floor = make_floor(n)
     return lambda: cspace.build(floor, Robot.rectangle(0.3, 0.2, (0.05, 0.0)), rotations=6)
 
 
-def build_ball(n: int, folder: Path) -> Job:
+def build_ball(n, folder):
     side = round(n ** (1 / 3))
     occupied = np.zeros((side, side, side), dtype=np.bool_)
     occupied[::6, : side // 2] = True
     return lambda: cspace.build(Workspace.from_array(occupied, 0.1), Robot.ball(0.15))
 
 
-def build_polygons(n: int, folder: Path) -> Job:
+def build_polygons(n, folder):
     squares = list_squares(n)
     return lambda: cspace.build(
         Workspace.from_polygons(squares, spacing=0.25), Robot.disc(0.1), rotations=None
     )
 
 
-def build_holes(n: int, folder: Path) -> Job:
+def build_holes(n, folder):
     holes = [square.exterior.coords for square in list_squares(n)]
     side = math.isqrt(n) + 2.0
     plate = shapely.Polygon(shapely.box(-1, -1, side, side).exterior.coords, holes)
     return lambda: cspace.build(Workspace.from_polygons([plate], spacing=0.25), Robot.disc(0.05))
 
 
-def build_mesh(n: int, folder: Path) -> Job:
+def build_mesh(n, folder):
     mesh = make_sphere(n)
     spacing = 6.0 / math.sqrt(n)
     return lambda: cspace.build(Workspace.from_mesh(mesh, spacing=spacing), Robot.ball(0.01))
 
 
-def build_balls(n: int, folder: Path) -> Job:
+def build_balls(n, folder):
     side = math.ceil(n ** (1 / 3))
     centers = np.array(list(itertools.islice(np.ndindex(side, side, side), n)), dtype=float)
     radii = np.full(n, 0.4)
@@ -191,45 +196,45 @@ def build_balls(n: int, folder: Path) -> Job:
     return lambda: cspace.build(workspace, Robot.from_balls(centers, radii))
 
 
-def add_obstacles(n: int, folder: Path) -> Job:
+def add_obstacles(n, folder):
     workspace = Workspace.from_array(np.zeros((80, 80), dtype=np.bool_), 0.25)
     space = cspace.build(workspace, Robot.disc(0.05), outside="blocked")
     squares = list_squares(n)
 
-    def job() -> None:
+    def job():
         for number, square in enumerate(squares):
             space.add_obstacle(f"crate {number}", square)
 
     return job
 
 
-def label_components(n: int, folder: Path) -> Job:
+def label_components(n, folder):
     space = cspace.build(make_floor(n), Robot.rectangle(0.1, 0.05), rotations=4)
     q = space.sample_free(2, np.random.default_rng(0))
     return lambda: space.is_connected(*q)
 
 
-def measure_clearance(n: int, folder: Path) -> Job:
+def measure_clearance(n, folder):
     space = cspace.build(make_floor(n), Robot.disc(0.06))
     q = space.sample_free(2, np.random.default_rng(0))
     return lambda: space.clearance(q)
 
 
-def plan_through_floor(n: int, folder: Path) -> Job:
+def plan_through_floor(n, folder):
     space = cspace.build(make_floor(n), Robot.disc(0.06))
     side = 0.1 * math.isqrt(n)
     q = [space.nearest_free(corner) for corner in ((0.15, 0.15), (side - 0.15, side - 0.15))]
     return lambda: planners.plan(space, *q, time_limit=1e6)
 
 
-def measure_mesh_distance(n: int, folder: Path) -> Job:
+def measure_mesh_distance(n, folder):
     workspace = Workspace.from_mesh(make_sphere(n), 0.2, (-2, -2, -2, 2, 2, 2))
     space = cspace.build(workspace, Robot.ball(0.1))
     q = space.sample_free(rng=np.random.default_rng(0))
     return lambda: space.obstacle_distance(q)
 
 
-def make_long_plan(n: int) -> planners.Plan:
+def make_long_plan(n):
     """Make a plan of about n waypoints around teeth."""
     occupied = np.zeros((4 * n, 12), dtype=np.bool_)
     occupied[3::8, :8] = True
@@ -239,16 +244,16 @@ def make_long_plan(n: int) -> planners.Plan:
     return planners.plan(space, (0.15, 0.15), goal, time_limit=1e6)
 
 
-def recheck_plan(n: int, folder: Path) -> Job:
+def recheck_plan(n, folder):
     return make_long_plan(n).recheck
 
 
-def time_plan(n: int, folder: Path) -> Job:
+def time_plan(n, folder):
     plan = make_long_plan(n)
     return lambda: plan.trajectory(max_velocity=1.0, max_acceleration=1.0, blend=False)
 
 
-def print_plan_among_voxels(n: int, folder: Path) -> Job:
+def print_plan_among_voxels(n, folder):
     """A hall of about n voxels."""
     occupied = np.random.default_rng(0).random((2 * n, 6, 6)) < 1 / 72
     space = cspace.build(Workspace.from_array(occupied, 0.1), Robot.ball(0.01))
@@ -257,7 +262,7 @@ def print_plan_among_voxels(n: int, folder: Path) -> Job:
     return lambda: str(plan)
 
 
-def explain_among_voxels(n: int, folder: Path) -> Job:
+def explain_among_voxels(n, folder):
     """A hall of n voxels in rows."""
     occupied = np.zeros((n + 3, 9, 9), dtype=np.bool_)
     occupied[3::4, 2::4, 2::4] = True
@@ -266,7 +271,7 @@ def explain_among_voxels(n: int, folder: Path) -> Job:
     return lambda: space.explain(*map(space.nearest_free, ends))
 
 
-def explain_obstacles(n: int, folder: Path) -> Job:
+def explain_obstacles(n, folder):
     squares = list_squares(n)
     side = math.isqrt(n) + 1.0
     wall = shapely.box(-0.6, -0.35, side, -0.1)
@@ -277,7 +282,7 @@ def explain_obstacles(n: int, folder: Path) -> Job:
     return lambda: space.explain((0.0, -0.7), (0.5, 0.5))
 
 
-def export_map(n: int, folder: Path) -> Job:
+def export_map(n, folder):
     space = cspace.build(make_floor(n), Robot.disc(0.06))
     return space.to_costmap
 
@@ -285,7 +290,7 @@ def export_map(n: int, folder: Path) -> Job:
 # Readers
 
 
-def read_image(n: int, folder: Path) -> Job:
+def read_image(n, folder):
     path = folder / f"{n}.png"
     side = math.isqrt(n)
     pixels = np.random.default_rng(0).random((side, side)) < 0.5
@@ -293,21 +298,21 @@ def read_image(n: int, folder: Path) -> Job:
     return lambda: Workspace.open(path, spacing=0.1)
 
 
-def read_polygons(n: int, folder: Path) -> Job:
+def read_polygons(n, folder):
     path = folder / f"{n}.geojson"
     path.write_text(shapely.to_geojson(shapely.MultiPolygon(list_squares(n))))
     return lambda: Workspace.open(path, spacing=0.25)
 
 
-def read_points(n: int, folder: Path) -> Job:
+def read_points(n, folder):
     path = folder / f"{n}.xyz"
     side = math.ceil(n ** (1 / 3))
     np.savetxt(path, list(itertools.islice(np.ndindex(side, side, side), n)))
     return lambda: Workspace.open(path, spacing=0.5, radius=0.1)
 
 
-def read_mesh(kind: str) -> Callable[[int, Path], Job]:
-    def prepare(n: int, folder: Path) -> Job:
+def read_mesh(kind):
+    def prepare(n, folder):
         path = folder / f"{n}{kind}"
         list_boxes(n).export(path)
         return lambda: Workspace.open(path, spacing=1.0)
@@ -315,7 +320,7 @@ def read_mesh(kind: str) -> Callable[[int, Path], Job]:
     return prepare
 
 
-def read_bodies(n: int, folder: Path) -> Job:
+def read_bodies(n, folder):
     """Many objects in one scene."""
     path = folder / f"{n}.glb"
     scene = trimesh.Scene()
@@ -330,11 +335,11 @@ def read_bodies(n: int, folder: Path) -> Job:
     return lambda: Workspace.open(path, spacing=1.0)
 
 
-def read_octomap(n: int, folder: Path) -> Job:
+def read_octomap(n, folder):
     path = folder / f"{n}.bt"
     data = bytearray()
 
-    def write(level: int, count: int) -> None:
+    def write(level, count):
         """Write a node above ``count`` occupied leaves; each child takes two bits."""
         if level == 1:
             bits = sum(0b10 << 2 * child for child in range(min(count, 8)))
@@ -355,7 +360,7 @@ def read_octomap(n: int, folder: Path) -> Job:
     return lambda: Workspace.open(path)
 
 
-def read_scene(n: int, folder: Path) -> Job:
+def read_scene(n, folder):
     path = folder / f"{n}.yaml"
     boxes = [
         f"  - {{id: box{k}, header: {{frame_id: world}}, operation: 0,"
@@ -373,7 +378,7 @@ def read_scene(n: int, folder: Path) -> Job:
 BALL = "<collision><geometry><sphere radius='0.1'/></geometry></collision>"
 
 
-def write_chain(path: Path, n: int) -> None:
+def write_chain(path, n):
     """Write a chain of n fixed links without shapes, and a turning ball at its end."""
     links = [f"<link name='link{k}'/>" for k in range(n)] + [f"<link name='link{n}'>{BALL}</link>"]
     limit = "<axis xyz='0 0 1'/><limit lower='-1' upper='1' effort='1' velocity='1'/>"
@@ -385,13 +390,13 @@ def write_chain(path: Path, n: int) -> None:
     path.write_text(f"<robot name='chain'>{''.join(links + joints)}</robot>")
 
 
-def read_fixed_chain(n: int, folder: Path) -> Job:
+def read_fixed_chain(n, folder):
     path = folder / f"{n}.urdf"
     write_chain(path, n)
     return lambda: cspace.Arm.from_urdf(path)
 
 
-def read_allowed_pairs(n: int, folder: Path) -> Job:
+def read_allowed_pairs(n, folder):
     """Pairs of links without shapes."""
     urdf, srdf = folder / f"{n}.urdf", folder / f"{n}.srdf"
     write_chain(urdf, math.isqrt(2 * n) + 2)
@@ -401,7 +406,7 @@ def read_allowed_pairs(n: int, folder: Path) -> Job:
     return lambda: cspace.Arm.from_urdf(urdf, srdf)
 
 
-def set_up_meshes(n: int, folder: Path) -> Job:
+def set_up_meshes(n, folder):
     """An arm whose hand is a mesh of n triangles."""
     mesh, urdf = folder / f"{n}.stl", folder / f"{n}.urdf"
     make_sphere(n).export(mesh)
@@ -417,7 +422,7 @@ def set_up_meshes(n: int, folder: Path) -> Job:
     return lambda: cspace.build_arm_space(post, cspace.Arm.from_urdf(urdf)).closest([0.0])
 
 
-def place_boxes(n: int, folder: Path) -> Job:
+def place_boxes(n, folder):
     """An arm among n boxes."""
     path = folder / f"{n}.urdf"
     write_chain(path, 2)
@@ -430,7 +435,7 @@ def place_boxes(n: int, folder: Path) -> Job:
     return lambda: cspace.build_arm_space(boxes, arm).closest([0.0])
 
 
-KINDS: dict[str, tuple[int, Callable[[int, Path], Job]]] = {
+KINDS = {
     "build a map of n cells": (32**2, build_disc),
     "build a map of n cells and yaws": (24**2, build_yaws),
     "build a map of n cells in space": (12**3, build_ball),
@@ -466,7 +471,7 @@ KINDS: dict[str, tuple[int, Callable[[int, Path], Job]]] = {
 """Smallest n, and the job of each n, by kind."""
 
 
-def count_work(kind: str) -> list[int]:
+def count_work(kind):
     """Return the work on inputs of n, 4 n and 16 n."""
     for name in ("add", "maximum", "minimum", "logical_or", "bitwise_or"):
         setattr(np, name, Reductions(getattr(np, name)))

@@ -15,7 +15,7 @@ PROGRAM = Path(__file__).with_name("count.py")
 KINDS = [
     key.value
     for node in ast.parse(PROGRAM.read_text(encoding="utf-8")).body
-    if isinstance(node, ast.AnnAssign) and ast.unparse(node.target) == "KINDS"
+    if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "KINDS"
     for key in node.value.keys
 ]
 """Kinds of work, which this process does not import, as kernels are compiled here."""

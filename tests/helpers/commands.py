@@ -7,15 +7,20 @@ from functools import cache
 from typer import testing
 from typer.main import get_command
 
-from cspace._cli import app
-
 testing._get_command = cache(get_command)  # otherwise each run builds all commands again
-COMMANDS = testing._get_command(app).commands
-"""Commands of the command line by their names."""
+
+
+def commands():
+    """Return the commands of the command line by their names."""
+    from cspace._cli import app
+
+    return testing._get_command(app).commands
 
 
 def run(command, *arguments):
     """Run a command, as typed, with more arguments in this process."""
+    from cspace._cli import app
+
     words = [*shlex.split(command), *map(str, arguments)]
     return testing.CliRunner().invoke(app, words)
 

@@ -159,6 +159,16 @@ def count_prefixes(program: Path, map_: Path, chunks: Floats, tracking: Any) -> 
     return done.stdout.splitlines()
 
 
+def slow_in_cpp(program: Path, map_: Path, rows: Floats, *numbers: float) -> list[str]:
+    """Return a line for each slowed twist; ``rows`` are poses, wanted and present twists."""
+    file = map_.parent / "twists.bin"
+    file.write_bytes(np.ascontiguousarray(rows).tobytes())
+    command = [str(program), "slow", str(map_), str(file), *map(repr, map(float, numbers))]
+    done = subprocess.run(command, text=True, capture_output=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.splitlines()
+
+
 def open_in_cpp(program: Path, *maps: Path) -> list[str]:
     """Open maps in C++ and query them; return "opened" or the text of the error of each."""
     command = [str(program), "open", *map(str, maps)]

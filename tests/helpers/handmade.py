@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import strategies as st
 from scipy import sparse
 
-from cspace import BLOCKED, FREE, MIXED, CSpace, Robot, Workspace
+from cspace import BLOCKED, FREE, MIXED, CSpace, Robot, Workspace, build
 from cspace._record.contents import Contents
 from cspace._record.exterior import Exterior
 from cspace._rotations import Rotations
@@ -17,6 +17,11 @@ from tests.helpers.strategies import seeds
 
 MAP_KINDS = ("plane", "space", "turning", "turning in space", "turning in space any way")
 MIXTURE = (FREE, FREE, MIXED, BLOCKED)
+
+
+def build_empty(shape, robot, spacing=0.1, **options):
+    """Build the map of a workspace without obstacles."""
+    return build(Workspace.from_array(np.zeros(shape, dtype=bool), spacing), robot, **options)
 
 
 class Outside(NamedTuple):

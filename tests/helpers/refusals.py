@@ -13,9 +13,14 @@ def refusals(names: str, *rows: tuple[Any, ...]) -> pytest.MarkDecorator:
     return pytest.mark.parametrize(names, [pytest.param(*row, id=str(row[-1])) for row in rows])
 
 
-def check_followed(call: Callable[[], Any], advised: Callable[[], Any], hint: str) -> None:
-    """Check that a call is refused with a hint, and that what the hint advises is accepted."""
+def check_followed(call: Callable[[], Any], advised: Callable[[], Any], message: str) -> None:
+    """Check that a call is refused in one line, which ends with a hint, and that following it helps.
+
+    ``message`` is a part of the line that ends in the hint.
+    """
     with pytest.raises(CspaceError) as caught:
         call()
-    assert hint in caught.value.hint, caught.value
+    line, hint = str(caught.value), caught.value.hint
+    assert hint and message in line and "\n" not in line, line
+    assert line.index(message) + len(message) > line.index(hint), "the hint is not named"
     advised()

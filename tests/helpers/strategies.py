@@ -1,13 +1,29 @@
-"""Hypothesis strategies for exteriors, robots, bitmaps and rotation cells."""
+"""Numbers of cases, and strategies for exteriors, robots, bitmaps and rotation cells."""
 
 import math
 
 import numpy as np
+import pytest
 import shapely
+from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from tests.fuzz.scenes import ROBOTS, Scale, draw_polygon, draw_robot
+
+
+def examples(count, **options):
+    """Draw ``count`` examples if all tests run, and a quarter of them if only the quick ones do."""
+    share = settings().max_examples / settings.get_profile("all").max_examples
+    return settings(max_examples=max(2, round(share * count)), **options)
+
+
+def few(cases, quick=1):
+    """Return parameters of a test; only the first ``quick`` ones run in the quick set."""
+    rows = [case if isinstance(case, tuple) else (case,) for case in cases]
+    marks = [() if number < quick else pytest.mark.thorough for number in range(len(rows))]
+    return [pytest.param(*row, marks=mark) for row, mark in zip(rows, marks, strict=True)]
+
 
 seeds = st.integers(0, 2**32 - 1)
 exteriors = st.sampled_from(["blocked", "free"])

@@ -59,13 +59,6 @@ class World:
         self.outer[window], self.inner[window] = cells, cells if inner is None else inner
         return cells, lower, inner
 
-    def stream(self, space, steps):
-        """Update a map stepwise; yield a fresh build after each step."""
-        for _ in range(steps):
-            cells, lower, inner = self.patch()
-            space.update(cells, lower, inner=inner)
-            yield self.build()
-
     def points(self, n):
         """Draw configurations in and around the grid, and on its upper boundary."""
         grid = cspace.Grid(self.lower, SPACING, self.outer.shape)

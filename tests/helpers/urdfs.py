@@ -1,17 +1,23 @@
 """Small arms written as URDF files, and boxes at poses."""
 
+from __future__ import annotations
+
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import shapely
 from scipy.spatial.transform import Rotation
 
-from cspace import Arm, Robot
-from cspace.arms import PosedShape
+import cspace
+from cspace import Robot
 from tests.helpers.regions import place_polygon
+
+if TYPE_CHECKING:
+    from cspace import Arm
+    from cspace.arms import PosedShape
 
 
 def pose_at(x: float, y: float, z: float = 0.0, rotvec: Any = (0.0, 0.0, 0.0)) -> np.ndarray:
@@ -23,7 +29,7 @@ def pose_at(x: float, y: float, z: float = 0.0, rotvec: Any = (0.0, 0.0, 0.0)) -
 
 def posed_box(sides: Any, x: float, y: float, z: float = 0.0) -> PosedShape:
     """Return a box around a point."""
-    return PosedShape(Robot.box(sides).shape, pose_at(x, y, z))
+    return cspace.arms.PosedShape(Robot.box(sides).shape, pose_at(x, y, z))
 
 
 def link(name: str, *boxes: tuple[Any, Any], extra: str = "") -> str:
@@ -107,7 +113,7 @@ def planar_arm_meets(q: Any, posts: Any, bars: tuple[str, ...] = ("upper", "fore
 
 def planar_with_tip(folder: Path, **changes: Any) -> Arm:
     """Return the arm of :func:`planar` with the frame tip at its end."""
-    return Arm.from_urdf(planar(folder, **changes)).attach(
+    return cspace.Arm.from_urdf(planar(folder, **changes)).attach(
         "tip", Robot.ball(0.01).shape, "fore", pose_at(1, 0)
     )
 

@@ -3,7 +3,7 @@
 import time
 
 
-def until(true, seconds=20.0):
+def until(true, seconds=600.0):
     """Wait for a true value, and return it."""
     end = time.monotonic() + seconds
     while not (value := true()):

@@ -11,8 +11,9 @@ from shapely import affinity
 
 import cspace
 import planners
-from cspace.errors import InputError
+from cspace.errors import AngleWarning, InputError
 from cspace.lanes import RouteGraph
+from tests.helpers.handmade import build_empty
 from tests.helpers.refusals import check_followed, refusals
 
 ROBOT = [(0.4, 0.2), (-0.3, 0.25), (-0.3, -0.2), (0.4, -0.2)]
@@ -108,6 +109,7 @@ def test_random_graphs_agree_with_swept_hulls(rooms):
     check(rooms, audit)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("exact", [True, False])
 def test_depot_agrees_with_swept_hulls(data, exact):
     workspace = cspace.Workspace.open(data / "maps" / "depot.yaml", unknown="free")
@@ -352,11 +354,31 @@ def test_tiles_give_the_verdicts_of_memory(tmp_path):
     assert one.lost == other.lost
 
 
+@pytest.mark.parametrize("far", [20.0, 1e6, 1e15, 1e100])
+@pytest.mark.parametrize("outside", ["blocked", "free"])
+@pytest.mark.parametrize("tile", [None, 32])
+def test_a_node_far_outside_is_named_at_once(tmp_path, far, outside, tile):
+    workspace = cspace.Workspace.from_array(np.zeros((60, 60), dtype=np.bool_), 0.1)
+    robot = cspace.Robot.rectangle(0.6, 0.4)
+    options = {"store": tmp_path / "map", "tile": tile} if tile else {}
+    space = cspace.build(workspace, robot, rotations=24, outside=outside, **options)
+    for node in ((far, 5.0), (-far, far), (3.0, -far)):
+        graph = RouteGraph.from_arrays([(1, 1), (5, 5), node], [(0, 1), (1, 2), (2, 0)])
+        audit = planners.audit(space, graph)
+        near, *others = audit.lanes
+        assert near.verdict == "free"
+        if outside == "blocked":
+            assert {row.verdict for row in others} == {"blocked"}
+            assert {row.obstacle for row in others} == {"node 2 lies outside the map"}
+        else:
+            assert "blocked" not in {row.verdict for row in others}
+
+
 @refusals(
     "make, text",
     (lambda: RouteGraph.from_arrays([(0, 0, 0)], []), "last axis"),
-    (lambda: RouteGraph.from_arrays([(0, 0)], [(0, 1)]), "edges[0]"),
-    (lambda: RouteGraph.from_arrays([(0, 0)], [(0.5, 0)]), "pairs of indices"),
+    (lambda: RouteGraph.from_arrays([(0, 0)], [(0, 1)]), "edge number 0"),
+    (lambda: RouteGraph.from_arrays([(0, 0)], [(0.5, 0)]), "two whole numbers"),
     (lambda: RouteGraph.from_arrays([(0, 0)], [(0, 0)], "sideways"), "pass e.g. 'forward'"),
     (lambda: RouteGraph.from_arrays([(0, 0)], [(0, 0)], [0.0, 0.0]), "must have 1"),
     (lambda: RouteGraph.from_arrays([(0, 0)] * 2, [], names=["a", "a"]), "'a' twice"),
@@ -374,8 +396,28 @@ def test_wrong_arguments_are_refused(rooms):
         planners.audit(rooms, [(0, 1)])
     with pytest.raises(InputError, match="it must be a map"):
         planners.audit("map", graph)
-    with pytest.raises(InputError, match="name of a node"):
+    with pytest.raises(InputError, match="there are"):
         planners.audit(rooms, graph).find_way("0", "1")
-    solid = cspace.Workspace.from_array(np.zeros((9, 9, 9), dtype=np.bool_), 0.1)
     with pytest.raises(InputError, match="footprint, with rotations=72"):
-        planners.audit(cspace.build(solid, "ball:0.1"), graph)
+        planners.audit(build_empty((9, 9, 9), "ball:0.1"), graph)
+
+
+def test_yaws_in_degrees_are_named_once(rooms):
+    with pytest.warns(AngleWarning) as caught:
+        graph = RouteGraph.from_arrays([(1.0, 0.3), (3.0, 0.3)], [(0, 1)], 450.0, yaws=(90, 180))
+        planners.audit(rooms, graph)
+    assert [str(each.message).partition(":")[0] for each in caught] == ["headings", "yaws"]
+    np.testing.assert_allclose(np.cos(graph.yaws), np.cos([90, 180]), atol=1e-12)
+
+
+def test_the_hint_about_yaws_is_followed():
+    nodes = [(1.0, 0.3), (3.0, 0.3)]
+    with pytest.raises(InputError, match=r"yaws has shape \(1,\); .*; use NaN for any yaw"):
+        RouteGraph.from_arrays(nodes, [(0, 1)], yaws=[0.0])
+    assert np.isnan(RouteGraph.from_arrays(nodes, [(0, 1)], yaws=[0.0, math.nan]).yaws[1])
+
+
+def test_a_way_of_an_unknown_node_is_refused(rooms):
+    audit = planners.audit(rooms, RouteGraph.from_arrays([(1.0, 0.3), (3.0, 0.3)], [(0, 1)]))
+    with pytest.raises(InputError, match="start is 'n1'; there are 0, 1"):
+        audit.find_way("n1", "0")

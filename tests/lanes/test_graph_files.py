@@ -3,6 +3,7 @@
 import copy
 import json
 import math
+import warnings
 
 import networkx
 import numpy as np
@@ -10,12 +11,13 @@ import pytest
 import yaml
 from scipy.interpolate import BSpline
 
-import cspace
-from cspace.errors import CspaceError, FileError, InputError
+from cspace.errors import AngleWarning, CspaceError, FileError, GeometryError, InputError
 from cspace.lanes import RouteGraph
 from cspace.lanes._curves import cut_nurbs
 from cspace.lanes._lane_motions import list_motions
-from tests.helpers.refusals import refusals
+from tests.helpers.handmade import build_empty
+from tests.helpers.refusals import check_followed, refusals
+from tests.helpers.strategies import few
 
 NAV2 = {
     "type": "FeatureCollection",
@@ -207,10 +209,24 @@ ENTRY = (*LIF_EDGE, "vehicleTypeEdgeProperties", 0)
 POINTS = (*ENTRY, "trajectory", "controlPoints")
 
 
+JUMP = {
+    "degree": 1,
+    "knotVector": [0, 0, 1, 1, 2, 2],
+    "controlPoints": [{"x": x, "y": y} for x, y in ((1, -1), (1, 0), (1, 1), (0, 1))],
+}
+"""A curve in two pieces."""
+CROOKED = {
+    "degree": 3,
+    "knotVector": [0, 0, 0, *range(18), 17, 17, 17],
+    "controlPoints": [{"x": x, "y": y} for x, y in np.random.default_rng(1).random((20, 2)) * 10],
+}
+"""A curve that turns more than any lane."""
+
+
 @refusals(
     "name, path, value, text",
     ("nav.geojson", ("crs",), {"name": "CRS84"}, "has the crs"),
-    ("nav.geojson", NODE, None, "features[0], properties has no id"),
+    ("nav.geojson", NODE, None, "features[0].properties has no id"),
     ("nav.geojson", NODE, 1, "node 1 is there twice"),
     ("nav.geojson", NODE, 2, "edge 2 has the id of a node"),
     ("nav.geojson", ("features", 0, "properties", "frame"), "odom", "node 0 has frame 'odom'"),
@@ -235,14 +251,14 @@ POINTS = (*ENTRY, "trajectory", "controlPoints")
     ("rmf.yaml", (*LANES, 1), 9, "lane 0 is [0, 9"),
     ("rmf.yaml", LANES, 5, "lane 0 is 5"),
     ("rmf.yaml", (*LANES, 2), {"orientation_constraint": "left"}, "orientation_constraint 'left'"),
-    ("rmf.yaml", (*LANES, 2), 5, "lane 0 is 5"),
+    ("rmf.yaml", (*LANES, 2), 5, "has the lane 0 [0, 1, 5]; the third entry"),
     ("lif.json", (*LIF_EDGE, "endNodeId"), "z", "edge 'ab' names the node 'z'"),
     ("lif.json", (*ENTRY, "vehicleOrientation"), "left", "has the vehicleOrientation 'left'"),
     (
         "lif.json",
         (*ENTRY, "orientationType"),
         "LOCAL",
-        "edge 'ab', vehicleTypeEdgeProperties[0] has orientationType",
+        "edge 'ab'.vehicleTypeEdgeProperties[0] has orientationType",
     ),
     ("lif.json", (*ENTRY, "rotationAtStartNodeAllowed"), "CCW", "rotationAtStartNodeAllowed 'CCW'"),
     ("lif.json", (*ENTRY, "vehicleTypeId"), "tug", "pass vehicle="),
@@ -250,17 +266,23 @@ POINTS = (*ENTRY, "trajectory", "controlPoints")
         "lif.json",
         (*ENTRY, "trajectory", "knotVector"),
         [0, 1],
-        "vehicleTypeEdgeProperties[0], trajectory has 2 knots",
+        "vehicleTypeEdgeProperties[0].trajectory has 2 knots",
     ),
     ("lif.json", (*ENTRY, "trajectory", "knotVector"), [0, 0, 0, 1, 1, -1], "do not rise"),
     ("lif.json", (*ENTRY, "trajectory", "degree"), 0, "of degree 0"),
+    ("lif.json", (*ENTRY, "trajectory", "degree"), 1.5, "has the degree 1.5"),
+    ("lif.json", (*ENTRY, "trajectory"), JUMP, "jumps 1 m to (1, 1); its pieces must join"),
+    ("lif.json", (*ENTRY, "trajectory"), CROOKED, "is too long or bent at"),
+    ("lif.json", (*ENTRY, "trajectory"), ARC | {"degree": 17, "knotVector": [0] * 21}, "degree 17"),
+    ("lif.json", (*ENTRY, "trajectory", "knotVector"), None, "trajectory has no knotVector"),
+    ("lif.json", ("layouts", 0, "nodes", 0, "mapId"), "upstairs", "on the maps ['None', 'upst"),
     ("lif.json", (*POINTS, 1, "weight"), 0.0, "weight that is not above zero"),
     ("lif.json", (*POINTS, 1, "x"), None, "controlPoints[1] has no x"),
     ("lif.json", (*POINTS, 1, "orientation"), 0.5, "has orientation 0.5"),
     ("lif.json", (*POINTS, 0, "x"), 1.5, "edge 'ab' ends 0.5 m from a node"),
     ("lif.json", (*ENTRY, "trajectory"), 5, "trajectory is 5"),
     ("lif.json", ("layouts", 0, "stations", 0, "interactionNodeIds"), ["z"], "station 'S'"),
-    ("lif.json", ("layouts", 0, "nodes", 0, "nodePosition"), 1, "node 'a', nodePosition is 1"),
+    ("lif.json", ("layouts", 0, "nodes", 0, "nodePosition"), 1, "node 'a'.nodePosition is 1"),
     ("lif.json", ("layouts", 0, "origins"), [{"x": 3}], "the layout has origins"),
     ("lif.json", ("origins",), [{"x": 3}], "the graph has origins"),
     ("order.json", ("nodes", 0, "nodePosition", "mapId"), "n", "has nodes on the maps"),
@@ -277,7 +299,7 @@ def test_damaged_files_name_the_element(name, path, value, text, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "path", "text"),
+    "name, path, text",
     [
         ("nav.geojson", ("features", 2, "properties", "width"), "width (Nav2 edge)"),
         ("rmf.yaml", ("levels", "L1", "vertices", 0, 2, "yaw"), "yaw (vertex)"),
@@ -293,14 +315,56 @@ def test_unknown_fields_are_named_once(name, path, text, tmp_path):
     file = write(tmp_path, name, edit(name, path, 1.0))
     with pytest.warns(UserWarning) as caught:
         RouteGraph.open(file)
-    assert [str(each.message) for each in caught] == [
-        f"route graph: audits ignore the fields {text}"
-    ]
+    (message,) = (str(each.message) for each in caught)
+    assert message.partition("; did you mean")[0] == f"{file}: these fields are not read: {text}"
     assert caught[0].filename == __file__
 
 
+@pytest.mark.parametrize(
+    "name, path, value",
+    [
+        ("lif.json", (*ENTRY, "vehicleOrientation"), 180.0),
+        ("lif.json", ("layouts", 0, "nodes", 0, "vehicleTypeNodeProperties", 0, "theta"), -90.0),
+        ("order.json", ("edges", 0, "orientation"), 90),
+        ("order.json", ("nodes", 0, "nodePosition", "theta"), 7.0),
+    ],
+)
+def test_angles_in_degrees_are_warned_of_with_their_radians(name, path, value, tmp_path):
+    radians = f"write {math.radians(value):.6g} for {value:g} degrees"
+    with pytest.warns(AngleWarning, match=f"{path[-1]}: {value:g}; .*{radians}"):
+        RouteGraph.open(write(tmp_path, name, edit(name, path, value)))
+
+
+def test_fields_of_other_vehicles_and_layouts_are_nobodys_concern(tmp_path):
+    layout = copy.deepcopy(LIF)
+    entries = layout["layouts"][0]["edges"][0]["vehicleTypeEdgeProperties"]
+    entries.append({"vehicleTypeId": "tug", "loadRestriction": 1, "vehicleOrientation": 90.0})
+    layout["layouts"].append({"layoutId": "yard", "layoutFrame": 3})
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        RouteGraph.open(write(tmp_path, "a.json", layout), level="hall", vehicle="fork")
+
+
+def test_knots_that_version_3_leaves_out_are_clamped_and_uniform(tmp_path):
+    order = edit("order.json", ("version",), "3.0.0")
+    points = [{"x": 1, "y": 0}, {"x": 2, "y": 0}, {"x": 2, "y": 1}, {"x": 0, "y": 1}]
+    order["edges"][0]["trajectory"] = {"degree": 1, "controlPoints": points}
+    legs = RouteGraph.open(write(tmp_path, "a.json", order)).lanes[0].legs
+    assert [leg.end for leg in legs] == [(2, 0), (2, 1), (0, 1)]
+    for degree in (2, 3):
+        order["edges"][0]["trajectory"]["degree"] = degree
+        legs = RouteGraph.open(write(tmp_path, "a.json", order)).lanes[0].legs
+        knots = [0] * degree + ([0, 0.5, 1] if degree == 2 else [0, 1]) + [1] * degree
+        order["edges"][0]["trajectory"]["knotVector"] = knots
+        assert legs == RouteGraph.open(write(tmp_path, "a.json", order)).lanes[0].legs
+        del order["edges"][0]["trajectory"]["knotVector"]
+
+
 def test_files_of_no_graph_are_refused(tmp_path):
-    for name, text in (("a.json", "[]"), ("a.json", "{}"), ("a.json", "{"), ("a.yaml", "a: [")):
+    nested = "[" * 100 + "]" * 100
+    no_graphs = ["[]", "{}", "{", f'{{"nodes": {nested}}}', "a: [", "levels: &a []\nb: *a"]
+    for text in no_graphs:
+        name = "a.json" if text[0] in "[{" else "a.yaml"
         (tmp_path / name).write_text(text)
         with pytest.raises(FileError):
             RouteGraph.open(tmp_path / name)
@@ -308,7 +372,32 @@ def test_files_of_no_graph_are_refused(tmp_path):
         RouteGraph.open(tmp_path / "a.png")
 
 
-@pytest.mark.filterwarnings("ignore:.*audits ignore the fields")
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    "wrong, right, hint",
+    [
+        (
+            edit("rmf.yaml", (*LANES, 2), {"is_bidirectional": "false"}),
+            edit("rmf.yaml", (*LANES, 2), {"is_bidirectional": False}),
+            "write it without quotes",
+        ),
+        ({"origins": []}, RMF, "write it in one of these formats"),
+        (
+            edit("rmf.yaml", ("levels", "L1", "vertices", 0), [1018.2, 431.7, 0, "a", {}]),
+            RMF,
+            "make one of a building map: building_map_generator nav of rmf_building_map_tools",
+        ),
+    ],
+)
+def test_hints_of_graphs_are_followed(wrong, right, hint, tmp_path):
+    check_followed(
+        lambda: RouteGraph.open(write(tmp_path, "rmf.yaml", wrong)),
+        lambda: RouteGraph.open(write(tmp_path, "rmf.yaml", right)),
+        hint,
+    )
+
+
+@pytest.mark.filterwarnings("ignore:.*these fields are not read")
 @pytest.mark.parametrize("name", FILES)
 def test_no_damage_gives_another_error(name, tmp_path):
     rng = np.random.default_rng(0)
@@ -334,12 +423,23 @@ def test_a_graph_of_networkx_has_the_same_lanes():
         (1, 0, "map"),
     ]
     assert len(RouteGraph.from_networkx(graph.to_directed()).lanes) == 2
+    with pytest.warns(UserWarning, match=r"not read: oneway \(edge\), theta \(node\)"):
+        graph.add_node("a", theta=0.5)
+        graph.add_edge("a", "b", oneway=True)
+        RouteGraph.from_networkx(graph)
+    graph.graph["crs"] = "epsg:4326"
+    with pytest.raises(GeometryError, match="epsg:4326"):
+        RouteGraph.from_networkx(graph)
+    graph.graph.clear()
+    graph.edges["a", "b"]["geometry"] = "LINESTRING (1 2, 1 9, 4 2)"
+    with pytest.raises(InputError, match="the edge 'a', 'b', which has geometry"):
+        RouteGraph.from_networkx(graph)
     graph.add_node("c")
     with pytest.raises(InputError, match="node 'c'"):
         RouteGraph.from_networkx(graph)
 
 
-@pytest.mark.parametrize("degree", [1, 2, 3, 5])
+@pytest.mark.parametrize("degree", few([3, 1, 2, 5]))
 def test_legs_contain_a_random_curve_and_its_directions(degree):
     rng = np.random.default_rng(degree)
     for _ in range(10):
@@ -371,8 +471,7 @@ def contains(leg, point, angle):
 
 def test_the_motions_of_a_curve_are_as_wide_as_it_deviates(tmp_path):
     graph = RouteGraph.open(write(tmp_path, "lif.json", LIF))
-    workspace = cspace.Workspace.from_array(np.zeros((20, 20), dtype=np.bool_), 0.1)
-    motions = list_motions(cspace.build(workspace, "rect:0.2x0.1", rotations=8), graph)
+    motions = list_motions(build_empty((20, 20), "rect:0.2x0.1", rotations=8), graph)
     legs = graph.lanes[0].legs
     of_legs = (motions.lanes == 0) & ~motions.on_lane
     lever = math.hypot(0.1, 0.05)

@@ -91,7 +91,7 @@ def test_every_required_package_is_imported():
 
 
 @pytest.mark.parametrize(
-    ("system", "python", "is_required"),
+    "system, python, is_required",
     [
         ("linux", "3.13", True),
         ("darwin", "3.11", True),

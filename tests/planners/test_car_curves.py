@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
+from hypothesis import given
 from ompl import base as ob
 
 import planners
@@ -13,6 +13,8 @@ from cspace import Robot, Workspace, build
 from planners._cars import CarCurves
 from planners._drives import local_planner
 from planners._local_planner import CURVES
+from tests.fuzz.curves import drive
+from tests.helpers.handmade import build_empty
 from tests.helpers.planning import (
     build_room,
     interpolate_poses,
@@ -21,7 +23,7 @@ from tests.helpers.planning import (
     shortest_word,
     turn_between,
 )
-from tests.helpers.strategies import L_SHAPE, seeds
+from tests.helpers.strategies import L_SHAPE, examples, seeds
 
 OMPL_SPACES = {"dubins": ob.DubinsStateSpace, "reeds-shepp": ob.ReedsSheppStateSpace}
 EVERY_CURVE = pytest.mark.parametrize("name", CURVES)
@@ -56,19 +58,6 @@ def draw_pairs(n, radius, seed=0):
     return q
 
 
-def drive_word(first, word, radius, steps=4000):
-    """Drive a word in small steps; return its end."""
-    turns, lengths, _ = word
-    x, y, yaw = first
-    for turn, length in zip(turns, lengths, strict=True):
-        step = length / steps
-        centers = yaw + turn * step * (np.arange(steps) + 0.5)
-        x += radius * step * np.cos(centers).sum()
-        y += radius * step * np.sin(centers).sum()
-        yaw += turn * length
-    return np.array([x, y, yaw])
-
-
 # ---- words ---------------------------------------------------------------------------------------
 
 
@@ -85,7 +74,7 @@ def test_curves_end_at_the_goal_and_are_at_most_as_long_as_ompls(name):
         shorter += length < theirs - 2e-6 * radius
         if k % 10 == 0:
             word = shortest_word(curves, a, b)
-            end = drive_word(a, word, radius)
+            end = drive(a[None], word[0][None], radius * word[1][None], radius)[0]
             assert np.abs(end[:2] - b[:2]).max() < 1e-5 and word[2] < 2e-8
             assert abs(turn_between(end[2], b[2])) < 2e-6
             assert name == "reeds-shepp" or min(word[1]) >= 0.0
@@ -161,8 +150,7 @@ def test_the_curve_that_ompl_interpolates_is_free(space, name):
 
 @pytest.mark.parametrize("exact", [False, True])
 def test_a_curve_that_leaves_the_map_or_has_no_number_is_not_proven(exact):
-    workspace = Workspace.from_array(np.zeros((40, 40), dtype=bool), 0.1)
-    space = build(workspace, Robot.disc(0.01), rotations=4, outside="free")
+    space = build_empty((40, 40), Robot.disc(0.01), rotations=4, outside="free")
     check = local_planner(space, exact, "dubins", 1.0).edge_checker()
     assert check(1.0, 2.0, 0.0, 3.0, 2.0, 0.0)
     assert not check(3.5, 2.0, 0.0, 3.5, 2.0, math.pi)  # turns around, beyond the border
@@ -220,7 +208,7 @@ def draw_curve(curves, rng):
 
 
 @EVERY_CURVE
-@settings(max_examples=150)
+@examples(150)
 @given(seed=seeds)
 def test_exact_curves_keep_the_footprint_off_obstacles(posts, name, seed):
     rng = np.random.default_rng(seed)
@@ -263,7 +251,7 @@ def test_exact_checkers_follow_updates_within_ten_micrometres():
 
 
 @pytest.mark.parametrize(
-    ("workspace", "robot"),
+    "workspace, robot",
     [
         (Workspace.from_polygons(shapely.box(1, 1, 8, 8), 0.5, (0, 0, 9, 9)), Robot.disc(0.2)),
         (Workspace.from_array(np.pad(np.ones((14, 14), bool), 2), 0.5), Robot.rectangle(0.4, 0.2)),
@@ -293,7 +281,7 @@ def test_states_of_exact_cars_are_valid_where_the_geometry_proves_it(posts, name
 
 
 @pytest.mark.parametrize(
-    ("footprint", "obstacle", "radius", "turn"),
+    "footprint, obstacle, radius, turn",
     [
         (
             shapely.box(-0.01, -0.01, 0.01, 0.01),

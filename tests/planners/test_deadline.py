@@ -23,7 +23,7 @@ from tests.helpers.planning import (
 
 
 @pytest.mark.parametrize(
-    ("planner", "name", "curve", "objective"),
+    "planner, name, curve, objective",
     [
         ("RRTConnect", "floating", None, "length"),
         ("PRM", "yawing", None, "length"),
@@ -63,7 +63,7 @@ def test_built_in_searches_keep_the_time_limit():
 
 
 @pytest.mark.parametrize(
-    ("options", "owner", "seconds"),
+    "options, owner, seconds",
     [
         ({"drive": "reeds-shepp", "turning_radius": 0.1}, CarCurves, 0.0003),
         ({"drive": "differential"}, TurnDriveTurn, 0.001),
@@ -109,6 +109,24 @@ def test_a_planner_step_that_takes_too_long_is_cut_off():
     options = {"planner": "FMT", "objective": lambda si: Slow(si, space)}
     plan = plan_in_time(space, ENDPOINTS["plane"], 0.2, **options)
     assert calls and plan.status.startswith("path found: the first one, by RRTConnect")
+
+
+def test_a_time_limit_is_the_time_that_passes(monkeypatch):
+    # A cost that only waits takes no CPU time.
+    calls = []
+
+    class Waiting(planners.ClearanceObjective):
+        def motionCost(self, first, second):  # noqa: N802 - OMPL's name
+            calls.append(time.sleep(0.002))
+            return super().motionCost(first, second)
+
+    monkeypatch.undo()  # the clock of users
+    space = build_room("plane")
+    options = {"planner": "FMT", "objective": lambda si: Waiting(si, space), "time_limit": 0.2}
+    for _ in range(2):  # the first plan may compile
+        calls.clear()
+        planners.plan(space, *ENDPOINTS["plane"], **options)
+    assert 0 < len(calls) < 400
 
 
 def test_a_deadline_makes_callbacks_refuse_then_raise(monkeypatch):

@@ -3,8 +3,6 @@
 Oracles: FCL places the robot beside the pillar, scipy rotates, and positions are differenced.
 """
 
-from typing import Any
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -18,7 +16,7 @@ SIDES = 0.3, 0.2, 0.1
 """Sides of the robot, metres."""
 
 ENDS = (0.5, 1.0, 0.5), (1.5, 1.0, 0.5)
-TURNS: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = {
+TURNS = {
     "fixed": ((), ()),
     "yaw": ((0.0,), (1.0,)),
     "quaternion": ((0.0, 0.0, 0.0, 1.0), (0.0, 0.6, 0.0, 0.8)),
@@ -26,23 +24,23 @@ TURNS: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = {
 """Rotations at both ends."""
 
 
-def build_space(kind: str) -> cspace.CSpace:
+def build_space(kind):
     """Build a room with a pillar."""
     occupied = np.zeros((20, 20, 20), dtype=bool)
     occupied[8:12, 8:12, :14] = True
-    rotations: Any = {"fixed": None, "yaw": 24, "quaternion": cspace.Rotations.quaternions(4)}[kind]
+    rotations = {"fixed": None, "yaw": 24, "quaternion": cspace.Rotations.quaternions(4)}[kind]
     workspace = cspace.Workspace.from_array(occupied, 0.1)
     return cspace.build(workspace, cspace.Robot.box(SIDES), rotations=rotations)
 
 
-def touches(rows: np.ndarray) -> bool:
+def touches(rows):
     """Return whether the robot touches the pillar at some row, by FCL."""
     pillar = box((0.4, 0.4, 1.4), (1.0, 1.0, 0.7))
     sides = np.array(SIDES) - 1e-6
     return any(meet(box(sides, q[:3], rotation_of(q).as_matrix()), pillar) for q in rows)
 
 
-def angular_velocities(rows: np.ndarray, velocities: np.ndarray) -> np.ndarray:
+def angular_velocities(rows, velocities):
     """Return the angular velocities in the robot's frame, shape (n, 3), from derivatives of rows."""
     if rows.shape[1] < 7:
         return np.pad(velocities[:, 3:], ((0, 0), (0, 7 - rows.shape[1])))
@@ -51,7 +49,7 @@ def angular_velocities(rows: np.ndarray, velocities: np.ndarray) -> np.ndarray:
     return np.asarray((Rotation.from_quat(rows[:, 3:]).inv() * later).as_rotvec() / h)
 
 
-def check_motion(motion: planners.Trajectory) -> None:
+def check_motion(motion):
     """Check contacts, limits, and that velocities are those of the positions and never jump."""
     h = 1e-5
     t = np.linspace(h, max(motion.duration - h, h), 800)
@@ -70,7 +68,7 @@ def check_motion(motion: planners.Trajectory) -> None:
 
 
 @pytest.mark.parametrize("kind", TURNS)
-def test_a_robot_in_space_stops_and_goes_on_within_limits_and_proofs(kind: str) -> None:
+def test_a_robot_in_space_stops_and_goes_on_within_limits_and_proofs(kind):
     space = build_space(kind)
     start, goal = (end + turn for end, turn in zip(ENDS, TURNS[kind], strict=True))
     limits = LIMITS | (TURNING_LIMITS if kind != "fixed" else {})

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import shapely
 import shapely.affinity
-from hypothesis import given, settings
+from hypothesis import given
 from ompl import base as ob
 
 import planners
@@ -24,7 +24,7 @@ from tests.fuzz.drives import (
 from tests.helpers.handmade import fill_boxes
 from tests.helpers.planning import ENDPOINTS, build_room, interpolate_poses, make_poses
 from tests.helpers.regions import place_polygon
-from tests.helpers.strategies import seeds
+from tests.helpers.strategies import examples, few, seeds
 
 SPOT_DRIVES = [{"drive": "differential"}, {"drive": "differential-reverse"}]
 CAR_DRIVES = [
@@ -63,7 +63,7 @@ def sample_motion(plan):
 
 
 @EVERY_DRIVE
-@settings(max_examples=4)
+@examples(4)
 @given(seed=seeds)
 def test_paths_are_certified_and_keep_exact_footprints_off_obstacles(options, seed):
     rng = np.random.default_rng(seed)
@@ -94,7 +94,7 @@ def test_a_car_parks_in_a_real_lot(data):
     assert not shapely.intersects(obstacles, cars).any()
 
 
-@pytest.mark.parametrize("options", SPOT_DRIVES, ids=str)
+@pytest.mark.parametrize("options", few(SPOT_DRIVES), ids=str)
 def test_the_lattice_solves_nearly_all_that_eight_headings_join_and_is_as_short(options):
     # No proof: the lattice misses some 3 % of such queries, so their draws are fixed.
     as_short = []
@@ -178,8 +178,8 @@ def test_a_search_from_the_goal_still_drives_ahead_on_a_long_way():
     assert steps[plan.direction[1:] < 0].sum() < 0.1 * plan.length
 
 
-@pytest.mark.parametrize("radius", [4.0, 6.0])
-@pytest.mark.parametrize("share", [1.18, 1.3])
+@pytest.mark.parametrize("radius", few([4.0, 6.0]))
+@pytest.mark.parametrize("share", few([1.18, 1.3]))
 @pytest.mark.parametrize("make_slot", [make_parallel_slot, make_perpendicular_slot])
 def test_cars_park_in_tight_slots_on_coarse_maps(make_slot, share, radius):
     obstacles, query = make_slot(share)
@@ -214,7 +214,7 @@ def test_lattice_passes_a_crate_close_to_a_wall_in_little_time(drive):
 
 
 @pytest.mark.parametrize(
-    ("center", "side"), [((0.0, 0.0), 5), ((0.15, 0.0), 4), ((0.35, 0.0), 2), ((0.6, 0.0), 1)]
+    "center, side", [((0.0, 0.0), 5), ((0.15, 0.0), 4), ((0.35, 0.0), 2), ((0.6, 0.0), 1)]
 )
 def test_blocks_of_the_guide_are_as_large_as_the_robot_lets_walls_be(center, side):
     occupied = np.zeros((120, 100), dtype=bool)

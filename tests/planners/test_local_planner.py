@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 
 import planners
 from cspace import Robot, Workspace, build
@@ -22,7 +22,7 @@ from tests.helpers.planning import (
     plan_patiently,
     turn_between,
 )
-from tests.helpers.strategies import seeds
+from tests.helpers.strategies import examples, seeds
 
 EACH_DRIVE = pytest.mark.parametrize("drive", ["differential", "differential-reverse"])
 
@@ -86,7 +86,7 @@ def check_driven(plan, drive):
 
 
 @EACH_DRIVE
-@settings(max_examples=60)
+@examples(60)
 @given(seed=seeds)
 def test_an_edge_is_proven_if_its_configurations_are_free_with_clearance(drive, seed):
     space = build_room("turning")

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import RegularGridInterpolator
 
@@ -22,12 +22,12 @@ from tests.helpers.planning import (
     make_state,
     options_for,
 )
-from tests.helpers.strategies import seeds
+from tests.helpers.strategies import examples, seeds
 
 PENALTIES = {"weight": 6.0, "clearance_threshold": 0.4}
 
 
-@pytest.mark.parametrize(("name", "curve"), SPACES_WITH_CURVES)
+@pytest.mark.parametrize("name, curve", SPACES_WITH_CURVES)
 def test_the_cost_of_an_edge_is_the_integral_along_it(name, curve):
     space = build_room(name)
     dim = space.grid.dim
@@ -72,7 +72,7 @@ def test_costs_on_cells_are_linear_between_cell_centers(name):
     space = build_room(name)
     grid = space.grid
     rng = np.random.default_rng(1)
-    costs = rng.uniform(-0.2, 1.0, space._kernel_map.states.shape)
+    costs = rng.uniform(-0.2, 1.0, (len(space.slice_rotations), *grid.shape))
     positions = rng.uniform(grid.lower, grid.upper, (100, grid.dim))
     border = rng.random(positions.shape) < 0.1
     positions[border] = np.broadcast_to(grid.lower, positions.shape)[border] + 0.01 * grid.spacing
@@ -81,9 +81,8 @@ def test_costs_on_cells_are_linear_between_cell_centers(name):
     axes = [grid.centers(axis) for axis in range(grid.dim)]
     inside = positions.clip([axis[0] for axis in axes], [axis[-1] for axis in axes])
     slices = space.slice_of[space.rotations._find_cells(configurations)]
-    values = costs.reshape(-1, *grid.shape)
     expected = [
-        max(0.0, RegularGridInterpolator(axes, values[number])(position)[0])
+        max(0.0, RegularGridInterpolator(axes, costs[number])(position)[0])
         for number, position in zip(slices, inside, strict=True)
     ]
     si = planners.simple_setup(space).getSpaceInformation()
@@ -97,14 +96,14 @@ def test_costs_on_cells_are_linear_between_cell_centers(name):
 
 
 @pytest.mark.parametrize("kind", lengths.WORLDS)
-@settings(max_examples=10)
+@examples(10)
 @given(seeds)
 def test_no_path_is_shorter_than_the_bound(kind, seed):
     outcomes = lengths.WORLDS[kind](np.random.default_rng(seed))
     assert lengths.is_between(*np.reshape(outcomes, (-1, 3)).T)
 
 
-@settings(max_examples=15)
+@examples(15)
 @given(seeds, st.sampled_from(sorted(ENDPOINTS)))
 def test_no_certified_path_is_shorter_than_the_bound(seed, name):
     space = build_room(name)

@@ -57,7 +57,7 @@ START, GOAL = (-1.5, 0.0), (1.5, 0.1)
 
 
 @pytest.mark.parametrize(
-    ("axes", "planner"), [(("a", "b"), None), (("x", "y"), "PRM"), (("x", "y", "yaw"), "RRTstar")]
+    "axes, planner", [(("a", "b"), None), (("x", "y"), "PRM"), (("x", "y", "yaw"), "RRTstar")]
 )
 def test_a_plan_follows_motions_that_the_space_proves(axes, planner):
     space = Disc(*axes)
@@ -92,12 +92,16 @@ def test_a_search_of_the_space_is_the_default_planner():
     "options, message",
     ({"start": (0.0, 0.0)}, r"start \(0.0, 0.0\) is not free; a path starts and ends in free"),
     ({"goal": (3.0, 0.0)}, r"goal \(3.0, 0.0\) lies outside the bounds"),
-    ({"goal": cspace.PoseGoal("tip", np.eye(4))}, "goal is a PoseGoal"),
 )
 def test_what_a_space_cannot_do_is_refused(options, message):
     given = {"start": START, "goal": GOAL, **options}
     with pytest.raises(InputError, match=message):
         planners.plan(Disc("x", "y"), given.pop("start"), given.pop("goal"), **given)
+
+
+def test_a_pose_is_no_goal_of_a_space_without_frames():
+    with pytest.raises(InputError, match="goal is a PoseGoal"):
+        planners.plan(Disc("x", "y"), START, cspace.PoseGoal("tip", np.eye(4)))
 
 
 def test_spaces_without_pictures_and_with_wrong_bounds_say_so():

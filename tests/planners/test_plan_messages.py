@@ -14,7 +14,6 @@ import cspace
 import planners
 from cspace import InputError
 from cspace._files import ros_maps as messages
-from cspace.arms import Arm, build_arm_space
 from cspace.errors import ConfigurationError
 from tests.helpers.planning import ENDPOINTS, SPACES, build_room
 from tests.helpers.urdfs import planar
@@ -60,8 +59,8 @@ def joint_plan(tmp_path_factory):
     pytest.importorskip("yourdfpy")
     path = planar(tmp_path_factory.mktemp("arm"))
     path.write_text(path.read_text().replace("shoulder", "x").replace("elbow", "y"))
-    arm = Arm.from_urdf(path)
-    return planners.plan(build_arm_space({}, arm), (0.0, 0.0), (0.5, 0.5))
+    arm = cspace.Arm.from_urdf(path)
+    return planners.plan(cspace.build_arm_space({}, arm), (0.0, 0.0), (0.5, 0.5))
 
 
 def test_elements_have_the_class_declared_by_the_message(joint_plan, monkeypatch):
@@ -113,7 +112,7 @@ def test_plans_and_messages_of_the_other_kind_are_refused(joint_plan):
 
 @pytest.mark.parametrize("end", ["start", "goal"])
 @pytest.mark.parametrize(
-    ("q", "reason"), [((9.0, 9.0), "outside"), ((2.0, 0.5), "blocked"), ((2.36, 0.5), "mixed")]
+    "q, reason", [((9.0, 9.0), "outside"), ((2.0, 0.5), "blocked"), ((2.36, 0.5), "mixed")]
 )
 def test_errors_name_the_end_and_the_reason(end, q, reason):
     cells = np.zeros((40, 30), dtype=bool)
@@ -126,7 +125,7 @@ def test_errors_name_the_end_and_the_reason(end, q, reason):
 
 
 @pytest.mark.parametrize(
-    ("rotations", "options"),
+    "rotations, options",
     [
         (None, {}),
         (8, {}),
@@ -151,6 +150,9 @@ def test_poses_of_a_path_are_a_step_apart_and_on_it(rotations, options):
     for bad in (0.0, -1.0, math.nan):
         with pytest.raises(InputError, match="step"):
             plan.to_path(step=bad)
+    with pytest.raises(InputError, match=r"makes .* poses.*pass e\.g\. step=0\.05"):
+        plan.to_path(step=1e-9)
+    assert len(plan.to_path(step=0.05).poses) >= len(poses)
     pickled = pickle.loads(pickle.dumps(plan))
     with pytest.raises(InputError, match="pickling leaves the map behind; leave step out"):
         pickled.to_path(step=0.1)

@@ -6,15 +6,18 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from ompl import util as ou
 from shapely.geometry import box
 
+import cspace
 import planners
-from cspace import Arm, InputError, Robot, Workspace, build, build_arm_space
+from cspace import InputError, Robot, Workspace, build
 from tests.fuzz.drives import weighted_length
+from tests.helpers.handmade import fill_boxes
 from tests.helpers.planning import ENDPOINTS, build_room, check, options_for
-from tests.helpers.strategies import seeds
+from tests.helpers.refusals import check_followed
+from tests.helpers.strategies import examples, seeds
 from tests.helpers.urdfs import planar, planar_arm_meets, posed_box
 
 ROTATING = [
@@ -30,8 +33,8 @@ ROTATING = [
 # ---- never worse than a quick plan ---------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("name", "drive", "exact"), ROTATING)
-@settings(max_examples=4)
+@pytest.mark.parametrize("name, drive, exact", ROTATING)
+@examples(4)
 @given(seeds)
 def test_a_default_plan_is_no_longer_than_a_quick_one(name, drive, exact, seed):
     space = build_room(name)
@@ -71,73 +74,67 @@ def test_default_plans_without_a_seed_are_repeatable_and_leave_ompl_its_own_seed
 # ---- previous plans ------------------------------------------------------------------------------
 
 
-def build_hall():
-    """Build a hall with a wall in its middle, open at both ends."""
-    occupied = np.zeros((100, 60), dtype=bool)
-    occupied[48:52, 15:45] = True
-    return build(Workspace.from_array(occupied, 0.1), Robot.rectangle(0.5, 0.3), rotations=24)
+EACH_DRIVE = pytest.mark.parametrize("drive", ["holonomic", "differential", "reeds-shepp"])
 
 
-@pytest.mark.parametrize("drive", ["holonomic", "differential", "reeds-shepp"])
+def build_walls(length, *walls):
+    """Build a room of some cells times 60 with walls."""
+    workspace = Workspace.from_array(fill_boxes((length, 60), *walls), 0.1)
+    return build(workspace, Robot.rectangle(0.5, 0.3), rotations=24)
+
+
+def go_on(space, start, goal, before, **options):
+    """Plan along a previous plan, and check the plan."""
+    plan = planners.plan(space, start, goal, previous=before, **options)
+    check(space, plan, start, goal)
+    return plan
+
+
+@EACH_DRIVE
 def test_a_plan_goes_on_along_the_previous_one(drive):
-    space = build_hall()
+    space = build_walls(100, np.s_[48:52, 15:45])  # open at both ends
     start, goal = (1.0, 2.0, 0.0), (9.0, 2.0, 0.0)
     options = options_for(drive)
     before = planners.plan(space, start, goal, **options)
     halfway = before.path[len(before.path) // 3]
-    plan = planners.plan(space, halfway, (9.0, 2.5, 0.1), previous=before, **options)
-    check(space, plan, halfway, (9.0, 2.5, 0.1))
+    plan = go_on(space, halfway, (9.0, 2.5, 0.1), before, **options)
     assert plan.status == "path found: along the previous plan"
     assert weighted_length(plan) < weighted_length(before)
     # An obstacle across the previous path is gone around, on the other side of the wall.
     space.add_obstacle("crate", box(4.5, 0.0, 5.5, 1.5))
-    again = planners.plan(space, start, goal, previous=before, **options)
-    check(space, again, start, goal)
+    again = go_on(space, start, goal, before, **options)
     assert again.status.endswith("previous plan") and again.path[:, 1].max() > 4.5
     fresh = planners.plan(space, start, goal, **options)
     assert weighted_length(again) < 1.05 * weighted_length(fresh)
     # An obstacle that the robot is past changes nothing.
     space.remove_obstacle("crate")
     space.add_obstacle("crate", box(0.6, 1.6, 1.0, 2.4))
-    again = planners.plan(space, before.path[-2], goal, previous=before, **options)
-    check(space, again, before.path[-2], goal)
+    again = go_on(space, before.path[-2], goal, before, **options)
     assert again.status.endswith("previous plan")
 
 
 def build_corridor():
     """Build a corridor with bends, 40 m long and 3 m wide."""
-    occupied = np.zeros((400, 60), dtype=bool)
-    occupied[80:83, :25] = True
-    occupied[320:323, 35:] = True
-    return build(Workspace.from_array(occupied, 0.1), Robot.rectangle(0.5, 0.3), rotations=24)
+    return build_walls(400, np.s_[80:83, :25], np.s_[320:323, 35:])
 
 
-@pytest.mark.parametrize("drive", ["holonomic", "differential", "reeds-shepp"])
-def test_only_the_blocked_part_of_a_previous_plan_changes(drive):
+@EACH_DRIVE
+def test_only_the_blocked_part_of_a_previous_plan_changes(drive, monkeypatch):
     space = build_corridor()
     start, goal = (1.0, 1.0, 0.0), (39.0, 5.0, 0.0)
     options = options_for(drive)
     before = planners.plan(space, start, goal, **options)
     x, y = np.median(before.path[:, :2], axis=0)
     space.add_obstacle("crate", box(x - 0.4, y - 0.4, x + 0.4, y + 0.4))
-    again = planners.plan(space, start, goal, previous=before, **options)
-    check(space, again, start, goal)
+    again = go_on(space, start, goal, before, **options)
     assert again.status.endswith("previous plan")
     fresh = planners.plan(space, start, goal, **options)
     assert weighted_length(again) < 1.05 * weighted_length(fresh)
-
-
-@pytest.mark.parametrize("drive", ["holonomic", "differential", "reeds-shepp"])
-def test_a_crate_on_a_previous_plan_is_passed_beside_without_a_search(drive, monkeypatch):
-    space = build_corridor()
-    start, goal = (1.0, 1.0, 0.0), (39.0, 5.0, 0.0)
-    options = options_for(drive)
-    before = planners.plan(space, start, goal, **options)
-    x, y = np.median(before.path[:, :2], axis=0)
+    # A smaller crate is passed beside without a search.
+    space.remove_obstacle("crate")
     space.add_obstacle("crate", box(x - 0.2, y - 0.2, x + 0.2, y + 0.2))
     monkeypatch.setattr(importlib.import_module("planners._plan"), "_run_planner", None)
-    again = planners.plan(space, start, goal, previous=before, **options)
-    check(space, again, start, goal)
+    again = go_on(space, start, goal, before, **options)
     assert weighted_length(again) < 1.02 * weighted_length(before)
 
 
@@ -147,8 +144,7 @@ def test_a_previous_plan_that_is_blocked_at_an_end_is_left_or_joined_there(block
     before = planners.plan(space, (1.0, 1.0, 0.0), (39.0, 5.0, 0.0))
     start, goal = (2.5, 2.5, 0.0), (37.5, 3.5, 0.0)
     space.add_obstacle("crate", box(blocked - 0.6, 0.0, blocked + 0.6, 6.0))
-    plan = planners.plan(space, start, goal, previous=before)
-    check(space, plan, start, goal)
+    plan = go_on(space, start, goal, before)
     fresh = planners.plan(space, start, goal)
     assert weighted_length(plan) < 1.05 * weighted_length(fresh)
 
@@ -166,15 +162,18 @@ def test_a_previous_plan_without_a_path_counts_as_none():
 def test_paths_far_from_obstacles_do_not_go_on_along_a_previous_plan(options):
     space = build_room("plane")
     before = planners.plan(space, *ENDPOINTS["plane"])
-    with pytest.raises(InputError, match=r"previous is a plan.*whatever its clearance"):
-        planners.plan(space, *ENDPOINTS["plane"], previous=before, **options)
+    check_followed(
+        lambda: planners.plan(space, *ENDPOINTS["plane"], previous=before, **options),
+        lambda: planners.plan(space, *ENDPOINTS["plane"], **options),
+        "whatever its clearance or cost; leave previous out, or plan for the length",
+    )
 
 
 def test_the_angles_of_an_arm_are_not_wrapped_along_a_previous_plan(tmp_path):
-    arm = Arm.from_urdf(planar(tmp_path, kind="continuous", limits=None))
+    arm = cspace.Arm.from_urdf(planar(tmp_path, kind="continuous", limits=None))
     posts = np.array([(-1.7, 0.0, 0.3)])
     obstacles = {"post": posed_box((0.3, 0.3, 0.3), *posts[0, :2])}
-    space = build_arm_space(obstacles, arm)
+    space = cspace.build_arm_space(obstacles, arm)
     goal = (-2.5, 0.2)
     before = planners.plan(space, (2.5, -0.2), goal, seed=1)
     angles = before.path[:, 0]
@@ -189,13 +188,7 @@ def test_the_angles_of_an_arm_are_not_wrapped_along_a_previous_plan(tmp_path):
         assert not planar_arm_meets(first + shares * (last - first), posts).any()
 
 
-@pytest.mark.parametrize(
-    ("previous", "message"),
-    [("the last one", "what planners.plan returned"), (None, "a plan for the axes of the space")],
-)
-def test_unsuitable_previous_plans_are_refused(previous, message):
-    plane = build_room("plane")
-    if previous is None:
-        previous = planners.plan(build_room("space"), *ENDPOINTS["space"])
-    with pytest.raises(InputError, match=message):
-        planners.plan(plane, *ENDPOINTS["plane"], previous=previous)
+def test_a_previous_plan_of_another_space_is_refused():
+    previous = planners.plan(build_room("space"), *ENDPOINTS["space"])
+    with pytest.raises(InputError, match="a plan for the axes of the space"):
+        planners.plan(build_room("plane"), *ENDPOINTS["plane"], previous=previous)

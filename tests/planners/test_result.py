@@ -12,15 +12,15 @@ from dataclasses import fields
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import planners
-from cspace import BLOCKED, FREE, MIXED, FileError, Robot, Workspace, build
+from cspace import BLOCKED, FREE, MIXED, FileError, Robot
 from cspace.errors import InputError
 from planners._drives import local_planner
 from planners._local_planner import HOLONOMIC
-from tests.helpers.handmade import make_map
+from tests.helpers.handmade import build_empty, make_map
 from tests.helpers.planning import (
     ENDPOINTS,
     SPACES_WITH_CURVES,
@@ -43,7 +43,6 @@ def plan_in(name, curve):
 # ---- clearance along a path ----------------------------------------------------------------------
 
 
-@settings(max_examples=50)
 @given(seeds, st.sampled_from(SPACES_WITH_CURVES))
 def test_the_clearance_of_a_path_bounds_the_clearance_of_its_points(seed, case):
     name, curve = case
@@ -68,8 +67,7 @@ def test_the_clearance_of_a_path_bounds_the_clearance_of_its_points(seed, case):
 
 
 def test_distances_follow_the_map_and_pickles_keep_the_clearance(tmp_path):
-    workspace = Workspace.from_array(np.zeros((80, 80), dtype=bool), 0.1)
-    space = build(workspace, Robot.disc(0.2), outside="free")
+    space = build_empty((80, 80), Robot.disc(0.2), outside="free")
     plan = planners.plan(space, (1.0, 4.0), (7.0, 4.0))
     before = pickle.loads(pickle.dumps(plan))
     assert before.clearance == plan.clearance == plan.obstacle_distance == math.inf
@@ -88,12 +86,14 @@ def test_distances_follow_the_map_and_pickles_keep_the_clearance(tmp_path):
 
 
 def test_repr_tells_if_the_proof_still_holds():
-    space = build(Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1), Robot.disc(0.3))
+    space = build_empty((40, 30), Robot.disc(0.3))
     plan = planners.plan(space, (1.0, 1.5), (3.0, 1.5))
-    assert ", certified; 2.000 m, obstacle distance 0.700 m" in repr(plan)
+    assert ", certified; 2.000 m\n" in repr(plan)
+    assert plan.distance_text == "obstacle distance 0.700 m"
     space.add_obstacle("cart", shapely.box(1.8, 1.3, 2.2, 1.7))
     assert ", certified when planned, 1 of 1 edges no longer proven free; 2.000 m" in repr(plan)
-    assert ", obstacle distance not proven to be more than 0\n" in repr(plan) and plan.certified
+    assert plan.distance_text == "obstacle distance not proven to be more than 0"
+    assert plan.certified
     again = pickle.loads(pickle.dumps(plan))
     assert "certified when planned; " in repr(again) and not again.recheck(space).any()
     for lost, recheck in (
@@ -201,15 +201,15 @@ def test_start_and_goal_of_a_printed_plan_are_taken_when_typed_back(spacing):
         assert read_configurations(repr(without_map)) == [tuple(plan.start), tuple(plan.goal)]
 
 
-def test_times_count_no_waiting():
+def test_times_add_up_to_the_time_that_passes():
     class SlowStart:
         def __array__(self, dtype=None, copy=None):
             time.sleep(0.3)
             return space.sample_free(rng=np.random.default_rng(1))
 
     space = plan_in("turning", "holonomic").space
-    before = time.process_time()
+    before = time.monotonic()
     plan = planners.plan(space, SlowStart(), space.sample_free(rng=np.random.default_rng(2)))
-    total = time.process_time() - before
+    total = time.monotonic() - before
     times = plan.times
-    assert times.setup + times.planning + times.simplification + times.checking <= total < 0.3
+    assert times.setup + times.planning + times.simplification + times.checking <= total

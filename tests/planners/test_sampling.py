@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from ompl import util as ou
 
@@ -15,7 +15,7 @@ from tests.helpers.planning import (
     make_state,
     sample_edges,
 )
-from tests.helpers.strategies import seeds
+from tests.helpers.strategies import examples, seeds
 
 
 def draw_samples(space, n, **options):
@@ -44,7 +44,7 @@ def test_free_samples_repeat_with_a_generator_or_ompls_seed(name):
         assert np.array_equal(first, again) and not np.array_equal(first, other)
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(seeds, st.sampled_from(SPACES), st.sampled_from([0.05, 0.4, 20.0]), st.booleans())
 def test_samples_near_a_state_are_free_and_near(seed, name, distance, is_open):
     space = build_open_map(name) if is_open else build_room(name)

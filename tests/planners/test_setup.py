@@ -125,7 +125,6 @@ def test_choices_lists_planners_and_drives_of_a_map(name):
 
 @refusals(
     "options, message",
-    ({"planner": "RRTConect"}, "did you mean RRTConnect.*KPIECE1"),
     # OMPL's AORRTC reads beyond a list if paths are long, which is unpredictable.
     ({"planner": "aorrtc"}, "planner is 'AORRTC'; AORRTC of OMPL .*ends the"),
     (
@@ -157,6 +156,7 @@ def test_each_row_of_the_table_refuses_its_options(refusal):
         assert caught.value.argument == next(iter(refusal.options))
 
 
+@pytest.mark.thorough
 def test_only_planners_requires_ompl():
     output = output_without(
         "ompl",

@@ -1,6 +1,7 @@
 """Searches that the caller ends."""
 
 import itertools
+import signal
 import time
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 
 import cspace
 import planners
-from cspace import Arm, InputError, Robot, Workspace
+from cspace import InputError, Robot, Workspace
 from tests.helpers.urdfs import planar
 
 LONG = 600.0
@@ -55,6 +56,49 @@ def test_every_planner_ends(flat, name, calls):
     assert not plan.solved or (plan.certified and calls > 1)
 
 
+@pytest.mark.parametrize(
+    "name, calls", [*((name, 1) for name in NAMES), ("PRM", 2), ("PRMstar", 2)]
+)
+def test_an_exception_or_interrupt_ends_every_planner(flat, name, calls):
+    if name == "AORRTC":
+        pytest.skip("refused")
+    # A process in the background may ignore SIGINT.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    def fail():
+        raise MemoryError("of the caller")
+
+    def interrupt():
+        signal.raise_signal(signal.SIGINT)
+
+    ends = (0.3, 0.3), (7.3, 7.3)
+    for error, end in ((MemoryError, fail), (KeyboardInterrupt, interrupt)):
+        asked = itertools.count(1)
+
+        def stop(asked=asked, end=end):
+            # The first call is before the search of PRM, whose threads an exception would end.
+            return end() if next(asked) >= calls else False
+
+        with pytest.raises(error):
+            planners.plan(flat, *ends, planner=name, time_limit=LONG, stop=stop)
+    assert signal.signal(signal.SIGINT, before) is signal.default_int_handler
+
+
+@pytest.mark.parametrize("drive", ["differential", "differential-reverse"])
+def test_the_lattice_proves_a_shut_door_soon(drive):
+    cells = np.zeros((320, 200), dtype=bool)
+    cells[160:168] = True
+    ends = (2.0, 2.0, 0.0), (28.0, 2.0, 0.0)
+    workspace = Workspace.from_array(cells, 0.1)
+    for _ in range(2):  # the first plan may compile
+        space = cspace.build(workspace, Robot.rectangle(0.9, 0.6), rotations=72)
+        asked = itertools.count(1)
+        plan = planners.plan(
+            space, *ends, drive=drive, time_limit=LONG, stop=lambda asked=asked: next(asked) > 1000
+        )
+    assert plan.is_disconnected and plan.status == "no path exists: proven"
+
+
 @pytest.mark.parametrize("drive", ["holonomic", "differential", "dubins", "reeds-shepp"])
 def test_every_drive_ends(turning, drive):
     radius = 0.1 if drive in ("dubins", "reeds-shepp") else None
@@ -65,7 +109,7 @@ def test_every_drive_ends(turning, drive):
 
 
 def test_an_arm_ends(tmp_path):
-    space = cspace.build_arm_space({}, Arm.from_urdf(planar(tmp_path)))
+    space = cspace.build_arm_space({}, cspace.Arm.from_urdf(planar(tmp_path)))
     q = space.sample_free(2, np.random.default_rng(0))
     for name in ("BiRRT", "RRTstar"):
         end = time.monotonic() + 0.05

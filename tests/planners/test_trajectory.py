@@ -12,20 +12,20 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from ompl import base as ob
 from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation
 
+import cspace
 import planners
 from cspace import InputError
 from cspace._files import ros_maps as messages
-from cspace.arms import Arm, build_arm_space
 from planners._timing import LimitRates, MotionBounds, is_motion
 from tests.helpers.planning import ENDPOINTS, build_open_map, build_room, make_poses, turn_between
 from tests.helpers.refusals import refusals
-from tests.helpers.strategies import seeds
+from tests.helpers.strategies import examples, seeds
 from tests.helpers.urdfs import planar, planar_with_tip, pose_at, post
 
 AXES_OF_KIND = {
@@ -260,7 +260,7 @@ def find_speeds(rows):
 CAR_LIMITS = (*ROTATION_LIMITS, "max_lateral_acceleration")
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(
     seeds,
     st.integers(2, 4),
@@ -304,7 +304,7 @@ def test_cars_follow_their_curves_at_their_limits(seed, count, drive, limits):
     assert ((speed >= top * (1 - 1e-6)) | (gain >= top_gain - 1e-4)).all()
 
 
-@pytest.mark.parametrize(("speed", "gain"), [(10.0, 1.0), (10.0, 1e9), (1e7, 1.0)])
+@pytest.mark.parametrize("speed, gain", [(10.0, 1.0), (10.0, 1e9), (1e7, 1.0)])
 def test_cars_rest_at_cusps_whatever_their_limits(speed, gain):
     plan = plan_along("turning", [(0.0, 0.0, 0.0), (0.0, 0.5, 0.0)], "reeds-shepp")
     trajectory = plan.trajectory(
@@ -340,7 +340,7 @@ def test_trajectories_of_plans_are_free_and_need_no_map():
 def test_arms_move_within_the_velocity_limits_of_the_urdf(tmp_path):
     path = planar(tmp_path)
     path.write_text(path.read_text().replace('velocity="1"', 'velocity="0.4"', 1))
-    space = build_arm_space({}, Arm.from_urdf(path))
+    space = cspace.build_arm_space({}, cspace.Arm.from_urdf(path))
     plan = planners.plan(space, (-0.6, 0.3), (1.4, -0.2))
     # The shoulder turns by 2 rad, as a trapezoid.
     assert plan.trajectory(max_acceleration=0.8).duration == pytest.approx(2.0 / 0.4 + 0.4 / 0.8)
@@ -352,7 +352,7 @@ def test_arms_move_within_the_velocity_limits_of_the_urdf(tmp_path):
 
 
 def test_what_an_arm_does_not_follow_is_refused(tmp_path):
-    space = build_arm_space({"post": post()}, planar_with_tip(tmp_path))
+    space = cspace.build_arm_space({"post": post()}, planar_with_tip(tmp_path))
     far = space.follow_line((-0.9, 1.6), "tip", pose_at(9.0, 0.9), tolerance=(1e-3, math.inf))
     for given_space, path, message in (
         (space, far, "path is not certified: stopped after .*follows the whole line"),
@@ -496,8 +496,6 @@ def test_what_is_no_motion_from_start_to_goal_is_found(change):
 @refusals(
     "kind, drive, options, expected",
     ("plane", "holonomic", {"max_velocity": {"x": 1.0}}, "max_velocity lacks y; it must be one"),
-    ("plane", "holonomic", {"max_angular_velocity": 1.0}, "1.0; the robot does not turn so"),
-    ("plane", "holonomic", {"time_step": 1e-9}, "time_step is 1e-09; it makes .* rows"),
     ("turning", "holonomic", {"max_angular_velocity": 1.0}, "max_angular_acceleration is missing"),
     ("turning", "dubins", {"max_velocity": (1.0, 2.0)}, "max_velocity differs by axis"),
 )

@@ -35,7 +35,8 @@ print(plan.solved, Recorder.names)
 """
 
 
-@pytest.mark.parametrize(("drive", "radius"), [("differential", None)])
+@pytest.mark.thorough
+@pytest.mark.parametrize("drive, radius", [("differential", None)])
 def test_the_first_plan_compiles_nothing(tmp_path, drive, radius):
     done = subprocess.run(
         [sys.executable, "-c", SCRIPT.format(drive=drive, radius=radius)],

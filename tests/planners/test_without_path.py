@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from ompl import geometric as og
 
@@ -27,7 +27,7 @@ from tests.helpers.planning import (
     check_failed,
     options_for,
 )
-from tests.helpers.strategies import seeds
+from tests.helpers.strategies import examples, seeds
 
 NO_CHAIN = "no chain of FREE cells joins start and goal"
 
@@ -37,7 +37,7 @@ NO_CHAIN = "no chain of FREE cells joins start and goal"
 
 @pytest.mark.parametrize("between", [BLOCKED, MIXED], ids=["blocked", "mixed"])
 @pytest.mark.parametrize(
-    ("name", "drive", "planner"),
+    "name, drive, planner",
     [
         ("plane", "holonomic", None),
         ("turning", "differential", None),
@@ -70,7 +70,7 @@ def test_a_plan_ends_at_once_if_no_chain_of_free_cells_joins_start_and_goal(
 
 
 @pytest.mark.parametrize(
-    ("planner", "exact"),
+    "planner, exact",
     [(None, False), (None, True), ("Grid", False), ("RRTConnect", False), ("RRTConnect", True)],
 )
 def test_a_path_proves_that_one_exists_without_components(planner, exact, monkeypatch):
@@ -101,7 +101,7 @@ def find_labels(space, labels, q):
     return labels[space.rotations._find_cells(q), *cells.T]
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(seeds, st.sampled_from(MAP_KINDS), st.sampled_from(["free", "blocked"]))
 def test_an_edge_that_is_proven_free_never_leaves_a_component_of_free_cells(seed, kind, outside):
     # Therefore a plan that ends early misses no path.
@@ -118,7 +118,7 @@ def test_an_edge_that_is_proven_free_never_leaves_a_component_of_free_cells(seed
         assert (first >= 0).all() and (first == find_labels(space, labels, q1)[free]).all()
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(seeds, st.sampled_from(["plane", "turning"]))
 def test_a_plan_is_solved_exactly_if_free_cells_connect_its_endpoints(seed, kind):
     rng = np.random.default_rng(seed)
@@ -155,7 +155,7 @@ def find_range(space, q, step=4e-3):
     return ends[0], ends[1]
 
 
-@settings(max_examples=10)
+@examples(10)
 @given(seeds)
 def test_the_yaws_in_the_status_equal_look_ups(seed):
     rng = np.random.default_rng(seed)

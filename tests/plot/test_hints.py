@@ -1,6 +1,7 @@
 """Hints of pictures, pages and animations: each is followed by code."""
 
 import socket
+from functools import cache
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -12,8 +13,19 @@ from cspace.errors import InputError
 from cspace.plot import animate, save_plot
 from tests.helpers.refusals import check_followed, refusals
 
-FLAT = build(Workspace.from_array(np.eye(9, dtype=bool), 0.1), Robot.disc(0.05))
-SPATIAL = build(Workspace.from_array(np.ones((4, 4, 4), dtype=bool), 0.1), Robot.ball(0.05))
+
+@cache
+def flat():
+    """Build a map in the plane."""
+    return build(Workspace.from_array(np.eye(9, dtype=bool), 0.1), Robot.disc(0.05))
+
+
+@cache
+def spatial():
+    """Build a map in space."""
+    return build(Workspace.from_array(np.ones((4, 4, 4), dtype=bool), 0.1), Robot.ball(0.05))
+
+
 START, GOAL = (0.65, 0.15), (0.75, 0.25)
 PATH = [START, GOAL]
 
@@ -21,57 +33,57 @@ PATH = [START, GOAL]
 @refusals(
     "call, advised, hint",
     (
-        lambda f: animate(FLAT, np.zeros((0, 2)), f / "a.gif"),
-        lambda f: animate(FLAT, planners.plan(FLAT, START, GOAL), f / "a.gif", seconds=0.1),
+        lambda f: animate(flat(), np.zeros((0, 2)), f / "a.gif"),
+        lambda f: animate(flat(), planners.plan(flat(), START, GOAL), f / "a.gif", seconds=0.1),
         "pass one that was found",
     ),
     (
-        lambda f: animate(FLAT, PATH, f / "a.gif", rate=90),
-        lambda f: animate(FLAT, PATH, f / "a.gif", rate=50, seconds=0.1),
+        lambda f: animate(flat(), PATH, f / "a.gif", rate=90),
+        lambda f: animate(flat(), PATH, f / "a.gif", rate=50, seconds=0.1),
         "lower it",
     ),
     (
-        lambda f: animate(FLAT, PATH, f / "a.gif", seconds=1e4),
+        lambda f: animate(flat(), PATH, f / "a.gif", seconds=1e4),
         lambda f: [
-            animate(FLAT, PATH, f / "a.gif", seconds=0.1),
-            animate(FLAT, PATH, f / "b.gif", seconds=10, rate=0.2),
+            animate(flat(), PATH, f / "a.gif", seconds=0.1),
+            animate(flat(), PATH, f / "b.gif", seconds=10, rate=0.2),
         ],
         "lower it or the rate",
     ),
     (
-        lambda f: animate(FLAT, PATH, f / "a.png"),
-        lambda f: animate(FLAT, PATH, f / "a.gif", seconds=0.1),
+        lambda f: animate(flat(), PATH, f / "a.png"),
+        lambda f: animate(flat(), PATH, f / "a.gif", seconds=0.1),
         "use one of .gif",
     ),
     (
-        lambda f: FLAT.plot(ax=plt),
-        lambda f: FLAT.plot(ax=plt.figure().add_subplot()),
+        lambda f: flat().plot(ax=plt),
+        lambda f: flat().plot(ax=plt.figure().add_subplot()),
         "pass figure.add_subplot()",
     ),
     (
-        lambda f: SPATIAL.plot(view="3d", ax=plt.figure().add_subplot()),
-        lambda f: SPATIAL.plot(view="3d", ax=plt.figure().add_subplot(projection="3d")),
+        lambda f: spatial().plot(view="3d", ax=plt.figure().add_subplot()),
+        lambda f: spatial().plot(view="3d", ax=plt.figure().add_subplot(projection="3d")),
         'use figure.add_subplot(projection="3d")',
     ),
-    (lambda f: FLAT.plot(zoom=0.5), lambda f: FLAT.plot(zoom=8), "pass e.g. 8"),
+    (lambda f: flat().plot(zoom=0.5), lambda f: flat().plot(zoom=8), "pass e.g. 8"),
     (
-        lambda f: FLAT.plot(center=(0.1, 0.1)),
-        lambda f: [FLAT.plot(center=(0.1, 0.1), zoom=8), FLAT.plot()],
+        lambda f: flat().plot(center=(0.1, 0.1)),
+        lambda f: [flat().plot(center=(0.1, 0.1), zoom=8), flat().plot()],
         "add e.g. zoom=8, or omit it",
     ),
     (
-        lambda f: FLAT.plot(zoom=8, center=(9, 9)),
-        lambda f: FLAT.plot(zoom=8, center=FLAT.grid.lower),
+        lambda f: flat().plot(zoom=8, center=(9, 9)),
+        lambda f: flat().plot(zoom=8, center=flat().grid.lower),
         "pass a point in it",
     ),
     (
-        lambda f: FLAT.plot(start=(1, 2, 3)),
-        lambda f: FLAT.plot(start=START),
+        lambda f: flat().plot(start=(1, 2, 3)),
+        lambda f: flat().plot(start=START),
         "pass (x, y)",
     ),
     (
-        lambda f: save_plot(FLAT, f / "a.png", dpi=1e6),
-        lambda f: save_plot(FLAT, f / "a.png", dpi=300),
+        lambda f: save_plot(flat(), f / "a.png", dpi=1e6),
+        lambda f: save_plot(flat(), f / "a.png", dpi=300),
         "pass e.g. 300",
     ),
 )
@@ -81,7 +93,7 @@ def test_a_picture_as_the_hint_says_is_drawn(call, advised, hint, tmp_path):
 
 
 def test_another_view_of_a_map_that_turns_is_drawn_as_advised():
-    turning = build(FLAT.workspace, Robot.disc(0.05), rotations=2)
+    turning = build(flat().workspace, Robot.disc(0.05), rotations=2)
     with pytest.raises(InputError, match=r"or omit it; loop over plot\(rotation=\) for several"):
         turning.plot(view="slices")
     turning.plot()
@@ -104,15 +116,15 @@ def test_a_page_at_the_port_or_the_host_that_the_hint_names_is_shown():
             ),
         ):
             check_followed(
-                lambda options=options: FLAT.view(block=False, **options),
-                lambda advised=advised: FLAT.view(block=False, **advised).close(),
+                lambda options=options: flat().view(block=False, **options),
+                lambda advised=advised: flat().view(block=False, **advised).close(),
                 hint,
             )
 
 
 def test_a_page_of_a_map_is_moved_as_advised():
     pytest.importorskip("viser")
-    viewer = FLAT.view(block=False, port=0)
+    viewer = flat().view(block=False, port=0)
     with viewer, pytest.raises(InputError, match=r"use move\(q\)"):
         viewer.page.drag(np.eye(4))
     viewer.page.move(np.array(START))

@@ -20,6 +20,7 @@ import planners
 from cspace import FREE, Robot, Workspace, build
 from cspace.plot import plot
 from cspace.plot._artists import OBSTACLE
+from tests.helpers.handmade import build_empty
 from tests.helpers.pictures import (
     COLORS,
     check_cells,
@@ -143,7 +144,7 @@ def test_no_obstacle_vanishes_from_a_picture_of_a_large_map(shape):
 @pytest.mark.parametrize("shape", [(2, 3), (1, 300), (60, 24, 5), (1, 1, 300)])
 def test_text_and_panels_fit_the_figure_without_overlap(shape):
     robot = Robot.ball(0.01) if len(shape) == 3 else Robot.rectangle(0.2, 0.1, center=(0.03, 0.0))
-    space = build(Workspace.from_array(np.zeros(shape, bool), 0.1), robot, outside="free")
+    space = build_empty(shape, robot, outside="free")
     figure = plot(space, path=[space.grid.lower, space.grid.upper]).figure
     assert max(figure.get_size_inches()) < 20
     figure.draw_without_rendering()

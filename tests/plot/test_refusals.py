@@ -64,7 +64,7 @@ def test_animate_refuses_invalid_options(turning, tmp_path, path, options, messa
 
 
 @pytest.mark.parametrize(
-    ("suffix", "begin"),
+    "suffix, begin",
     [(".png", b"\x89PNG"), (".pdf", b"%PDF"), (".svg", b"<?xml"), (".jpg", b"\xff\xd8")],
 )
 def test_pictures_replace_no_file_unasked_and_make_no_folder(flat, tmp_path, suffix, begin):

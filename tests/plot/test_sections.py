@@ -70,7 +70,7 @@ def test_path_and_robots_are_drawn_where_they_meet_sections(hall):
 
 
 @pytest.mark.parametrize(
-    ("options", "center"),
+    "options, center",
     [
         ({"center": (1.0, 2.0, 0.5)}, [1.0, 2.0, 0.5]),
         ({"path": [(1.0, 1.0, 0.5), (1.0, 3.0, 0.5), (1.0, 3.0, 1.0)]}, [1.0, 2.25, 0.5]),
@@ -82,7 +82,7 @@ def test_sections_run_through_the_path_or_the_middle(hall, options, center):
     assert [float(panel.get_title(loc="left")[4:-2]) for panel in reversed(panels)] == center
 
 
-@pytest.mark.parametrize(("yaw", "slices"), [(None, slice(None)), (np.pi / 2, slice(1, 2))])
+@pytest.mark.parametrize("yaw, slices", [(None, slice(None)), (np.pi / 2, slice(1, 2))])
 def test_sections_show_one_rotation_or_all(yaw, slices):
     workspace = Workspace.from_array(np.zeros((12, 10, 8), bool), 0.5)
     states = np.random.default_rng(0).integers(0, 3, (4, 12, 10, 8)).astype(np.uint8)

@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -12,6 +12,7 @@ from cspace.plot import _surface as surface
 from cspace.plot import plot
 from cspace.plot._surface import find_border_faces
 from tests.helpers.pictures import labels
+from tests.helpers.strategies import examples
 
 SURFACE_PATH = [(0.6, 3.2, 1.2), (2.2, 1.2, 1.0), (3.8, 1.2, 1.0), (5.5, 1.5, 0.6)]
 levels_of_cells = arrays(np.uint8, st.tuples(*[st.integers(1, 5)] * 3), elements=st.integers(0, 2))
@@ -29,7 +30,7 @@ def list_layers_inside(levels, axis, side):
     return from_camera[thickness:] if 2 * thickness < len(layers) else layers
 
 
-@settings(max_examples=100)
+@examples(100)
 @given(levels_of_cells, directions, st.booleans())
 def test_border_faces_face_the_camera(levels, towards, is_cut):
     """Compare with each cell and the cell before it, without walls in front."""
@@ -106,7 +107,7 @@ def test_robots_are_sorted_with_the_faces(hall):
 
 
 @pytest.mark.parametrize(
-    ("options", "height"),
+    "options, height",
     [
         ({"path": SURFACE_PATH}, 1.4),
         ({"cut": 0.0}, 0.1),

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cspace import FREE, MIXED
@@ -10,10 +10,10 @@ from cspace._rotations.base import MAX_ANGLE
 from tests.helpers import handmade
 from tests.helpers.handmade import outsides
 from tests.helpers.placements import draw_configurations
-from tests.helpers.strategies import seeds
+from tests.helpers.strategies import examples, seeds
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(seeds, st.sampled_from(handmade.MAP_KINDS), outsides(3))
 def test_checkers_agree_with_queries_everywhere(seed, kind, outside):
     rng = np.random.default_rng(seed)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import cspace
@@ -13,6 +13,7 @@ from cspace import FREE, MIXED, Robot, Workspace
 from cspace.errors import InputError
 from tests.helpers.handmade import (
     MAP_KINDS,
+    build_empty,
     configurations,
     full_states,
     make_map,
@@ -21,7 +22,7 @@ from tests.helpers.handmade import (
 from tests.helpers.placements import move
 from tests.helpers.refusals import check_followed, refusals
 from tests.helpers.regions import place_polygon
-from tests.helpers.strategies import seeds
+from tests.helpers.strategies import examples, seeds
 from tests.laws.any_map import ALL_KINDS, WEDGE, build_map
 
 INSTANTS = 2000
@@ -58,7 +59,7 @@ def draw_axes(any_map, rng, n):
 
 
 @given(seeds)
-@settings(max_examples=4)
+@examples(4)
 def test_no_tube_with_a_contact_is_proven(any_map, seed):
     """A contact lies within the tracking of the motion, often in a corner of the tube."""
     rng, space = np.random.default_rng(seed), any_map.space
@@ -78,7 +79,7 @@ def test_no_tube_with_a_contact_is_proven(any_map, seed):
 
 
 @given(seeds)
-@settings(max_examples=4)
+@examples(4)
 def test_without_tracking_as_many_rows_are_proven_as_edges(any_map, seed):
     rng, space = np.random.default_rng(seed), any_map.space
     starts = any_map.draw_inside(rng, 40)[0]
@@ -96,26 +97,6 @@ def test_without_tracking_as_many_rows_are_proven_as_edges(any_map, seed):
         chunk = space.certify_chunk(start, chunk_rows)
         assert chunk.proven == count
         assert (chunk.refusal is None) == chunk.is_proven == (count == 5)
-
-
-@given(seeds)
-@settings(max_examples=4)
-def test_all_within_a_proven_tube_is_free(any_map, seed):
-    rng, space = np.random.default_rng(seed), any_map.space
-    found = 0
-    for start in any_map.draw_inside(rng, 60)[0]:
-        tracking = 0.5 * draw_tracking(any_map, rng)
-        row = move(any_map.memory, start[np.newaxis], *any_map.draw_moves(rng, 1))
-        chunk = space.certify_chunk(start, row, tracking)
-        if not chunk.proven:
-            continue
-        found += 1
-        count = 200
-        between = space.interpolate(start, row, rng.random((count, 1)))
-        signs = rng.choice([-1.0, 0.0, 1.0, rng.random()], (count, any_map.dim + 1))
-        strayed = stray(any_map, between, tracking, signs, draw_axes(any_map, rng, count))
-        assert any_map.memory.is_free(strayed).all()
-    assert found
 
 
 @pytest.mark.parametrize("kind", MAP_KINDS)
@@ -219,7 +200,7 @@ def make_flat(seed, rotations=None):
 
 
 @given(seeds)
-@settings(max_examples=30)
+@examples(30)
 def test_a_tube_in_the_plane_is_proven_exactly_if_no_cell_near_it_is_taken(seed):
     """Unions of boxes by shapely: the motion, widened by the tracking along x and y."""
     space, _ = make_flat(seed % 5)
@@ -240,7 +221,7 @@ def test_a_tube_in_the_plane_is_proven_exactly_if_no_cell_near_it_is_taken(seed)
 
 
 @given(seeds, st.sampled_from([0.0, 0.03, 0.1, (0.05, 0.0, 0.2)]))
-@settings(max_examples=10)
+@examples(10)
 def test_the_robot_meets_nothing_at_any_instant_within_proven_tubes(seed, tracking):
     space, obstacles = make_flat(seed % 3, rotations=48)
     shapely.prepare(obstacles)
@@ -297,7 +278,7 @@ def drive(pose, twist, seconds):
     st.sampled_from([0.0, 0.05, (0.0, 0.1, 0.2)]),
     st.sampled_from([(0.05, 1.0), (0.5, 1.0), (1.0, 4.0)]),
 )
-@settings(max_examples=20)
+@examples(20)
 def test_the_robot_meets_nothing_on_proven_arcs(seed, tracking, scale):
     space, obstacles = make_flat(seed % 3, rotations=48)
     shapely.prepare(obstacles)
@@ -314,6 +295,55 @@ def test_the_robot_meets_nothing_on_proven_arcs(seed, tracking, scale):
         assert not shapely.intersects(obstacles, placed).any()
         pose = drive(pose, twists[row], np.array([dt]))[0]
         np.testing.assert_allclose(chunk.rows[row], pose, atol=1e-9)
+
+
+@given(seeds, st.sampled_from([(0.5, 1.0), (2.0, 3.0)]))
+@examples(20)
+def test_a_robot_that_a_gate_slows_down_touches_nothing(seed, deceleration):
+    """An obstacle may be set on its way as long as it can still stop."""
+    space, obstacles = make_flat(seed % 3, rotations=48)
+    shapely.prepare(obstacles)
+    rng = np.random.default_rng(seed)
+    gate = cspace.Gate(space, dt=0.1, max_deceleration=deceleration)
+    pose, now = space.sample_free(rng=rng), np.zeros(2)
+    for step in range(60):
+        if step % 10 == 0:
+            wanted = rng.normal((0.5, 0.0), (1.0, 1.0))
+        slowed = gate.slow_down(pose, wanted, twist_now=now)
+        assert slowed.chunk.is_proven or not slowed.share  # the rest of a ramp was proven before
+        now = slowed.commands[0]
+        if slowed.share:
+            np.testing.assert_allclose(now, slowed.share * wanted)
+        steps = np.abs(np.diff(slowed.commands, axis=0, append=[(0.0, 0.0)]))
+        assert (steps <= 0.1 * np.array(deceleration) * (1.0 + 1e-9)).all()
+        exact = drive(pose, now, np.linspace(0.0, 0.1, 10))
+        assert not shapely.intersects(obstacles, place_polygon(shapely.Polygon(WEDGE), exact)).any()
+        pose = exact[-1]
+
+
+def test_a_robot_that_a_gate_slows_down_stops_just_before_a_wall(room):
+    gate = cspace.Gate(room, dt=0.05, max_deceleration=(1.0, 2.0))
+    pose, now = np.array(START), np.zeros(2)
+    shares = []
+    for _ in range(100):
+        share, commands, chunk = gate.slow_down(pose, (0.8, 0.0), twist_now=now)
+        assert chunk.is_proven
+        shares.append(share)
+        now = commands[0]
+        pose[0] += 0.05 * now[0]
+    assert shares[:5] == [1.0] * 5 and not now.any()
+    # The pallet begins at 2.7 m, the robot ends 0.2 m ahead of its middle, and a cell has 0.05 m.
+    assert 2.7 - 0.2 - 4 * 0.05 < pose[0] < 2.7 - 0.2
+
+
+def test_a_gate_brakes_for_an_obstacle_that_comes_too_late(room):
+    gate = cspace.Gate(room, dt=0.1, max_deceleration=(1.0, 1.0), tracking=0.01)
+    assert gate.stop_distance((1.0, 0.5)) == pytest.approx(0.1 * 11 / 2)
+    assert gate.stop_distance((0.0, 0.0)) == 0.0
+    slowed = gate.slow_down((2.3, 2.5, 0.0), (1.0, 0.0), twist_now=(1.0, 0.0))
+    assert (slowed.share, bool(slowed.chunk)) == (0.0, False)
+    assert "pallet" in slowed.chunk.refusal.names
+    np.testing.assert_allclose(slowed.commands[:, 0], np.arange(9, 0, -1) / 10)
 
 
 def test_an_arc_is_not_proven_if_any_cell_on_it_is_taken():
@@ -339,7 +369,7 @@ def test_an_arc_is_not_proven_if_any_cell_on_it_is_taken():
 
 
 @given(seeds)
-@settings(max_examples=10)
+@examples(10)
 def test_no_arc_with_a_contact_is_proven(seed):
     """The robot touches a point obstacle somewhere along the arc, with an error in addition."""
     rng = np.random.default_rng(seed)
@@ -366,11 +396,7 @@ def test_no_arc_with_a_contact_is_proven(seed):
 @pytest.fixture(scope="module")
 def room():
     """Build a room with a pallet and a post, for a robot that turns."""
-    space = cspace.build(
-        Workspace.from_array(np.zeros((100, 100), dtype=bool), 0.05),
-        Robot.rectangle(0.4, 0.25),
-        rotations=36,
-    )
+    space = build_empty((100, 100), Robot.rectangle(0.4, 0.25), spacing=0.05, rotations=36)
     space.add_obstacle("pallet", [(3.0, 2.5)], radius=0.3)
     space.add_obstacle("post", [(1.0, 4.0)], radius=0.3)
     return space
@@ -424,6 +450,20 @@ def test_a_refusal_names_the_obstacles_of_a_map(room):
     assert 0.2 < room.certify_chunk(START, [START], 50.0).max_tracking < 1.0
 
 
+@pytest.mark.parametrize("far", [4.0, 1e6, 1e300])
+def test_an_error_of_half_a_turn_is_that_of_all_turns(any_map, far):
+    space = any_map.space
+    rows = any_map.memory.sample_free(60, np.random.default_rng(1)).reshape(20, 3, space.size)
+    turns = bool(space.rotations.names)
+    for metres in (0.0, 0.1):
+        errors = np.array([metres] * space.dim + [far] * turns)
+        half_a_turn = np.minimum(errors, math.pi)
+        expected = space.certify_chunk(rows[:, 0], rows[:, 1:], half_a_turn).proven
+        found = space.certify_chunk(rows[:, 0], rows[:, 1:], errors).proven
+        assert found.tolist() == expected.tolist()
+    assert not space.certify_chunk(rows[:, 0], rows[:, 1:], 1e300).proven.any()
+
+
 def test_rows_that_are_no_configurations_are_refused(room, any_map):
     for bad in (math.nan, -math.inf):
         chunk = room.certify_chunk(
@@ -475,6 +515,11 @@ def test_speeds_of_rows_are_limited(room):
     assert room.certify_chunk(START, [START] * 2, dt=0.1, max_velocity=0.0).is_proven
 
 
+def braking(space):
+    """Return a gate that knows the brakes."""
+    return cspace.Gate(space, dt=0.1, max_deceleration=(1.0, 1.0))
+
+
 def test_a_gate_passes_the_proven_part_then_holds(room):
     gate = cspace.Gate(room, tracking=0.02, dt=0.2, max_velocity=(1.0, 2.0))
     passed = gate.check_twists(START, [(0.5, 0.2)] * 3 + [(2.0, 0.0), (0.5, 0.0)])
@@ -499,8 +544,13 @@ def test_a_gate_passes_the_proven_part_then_holds(room):
     (lambda s: s.certify_chunk(START, [START], math.nan), "tracking is nan"),
     (lambda s: s.certify_chunk(START, [START], dt=0.0, max_velocity=1.0), "above zero"),
     (lambda s: s.certify_twists(START, [(0.1, 0.1)], 0.0), "dt"),
-    (lambda s: s.certify_twists(START, [(0.1, 0.1)], 0.1, max_velocity=1.0), "two limits"),
+    (lambda s: s.certify_twists(START, [(0.1, 0.1)], 0.1, max_velocity=(1, 1, 1)), "v, omega"),
     (lambda s: s.certify_twists(START, [(0.1, 0.1)], 0.1, turning_radius=-1.0), "turning_radius"),
+    (lambda s: cspace.Gate(s, max_deceleration=(1.0, 0.0)), "max_deceleration of omega is 0"),
+    (lambda s: cspace.Gate(s, max_deceleration=(1, 1, 1)), "one for each of v, omega"),
+    (lambda s: braking(s).slow_down(START, (0.1, math.nan)), "twist[1] is nan"),
+    (lambda s: braking(s).slow_down(START, (1, 0), twist_now=(1, 0, 0)), "shape (3,)"),
+    (lambda s: braking(s).slow_down((1.0, 2.0), (1.0, 0.0)), "last axis must be 3 long"),
 )
 def test_wrong_arguments_are_refused(room, call, message):
     with pytest.raises(InputError) as caught:
@@ -540,14 +590,26 @@ FLAT = (1.0, 2.5)
             "pass rows[k] to certify_chunk",
         ),
         (
-            lambda s: s.certify_twists(START, [(0.1, 0.1)], 0.1, max_velocity=1.0),
-            lambda s: s.certify_twists(START, [(0.1, 0.1)], 0.1, max_velocity=(0.5, 1.0)),
-            "pass (m/s, rad/s), e.g. (0.5, 1.0)",
+            lambda s: cspace.Gate(s, dt=100, max_velocity=1.0),
+            lambda s: cspace.Gate(s, dt=0.1, max_velocity=1.0),
+            "pass seconds, e.g. 0.1 for 100 ms",
         ),
         (
             lambda s: cspace.Gate(s).check_twists(START, [(0.1, 0.1)]),
             lambda s: cspace.Gate(s, dt=0.1).check_twists(START, [(0.1, 0.1)]),
             "pass its seconds, e.g. Gate(space, dt=0.1)",
+        ),
+        (
+            lambda s: cspace.Gate(s, dt=0.1).slow_down(START, (0.1, 0.1)),
+            lambda s: cspace.Gate(s, dt=0.1, max_deceleration=(0.5, 1)).slow_down(
+                START, (0.1, 0.1)
+            ),
+            "e.g. Gate(space, dt=0.1, max_deceleration=(0.5, 1))",
+        ),
+        (
+            lambda s: braking(s).stop_distance([(0.5, 0.0)]),
+            lambda s: braking(s).stop_distance((0.5, 0.0)),
+            "pass e.g. (0.5, 0.0)",
         ),
         (
             lambda s: make_flat(0)[0].certify_twists(FLAT, [(0.1, 0.1)], 0.1),

@@ -4,13 +4,13 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import cspace
 from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
 from tests.helpers import handmade, oracles
-from tests.helpers.strategies import seeds
+from tests.helpers.strategies import examples, seeds
 
 
 def measure_distances(points, cells):
@@ -69,7 +69,7 @@ def draw_near_borders(rng, q, dim):
 
 
 @pytest.mark.parametrize("kind", handmade.MAP_KINDS)
-@settings(max_examples=40)
+@examples(40)
 @given(st.data(), seeds)
 def test_clearance_is_a_close_lower_bound_of_the_distance_to_cells(kind, data, seed):
     states, rng = data.draw(sparse_states(kind)), np.random.default_rng(seed)
@@ -91,7 +91,7 @@ def test_clearance_is_a_close_lower_bound_of_the_distance_to_cells(kind, data, s
     )
 
 
-@settings(max_examples=80)
+@examples(80)
 @given(st.data(), seeds)
 def test_clearance_counts_cells_outside_the_grid(data, seed):
     state = data.draw(handmade.states(side=4, mixture=(FREE, FREE, FREE, FREE, MIXED)))

@@ -4,14 +4,14 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cspace import BLOCKED, FREE, MIXED, ConfigurationError, Robot, Workspace
 from cspace._rotations import Rotations
 from tests.helpers import handmade
 from tests.helpers.maps import proven_paths
-from tests.helpers.strategies import seeds
+from tests.helpers.strategies import examples, seeds
 
 
 def test_maps_may_have_more_components_than_two_bytes_can_count():
@@ -27,7 +27,7 @@ def test_maps_may_have_more_components_than_two_bytes_can_count():
     assert np.rint((upper - lower) / space.grid.spacing).tolist() == [1, 5]
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(
     seeds,
     st.sampled_from(handmade.MAP_KINDS),
@@ -55,7 +55,7 @@ def test_connectivity_agrees_with_components_of_a_graph(seed, kind, outside, mix
         assert proven_paths(space, q[one], q[other]) is expected[one, other]
 
 
-@settings(max_examples=10)
+@examples(10)
 @given(seeds, st.sampled_from(handmade.MAP_KINDS))
 def test_reachable_bounds_are_the_box_of_the_component(seed, kind):
     """Compare with the box of all connected cells."""
@@ -76,7 +76,7 @@ TINY_BAR = Robot.rectangle(1e-6, 1e-7)
 
 
 @pytest.mark.parametrize(
-    ("robot", "rotations"),
+    "robot, rotations",
     [
         (TINY_BAR, 6),
         (Robot.rectangle(1e-6, 1e-6), 8),

@@ -5,11 +5,10 @@ import math
 import numpy as np
 import pytest
 import shapely
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
-import cspace
-from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
+from cspace import BLOCKED, FREE, MIXED, Robot
 from cspace._rotations import Rotations
 from cspace._rotations.base import TWO_PI
 from tests.helpers import oracles
@@ -17,6 +16,7 @@ from tests.helpers.handmade import (
     ALL_FREE,
     MAP_KINDS,
     Outside,
+    build_empty,
     cells_around,
     configurations,
     free_except,
@@ -27,7 +27,7 @@ from tests.helpers.handmade import (
     state_of,
     states,
 )
-from tests.helpers.strategies import boundary_yaws, resolve_yaw, rotation_cells, uniform
+from tests.helpers.strategies import boundary_yaws, examples, resolve_yaw, rotation_cells, uniform
 
 H = 0.25
 
@@ -56,7 +56,7 @@ places = st.one_of(
 points = st.tuples(places, places, places)
 
 
-@settings(max_examples=200)
+@examples(200)
 @given(states(5, (FREE,) * 12 + (MIXED,)), outsides(), points, points)
 @example(free_except((1, 1, 2)), ALL_FREE, (0.25,) * 3, (0.75,) * 3)  # through a lattice point
 @example(free_except((0, 0, 2)), ALL_FREE, (0.0, 0.0, 0.0), (5e-324, 1e-300, 1.0))
@@ -131,7 +131,7 @@ def test_many_edges_get_the_answers_of_each_alone(kind):
 
 
 def test_many_edges_see_updates():
-    space = cspace.build(Workspace.from_array(np.zeros((64, 64), dtype=bool), 0.1), Robot.disc(0.2))
+    space = build_empty((64, 64), Robot.disc(0.2))
     starts = np.tile([1.0, 3.2], (500, 1))
     ends = np.column_stack([np.linspace(1.1, 5.0, 500), np.full(500, 3.0)])
     assert space.motion_is_free(starts, ends).all()
@@ -170,7 +170,7 @@ def resolve_configuration(end, borders, shape):
     )
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(rotation_cells(6), endpoints, endpoints, ROOMS)
 def test_edges_test_exactly_the_touched_cells(rotations, start, end, shape):
     """Block all cells off the edge, then each on it."""

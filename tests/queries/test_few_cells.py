@@ -41,7 +41,7 @@ def count_cells(side, dim, monkeypatch):
     return count, len(path)
 
 
-@pytest.mark.parametrize(("dim", "sides"), [(2, (100, 400)), (3, (32, 64))], ids=["plane", "space"])
+@pytest.mark.parametrize("dim, sides", [(2, (100, 400)), (3, (32, 64))], ids=["plane", "space"])
 def test_a_search_out_of_a_trap_examines_few_cells(dim, sides, monkeypatch):
     for side in sides:
         count, on_chain = count_cells(side, dim, monkeypatch)

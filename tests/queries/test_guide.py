@@ -5,14 +5,14 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from cspace._queries.frontier import DEAD_END_COST
 from cspace._queries.guide import POSITIONS_WEIGHT, Directions, Guide, any_direction
 from cspace._support.arrays import BLOCKED, FREE, MIXED
-from tests.helpers.strategies import seeds
+from tests.helpers.strategies import examples, seeds
 
 
 def draw_directions(rng, slices, dim):
@@ -77,7 +77,7 @@ def link(factors, directions, side):
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-@settings(max_examples=15)
+@examples(15)
 @given(seeds)
 def test_a_guide_measures_short_chains(dim, seed):
     rng = np.random.default_rng(seed)
@@ -115,7 +115,7 @@ def test_a_guide_measures_short_chains(dim, seed):
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-@settings(max_examples=15)
+@examples(15)
 @given(seeds)
 def test_blocks_of_one_rotation_join_where_their_cells_meet(dim, seed):
     rng = np.random.default_rng(seed)

@@ -4,7 +4,7 @@ import itertools
 import math
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cspace import FREE, MIXED
@@ -19,6 +19,7 @@ from tests.helpers.handmade import (
 )
 from tests.helpers.strategies import (
     boundary_yaws,
+    examples,
     resolve_yaw,
     rotation_cells,
     seeds,
@@ -28,7 +29,7 @@ from tests.helpers.strategies import (
 # ---- the state of a cell -------------------------------------------------------------------------
 
 
-@settings(max_examples=100)
+@examples(100)
 @given(states(), outsides(3), seeds)
 def test_boundary_belongs_to_the_cell_above(state, outside, seed):
     """Use numbers exact in binary."""
@@ -68,7 +69,7 @@ def meets_box(cell, borders, q, distance, angle, slack=0.0):
     return any(low <= q[-1] + wraps * TWO_PI <= high for wraps in range(-5, 6))
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(
     rotation_cells(8),
     st.tuples(
@@ -99,7 +100,6 @@ def test_is_free_around_tests_exactly_the_cells_of_a_box(rotations, end, distanc
         assert not map_of(one, rotations, spacing=H).is_free_around(q, distance, angle)
 
 
-@settings(max_examples=50)
 @given(seeds, st.integers(2, 3), st.sampled_from(["free", "blocked"]))
 def test_overlap_count_counts_the_pairs_of_cells(seed, dim, outside):
     """Use any raster, in the grid and around it."""

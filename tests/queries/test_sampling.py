@@ -4,14 +4,14 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
 from cspace._rotations import Rotations
 from cspace._rotations.base import TWO_PI
 from tests.helpers import handmade
-from tests.helpers.strategies import rotation_cells, seeds
+from tests.helpers.strategies import examples, rotation_cells, seeds
 
 BORDERS = [-1.0, -0.8, 0.5, 0.6, 3.0, TWO_PI - 1]
 
@@ -60,7 +60,7 @@ def test_samples_are_uniform_over_the_free_volume(space):
     assert abs(statistic - freedom) < 6 * np.sqrt(2 * freedom)
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(
     seeds,
     st.sampled_from(handmade.MAP_KINDS),

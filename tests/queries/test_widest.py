@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components, dijkstra
 
@@ -14,7 +14,7 @@ from cspace import FREE, MIXED
 from tests.helpers import handmade
 from tests.helpers.oracles import link_cells, path_length
 from tests.helpers.planning import build_from_states, turn_between
-from tests.helpers.strategies import seeds
+from tests.helpers.strategies import examples, seeds
 
 WIDEST_SPACES = ("plane", "space", "turning", "yawing")
 WIDEST_TURNS = {"turning": 5, "yawing": 4}
@@ -79,7 +79,7 @@ def compute_length(space, path):
 
 
 @pytest.mark.parametrize("name", WIDEST_SPACES)
-@settings(max_examples=8)
+@examples(8)
 @example(65537)  # the climb must not cut a corner
 @given(seeds)
 def test_path_is_widest_then_shortest(name, seed):

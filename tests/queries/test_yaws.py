@@ -5,12 +5,13 @@ import math
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import cspace
 from cspace import InputError, Robot, Workspace
-from tests.helpers.strategies import seeds
+from tests.helpers.handmade import build_empty
+from tests.helpers.strategies import examples, seeds
 
 SPACING = 0.1
 TURN = 2.0 * math.pi
@@ -27,7 +28,7 @@ def build_with_yaw(rng, **options):
 
 
 @given(seed=seeds, on_border=st.booleans())
-@settings(max_examples=30, deadline=None)
+@examples(30)
 def test_free_yaws_are_those_of_single_look_ups(seed, on_border):
     rng = np.random.default_rng(seed)
     space, occupied, bar = build_with_yaw(rng, outside="free")
@@ -72,7 +73,7 @@ def test_tiled_maps_give_the_same_yaws(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("rotations", "position", "message"),
+    "rotations, position, message",
     [
         (None, (1.0, 1.0), "space has the axes x, y; only a robot with a yaw has free yaws"),
         (8, (1.0, 1.0, 0.0), "position has shape"),
@@ -81,7 +82,6 @@ def test_tiled_maps_give_the_same_yaws(tmp_path):
     ids=["no yaw", "three numbers", "nan"],
 )
 def test_free_yaws_refuse(rotations, position, message):
-    workspace = Workspace.from_array(np.zeros((9, 9), dtype=bool), SPACING)
-    space = cspace.build(workspace, Robot.rectangle(0.3, 0.1), rotations=rotations)
+    space = build_empty((9, 9), Robot.rectangle(0.3, 0.1), spacing=SPACING, rotations=rotations)
     with pytest.raises(InputError, match=message):
         space.free_yaws(position)

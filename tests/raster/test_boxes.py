@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import shapely
 import trimesh
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -16,7 +16,7 @@ from cspace._raster.rounded_boxes import RoundedBoxes, rounded_rasters
 from cspace._rotations import RotationCell
 from cspace._shapes import Balls, Box, Polygons, Voxels
 from tests.helpers.mesh_files import make_box
-from tests.helpers.strategies import seeds
+from tests.helpers.strategies import examples, seeds
 
 UNIT = 2**120
 """Metres are counted in whole numbers of 1 / UNIT, which holds every float used here exactly."""
@@ -138,7 +138,7 @@ def coordinates(draw, spacing, shape, reach):
     return np.array(draw(st.lists(whole | other, min_size=count, max_size=count))).reshape(shape)
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(
     st.data(), st.sampled_from([2, 3]), st.sampled_from(SPACINGS), st.sampled_from([0.0, 2.0**20])
 )
@@ -157,7 +157,7 @@ def test_balls_cover_the_cells_within_their_radius(data, dim, spacing, far):
     check(inner, truth.inside(1), truth.inside(0))
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(st.data(), st.sampled_from(SPACINGS), st.sampled_from(MARGINS), st.booleans())
 def test_rasters_of_rounded_boxes_agree_with_arithmetic(data, spacing, margin, is_round):
     count = data.draw(st.integers(1, 2))
@@ -174,7 +174,7 @@ def test_rasters_of_rounded_boxes_agree_with_arithmetic(data, spacing, margin, i
     check(spread(inner, reach), truth.inside(1), truth.inside(0))
 
 
-@settings(max_examples=15)
+@examples(15)
 @given(
     st.data(),
     seeds,
@@ -232,7 +232,7 @@ def test_slabs_of_threads_join_to_the_whole(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("make", "message"),
+    "make, message",
     [
         (lambda: Balls(np.array([[-3e6, 0, 0]]), np.array([2e6])).cells(GRID), "map's corner"),
         (lambda: Polygons([shapely.box(0, 0, 1e9, 1)]).cells(Grid((0, 0), 1.0, (4, 4))), "corner"),

@@ -2,7 +2,7 @@
 
 import numpy as np
 import shapely
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -10,7 +10,7 @@ from cspace._rotations import RotationCell
 from cspace._shapes import Balls
 from tests.helpers import oracles
 from tests.helpers.placements import ORACLE_BAND
-from tests.helpers.strategies import robots
+from tests.helpers.strategies import examples, robots
 
 
 def check_between(cells, low, high):
@@ -19,7 +19,7 @@ def check_between(cells, low, high):
     assert cells <= high, f"too many {sorted(cells - high)[:5]}"
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(
     robots(),
     st.sampled_from([0.1, 0.25, 0.37]),

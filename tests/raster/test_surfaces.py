@@ -4,7 +4,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import nnls
 
@@ -13,7 +13,7 @@ from cspace._raster.triangles import mark_within, sweep_triangles
 from cspace._shapes import Box
 from tests.helpers.mesh_files import join_meshes, make_box
 from tests.helpers.oracles import cross, dot, units
-from tests.helpers.strategies import seeds
+from tests.helpers.strategies import examples, seeds
 
 
 def make_soup(triangles):
@@ -85,7 +85,7 @@ def draw_small_mesh(rng, kind):
 MESH_KINDS = ["random", "sliver", "touching", "lattice", "degenerate", "huge"]
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(
     seeds,
     st.sampled_from(MESH_KINDS),
@@ -101,7 +101,7 @@ def test_touched_cells_agree_with_exact_separating_axes(seed, kind, lower, spaci
     assert not inner.any()
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(seeds, st.booleans())
 def test_a_box_as_a_mesh_has_the_cells_of_the_box(seed, inward):
     rng = np.random.default_rng(seed)

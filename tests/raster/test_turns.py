@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -11,7 +11,7 @@ from cspace import Mesh, Robot
 from cspace._rotations import NO_ROTATION, RotationCell
 from cspace._shapes import Box, Voxels
 from tests.helpers.mesh_files import make_box
-from tests.helpers.strategies import robots, seeds
+from tests.helpers.strategies import examples, robots, seeds
 
 
 def yaw_turn(yaw, covering_angle=0.0, dim=2):
@@ -36,7 +36,7 @@ bars = st.tuples(st.floats(0.3, 4.0), st.floats(0.2, 0.6), st.floats(-1.0, 1.0))
 )
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(
     robots() | bars,
     st.floats(-7, 7),
@@ -102,7 +102,7 @@ def test_rasters_in_space_hold_for_every_rotation_of_the_cell(name, about_z):
             assert inner
 
 
-@settings(max_examples=25)
+@examples(25)
 @given(seeds, st.booleans(), st.sampled_from([0.1, 0.25]), st.sampled_from([0.0, 0.3]))
 def test_a_rotated_box_is_the_mesh_of_its_faces_and_the_union_of_its_cells(
     seed, about_z, spacing, margin
@@ -121,7 +121,7 @@ def test_a_rotated_box_is_the_mesh_of_its_faces_and_the_union_of_its_cells(
         assert all(list_positions(mine) == list_positions(there) for there in others)
 
 
-@settings(max_examples=15)
+@examples(15)
 @given(
     seeds, st.booleans(), st.sampled_from(["auto", "surface", "fill"]), st.sampled_from([0.0, 0.1])
 )

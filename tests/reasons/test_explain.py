@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import shapely
 import trimesh
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import cspace
@@ -17,7 +17,8 @@ import planners
 from cspace import FREE
 from cspace.errors import ConfigurationError, InputError
 from tests.helpers.commands import document
-from tests.helpers.handmade import components
+from tests.helpers.handmade import build_empty, components
+from tests.helpers.strategies import examples, seeds
 
 SIDE = 4.0
 
@@ -42,7 +43,7 @@ def joins(space, cells, start, goal):
     return bool(first == last >= 0)
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(
     width=st.floats(0.25, 1.4),
     radius=st.floats(0.08, 0.6),
@@ -71,7 +72,7 @@ def test_the_margin_holds_at_all_yaws_of_coarse_cells():
     assert (0.3 - 0.8) / 2.0 <= explanation.margin[1] < 0.0
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(seed=st.integers(0, 2**32 - 1), rotations=st.sampled_from([None, 8]))
 def test_the_cells_of_a_barrier_would_join_start_and_goal(seed, rotations):
     rng = np.random.default_rng(seed)
@@ -96,29 +97,6 @@ def test_the_cells_of_a_barrier_would_join_start_and_goal(seed, rotations):
     assert (explanation.verdict == "connected") == bool(space.is_connected(*ends))
     if explanation.verdict == "disconnected":
         assert space.is_disconnected(*ends)
-
-
-@settings(max_examples=12)
-@given(seed=st.integers(0, 2**32 - 1))
-def test_bounds_of_the_margin_hold_on_maps_of_the_grown_robot(seed):
-    rng = np.random.default_rng(seed)
-    boxes = [
-        shapely.box(x, y, x + w, y + d)
-        for x, y, w, d in rng.uniform((0.6, 0.1, 0.1, 0.1), (1.3, 0.8, 0.8, 0.8), (5, 4))
-    ]
-    workspace = cspace.Workspace.from_polygons(boxes, 0.08, (0.0, 0.0, 2.4, 1.6))
-    fine = cspace.Workspace.from_polygons(boxes, 0.02, (0.0, 0.0, 2.4, 1.6))
-    radius = float(rng.uniform(0.03, 0.3))
-    ends = (0.3, 0.8), (2.1, 0.8)
-    space = cspace.build(workspace, cspace.Robot.disc(radius))
-    low, high = space.explain(*ends).margin
-    if radius + low > 0.0:
-        # The fine map proves a path for the robot of the lower bound, less its own resolution.
-        smaller = max(radius + low - 0.06, 1e-3)
-        assert not cspace.build(fine, cspace.Robot.disc(smaller)).is_disconnected(*ends)
-        assert not cspace.build(fine, cspace.Robot.disc(radius + low - 1e-9)).is_disconnected(*ends)
-    if math.isfinite(high) and radius + high > 0.0:
-        assert not cspace.build(fine, cspace.Robot.disc(radius + high + 1e-9)).is_connected(*ends)
 
 
 def test_windows_decide_a_door_that_the_map_leaves_undecided():
@@ -182,9 +160,7 @@ def test_a_robot_that_cannot_turn_would_pass_if_it_could():
 
 
 def test_equal_start_and_goal_and_empty_workspaces_are_explained():
-    space = cspace.build(
-        cspace.Workspace.from_array(np.zeros((20, 20), dtype=bool), 0.1), cspace.Robot.disc(0.2)
-    )
+    space = build_empty((20, 20), cspace.Robot.disc(0.2))
     explanation = space.explain((1.0, 1.0), (1.0, 1.0))
     assert explanation.verdict == "connected"
     assert str(explanation).startswith("A path exists")
@@ -193,7 +169,7 @@ def test_equal_start_and_goal_and_empty_workspaces_are_explained():
 
 
 @pytest.mark.parametrize(
-    ("start", "error", "problem"),
+    "start, error, problem",
     [
         ((9.0, 9.0), ConfigurationError, "in the grid"),
         ((math.nan, 0.0), InputError, "nan"),
@@ -205,16 +181,6 @@ def test_explain_refuses(start, error, problem):
     space = build_door(0.4, cspace.Robot.disc(0.3), 0.1)
     with pytest.raises(error, match=problem):
         space.explain(start, (0.8, 2.0))
-
-
-def test_explain_refuses_quaternions():
-    workspace = cspace.Workspace.from_array(np.zeros((5, 5, 5), dtype=bool), 0.2)
-    space = cspace.build(
-        workspace, cspace.Robot.box((0.2, 0.2, 0.1)), rotations=cspace.Rotations.quaternions(1)
-    )
-    q = (0.5, 0.5, 0.5, 0.0, 0.0, 0.0, 1.0)
-    with pytest.raises(InputError, match="with or without a yaw"):
-        space.explain(q, q)
 
 
 def test_a_plan_without_a_path_prints_the_reason():
@@ -255,6 +221,23 @@ def test_windows_of_tiled_maps_know_nothing_of_obstacles_beyond(tmp_path):
     low = narrow.explain(start, goal).margin[0]
     # Proven of the window: a path of the robot that shrinks so is also one of the whole map.
     assert low <= cspace.build(workspace, robot).explain(start, goal).margin[1]
+
+
+@given(seeds, st.sampled_from([None, 8]))
+@examples(6)
+def test_windows_explain_each_pair_of_their_free_samples(tmp_path_factory, seed, rotations):
+    rng = np.random.default_rng(seed)
+    workspace = cspace.Workspace.from_array(rng.random((60, 60)) < 0.02, 0.1)
+    robot = cspace.Robot.rectangle(0.7, 0.3)
+    folder = tmp_path_factory.mktemp("tiles") / "map"
+    tiled = cspace.build(workspace, robot, store=folder, tile=32, rotations=rotations)
+    window = tiled.window((1.0, 1.0), (4.5, 4.0))
+    whole = cspace.build(workspace, robot, rotations=rotations)
+    for start, goal in window.sample_free(10, rng).reshape(5, 2, -1):
+        low, high = window.explain(start, goal).margin
+        assert (low >= 0.0) == window.is_connected(start, goal)
+        assert low <= whole.explain(start, goal).margin[1]
+        assert (high <= 0.0) == window.is_disconnected(start, goal)
 
 
 def test_cells_that_may_be_empty_prove_no_way_shut():
@@ -307,7 +290,7 @@ def bisect_by_maps(workspace, proves, low, high):
     return low, high
 
 
-@settings(max_examples=8)
+@examples(8)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_margins_are_true_and_as_narrow_as_those_of_new_maps(seed):
     rng = np.random.default_rng(seed)

@@ -4,10 +4,11 @@ import itertools
 
 import numpy as np
 import shapely
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import cspace
+from tests.helpers.strategies import examples
 
 
 def build_scene(boxes, base, rotations=None):
@@ -29,7 +30,7 @@ def fewest_by_maps(base, boxes, ends, rotations):
     return None
 
 
-@settings(max_examples=10)
+@examples(10)
 @given(seed=st.integers(0, 2**32 - 1), rotations=st.sampled_from([None, 6]))
 def test_removals_are_the_fewest_of_all_subsets(seed, rotations):
     rng = np.random.default_rng(seed)

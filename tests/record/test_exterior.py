@@ -1,18 +1,18 @@
 """States outside the grid against rasters."""
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cspace import BLOCKED, FREE, MIXED
 from cspace._raster import Raster
 from cspace._record.exterior import Exterior
-from tests.helpers.strategies import seeds
+from tests.helpers.strategies import examples, seeds
 
 SLICES = 2
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(seeds, st.integers(2, 3), st.booleans())
 def test_exterior_states_agree_with_the_rasters(seed, dim, exterior_blocked):
     """Compare with obstacles at the offsets of the rasters."""

@@ -2,8 +2,6 @@
 
 import json
 import re
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +15,7 @@ FROZEN = ROOT / "tests" / "record" / "frozen"
 
 
 @pytest.mark.parametrize("name", ["flat", "solid"])
-def test_frozen_maps_open_and_give_the_answers_of_their_day(name: str) -> None:
+def test_frozen_maps_open_and_give_the_answers_of_their_day(name):
     answers = json.loads((FROZEN / "answers.json").read_text(encoding="utf-8"))[name]
     space = cspace.open(FROZEN / name)
     assert isinstance(space, cspace.CSpace)
@@ -27,13 +25,13 @@ def test_frozen_maps_open_and_give_the_answers_of_their_day(name: str) -> None:
     np.testing.assert_allclose(space.clearance(first), answers["clearances"], rtol=1e-12)
 
 
-def reader_of_the_page() -> dict[str, Any]:
+def reader_of_the_page():
     """Return the names that the code of docs/reference/format.md defines."""
     page = (ROOT / "docs" / "reference" / "format.md").read_text(encoding="utf-8")
     blocks = re.findall(r"^```python\n(.*?)^```", page, re.DOTALL | re.MULTILINE)
     assert len(blocks) == 1
     assert sum(bool(line) for line in blocks[0].splitlines()) <= 40
-    names: dict[str, Any] = {}
+    names = {}
     exec(compile(blocks[0], "format.md", "exec"), names)
     return names
 
@@ -41,9 +39,7 @@ def reader_of_the_page() -> dict[str, Any]:
 @pytest.mark.filterwarnings("ignore::ResourceWarning")
 @pytest.mark.parametrize("outside", ["blocked", "free"])
 @pytest.mark.parametrize("name", SPACES)
-def test_the_reader_of_the_page_gives_the_states_of_the_map(
-    tmp_path: Path, name: str, outside: str
-) -> None:
+def test_the_reader_of_the_page_gives_the_states_of_the_map(tmp_path, name, outside):
     space, reader = build_space(name, outside), reader_of_the_page()
     space.save(tmp_path / "map", compress=False, clearance=True)
     about, arrays = reader["read"](tmp_path / "map")

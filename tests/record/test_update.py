@@ -9,17 +9,17 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import cspace
 import planners
 from cspace import FREE, InputError, Robot, Workspace
 from cspace._record import update
-from cspace.export import _plane_images as images
 from tests.helpers.handmade import fill_boxes
 from tests.helpers.maps import proven_paths
 from tests.helpers.refusals import refusals
+from tests.helpers.strategies import examples
 from tests.helpers.updates import (
     OBSTACLE,
     World,
@@ -34,7 +34,7 @@ from tests.helpers.updates import (
 
 
 @pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
-@settings(max_examples=15)
+@examples(15)
 @given(worlds(), st.booleans())
 def test_a_stream_of_updates_equals_a_rebuild(world, queried):
     space = world.build()
@@ -51,7 +51,7 @@ def test_a_stream_of_updates_equals_a_rebuild(world, queried):
 
 
 @pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
-@settings(max_examples=30)
+@examples(30)
 @given(worlds(), st.booleans(), st.sampled_from([0, update.CELLS_PER_BOX]))
 def test_a_map_that_follows_a_workspace_equals_a_rebuild(world, named, cost_per_box):
     space = world.build()
@@ -264,6 +264,8 @@ def test_a_saved_map_has_one_version(tmp_path, monkeypatch):
     # Updates wait for saves, so states and obstacles in a file agree.
     space = build_empty_room()
     changing = threading.Thread(target=lambda: space.update(OBSTACLE, (10, 10)))
+    from cspace.export import _plane_images as images
+
     begun = images.replacing
 
     def in_the_midst(*args, **members):

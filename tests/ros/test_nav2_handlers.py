@@ -1,20 +1,24 @@
 """The node's handlers for Nav2, with stand-ins for its messages, and trajectories of arms."""
 
 import importlib.util
+import itertools
 import math
 import threading
 import time
+from collections import deque
 from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.interpolate import CubicHermiteSpline
 
 rclpy = pytest.importorskip("rclpy", reason="ROS 2 has an environment of its own: nox -s ros")
 
 from builtin_interfaces.msg import Duration  # noqa: E402
-from geometry_msgs.msg import TransformStamped  # noqa: E402
+from geometry_msgs.msg import Point32, Polygon, TransformStamped  # noqa: E402
 from nav_msgs.msg import Path  # noqa: E402
 from trajectory_msgs.msg import JointTrajectory  # noqa: E402
 
@@ -79,6 +83,32 @@ def node():
     rclpy.shutdown()
 
 
+TIMES = itertools.count(1)
+"""When messages were sent."""
+
+
+def give(node, cells):
+    """Give the node a map, and wait until it is built."""
+    node.on_map(make_grid(cells), {"source_timestamp": next(TIMES)})
+    catch_up(node)
+
+
+def catch_up(node):
+    """Wait until the map holds all messages; the first one compiles."""
+    end = time.monotonic() + 300.0
+    while node.version < node.arrived and time.monotonic() < end:
+        time.sleep(0.01)
+    assert node.version == node.arrived
+
+
+def make_update(x, y, cells):
+    """Return an update of cells [x, y]."""
+    update = cspace.ros.OccupancyGridUpdate(x=x, y=y, width=cells.shape[0], height=cells.shape[1])
+    update.header.frame_id = "map"
+    update.data.extend(cells.T.ravel().tolist())
+    return update
+
+
 def ask(node, **fields):
     """Execute a goal; return its state and result."""
     goal = Goal(**fields)
@@ -92,7 +122,7 @@ def test_without_a_map_there_is_a_reason(node):
 
 
 def test_goals_succeed_and_codes_say_why_not(node):
-    node.on_map(make_grid(make_room()))
+    give(node, make_room())
     goal, result = ask(node)
     assert (goal.state, result.error_code, result.error_msg) == ("succeeded", 0, "")
     assert len(result.path.poses) > 10 and result.path.header.frame_id == "map"
@@ -107,16 +137,112 @@ def test_goals_succeed_and_codes_say_why_not(node):
         goal, result = ask(node, **fields)
         assert (goal.state, result.error_code) == ("aborted", code) and result.error_msg
     assert ask(node, use_start=False)[1].error_code == 202  # tf2 is not installed
-    moved = TransformStamped()
-    moved.header.frame_id = "map"
-    moved.transform.translation.x, moved.transform.translation.y = START[:2]
-    node.transforms = SimpleNamespace(lookup_transform=lambda *frames: moved)
+    give(node, make_room(gap=3))
+    assert ask(node)[1].error_code == 208
+    give(node, make_room())
+
+
+@pytest.fixture
+def transforms(node):
+    """Let tf2 know the robot at the start, and a frame that is shifted and turned."""
+    known = {"base_link": START, "odom": (2.0, 3.0, math.pi / 2.0)}
+
+    def look_up(frame, source, _time):
+        moved = TransformStamped()
+        x, y, yaw = known[source]
+        moved.transform.translation.x, moved.transform.translation.y = x, y
+        moved.transform.rotation.z, moved.transform.rotation.w = (
+            math.sin(yaw / 2),
+            math.cos(yaw / 2),
+        )
+        return moved
+
+    node.transforms = SimpleNamespace(lookup_transform=look_up)
+    yield known
+    node.transforms = None
+
+
+def test_poses_in_other_frames_are_transformed(node, transforms):
+    give(node, make_room())
     _, result = ask(node, start=(30.0, 1.0, 0.0), use_start=False)
     assert result.path.poses[0].pose.position.x == START[0]
-    node.transforms = None
-    node.on_map(make_grid(make_room(gap=3)))
-    assert ask(node)[1].error_code == 208
-    node.on_map(make_grid(make_room()))
+    # (1, 1) of the map is one metre right of and two metres behind the origin of odom.
+    _, result = ask(node, start=(-2.0, 1.0, -math.pi / 2.0), frame="odom")
+    first = result.path.poses[0].pose
+    assert first.position.x == pytest.approx(START[0]) and first.position.y == pytest.approx(
+        START[1]
+    )
+    assert first.orientation.z == pytest.approx(0.0, abs=1e-9)
+    assert ask(node, frame="elsewhere")[1].error_code == 202
+
+
+def test_only_the_way_ahead_of_the_robot_is_checked(node, transforms):
+    give(node, make_room())
+    transforms["base_link"] = (5.0, 1.2, 0.0)
+    beyond = (5.0, 2.0, 0.0)
+    assert check(node, make_path(IN_WALL, GOAL, beyond)) == (True, [])
+    assert check(node, make_path(START, IN_WALL, GOAL, beyond, IN_WALL)) == (False, [4])
+    assert check(node, make_path((-2.0, 1.0, 0.0), frame="odom", pose_frame="")) == (True, [])
+
+
+@pytest.mark.parametrize("tilt, code", [(0.04, 0), (0.06, planner_node.UNKNOWN)])
+def test_a_robot_on_a_ramp_is_projected(node, tilt, code):
+    give(node, make_room())
+    goal = Goal()
+    turn = goal.request.start.pose.orientation
+    turn.x, turn.w = math.sin(tilt / 2), math.cos(tilt / 2)
+    assert node.compute_path_to_pose(goal).error_code == code
+
+
+def test_parameters_change_if_they_may(node):
+    def change(name, value):
+        return node.set_parameters([rclpy.parameter.Parameter(name, value=value)])[0].successful
+
+    assert not change("drive", "nonsense") and not change("footprint", "[]")
+    assert not change("time_limit", -1.0) and not change("step", "a")
+    assert change("step", 0.5)
+    give(node, make_room())
+    assert len(ask(node)[1].path.poses) < 40
+    assert change("step", 0.05)
+
+
+def test_the_same_footprint_builds_nothing(node):
+    give(node, make_room())
+    corners = [(0.5, 0.25), (0.5, -0.25), (-0.5, -0.25), (-0.5, 0.25)]
+    polygon = Polygon(points=[Point32(x=x, y=y) for x, y in corners])
+    before = node.arrived
+    for _ in range(3):
+        node.on_footprint(polygon)
+        assert node.arrived == before + 1
+    catch_up(node)
+    square = node.make_robot("[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]")
+    node.robot, node.outline = square
+    node.corners = None
+    give(node, make_room())
+
+
+def test_a_new_goal_ends_the_one_before(node, monkeypatch):
+    real = planners.plan
+    searching = threading.Event()
+
+    def search(*ends, stop, **options):
+        if not searching.is_set():
+            searching.set()
+            options |= {"planner": "RRTstar", "previous": None, "time_limit": 600.0}
+        return real(*ends, stop=stop, **options)
+
+    give(node, make_room())
+    monkeypatch.setattr(planner_node.planners, "plan", search)
+    node.last = None
+    first = Goal()
+    found = []
+    thread = threading.Thread(target=lambda: found.append(node.compute_path_to_pose(first)))
+    thread.start()
+    assert searching.wait(300.0)
+    goal, _ = ask(node)
+    thread.join(300.0)
+    assert (first.state, goal.state) == ("aborted", "succeeded")
+    assert found[0].error_msg == "a newer goal came"
 
 
 def test_a_goal_can_be_cancelled_while_it_plans(node, monkeypatch):
@@ -126,7 +252,7 @@ def test_a_goal_can_be_cancelled_while_it_plans(node, monkeypatch):
         options |= {"planner": "RRTstar", "previous": None}
         return real(*ends, stop=stop, **options)
 
-    node.on_map(make_grid(make_room()))
+    give(node, make_room())
     monkeypatch.setattr(planner_node.planners, "plan", search_on)
     node.last = None
     ask(node, max_asks=50)  # compiles
@@ -137,12 +263,12 @@ def test_a_goal_can_be_cancelled_while_it_plans(node, monkeypatch):
 
 def test_a_map_that_comes_while_it_plans_counts(node, monkeypatch):
     real = planners.plan
-    maps = [make_grid(make_room(gap=3))]
+    maps = [make_room(gap=3)]
 
     def plan_while_a_map_comes(*ends, **options):
         found = real(*ends, **options)
         while maps:
-            follower = threading.Thread(target=node.on_map, args=[maps.pop()])
+            follower = threading.Thread(target=give, args=[node, maps.pop()])
             follower.start()
             follower.join(60.0)
             assert not follower.is_alive(), "the map waits for the plan"
@@ -152,31 +278,196 @@ def test_a_map_that_comes_while_it_plans_counts(node, monkeypatch):
     node.last = None
     goal, result = ask(node)
     assert (goal.state, result.error_code) == ("aborted", 208) and not result.path.poses
-    node.on_map(make_grid(make_room()))
+    give(node, make_room())
 
 
 def test_paths_are_valid_until_an_obstacle_comes(node):
     _, result = ask(node)
-    request = SimpleNamespace(path=result.path)
-    answer = node.is_path_valid(request, SimpleNamespace())
-    assert answer.is_valid and not answer.invalid_pose_indices
-    node.on_map(make_grid(make_room(gap=3)))
-    answer = node.is_path_valid(request, SimpleNamespace())
-    assert not answer.is_valid and answer.invalid_pose_indices
-    node.on_map(make_grid(make_room()))
+    assert check(node, result.path) == (True, [])
+    give(node, make_room(gap=3))
+    is_valid, bad = check(node, result.path)
+    assert not is_valid and bad
+    give(node, make_room())
+
+
+def check(node, path):
+    """Ask whether a path is valid; return the answer and the bad poses."""
+    answer = SimpleNamespace(invalid_pose_indices=[])
+    node.is_path_valid(SimpleNamespace(path=path), answer)
+    return answer.is_valid, answer.invalid_pose_indices
+
+
+def make_path(*places, frame="map", pose_frame="map"):
+    """Return a path of configurations."""
+    path = Path(poses=[make_pose(*place, pose_frame) for place in places])
+    path.header.frame_id = frame
+    return path
+
+
+IN_WALL = (3.0, 1.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    "path, answer",
+    [
+        pytest.param(make_path(), (False, []), id="no pose"),
+        pytest.param(make_path(START), (True, []), id="one free pose"),
+        pytest.param(make_path(IN_WALL), (False, [0]), id="one pose in collision"),
+        pytest.param(make_path(START, START), (True, []), id="twice"),
+        pytest.param(make_path(IN_WALL, START), (False, [0, 1]), id="start in collision"),
+        pytest.param(make_path(START, GOAL), (False, [1]), id="through the wall"),
+        pytest.param(make_path(START, frame="map", pose_frame=""), (True, []), id="frame of path"),
+        pytest.param(make_path(START, frame="", pose_frame=""), (False, []), id="no frame"),
+        pytest.param(make_path(START, frame="odom", pose_frame=""), (False, []), id="other frame"),
+    ],
+)
+def test_validity_holds_for_poses_and_motions(node, path, answer):
+    assert check(node, path) == answer
 
 
 def test_updates_of_a_part_equal_a_new_build(node):
     cells = make_room()
     cells[20:30, 10:14] = -1
-    update = cspace.ros.OccupancyGridUpdate(x=20, y=10, width=10, height=4)
-    update.data.extend([-1] * 40)
-    node.on_update(update)
-    np.testing.assert_array_equal(node.space.cell_states, build(cells).cell_states)
-    update.x = 115  # not in the grid
-    node.on_update(update)
-    np.testing.assert_array_equal(node.space.cell_states, build(cells).cell_states)
-    node.on_map(make_grid(make_room()))
+    unknown = np.full((10, 4), -1, dtype=np.int8)
+    for number, x in ((1, 20), (2, 115)):  # the second is not in the grid
+        times = {"source_timestamp": next(TIMES), "publication_sequence_number": number}
+        node.on_update(make_update(x, 10, unknown), times)
+        catch_up(node)
+        np.testing.assert_array_equal(node.space.cell_states, build(cells).cell_states)
+    give(node, make_room())
+
+
+class Publisher:
+    """A costmap by the rules of Nav2, and the queues on the way to the node.
+
+    `meets` counts the steps of a discovery: the publisher knows the node, then they know each
+    other. Only what was sent last is kept for a node that does not know the publisher yet.
+    """
+
+    def __init__(self, node, always_full, is_watched):
+        self.node = node
+        self.always_full = always_full
+        self.is_watched = is_watched  # by another listener, so that updates are numbered
+        self.cells = np.zeros((4, 3), dtype=np.int8)
+        self.changed = np.zeros_like(self.cells, dtype=bool)
+        self.sent_shape = None
+        self.number = self.meets = 0
+        self.queues = {"updates": [], "live": [], "kept": []}
+        self.latest = {name: [] for name in self.queues}
+
+    def meet(self):
+        """Go on with the discovery."""
+        self.meets += 1
+        if self.meets == 2:
+            self.queues |= {name: list(latest) for name, latest in self.latest.items()}
+
+    def change(self, x, y, value):
+        """Change a cell."""
+        self.cells[x, y] = value
+        self.changed[x, y] = True
+
+    def grow(self):
+        """Change the size."""
+        self.cells = np.pad(self.cells, ((0, 1), (0, 0)))
+        self.changed = np.zeros_like(self.cells, dtype=bool)
+
+    def cycle(self, is_fast=False):
+        """Publish; a fast cycle replaces the last message, if it is still on the way."""
+        if self.always_full or self.sent_shape != self.cells.shape:
+            if self.sent_shape is None or self.is_watched or self.meets:
+                grid, info = make_grid(self.cells), {"source_timestamp": next(TIMES)}
+                self.send("kept", (grid, info), is_fast)
+                if self.meets:
+                    self.send("live", (grid, info, True), is_fast)
+            self.sent_shape = self.cells.shape
+        elif self.changed.any() and (self.is_watched or self.meets):
+            x, y = (slice(each.min(), each.max() + 1) for each in np.nonzero(self.changed))
+            self.number += 1
+            info = {"source_timestamp": next(TIMES), "publication_sequence_number": self.number}
+            self.send("updates", (make_update(x.start, y.start, self.cells[x, y]), info), is_fast)
+        self.changed = np.zeros_like(self.cells, dtype=bool)
+
+    def send(self, name, message, is_fast):
+        """Keep a message, and let it travel if they know each other."""
+        self.latest[name] = [message]
+        if self.meets > 1:
+            queue = self.queues[name]
+            self.queues[name] = [*(queue[:-1] if is_fast else queue), message]
+
+    def deliver(self, name):
+        """Give the node the next message of a queue."""
+        if self.queues[name]:
+            message = self.queues[name].pop(0)
+            (self.node.on_update if name == "updates" else self.node.on_map)(*message)
+
+
+NAMES = ["updates", "live", "kept"]
+CHANGES = st.tuples(
+    st.just("change"), st.integers(0, 3), st.integers(0, 2), st.sampled_from([0, 100])
+)
+CYCLES = st.tuples(st.just("cycle"), st.booleans())
+STEPS = st.one_of(
+    st.tuples(CHANGES),
+    st.tuples(CYCLES),
+    st.tuples(CHANGES, CYCLES),
+    st.tuples(CHANGES, CYCLES, CHANGES, st.just(("grow",)), CYCLES),
+    st.tuples(st.tuples(st.just("deliver"), st.sampled_from(NAMES))),
+    st.tuples(st.sampled_from([("meet",), ("meet",), ("grow",)])),
+)
+
+
+@settings(max_examples=500, deadline=None)
+@given(st.lists(STEPS, max_size=40), st.booleans(), st.booleans(), st.permutations(NAMES))
+def test_a_grid_without_doubt_is_the_publishers(node, steps, always_full, is_watched, order):
+    """Whatever is lost or late: once all came, the node doubts, or has the publisher's cells."""
+    forget(node)
+    publisher = Publisher(node, always_full, is_watched)
+    end = [("cycle",), ("meet",), ("meet",)]
+    for name, *arguments in itertools.chain(*steps, end):
+        getattr(publisher, name)(*arguments)
+    for is_last in (False, True):
+        for name in order:
+            while publisher.queues[name]:
+                publisher.deliver(name)
+        doubt = node.find_doubt()
+        if not doubt:
+            data = make_grid(publisher.cells).data
+            assert node.grid.info.width == len(publisher.cells) and node.grid.data == data
+        assert not (doubt and is_last), "a full grid does not help"
+        publisher.grow()
+        publisher.cycle()
+
+
+def test_doubt_stays_when_updates_were_forgotten_or_cannot_be_heard(node):
+    forget(node)
+    publisher = Publisher(node, always_full=False, is_watched=False)
+    steps = [("meet",), ("meet",), ("cycle",)]
+    for x in range(3):  # the node keeps two
+        steps += [("change", x, 0, 100), ("cycle",), ("deliver", "updates")]
+    for name, *arguments in [*steps, ("deliver", "live")]:
+        getattr(publisher, name)(*arguments)
+    assert node.find_doubt()
+    grid = make_grid(publisher.cells)
+    forget(node)
+    node.on_map(grid, {"source_timestamp": next(TIMES)})
+    node.count_publishers = lambda topic: 0  # the costmap ended
+    assert node.find_doubt()
+    forget(node)
+    node.on_map(grid, {"source_timestamp": next(TIMES)}, is_live=True)
+    assert not node.find_doubt()
+    node.update_subscription = None  # map_msgs is not installed
+    assert node.find_doubt()
+
+
+def forget(node):
+    """Let the node be as at its start, with a publisher of updates, and let it not build."""
+    node.grid = node.workspace = None
+    node.sent = node.since = node.number = 0
+    node.is_live = node.has_updates = False
+    node.updates = deque(maxlen=2)
+    node.count_publishers = lambda topic: 1
+    node.update_subscription = SimpleNamespace(get_publisher_count=lambda: 1)
+    node.news = SimpleNamespace(set=lambda: None)
 
 
 def test_a_controller_follows_an_arms_trajectory(node, tmp_path):
@@ -187,7 +478,7 @@ def test_a_controller_follows_an_arms_trajectory(node, tmp_path):
     publisher = node.create_publisher(JointTrajectory, "controller/joint_trajectory", KEPT)
     node.create_subscription(JointTrajectory, "controller/joint_trajectory", received.append, KEPT)
     publisher.publish(plan.trajectory(max_acceleration=1.0).to_joint_trajectory(JointTrajectory()))
-    end = time.monotonic() + 120.0
+    end = time.monotonic() + 600.0
     while not received and time.monotonic() < end:
         rclpy.spin_once(node, timeout_sec=1.0)
     states = replay(received[0], rate=100.0)

@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -82,7 +83,7 @@ class Client:
         """Keep the last message."""
         self.last[name] = msg
 
-    def wait(self, is_done, seconds=120.0):
+    def wait(self, is_done, seconds=600.0):
         """Spin until a condition holds, on a busy machine, too."""
         assert self.spin(is_done, seconds), "nothing came in time"
 
@@ -119,18 +120,20 @@ class Client:
         self.footprints.publish(Polygon(points=points))
 
 
-def start_node():
-    """Start the node in a process of its own."""
+def start_node(*arguments, stderr=None, **variables):
+    """Start the node in a process of its own, with some variables of the environment."""
     command = [sys.executable, ROOT / "examples/ros/planner_node.py", "--ros-args"]
     command += ["--params-file", ROOT / "examples/ros/params.yaml", "-p", "time_limit:=10.0"]
-    return subprocess.Popen(command, env={**os.environ, "PYTHONPATH": str(ROOT)})
+    path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
+    environment = {**os.environ, "PYTHONPATH": path, **variables}
+    return subprocess.Popen([*command, *arguments], env=environment, stderr=stderr)
 
 
 def stop_node(process):
     """Ask the node to end, and fail if it goes on."""
     process.terminate()
     try:
-        assert process.wait(60) == 0
+        assert process.wait(600) == 0
     finally:
         process.kill()
 
@@ -170,7 +173,7 @@ def client(ros):
     client = Client()
     client.maps.publish(make_grid(make_room()))
     client.process = process
-    client.wait(lambda: "map" in client.last, 300.0)  # the first start compiles
+    client.wait(lambda: "map" in client.last)  # the first start compiles
     yield client
     stop_node(client.process)
 
@@ -207,7 +210,7 @@ def test_without_a_path_the_barrier_is_shown(client):
     client.send(make_room(gap=3))
     client.last.pop("markers", None)
     assert not len(client.plan())
-    client.wait(lambda: "markers" in client.last, 300.0)  # the first explanation compiles
+    client.wait(lambda: "markers" in client.last)  # the first explanation compiles
     points = np.array([(p.x, p.y) for p in client.last["markers"].markers[1].points])
     assert len(points) and (np.abs(points[:, 0] - 3.0) < 1.0).any()
     client.send(make_room())
@@ -276,5 +279,31 @@ def test_the_node_is_killed_and_starts_again(client):
     client.process.wait()
     client.last.pop("map", None)
     client.process = start_node()
-    client.wait(lambda: "map" in client.last, 300.0)  # it reads the last map again
+    client.wait(lambda: "map" in client.last)  # it reads the last map again
     assert_free(client.plan(), make_room())
+
+
+def test_an_interrupt_ends_it_while_the_first_map_compiles(client, tmp_path):
+    client.send(make_room())
+    with (tmp_path / "log").open("w+") as log:
+        process = start_node("-r", "__node:=second", stderr=log, XDG_CACHE_HOME=str(tmp_path))
+        client.wait(lambda: "building the first map" in (tmp_path / "log").read_text(), 300.0)
+        process.send_signal(signal.SIGINT)
+        try:
+            assert process.wait(60) == 0
+        finally:
+            process.kill()
+    text = (tmp_path / "log").read_text()
+    assert "ready" not in text and "Traceback" not in text
+
+
+@pytest.mark.parametrize(
+    "setting, message",
+    [("drive:=nonsense", "drive is 'nonsense'; it must be"), ("time_limit:=-1.0", "time_limit")],
+)
+def test_a_wrong_parameter_ends_it_with_one_line(ros, setting, message, tmp_path):
+    with (tmp_path / "log").open("w+") as log:
+        process = start_node("-p", setting, "-r", "__node:=third", stderr=log)
+        assert process.wait(600) == 1
+    last = (tmp_path / "log").read_text().strip().splitlines()[-1]
+    assert last.startswith("cspace_planner: ") and message in last

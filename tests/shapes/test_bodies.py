@@ -5,14 +5,14 @@ import warnings
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cspace import Grid, Mesh, MeshWarning
 from cspace._shapes.bodies import find_bodies
 from tests.helpers.mesh_files import join_meshes, make_box
 from tests.helpers.oracles import winding_numbers
-from tests.helpers.strategies import seeds
+from tests.helpers.strategies import examples, seeds
 
 
 def separate_triangles(part):
@@ -39,7 +39,7 @@ def inside(part, points):
     return answers.tolist()
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(seeds, st.integers(2, 20), st.booleans())
 def test_coincident_boxes_are_solid_in_their_union(seed, count, is_soup):
     """Draw cells of a lattice; some share faces, and some repeat."""
@@ -57,7 +57,7 @@ def test_coincident_boxes_are_solid_in_their_union(seed, count, is_soup):
     assert (mesh.contains(centers) == solid).all()
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(seeds, st.integers(1, 4))
 def test_bodies_agree_with_their_winding_numbers(seed, count):
     # The balls overlap, have both orientations and some reversed triangles.

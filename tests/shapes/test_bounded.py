@@ -6,7 +6,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -15,6 +15,7 @@ from cspace import InputError, Robot, Workspace
 from cspace._rotations import RotationCell
 from tests.helpers.handmade import half_turns
 from tests.helpers.refusals import refusals
+from tests.helpers.strategies import examples
 
 RADIUS = 0.31
 LENGTH = 0.57
@@ -77,7 +78,7 @@ lengths = st.floats(0.01, 10.0)
 
 
 @given(lengths, lengths, st.tuples(*[st.floats(-3.0, 3.0)] * 3))
-@settings(max_examples=4)  # the footprint of a capsule takes half a second
+@examples(4)  # the footprint of a capsule takes half a second
 @pytest.mark.parametrize("name", ROUND_SOLIDS)
 def test_outer_and_inner_shapes_enclose_exact_values(name, radius, length, center):
     robot = ROUND_SOLIDS[name][0](radius, length, center)

@@ -46,11 +46,9 @@ def test_parts_of_a_scene_are_placed_and_joined():
 
 @refusals(
     "shape, error, message",
-    ((TETRA_VERTICES, np.empty((0, 3), dtype=int)), GeometryError, "no triangles"),
     ((TETRA_VERTICES, [[0, 1, 4]]), GeometryError, "vertex 4"),
     ("none.stl", FileError, "does not exist"),
     ((TETRA_VERTICES, [[0.0, 1.0, 2.0]]), GeometryError, "whole numbers"),
-    ((TETRA_VERTICES, [[0, 1, 2, 3]]), GeometryError, r"\(F, 3\)"),
     ((TETRA_VERTICES * np.nan, TETRA_FACES), InputError, "nan"),
     (
         (TETRA_VERTICES, np.ma.masked_equal(TETRA_FACES, 3)),
@@ -58,17 +56,10 @@ def test_parts_of_a_scene_are_placed_and_joined():
         "faces of mesh has 3 masked",
     ),
     ((TETRA_VERTICES * 1e200, TETRA_FACES), GeometryError, "units"),
-    (42, InputError, "int"),
-    (trimesh.PointCloud(np.eye(3)), GeometryError, "cloud of points"),
 )
 def test_invalid_meshes_are_refused(shape, error, message):
     with pytest.raises(error, match=message):
         Mesh.of(shape)
-
-
-def test_an_unknown_policy_is_refused():
-    with pytest.raises(InputError, match="'surface'"):
-        Mesh.of((TETRA_VERTICES, TETRA_FACES), "hollow")
 
 
 def test_open_bodies_warn_once_and_only_with_auto():

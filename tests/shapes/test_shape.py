@@ -148,7 +148,7 @@ def test_an_asymmetric_shape_equals_itself_only_unrotated(shape):
 
 
 @pytest.mark.parametrize(
-    ("shape", "axis", "same"),
+    "shape, axis, same",
     [
         (Box.of((1, 1, 0.5)), 2, True),
         (Box.of((1, 1, 0.5), (0.1, 0, 0)), 2, False),
@@ -170,7 +170,7 @@ def test_contains_refuses_invalid_points():
 
 
 @pytest.mark.parametrize(
-    ("source", "radius", "kind"),
+    "source, radius, kind",
     [
         (shapely.box(0, 0, 1, 1), None, "polygon"),
         ({"type": "Point", "coordinates": (1.0, 2.0)}, None, "polygon"),

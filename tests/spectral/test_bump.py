@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy.special import j0, j1
 
@@ -12,6 +12,7 @@ from cspace import InputError
 from cspace.spectral import Bump
 from cspace.spectral._bump import radial_table
 from tests.helpers.refusals import refusals
+from tests.helpers.strategies import examples
 
 dims = st.sampled_from([2, 3])
 alphas = st.sampled_from([0.01, 0.3, 1.0, 2.0, 10.0, 300.0, 1e4, math.inf])
@@ -75,7 +76,7 @@ def test_radial_spectrum_of_the_ball_is_accurate_at_high_frequencies():
     assert np.abs(ball - expected).max() <= 1e-13 * math.pi
 
 
-@settings(max_examples=10)
+@examples(10)
 @given(alphas, dims, st.floats(0.0, 90.0))
 def test_table_interpolates_the_spectrum(alpha, dim, highest):
     bump = Bump(alpha)

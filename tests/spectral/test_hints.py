@@ -46,7 +46,7 @@ def spectrum(lengths=1.0, counts=8, **options):
     (
         lambda: decompose(SQUARE),
         lambda: [decompose(SQUARE, number=64), decompose(SQUARE, tolerance=0.01)],
-        "pass e.g. number=64, or tolerance=0.01 in metres",
+        "number is None and tolerance is None; exactly one of them chooses the balls; pass e.g. number=64, or tolerance=0.01 in metres",
     ),
     (lambda: decompose(SQUARE, number=0), lambda: decompose(SQUARE, number=64), "pass e.g. 64"),
     (
@@ -55,17 +55,17 @@ def spectrum(lengths=1.0, counts=8, **options):
             decompose(LINE, kind="outer", tolerance=0.1),
             decompose(SQUARE, kind="inner", number=4),
         ],
-        "pass kind='outer', or a shape with an area or volume",
+        "shape has no inside; inner balls need one; pass kind='outer', or a shape with an area or volume",
     ),
     (
         lambda: decompose(shapely.Point(1, 2), kind="outer", number=4),
         lambda: decompose(shapely.Point(1, 2), kind="outer", tolerance=0.1),
-        "pass a tolerance instead",
+        "shape is 0 m across; balls by number need a finite size; pass a tolerance instead",
     ),
     (
         lambda: decompose(Robot.disc(0.1), number=4),
         lambda: overlap((b := Robot.disc(0.1).shape) and (b.centers, b.radii)),
-        "use these balls",
+        "shape consists of balls already; decompose() finds balls for other shapes; use these balls",
     ),
     (
         lambda: overlap(([(0, 0), (1, 0)], [0.1, 0.0])),
@@ -75,12 +75,12 @@ def spectrum(lengths=1.0, counts=8, **options):
     (
         lambda: overlap(PAIR, IN_SPACE),
         lambda: [overlap(PAIR, PAIR), overlap(IN_SPACE, IN_SPACE)],
-        "pass all in the plane or all in space",
+        "b has 3 dimensions, its counterpart has 2; they must agree; pass all in the plane or all in space",
     ),
     (
         lambda: overlap(SQUARE),
         lambda: overlap(decompose(SQUARE, number=8)),
-        "decompose other shapes first",
+        "a is a Robot; it must have centers and radii, or be a pair of them; decompose other shapes first",
     ),
     (
         lambda: bool(Verdict.MISS),
@@ -91,7 +91,7 @@ def spectrum(lengths=1.0, counts=8, **options):
     (
         lambda: ContactTest(decompose(SQUARE, kind="inner", number=4), PAIR),
         lambda: ContactTest(decompose(SQUARE, kind="outer", number=4), PAIR),
-        "decompose the shape with that kind",
+        "outer_a is of kind 'inner'; it must be 'outer'; decompose the shape with that kind",
     ),
     (
         lambda: ContactTest(PAIR, PAIR, inner_a=PAIR),
@@ -99,17 +99,17 @@ def spectrum(lengths=1.0, counts=8, **options):
             ContactTest(PAIR, PAIR),
             ContactTest(PAIR, PAIR, inner_a=PAIR, inner_b=PAIR),
         ],
-        "pass both or neither",
+        "inner_a or inner_b is missing; a HIT needs both; pass both or neither",
     ),
     (
         lambda: overlap().moved([3], (0.0, 0.0)),
         lambda: overlap().moved([0], (0.0, 0.0)),
-        "pass e.g. [0]",
+        "chosen is [3]; it must be indices of the 1 balls of b, or a mask of them; pass e.g. [0]",
     ),
     (
         lambda: overlap().moved([0], (1.0, 0.0)),
         lambda: overlap(PAIR, ([(1.0, 0.0)], [0.1])),
-        "pass the moved balls to a new FourierOverlap",
+        "step is (1.0, 0.0), which moves balls out of the bounding box of b; periods are as long as that box needs; pass the moved balls to a new FourierOverlap",
     ),
     (
         lambda: best_placements(PAIR, PAIR, 4, n=0),
@@ -141,7 +141,7 @@ def spectrum(lengths=1.0, counts=8, **options):
     (
         lambda: EarlyTest(PAIR, 0.0),
         lambda: EarlyTest(overlap(), 0.001),
-        "pass FourierOverlap(a, b)",
+        "overlap is a tuple; it must be a FourierOverlap; pass FourierOverlap(a, b)",
     ),
     (
         lambda: EarlyTest(overlap(), -1.0),

@@ -5,14 +5,14 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from cspace import InputError, Rotations
 from cspace.spectral import Bump, FourierOverlap, best_placements
 from tests.helpers.refusals import refusals
-from tests.helpers.strategies import seeds
+from tests.helpers.strategies import examples, seeds
 from tests.spectral.balls import draw_rotations, move, sum_pairs
 
 pytest.importorskip("finufft")
@@ -37,7 +37,7 @@ def score_of(a, b, t, matrix, bump=BUMP):
     return sum_pairs(move(a, t, matrix), b, bump.alpha, np.zeros((1, len(t))))[0]
 
 
-@settings(max_examples=6)
+@examples(6)
 @given(seeds, st.integers(1, 5), st.integers(1, 8), st.floats(0.05, 0.6))
 def test_no_placement_of_brute_force_is_better_in_the_plane(seed, few, more, separation):
     rng = np.random.default_rng(seed)
@@ -60,7 +60,7 @@ def test_no_placement_of_brute_force_is_better_in_the_plane(seed, few, more, sep
     )
 
 
-@settings(max_examples=6)
+@examples(6)
 @given(dims, seeds)
 def test_a_copy_among_decoys_is_found_at_its_pose(dim, seed):
     rng = np.random.default_rng(seed)
@@ -79,7 +79,8 @@ def test_a_copy_among_decoys_is_found_at_its_pose(dim, seed):
     assert move(a, best.translations[0], best.rotations[0])[0] == pytest.approx(b[0], abs=0.01)
 
 
-@settings(max_examples=12)
+@pytest.mark.thorough
+@examples(12)
 @given(seeds, dims, st.sampled_from([1.0, 2.0, math.inf]), st.floats(0.0, 20.0))
 def test_scores_are_overlaps_less_the_penalty(seed, dim, alpha, penalty):
     rng = np.random.default_rng(seed)
@@ -122,7 +123,7 @@ def test_refined_placements_are_peaks_of_the_overlap(dim):
         assert np.abs(rotations - matrix).max(axis=(1, 2)).min() < 1e-12
 
 
-@pytest.mark.parametrize(("dim", "rotations"), [(2, 7), (3, Rotations.quaternions(1))])
+@pytest.mark.parametrize("dim, rotations", [(2, 7), (3, Rotations.quaternions(1))])
 def test_configurations_hold_a_yaw_or_a_quaternion(dim, rotations):
     rng = np.random.default_rng(3)
     best = best_placements(draw_balls(rng, 3, dim, 0.5), draw_balls(rng, 3, dim, 1.0), rotations, 2)

@@ -5,13 +5,13 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cspace import InputError
 from cspace.spectral import Bump, ball_spectrum
 from tests.helpers.refusals import refusals
-from tests.helpers.strategies import seeds
+from tests.helpers.strategies import examples, seeds
 
 pytest.importorskip("finufft")
 
@@ -34,7 +34,7 @@ def draw_frequencies(rng, lengths, counts):
     return tuple(indices), np.transpose(k) / lengths
 
 
-@settings(max_examples=6)
+@examples(6)
 @given(
     st.sampled_from([2, 3]),
     seeds,
@@ -42,7 +42,7 @@ def draw_frequencies(rng, lengths, counts):
     st.sampled_from([1e-6, 1e-12]),
 )
 @pytest.mark.parametrize(
-    ("number", "radius_count"),
+    "number, radius_count",
     [(30, 2), (400, 2), (110, 110), (500, 500)],
     ids=["products", "transforms", "few radii", "many radii"],
 )

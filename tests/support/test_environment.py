@@ -46,9 +46,7 @@ main()
 def run(code, *options, argument="", cwd=None, **environment):
     """Run code in a process with no other variables than the given ones."""
     command = [sys.executable, *options, "-c", PATH + code, argument]
-    return subprocess.run(
-        command, cwd=cwd, env=environment, capture_output=True, text=True, timeout=120
-    )
+    return subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True)
 
 
 def work(*options, **environment):
@@ -67,8 +65,9 @@ def printed():
     return done.stdout
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
-    ("options", "environment"),
+    "options, environment",
     [
         ((), {"PYTHONDEVMODE": "1"}),  # finds memory that is used after it is freed
         ((), {"PYTHONOPTIMIZE": "2", "PYTHONHASHSEED": "7"}),
@@ -83,6 +82,7 @@ def test_switches_change_no_result(options, environment, printed):
     assert (done.returncode, done.stdout) == (0, printed), done.stderr
 
 
+@pytest.mark.thorough
 def test_uncompiled_proofs_are_refused():
     done = work(NUMBA_DISABLE_JIT="1")
     *_, message = done.stderr.splitlines()
@@ -91,6 +91,7 @@ def test_uncompiled_proofs_are_refused():
     assert work(NUMBA_DISABLE_JIT="0").returncode == 0
 
 
+@pytest.mark.thorough
 def test_the_demo_runs_without_a_home_folder_and_leaves_private_files(tmp_path):
     """Only the folders for temporary files and for the output can be written."""
     (tmp_path / "file").touch()

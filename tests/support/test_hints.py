@@ -4,6 +4,7 @@ import re
 import tempfile
 import tomllib
 import warnings
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -18,19 +19,36 @@ import planners
 from cspace import Grid, Mesh, MeshWarning, Robot, Rotations, Workspace, build
 from cspace._limits import raised_limits
 from cspace._support.reporting import import_optional
-from cspace.arms import PoseGoal
 from cspace.errors import FileError, InputError, MissingPackageError
 from tests.helpers.refusals import check_followed, refusals
 
 FLOOR = Workspace.from_array(np.eye(30, 20, dtype=bool), 0.1)
 ROOM = Workspace.from_array(np.zeros((6, 5, 4), dtype=bool), 0.1)
-SPACE = build(FLOOR, Robot.rectangle(0.2, 0.1))
-TURNING = build(FLOOR, Robot.rectangle(0.2, 0.1), rotations=8)
-FLOATING = build(ROOM, Robot.ball(0.05), rotations=Rotations.quaternions(2))
+
+
+@cache
+def space():
+    """Build the map of a robot that does not turn."""
+    return build(FLOOR, Robot.rectangle(0.2, 0.1))
+
+
+@cache
+def turning():
+    """Build the map of a robot that turns."""
+    return build(FLOOR, Robot.rectangle(0.2, 0.1), rotations=8)
+
+
+@cache
+def floating():
+    """Build the map of a ball that turns in space."""
+    return build(ROOM, Robot.ball(0.05), rotations=Rotations.quaternions(2))
+
+
 HERE = (2.5, 0.5)
 TURN = Rotation.from_euler("z", 0.1)
 MASKED = np.ma.masked_array(np.eye(3, dtype=bool), np.eye(3, dtype=bool))
 CELLS = np.eye(3, dtype=bool)
+WIDE = np.eye(9, dtype=bool)
 
 
 def cells(values, **options):
@@ -45,14 +63,14 @@ def cells(values, **options):
     (lambda: Robot.disc(None), lambda: Robot.disc(0.3), "pass numbers, in metres or"),
     (lambda: Robot.disc("0.3"), lambda: Robot.disc(0.3), "write the number without quotes"),
     (
-        lambda: FLOATING.rotations._check_rotation(TURN, "rotation"),
-        lambda: FLOATING.rotations._check_rotation(TURN.as_quat(), "rotation"),
+        lambda: floating().rotations._check_rotation(TURN, "rotation"),
+        lambda: floating().rotations._check_rotation(TURN.as_quat(), "rotation"),
         "pass the Rotation's as_quat()",
     ),
     (lambda: Robot.disc(10**400), lambda: Robot.disc(float(10)), "pass a float"),
     (
-        lambda: SPACE.is_free((1j, 0)),
-        lambda: SPACE.is_free(np.array((1j, 0)).real),
+        lambda: space().is_free((1j, 0)),
+        lambda: space().is_free(np.array((1j, 0)).real),
         "pass array.real",
     ),
     (
@@ -60,7 +78,11 @@ def cells(values, **options):
         lambda: Robot.polygon([(0, 0), (1, 0), (0, 1)]),
         "drop or replace such values first",
     ),
-    (lambda: cells(MASKED), lambda: cells(MASKED.filled(True)), "array.filled(True) for occupied"),
+    (
+        lambda: cells(MASKED),
+        lambda: cells(MASKED.filled(True)),
+        "occupied has 3 masked entries; each must have a value; fill them first, e.g. array.filled(True) for occupied cells",
+    ),
     (lambda: Robot.disc(0), lambda: Robot.disc(0.05), "pass it in metres, e.g. 0.05"),
     (lambda: Robot.disc(1e200), lambda: Robot.disc(1.0), "check its unit (metres)"),
     (
@@ -68,30 +90,39 @@ def cells(values, **options):
         lambda: build(FLOOR, "disc:0.1", margin=0),
         "metres",
     ),
-    (lambda: SPACE.sample_free(-1), lambda: SPACE.sample_free(100), "pass e.g. 100"),
+    (
+        lambda: space().sample_free(-1),
+        lambda: space().sample_free(100),
+        "n is -1; it must be a whole number from 0 on; pass e.g. 100",
+    ),
+    (
+        lambda: space().sample_free(10**13),
+        lambda: space().sample_free(10),
+        "95% of the free memory; draw fewer at a time",
+    ),
     # Words.
     (
         lambda: build(FLOOR, "disc:0.1", outside="x"),
         lambda: [build(FLOOR, "disc:0.1", outside=word) for word in ("free", "blocked")],
-        "pass one of them",
+        "outside is 'x'; it must be 'blocked' or 'free'; pass one of them",
     ),
     (
         lambda: Workspace.from_mesh(trimesh.creation.box(), 0.1, solid="all"),
         lambda: Workspace.from_mesh(trimesh.creation.box(), 0.1, solid="fill"),
-        "pass one of them",
+        "solid is 'all'; it must be 'auto', 'surface' or 'fill'; pass one of them",
     ),
     (
-        lambda: SPACE.add_obstacle("", [HERE], radius=0.1),
+        lambda: space().add_obstacle("", [HERE], radius=0.1),
         lambda: copy().add_obstacle("cart", [HERE], radius=0.1),
         "'cart'",
     ),
     (
-        lambda: SPACE.sample_free(3, rng=0),
-        lambda: SPACE.sample_free(3, rng=np.random.default_rng(0)),
-        "pass numpy.random.default_rng(0)",
+        lambda: space().sample_free(3, rng=0),
+        lambda: space().sample_free(3, rng=np.random.default_rng(0)),
+        "rng is 0; it must be a numpy.random.Generator or None; pass numpy.random.default_rng(0)",
     ),
     # Points and boxes.
-    (lambda: SPACE.is_free((1, 2, 3)), lambda: SPACE.is_free([HERE]), "pass one or a batch"),
+    (lambda: space().is_free((1, 2, 3)), lambda: space().is_free([HERE]), "pass one or a batch"),
     (lambda: Robot.disc(0.1, 3), lambda: Robot.disc(0.1, (0.5, 0.5)), "pass e.g. (0.5, 0.5)"),
     (
         lambda: Workspace.from_polygons([shapely.Point(0, 0)], 0.1, bounds=(0, 1)),
@@ -102,33 +133,33 @@ def cells(values, **options):
         "pass (xmin, ymin, xmax, ymax) in metres, or the lower and the upper corner",
     ),
     (
-        lambda: SPACE.certify_path([HERE], [0]),
-        lambda: SPACE.certify_path([HERE, HERE], np.array([(0, 1)])),
+        lambda: space().certify_path([HERE], [0]),
+        lambda: space().certify_path([HERE, HERE], np.array([(0, 1)])),
         "pass shapes (m, 2) and (n, size)",
     ),
     (
-        lambda: SPACE.certify_path([HERE], [(0, 1)]),
-        lambda: SPACE.certify_path([HERE], [(0, 0)]),
-        "pass indices from 0 to 0",
+        lambda: space().certify_path([HERE], [(0, 1)]),
+        lambda: space().certify_path([HERE], [(0, 0)]),
+        "edge number 0 is (0, 1); there are 1 vertices, counted from 0; pass indices from 0 to 0",
     ),
     (
-        lambda: SPACE.certify_path(np.zeros((0, 2))),
-        lambda: SPACE.certify_path([HERE]),
-        "pass an array of shape (n, 2)",
+        lambda: space().certify_path(np.zeros((0, 2))),
+        lambda: space().certify_path([HERE]),
+        "path has shape (0, 2); a path has at least one configuration; pass an array of shape (n, 2)",
     ),
     (
-        lambda: SPACE.motion_is_free([HERE] * 2, [HERE] * 3),
-        lambda: SPACE.motion_is_free([HERE] * 2, [HERE] * 2),
-        "pass batches of equal shape",
+        lambda: space().motion_is_free([HERE] * 2, [HERE] * 3),
+        lambda: space().motion_is_free([HERE] * 2, [HERE] * 2),
+        "q0 has shape (2, 2) and q1 (3, 2); they must broadcast; pass batches of equal shape",
     ),
     (
-        lambda: planners.plan(SPACE, [HERE], HERE),
-        lambda: planners.plan(SPACE, HERE, HERE),
-        "pass (x, y), in metres and radians",
+        lambda: planners.plan(space(), [HERE], HERE),
+        lambda: planners.plan(space(), HERE, HERE),
+        "start has shape (1, 2); it must be one configuration of 2 numbers; pass (x, y), in metres and radians",
     ),
     (
-        lambda: SPACE.find_path((0.05, 0.05), HERE),
-        lambda: SPACE.find_path(SPACE.nearest_free((0.05, 0.05)), HERE),
+        lambda: space().find_path((0.05, 0.05), HERE),
+        lambda: space().find_path(space().nearest_free((0.05, 0.05)), HERE),
         "ask nearest_free for one",
     ),
     # Cells.
@@ -138,8 +169,15 @@ def cells(values, **options):
         lambda: [cells(CELLS), cells(CELLS[..., None])],
         "pass an array indexed [x, y] or [x, y, z]",
     ),
-    (lambda: cells(0.9 * CELLS), lambda: cells(0.9 * CELLS > 0.5), "e.g. array > 0.5"),
-    (lambda: cells(100 * CELLS), lambda: cells(100 * CELLS >= 50), "e.g. array >= 50"),
+    (lambda: cells(0.9 * WIDE), lambda: cells(0.9 * WIDE > 0.5), "e.g. array > 0.5"),
+    (
+        lambda: cells(np.array([(0.2, 3.0, 4.0, 0.1), (1.0, 2.0, 5.0, 0.9)])),
+        lambda: Workspace.from_points(
+            np.array([(0.2, 3.0, 4.0, 0.1), (1.0, 2.0, 5.0, 0.9)])[:, :3], 0.1
+        ),
+        "if its rows are points, pass array[:, :3] to Workspace.from_points",
+    ),
+    (lambda: cells(100 * WIDE), lambda: cells(100 * WIDE >= 50), "e.g. array >= 50"),
     (
         lambda: cells(CELLS, inner=CELLS[:2]),
         lambda: cells(CELLS, inner=CELLS),
@@ -148,7 +186,7 @@ def cells(values, **options):
     (
         lambda: cells(CELLS, inner=~CELLS),
         lambda: cells(CELLS | ~CELLS, inner=~CELLS),
-        "add it to outer",
+        "inner has cell (0, 1), which is not in outer; it must be a subset of outer; add it to outer",
     ),
     # Grids.
     (lambda: Grid(0.0, 0.1, (3, 3)), lambda: Grid((0.0, 0.0), 0.1, (3, 3)), "pass e.g. (0.0, 0.0)"),
@@ -171,19 +209,19 @@ def cells(values, **options):
     ),
     # Maps.
     (
-        lambda: SPACE.update(CELLS[None], (0, 0)),
+        lambda: space().update(CELLS[None], (0, 0)),
         lambda: copy().update(CELLS, (0, 0)),
         "pass one entry per cell of the box",
     ),
     (
-        lambda: SPACE.update(CELLS, (0, 0), inner=~CELLS),
+        lambda: space().update(CELLS, (0, 0), inner=~CELLS),
         lambda: copy().update(CELLS | ~CELLS, (0, 0), inner=~CELLS),
         "add it to cells",
     ),
     (
-        lambda: SPACE.remove_obstacle("cart"),
-        lambda: [(space := named()).remove_obstacle(*space.obstacles)],
-        "see space.obstacles for the names",
+        lambda: named().remove_obstacle("People"),
+        lambda: named().remove_obstacle("people"),
+        "did you mean 'people'?",
     ),
     (
         lambda: Robot.polygon([HERE]),
@@ -255,7 +293,7 @@ def cells(values, **options):
     (
         lambda: Robot.from_bitmap(~CELLS & CELLS, 0.1),
         lambda: Robot.from_bitmap(CELLS, 0.1),
-        "set the cells that it fills",
+        "occupied holds no True cell; at least one cell must be occupied; set the cells that it fills",
     ),
     (
         lambda: Robot.open("disc.json", solid="fill") or Robot.open("a.png"),
@@ -298,7 +336,7 @@ def cells(values, **options):
             Workspace.from_shapes([shapely.box(0, 0, 1, 1)], 0.1),
             copy().add_obstacle("a", shapely.box(0, 0, 1, 1)),
         ],
-        "pass a list; name shapes with space.add_obstacle(name, shape)",
+        "shapes is a dict; it must be a list of shapes; pass a list; name shapes with space.add_obstacle(name, shape)",
     ),
     (
         lambda: copy().add_obstacle("a", [(0, 0)], radius=-1.0),
@@ -306,8 +344,8 @@ def cells(values, **options):
         "pass lengths in metres",
     ),
     (
-        lambda: planners.plan(SPACE, HERE, PoseGoal("fore", np.eye(4))),
-        lambda: planners.plan(SPACE, HERE, HERE),
+        lambda: planners.plan(space(), HERE, cspace.PoseGoal("fore", np.eye(4))),
+        lambda: planners.plan(space(), HERE, HERE),
         "pass a configuration",
     ),
     (
@@ -332,16 +370,20 @@ def cells(values, **options):
         "ask for its boundary",
     ),
     (
-        lambda: SPACE.to_costmap(cost_scaling_factor=-3.0),
-        lambda: SPACE.to_costmap(cost_scaling_factor=3.0),
+        lambda: space().to_costmap(cost_scaling_factor=-3.0),
+        lambda: space().to_costmap(cost_scaling_factor=3.0),
         "pass it per metre",
     ),
-    (lambda: FLOATING.to_costmap(), lambda: SPACE.to_costmap(), "build a map of the plane"),
+    (
+        lambda: floating().to_costmap(),
+        lambda: space().to_costmap(),
+        "the map is one in space; a costmap is plane; build a map of the plane",
+    ),
     # Limits of files.
     (
         lambda: raised_limits(max_cell=3).__enter__(),
         lambda: raised_limits(max_cells=3).__enter__(),
-        "correct the name",
+        "limits name 'max_cell'; there are max_bytes, max_cells, max_text_bytes, max_description_bytes; did you mean 'max_cells'?",
     ),
 )
 def test_arguments_as_the_hint_says_are_accepted(call, advised, hint):

@@ -21,7 +21,7 @@ def test_work_beyond_memory_is_refused_with_a_spacing_that_fits(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("robot", "rotations", "spacing"),
+    "robot, rotations, spacing",
     [
         (cspace.Robot.rectangle(3.0, 1.5, (0.3, 0.05)), cspace.Rotations.of(500), 0.1),
         (cspace.Robot.rectangle(4.0, 0.1), cspace.Rotations.of(501), 0.1),

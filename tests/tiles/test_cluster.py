@@ -11,6 +11,7 @@ from tests.tiles.worlds import CAR, check_states, check_tiles, random_workspace
 
 distributed = pytest.importorskip("distributed")
 pytestmark = [
+    pytest.mark.thorough,
     pytest.mark.filterwarnings("ignore::DeprecationWarning"),
     pytest.mark.filterwarnings("ignore::ResourceWarning"),
     pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),

@@ -6,14 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import cspace
 from cspace.errors import ConfigurationError
-from tests.helpers.handmade import fill_boxes
+from tests.helpers.handmade import build_empty, fill_boxes
 from tests.helpers.maps import proven_paths
 from tests.helpers.placements import draw_configurations
+from tests.helpers.strategies import examples
 from tests.tiles.worlds import CAR, KINDS, build_kind, build_pair, check_states, random_workspace
 
 
@@ -68,20 +69,12 @@ def pair(request, tmp_path_factory):
     return build_kind(kind, tmp_path_factory.mktemp("pair") / "m", outside)
 
 
-def test_states_equal_the_map_in_memory(pair):
+def test_answers_equal_the_map_in_memory(pair):
+    rng = np.random.default_rng(0)
     check_states(Path(pair.tiled.path), pair.space)
-
-
-def test_lookups_equal_the_map_in_memory(pair):
-    check_lookups(pair, np.random.default_rng(0), 700)
-
-
-def test_motions_equal_the_map_in_memory(pair):
-    check_motions(pair, *draw_motions(pair.space, np.random.default_rng(1), 2000))
-
-
-def test_connectivity_equals_the_map_in_memory(pair):
-    check_connectivity(pair, np.random.default_rng(2), 1000)
+    check_lookups(pair, rng, 700)
+    check_motions(pair, *draw_motions(pair.space, rng, 2000))
+    check_connectivity(pair, rng, 1000)
 
 
 def test_a_robot_may_turn_outside_the_map(tmp_path):
@@ -112,7 +105,7 @@ def test_clearances_equal_the_map_in_memory_up_to_the_halo(pair):
     np.testing.assert_allclose(tiled.clearance(q), expected, atol=1e-12)
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(
     seed=st.integers(0, 2**16),
     shape=st.tuples(st.integers(1, 24), st.integers(1, 24)),
@@ -167,6 +160,7 @@ def test_a_motion_by_half_a_turn_is_free_if_both_arcs_are(kind, tmp_path):
         assert np.mean(actual != expected) < 0.01
 
 
+@pytest.mark.thorough
 def test_a_motion_between_nearly_equal_quaternions_is_free_at_both_everywhere(tmp_path):
     # OMPL may keep the first rotation all along, so a motion in tiles must have both everywhere.
     occupied = fill_boxes((30, 30, 24), np.s_[13:17, 13:17, :])
@@ -185,8 +179,7 @@ def test_a_motion_between_nearly_equal_quaternions_is_free_at_both_everywhere(tm
 
 
 def test_motions_read_only_the_tiles_they_cross(tmp_path):
-    workspace = cspace.Workspace.from_array(np.zeros((100, 100), dtype=bool), 0.1)
-    tiled = cspace.build(workspace, cspace.Robot.disc(0.1), store=tmp_path / "m", tile=10)
+    tiled = build_empty((100, 100), cspace.Robot.disc(0.1), store=tmp_path / "m", tile=10)
     for x, y in itertools.product(range(10), repeat=2):
         if y not in (4, 5):
             (tmp_path / "m" / f"{x}.{y}" / "zarr.json").unlink()

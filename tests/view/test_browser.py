@@ -17,6 +17,8 @@ from tests.helpers.waiting import until
 pytest.importorskip("viser")
 webdriver = pytest.importorskip("selenium.webdriver")
 
+pytestmark = pytest.mark.thorough
+
 FLAGS = (
     "--headless=new --no-sandbox --disable-gpu --disable-quic --no-first-run "
     "--disable-background-networking --disable-component-update --disable-sync --use-gl=angle "
@@ -54,8 +56,8 @@ def browser(tmp_path_factory):
     browser.quit()
 
 
-def wait_for_text(browser, text, seconds=20.0):
-    until(lambda: text in browser.execute_script("return document.body.innerText"), seconds)
+def wait_for_text(browser, text):
+    until(lambda: text in browser.execute_script("return document.body.innerText"))
 
 
 def take_screenshot(browser):

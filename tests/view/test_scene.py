@@ -102,7 +102,7 @@ def test_a_plane_robot_becomes_a_slab():
 
 
 @pytest.mark.parametrize(
-    ("dim", "cells", "angles"),
+    "dim, cells, angles",
     [
         (2, None, ()),
         (2, 8, ("yaw",)),

@@ -3,13 +3,10 @@
 import json
 import math
 import subprocess
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 import cspace
 from tests.helpers.cpp import build_program, ompl_flags, why_no_compiler
@@ -33,7 +30,7 @@ Pose = tuple[float, ...]
 START, GOAL, ABOVE = (1.0, 1.0, 0.0), (5.0, 1.0, 3.0), (1.0, 3.0, 0.0)
 
 
-def write_pose(x: float, y: float, yaw: float, tilt: float = 0.0) -> str:
+def write_pose(x, y, yaw, tilt=0.0):
     half, lean = yaw / 2, tilt / 2
     sines = (math.cos(half) * math.sin(lean), math.sin(half) * math.sin(lean))
     rest = (math.sin(half) * math.cos(lean), math.cos(half) * math.cos(lean))
@@ -43,7 +40,7 @@ def write_pose(x: float, y: float, yaw: float, tilt: float = 0.0) -> str:
 class Nav2:
     """A planner server and a path checker in one process."""
 
-    def __init__(self, program: Path, log: Path) -> None:
+    def __init__(self, program, log):
         self.log_file = log
         with log.open("w") as stderr:
             self.process = subprocess.Popen(
@@ -55,52 +52,51 @@ class Nav2:
             )
         self.tell("footprint {} {}".format(*HALF_SIDES))
 
-    def tell(self, *commands: str) -> None:
+    def tell(self, *commands):
         assert self.process.stdin is not None
         for command in commands:
             print(command, file=self.process.stdin, flush=True)
 
-    def ask(self, command: str) -> dict[str, Any]:
+    def ask(self, command):
         self.tell(command)
         assert self.process.stdout is not None
         # A line of OMPL would not be JSON.
-        answer: dict[str, Any] = json.loads(self.process.stdout.readline())
-        return answer
+        return json.loads(self.process.stdout.readline())
 
-    def set(self, **parameters: Any) -> None:
+    def set(self, **parameters):
         self.tell(*(f"set plan.{name} {value}" for name, value in parameters.items()))
 
-    def configure(self, room: Path, **parameters: Any) -> None:
+    def configure(self, room, **parameters):
         self.set(map=room, **{"time_limit": 5, **parameters})
         assert self.ask("configure") == {"code": 0}
 
-    def add_cost(self, low: Any, high: Any, cost: int = LETHAL) -> None:
+    def add_cost(self, low, high, cost=LETHAL):
         """Give cells of 0.1 m from one corner to another a cost."""
         inner = [*np.add(low, 0.05), *np.subtract(high, 0.05)]
         self.tell(" ".join(map(str, ["costs", *inner, cost])))
 
-    def plan(self, *poses: Pose) -> dict[str, Any]:
+    def plan(self, *poses):
         return self.ask(" ".join(["plan", *(write_pose(*pose) for pose in poses)]))
 
-    def find_path(self, *poses: Pose) -> NDArray[np.float64]:
+    def find_path(self, *poses):
         answer = self.plan(*poses)
         assert answer["code"] == 0, answer
         return np.array(answer["path"])
 
-    def check(self, *poses: Pose) -> dict[str, Any]:
+    def check(self, *poses):
         return self.ask(" ".join(["check", *(write_pose(*pose) for pose in poses)]))
 
-    def read_log(self) -> str:
+    def read_log(self):
         return self.log_file.read_text(encoding="utf-8")
 
 
 @pytest.fixture(scope="module", params=["jazzy", "main"])
-def version(request: pytest.FixtureRequest) -> str:
+def version(request):
     return str(request.param)
 
 
 @pytest.fixture(scope="module")
-def program(version: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def program(version, tmp_path_factory):
     folders = [PACKAGE / "include", STUBS / version, STUBS / "common"]
     return build_program(
         tmp_path_factory.mktemp(version) / "answers",
@@ -113,14 +109,14 @@ def program(version: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def nav2(program: Path, tmp_path: Path) -> Iterator[Nav2]:
+def nav2(program, tmp_path):
     session = Nav2(program, tmp_path / "log")
     yield session
     rest, _ = session.process.communicate()
     assert (rest, session.process.returncode) == ("", 0)
 
 
-def build_room(robot: cspace.Robot, rotations: int | None) -> cspace.CSpace:
+def build_room(robot, rotations):
     """Build a map of a room that a wall divides up to y = 2.5; the costmap has 6 x 4 m of it."""
     cells = np.zeros((70, 38), dtype=bool)
     cells[28:32, :25] = True
@@ -128,18 +124,18 @@ def build_room(robot: cspace.Robot, rotations: int | None) -> cspace.CSpace:
 
 
 @pytest.fixture(scope="module")
-def space() -> cspace.CSpace:
+def space():
     return build_room(cspace.Robot.rectangle(0.6, 0.4), 16)
 
 
 @pytest.fixture(scope="module")
-def room(space: cspace.CSpace, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def room(space, tmp_path_factory):
     path = tmp_path_factory.mktemp("room") / "map"
     space.save(path)
     return path
 
 
-def place_outline(path: NDArray[np.float64]) -> NDArray[np.float64]:
+def place_outline(path):
     """Return points of the robot's outline, 1 mm apart, shape (poses, points, 2)."""
     x, y = HALF_SIDES
     s = np.arange(-1.0, 1.0, 0.002)[:, None]
@@ -151,20 +147,18 @@ def place_outline(path: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.stack([world_x, world_y], axis=2)
 
 
-def touches(path: NDArray[np.float64], low: Any, high: Any) -> bool:
+def touches(path, low, high):
     """Return whether the robot's outline is in a box at a pose of a path."""
     points = place_outline(path)
     return bool(((low < points) & (points < high)).all(axis=2).any())
 
 
-def longest_step(path: NDArray[np.float64]) -> float:
+def longest_step(path):
     """Return how far a point of the robot moves at most between two poses."""
     return float(np.linalg.norm(np.diff(place_outline(path), axis=0), axis=2).max())
 
 
-def test_python_certifies_the_path_that_follows_at_the_step(
-    nav2: Nav2, space: cspace.CSpace, room: Path
-) -> None:
+def test_python_certifies_the_path_that_follows_at_the_step(nav2, space, room):
     nav2.configure(room, step=0.02)
     path = nav2.find_path(START, GOAL)
     np.testing.assert_allclose(path[[0, -1]], [START, GOAL], atol=1e-9)
@@ -177,9 +171,7 @@ def test_python_certifies_the_path_that_follows_at_the_step(
 # ---- the live costmap ----------------------------------------------------------------------------
 
 
-def test_paths_avoid_crates_that_only_the_costmap_knows(
-    nav2: Nav2, space: cspace.CSpace, room: Path
-) -> None:
+def test_paths_avoid_crates_that_only_the_costmap_knows(nav2, space, room):
     rng = np.random.default_rng(0)
     nav2.configure(room, time_limit=2)
     found = 0
@@ -200,15 +192,13 @@ def test_paths_avoid_crates_that_only_the_costmap_knows(
 
 
 @pytest.mark.parametrize("allowed, code", [("true", 0), ("false", 207)])
-def test_unknown_cells_count_by_the_parameter(
-    nav2: Nav2, room: Path, allowed: str, code: int
-) -> None:
+def test_unknown_cells_count_by_the_parameter(nav2, room, allowed, code):
     nav2.configure(room, time_limit=0.3, allow_unknown=allowed)
     nav2.add_cost((2.7, 0.0), (3.3, 4.0), UNKNOWN)
     assert nav2.plan(START, GOAL)["code"] == code
 
 
-def test_unknown_cells_do_not_hide_lethal_ones(nav2: Nav2, room: Path) -> None:
+def test_unknown_cells_do_not_hide_lethal_ones(nav2, room):
     nav2.configure(room)
     goal = (5.0, 1.0, 0.0)
     nav2.add_cost((4.65, 0.7), (4.75, 1.3), UNKNOWN)
@@ -220,7 +210,7 @@ def test_unknown_cells_do_not_hide_lethal_ones(nav2: Nav2, room: Path) -> None:
         nav2.add_cost((side, 0.9), (side + 0.1, 1.1), UNKNOWN)
 
 
-def test_a_robot_without_yaw_is_tested_as_the_circle_around_it(nav2: Nav2, tmp_path: Path) -> None:
+def test_a_robot_without_yaw_is_tested_as_the_circle_around_it(nav2, tmp_path):
     space = build_room(cspace.Robot.disc(0.2), None)
     space.save(tmp_path / "map")
     nav2.tell("footprint 0.4 0.1")
@@ -252,16 +242,14 @@ def test_a_robot_without_yaw_is_tested_as_the_circle_around_it(nav2: Nav2, tmp_p
         pytest.param(START, (math.inf, 1.0, 0.0), 200, id="goal infinitely far"),
     ],
 )
-def test_impossible_requests_are_refused_before_any_search(
-    nav2: Nav2, room: Path, start: Pose, goal: Pose, code: int
-) -> None:
+def test_impossible_requests_are_refused_before_any_search(nav2, room, start, goal, code):
     nav2.configure(room)
     nav2.add_cost((5.2, 2.8), (5.4, 3.2))
     answer = nav2.plan(start, goal)
     assert (answer["code"], answer["calls"]) == (code, 0)
 
 
-def test_poses_in_another_frame_or_without_a_rotation_are_refused(nav2: Nav2, room: Path) -> None:
+def test_poses_in_another_frame_or_without_a_rotation_are_refused(nav2, room):
     nav2.configure(room)
     for rotation in ("0 0 0 0", "0 0 0 0.5", "nan 0 0 1"):
         assert nav2.ask(f"plan 1 1 0 0 0 1 5 1 {rotation}")["code"] == 200
@@ -271,7 +259,7 @@ def test_poses_in_another_frame_or_without_a_rotation_are_refused(nav2: Nav2, ro
     assert nav2.plan(START, GOAL)["code"] == 0
 
 
-def test_a_search_ends_at_its_limit_or_when_cancelled(nav2: Nav2, room: Path) -> None:
+def test_a_search_ends_at_its_limit_or_when_cancelled(nav2, room):
     nav2.configure(room, time_limit=0.2)
     nav2.add_cost((2.0, 0.0), (2.2, 4.0))
     assert nav2.plan(START, GOAL)["code"] == 207
@@ -289,9 +277,7 @@ def test_a_search_ends_at_its_limit_or_when_cancelled(nav2: Nav2, room: Path) ->
         ({"time_limit": -1}, "must be positive"),
     ],
 )
-def test_wrong_parameters_are_logged_and_thrown(
-    nav2: Nav2, parameters: dict[str, Any], message: str
-) -> None:
+def test_wrong_parameters_are_logged_and_thrown(nav2, parameters, message):
     nav2.set(**parameters)
     answer = nav2.ask("configure")
     assert answer["code"] == 200 and message in answer["text"]
@@ -299,7 +285,7 @@ def test_wrong_parameters_are_logged_and_thrown(
     assert log.startswith("[ERROR] [planner_server]: plan: ") and message in log
 
 
-def test_a_planner_is_configured_again_after_a_cleanup(nav2: Nav2, room: Path) -> None:
+def test_a_planner_is_configured_again_after_a_cleanup(nav2, room):
     nav2.configure(room)
     nav2.tell("cleanup")
     nav2.configure(room)
@@ -309,7 +295,7 @@ def test_a_planner_is_configured_again_after_a_cleanup(nav2: Nav2, room: Path) -
 # ---- the last route ------------------------------------------------------------------------------
 
 
-def test_equal_requests_get_equal_routes(nav2: Nav2, room: Path) -> None:
+def test_equal_requests_get_equal_routes(nav2, room):
     nav2.configure(room)
     requests = [(START, GOAL), (GOAL, ABOVE), (START, ABOVE)]
     first = [nav2.find_path(*request) for request in requests]
@@ -318,9 +304,7 @@ def test_equal_requests_get_equal_routes(nav2: Nav2, room: Path) -> None:
             np.testing.assert_array_equal(nav2.find_path(*request), path)
 
 
-def test_a_robot_on_its_way_keeps_the_rest_of_its_route(
-    nav2: Nav2, space: cspace.CSpace, room: Path
-) -> None:
+def test_a_robot_on_its_way_keeps_the_rest_of_its_route(nav2, space, room):
     nav2.configure(room)
     path = nav2.find_path(START, GOAL)
     kept = 0
@@ -336,7 +320,7 @@ def test_a_robot_on_its_way_keeps_the_rest_of_its_route(
     assert kept > 5
 
 
-def test_a_start_far_from_the_last_route_gets_another(nav2: Nav2, room: Path) -> None:
+def test_a_start_far_from_the_last_route_gets_another(nav2, room):
     nav2.configure(room)
     path = nav2.find_path(START, GOAL)
     away = np.linalg.norm(path[:, :2] - ABOVE[:2], axis=1).min()
@@ -345,7 +329,7 @@ def test_a_start_far_from_the_last_route_gets_another(nav2: Nav2, room: Path) ->
     assert nav2.plan(START, GOAL)["calls"] == 0
 
 
-def test_a_route_is_left_when_a_crate_blocks_it(nav2: Nav2, room: Path) -> None:
+def test_a_route_is_left_when_a_crate_blocks_it(nav2, room):
     nav2.configure(room)
     path = nav2.find_path(START, ABOVE)
     middle = path[len(path) // 2, :2].round(1)
@@ -357,9 +341,7 @@ def test_a_route_is_left_when_a_crate_blocks_it(nav2: Nav2, room: Path) -> None:
 # ---- stops on the way ----------------------------------------------------------------------------
 
 
-def test_paths_pass_all_viapoints_in_order(
-    nav2: Nav2, version: str, space: cspace.CSpace, room: Path
-) -> None:
+def test_paths_pass_all_viapoints_in_order(nav2, version, space, room):
     if version == "jazzy":
         pytest.skip("Jazzy's planners have no viapoints")
     nav2.configure(room)
@@ -381,14 +363,12 @@ def test_paths_pass_all_viapoints_in_order(
 # ---- the path checker ----------------------------------------------------------------------------
 
 
-def test_the_checker_finds_the_poses_from_which_a_path_is_not_proven(
-    nav2: Nav2, version: str, room: Path
-) -> None:
+def test_the_checker_finds_the_poses_from_which_a_path_is_not_proven(nav2, version, room):
     nav2.configure(room)
     nav2.tell(f"set map {room}")
     path = [tuple(pose) for pose in nav2.find_path(START, GOAL).tolist()]
     success = {"jazzy": None, "main": True}[version]
-    answer: dict[str, Any] = {"success": success, "indices": []}
+    answer = {"success": success, "indices": []}
     answer["service"] = "path_checker/is_path_valid"
     assert nav2.check(*path) == {**answer, "valid": True}
     assert nav2.check(START) == {**answer, "valid": True}
@@ -401,7 +381,7 @@ def test_the_checker_finds_the_poses_from_which_a_path_is_not_proven(
     assert nav2.check(START) == {**blocked, "indices": [0]}
 
 
-def test_the_checker_refuses_paths_in_another_frame(nav2: Nav2, version: str, room: Path) -> None:
+def test_the_checker_refuses_paths_in_another_frame(nav2, version, room):
     nav2.tell(f"set map {room}", "path_frame odom")
     answer = nav2.check(START)
     assert not answer["valid"]
@@ -409,6 +389,6 @@ def test_the_checker_refuses_paths_in_another_frame(nav2: Nav2, version: str, ro
     assert "[ERROR] [path_checker]: the path is in 'odom', not in 'map'" in nav2.read_log()
 
 
-def test_a_checker_without_a_map_logs_why_and_ends(nav2: Nav2) -> None:
+def test_a_checker_without_a_map_logs_why_and_ends(nav2):
     assert nav2.check(START) == {"code": 1}
     assert "[FATAL] [path_checker]: the parameter 'map' is missing" in nav2.read_log()

@@ -4,7 +4,6 @@ import re
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -29,15 +28,13 @@ pytestmark = [
 
 
 @pytest.fixture(scope="module")
-def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def program(tmp_path_factory):
     target = tmp_path_factory.mktemp("program") / "ompl_answers"
     return build_program(target, "-O0", *ompl_flags(), source=SOURCE.with_name("ompl_answers.cpp"))
 
 
 @pytest.mark.parametrize("name", ["R2", "SE2", "R3", "R3 yaw", "SE3"])
-def test_checkers_answer_as_the_map_and_spaces_have_projections(
-    tmp_path: Path, program: Path, name: str
-) -> None:
+def test_checkers_answer_as_the_map_and_spaces_have_projections(tmp_path, program, name):
     space = build_space(name, "blocked")
     space.save(tmp_path / "map", clearance=True)
     queries = draw_queries(space, 600, np.random.default_rng(6))
@@ -69,7 +66,7 @@ def test_checkers_answer_as_the_map_and_spaces_have_projections(
 
 
 @pytest.mark.skipif(shutil.which("cmake") is None, reason="no cmake is here; install cmake")
-def test_cmake_builds_the_example_whose_paths_python_certifies(tmp_path: Path) -> None:
+def test_cmake_builds_the_example_whose_paths_python_certifies(tmp_path):
     script = ROOT / "examples" / "cpp" / "compare.py"
     done = subprocess.run(
         [sys.executable, str(script)], cwd=tmp_path, text=True, capture_output=True, check=False

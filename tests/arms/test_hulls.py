@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import trimesh
 
+import cspace
 from cspace import Robot
-from cspace.arms import Arm, PosedShape, build_arm_space
 from cspace.arms._chain import motion_bounds
 from tests.helpers.urdfs import joint, link, pose_at, posed_box, random_arm, write_urdf
 
@@ -23,7 +23,7 @@ def write_chain(folder, last):
 
 
 @pytest.mark.parametrize(
-    ("make", "start", "end"),
+    "make, start, end",
     [
         (lambda folder: write_chain(folder, "revolute"), (-0.01, -0.01), (0.01, 0.01)),
         (lambda folder: write_chain(folder, "prismatic"), (-0.01, -1.0), (0.01, 1.0)),
@@ -37,7 +37,7 @@ def test_motion_bounds_agree_with_differences(tmp_path, make, start, end):
     The bounds are nearly sharp: in a row of links rotating in one sense, the end of the last link
     reaches the largest acceleration.
     """
-    arm = Arm.from_urdf(make(tmp_path))
+    arm = cspace.Arm.from_urdf(make(tmp_path))
     rng = np.random.default_rng(5)
     lower = np.maximum(arm.lower, -2.0)
     upper = np.minimum(arm.upper, 2.0)
@@ -79,7 +79,7 @@ TOOLS = [
 @pytest.mark.parametrize("seed", range(3))
 def test_long_motions_never_miss_a_ball(tmp_path, seed):
     """Place a ball on the course of a point of a link, or of a tool with many triangles."""
-    arm = Arm.from_urdf(random_arm(tmp_path, seed)).attach("tool", TOOLS[seed], "l4")
+    arm = cspace.Arm.from_urdf(random_arm(tmp_path, seed)).attach("tool", TOOLS[seed], "l4")
     rng = np.random.default_rng(seed)
     lower = np.maximum(arm.lower, -3.0)
     upper = np.minimum(arm.upper, 3.0)
@@ -95,8 +95,8 @@ def test_long_motions_never_miss_a_ball(tmp_path, seed):
         t = rng.uniform()
         pose = arm.poses(q0 + t * (q1 - q0))[each.name]
         there = pose[:3, :3] @ point + pose[:3, 3]
-        ball = PosedShape(Robot.ball(1e-4).shape, pose_at(*there))
-        space = build_arm_space({"seed": ball}, arm, allowed_collisions=touch)
+        ball = cspace.arms.PosedShape(Robot.ball(1e-4).shape, pose_at(*there))
+        space = cspace.build_arm_space({"seed": ball}, arm, allowed_collisions=touch)
         assert not space.motion_is_free(q0, q1)
 
 
@@ -110,17 +110,19 @@ def test_swing_past_a_wall_is_decided_to_a_micrometre(tmp_path):
         joint("turn", "base", "arm"),
         joint("more", "arm", "tip", at=(0.5, 0, 0), axis=(1, 0, 0), limits=(-0.1, 0.1)),
     )
-    arm = Arm.from_urdf(path)
+    arm = cspace.Arm.from_urdf(path)
     far = float(np.hypot(1.0, 0.01))
     for gap, is_free in ((1e-6, True), (-1e-6, False)):
-        space = build_arm_space({"wall": posed_box((0.1, 4.0, 1.0), far + gap + 0.05, 0.0)}, arm)
+        space = cspace.build_arm_space(
+            {"wall": posed_box((0.1, 4.0, 1.0), far + gap + 0.05, 0.0)}, arm
+        )
         assert space.motion_is_free((-1.0, 0.0), (1.0, 0.05)) is is_free
 
 
 def test_many_turns_prove_nothing_below_their_rounding(tmp_path):
     """Test 10^9 turns, whose rounding is 1e-7 rad."""
     bar = link("arm", ((1.0, 0.02, 0.02), (0.5, 0, 0)))
-    arm = Arm.from_urdf(
+    arm = cspace.Arm.from_urdf(
         write_urdf(
             tmp_path,
             link("base"),
@@ -128,6 +130,8 @@ def test_many_turns_prove_nothing_below_their_rounding(tmp_path):
             joint("turn", "base", "arm", kind="continuous", limits=None),
         )
     )
-    space = build_arm_space({"wall": posed_box((0.4, 0.1, 1.0), 0.5, 0.01 + 1e-8 + 0.05)}, arm)
+    space = cspace.build_arm_space(
+        {"wall": posed_box((0.4, 0.1, 1.0), 0.5, 0.01 + 1e-8 + 0.05)}, arm
+    )
     assert space.is_free((0.0,))
     assert not space.is_free((2e9 * np.pi,))

@@ -1,0 +1,466 @@
+"""Shortest paths in the plane at any angle.
+
+A *run* is a maximal row of passable cells along the last axis, y: a rectangle. Two runs of
+neighbouring columns share a *gate*, a part of their border at an integer x, the *line* of the gate.
+A shortest path crosses one run after the other, and turns only at corners, which are ends of gates.
+
+A node of the search is an *interval*, the part of a gate that is seen from a *root*, the point at
+which the paths through it turned last. Behind an interval, a part of the next run is seen from the
+same root; the parts beside it are reached around the corners at the ends of the interval. Paths
+come in the order of lower bounds of their lengths, so the first that reaches the goal is the
+shortest (D. Harabor, A. Grastien, D. Oz and V. Aksakalli, "Optimal any-angle pathfinding in
+practice", 2016; M. Cui, D. Harabor and A. Grastien, "Compromise-free pathfinding on a navigation
+mesh", 2017).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from cspace._queries.components import list_runs
+from cspace._queries.frontier import (
+    DONE,
+    GOES_ON,
+    Progress,
+    check_deadline,
+    double,
+    make_progress,
+    pop_first,
+    push,
+)
+from cspace._support.arrays import FREE, Floats, Ints, States
+from cspace._support.compiling import inlined, internal, kernel
+
+INSET: Final = 2.0**-20
+"""Distance in cells of ends from lines, so that no end is on a line."""
+
+GRAZING: Final = 1e-9
+"""Distance in cells within which a ray meets a corner, and an interval shows the goal: rounding
+must not hide a corner or the goal from both of two neighbouring intervals."""
+
+MAX_ERROR_PER_CELL: Final = 1e-8
+"""Cells by which rounding and :data:`GRAZING` may lengthen a path, for each cell of its length: its
+corners are at least a cell apart."""
+
+INTERVALS_PER_CLOCK_CHECK: Final = 2**13
+"""Intervals expanded between two checks of the time limit, about 2 ms."""
+
+MIN_INTERVALS_BEFORE_LABELLING: Final = 2**15
+"""Intervals after which a search asks the labels of the map whether a path may exist."""
+
+NONE: Final = -1
+"""Stands for no corner, no interval, and the run of an interval that is the goal itself."""
+
+
+Point = tuple[float, float]
+
+
+class Rectangles(NamedTuple):
+    """Runs of passable cells in the order of their columns.
+
+    Attributes
+    ----------
+    first : ndarray of int64, shape (columns + 1,)
+        Number of the first run of each column; the last entry is the number of all runs.
+    column, low, high : ndarray of int64, shape (runs,)
+        Column of a run, its first cell, and the cell after its last one.
+    """
+
+    first: Ints
+    column: Ints
+    low: Ints
+    high: Ints
+
+
+class SeenIntervals(NamedTuple):
+    """Intervals that a search has reached, each an entry of arrays of shape (n,).
+
+    Attributes
+    ----------
+    run : ndarray of int64
+        Run behind the interval.
+    step : ndarray of int64
+        Direction of paths through the interval, 1 or -1 along x.
+    low, high : ndarray of float64
+        Ends of the interval along y.
+    low_corner, high_corner : ndarray of int64
+        Corners at the ends, or :data:`NONE` if paths do not turn there.
+    root_x, root_y, length : ndarray of float64
+        The root, and the length of the path from the start to it.
+    root : ndarray of int64
+        Corner of the root, or :data:`NONE` for the start.
+    before : ndarray of int64
+        Interval that the paths came through, or :data:`NONE`.
+    """
+
+    run: Ints
+    step: Ints
+    low: Floats
+    high: Floats
+    low_corner: Ints
+    high_corner: Ints
+    root_x: Floats
+    root_y: Floats
+    length: Floats
+    root: Ints
+    before: Ints
+
+
+class Front(NamedTuple):
+    """State of a search, which kernels change.
+
+    Attributes
+    ----------
+    intervals : SeenIntervals
+    used : ndarray of int64, shape (1,)
+        Number of intervals.
+    queue : Progress
+        Its heap holds the intervals that wait.
+    least : ndarray of float64, shape (4 runs,)
+        Length of the shortest path found to each corner.
+    """
+
+    intervals: SeenIntervals
+    used: Ints
+    queue: Progress
+    least: Floats
+
+
+class ShortestWay(NamedTuple):
+    """A shortest path.
+
+    Attributes
+    ----------
+    length : float
+        In cells, infinite if there is no path.
+    runs : ndarray of int64, shape (n,)
+        Runs that the path crosses in turn.
+    """
+
+    length: float
+    runs: Ints
+
+
+NO_WAY: Final = ShortestWay(math.inf, np.empty(0, dtype=np.int64))
+
+
+def list_rectangles(states: States, highest: int = FREE) -> Rectangles:
+    """List the runs of cells whose state is at most ``highest``; states have shape (nx, ny)."""
+    runs = list_runs(states[np.newaxis], highest)
+    columns, width = states.shape
+    column = runs.starts // width
+    first = np.searchsorted(column, np.arange(columns + 1))
+    return Rectangles(first, column, runs.starts - column * width, runs.stops - column * width)
+
+
+def find_shortest_way(
+    rectangles: Rectangles,
+    start: Floats,
+    goal: Floats,
+    until: float = math.inf,
+    may_exist: Callable[[], bool] | None = None,
+) -> ShortestWay:
+    """Find the shortest path between two points in passable cells.
+
+    Its length is exact except for :data:`MAX_ERROR_PER_CELL`, and :data:`INSET` at both ends. It
+    passes no corner at which just two opposite cells are passable.
+
+    Parameters
+    ----------
+    rectangles : Rectangles
+    start, goal : ndarray of float64, shape (2,)
+        In cells.
+    until : float
+        Reading of the clock at which the search ends with a TimeoutError.
+    may_exist : callable, optional
+        Returns False if no path exists. It is asked once, if the search takes long.
+    """
+    first, start_point = find_run(rectangles, start)
+    last, goal_point = find_run(rectangles, goal)
+    if NONE in (first, last):
+        return NO_WAY
+    if first == last:
+        return ShortestWay(math.dist(start_point, goal_point), np.array([first]))
+    # All gates of the start's run and of another one may be added at once.
+    room = 8 + 4 * int(np.diff(rectangles.first).max())
+    front = make_front(len(rectangles.low), 2**10 + room)
+    low = float(rectangles.low[first])
+    high = float(rectangles.high[first])
+    for step in (-1, 1):
+        add_gates(
+            rectangles, front, goal_point, start_point, 0.0, NONE, NONE, first, step, low, high
+        )
+    while True:
+        outcome = expand_intervals(rectangles, front, goal_point, last, room)
+        if outcome == DONE:
+            return trace_way(front, first)
+        check_deadline(until)
+        if may_exist is not None and front.used[0] > MIN_INTERVALS_BEFORE_LABELLING:
+            if not may_exist():
+                return NO_WAY
+            may_exist = None
+        if front.used[0] + room >= len(front.queue.keys):
+            queue = front.queue
+            queue = queue._replace(keys=double(queue.keys), queue=double(queue.queue))
+            intervals = SeenIntervals._make(map(double, front.intervals))
+            front = front._replace(intervals=intervals, queue=queue)
+
+
+def find_run(rectangles: Rectangles, point: Floats) -> tuple[int, Point]:
+    """Return the run that contains a point, or NONE, and the point moved off the lines."""
+    x, y = point.tolist()
+    column = min(math.floor(x), len(rectangles.first) - 2)
+    first, stop = rectangles.first[column : column + 2].tolist()
+    run = first + int(np.searchsorted(rectangles.high[first:stop], y))
+    contains = run < stop and rectangles.low[run] <= y
+    x = min(max(x, column + INSET), column + 1 - INSET)
+    return (run if contains else NONE), (x, y)
+
+
+def make_front(runs: int, capacity: int) -> Front:
+    """Make an empty search with memory for some intervals."""
+    floats = {"low", "high", "root_x", "root_y", "length"}
+    kinds = [np.float64 if name in floats else np.int64 for name in SeenIntervals._fields]
+    return Front(
+        intervals=SeenIntervals._make(np.empty(capacity, dtype=kind) for kind in kinds),
+        used=np.zeros(1, dtype=np.int64),
+        queue=make_progress(0, capacity),
+        least=np.full(4 * runs, np.inf),
+    )
+
+
+def trace_way(front: Front, first: int) -> ShortestWay:
+    """Return the path through the first interval of the queue, or none if the queue is empty."""
+    intervals = front.intervals
+    if front.queue.length[0] == 0:
+        return NO_WAY
+    interval = int(front.queue.queue[0])
+    length = float(intervals.length[interval])
+    runs = []
+    while (interval := int(intervals.before[interval])) != NONE:
+        runs.append(int(intervals.run[interval]))
+    return ShortestWay(length, np.array([first, *reversed(runs)]))
+
+
+@internal
+def find_first_above(rectangles: Rectangles, column: int, y: float) -> int:
+    """Return the first run of a column that ends above y, or the first run of the next column."""
+    low: int = rectangles.first[column]
+    high: int = rectangles.first[column + 1]
+    while low < high:
+        middle = (low + high) // 2
+        if rectangles.high[middle] > y:
+            high = middle
+        else:
+            low = middle + 1
+    return low
+
+
+@kernel
+def expand_intervals(
+    rectangles: Rectangles, front: Front, goal: Point, goal_run: int, room: int
+) -> int:
+    """Expand intervals until the first of the queue is the goal, or none is left.
+
+    Return :data:`GOES_ON` after many intervals, or if less than ``room`` is left for others.
+    """
+    queue = front.queue
+    intervals = front.intervals
+    for _ in range(INTERVALS_PER_CLOCK_CHECK):
+        if front.used[0] + room >= len(queue.keys):
+            return GOES_ON
+        if queue.length[0] == 0 or intervals.run[queue.queue[0]] == NONE:
+            return DONE
+        interval = queue.queue[0]
+        pop_first(queue)
+        root = intervals.root[interval]
+        # A shorter path to the root may have been found since.
+        if root == NONE or intervals.length[interval] <= front.least[root]:
+            expand_interval(rectangles, front, goal, goal_run, interval)
+    return GOES_ON
+
+
+@internal
+def expand_interval(
+    rectangles: Rectangles, front: Front, goal: Point, goal_run: int, interval: int
+) -> None:
+    """Add what paths through an interval reach next: gates of its run, or the goal."""
+    intervals = front.intervals
+    run = intervals.run[interval]
+    step = intervals.step[interval]
+    low = intervals.low[interval]
+    high = intervals.high[interval]
+    length = intervals.length[interval]
+    root = intervals.root_x[interval], intervals.root_y[interval]
+    run_low = float(rectangles.low[run])
+    run_high = float(rectangles.high[run])
+    line = float(rectangles.column[run] + (1 if step < 0 else 0))
+    seen_low = run_low
+    seen_high = run_high
+    crossing = root[1]
+    # From a root on the line, at an end of the interval, the whole run is seen.
+    if root[0] != line:
+        stretch = (line + step - root[0]) / (line - root[0])
+        seen_low = min(max(snap(root[1] + (low - root[1]) * stretch), run_low), run_high)
+        seen_high = min(max(snap(root[1] + (high - root[1]) * stretch), run_low), run_high)
+        crossing = cross_line(root, goal, line)
+    sees_goal = low - GRAZING <= crossing <= high + GRAZING
+    if run == goal_run and sees_goal:
+        add_goal(front, length + distance(root, goal), interval)
+    corner = intervals.root[interval]
+    add_gates(
+        rectangles, front, goal, root, length, corner, interval, run, step, seen_low, seen_high
+    )
+    for is_high in range(2):
+        y = high if is_high else low
+        corner = intervals.high_corner[interval] if is_high else intervals.low_corner[interval]
+        turn = line, y
+        total = length + distance(root, turn)
+        if corner == NONE or total >= front.least[corner]:
+            continue
+        front.least[corner] = total
+        if run == goal_run and not sees_goal and (crossing > y) == (is_high == 1):
+            add_goal(front, total + distance(turn, goal), interval)
+        # The parts beside what the root sees: ahead, and back across the line of the interval.
+        ahead = (seen_high, run_high) if is_high else (run_low, seen_low)
+        back = (high, run_high) if is_high else (run_low, low)
+        for way, part in ((step, ahead), (-step, back)):
+            add_gates(
+                rectangles, front, goal, turn, total, corner, interval, run, way, part[0], part[1]
+            )
+
+
+@kernel
+def add_gates(
+    rectangles: Rectangles,
+    front: Front,
+    goal: Point,
+    root: Point,
+    length: float,
+    corner: int,
+    before: int,
+    run: int,
+    step: int,
+    low: float,
+    high: float,
+) -> None:
+    """Add the gates on one side of a run, as far as they are between two points along y.
+
+    The side is that of ``step``. The path to ``root``, at a corner, has a length.
+    """
+    column = rectangles.column[run]
+    beyond = column + step
+    if low >= high or beyond < 0 or beyond >= len(rectangles.first) - 1:
+        return
+    line = float(column + (1 if step > 0 else 0))
+    other = find_first_above(rectangles, beyond, low)
+    while other < rectangles.first[beyond + 1] and rectangles.low[other] < high:
+        gate_low = max(rectangles.low[run], rectangles.low[other])
+        gate_high = min(rectangles.high[run], rectangles.high[other])
+        seen_low = max(low, float(gate_low))
+        seen_high = min(high, float(gate_high))
+        low_corner, high_corner = find_corners(rectangles, run, other, step, seen_low, seen_high)
+        is_shortest = seen_low < seen_high
+        x, y = root
+        total = length
+        at = corner
+        if is_shortest and x == line:
+            # The path follows the line to the nearer end of the gate, and turns there.
+            at = low_corner if y <= seen_low else high_corner
+            y = seen_low if y <= seen_low else seen_high
+            total += abs(y - root[1])
+            is_shortest = total < front.least[at]
+        if is_shortest:
+            if x == line:
+                front.least[at] = total
+            interval = front.used[0]
+            front.used[0] += 1
+            intervals = front.intervals
+            intervals.run[interval] = other
+            intervals.step[interval] = step
+            intervals.low[interval] = seen_low
+            intervals.high[interval] = seen_high
+            intervals.low_corner[interval] = low_corner
+            intervals.high_corner[interval] = high_corner
+            intervals.root_x[interval] = x
+            intervals.root_y[interval] = y
+            intervals.length[interval] = total
+            intervals.root[interval] = at
+            intervals.before[interval] = before
+            bound = total + bound_length((x, y), goal, line, seen_low, seen_high)
+            push(front.queue, bound, interval)
+        other += 1
+
+
+@inlined
+def find_corners(
+    rectangles: Rectangles, run: int, other: int, step: int, low: float, high: float
+) -> tuple[int, int]:
+    """Return the numbers of the corners of a gate at the ends of a range; :data:`NONE` if none is.
+
+    Where both runs end, there is no corner between them.
+    """
+    low_corner = NONE
+    high_corner = NONE
+    own_low = rectangles.low[run]
+    own_high = rectangles.high[run]
+    other_low = rectangles.low[other]
+    other_high = rectangles.high[other]
+    if own_low != other_low and low == max(own_low, other_low):
+        low_corner = number_corner(own_low > other_low, run, other, step)
+    if own_high != other_high and high == min(own_high, other_high):
+        high_corner = number_corner(own_high < other_high, run, other, step) + 1
+    return low_corner, high_corner
+
+
+@inlined
+def snap(y: float) -> float:
+    """Round y to an integer within :data:`GRAZING`, so that rays that graze a corner meet there."""
+    return round(y) if abs(y - round(y)) < GRAZING else y
+
+
+@inlined
+def number_corner(is_own: bool, run: int, other: int, step: int) -> int:
+    """Return the number of the lower corner of a gate; the upper one has the next number.
+
+    The corner is at the end of ``run``, if it ``is_own``, and otherwise at that of the run beyond.
+    """
+    owner = run if is_own else other
+    return 4 * owner + (2 if is_own == (step > 0) else 0)
+
+
+@inlined
+def add_goal(front: Front, length: float, before: int) -> None:
+    """Add the goal, to which a path of a length leads."""
+    interval = front.used[0]
+    front.used[0] += 1
+    front.intervals.run[interval] = NONE
+    front.intervals.length[interval] = length
+    front.intervals.before[interval] = before
+    push(front.queue, length, interval)
+
+
+@inlined
+def bound_length(root: Point, goal: Point, line: float, low: float, high: float) -> float:
+    """Return the length of the shortest path from root to goal that touches an interval."""
+    # A goal on the side of the root is mirrored at the line.
+    if (goal[0] - line) * (root[0] - line) > 0.0:
+        goal = 2.0 * line - goal[0], goal[1]
+    through = line, min(max(cross_line(root, goal, line), low), high)
+    return distance(root, through) + distance(through, goal)
+
+
+@inlined
+def cross_line(root: Point, goal: Point, line: float) -> float:
+    """Return where the segment from root to goal, on both sides of a line, crosses it."""
+    return root[1] + (goal[1] - root[1]) * (line - root[0]) / (goal[0] - root[0])
+
+
+@inlined
+def distance(a: Point, b: Point) -> float:
+    """Return the distance between two points."""
+    return math.hypot(b[0] - a[0], b[1] - a[1])

@@ -1,0 +1,226 @@
+"""The ROS 2 node on a costmap whose publisher follows the rules of Nav2 1.3.13.
+
+That publisher is C++ without a wheel; a class here publishes by the same rules through ROS 2. The
+update is map_msgs' own where it is installed, else a stand-in with its fields.
+"""
+
+import os
+import sys
+import time
+from importlib.util import find_spec
+
+import numpy as np
+import pytest
+
+rclpy = pytest.importorskip("rclpy", reason="ROS 2 has an environment of its own: nox -s ros")
+
+from tests.helpers.repository import ROOT  # noqa: E402
+
+if not find_spec("map_msgs"):
+    STAND_IN = str(ROOT / "tests/ros/messages")
+    sys.path.append(STAND_IN)
+    os.environ["PYTHONPATH"] = os.pathsep.join([os.environ.get("PYTHONPATH", ""), STAND_IN])
+
+from map_msgs.msg import OccupancyGridUpdate  # noqa: E402
+from nav_msgs.msg import OccupancyGrid  # noqa: E402
+from rclpy.duration import Duration  # noqa: E402
+
+from tests.ros.test_planner_node import (  # noqa: E402, F401
+    KEPT,
+    Client,
+    assert_free,
+    build,
+    make_grid,
+    make_room,
+    ros,
+    start_node,
+    stop_node,
+)
+
+# The stand-in gives grids the fields of updates, too.
+pytestmark = pytest.mark.filterwarnings("ignore:.*not read. height, width, x, y")
+
+TOPIC = "/global_costmap/costmap"
+OPTIONS = ["-r", f"map:={TOPIC}", "-p", "free_thresh:=0.995", "-p", "occupied_thresh:=1.0"]
+WAITS = "waiting for a full grid"
+
+
+class Costmap:
+    """Publishes cells [x, y] by the rules of Nav2's node.
+
+    A full grid is sent first, and when the size changes; else the window that changed. Both are
+    left out if nobody listens then, except the first grid, and a window left out is not sent later.
+    """
+
+    def __init__(self, cells, always_full=False):
+        self.node = rclpy.create_node("costmap")
+        self.grids = self.node.create_publisher(OccupancyGrid, TOPIC, KEPT)
+        self.updates = self.node.create_publisher(OccupancyGridUpdate, f"{TOPIC}_updates", KEPT)
+        self.cells, self.always_full = cells, always_full
+        self.sent_shape = None
+        self.changed = np.zeros_like(cells, dtype=bool)
+
+    def is_heard(self):
+        """Return True if a planner listens to both topics."""
+        return self.grids.get_subscription_count() > 1 and self.is_updating()
+
+    def is_updating(self):
+        """Return True if anyone listens to updates."""
+        return self.updates.get_subscription_count() > 0
+
+    def is_alone(self):
+        """Return True if nobody listens."""
+        return not self.grids.get_subscription_count() and not self.is_updating()
+
+    def set(self, x, y, value):
+        """Change the cells of two slices, and publish."""
+        self.cells[x, y] = value
+        self.changed[x, y] = True
+        self.publish()
+
+    def grow(self):
+        """Add free columns, and publish."""
+        self.cells = np.pad(self.cells, ((0, 8), (0, 0)))
+        self.publish()
+
+    def publish(self):
+        """End a cycle."""
+        if self.always_full or self.sent_shape != self.cells.shape:
+            if self.grids.get_subscription_count() or self.sent_shape is None:
+                self.send(self.grids, make_grid(self.cells))
+            self.sent_shape = self.cells.shape
+        elif self.changed.any() and self.is_updating():
+            x, y = (slice(each.min(), each.max() + 1) for each in np.nonzero(self.changed))
+            self.send(self.updates, make_update(x.start, y.start, self.cells[x, y]))
+        self.changed = np.zeros_like(self.cells, dtype=bool)
+
+    def send(self, publisher, msg):
+        """Publish a message with the time, and wait until it came, as a slow cycle does."""
+        msg.header.stamp = self.node.get_clock().now().to_msg()
+        publisher.publish(msg)
+        publisher.wait_for_all_acked(Duration(seconds=60.0))
+
+
+def make_update(x, y, cells, frame="map"):
+    """Return an update of cells [x, y]."""
+    msg = OccupancyGridUpdate()
+    msg.header.frame_id = frame
+    msg.x, msg.y = int(x), int(y)
+    msg.width, msg.height = cells.shape
+    msg.data = cells.T.ravel().tolist()
+    return msg
+
+
+class Planner:
+    """A node in a process of its own, with its log, and a client."""
+
+    def __init__(self, folder):
+        self.log = folder / "node.log"
+        self.client = Client()
+        with self.log.open("w") as log:
+            self.process = start_node(*OPTIONS, stderr=log)
+
+    def says(self, text):
+        """Return True if the log has a text."""
+        return text in self.log.read_text()
+
+    def assert_follows(self, cells):
+        """Wait until its map is the library's, and it plans a proven path."""
+        expected = list(build(cells).to_occupancy_grid(rotation=0.0).data)
+        last = self.client.last
+        self.client.wait(lambda: "map" in last and list(last["map"].data) == expected, 300.0)
+        assert_free(self.client.plan(), cells)
+
+    def assert_waits(self):
+        """Fail if it plans, until it says what it waits for, and after that."""
+        end = time.monotonic() + 300.0
+        while not self.says(WAITS) and time.monotonic() < end:
+            assert not len(self.client.plan()), "it plans on a map that is not whole"
+        assert self.says(WAITS)
+        assert not len(self.client.plan()), "it plans on a map that is not whole"
+
+
+@pytest.fixture
+def start(ros, tmp_path):  # noqa: F811
+    made = []
+
+    def make():
+        made.append(Planner(tmp_path))
+        return made[-1]
+
+    yield make
+    for each in made:
+        each.client.node.destroy_node()
+        stop_node(each.process)
+
+
+@pytest.fixture
+def publish(ros):  # noqa: F811
+    made = []
+
+    def make(*args, **options):
+        made.append(Costmap(*args, **options))
+        return made[-1]
+
+    yield make
+    for each in made:
+        each.node.destroy_node()
+
+
+def drop_crate(costmap):
+    """Put a crate on the straight path, whose update is sent to nobody."""
+    costmap.set(slice(30, 38), slice(10, 30), 100)
+
+
+def test_updates_from_the_start_are_all_seen(start, publish):
+    planner = start()
+    costmap = publish(make_room())
+    planner.client.wait(costmap.is_heard, 300.0)  # Nav2 configures before it activates
+    costmap.publish()
+    for step in range(40):  # it builds for longer than that
+        costmap.set(slice(2 * step + 5, 2 * step + 7), slice(2, 6), 100)
+        time.sleep(0.02)
+    planner.assert_follows(costmap.cells)
+    costmap.set(slice(58, 62), slice(0, 80), 100)
+    closed = list(build(costmap.cells).to_occupancy_grid(rotation=0.0).data)
+    planner.client.wait(lambda: list(planner.client.last["map"].data) == closed)
+    assert not len(planner.client.plan())
+    costmap.set(slice(58, 62), slice(60, 79), 0)
+    planner.assert_follows(costmap.cells)
+    assert not planner.says(WAITS)
+    free = np.zeros((10, 10), dtype=np.int8)
+    for wrong in (
+        make_update(costmap.cells.shape[0] - 5, 0, free),
+        make_update(0, 0, free, "odom"),
+    ):
+        costmap.updates.publish(wrong)
+        planner.client.wait(lambda: not len(planner.client.plan()))
+        costmap.grow()
+        planner.assert_follows(costmap.cells)
+    assert planner.says(WAITS) and planner.says("(115, 0)") and planner.says("'odom'")
+
+
+def test_a_node_that_joins_late_waits_for_a_full_grid(start, publish):
+    costmap = publish(make_room())
+    costmap.publish()
+    drop_crate(costmap)
+    planner = start()
+    planner.client.wait(costmap.is_heard, 300.0)
+    costmap.set(slice(90, 100), slice(60, 70), 100)  # another window
+    planner.assert_waits()
+    assert "map" not in planner.client.last
+    costmap.grow()
+    planner.assert_follows(costmap.cells)
+    costmap.set(slice(110, 118), slice(60, 70), 100)
+    planner.assert_follows(costmap.cells)
+
+
+def test_full_grids_alone_are_followed(start, publish):
+    costmap = publish(make_room(), always_full=True)
+    costmap.publish()
+    costmap.cells[30:38, 10:30] = 100  # for the next cycle
+    planner = start()
+    planner.client.wait(costmap.is_heard, 300.0)
+    planner.assert_waits()
+    costmap.publish()
+    planner.assert_follows(costmap.cells)

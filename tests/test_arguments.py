@@ -1,0 +1,379 @@
+"""Arguments of calls: arrays of any kind, labels, names, options and states of OMPL."""
+
+import inspect
+from functools import cache
+
+import networkx
+import numpy as np
+import pandas as pd
+import pytest
+import shapely
+import xarray as xr
+from ompl import base as ob
+
+import cspace
+import planners
+from cspace import CspaceError, InputError, Robot, Workspace
+from cspace.lanes import RouteGraph
+from tests.helpers.refusals import check_followed, refusals
+
+WALLS = Workspace.from_array(np.eye(30, dtype=bool)[::-1], 0.1)
+
+
+@cache
+def turning():
+    """Build the map of a robot that turns."""
+    return cspace.build(WALLS, Robot.rectangle(0.3, 0.2), rotations=8, counts=True)
+
+
+@cache
+def flat():
+    """Build the map of a disc."""
+    return cspace.build(WALLS, Robot.disc(0.1))
+
+
+Q = (0.6, 0.6, 0.3)
+P = (0.8, 0.6, 0.3)
+
+QUERIES = {
+    "check_endpoint": lambda q: turning().check_endpoint(q, "q"),
+    "certify_chunk": lambda q: turning().certify_chunk(q, [Q]).proven,
+    "certify_path": lambda q: turning().certify_path([q, P]),
+    "certify_twists": lambda q: turning().certify_twists(q, [(0.1, 0.1)], 0.1).proven,
+    "classify": lambda q: turning().classify(q),
+    "clearance": lambda q: turning().clearance(q),
+    "contains_robot": lambda q: turning().contains_robot(q),
+    "explain": lambda q: turning().explain(q, P).verdict,
+    "find_path": lambda q: turning().find_path(P, q),
+    "find_widest_path": lambda q: turning().find_widest_path(q, P),
+    "is_connected": lambda q: turning().is_connected(q, P),
+    "is_disconnected": lambda q: turning().is_disconnected(P, q),
+    "is_free": lambda q: turning().is_free(q),
+    "is_free_around": lambda q: turning().is_free_around(q, 0.05),
+    "motion_is_free": lambda q: turning().motion_is_free(P, q),
+    "nearest_free": lambda q: turning().nearest_free(q),
+    "obstacle_distance": lambda q: turning().obstacle_distance(q),
+    "overlap_count": lambda q: turning().overlap_count(q),
+    "path_exists": lambda q: turning().path_exists(q, P),
+    "path_obstacle_distance": lambda q: turning().path_obstacle_distance([q, P]),
+    "reachable_bounds": lambda q: turning().reachable_bounds(q),
+    "removals": lambda q: turning().removals(q, P),
+    "planners.plan": lambda q: planners.plan(turning(), q, P).waypoints[0],
+    "Gate.check_rows": lambda q: cspace.Gate(turning()).check_rows(q, [Q]).commands,
+}
+"""Calls that take one configuration of the map."""
+
+OTHER_ARRAYS = {
+    "min_path_length": "a bound of a length, without a kernel",
+    "states_at": "takes a rotation: tests/test_angle_warning.py",
+    "export": "takes a rotation",
+    "to_costmap": "takes a rotation",
+    "to_occupancy_grid": "takes a rotation",
+    "add_obstacle": "takes points: tests/test_obstacles.py",
+    "update": "takes cells: tests/record/test_update.py",
+    "free_yaws": "takes a position: tests/queries/test_yaws.py",
+    "find_goals": "called by plan",
+    "interpolate": "takes fractions",
+}
+"""Other methods of maps with arrays, and where these are checked."""
+
+WRONG = {
+    "short": Q[:2],
+    "long": (*Q, 0.0),
+    "number": 0.6,
+    "empty": (),
+    "text": "0.6,0.6,0.3",
+    "texts": tuple(map(str, Q)),
+    "None": None,
+    "NaN": (0.6, np.nan, 0.3),
+    "infinite": (np.inf, 0.6, 0.3),
+    "NaN yaw": (0.6, 0.6, np.nan),
+    "ragged": [Q, Q[:2]],
+    "complex": (0.6 + 0j, 0.6, 0.3),
+    "masked": np.ma.array(Q, mask=(0, 1, 0)),
+    "objects": (object(), 0.6, 0.3),
+    "set": set(Q),
+    "column": np.array(Q)[:, np.newaxis],
+    "dates": np.array(["2020-01-01"] * 3, dtype="M8[D]"),
+    "other labels": pd.Series(Q, ["a", "b", "c"]),
+    "large": (10**400, 0, 0),
+}
+
+RIGHT = {
+    "list": list(Q),
+    "array": np.array(Q),
+    "reversed view": np.array(Q[::-1])[::-1],
+    "every other": np.repeat(Q, 2)[::2],
+    "objects": np.array(Q, dtype=object),
+    "big endian": np.array(Q, dtype=">f8"),
+    "read-only": np.frombuffer(np.array(Q).tobytes()),
+    "masked without a mask": np.ma.array(Q),
+    "Series in another order": pd.Series(Q[::-1], ["yaw", "y", "x"]),
+}
+
+
+@pytest.mark.parametrize("call", QUERIES)
+def test_what_is_no_configuration_is_refused(call):
+    for name, values in WRONG.items():
+        with pytest.raises(CspaceError):
+            print(name, QUERIES[call](values))
+
+
+@pytest.mark.parametrize("call", QUERIES)
+def test_equal_configurations_of_all_types_have_one_answer(call):
+    expected = np.asarray(QUERIES[call](Q), dtype=object)
+    for name, values in RIGHT.items():
+        found = np.asarray(QUERIES[call](values), dtype=object)
+        assert str(found.tolist()) == str(expected.tolist()), name
+
+
+def test_all_methods_of_maps_that_take_arrays_are_in_the_table():
+    taking = {
+        name
+        for name, method in inspect.getmembers(cspace.CSpace, inspect.isfunction)
+        if not name.startswith("_") and "ArrayLike" in str(inspect.signature(method))
+    }
+    assert taking <= QUERIES.keys() | OTHER_ARRAYS.keys(), taking - QUERIES.keys()
+
+
+def test_texts_are_no_numbers_in_the_plane():
+    with pytest.raises(InputError, match="numeric"):
+        flat().is_free(("0.6", "0.6"))
+
+
+def test_labels_of_tables_are_honoured_or_refused():
+    table = pd.DataFrame({"y": [0.6, 1.2], "x": [0.7, 0.3], "yaw": [0.1, 2.0]})
+    rows = table[["x", "y", "yaw"]].to_numpy()
+    assert (turning().clearance(table) == turning().clearance(rows)).all()
+    assert turning().certify_path([row for _, row in table.iterrows()]) == turning().certify_path(
+        rows
+    )
+    with pytest.raises(InputError, match="has the labels y, x"):
+        turning().is_free(table[["y", "x"]])
+    wrong = table.rename(columns={"yaw": "theta"})
+    check_followed(
+        lambda: turning().is_free(wrong),
+        lambda: turning().is_free(wrong.rename(columns={"theta": "yaw"})),
+        "rename or select its columns",
+    )
+    assert (turning().is_free(list(table.itertuples(index=False))) == turning().is_free(rows)).all()
+    assert (turning().is_free(table.T) == turning().is_free(rows)).all()
+    box = pd.DataFrame({"y": [0.0, 4.0], "x": [0.0, 6.0]})
+    workspace = Workspace.from_polygons(shapely.box(0, 0, 1, 1), 0.1, bounds=box)
+    assert workspace.grid.shape == (60, 40)
+    assert cspace.Grid(pd.Series({"y": 1.0, "x": 2.0}), 0.1, (5, 5)).lower == (2.0, 1.0)
+    # Points of an obstacle are read as those of a workspace.
+    space = cspace.build(WALLS, Robot.disc(0.1))
+    space.add_obstacle("scan", table, radius=0.05)
+    (scan,) = space.obstacles.values()
+    assert np.allclose(scan.outer.bounds, [[0.25, 0.55], [0.75, 1.25]])
+
+
+ENDS = [(0.0, 0.0), (1.0, 0.0)]
+
+
+class Quantity:
+    """A value with its unit, as of pint."""
+
+    def __init__(self, value, units):
+        self.value = value
+        self.units = units
+
+    def __array__(self, dtype=None, copy=None):
+        return np.asarray(self.value, dtype=dtype)
+
+
+class Measured(np.ndarray):
+    """An array with its unit, as of astropy."""
+
+    unit = "cm"
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        Quantity(0.3, "centimeter"),
+        np.array(0.3).view(Measured),
+        xr.DataArray(0.3, attrs={"units": "mm"}),
+    ],
+)
+def test_values_in_other_units_are_refused(value):
+    check_followed(
+        lambda: Robot.disc(value),
+        lambda: Robot.disc(float(np.asarray(value)) / 100.0),
+        "convert it, and pass its numbers",
+    )
+
+
+@pytest.mark.parametrize("unit", ["m", "metre", "Meters", "rad", "m/s", "rad / s ** 2", ""])
+def test_values_in_our_units_are_taken(unit):
+    assert Robot.disc(Quantity(0.3, unit)).span == Robot.disc(0.3).span
+
+
+@pytest.mark.parametrize(
+    "call, message",
+    [
+        (lambda: cspace.build(WALLS, Robot.disc(0.1), counts="yes"), "counts is 'yes'"),
+        (lambda: cspace.build(WALLS, Robot.disc(0.1), store=5), "path is 5"),
+        (lambda: cspace.build(WALLS, Robot.disc(0.1), tile=100), "tile is given without a store"),
+        (lambda: cspace.build_arm_space({}, "robot.urdf"), "arm is a str"),
+        (lambda: RouteGraph.from_arrays(ENDS, [(0, 1)], two_way="no"), "two_way is 'no'"),
+        (lambda: RouteGraph.from_arrays(ENDS, [(0, 1)], names=[1, "1"]), "names has '1' twice"),
+    ],
+)
+def test_arguments_of_another_type_are_named(call, message):
+    with pytest.raises(InputError, match=message):
+        call()
+
+
+def draw_graph():
+    """Draw a graph of networkx with positions."""
+    graph = networkx.Graph([("a", "b")])
+    networkx.set_node_attributes(graph, dict(zip("ab", ENDS, strict=True)), "pos")
+    return graph
+
+
+YAWS = pd.Series([0.0, 1.0], index=["a", "b"])
+
+
+@pytest.mark.parametrize(
+    "wrong, right, hint",
+    [
+        (
+            lambda: cspace.build(WALLS, Robot.disc(0.1), progress=True),
+            lambda: cspace.build(WALLS, Robot.disc(0.1), progress=print),
+            "pass a function, e.g. progress=print",
+        ),
+        (
+            lambda: RouteGraph.from_arrays(ENDS, [(0, 1)], yaws=YAWS),
+            lambda: RouteGraph.from_arrays(ENDS, [(0, 1)], yaws=YAWS.to_numpy()),
+            "pass its to_numpy()",
+        ),
+        (
+            lambda: planners.plan(flat(), P[:2], (0.9, 0.6)).to_path(frame_id=5),
+            lambda: planners.plan(flat(), P[:2], (0.9, 0.6)).to_path(frame_id="map"),
+            "pass e.g. 'map'",
+        ),
+        (
+            lambda: RouteGraph.from_networkx({"a": ["b"]}),
+            lambda: RouteGraph.from_networkx(draw_graph()),
+            "pass networkx.Graph(edges), with the attribute pos of each node",
+        ),
+        (
+            lambda: RouteGraph.from_networkx(networkx.Graph([("a", "b")])),
+            lambda: RouteGraph.from_networkx(draw_graph()),
+            "set it: networkx.set_node_attributes(graph, positions, 'pos')",
+        ),
+        (
+            lambda: cspace.PoseGoal("tool0", np.eye(4), tolerance=(1e-3, 90.0)),
+            lambda: cspace.PoseGoal("tool0", np.eye(4), tolerance=(1e-3, 1.5708)),
+            "pass 1.5708 for 90 degrees",
+        ),
+    ],
+)
+def test_hints_of_arguments_are_followed(wrong, right, hint):
+    check_followed(wrong, right, hint)
+
+
+STATES = [
+    ob.RealVectorStateSpace(2),
+    ob.RealVectorStateSpace(4),
+    ob.SE3StateSpace(),
+    ob.SO2StateSpace(),
+]
+
+
+@pytest.mark.parametrize("number", range(len(STATES)))
+@pytest.mark.parametrize(
+    "make",
+    [
+        planners.StateValidityChecker,
+        planners.MotionValidator,
+        planners.FreeStateSampler,
+        planners.WeightedLength,
+        planners.ClearanceObjective,
+    ],
+)
+def test_states_of_another_space_are_refused(make, number):
+    check_followed(
+        lambda: make(ob.SpaceInformation(STATES[number]), turning()),
+        lambda: make(planners.simple_setup(turning()).getSpaceInformation(), turning()),
+        "pass that of planners.simple_setup(space)",
+    )
+
+
+def test_costs_of_another_shape_are_refused():
+    si = planners.simple_setup(turning()).getSpaceInformation()
+    shape = len(turning().slice_rotations), *turning().grid.shape
+    hint = f"pass e.g. numpy.zeros({shape})"
+    others = [shape[1:], (3, 3), (*shape, 1), shape[::-1], (shape[0] + 1, *shape[1:])]
+    for other in others:
+        check_followed(
+            lambda other=other: planners.WeightedLength(si, turning(), np.ones(other)),  # type: ignore[misc]
+            lambda: planners.WeightedLength(si, turning(), np.zeros(shape)),
+            hint,
+        )
+    for costs in (np.full(shape, np.nan), np.full(shape, np.inf), np.full(shape, "a"), "costs"):
+        with pytest.raises(InputError):
+            planners.WeightedLength(si, turning(), costs)  # type: ignore[arg-type]
+    state = si.allocState()
+    state.setXY(0.7, 0.6)
+    state.setYaw(0.3)
+    costs = np.random.default_rng(0).random(shape)
+    found = [
+        planners.WeightedLength(si, turning(), same).stateCost(state).value()
+        for same in (costs, np.asfortranarray(costs), costs.astype(">f8"), costs.tolist())
+    ]
+    assert len(set(found)) == 1 < found[0]
+
+
+ENDS = [(1.0, 1.0), (2.0, 1.0)]
+
+
+@refusals(
+    "call, message",
+    (lambda: Robot.disc(True), "must be numeric"),
+    (lambda: turning().is_free_around(Q, 0.1, (1.0, 2.0)), "pass radians, e.g. 1.57"),
+    (lambda: turning().remove_obstacle("cart"), "there is none"),
+    (lambda: cspace.Gate(turning(), tracking=-0.1), "zero or above"),
+    (lambda: cspace.Gate(turning(), tracking=(0.1, 0.1)), "has shape (2,)"),
+    (lambda: cspace.Gate(turning(), tracking=np.nan), "tracking is nan"),
+    (lambda: cspace.Gate(turning(), dt=0.1, max_velocity={"x": 1.0, "y": 1.0, "Yaw": 1}), "'yaw'?"),
+    (lambda: cspace.Gate(turning(), dt=0.1, max_velocity={"x": 1.0}), "lacks y, yaw"),
+    (lambda: cspace.Gate(turning(), turning_radius=0.0), "turning_radius"),
+    (lambda: cspace.Gate(turning(), max_velocity=1.0), "dt is missing"),
+    (lambda: cspace.Gate(flat(), dt=0.1), "max_velocity is missing"),
+    (
+        lambda: planners.plan(flat(), Q[:2], P[:2]).trajectory(
+            max_velocity={"x": 1.0, "y": 1.0, "X": 0.1}, max_acceleration=1.0
+        ),
+        "max_velocity names 'X'; there are x, y; did you mean 'x'?",
+    ),
+)
+def test_wrong_arguments_are_refused_at_once(call, message):
+    with pytest.raises(InputError) as caught:
+        call()
+    assert message in str(caught.value)
+
+
+def test_changes_instead_of_rows_are_named():
+    passed = cspace.Gate(turning()).check_rows((2.5, 2.5, 0.0), [(0.01, 0.0, 0.0)] * 3)
+    assert "rows are targets, not changes" in passed.chunk.refusal.message
+
+
+def test_an_unknown_option_names_the_most_similar_one():
+    calls = [
+        (cspace.build, "rotation", "rotations"),
+        (cspace.Gate, "max_velocities", "max_velocity"),
+        (planners.plan, "time_limits", "time_limit"),
+        (Workspace.from_points, "spacng", "spacing"),
+        (Robot.from_mesh, "Solid", "solid"),
+        (turning().add_obstacle, "radii", "radius"),
+        (turning().plot, "pth", "path"),
+    ]
+    for call, option, similar in calls:
+        with pytest.raises(TypeError, match=f"{option}'; did you mean '{similar}'"):
+            call(**{option: 1})  # type: ignore[operator]
+    with pytest.raises(TypeError, match="its options are exact, graph, max_room, space"):
+        planners.audit(turning(), None, heading="any")  # type: ignore[call-arg]
+    assert "rotations" in inspect.signature(cspace.build).parameters
