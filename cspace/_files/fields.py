@@ -16,15 +16,12 @@ from xml.etree.ElementTree import Element
 from cspace._files.access import ContentError, decoding, suggest_file
 from cspace._files.plain import parse_finite, read_yaml
 from cspace._support.arrays import MAX_EXPECTED_ANGLE
-from cspace._support.check import suggest_name
+from cspace._support.check import MAX_NUMBER, suggest_name
 from cspace._support.reporting import warn_user
 from cspace.errors import AngleWarning, InputError
 
 _MAX_LISTED_NAMES: Final = 10
 """Largest number of names that a warning lists."""
-
-_MAX_NUMBER: Final = 1e100
-"""Largest number that a reader takes; its powers are finite."""
 
 _ECHO_CUT: Final = "..."
 """Word in place of the rest of a list or text that ``ros2 topic echo`` cuts."""
@@ -149,8 +146,8 @@ class Ledger:
         self,
         key: str,
         otherwise: float | None = None,
-        lowest: float = -_MAX_NUMBER,
-        highest: float = _MAX_NUMBER,
+        lowest: float = -MAX_NUMBER,
+        highest: float = MAX_NUMBER,
     ) -> float:
         """Take a finite number between two bounds."""
         value = self.need(key) if otherwise is None else self.get(key, otherwise)
@@ -188,8 +185,8 @@ class Ledger:
         self,
         name: str,
         value: Any,
-        lowest: float = -_MAX_NUMBER,
-        highest: float = _MAX_NUMBER,
+        lowest: float = -MAX_NUMBER,
+        highest: float = MAX_NUMBER,
     ) -> float:
         """Return a value if it is a number between two bounds."""
         return check_number(self.where, name, value, lowest, highest)
@@ -288,17 +285,17 @@ def check_number(
     where: str,
     name: str,
     value: Any,
-    lowest: float = -_MAX_NUMBER,
-    highest: float = _MAX_NUMBER,
+    lowest: float = -MAX_NUMBER,
+    highest: float = MAX_NUMBER,
 ) -> float:
     """Return a value of a place if it is a number between two bounds."""
     is_number = isinstance(value, int | float | Real) and not isinstance(value, bool)
     if is_number and lowest <= value <= highest:
         return float(value)
     rule = "it must be a finite number"
-    if lowest > -_MAX_NUMBER:
+    if lowest > -MAX_NUMBER:
         rule += f", at least {lowest:g}"
-    if highest < _MAX_NUMBER:
+    if highest < MAX_NUMBER:
         rule += f", at most {highest:g}"
     hint = "correct it"
     if isinstance(value, str) and parse_finite(value):

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from cspace._files.crs import check_crs
+from cspace._support.check import MAX_NUMBER
 from cspace.errors import GeometryError
 
 if TYPE_CHECKING:
@@ -48,7 +49,7 @@ def _drop_zero_heights(shape: BaseGeometry) -> BaseGeometry:
 def check_shapes(shapes: Sequence[BaseGeometry], names: Sequence[str]) -> None:
     """Raise GeometryError for the first unusable shape.
 
-    Shapes must be finite, plane, valid and filled with points, in metres.
+    Shapes must be plane, valid and filled with points, in metres, within 1e100 m of the origin.
 
     ``names`` name the shapes in messages.
     """
@@ -60,13 +61,14 @@ def check_shapes(shapes: Sequence[BaseGeometry], names: Sequence[str]) -> None:
             check_crs(f"EPSG:{srid}", names[index])
     points, owners = shapely.get_coordinates(array, return_index=True)
     # The owner of a point is the index of its shape.
-    broken = np.flatnonzero(~np.isfinite(points).all(axis=1))
+    # Beyond this distance, sums and areas overflow, and GEOS may loop forever.
+    broken = np.flatnonzero(~(np.abs(points) <= MAX_NUMBER).all(axis=1))
     if len(broken):
         first = broken[0]
         x, y = points[first]
         index = int(owners[first])
         problem = f"has a vertex at ({x}, {y})"
-        rule = "NaN and infinities are refused"
+        rule = f"coordinates must be finite, and at most {MAX_NUMBER:g}"
         hint = "drop or replace it"
         raise GeometryError(names[index], problem, rule, hint)
     is_invalid = ~shapely.is_valid(array)

@@ -20,7 +20,14 @@ from cspace._shapes.bodies import MeshBody, find_bodies
 from cspace._shapes.polygon import Polygons
 from cspace._shapes.shape import BoundedShape, ExactShape, RoundedSimplices, Shape, unique_rows
 from cspace._support.arrays import Bools, Floats, Ints, Surface, frozen
-from cspace._support.check import AXES, check_finite, check_points, check_unmasked, check_word
+from cspace._support.check import (
+    AXES,
+    MAX_NUMBER,
+    check_finite,
+    check_points,
+    check_unmasked,
+    check_word,
+)
 from cspace._support.reporting import warn_user
 from cspace.errors import GeometryError, InputError
 
@@ -65,9 +72,6 @@ MeshLike: TypeAlias = (
 
 SOLIDS: Final = ("auto", "surface", "fill")
 """Solid parts of a mesh: its closed bodies, only the surface, or all that its raster encloses."""
-
-_MAX_COORDINATE: Final = 1e100
-"""Largest modulus of a coordinate of a mesh, metres."""
 
 _MIN_MESH_EXTENT: Final = 1e-100
 """Smallest value of a mesh's largest coordinate, metres, unless all coordinates are zero."""
@@ -533,9 +537,9 @@ def _check_vertices(values: Any, source: str) -> Floats:
         hint = "pass x, y, z of each vertex"
         raise GeometryError(f"vertices of {source}", f"has shape {vertices.shape}", rule, hint)
     largest = float(np.abs(vertices).max(initial=0.0))
-    if largest > 0.0 and not _MIN_MESH_EXTENT <= largest <= _MAX_COORDINATE:
+    if largest > 0.0 and not _MIN_MESH_EXTENT <= largest <= MAX_NUMBER:
         problem = f"reach {largest:g}"
-        rule = f"they must reach {_MIN_MESH_EXTENT:g} and at most {_MAX_COORDINATE:g}"
+        rule = f"they must reach {_MIN_MESH_EXTENT:g} and at most {MAX_NUMBER:g}"
         raise GeometryError(f"vertices of {source}", problem, rule, "check the units")
     is_tiny = np.abs(vertices) < _MIN_MESH_COORDINATE
     return np.array(np.where(is_tiny, 0.0, vertices), dtype=np.float64, order="C")

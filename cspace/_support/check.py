@@ -25,6 +25,9 @@ Result = TypeVar("Result")
 _MAX_POINT_COLUMNS: Final = 8
 """Largest number of columns of an array whose rows may be points: x, y, z, a colour and more."""
 
+MAX_NUMBER: Final = 1e100
+"""Largest length, position or other number that is taken; its squares and cubes are finite."""
+
 MAX_COUNT: Final = 2**53
 """Largest count. Floats represent all whole numbers up to it exactly."""
 
@@ -221,7 +224,7 @@ def check_positive(value: Any, name: str, unit: str = "metres") -> float:
         rule = "it must be one number above zero"
         raise InputError(name, problem, rule, f"pass it in {unit}{example}")
     # Squares and cubes of numbers in this range do not overflow or underflow float64.
-    if not 1e-100 < array < 1e100:
+    if not 1.0 / MAX_NUMBER < array < MAX_NUMBER:
         rule = "it must be in [1e-100, 1e100]"
         raise InputError(name, problem, rule, f"check its unit ({unit})")
     return float(array)
@@ -230,11 +233,13 @@ def check_positive(value: Any, name: str, unit: str = "metres") -> float:
 def check_not_negative(value: Any, name: str, hint: str = "pass it in metres") -> float:
     """Return a number that is zero or above as a float.
 
-    Raises InputError if it is not one number, not finite, or negative.
+    Raises InputError if it is not one number, not finite, negative, or above 1e100.
     """
     array = check_finite(value, name)
     if array.ndim or array < 0.0:
         raise InputError(name, f"is {value!r}", "it must be one number, zero or above", hint)
+    if array > MAX_NUMBER:
+        raise InputError(name, f"is {value!r}", f"it must be at most {MAX_NUMBER:g}", hint)
     return float(array)
 
 

@@ -138,7 +138,7 @@ NAV2 = "local_costmap: {robot_radius: 0.2}\nglobal_costmap: {robot_radius: RADIU
         "a.wkt",
         "POINT (nan 0)\nPOINT (0 0)",
         "POINT (0 0)",
-        "a.wkt, geometry 1 has a vertex at (nan, 0.0); NaN and infinities are refused; drop or replace it",
+        "a.wkt, geometry 1 has a vertex at (nan, 0.0); coordinates must be finite, and at most 1e+100; drop or replace it",
     ),
     ("a.wkt", "POLYGON EMPTY\nPOINT (0 0)", "POINT (0 0)", "remove it"),
     (

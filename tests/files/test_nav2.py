@@ -144,3 +144,13 @@ def test_costmaps_that_differ_are_both_named(tmp_path):
 def test_bad_parameters_are_named(tmp_path, table, error, message):
     with pytest.raises(error, match=message):
         Robot.from_nav2(write_parameters(tmp_path, table, table))
+
+
+@pytest.mark.parametrize(
+    ("corner", "padding"), [(1e308, 0.0), (1e308, 0.02), (1e150, 0.02), (0.3, 1e308)]
+)
+def test_lengths_whose_squares_overflow_are_refused(corner: float, padding: float) -> None:
+    # GEOS looped forever over the padded polygon of the first corner.
+    corners = [(0.3, 0.2), (0.3, -0.2), (corner, -0.2), (-0.3, -1.0)]
+    with pytest.raises((GeometryError, InputError), match=r"at most 1e\+100"):
+        Robot.from_footprint(corners, padding=padding)

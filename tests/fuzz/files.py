@@ -273,6 +273,8 @@ def count_outcomes(
     """
     outcomes: Counter[str] = Counter()
     signal.signal(signal.SIGPROF, _late)  # CPU, not the clock
+    # Python calls `_late` between its own steps only, so a loop in a library is killed later.
+    signal.signal(signal.SIGVTALRM, signal.SIG_DFL)
     path, write = every[name], _FORGERS.get(name, _write)
     parts = read_parts(path)
     others = [other.read_bytes() for other in every.values() if other.is_file()]
@@ -283,8 +285,10 @@ def count_outcomes(
         write(path, parts, part, changed)
         start = time.process_time()
         signal.setitimer(signal.ITIMER_PROF, SECONDS)
+        signal.setitimer(signal.ITIMER_VIRTUAL, 2 * SECONDS)
         result = attempt(path)
         signal.setitimer(signal.ITIMER_PROF, 0)
+        signal.setitimer(signal.ITIMER_VIRTUAL, 0)
         if time.process_time() - start > SECONDS:
             result = f"over {SECONDS} s, then {result}"
         if name == "saved.zarr" and result == "opened" and changed != parts[part]:
@@ -366,11 +370,11 @@ def _late(*about: object) -> None:
     raise Late
 
 
-def _child(queue: Any, *arguments: Any) -> None:
+def _child(results: Any, *arguments: Any) -> None:
     statm = Path("/proc/self/statm")
     used = int(statm.read_text().split()[0]) * resource.getpagesize() if statm.exists() else 0
     resource.setrlimit(resource.RLIMIT_AS, (used + BYTES, used + BYTES))
-    queue.put(count_outcomes(*arguments))
+    results.send(count_outcomes(*arguments))
 
 
 def _count_in_children(seed: int, every: dict[str, Path], name: str, wanted: int) -> Counter[str]:
@@ -381,19 +385,20 @@ def _count_in_children(seed: int, every: dict[str, Path], name: str, wanted: int
         outcomes[f"{name} itself: {opened}"] += 1
     context = multiprocessing.get_context("fork")
     for first in range(0, wanted, BATCH):
-        queue: Any = context.Queue()
+        results, end = context.Pipe(duplex=False)
         child = context.Process(
-            target=_child, args=(queue, seed, every, name, first, min(BATCH, wanted - first))
+            target=_child, args=(end, seed, every, name, first, min(BATCH, wanted - first))
         )
         child.start()
+        end.close()  # so that reading ends when the child dies
         try:
-            outcomes += queue.get(timeout=30 * BATCH * SECONDS)
-        except Exception:  # the child died, and left its mutant behind
+            outcomes += results.recv()
+        except EOFError:  # the child died, and left its mutant behind
             outcomes[f"{name}: a process died among mutants {first} to {first + BATCH}"] += 1
-            child.kill()
             break
         finally:
             child.join()
+            results.close()
     return outcomes
 
 
