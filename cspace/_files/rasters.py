@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from cspace._files.crs import check_crs
-from cspace._files.fields import Fields, warn_of_names
+from cspace._files.fields import Fields, Ledger
 from cspace._support.arrays import Floats
 from cspace._support.check import check_finite
 from cspace.errors import InputError
@@ -19,14 +19,7 @@ _METRES: Final = ("", "m", "metre", "metres", "meter", "meters")
 _CRS_ATTRIBUTES: Final = ("crs_wkt", "spatial_ref", "grid_mapping_name")
 """Attributes of a coordinate that name a reference system; the first one counts."""
 
-_AXIS_NAMES: Final = (
-    "units unit uom positive axis standard_name long_name bounds crs crs_wkt spatial_ref "
-    "grid_mapping scale_factor add_offset _fillvalue actual_range valid_min valid_max valid_range "
-    "comment description"
-)
-"""Attributes of a coordinate, in lower case, that are read or harmless."""
-
-_PLACE_ATTRIBUTES: Final = ("transform", "GeoTransform", "crs", "crs_wkt", "spatial_ref", "res")
+_PLACE_ATTRIBUTES: Final = ("transform", "geotransform", "crs", "crs_wkt", "spatial_ref", "res")
 """Attributes of a raster that give it a place; its coordinates have to say it."""
 
 _MAX_STEP_ERROR: Final = 1e-3
@@ -37,16 +30,19 @@ FIELDS: Final = (
         "xarray",
         honoured="coordinates, in either direction; their order",
         refused=(
-            "unequal steps; steps other than the spacing; `units` other than metres; `positive` "
-            "down; `scale_factor`, `add_offset`, `_FillValue` of 0 or 1, where not decoded; `crs` "
-            "in degrees; y, x without coordinates; `inner` at another place"
+            "unequal steps; steps other than the spacing; of a coordinate, `units`, `unit` or "
+            "`uom` other than metres, `positive` down, another `axis`, a `standard_name` of "
+            "degrees or depth; `scale_factor`, `add_offset`, `_fillvalue` of 0 or 1, where not "
+            "decoded; `crs`, `crs_wkt`, `spatial_ref` or `grid_mapping_name` in degrees; "
+            "`transform`, `geotransform` or `res` without coordinates; y, x without coordinates; "
+            "`inner` at another place"
         ),
-        warned="other `crs`; attributes that are not named here",
+        warned="another `crs`; attributes that are not named here, in small or large letters",
         harmless=(
-            "AREA_OR_POINT _ARRAY_DIMENSIONS actual_range cell_methods cell_measures comment "
-            "Conventions coordinates created date description flag_masks flag_meanings flag_values "
-            "grid_mapping history institution long_name missing_chunks missing_value name note "
-            "references source standard_name title valid_max valid_min valid_range version"
+            "area_or_point _array_dimensions actual_range bounds cell_methods cell_measures "
+            "comment conventions coordinates created date description flag_masks flag_meanings "
+            "flag_values grid_mapping history institution long_name missing_chunks missing_value "
+            "name note references source title valid_max valid_min valid_range version"
         ),
     ),
     Fields(
@@ -66,23 +62,30 @@ def place_raster(array: Any, spacing: float, name: str = "occupied") -> tuple[An
     Raises InputError if the coordinates are not cells of `spacing`, in metres.
     """
     coordinates = getattr(array, "coords", {})
-    _warn_of_attributes(array, name)
+    attributes = _open_attributes(array, name)
+    places = [key for key in _PLACE_ATTRIBUTES if attributes.get(key) is not None]
+    is_decoded = _is_decoded(attributes)
+    # Cells have no unit, and their name does not matter; positions are in those of coordinates.
+    attributes.taken.add("standard_name")
+    if attributes.fields.get("units") in (*_METRES, "1"):
+        attributes.taken.add("units")
+    attributes.close(attributes.where)
     if hasattr(array, "iloc") or hasattr(array, "data_vars"):
         hint = "pass one array, indexed by ascending x and y"
         raise InputError(name, f"is a {type(array).__name__}", "its labels are not read", hint)
     array = _drop_other_dimensions(array)
     axes = [axis for axis in "xyz" if axis in getattr(array, "dims", ())]
     if not axes or len(axes) != len(array.dims) or not set(axes) <= set(coordinates):
-        _refuse_another_place(array, coordinates, name)
+        _refuse_another_place(array, coordinates, places, name)
         return array, None
-    systems = [array.attrs.get("crs")]
+    systems = [attributes.get("crs")]
     for coordinate in coordinates.values():
         named = map(coordinate.attrs.get, _CRS_ATTRIBUTES)
         systems.append(next(filter(None, named), None))
     for crs in filter(None, systems):
         check_crs(crs, name)
-    if array.dtype.kind != "b":
-        _check_decoded(array, name)
+    if array.dtype.kind != "b" and not is_decoded:
+        raise _make_coded_error(name)
     array = array.transpose(*axes)
     lower = np.zeros(len(axes))
     for index, axis in enumerate(axes):
@@ -111,20 +114,21 @@ def _drop_other_dimensions(array: Any) -> Any:
     return array
 
 
-def _warn_of_attributes(array: Any, name: str) -> None:
-    """Warn of attributes of an array that may give its cells another place or meaning."""
+def _open_attributes(array: Any, name: str) -> Ledger:
+    """Open the attributes of an array or coordinate, by their names in small letters."""
     attributes = getattr(array, "attrs", {})
+    lowered: dict[str, Any] = {}
     if isinstance(attributes, Mapping):
-        known = FIELDS[0].list_known() | set(_PLACE_ATTRIBUTES)
-        ignored = set(map(str, attributes)) - known - set(FIELDS[0].harmless.split())
-        warn_of_names(f"{name}, attributes", {key: key for key in ignored}, known)
+        lowered = {str(key).lower(): value for key, value in attributes.items()}
+    return Ledger(lowered, f"{name}, attributes", FIELDS[0])
 
 
-def _refuse_another_place(array: Any, coordinates: Any, name: str) -> None:
-    """Raise InputError if an xarray has a place, but no coordinate for each dimension."""
-    attributes = getattr(array, "attrs", {})
-    places = [str(key) for key in coordinates if key not in array.dims]
-    places += [key for key in _PLACE_ATTRIBUTES if key in attributes]
+def _refuse_another_place(array: Any, coordinates: Any, attributes: list[str], name: str) -> None:
+    """Raise InputError if an xarray has a place, but no coordinate for each dimension.
+
+    ``attributes`` are those of its attributes that give a place.
+    """
+    places = [str(key) for key in coordinates if key not in array.dims] + attributes
     if places and hasattr(array, "dims"):
         raise InputError(
             name,
@@ -148,18 +152,24 @@ def _refuse_single_precision(values: Any, centers: Floats, spacing: float, label
 
 def _check_axis(coordinate: Any, axis: str, label: str) -> None:
     """Raise InputError unless a coordinate of an xarray is in metres, upwards."""
-    attributes = {str(key).lower(): str(value) for key, value in coordinate.attrs.items()}
-    unknown = attributes.keys() - set(_AXIS_NAMES.split())
-    warn_of_names(f"{label}, attributes", {key: key for key in unknown}, ())
-    name = attributes.get("standard_name", "")
-    units = next(filter(None, map(attributes.get, ("units", "unit", "uom"))), "")
+    attributes = _open_attributes(coordinate, label)
+    name, own_axis, positive = (
+        str(attributes.get(key, "")) for key in ("standard_name", "axis", "positive")
+    )
+    named = filter(None, map(attributes.get, ("units", "unit", "uom")))
+    units = str(next(named, ""))
     if name in ("longitude", "latitude"):
         units = f"degrees of {name}"
-    _check_decoded(coordinate, label)
-    if attributes.get("axis", axis).lower() != axis:
+    is_decoded = _is_decoded(attributes)
+    # The caller checks the reference systems of all coordinates together.
+    attributes.taken.update(_CRS_ATTRIBUTES, ("crs",))
+    attributes.close(attributes.where)
+    if not is_decoded:
+        raise _make_coded_error(label)
+    if own_axis.lower() not in ("", axis):
         hint = "rename or transpose the array"
-        raise InputError(label, f"says that it is {attributes['axis']}", "names must agree", hint)
-    if attributes.get("positive", "").lower() == "down" or name == "depth":
+        raise InputError(label, f"says that it is {own_axis}", "names must agree", hint)
+    if positive.lower() == "down" or name == "depth":
         hint = f"turn it, e.g. array.assign_coords({axis}=-array.{axis}.values)"
         raise InputError(label, "is positive downwards", "z must point up", hint)
     if units not in _METRES:
@@ -171,11 +181,15 @@ def _check_axis(coordinate: Any, axis: str, label: str) -> None:
         raise InputError(label, f"is in {units!r:.40}", "it must be in metres", hint)
 
 
-def _check_decoded(array: Any, name: str) -> None:
-    """Raise InputError if the attributes of an xarray give its numbers another meaning."""
-    attributes = array.attrs
-    is_scaled = attributes.get("scale_factor", 1) != 1 or attributes.get("add_offset", 0) != 0
-    if is_scaled or attributes.get("_FillValue") in (0, 1):
-        problem = "has scale_factor, add_offset or _FillValue"
-        hint = "decode its dataset with xarray.decode_cf, or delete the attribute"
-        raise InputError(name, problem, "then its numbers stand for others", hint)
+def _is_decoded(attributes: Ledger) -> bool:
+    """Return True if the attributes of an xarray leave its numbers their meaning."""
+    scale, offset = attributes.get("scale_factor", 1), attributes.get("add_offset", 0)
+    missing = attributes.get("_fillvalue")
+    return bool(scale == 1 and offset == 0 and missing not in (0, 1))
+
+
+def _make_coded_error(name: str) -> InputError:
+    """Return the error for numbers that stand for others."""
+    problem = "has scale_factor, add_offset or _FillValue"
+    hint = "decode its dataset with xarray.decode_cf, or delete the attribute"
+    return InputError(name, problem, "then its numbers stand for others", hint)

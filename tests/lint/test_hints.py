@@ -26,6 +26,24 @@ UNTESTED = {
 """Hints that no test can follow, each with its reason."""
 
 
+FOREIGN = {
+    "--full-length --once": "ros2 topic echo",
+    "NAME=": "a word in an argument of the command",
+    "meter=": "an attribute of COLLADA",
+    "config= zarr.create_array(": "zarr",
+    "projection= figure.add_subplot(": "matplotlib",
+    "array.assign_coords( to_numpy(": "xarray and pandas",
+    "array.astype( array.filled( np.arange( np.where( numpy.linspace( numpy.random.default_rng( "
+    "numpy.sign( numpy.zeros(": "numpy",
+    "Rotation.from_euler( .as_matrix( as_quat(": "scipy",
+    "apply_scale(": "trimesh",
+    "networkx.set_node_attributes(": "networkx",
+    "setup.getSpaceInformation(": "OMPL",
+    "cos( sin( dict(": "mathematics and Python",
+}
+"""Names in hints that are not ours, and whose they are."""
+
+
 @cache
 def parse(folder: str) -> dict[str, ast.Module]:
     """Parse the Python files of a folder, by name."""
@@ -119,6 +137,41 @@ def test_every_hint_that_names_something_to_do_is_followed_by_a_test():
     ]
     assert len(list_hints()) > 300
     assert not untested, "\n".join(untested)
+
+
+def list_own_names() -> set[str]:
+    """Return our options of calls and commands, and our calls, as hints write them."""
+    names = set()
+    for tree in (*parse("cspace").values(), *parse("planners").values()):
+        for node in ast.walk(tree):
+            if isinstance(node, ast.FunctionDef | ast.ClassDef):
+                names.add(f"{node.name}(")
+            elif isinstance(node, ast.arg):
+                names.add(f"{node.arg}=")
+            elif isinstance(node, ast.AnnAssign):  # fields of records
+                names.add(f"{ast.unparse(node.target)}=")
+            elif isinstance(node, ast.Constant) and str(node.value).startswith("--"):
+                names.add(str(node.value))
+    return names
+
+
+def find_names(text: str) -> list[str]:
+    """Return the options and calls that a hint names."""
+    return re.findall(r"(?<![-\w])\w+=|--[a-z][-a-z]*|[.\w]+\(", text)
+
+
+def test_every_option_and_call_that_a_hint_names_exists():
+    foreign = {name for names in FOREIGN for name in names.split()}
+    own = list_own_names()
+    named = {
+        name for _, _, pieces in list_hints() for piece in pieces for name in find_names(piece)
+    }
+    # Options of commands are named after those of calls, unless they are written out.
+    calls = {f"--{name[:-1].replace('_', '-')}" for name in own if name.endswith("=")}
+    ours = {name.rpartition(".")[2] for name in named - foreign}
+    assert len(ours) > 60
+    assert not ours - own - calls
+    assert foreign <= named  # the list holds nothing that no hint says
 
 
 @pytest.mark.parametrize(
