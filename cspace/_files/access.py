@@ -66,6 +66,7 @@ _CONVERTERS: Final = {
     **dict.fromkeys((".sdf", ".world"), SDF_HINT),
     **dict.fromkeys((".mjcf", ".xml"), MJCF_HINT),
     ".nrrd": "read it with pynrrd or SimpleITK, and pass the array to Workspace.from_array",
+    ".npz": "load it: numpy.load('old.npz')['name of the array'], and pass the array",
     ".off": "convert it: trimesh.load('mesh.off').export('mesh.ply')",
     ".3mf": "convert it: trimesh.load_scene('mesh.3mf').convert_units('m').export('mesh.stl')",
     ".scene": "publish it in RViz, and save ros2 topic echo --once /planning_scene as .yaml",

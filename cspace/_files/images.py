@@ -11,6 +11,7 @@ import math
 import re
 import threading
 import warnings
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
@@ -183,6 +184,16 @@ def _find_ros_threshold(image: Shades) -> float:
     return 0.9 if others < 0.05 and unknown > 0.1 else 0.0
 
 
+def _find_world_file(path: Path) -> str:
+    """Return the name of the file beside an image that gives its pixels a place, or ""."""
+    # It is named after the image, such as map.pgw, map.pngw or map.wld beside map.png.
+    suffix = path.suffix
+    for ending in (f"{suffix[:2]}{suffix[-1:]}w", f"{suffix}w", ".wld"):
+        if path.with_suffix(ending).is_file():
+            return path.with_suffix(ending).name
+    return ""
+
+
 def read_shades(path: StrPath, kind: str, *, may_turn: bool = True) -> Shades:
     """Read the shades of an image.
 
@@ -226,10 +237,11 @@ def read_shades(path: StrPath, kind: str, *, may_turn: bool = True) -> Shades:
             f"{path}: its gamma of {gamma:g} is not applied, so viewers show other shades; save it "
             "with a gamma of 1/2.2"
         )
-    if tags.keys() & {_PIXEL_SCALE, _TIEPOINT, _MATRIX}:
+    world_file = _find_world_file(Path(path))
+    if tags.keys() & {_PIXEL_SCALE, _TIEPOINT, _MATRIX} or world_file:
         warn_user(
-            f"{path}: the placement of a GeoTIFF is not read; for that, open it with rioxarray and "
-            "pass the array to Workspace.from_array",
+            f"{path}: the placement of {world_file or 'a GeoTIFF'} is not read; for that, open it "
+            "with rioxarray and pass the array to Workspace.from_array",
             UnitWarning,
         )
     return shades

@@ -267,6 +267,14 @@ def test_the_placement_of_a_geotiff_warns_and_the_hint_places_it(tmp_path):
         Workspace.from_image(path, 0.1)
 
 
+@pytest.mark.parametrize("name", ["map.pgw", "map.pngw", "map.wld"])
+def test_a_world_file_is_named(tmp_path, name):
+    Image.fromarray(WALL.astype(np.uint8)).save(tmp_path / "map.png")
+    (tmp_path / name).write_text("0.1\n0\n0\n-0.1\n5.05\n6.95\n")
+    with pytest.warns(UnitWarning, match=f"the placement of {name} is not read"):
+        Workspace.from_image(tmp_path / "map.png", 0.1)
+
+
 def test_a_value_for_no_data_is_refused(tmp_path):
     tags = {262: (3, 1), 42113: (2, "255")}
     path = write_tiff(tmp_path / "gaps.tif", pack_levels(WALL, 8, "<"), 8, tags)
