@@ -551,12 +551,6 @@ MUTANTS = (
     ),
     Mutant(
         "planners/_segments.py",
-        "spreads = 0.5 * widths[:, np.newaxis] * rates",
-        "spreads = 0.4 * widths[:, np.newaxis] * rates",
-        "tests/planners/test_smoothing.py",
-    ),
-    Mutant(
-        "planners/_segments.py",
         "distance += BOX_SLACK_CELLS * cell",
         "distance *= 0.1",
         "tests/planners/test_smoothing.py",
