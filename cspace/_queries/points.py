@@ -32,6 +32,7 @@ from cspace._support.arrays import (
     MIXED,
     Bools,
     Floats,
+    Ints,
     Numbers,
     Row,
     States,
@@ -46,6 +47,9 @@ NOT_USABLE: Final = 255
 
 MAX_CELL: Final = 2.0**62
 """Largest coordinate, in cells; larger ones are clamped so that they fit 64-bit integers."""
+
+CLASSIFIED_TOGETHER: Final = 512
+"""Number of configurations whose cells are found before their states are read."""
 
 MAX_POSITION: Final = 8.0 * MAX_COORDINATE
 """Maximum sum of coordinates, in cells, of the ends of an edge or box that is not refused."""
@@ -126,12 +130,29 @@ def state_at(map_: Map, position: Row, rotation: Numbers) -> int:
     """
     s = slice_of(map_, rotation)
     u, v, w = position_in_cells(map_, position)
-    _, nx, ny, nz = map_.states.shape
-    # Most positions are in the grid, so all tests are done at once. Indices without a sign need no
-    # test for negative ones.
-    if (u >= 0.0) & (v >= 0.0) & (w >= 0.0) & (u < nx) & (v < ny) & (w < nz):
+    if is_in_grid(map_, u, v, w):
+        # Indices without a sign need no test for negative ones.
         return int(map_.states[s, np.uint32(u), np.uint32(v), np.uint32(w)])
     return state_outside(map_, s, position)
+
+
+@inlined
+def is_in_grid(map_: Map, u: float, v: float, w: float) -> bool:
+    """Return True for a position in cells in the grid, but not on its upper border."""
+    _, nx, ny, nz = map_.states.shape
+    # Most positions are in the grid, so all tests are done at once.
+    return bool((u >= 0.0) & (v >= 0.0) & (w >= 0.0) & (u < nx) & (v < ny) & (w < nz))
+
+
+@inlined
+def index_in_grid(map_: Map, position: Row, rotation: Numbers) -> int:
+    """Return the index of a configuration's cell among all states, or -1 outside the grid."""
+    u, v, w = position_in_cells(map_, position)
+    if not is_in_grid(map_, u, v, w):
+        return -1
+    _, nx, ny, nz = map_.states.shape
+    s = slice_of(map_, rotation)
+    return int(((s * nx + np.int64(u)) * ny + np.int64(v)) * nz + np.int64(w))
 
 
 @internal
@@ -166,19 +187,37 @@ def exterior_box(map_: Map, s: int) -> tuple[Cell, Cell]:
     return (row[0], row[1], row[2]), (row[3], row[4], row[5])
 
 
-@kernel
 def classify(map_: Map, points: Floats, out: States) -> int:
     """Write the states of configurations.
 
     ``points`` has shape (n, size), ``out`` (n,). Returns the first unusable row, or -1.
     """
-    for k in range(points.shape[0]):
-        position, rotation = configuration_in(map_, points, k)
-        if not is_rotation(rotation):
-            return k
-        out[k] = state_at(map_, position, rotation)
-        if out[k] == NOT_USABLE:
-            return k
+    return classify_blocks(map_, points, np.empty(CLASSIFIED_TOGETHER, dtype=np.int64), out)
+
+
+@kernel
+def classify_blocks(map_: Map, points: Floats, indices: Ints, out: States) -> int:
+    """Write the states of configurations, like `classify`, by blocks as long as ``indices``.
+
+    All cells of a block are found before a state is read: processors wait for many states at once,
+    but not beyond as much code as finds a cell.
+    """
+    states = map_.states.reshape(-1)
+    for start in range(0, points.shape[0], indices.shape[0]):
+        stop = min(start + indices.shape[0], points.shape[0])
+        for k in range(start, stop):
+            position, rotation = configuration_in(map_, points, k)
+            if not is_rotation(rotation):
+                return k
+            indices[k - start] = index_in_grid(map_, position, rotation)
+        for k in range(start, stop):
+            if indices[k - start] >= 0:
+                out[k] = states[indices[k - start]]
+                continue
+            position, rotation = configuration_in(map_, points, k)
+            out[k] = state_outside(map_, slice_of(map_, rotation), position)
+            if out[k] == NOT_USABLE:
+                return k
     return -1
 
 

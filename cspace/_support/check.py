@@ -16,7 +16,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace._support.arrays import MAX_EXPECTED_ANGLE, Bools, Floats, Ints, frozen
 from cspace._support.reporting import warn_user
-from cspace._support.threads import run_in_chunks
 from cspace.errors import AngleWarning, InputError
 
 Arguments = ParamSpec("Arguments")
@@ -374,21 +373,13 @@ def warn_of_degrees(q: ArrayLike, angles: Mapping[int, str], name: str) -> None:
     """
     rows = np.asarray(q)
     for k, axis in angles.items():
-        if _exceed_a_turn(rows[..., k].reshape(-1)):
+        turned = rows[..., k]
+        highest, lowest = float(turned.max(initial=0)), float(turned.min(initial=0))
+        if max(highest, -lowest) > MAX_EXPECTED_ANGLE:
             problem = f"{axis} is beyond a whole turn"
             rule = "angles are in radians, and whole turns are ignored"
             hint = "use numpy.radians for degrees"
             warn_user(f"{name}: {problem}; {rule}; {hint}", AngleWarning)
-
-
-def _exceed_a_turn(angles: NDArray[Any]) -> bool:
-    """Return True if one of many angles, shape (n,), is beyond a whole turn."""
-
-    def find_chunk(start: int, stop: int) -> int:
-        """Return 0 if an angle of [start, stop) is beyond a whole turn, else -1."""
-        return int((np.abs(angles[start:stop]) > MAX_EXPECTED_ANGLE).any()) - 1
-
-    return run_in_chunks(find_chunk, len(angles)) >= 0
 
 
 def check_names(values: Iterable[str], name: str) -> list[str]:
