@@ -155,7 +155,7 @@ class Space(ABC):
         """
         return len(self.axes)
 
-    @property
+    @cached_property
     def has_poses(self) -> bool:
         """Whether a configuration is the pose of a rigid body."""
         return has_pose_names(self.axes) and not any(self.periodic_axes)
@@ -170,7 +170,7 @@ class Space(ABC):
         """Rotations at the end of a configuration."""
         return rotations_of(self.axes if self.has_poses else ())
 
-    @property
+    @cached_property
     def dim(self) -> int:
         """Number of coordinates before the rotation."""
         return self.size - len(self.rotations.names)
@@ -742,7 +742,7 @@ class ConfigurationSpace(Space):
                 f"pass an array of shape (n, {self.size})",
             )
 
-    @property
+    @cached_property
     def _spans(self) -> Floats:
         """Largest motion of each coordinate between path rows, shape (size,).
 
