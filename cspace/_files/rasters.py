@@ -95,13 +95,7 @@ def place_raster(array: Any, spacing: float, name: str = "occupied") -> tuple[An
         if centers[0] > centers[-1]:
             array = array.isel({axis: slice(None, None, -1)})
             centers = centers[::-1]
-        expected = centers[0] + spacing * np.arange(len(centers))
-        if np.abs(centers - expected).max() > _MAX_STEP_ERROR * spacing:
-            _refuse_single_precision(array[axis].values, centers, spacing, label)
-            steps = np.diff(centers)
-            problem = f"has steps from {steps.min():g} to {steps.max():g} m"
-            hint = f"pass spacing={np.median(steps):.6g}, or interpolate the array"
-            raise InputError(label, problem, f"they must be the spacing, {spacing:g} m", hint)
+        _check_steps(array[axis].values, centers, spacing, label)
         lower[index] = centers[0] - 0.5 * spacing
     return array.drop_vars(axes), lower
 
@@ -138,8 +132,14 @@ def _refuse_another_place(array: Any, coordinates: Any, attributes: list[str], n
         )
 
 
-def _refuse_single_precision(values: Any, centers: Floats, spacing: float, label: str) -> None:
-    """Raise InputError if steps are unequal because coordinates have 32 bits."""
+def _check_steps(values: Any, centers: Floats, spacing: float, label: str) -> None:
+    """Raise InputError unless the centers of cells, ascending, are the spacing apart.
+
+    ``values`` are the centers as they were given, whose rounding may be the reason.
+    """
+    expected = centers[0] + spacing * np.arange(len(centers))
+    if np.abs(centers - expected).max() <= _MAX_STEP_ERROR * spacing:
+        return
     rounding = 0.5 * float(np.spacing(np.abs(centers).max().astype(np.float32)))
     if values.dtype == np.float32 and rounding > _MAX_STEP_ERROR * spacing:
         raise InputError(
@@ -148,6 +148,10 @@ def _refuse_single_precision(values: Any, centers: Floats, spacing: float, label
             f"they must be the spacing, {spacing:g} m, apart",
             "compute it in float64, e.g. x0 + spacing * np.arange(n)",
         )
+    steps = np.diff(centers)
+    problem = f"has steps from {steps.min():g} to {steps.max():g} m"
+    hint = f"pass spacing={np.median(steps):.6g}, or interpolate the array"
+    raise InputError(label, problem, f"they must be the spacing, {spacing:g} m", hint)
 
 
 def _check_axis(coordinate: Any, axis: str, label: str) -> None:
