@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ MIN_SLABS_PER_THREAD = 32
 """Minimum number of first indices of an array for each thread."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Raster:
     """A finite set of offsets in Z^d, stored as a trimmed bitmap.
 
@@ -80,32 +81,32 @@ class Raster:
         """Number of offsets in the set."""
         return int(np.count_nonzero(self.cells))
 
+    @cached_property
+    def runs(self) -> Ints:
+        """Runs of offsets along the last axis, shape (n, 4).
+
+        They are the first offset, with a leading 0 in the plane, and the length of each.
+        """
+        # With gaps at both ends of each line, each run begins and ends where cells differ.
+        borders = np.argwhere(np.diff(self.cells, prepend=False, append=False)) + self.lower
+        first = borders[0::2]
+        lengths = borders[1::2, -1:] - first[:, -1:]
+        layers = np.zeros((len(first), 3 - self.cells.ndim), dtype=np.int64)
+        return frozen(np.concatenate([layers, first, lengths], axis=1))
+
 
 def extract_runs(rasters: Sequence[Raster]) -> tuple[Ints, Ints]:
-    """List the offsets of rasters as runs along the last axis.
+    """List the runs of rasters.
 
     Returns
     -------
     runs : ndarray of int64, shape (n, 4)
-        First offset of each run, with a leading 0 in the plane, and its length. Runs are in the
-        order of the rasters.
+        As :attr:`Raster.runs`, in the order of the rasters.
     owner : ndarray of int64, shape (n,)
         Index of the raster that each run belongs to.
     """
-    borders_of_rasters = []
-    for raster in rasters:
-        # With gaps at both ends of each line, each run begins and ends where cells differ.
-        borders = np.argwhere(np.diff(raster.cells, prepend=False, append=False))
-        borders_of_rasters.append(borders + raster.lower)
-    owner = np.repeat(np.arange(len(rasters)), [len(found) // 2 for found in borders_of_rasters])
-    borders = np.concatenate(borders_of_rasters)
-    first = borders[0::2]
-    stop = borders[1::2]
-    table = np.column_stack([first, stop[:, -1] - first[:, -1]])
-    is_plane = table.shape[1] == 3
-    if is_plane:
-        table = np.insert(table, 0, 0, axis=1)
-    return table, owner
+    tables = [raster.runs for raster in rasters]
+    return np.concatenate(tables), np.repeat(np.arange(len(tables)), list(map(len, tables)))
 
 
 def find_index_ranges(lows: Floats, highs: Floats, shape: Sequence[int]) -> tuple[Ints, Ints]:
