@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import replace
@@ -237,7 +236,7 @@ def plan(
     >>> planners.plan(space, (1.0, 1.0), (1.0, 5.0)).length
     4.0
     """
-    began = time.monotonic()
+    began = clock.read()
     check_flag(simplify, "simplify")
     if stop is not None and not callable(cast(object, stop)):
         rule = "it is called to ask whether the search ends"
@@ -812,9 +811,9 @@ def _describe_free_yaws(edges: LocalPlanner, endpoints: Endpoints) -> list[str]:
 def _make_plan(task: PlanTask, result: SearchResult, exists: bool | None, began: float) -> Plan:
     """Make the plan of a search, and measure its path.
 
-    ``began`` is a reading of ``time.monotonic`` before all checks.
+    ``began`` is a reading of the clock, with compilations, before all checks.
     """
-    searched = time.monotonic()
+    searched = clock.read()
     status, hint = _describe_outcome(task, result, exists)
     edges = task.edges
     waypoints = result.path
@@ -852,7 +851,7 @@ def _make_plan(task: PlanTask, result: SearchResult, exists: bool | None, began:
         exact=edges.exact,
         seed=task.seed,
         time_limit=task.time_limit,
-        times=Times(setup, result.planning, result.simplification, time.monotonic() - searched),
+        times=Times(setup, result.planning, result.simplification, clock.read() - searched),
         frame_id=edges.space.frame_id,
         space=edges.space,
     )
