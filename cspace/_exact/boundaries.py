@@ -8,7 +8,7 @@ from typing import Final, NamedTuple, Protocol
 import numpy as np
 
 from cspace._bodies import DISTANCE_ROUNDING
-from cspace._grid import Grid
+from cspace._grid import SLACK, Grid
 from cspace._raster.bitmaps import rectangle_triangles
 from cspace._record.cells import Map
 from cspace._robot import Robot
@@ -124,11 +124,13 @@ def clip_to_grid(border: RoundedSimplices, grid: Grid) -> RoundedSimplices:
     Balls that reach the box stay whole. A boundary inside the box is returned unchanged.
     """
     simplices = border.simplices
+    # A grid that is made to cover a shape may lack a sliver of it, and a wall would be lost there.
+    slack = SLACK * grid.spacing  # of outer rasters, too
     lower = np.asarray(grid.lower)
     upper = np.asarray(grid.upper)
     low = simplices.min(axis=1)
     high = simplices.max(axis=1)
-    if ((low >= lower) & (high <= upper)).all():
+    if ((low >= lower - slack) & (high <= upper + slack)).all():
         return border
     if simplices.shape[1] == 1 or border.radii.any():
         # Farther pieces do not reach the grid. Without the cap, the squares of large distances
@@ -140,19 +142,21 @@ def clip_to_grid(border: RoundedSimplices, grid: Grid) -> RoundedSimplices:
         return RoundedSimplices(simplices[is_near], border.radii[is_near])
     for axis in range(grid.dim):
         for wall, sign in ((lower[axis], 1.0), (upper[axis], -1.0)):
-            simplices = _clip_to_half_space(simplices, axis, wall, sign)
+            simplices = _clip_to_half_space(simplices, axis, wall, sign, slack)
     return _make_boundary(simplices)
 
 
-def _clip_to_half_space(simplices: Floats, axis: int, wall: float, sign: float) -> Floats:
+def _clip_to_half_space(
+    simplices: Floats, axis: int, wall: float, sign: float, slack: float
+) -> Floats:
     """Clip segments or triangles to one side of a wall.
 
     The side is that of ``sign * (coordinate - wall) >= 0`` along the axis. ``simplices`` have shape
-    (n, corners, d), with two or three corners. Those beyond are dropped.
+    (n, corners, d), with two or three corners. Those beyond by more than ``slack`` are dropped.
     """
     corners = simplices.shape[1]
     heights = sign * (simplices[:, :, axis] - wall)
-    is_above = heights >= 0.0
+    is_above = heights >= -slack
     corners_above = is_above.sum(axis=1)
     clipped = [simplices[corners_above == corners]]
     for count in range(1, corners):
@@ -165,7 +169,8 @@ def _clip_to_half_space(simplices: Floats, axis: int, wall: float, sign: float) 
         # Where the edges from that corner cross the wall.
         crossings = []
         for other, other_height in zip(others, other_heights, strict=True):
-            fraction = first_height / (first_height - other_height)
+            # A corner beyond the wall by less than the slack counts as on the wall.
+            fraction = np.clip(first_height / (first_height - other_height), 0.0, 1.0)
             crossing = first + fraction[:, None] * (other - first)
             crossing[:, axis] = wall
             crossings.append(crossing)

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import cspace
-from cspace import Workspace
+from cspace import Robot, Workspace
 from cspace._exact.boundaries import clip_to_grid, obstacle_boundary
 from cspace._shapes import RoundedSimplices
 from tests.helpers.strategies import examples, seeds, stars
@@ -79,3 +79,18 @@ def test_clip_keeps_balls_that_reach_the_grid():
         np.array([0.5, 0.6, 0.0, 1.0]),
     )
     np.testing.assert_array_equal(clip_to_grid(balls, grid).radii, [0.5, 0.0])
+
+
+@pytest.mark.parametrize("excess", [0.0, 2e-10])
+def test_a_wall_a_sliver_beyond_its_own_grid_is_an_obstacle(excess):
+    # The grid that covers a mesh may end a billionth of a cell before its last wall.
+    top = 1.0 + excess
+    vertices = [(0, 0, 0), (0, top, 0), (1, top, 0), (0, top, 1), (1, top, 1)]
+    workspace = Workspace.from_mesh(
+        (vertices, [(1, 2, 3), (2, 4, 3), (0, 1, 3)]), 0.25, solid="surface"
+    )
+    assert workspace.grid.upper == (1.0, 1.0, 1.0)
+    space = cspace.build(workspace, Robot.ball(0.05), outside="free")
+    near, far = (0.5, 0.98, 0.5), (0.5, 0.9, 0.5)
+    assert not space.is_free(near, exact=True) and space.is_free(far, exact=True)
+    assert space.obstacle_distance([far]) <= 0.05 + 1e-9
