@@ -45,6 +45,7 @@ from cspace._bodies.triangle_proofs import (
     joint_displacement,
     node_maxima,
 )
+from cspace._shapes.shape import unique_rows
 from cspace._support.arrays import Bools, Floats, Ints, Matrix, Row
 from cspace._support.compiling import internal
 from cspace._support.vectors import (
@@ -215,8 +216,7 @@ def build_hulls(tree: Trees, volume: float) -> Hulls:
     if nodes[:, IS_WHOLE].all():
         return Hulls(boxes, nodes, np.ascontiguousarray(corners.T))
     # Some inner nodes get hulls too, whose corners are appended.
-    points, point_of_corner = np.unique(corners, axis=0, return_inverse=True)
-    point_of_corner = point_of_corner.ravel()
+    points, point_of_corner = unique_rows(corners)
     is_rounded = bool(row_radii.any())
     ranks = np.searchsorted(_MAX_TRIANGLES_OF_RANKS, counts)
     corners_of_hulls = [corners]
@@ -377,21 +377,22 @@ def _bound_largest_gap(points: Floats, triangles: Floats) -> float:
         return 0.0
     origins = triangles[:, 0]
     inverses = np.linalg.pinv(triangles[:, 1:] - triangles[:, :1])
-    # Weights of a plane are linear in the point, so that one product gives those of all planes.
-    shifts = (origins[:, np.newaxis] @ inverses)[:, 0]
-    columns = inverses.transpose(1, 0, 2).reshape(3, -1)
+    # Weights of a plane are linear in the point, so that two products give those of all planes.
+    shifts = (origins[:, np.newaxis] @ inverses)[:, 0].T
+    columns = inverses.transpose(2, 1, 0)
     largest = 0.0
     for block in _split_into_blocks(points, len(triangles)):
-        # Barycentric weights of the nearest point of each plane, shape (points, triangles, 3). The
+        # Barycentric weights of the nearest point of each plane, shape (3, points, triangles). The
         # weights of a point beside its triangle are cut to zero or above.
-        other_weights = (block @ columns).reshape(len(block), -1, 2) - shifts
-        first_weight = 1.0 - other_weights.sum(axis=2, keepdims=True)
-        weights = np.maximum(np.concatenate([first_weight, other_weights], axis=2), 0.0)
-        weights /= weights.sum(axis=2, keepdims=True)
-        points_of_triangles = sum(weights[..., [k]] * triangles[:, k] for k in range(3))
-        gaps = np.linalg.norm(points_of_triangles - block[:, np.newaxis], axis=2)
-        nearest_gaps = gaps.min(axis=1)
-        largest = max(largest, float(nearest_gaps.max(initial=0.0)))
+        second, third = block @ columns - shifts[:, np.newaxis]
+        weights = np.maximum([1.0 - second - third, second, third], 0.0)
+        weights /= weights.sum(axis=0)
+        squares = np.zeros(second.shape)
+        for axis in range(3):
+            corners = triangles[:, :, axis].T[:, np.newaxis]
+            offsets = (weights * corners).sum(axis=0) - block[:, [axis]]
+            squares += offsets**2
+        largest = max(largest, math.sqrt(squares.min(axis=1).max(initial=0.0)))
     return largest
 
 

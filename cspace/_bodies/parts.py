@@ -8,6 +8,7 @@ import numpy as np
 
 from cspace._shapes import RoundedSimplices
 from cspace._shapes.bodies import label_components
+from cspace._shapes.shape import unique_rows
 from cspace._support.arrays import Floats, Ints
 
 
@@ -33,7 +34,7 @@ def sort_by_part(border: RoundedSimplices) -> tuple[Floats, Ints]:
     Returns the vertices, shape (n, d), and the index of the first vertex of each part.
     """
     corners, dim = border.simplices.shape[1:]
-    points, indices = np.unique(border.simplices.reshape(-1, dim), axis=0, return_inverse=True)
+    points, indices = unique_rows(border.simplices.reshape(-1, dim))
     simplices = indices.reshape(-1, corners)
     # Corners of a simplex are connected, so link each to the next.
     edge_starts = simplices[:, :-1].ravel()

@@ -22,8 +22,9 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable
-from contextlib import suppress
+import zlib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from typing import Any, Final, TypeVar
@@ -34,6 +35,7 @@ from numba._dispatcher import compute_fingerprint
 from numba.core import event
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
+from numba.core.compiler_lock import global_compiler_lock
 from numba.core.errors import TypingError
 from numba.core.typing.templates import Signature
 from numba.extending import NativeValue, intrinsic, models, register_model, unbox
@@ -133,9 +135,60 @@ def _compile(function: F, **options: Any) -> F:
         user_settings = {name: getattr(_CONFIG, name, "") for name in settings}
         vars(_CONFIG).update(settings)
         try:
-            return numba.njit(**options)(function)  # type: ignore[no-any-return]
+            compiled = numba.njit(**options)(function)
         finally:
             vars(_CONFIG).update(user_settings)
+    compiled.compile = _compile_once(compiled.compile, function)
+    return compiled  # type: ignore[no-any-return]
+
+
+def _compile_once(compile_: Callable[[Any], Any], function: Callable[..., Any]) -> Any:
+    """Let one process at a time compile a function, or load its code from the cache.
+
+    Others wait for it and load its code. They would otherwise compile it again, and might mix the
+    files of an index and of code, which numba saves one after the other.
+    """
+
+    def compile_in_turn(signature: Any) -> Any:
+        """Compile the function for a signature, or load its code."""
+        with global_compiler_lock, _turn(function):  # threads take turns, too
+            return compile_(signature)
+
+    return compile_in_turn
+
+
+@contextmanager
+def _turn(function: Callable[..., Any]) -> Iterator[None]:
+    """Hold this process's turn at a function, which is a byte of the lock file."""
+    file = _open_lock_file()
+    if file is None:
+        yield
+        return
+    import fcntl  # imported here, because Windows lacks it, and has no folder to lock
+
+    place = 1, zlib.crc32(f"{function.__module__}.{function.__name__}".encode())
+    with suppress(OSError):  # some file systems have no locks; processes go on without
+        try:
+            fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, *place)
+        except (BlockingIOError, PermissionError):  # systems differ
+            # Waiting takes as long as compiling, and counts as little for time limits.
+            clock.stop(function.__module__)
+            try:
+                fcntl.lockf(file, fcntl.LOCK_EX, *place)
+            finally:
+                clock.start()
+    try:
+        yield
+    finally:
+        with suppress(OSError):
+            fcntl.lockf(file, fcntl.LOCK_UN, *place)
+
+
+@cache
+def _open_lock_file() -> int | None:
+    """Open the file that processes lock; return its descriptor, or None without a cache."""
+    folder = cache_folder()
+    return None if folder is None else os.open(folder / "lock", os.O_RDWR)
 
 
 class _Part(JITCodeLibrary):
@@ -348,23 +401,30 @@ class _Clock(event.Listener):
         depth, since, seconds = self._stops
         return (since if depth else self.read()) - seconds
 
-    def on_start(self, event: Any) -> None:
-        """Stop the clock, and log a long wait once."""
+    def stop(self, module: str) -> None:
+        """Stop the clock while a function of a module is compiled, and log a long wait once."""
         depth, since, seconds = self._stops
         self._stops = depth + 1, since if depth else self.read(), seconds
-        module = event.data["dispatcher"].py_func.__module__
         has_waited = self.read() - self() > LONG_WAIT_SECONDS
         if has_waited and not self._has_warned and module.startswith(("cspace.", "planners.")):
             self._has_warned = True
             how_often = "once" if cache_folder() else "at each start, as no cache is safe"
             LOGGER.warning(LONG_WAIT, how_often)
 
-    def on_end(self, event: Any) -> None:
+    def start(self) -> None:
         """Restart the clock after the outermost compilation."""
         depth, since, seconds = self._stops
         if depth == 1:
             seconds += self.read() - since
         self._stops = depth - 1, since, seconds
+
+    def on_start(self, event: Any) -> None:
+        """Stop the clock, for functions of others, too."""
+        self.stop(event.data["dispatcher"].py_func.__module__)
+
+    def on_end(self, event: Any) -> None:
+        """Restart the clock."""
+        self.start()
 
 
 class _CollectorPause(event.Listener):
@@ -391,33 +451,6 @@ class _CollectorPause(event.Listener):
             gc.enable()
 
 
-class _SaveLock(event.Listener):
-    """A lock between processes, held while numba saves code.
-
-    Numba saves an index and a file of code, so two processes that save at once could mix their
-    files. It saves after a compilation ends, and before its own lock is released.
-    """
-
-    def __init__(self, file: Path) -> None:
-        """Open the file that processes lock."""
-        self._file = os.open(file, os.O_RDWR)
-
-    def on_start(self, event: Any) -> None:
-        """Do nothing, because the lock is needed only for saving."""
-
-    def on_end(self, event: Any) -> None:
-        """Acquire the lock when a compilation ends, and release it with numba's lock."""
-        import fcntl  # imported here, because Windows lacks it, and has no folder to lock
-
-        action = fcntl.LOCK_EX if event.kind == "numba:compile" else fcntl.LOCK_UN
-        with suppress(OSError):  # some file systems have no locks; saving goes on without
-            fcntl.flock(self._file, action)
-
-
 clock: Final = _Clock()
 for _listener in (clock, _CollectorPause()):
     event.register("numba:compile", _listener)  # type: ignore[no-untyped-call]
-if (_folder := cache_folder()) is not None:
-    _save_lock = _SaveLock(_folder / "lock")
-    for _kind in ("numba:compile", "numba:compiler_lock"):
-        event.register(_kind, _save_lock)  # type: ignore[no-untyped-call]

@@ -180,7 +180,7 @@ class PosedShape:
         """
         if self.is_filled:
             return np.empty((0, 3))
-        corners = np.unique(self.boundary.simplices.reshape(-1, 3), axis=0)
+        corners, _ = unique_rows(self.boundary.simplices.reshape(-1, 3))
         stride = math.ceil(len(corners) / PROBES_PER_PART)
         some_corners = corners[::stride]
         # A surface that encloses nothing has no points inside.

@@ -88,6 +88,15 @@ def test_a_long_wait_is_told_once_unless_silenced(probe, tmp_path):
 
 
 @pytest.mark.thorough
+def test_processes_that_start_together_compile_once(tmp_path):
+    (tmp_path / "probe.py").write_text(PROBE)
+    code = RUN_PROBE.format(before="")
+    together = [start(tmp_path, code) for _ in range(4)]
+    answers = [process.communicate()[0].strip() for process in together]
+    assert sorted(answers) == ["4.0 0", *["4.0 1"] * 3]
+
+
+@pytest.mark.thorough
 def test_a_change_of_kernels_or_their_constants_changes_the_folder(tmp_path):
     def folder():
         return run(
