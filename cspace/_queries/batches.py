@@ -130,6 +130,8 @@ def write_in_threads(
 
     Returns what the kernel does. Each thread gets at least ``min_items``.
     """
+    if len(arrays[0]) < 2 * min_items:  # at once, because most queries are small
+        return int(kernel(*arrays))
 
     def write_chunk(start: int, stop: int) -> int:
         """Run the kernel on rows [start, stop).

@@ -443,7 +443,7 @@ def _check_chunk(
     warn_of_degrees(points, space._angles, "q")
     if columns == space.axes:
         warn_of_degrees(chunks, space._angles, name)
-    starts = np.broadcast_to(points, (len(chunks), space.size))
+    starts = np.repeat(points[np.newaxis], len(chunks), axis=0) if points.ndim == 1 else points
     return as_contiguous(starts), as_contiguous(chunks), array.ndim == 3
 
 

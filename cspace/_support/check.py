@@ -373,9 +373,7 @@ def warn_of_degrees(q: ArrayLike, angles: Mapping[int, str], name: str) -> None:
     """
     rows = np.asarray(q)
     for k, axis in angles.items():
-        turned = rows[..., k]
-        highest, lowest = float(turned.max(initial=0)), float(turned.min(initial=0))
-        if max(highest, -lowest) > MAX_EXPECTED_ANGLE:
+        if np.abs(rows[..., k]).max(initial=0) > MAX_EXPECTED_ANGLE:
             problem = f"{axis} is beyond a whole turn"
             rule = "angles are in radians, and whole turns are ignored"
             hint = "use numpy.radians for degrees"
