@@ -161,29 +161,29 @@ class Arrangement:
         present, starts, rows = np.unique(owners, return_index=True, return_inverse=True)
         placed = centers[present]
         dim = centers.shape[1]
-
-        def square_distances(places: Floats) -> Floats:
-            """Return squared distances of the points to their balls at places (n, d)."""
-            offsets = points - places[rows]
-            return np.asarray(np.einsum("ij,ij->i", offsets, offsets))
-
-        reaches = np.sqrt(np.maximum.reduceat(square_distances(placed), starts))
+        offsets = points - placed[rows]
+        squares = np.einsum("ij,ij->i", offsets, offsets)
+        reaches = np.sqrt(np.maximum.reduceat(squares, starts))
         growths = reaches - depths[present]
         steps = 0.25 * reaches
         axes = np.vstack([np.eye(dim), -np.eye(dim)])
         balls = np.arange(len(placed))
         for _ in range(MAX_STEPS):
             # Steps along the axes, and towards the farthest point.
-            squares = square_distances(placed)
+            offsets = points - placed[rows]
+            squares = np.einsum("ij,ij->i", offsets, offsets)
             is_farthest = squares >= np.maximum.reduceat(squares, starts)[rows]
             towards = np.zeros_like(placed)
-            towards[rows[is_farthest]] = (points - placed[rows])[is_farthest]
+            towards[rows[is_farthest]] = offsets[is_farthest]
             towards /= np.maximum(np.linalg.norm(towards, axis=1, keepdims=True), SMALLEST_LENGTH)
-            moves = [*np.broadcast_to(axes[:, None], (2 * dim, *placed.shape)), towards]
-            places = placed + steps[:, None] * np.array(moves)
+            moves = np.array([*np.broadcast_to(axes[:, None], (2 * dim, *placed.shape)), towards])
+            places = placed + steps[:, None] * moves
             new_depths = self.measure_depths(places.reshape(-1, dim)).reshape(len(moves), -1)
-            new_reaches = [np.maximum.reduceat(square_distances(each), starts) for each in places]
-            new_growths = np.sqrt(new_reaches) - new_depths
+            # A step s along a unit vector m leads to the square |o|^2 - 2 s o.m + s^2.
+            along = np.einsum("ij,ij->i", offsets, towards[rows])
+            ahead = np.vstack([offsets.T, -offsets.T, along])
+            largest = np.maximum.reduceat(squares - 2.0 * steps[rows] * ahead, starts, axis=1)
+            new_growths = np.sqrt(np.maximum(largest + steps**2, 0.0)) - new_depths
             if self.is_inner:
                 new_growths[new_depths <= 0.0] = np.inf
             best = new_growths.argmin(axis=0)
