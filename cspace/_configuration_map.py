@@ -404,7 +404,7 @@ class ConfigurationMap(ConfigurationSpace):
         """
         if self.rotations.names != ("yaw",):
             problem = f"has the axes {', '.join(self.axes)}"
-            hint = "build a map with rotations=72"
+            hint = "build a map with cspace.build(..., rotations=72)"
             raise InputError("space", problem, "only a robot with a yaw has free yaws", hint)
         point = check_point(position, "position", self.dim)
         yaws = self.rotations.centers

@@ -110,7 +110,7 @@ class Grid:
             hint = "pass the number of cells along each axis"
             raise InputError("shape", problem, rule, hint)
         corners = np.stack([corner, corner + side * counts])
-        hint = "use a larger spacing, or move the frame's origin, e.g. by offset= of the reader"
+        hint = "use a larger spacing, or move the frame's origin, e.g. by offset= of Workspace.open"
         check_reach(float(np.abs(corners).max() / side), "grid", "the origin", hint)
         names = tuple("xyz"[:dim] if axes is None else axes)
         unit_names = ("m",) * dim if units is None else tuple(units)

@@ -80,7 +80,7 @@ def _check_drive(space: Space, drive: Drive, turning_radius: float | None) -> fl
             "drive",
             f"is {drive!r} and the axes are ({', '.join(space.axes)})",
             "it is for the axes (x, y, yaw) of a map",
-            "build a map of a plane with rotations=72, or leave drive out",
+            "build a map of a plane with cspace.build(..., rotations=72), or leave drive out",
         )
     if drive not in CURVES:
         if turning_radius is not None:

@@ -93,6 +93,26 @@ def pytest_terminal_summary(terminalreporter):
         terminalreporter.write_line(f"{seconds:6.1f} s  {file}")
 
 
+# ---- hints ---------------------------------------------------------------------------------------
+
+
+@pytest.fixture(autouse=True, scope="session")
+def check_hints():
+    """Check each hint of each error that a test provokes."""
+    from cspace.errors import CspaceError
+    from tests.helpers.hints import check_hint
+
+    initialize = CspaceError.__init__
+
+    def initialize_and_check(self, *values, **options):
+        initialize(self, *values, **options)
+        check_hint(self.hint)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(CspaceError, "__init__", initialize_and_check)
+        yield
+
+
 # ---- real maps -----------------------------------------------------------------------------------
 
 

@@ -152,7 +152,11 @@ def test_a_map_without_a_free_cell_warns_and_says_why(tmp_path):
     dark = Workspace(grid, np.ones((9, 8), bool), np.ones((9, 8), bool), unknown=unseen)
     cases = [
         (full, Robot.disc(0.05), "every cell of the workspace is occupied"),
-        (dark, Robot.disc(0.05), "64 of 72 cells are unknown.*unknown='free' for a sensor map"),
+        (
+            dark,
+            Robot.disc(0.05),
+            "64 of 72 cells are unknown.*unknown='free' for a sensor map",
+        ),
         (narrow, Robot.disc(0.25), "radius of 0.2 m, and the robot with its margin needs 0.25 m"),
         (narrow, Robot.rectangle(0.38, 0.38), "cells are MIXED, undecided at this spacing"),
     ]

@@ -198,7 +198,7 @@ def build_tiles(folder, **options):
         lambda _: build(ROOM, Robot.ball(0.1), rotations=72).explain(
             (0.5, 0.5, 0.4, 0.0), (0.6, 0.5, 0.4, 0.0)
         ),
-        "reasons are for maps of positions, with or without a yaw; build a map with rotations=72",
+        "reasons are for maps of positions, with or without a yaw; build a map with cspace.build(..., rotations=72)",
     ),
     # Exports.
     (

@@ -349,7 +349,7 @@ def certify_twists(
             "space",
             f"has the axes {', '.join(space.axes)}",
             "twists move a robot with x, y and yaw",
-            "build a map of a plane with rotations=72",
+            "build a map of a plane with cspace.build(..., rotations=72)",
         )
     starts, commands, is_batch = _check_chunk(space, q, twists, "twists", TWIST_NAMES)
     errors = check_each(tracking, "tracking", _list_steps(space))

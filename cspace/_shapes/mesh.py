@@ -284,7 +284,9 @@ class Mesh(ExactShape):
 
         Raises InputError if ``solid`` is "fill", because the filled part depends on the spacing.
         """
-        self._refuse_fill("close the mesh and pass solid='auto', or ask without exact=True")
+        self._refuse_fill(
+            "close the mesh and use Mesh.of(..., solid='auto'), or ask without exact=True"
+        )
         return RoundedSimplices(self.triangles, np.zeros(len(self.faces)))
 
     def _refuse_fill(self, hint: str) -> None:
@@ -380,7 +382,7 @@ class Mesh(ExactShape):
         InputError
             If the last axis is not three long, a value is not finite, or ``solid`` is ``"fill"``.
         """
-        self._refuse_fill("ask its cells, or pass solid='auto'")
+        self._refuse_fill("ask its cells, or use Mesh.of(..., solid='auto')")
         array = check_points(points, "points", AXES[: self.dim])
         if not self.encloses:
             return np.zeros(array.shape[:-1], dtype=np.bool_)

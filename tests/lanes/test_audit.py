@@ -321,20 +321,21 @@ def test_a_map_without_a_yaw_is_for_a_round_robot_or_one_that_never_turns():
     still = RouteGraph.from_arrays([(1, 1), (3, 2)], [(0, 1)], 0.0)
 
     def build_again():
-        assert (
-            "rotations=72, or set heading=0.0" in "build it with rotations=72, or set heading=0.0"
-        )
         return planners.audit(bar, still)
 
     check_followed(
-        lambda: planners.audit(bar, graph), build_again, "or set heading=0.0 for a robot"
+        lambda: planners.audit(bar, graph),
+        build_again,
+        "or, for a robot that never turns, read the graph with RouteGraph.open(..., heading=0.0)",
     )
     standing = build_again()
     assert standing.lanes[0].verdict == "free"
     assert not standing.nodes[0].turns_around
     np.testing.assert_array_equal(standing.nodes[0].free_yaws, [[0.0, 0.0]])
     turned = RouteGraph.from_arrays([(1, 1), (3, 2)], [(0, 1)], 0.0, yaws=[0.0, 1.5])
-    with pytest.raises(InputError, match=r"has the yaw 1.5 at the node '1'.*with rotations=72"):
+    with pytest.raises(
+        InputError, match=r"has the yaw 1.5 at the node '1'.*with cspace.build\(..., rotations=72"
+    ):
         planners.audit(bar, turned)
     assert planners.audit(disc, turned).lanes[0].verdict == "free"
 
@@ -398,7 +399,9 @@ def test_wrong_arguments_are_refused(rooms):
         planners.audit("map", graph)
     with pytest.raises(InputError, match="there are"):
         planners.audit(rooms, graph).find_way("0", "1")
-    with pytest.raises(InputError, match="footprint, with rotations=72"):
+    with pytest.raises(
+        InputError, match=r"use cspace\.build\(workspace, robot.footprint\(\), rotations=72"
+    ):
         planners.audit(build_empty((9, 9, 9), "ball:0.1"), graph)
 
 

@@ -320,7 +320,7 @@ def make_objective(si):
         "yawing",
         {"drive": "differential"},
         {"drive": "holonomic"},
-        "drive is 'differential' and the axes are (x, y, z, yaw); it is for the axes (x, y, yaw) of a map; build a map of a plane with rotations=72, or leave drive out",
+        "drive is 'differential' and the axes are (x, y, z, yaw); it is for the axes (x, y, yaw) of a map; build a map of a plane with cspace.build(..., rotations=72), or leave drive out",
     ),
     (
         "turning",
@@ -609,7 +609,7 @@ def blocked(space, rows):
                 build_walls([(0, 0, 0.1, 0.1)], SQUARE, 72), *AHEAD, drive="differential"
             ),
         ],
-        "build a map of a plane with rotations=72, or leave drive out",
+        "build a map of a plane with cspace.build(..., rotations=72), or leave drive out",
     ),
     (
         lambda _: planners.plan(

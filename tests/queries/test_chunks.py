@@ -614,7 +614,7 @@ FLAT = (1.0, 2.5)
         (
             lambda s: make_flat(0)[0].certify_twists(FLAT, [(0.1, 0.1)], 0.1),
             lambda s: make_flat(0, rotations=72)[0].certify_twists(START, [(0.1, 0.1)], 0.1),
-            "build a map of a plane with rotations=72",
+            "build a map of a plane with cspace.build(..., rotations=72)",
         ),
     ],
 )

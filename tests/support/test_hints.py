@@ -205,7 +205,7 @@ def cells(values, **options):
     (
         lambda: Workspace.from_polygons([FAR], 1e-2),
         lambda: Workspace.from_polygons([FAR], 0.1, offset=(-1e5, 0.0)),
-        "or move the frame's origin, e.g. by offset= of the reader",
+        "or move the frame's origin, e.g. by offset= of Workspace.open",
     ),
     # Maps.
     (
@@ -362,7 +362,7 @@ def cells(values, **options):
     (
         lambda: Mesh.of(CUBE, "fill").contains((0, 0, 0)),
         lambda: [Mesh.of(CUBE, "fill").cells(ROOM.grid), Mesh.of(CUBE, "auto").contains((0, 0, 0))],
-        "ask its cells, or pass solid='auto'",
+        "ask its cells, or use Mesh.of(..., solid='auto')",
     ),
     (
         lambda: Mesh.of(CUBE).boxes,

@@ -1,0 +1,66 @@
+"""Hints name options of the call that refused, or name the call that has them."""
+
+import ast
+import re
+import sys
+from collections import defaultdict
+from functools import cache
+from pathlib import Path
+
+import cspace
+import planners
+
+OPTION = re.compile(r"(?<![-\w.<])([a-z]\w*)=")
+"""Option of a call in a hint, as ``margin=0.1``."""
+
+CALL = re.compile(r"\.(\w+)|(\w+)\(|(\w+_\w+|[A-Z]\w+)")
+"""Name of a call in a hint."""
+
+ANY = "**"
+"""Stands for the options of a call that passes them on."""
+
+
+@cache
+def list_owners():
+    """Return the names of the functions, methods and classes that take each option."""
+    owners = defaultdict(set)
+    for package in (cspace, planners):
+        for file in Path(package.__file__).parent.rglob("*.py"):
+            for node in ast.walk(ast.parse(file.read_text())):
+                if isinstance(node, ast.FunctionDef):
+                    add_owner(owners, node.name, node)
+                elif isinstance(node, ast.ClassDef):
+                    for part in node.body:
+                        if isinstance(part, ast.AnnAssign):  # a field of a record
+                            owners[ast.unparse(part.target)].add(node.name)
+                        elif isinstance(part, ast.FunctionDef) and part.name == "__init__":
+                            add_owner(owners, node.name, part)
+    return owners
+
+
+def add_owner(owners, name, function):
+    """Note that a call takes the arguments of a function."""
+    arguments = function.args.posonlyargs + function.args.args + function.args.kwonlyargs
+    for option in [argument.arg for argument in arguments] + [ANY] * bool(function.args.kwarg):
+        owners[option].add(name)
+
+
+def list_taken(frame):
+    """Return the names of the arguments of our calls that are running."""
+    taken = set()
+    while frame:
+        if frame.f_globals.get("__name__", "").startswith(("cspace", "planners")):
+            code = frame.f_code
+            taken.update(code.co_varnames[: code.co_argcount + code.co_kwonlyargcount])
+        frame = frame.f_back
+    return taken
+
+
+def check_hint(hint):
+    """Raise AssertionError if a hint names an option of another call without the call's name."""
+    elements = re.compile("<[^>]*>")
+    for option in set(OPTION.findall(elements.sub("", hint))) - list_taken(sys._getframe(1)):
+        named = {word for words in CALL.findall(hint) for word in words}
+        assert named & (list_owners()[option] | list_owners()[ANY]), (
+            f"{hint!r} names the option {option}, which the call that refused does not have"
+        )
