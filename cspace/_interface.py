@@ -26,7 +26,7 @@ from cspace.errors import ConfigurationError, InputError
 
 if TYPE_CHECKING:
     from cspace._queries.chunks import Chunk, RowCheck
-    from cspace.regions import ConvexRegion
+    from cspace.regions import ConvexRegion, FreeRegions
     from cspace.view._viewer import Viewer, ViewOptions
 
 Endpoint = tuple[float, ...]
@@ -280,6 +280,79 @@ class Space(ABC):
         from cspace.regions._free_region import find_free_region
 
         return find_free_region(self, q, reach, margin, yaw_width)
+
+    @names_options
+    def free_regions(
+        self,
+        share: float = 0.9,
+        *,
+        around: ArrayLike | None = None,
+        reach: float = 5.0,
+        margin: float = 0.0,
+        max_regions: int = 1000,
+        time_limit: float | None = None,
+        seed: int = 0,
+        progress: Callable[[int, float], None] | None = None,
+    ) -> FreeRegions:
+        """Find convex regions that cover the FREE configurations of the map.
+
+        Each region grows around a cell that is among the farthest from all covered ones, until a
+        share of the volume of FREE cells is covered, or a limit ends it. The cells of a region are
+        those whose centers it contains. See :meth:`free_region`.
+
+        Parameters
+        ----------
+        share : float
+            Share of the FREE volume to cover, above 0 and at most 1.
+        around : array-like, shape (size,), optional
+            A FREE configuration; then only the cells that FREE cells join to it count.
+        reach, margin : float
+            As for :meth:`free_region`.
+        max_regions : int
+            Largest number of regions.
+        time_limit : float, optional
+            Seconds after which no further region is found.
+        seed : int
+            Seed of the random choice among the farthest cells.
+        progress : callable, optional
+            Called with (regions so far, share covered).
+
+        Returns
+        -------
+        cspace.regions.FreeRegions
+            The regions, the graph of their overlaps, and the share covered, which is below
+            ``share`` if a limit ended the search.
+
+        Raises
+        ------
+        InputError
+            If the space is no such map, or a number is out of range.
+        ConfigurationError
+            If the map has no FREE cell, ``around`` is not FREE, or no region was found.
+
+        Examples
+        --------
+        >>> import numpy as np, cspace
+        >>> occupied = np.zeros((60, 40), dtype=bool)
+        >>> occupied[30, :25] = True
+        >>> space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), cspace.Robot.disc(0.3))
+        >>> regions = space.free_regions(0.9)
+        >>> regions.coverage >= 0.9, len(regions.regions) < 5
+        (True, True)
+        """
+        from cspace.regions._cover import find_free_regions
+
+        return find_free_regions(
+            self,
+            share,
+            around=around,
+            reach=reach,
+            margin=margin,
+            max_regions=max_regions,
+            time_limit=time_limit,
+            seed=seed,
+            progress=progress,
+        )
 
     # ---- what some spaces know better ------------------------------------------------------------
 

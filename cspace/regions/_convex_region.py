@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -192,11 +193,11 @@ class ConvexRegion:
         return Polytope(vertices, volume, deepest + radius * shape.center, shape.covariance)
 
 
-def plot_regions(regions: list[ConvexRegion], ax: Axes | None, style: dict[str, Any]) -> Axes:
+def plot_regions(regions: Sequence[ConvexRegion], ax: Axes | None, style: dict[str, Any]) -> Axes:
     """Draw the positions of regions, by default in faint purple; see :meth:`ConvexRegion.plot`."""
     from matplotlib.collections import PolyCollection
     from matplotlib.figure import Figure
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
     from scipy.spatial import ConvexHull
 
     dim = regions[0]._positions.vertices.shape[1]
@@ -206,7 +207,11 @@ def plot_regions(regions: list[ConvexRegion], ax: Axes | None, style: dict[str, 
         problem = f"has the projection {axes.name!r} and the region {dim} dimensions"
         hint = f"pass figure.add_subplot(projection={kind!r})"
         raise InputError("ax", problem, "they must agree", hint)
-    look = {"facecolor": "#6a1b9a40", "edgecolor": "#6a1b9a", "linewidth": 1.0} | style
+    look: dict[str, Any] = {
+        "facecolor": "#6a1b9a40",
+        "edgecolor": "#6a1b9a",
+        "linewidth": 1.0,
+    } | style
     if dim == 2:
         # Qhull lists the vertices in the plane around the polygon.
         polygons = [region._positions.vertices for region in regions]
@@ -217,4 +222,5 @@ def plot_regions(regions: list[ConvexRegion], ax: Axes | None, style: dict[str, 
             faces = vertices[ConvexHull(vertices).simplices]
             axes.add_collection3d(Poly3DCollection(faces, **look))
     axes.autoscale_view()
-    return axes
+    drawn: Axes = axes
+    return drawn

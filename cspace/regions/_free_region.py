@@ -234,7 +234,7 @@ class RegionSource(NamedTuple):
         is_known = bool(((cell >= 0) & (cell < is_taken.shape)).all())
         if is_known and is_taken[tuple(cell)]:
             return None
-        cells = find_surface(is_taken) + 0.5
+        cells = find_surface(is_taken) + np.float64(0.5)
         box = make_box(low - origin, high - origin)
         grown = grow_polytope(cells, places - origin, box, gap)
         if grown is None:
@@ -271,7 +271,7 @@ class RegionSource(NamedTuple):
             is_taken[tuple(map(slice, *ends))] = True
         in_grid = np.clip([first, stop], 0, shape)
         begin, end = in_grid - first
-        states = self.space._states[(slices, *map(slice, *in_grid))]
+        states = self.space._states[slices][(slice(None), *map(slice, *in_grid))]
         is_taken[tuple(map(slice, begin, end))] = (states != FREE).any(axis=0)
         return first.astype(np.float64), is_taken
 

@@ -127,7 +127,7 @@ def grow_polytope(
     None if a cell is too near to the core.
     """
     focus = core
-    metric = np.eye(core.shape[1])
+    metric: Floats = np.eye(core.shape[1])
     best = None
     for _ in range(MAX_PASSES):
         cuts = cut_cells(cells, core, focus, metric, gap)

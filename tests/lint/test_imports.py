@@ -12,7 +12,7 @@ import pytest
 from tests.helpers.repository import SOURCES
 
 UPWARD_METHODS = {
-    *("plot", "view", "explain", "removals", "free_region"),
+    *("plot", "view", "explain", "removals", "free_region", "free_regions"),
     *("export", "to_xarray", "to_occupancy_grid", "to_costmap"),
 }
 """Methods of classes that hand their object to a wing: one import and one call."""
