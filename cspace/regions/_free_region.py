@@ -271,7 +271,7 @@ class RegionSource(NamedTuple):
             is_taken[tuple(map(slice, *ends))] = True
         in_grid = np.clip([first, stop], 0, shape)
         begin, end = in_grid - first
-        states = self.space._states[slices][(slice(None), *map(slice, *in_grid))]
+        states = self.space._states[(slice(None), *map(slice, *in_grid))][slices]
         is_taken[tuple(map(slice, begin, end))] = (states != FREE).any(axis=0)
         return first.astype(np.float64), is_taken
 

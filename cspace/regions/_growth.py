@@ -140,8 +140,8 @@ def grow_polytope(
         if best is not None and shape.volume <= best[1]:
             break
         best = half_spaces, shape.volume
-        metric = np.linalg.inv(shape.covariance)
-        metric /= np.trace(metric)
+        inverse = np.linalg.inv(shape.covariance)
+        metric = np.asarray(inverse / np.trace(inverse), dtype=np.float64)
         if (core[0] == core[1]).all():
             focus = np.stack([core[0], shape.center])
     return best
