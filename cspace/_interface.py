@@ -275,7 +275,7 @@ class Space(ABC):
         >>> region.contains([(0.5, 2.0), (1.5, 1.5)]).tolist()
         [True, False]
         >>> round(region.volume, 1), len(region.b)
-        (2.4, 5)
+        (1.7, 10)
         """
         from cspace.regions._free_region import find_free_region
 

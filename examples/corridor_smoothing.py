@@ -27,9 +27,9 @@ print(plan.status, corridor)
 # Six control points for each region, x and y, in one vector. They lie in the region; curves meet
 # with the same velocity and acceleration; and the squared jerk is least.
 
-ends = [plan.start, *corridor.junctions, plan.goal]
+ends = np.array([plan.start, *corridor.junctions, plan.goal])[:, np.newaxis]
 steps = np.linspace(0.0, 1.0, 6)[:, np.newaxis]
-guess = np.array([a + steps * (b - a) for a, b in zip(ends[:-1], ends[1:], strict=True)])
+guess = ends[:-1] + steps * np.diff(ends, axis=0)
 points = np.eye(guess.size).reshape(*guess.shape, guess.size)
 inside = [
     np.tensordot(region.A, part, (1, 1)).reshape(-1, guess.size)

@@ -56,7 +56,8 @@ def find_fastest(start: tuple[float, float], goal: tuple[float, float]) -> np.nd
     options.convex_relaxation = True
     options.max_rounded_paths = 10
     trajectory, result = gcs.SolvePath(first, last, options)
-    assert result.is_success()
+    if not result.is_success():
+        raise SystemExit("Drake found no trajectory")
     times = np.linspace(trajectory.start_time(), trajectory.end_time(), 2000)
     print(f"{times[-1] - times[0]:.2f} s")
     return trajectory.vector_values(times).T

@@ -509,7 +509,7 @@ class Plan:
         >>> plan = planners.plan(space, (1.0, 1.0), (5.0, 1.0))
         >>> corridor = plan.corridor()
         >>> corridor, corridor.junctions.shape
-        (Corridor(3 regions along 3 edges), (2, 2))
+        (Corridor(5 regions along 5 edges), (4, 2))
         """
         from cspace.regions._corridor import make_corridor
 
