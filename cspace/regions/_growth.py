@@ -29,7 +29,7 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy.optimize import linprog
+from scipy.optimize import linprog, lsq_linear
 from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
 
 from cspace._grid import SLACK
@@ -46,6 +46,12 @@ DESCENT_SWEEPS: Final = 8
 
 More sweeps change the direction of a half-space, not its proof.
 """
+
+BOUNDED_TOLERANCE: Final = 1e-14
+"""Tolerance of optimality of the nearest points of a segment and a cell, in cells."""
+
+MIN_CURVATURE: Final = 1e-12
+"""Curvature along a coordinate, as a share of that of the metric, below which it is zero."""
 
 MIN_DEPTH: Final = 1e-3
 """Depth in cells from which on a point serves Qhull as an interior point."""
@@ -160,14 +166,14 @@ def cut_cells(
     distances = measure_distances(cells, focus, metric)
     while len(cells):
         nearest = int(distances.argmin())
-        # Where the focus is beside the core, its half-space may cut the core off.
-        for segment, shape in ((focus, metric), (core, np.eye(len(metric)))):
-            normal = find_normal(cells[nearest], segment, shape)
-            supports = cells @ normal - HALF_CELL * np.abs(normal).sum()
-            offset = float(supports[nearest]) - gap
-            if normal.any() and (core @ normal).max() <= offset:
-                break
-        else:
+        normal = find_normal(cells[nearest], focus, metric)
+        if not _contains_core(cells[nearest], normal, core, gap):
+            normal = find_separation(cells[nearest], core)
+            if not _contains_core(cells[nearest], normal, core, gap):
+                return None
+        supports = cells @ normal - HALF_CELL * np.abs(normal).sum()
+        offset = float(supports[nearest]) - gap
+        if (core @ normal).max() > offset:  # by rounding
             return None
         normals.append(normal)
         offsets.append(offset)
@@ -176,6 +182,12 @@ def cut_cells(
         distances = distances[is_left]
     dim = core.shape[1]
     return HalfSpaces(np.array(normals).reshape(-1, dim), np.array(offsets))
+
+
+def _contains_core(center: Floats, normal: Floats, core: Floats, gap: float) -> bool:
+    """Return True if the half-space with a normal that touches a cell contains a core."""
+    offset = center @ normal - HALF_CELL * np.abs(normal).sum() - gap
+    return bool(normal.any() and (core @ normal).max() <= offset)
 
 
 def measure_distances(points: Floats, segment: Floats, metric: Floats) -> Floats:
@@ -199,30 +211,57 @@ def find_normal(center: Floats, segment: Floats, metric: Floats) -> Floats:
     """
     # Plain floats, because arrays of two or three numbers are ten times slower.
     axes = range(len(center))
-    rows = metric.tolist()
-    start, end = segment.tolist()
+    start, end = segment
+    direction = end - start
+    image = metric @ direction
+    squared_length = float(direction @ image)
     low = (center - HALF_CELL).tolist()
     high = (center + HALF_CELL).tolist()
-    direction = [end[i] - start[i] for i in axes]
-    image = [sum(rows[i][j] * direction[j] for j in axes) for i in axes]
-    squared_length = sum(image[i] * direction[i] for i in axes)
+    rows = metric.tolist()
+    # Squared distances from the whole line, which one coordinate alone can lower to the least.
+    line_rows = rows
+    if squared_length > 0.0:
+        line_rows = (metric - np.outer(image, image) / squared_length).tolist()
     nearest = center.tolist()
-    on_segment = start
     for sweep in range(DESCENT_SWEEPS):
+        share = 0.0
         if squared_length > 0.0:
-            share = sum(image[i] * (nearest[i] - start[i]) for i in axes) / squared_length
-            share = min(max(share, 0.0), 1.0)
-            on_segment = [start[i] + share * direction[i] for i in axes]
+            share = min(max(float(image @ (nearest - start)) / squared_length, 0.0), 1.0)
+        origin = (start + share * direction).tolist()
+        shape = line_rows if 0.0 < share < 1.0 else rows
         if sweep == 0:
-            nearest = [min(max(on_segment[i], low[i]), high[i]) for i in axes]
+            nearest = [min(max(origin[i], low[i]), high[i]) for i in axes]
         for i in axes:
-            slope = sum(rows[i][j] * (nearest[j] - on_segment[j]) for j in axes)
-            nearest[i] = min(max(nearest[i] - slope / rows[i][i], low[i]), high[i])
-    step = np.subtract(nearest, on_segment)
+            if shape[i][i] > MIN_CURVATURE * rows[i][i]:
+                slope = sum(shape[i][j] * (nearest[j] - origin[j]) for j in axes)
+                nearest[i] = min(max(nearest[i] - slope / shape[i][i], low[i]), high[i])
+    step = nearest - start
+    if squared_length > 0.0:
+        step -= min(max(float(image @ step) / squared_length, 0.0), 1.0) * direction
     at_bound = np.equal(nearest, low) | np.equal(nearest, high)
     gradient = np.where(at_bound, metric @ step, 0.0)
     length = float(np.linalg.norm(gradient))
     return gradient / length if length > 0.0 else np.zeros(len(center))
+
+
+def find_separation(center: Floats, segment: Floats) -> Floats:
+    """Find the unit vector from a segment to the nearest point of a cell, or zeros if they meet.
+
+    The two nearest points solve a least-squares problem with bounds, by active sets.
+    """
+    start, end = segment
+    length = float(np.linalg.norm(end - start))
+    columns = np.eye(len(center))
+    low = center - HALF_CELL
+    high = center + HALF_CELL
+    if length > 0.0:
+        columns = np.column_stack([columns, (start - end) / length])
+        low = np.append(low, 0.0)
+        high = np.append(high, length)
+    nearest = lsq_linear(columns, start, (low, high), method="bvls", tol=BOUNDED_TOLERANCE).x
+    step = columns @ nearest - start
+    distance = float(np.linalg.norm(step))
+    return step / distance if distance > 0.0 else np.zeros(len(center))
 
 
 def measure_polytope(half_spaces: HalfSpaces, interior: Floats) -> Polytope | None:

@@ -120,6 +120,26 @@ def test_a_corridor_in_space_with_a_yaw():
     assert corridor.plot().name == "3d"
 
 
+@pytest.mark.parametrize(
+    "dim, count", [(2, 8), (3, 6), pytest.param(3, 60, marks=pytest.mark.thorough)]
+)
+def test_edges_past_edges_and_corners_of_cells_lie_in_regions(dim, count):
+    """Shortest paths come within 2^-8 cells of corners, which leaves little room for planes."""
+    rng = np.random.default_rng(7)
+    shape = {2: (200, 90), 3: (60, 50, 40)}[dim]
+    occupied = np.zeros(shape, dtype=bool)
+    for _ in range(14):
+        first = rng.integers(0, np.array(shape) - 9)
+        sides = rng.integers(2, {2: 30, 3: 20}[dim], dim)
+        occupied[tuple(map(slice, first, first + sides))] = True
+    robot = Robot.rectangle(0.3, 0.2) if dim == 2 else Robot.ball(0.12)
+    space = cspace.build(Workspace.from_array(occupied, 0.1), robot)
+    for _ in range(count):
+        plan = planners.plan(space, *space.sample_free(2, rng=rng), time_limit=2)
+        if plan:
+            check_corridor(plan, plan.corridor(reach=2.0))
+
+
 def test_corridors_are_drawn():
     plan = plan_in_yard(None)
     corridor = plan.corridor()
