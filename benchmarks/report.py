@@ -17,6 +17,7 @@ INSTALLED_BY = {
     "cv2": "opencv-python-headless",
     "fcl": "python-fcl",
     "pinocchio": "pin",
+    "pydrake": "drake",
     "vamp": "vamp-planner",
 }
 """Distributions whose name differs from their package."""

@@ -6,6 +6,7 @@ from . import export as export
 from . import lanes as lanes
 from . import plot as plot
 from . import reasons as reasons
+from . import regions as regions
 from . import ros as ros
 from . import spectral as spectral
 from . import view as view

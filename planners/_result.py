@@ -8,7 +8,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any, Unpack, cast
+from typing import TYPE_CHECKING, Any, Final, Unpack, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,7 +31,12 @@ if TYPE_CHECKING:
     from cspace.plot._animation import AnimationOptions
     from cspace.plot._picture import PlotOptions
     from cspace.reasons import Explanation
+    from cspace.regions import Corridor
     from planners._trajectory import Trajectory
+
+
+CURVE_STEP_CELLS: Final = 0.25
+"""Distance between rows along a car's curves for a corridor, in cells."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -468,6 +473,61 @@ class Plan:
         self._check_solved("an animation shows a path")
         drawn = self._picture("draw it with cspace.plot.animate(space, plan, file)")
         animate(drawn, self.path, file, overwrite, **options)
+
+    @names_options
+    def corridor(self, *, reach: float = 5.0, margin: float = 0.0) -> Corridor:
+        """Find convex regions of FREE configurations along the path.
+
+        Each edge lies in one region, as it is driven: a car's curve, too. Each region overlaps the
+        next in a row of the path. From the start on, each region has as many edges as the search
+        finds. See :meth:`cspace.Space.free_region` for the maps that have regions.
+
+        Parameters
+        ----------
+        reach, margin : float
+            As for :meth:`cspace.Space.free_region`, around edges. Shortest paths pass corners of
+            cells nearer than a hundredth of a cell, so plan with ``objective="clearance"`` for a
+            larger margin.
+
+        Returns
+        -------
+        cspace.regions.Corridor
+
+        Raises
+        ------
+        InputError
+            If the plan has no path or no proof, was pickled, or crosses MIXED cells or comes within
+            the margin of them; or its space is no map in memory of positions, with or without a
+            yaw.
+
+        Examples
+        --------
+        >>> import numpy as np, cspace, planners
+        >>> occupied = np.zeros((60, 40), dtype=bool)
+        >>> occupied[30, :25] = True
+        >>> space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), cspace.Robot.disc(0.3))
+        >>> plan = planners.plan(space, (1.0, 1.0), (5.0, 1.0))
+        >>> corridor = plan.corridor()
+        >>> corridor, corridor.junctions.shape
+        (Corridor(5 regions along 5 edges), (4, 2))
+        """
+        from cspace.regions._corridor import make_corridor
+
+        self._check_solved("a corridor follows a path")
+        if not self.certified:
+            rule = "regions contain what is proven"
+            raise InputError(
+                "plan", "is not certified", rule, "plan again, and check plan.certified"
+            )
+        space = self._map("call corridor before pickling, or plan again")
+        edges = self._edges_on(space)
+        if self.turning_radius is None:
+            rows = edges.insert_breakpoints(self.waypoints)
+            return make_corridor(space, rows, reach, margin, 0.0)
+        # An arc of length s and radius r leaves its chord by at most s^2 / (8 r).
+        step = CURVE_STEP_CELLS * 2.0 * space.resolution
+        deviation = step**2 / (8.0 * self.turning_radius)
+        return make_corridor(space, edges.resample(self.waypoints, step), reach, margin, deviation)
 
     @names_options
     def to_path(

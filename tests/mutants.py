@@ -45,6 +45,37 @@ class Mutant:
 
 
 MUTANTS = (
+    # Regions.
+    Mutant(
+        "cspace/regions/_growth.py",
+        "supports = cells @ normal - HALF_CELL * np.abs(normal).sum()",
+        "supports = cells @ normal - 0.5 * np.linalg.norm(normal)",
+        "tests/regions/test_free_region.py",
+    ),
+    Mutant(
+        "cspace/regions/_growth.py",
+        "HALF_CELL: Final = 0.5 + 2.0 * SLACK",
+        "HALF_CELL: Final = 0.5",
+        "tests/regions/test_free_region.py",
+    ),
+    Mutant(
+        "cspace/regions/_free_region.py",
+        "yaw in (arc.low - 0.5 * ARC_SLACK, arc.high + 0.5 * ARC_SLACK)",
+        "yaw in (arc.low, arc.low)",
+        "tests/regions/test_free_region.py",
+    ),
+    Mutant(
+        "cspace/regions/_free_region.py",
+        "if is_known and is_taken[tuple(cell)]:",
+        "if False:",
+        "tests/regions/test_free_region.py",
+    ),
+    Mutant(
+        "cspace/regions/_corridor.py",
+        "room = region.b - deviation * np.linalg.norm(region.A[:, :dim], axis=1)",
+        "room = region.b + np.inf",
+        "tests/regions/test_corridor.py",
+    ),
     # Reasons.
     Mutant(
         "cspace/reasons/_margins.py",

@@ -55,6 +55,7 @@ def draw_all(folder: Path) -> None:
             draw_spheres,
             draw_trajectory,
             draw_controller,
+            draw_regions,
         ):
             figure = draw()
             name = draw.__name__.removeprefix("draw_")
@@ -373,6 +374,24 @@ def draw_controller() -> Figure:
     right.plot(commands.times, commands.omega, color=ROBOT, label="omega (rad/s)")
     right.set(xlabel="time (s)", title=f"{trajectory.duration:.1f} s, no stop on the way")
     right.legend(frameon=False)
+    return figure
+
+
+def draw_regions() -> Figure:
+    """Draw the regions that cover a depot, and the corridor along a path there."""
+    racks = [shapely.box(x, 1.5, x + 1.2, 10.5) for x in (3, 7, 11)]
+    depot = cspace.Workspace.from_polygons(racks, spacing=0.1, bounds=(0, 0, 16, 14))
+    space = cspace.build(depot, cspace.Robot.rectangle(0.7, 0.5))
+    plan = planners.plan(space, (1.0, 1.0), (15.0, 13.0))
+    cover = space.free_regions(0.95, reach=8.0)
+    corridor = plan.corridor()
+    figure, axes = plt.subplots(1, 2, figsize=(9.6, 4.3), layout="constrained")
+    covered = f"{cover.coverage:.0%} of the FREE cells in {len(cover.regions)} regions"
+    followed = f"a corridor of {len(corridor.regions)} regions"
+    for ax, regions, title in zip(axes, (cover, corridor), (covered, followed), strict=True):
+        path = plan if regions is corridor else None
+        space.plot(ax=ax, path=path, legend=False, title=title)
+        regions.plot(ax, linewidth=0.8)
     return figure
 
 

@@ -12,12 +12,12 @@ import pytest
 from tests.helpers.repository import SOURCES
 
 UPWARD_METHODS = {
-    *("plot", "view", "explain", "removals"),
+    *("plot", "view", "explain", "removals", "free_region", "free_regions"),
     *("export", "to_xarray", "to_occupancy_grid", "to_costmap"),
 }
 """Methods of classes that hand their object to a wing: one import and one call."""
 
-WINGS = "cspace.arms cspace._cli cspace.export cspace.lanes cspace.plot cspace.reasons cspace.spectral cspace._tiles cspace.view"
+WINGS = "cspace.arms cspace._cli cspace.export cspace.lanes cspace.plot cspace.reasons cspace.regions cspace.spectral cspace._tiles cspace.view"
 """Folders that a plan does not load."""
 
 
@@ -108,7 +108,7 @@ assert all(hasattr(cspace, name) for name in cspace.__all__) and not hasattr(csp
 
 
 def test_names_of_subpackages_need_no_import_of_their_own():
-    for package in ("arms", "plot", "spectral", "view"):
+    for package in ("arms", "plot", "regions", "spectral", "view"):
         run_python(f"""
 import cspace
 assert all(hasattr(cspace.{package}, name) for name in cspace.{package}.__all__)

@@ -148,7 +148,7 @@ def test_every_list_is_on_a_page():
 
 PUBLIC_MODULES = (
     *(cspace, cspace.arms, cspace.errors, cspace.export, cspace.lanes, cspace.plot),
-    *(cspace.reasons, cspace.ros, cspace.spectral, cspace.view, planners),
+    *(cspace.reasons, cspace.regions, cspace.ros, cspace.spectral, cspace.view, planners),
 )
 
 

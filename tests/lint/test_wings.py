@@ -42,7 +42,18 @@ Then call what needs the wing.
 """
 
 
-WINGS = ("arms", "_cli", "export", "lanes", "plot", "reasons", "spectral", "_tiles", "view")
+WINGS = (
+    "arms",
+    "_cli",
+    "export",
+    "lanes",
+    "plot",
+    "reasons",
+    "regions",
+    "spectral",
+    "_tiles",
+    "view",
+)
 """Folders of cspace; the folders of their tests have the names without the underscore."""
 
 
@@ -77,6 +88,7 @@ def test_tests_of_the_core_import_no_wing(tmp_path):
         ("lanes", [], "planners.audit(space, 'graph.yaml')"),
         ("plot", ["view"], "space.plot()"),
         ("reasons", [], "space.explain(*ends)"),
+        ("regions", [], "space.free_region(ends[0])"),
         ("spectral", [], "cspace.spectral.Bump"),
         ("_tiles", [], "cspace.build(workspace, 'disc:0.1', store='tiles.zarr')"),
         ("view", [], "space.view(block=False)"),

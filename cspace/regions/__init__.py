@@ -1,0 +1,9 @@
+"""Convex regions of FREE configurations: one, along a path, or over a whole map."""
+
+from __future__ import annotations
+
+from cspace.regions._convex_region import ConvexRegion
+from cspace.regions._corridor import Corridor
+from cspace.regions._cover import FreeRegions
+
+__all__ = ["ConvexRegion", "Corridor", "FreeRegions"]

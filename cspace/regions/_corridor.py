@@ -1,0 +1,179 @@
+"""Corridors: convex regions of FREE configurations along a path."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from cspace._rotations.base import ANGLE_SLACK
+from cspace._support.arrays import Floats, Ints, frozen
+from cspace.errors import InputError
+from cspace.regions._convex_region import ConvexRegion, plot_regions
+from cspace.regions._free_region import RegionSource, YawArc
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from cspace._interface import Space
+
+MAX_HALVINGS: Final = 40
+"""Maximum number of times that an edge is halved; yaws of its pieces then differ by rounding."""
+
+MAX_NAMED_EDGES: Final = 8
+"""Maximum number of edges that a message names."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Corridor:
+    """Convex regions along a path, each overlapping the next.
+
+    Attributes
+    ----------
+    regions : tuple of ConvexRegion
+        Regions in the order of the path.
+    path : ndarray of float64, shape (n, size), read-only
+        Rows of the path; its yaws are unwrapped. An edge that turns in a narrow place is divided
+        into edges of fewer yaws. Between two rows, a car follows its curve, which the regions
+        contain as well.
+    region_of_edge : ndarray of int64, shape (n - 1,), read-only
+        Index of the region that contains the edge from each row to the next.
+    """
+
+    regions: tuple[ConvexRegion, ...]
+    path: Floats
+    region_of_edge: Ints
+
+    def __repr__(self) -> str:
+        """Return the numbers of regions and edges."""
+        return f"Corridor({len(self.regions)} regions along {len(self.region_of_edge)} edges)"
+
+    @property
+    def junctions(self) -> Floats:
+        """Rows at which one region follows another, in both; shape (regions - 1, size)."""
+        return self.path[1:-1][np.diff(self.region_of_edge) > 0]
+
+    def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
+        """Draw all regions, as :meth:`ConvexRegion.plot` draws one."""
+        return plot_regions(self.regions, ax, style)
+
+
+def make_corridor(
+    space: Space, rows: Floats, reach: float, margin: float, deviation: float
+) -> Corridor:
+    """Find regions along a path, each for as many edges as possible, from the start on.
+
+    Parameters
+    ----------
+    space : Space
+        Map of the path.
+    rows : ndarray of float64, shape (n, size)
+        Configurations of the path, in canonical form.
+    reach, margin : float
+        As for :meth:`cspace.Space.free_region`, around edges.
+    deviation : float
+        Largest distance of the driven curve from the edges, metres; zero if edges are driven.
+
+    Raises
+    ------
+    InputError
+        If the space is no map in memory of positions, with or without a yaw; or a region contains
+        no edge, because it is not in FREE cells or within the margin of others.
+    """
+    source = RegionSource.of(space, reach, margin)
+    if len(rows) == 1:
+        rows = rows[[0, 0]]
+    if not deviation:
+        _check_edges(source, rows)
+    steps = source.space.steps_between(rows[:-1], rows[1:])
+    path = np.concatenate([rows[:1], rows[0] + np.cumsum(steps, axis=0)])
+    path[:, : source.space.dim] = rows[:, : source.space.dim]
+    regions = list[ConvexRegion]()
+    region_of_edge = list[int]()
+    first = 0
+    halvings = 0
+    while first < len(path) - 1:
+        found = _find_longest(source, path, first, deviation)
+        if found is None:
+            # Fewer yaws leave more positions.
+            if not source.has_yaw or halvings == MAX_HALVINGS:
+                raise _make_edge_error(source, path[first], path[first + 1])
+            path = np.insert(path, first + 1, path[first : first + 2].mean(axis=0), axis=0)
+            halvings += 1
+            continue
+        region, last = found
+        region_of_edge += [len(regions)] * (last - first)
+        regions.append(region)
+        first = last
+        halvings = 0
+    return Corridor(tuple(regions), frozen(path), frozen(np.array(region_of_edge)))
+
+
+def _find_longest(
+    source: RegionSource, path: Floats, first: int, deviation: float
+) -> tuple[ConvexRegion, int] | None:
+    """Find a region of as many edges as possible from a row on, and the row where it ends.
+
+    Steps double until a region is not found, and are halved from then on. Returns None if there is
+    no region of one edge.
+    """
+    best = None
+    last = first
+    end = len(path) - 1  # the last row that may be reached
+    step = 1
+    is_growing = True
+    while step and last < end:
+        row = min(last + step, end)
+        region = _find_region(source, path[first : row + 1], deviation)
+        if region is None:
+            end = row - 1
+            is_growing = False
+        else:
+            is_inside = _contain_all(region, path[row:], deviation)
+            last = row + int(np.argmin(np.append(is_inside, False))) - 1
+            best = region, last
+        step = 2 * step if is_growing else min(step // 2, end - last)
+    return best
+
+
+def _find_region(source: RegionSource, rows: Floats, deviation: float) -> ConvexRegion | None:
+    """Find a region that contains rows, shape (n, size), or None; it grows around their chord."""
+    arc = None
+    if source.has_yaw:
+        # Room for the rounding of whoever follows the path.
+        spare = 0.5 * ANGLE_SLACK
+        arc = YawArc(float(rows[:, -1].min()) - spare, float(rows[:, -1].max()) + spare)
+    region = source.grow(rows[[0, -1]], arc)
+    if region is None or not _contain_all(region, rows, deviation).all():
+        return None
+    return region
+
+
+def _contain_all(region: ConvexRegion, rows: Floats, deviation: float) -> Any:
+    """Return whether a region contains each row with all positions within a deviation."""
+    dim = len(region.axes) - int(region._has_yaw)
+    room = region.b - deviation * np.linalg.norm(region.A[:, :dim], axis=1)
+    return (rows @ region.A.T <= room).all(axis=1)
+
+
+def _check_edges(source: RegionSource, rows: Floats) -> None:
+    """Raise InputError that names the edges which are not in FREE cells."""
+    is_free = np.atleast_1d(source.space.motion_is_free(rows[:-1], rows[1:]))
+    wrong = np.flatnonzero(~is_free).tolist()
+    if wrong:
+        names = ", ".join(map(str, wrong[:MAX_NAMED_EDGES]))
+        more = ", and more" if len(wrong) > MAX_NAMED_EDGES else ""
+        problem = f"leaves the FREE cells on edges {names}{more}, counted from 0"
+        rule = "regions consist of FREE cells, without the geometry"
+        raise InputError("plan", problem, rule, "plan with exact=False, or build a finer map")
+
+
+def _make_edge_error(source: RegionSource, first: Floats, last: Floats) -> InputError:
+    """Make the error for an edge that no region contains."""
+    ends = " to ".join(f"({', '.join(f'{x:.6g}' for x in row.tolist())})" for row in (first, last))
+    problem = f"is too near to cells that are not FREE from {ends}"
+    hint = "plan with objective='clearance', or build a finer map"
+    if source.margin:
+        hint = f"pass a smaller margin than {source.margin:g}"
+    return InputError("plan", problem, "an edge lies inside a region", hint)

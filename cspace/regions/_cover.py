@@ -1,0 +1,325 @@
+"""Convex regions that cover the FREE configurations of a map."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from itertools import combinations
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import ndimage
+
+from cspace._files.access import check_suffix, decoding, replacing
+from cspace._files.plain import read_json
+from cspace._limits import check_memory
+from cspace._support.arrays import FREE, Bools, Floats, Ints
+from cspace._support.check import check_count, check_number, check_positive
+from cspace._support.compiling import clock
+from cspace._support.deadlines import is_over
+from cspace.errors import ConfigurationError, InputError
+from cspace.regions._convex_region import ConvexRegion, plot_regions
+from cspace.regions._free_region import RegionSource
+from cspace.regions._growth import find_deepest
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from cspace._interface import Space
+
+FORMAT: Final = "cspace-regions"
+"""Name of the format of saved regions."""
+
+SUFFIX: Final = ".json"
+"""Suffix of files of regions."""
+
+KIND: Final = "file of regions"
+"""Kind of these files, for messages."""
+
+BYTES_PER_CELL: Final = 16
+"""Approximate memory per cell of each rotation cell, bytes."""
+
+NEAR_BARE: Final = 0.9
+"""Share of the largest distance from covered cells from which on cells are drawn as next ones."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FreeRegions:
+    """Convex regions that cover FREE configurations, and where they overlap.
+
+    Attributes
+    ----------
+    regions : tuple of ConvexRegion
+    graph : mapping of (int, int) to ndarray of float64, shape (size,)
+        A configuration in both regions, for each pair of regions that overlap; the lower index is
+        first. Its yaw is unwrapped around the center of the first region.
+    coverage : float
+        Share of the volume of FREE cells, or of those around a configuration, whose centers lie in
+        a region.
+    """
+
+    regions: tuple[ConvexRegion, ...]
+    graph: Mapping[tuple[int, int], Floats]
+    coverage: float
+
+    def __repr__(self) -> str:
+        """Return the numbers of regions and overlaps, and the coverage."""
+        numbers = f"{len(self.regions)} regions, {len(self.graph)} overlaps"
+        return f"FreeRegions({numbers}, coverage={self.coverage:.3f})"
+
+    def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
+        """Draw all regions, as :meth:`ConvexRegion.plot` draws one."""
+        return plot_regions(self.regions, ax, style)
+
+    def save(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
+        """Write the regions as JSON.
+
+        Parameters
+        ----------
+        path : path-like
+            A name that ends in ``.json``.
+        overwrite : bool
+            Whether an existing file may be replaced.
+
+        Raises
+        ------
+        InputError
+            If the suffix is another one.
+        FileError
+            If the file exists and may not be replaced, or cannot be written.
+        """
+        check_suffix(path, (SUFFIX,), "regions are saved as JSON", is_output=True)
+        record = {
+            "format": FORMAT,
+            "axes": list(self.regions[0].axes),
+            "coverage": self.coverage,
+            "regions": [{"A": each.A.tolist(), "b": each.b.tolist()} for each in self.regions],
+            "pairs": list(self.graph),
+            "points": [point.tolist() for point in self.graph.values()],
+        }
+        with replacing(path, overwrite) as temporary:
+            text = json.dumps(record, allow_nan=False) + "\n"
+            temporary.write_text(text, "utf-8", newline="")
+
+    @classmethod
+    def open(cls, path: str | os.PathLike[str]) -> FreeRegions:
+        """Read regions that :meth:`save` wrote, to the last bit.
+
+        They are proven for the map that they were found in; no map is asked again.
+
+        Parameters
+        ----------
+        path : path-like
+            A name that ends in ``.json``.
+
+        Raises
+        ------
+        InputError
+            If the suffix is another one.
+        FileError
+            If the file is missing or too large, or holds no regions.
+        """
+        check_suffix(path, (SUFFIX,), "regions are saved as JSON")
+        record = read_json(path, KIND)
+        advice = "FreeRegions.save writes such files", "save the regions again"
+        with decoding(path, KIND, *advice):
+            if record["format"] != FORMAT:
+                raise ValueError(f"the format is {record['format']!r}")
+            axes = tuple(map(str, record["axes"]))
+            regions = tuple(_read_region(each, axes) for each in record["regions"])
+            pairs = [(int(first), int(second)) for first, second in record["pairs"]]
+            points = _read_rows(record["points"], len(axes))
+            if not all(0 <= first < second < len(regions) for first, second in pairs):
+                raise ValueError("a pair names a region that is not there")
+            return cls(regions, dict(zip(pairs, points, strict=True)), float(record["coverage"]))
+
+
+def _read_region(record: Mapping[str, Any], axes: tuple[str, ...]) -> ConvexRegion:
+    """Return a region of JSON; raise an error if its numbers are no bounded region."""
+    normals = _read_rows(record["A"], len(axes))
+    offsets = _read_rows(record["b"], 1).reshape(len(normals))
+    if len(normals) <= len(axes) or not np.allclose(np.linalg.norm(normals, axis=1), 1.0):
+        raise ValueError("half-spaces need normals of length 1, more than there are axes")
+    return ConvexRegion(normals, offsets, axes)
+
+
+def _read_rows(numbers: Any, size: int) -> Floats:
+    """Return finite numbers of JSON as rows, shape (n, size); raise an error if they are not."""
+    rows = np.array(numbers, dtype=np.float64).reshape(-1, size)
+    if not np.isfinite(rows).all():
+        raise ValueError("a number is not finite")
+    return rows
+
+
+def find_free_regions(
+    space: Space,
+    share: float,
+    *,
+    around: ArrayLike | None,
+    reach: float,
+    margin: float,
+    max_regions: int,
+    time_limit: float | None,
+    seed: int,
+    progress: Callable[[int, float], None] | None,
+) -> FreeRegions:
+    """Cover a map by regions; see :meth:`cspace.Space.free_regions`."""
+    source = RegionSource.of(space, reach, margin)
+    wanted = check_number(share, "share", "pass e.g. 0.9")
+    if not 0.0 < wanted <= 1.0:
+        rule = "it must be above 0 and at most 1"
+        raise InputError("share", f"is {share!r}", rule, "pass e.g. 0.9")
+    most = check_count(max_regions, "max_regions", 1)
+    rng = np.random.default_rng(check_count(seed, "seed"))
+    seconds = math.inf
+    if time_limit is not None:
+        seconds = check_positive(time_limit, "time_limit", "seconds")
+    until = clock() + seconds
+    bare = BareCells(source, around)
+    regions = list[ConvexRegion]()
+    while bare.coverage < wanted and len(regions) < most and not is_over(until):
+        q = bare.draw(rng)
+        if q is None:
+            break
+        bare.skip(q)
+        region = source.grow_around(q, None)
+        if region is None:
+            continue
+        regions.append(region)
+        bare.cover(region)
+        if progress is not None:
+            progress(len(regions), bare.coverage)
+    if not regions:
+        problem = "ended before the first region"
+        hint = "pass a larger time_limit, or a smaller margin"
+        raise ConfigurationError("free_regions", problem, "a cover has a region", hint)
+    return FreeRegions(tuple(regions), find_overlaps(regions), bare.coverage)
+
+
+class BareCells:
+    """FREE cells that no region covers yet, and how far each is from all other cells."""
+
+    def __init__(self, source: RegionSource, around: ArrayLike | None) -> None:
+        """Start with the FREE cells, or those of the component of a configuration."""
+        space = source.space
+        self._space = space
+        count = len(space.rotations)
+        check_memory(BYTES_PER_CELL * space.grid.size * count, "the cover", space.grid)
+        states = space._states[space.slice_of]
+        self._is_bare = states == FREE
+        if around is not None:
+            self._is_bare &= find_component(space, around)
+        self._volumes = np.asarray(space.rotations._volumes, dtype=np.float64)
+        self._total = self._measure(self._is_bare)
+        if not self._total:
+            raise space._make_nothing_free_error()
+        self._left = self._total
+        # The border of the grid counts as covered.
+        self._distances = np.zeros(self._is_bare.shape, dtype=np.float32)
+        inner = (slice(1, -1),) * space.grid.dim
+        for k in range(count):
+            padded = np.pad(self._is_bare[k], 1)
+            self._distances[k] = ndimage.distance_transform_edt(padded)[inner]
+
+    def _measure(self, cells: Bools) -> float:
+        """Return the volume of cells, shape (rotations, ...), each weighted by its rotations."""
+        counts = cells.reshape(len(cells), -1).sum(axis=1)
+        return float(counts @ self._volumes)
+
+    @property
+    def coverage(self) -> float:
+        """Share of the volume that is covered."""
+        return 1.0 - self._left / self._total
+
+    def draw(self, rng: np.random.Generator) -> Floats | None:
+        """Draw the center of one of the cells farthest from others; None if all are covered."""
+        largest = float(self._distances.max())
+        if not largest:
+            return None
+        flat = rng.choice(np.flatnonzero(self._distances >= NEAR_BARE * largest))
+        rotation, *cell = np.unravel_index(int(flat), self._distances.shape)
+        center = self._space.grid.center_of(cell)
+        return np.concatenate([center, self._space.rotations.centers[rotation]])
+
+    def skip(self, q: Floats) -> None:
+        """Draw the cell of a configuration never again."""
+        self._distances[tuple(self._space._cells_of(q))] = 0.0
+
+    def cover(self, region: ConvexRegion) -> None:
+        """Count the cells whose centers are in a region as covered."""
+        space = self._space
+        dim = space.grid.dim
+        low, high = (space.grid.cell_of(corner[:dim]) for corner in region.bounds)
+        # Cells farther from the region than any cell is from others stay as far from these.
+        reach = math.ceil(float(self._distances.max())) + 1
+        first = np.maximum(low - reach, 0)
+        stop = np.minimum(high + reach + 1, space.grid.shape)
+        window = tuple(map(slice, first, stop))
+        is_inside = find_cells_inside(space, region, first, stop)
+        if not is_inside.any():
+            return
+        distances: Floats = ndimage.distance_transform_edt(~is_inside)
+        rotations = np.zeros(1, dtype=np.int64)
+        if region._has_yaw:
+            yaws = np.zeros((len(space.rotations), space.size))
+            yaws[:, :dim] = region.center[:dim]
+            yaws[:, dim:] = space.rotations.centers
+            rotations = np.flatnonzero(region.contains(yaws))
+        for k in rotations.tolist():
+            part = self._is_bare[k][window]
+            self._left -= float((part & is_inside).sum() * self._volumes[k])
+            part &= ~is_inside
+            np.minimum(self._distances[k][window], distances, out=self._distances[k][window])
+
+
+def find_component(space: Any, around: ArrayLike) -> Bools:
+    """Return which cells are in the FREE component of a configuration, shape (rotations, ...)."""
+    cell = space._cells_of(space._check_in_grid(around, "around", free=True))
+    shape = (len(space.rotations), *space.grid.shape)
+    with space.lock:  # an update changes the components
+        component = int(space._components.find(cell))
+        cells = np.moveaxis(np.indices(shape), 0, -1)
+        return np.asarray(space._components.find(cells) == component)
+
+
+def find_cells_inside(space: Any, region: ConvexRegion, first: Ints, stop: Ints) -> Bools:
+    """Return which cells of a box have their centers in the positions of a region."""
+    grid = space.grid
+    dim = grid.dim
+    centers = [grid.centers(axis)[first[axis] : stop[axis]] for axis in range(dim)]
+    mesh = np.meshgrid(*centers, indexing="ij", sparse=True)
+    is_inside = np.ones(stop - first, dtype=np.bool_)
+    for normal, offset in zip(*region._position_half_spaces, strict=True):
+        values = sum(normal[axis] * mesh[axis] for axis in range(dim))
+        is_inside &= np.asarray(values <= offset)
+    return is_inside
+
+
+def find_overlaps(regions: list[ConvexRegion]) -> dict[tuple[int, int], Floats]:
+    """Find the pairs of regions that overlap, and the deepest position of each overlap."""
+    boxes = [region.bounds for region in regions]
+    graph = dict[tuple[int, int], Floats]()
+    for (i, first), (j, second) in combinations(enumerate(regions), 2):
+        (low, high), (other_low, other_high) = boxes[i], boxes[j]
+        yaws = np.empty(0)
+        positions = slice(None)
+        if first._has_yaw:
+            # Yaws of the second region, unwrapped around the first one.
+            shift = first.unwrap(second.center)[-1] - second._middle_yaw
+            lowest = max(first._arc[0], second._arc[0] + shift)
+            highest = min(first._arc[1], second._arc[1] + shift)
+            if lowest > highest:
+                continue
+            yaws = np.array([0.5 * (lowest + highest)])
+            positions = slice(-1)
+        if (low > other_high)[positions].any() or (other_low > high)[positions].any():
+            continue
+        joint = first._position_half_spaces.join(second._position_half_spaces)
+        deepest, radius = find_deepest(joint)
+        if radius > 0.0:
+            graph[i, j] = np.concatenate([deepest, yaws])
+    return graph

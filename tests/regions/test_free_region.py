@@ -1,0 +1,450 @@
+"""Convex regions around configurations, against rational arithmetic and shapely."""
+
+import math
+import warnings
+from fractions import Fraction
+from itertools import product
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given
+from hypothesis import strategies as st
+from shapely import affinity
+
+import cspace
+from cspace import FREE, Robot, Workspace
+from cspace.errors import ConfigurationError, InputError
+from cspace.regions import ConvexRegion
+from tests.helpers.refusals import check_followed, refusals
+from tests.helpers.strategies import examples, exteriors, seeds
+
+CLEAR = 1e-10
+"""Margin of a comparison in metres from which on float64 decides it; below, fractions do.
+
+Coordinates are at most 2,000 m, so that float64 is off by at most 2e-12 m.
+"""
+
+
+def lies_beyond(corners, normal, offset):
+    """Return whether each convex set of corners, shape (n, k, d), lies beyond a half-space.
+
+    Entries of corners are fractions; the comparison is exact.
+    """
+    margins = (corners.astype(float) @ normal).min(axis=1) - offset
+    beyond = margins > 0.0
+    exact = [Fraction(value) for value in normal.tolist()]
+    for k in np.flatnonzero(np.abs(margins) < CLEAR):
+        lowest = min(sum(map(Fraction.__mul__, exact, corner)) for corner in corners[k].tolist())
+        beyond[k] = lowest > Fraction(offset)
+    return beyond
+
+
+def list_corners(grid, cells):
+    """Return the corners of cells as fractions, shape (n, 2^d, d)."""
+    steps = np.array(list(product((0, 1), repeat=grid.dim)))
+    indices = (cells[:, np.newaxis] + steps).astype(object)
+    lower = np.array([Fraction(value) for value in grid.lower], dtype=object)
+    return lower + Fraction(grid.spacing) * indices
+
+
+def list_taken(space, region, rotation=()):
+    """Return the cells in and around the box of a region that are not FREE at a rotation."""
+    grid = space.grid
+    dim = grid.dim
+    low, high = (grid.cell_of(corner[:dim]) for corner in region.bounds)
+    cells = low - 2 + np.array(list(np.ndindex(*(high - low + 5))))
+    inside = ((cells >= 0) & (cells < grid.shape)).all(axis=1)
+    states = np.empty(len(cells), dtype=np.uint8)
+    states[inside] = space.states_at(rotation)[tuple(cells[inside].T)]
+    centers = grid.center_of(cells[~inside])
+    turned = np.column_stack([centers, np.tile(rotation, (len(centers), 1))])
+    states[~inside] = space.classify(turned) if len(turned) else 0
+    return cells[states != FREE]
+
+
+def check_proof(space, region):
+    """Check that each cell near a region that is not FREE lies beyond one of its half-spaces."""
+    dim = space.dim
+    rotations = [()]
+    if space.axes[-1] == "yaw":
+        low, high = -region.b[-1], region.b[-2]
+        bounds = np.column_stack([space.rotations.borders[:-1], space.rotations.borders[1:]])
+        turns = math.tau * np.arange(-3, 4)
+        meets = (bounds[:, :1] + turns < high + 1e-9) & (bounds[:, 1:] + turns > low - 1e-9)
+        rotations = space.rotations.centers[meets.any(axis=1)].tolist()
+    rows = [(a[:dim], b) for a, b in zip(region.A, region.b, strict=True) if a[:dim].any()]
+    for rotation in rotations:
+        corners = list_corners(space.grid, list_taken(space, region, rotation))
+        left = np.ones(len(corners), dtype=bool)
+        for normal, offset in rows:
+            left[left] = ~lies_beyond(corners[left], normal, offset)
+        assert not left.any(), corners[left]
+
+
+def touches_only_free(space, q):
+    """Return whether all closed cells that contain a configuration are FREE."""
+    return space.is_free_around(q, 1e-7 * space.grid.spacing, 1e-8)
+
+
+def draw_seed(space, rng):
+    """Draw a FREE configuration, often on borders of cells; None if no cell is FREE."""
+    if not space.count()[0]:
+        return None
+    q = space.sample_free(1, rng=rng)[0]
+    grid = space.grid
+    cell = grid.cell_of(q[: grid.dim])
+    share = rng.choice([0.0, 0.5, rng.random()], grid.dim)
+    q[: grid.dim] = np.asarray(grid.lower) + grid.spacing * (cell + share)
+    if space.axes[-1] == "yaw" and rng.random() < 0.3:
+        q[-1] = rng.choice(space.rotations.borders[:-1])
+    return q if space.is_free(q) else None
+
+
+def build_random(rng, outside, dim=2, rotations=None):
+    """Build a map of few cells at random places, at corners of each other and at sides."""
+    shape = rng.integers(1, {2: 12, 3: 6}[dim], dim)
+    occupied = rng.random(shape) < rng.choice([0.0, 0.05, 0.2, 0.4])
+    spacing = rng.choice([0.1, 0.25, 1.0 / 3.0])
+    lower = rng.choice([0.0, -3.7, 1234.5]) * np.ones(dim)
+    workspace = Workspace.from_array(occupied, spacing, lower=lower)
+    sides = spacing * rng.uniform(0.01, 1.5, dim)
+    robot = Robot.rectangle(*sides) if dim == 2 else Robot.box(tuple(sides))
+    return cspace.build(workspace, robot, rotations=rotations, outside=outside)
+
+
+def check_random_regions(rng, outside, dim, rotations, count=8):
+    """Check the proofs of random regions of a random map, and when there is none."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # some maps have no FREE cell
+        space = build_random(rng, outside, dim, rotations)
+    for _ in range(count):
+        q = draw_seed(space, rng)
+        if q is None:
+            continue
+        reach = float(space.grid.spacing * rng.choice([0.3, 1.0, 3.7, 40.0]))
+        options = {}
+        if rotations and rng.random() < 0.5:
+            options["yaw_width"] = float(rng.choice([0.01, 1.0, 7.0]))
+        try:
+            region = space.free_region(q, reach=reach, **options)
+        except ConfigurationError:
+            assert not touches_only_free(space, q)
+            continue
+        except InputError as error:
+            assert error.argument == "yaw_width"
+            continue
+        assert region.contains(tuple(q)) and touches_only_free(space, q)
+        low, high = (corner[:dim] for corner in region.bounds)
+        assert (low >= q[:dim] - reach - 1e-6).all() and (high <= q[:dim] + reach + 1e-6).all()
+        check_proof(space, region)
+
+
+@examples(80)
+@given(seeds, exteriors, st.sampled_from([(2, None), (3, None), (2, 5), (2, 1), (3, 3)]))
+def test_no_cell_that_is_not_free_meets_a_region(seed, outside, kind):
+    check_random_regions(np.random.default_rng(seed), outside, *kind)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("part", range(5))
+def test_no_cell_that_is_not_free_meets_ten_thousand_regions(part):
+    rng = np.random.default_rng(part)
+    for k in range(100):
+        outside = ("blocked", "free")[k % 2]
+        kind = [(2, None), (3, None), (2, 5), (2, 7), (3, 3)][k % 5]
+        check_random_regions(rng, outside, *kind, count=20)
+
+
+def sample_region(region, rng, count):
+    """Draw configurations of a region, some of them near its corners; yaws are wrapped."""
+    vertices = region.vertices
+    weights = rng.dirichlet(np.full(len(vertices), 0.3), count)
+    q = weights @ vertices
+    q += 1e-9 * (region.center - q)
+    assert region.contains(q).mean() > 0.99
+    if region.axes[-1] == "yaw":
+        q[:, -1] = (q[:, -1] + np.pi) % (2.0 * np.pi) - np.pi
+    return q[region.contains(q)]
+
+
+ROBOT = shapely.Polygon([(-0.3, -0.2), (0.5, -0.2), (0.2, 0.3)])
+
+
+def build_yard(rotations, size=60, seed=3):
+    """Build a map of a robot without symmetry among boxes, and the union of these."""
+    rng = np.random.default_rng(seed)
+    occupied = np.zeros((size, size), dtype=bool)
+    for i, j in rng.integers(0, size - 6, (12, 2)):
+        occupied[i : i + rng.integers(1, 6), j : j + rng.integers(1, 6)] = True
+    cells = [shapely.box(*(0.1 * k), *(0.1 * (k + 1))) for k in np.argwhere(occupied)]
+    workspace = Workspace.from_array(occupied, 0.1)
+    return cspace.build(workspace, Robot.polygon(ROBOT), rotations=rotations), cells
+
+
+def collides(q, cells):
+    """Return whether the robot meets a cell at configurations, by shapely."""
+    tree = shapely.STRtree(cells)
+    bodies = [
+        affinity.translate(affinity.rotate(ROBOT, yaw, (0, 0), use_radians=True), x, y)
+        for x, y, yaw in q.tolist()
+    ]
+    hits = np.zeros(len(q), dtype=bool)
+    hits[tree.query(bodies, "intersects")[0]] = True
+    return hits
+
+
+@pytest.mark.parametrize(
+    "regions, samples", [(10, 300), pytest.param(100, 10_000, marks=pytest.mark.thorough)]
+)
+def test_robots_in_a_region_and_motions_there_are_free(regions, samples):
+    space, cells = build_yard(24)
+    rng = np.random.default_rng(0)
+    for k, q in enumerate(space.sample_free(regions, rng=rng)):
+        region = space.free_region(q, reach=2.0, yaw_width=(None, 1e-6)[k % 2])
+        drawn = sample_region(region, rng, samples)
+        assert not collides(drawn, cells).any()
+        # Motions turn the shorter way, which leaves an arc wider than half a turn.
+        yaws = region.unwrap(drawn)[:, 2]
+        stays = np.abs(np.diff(yaws)) < math.pi
+        assert space.motion_is_free(drawn[:-1], drawn[1:])[stays].all()
+
+
+def test_a_region_of_joints_is_free_and_stays_within_their_range(tmp_path):
+    from tests.arms.test_joint_map import CONTINUOUS, POSTS, build_plane_arm
+    from tests.helpers.urdfs import planar_arm_meets
+
+    space = build_plane_arm(tmp_path, **CONTINUOUS)
+    joint_map = cspace.build_joint_map(space, 0.1)
+    rng = np.random.default_rng(1)
+    for q in joint_map.sample_free(10, rng=rng):
+        region = joint_map.free_region(q, reach=1.0)
+        drawn = sample_region(region, rng, 200)
+        assert not planar_arm_meets(drawn, POSTS).any()
+        assert joint_map.motion_is_free(drawn[:-1], drawn[1:]).all()
+    # A continuous joint goes on beyond the ends of the map, a region does not.
+    seam = joint_map.nearest_free((np.pi, 0.0))
+    low, high = joint_map.free_region(seam, reach=1.0).bounds
+    assert low[0] > joint_map.grid.lower[0] and high[0] < joint_map.grid.upper[0]
+    with pytest.raises(InputError, match=r"build one by cspace.build, or .*build_joint_map"):
+        space.free_region(np.zeros(2))
+
+
+# ---- how large regions are -----------------------------------------------------------------------
+
+
+def test_a_region_fills_an_empty_room():
+    space = cspace.build(Workspace.from_array(np.zeros((40, 30), bool), 0.1), Robot.disc(0.15))
+    region = space.free_region((1.0, 1.0))
+    free = 0.1**2 * space.count()[0]
+    assert region.volume == pytest.approx(free, rel=1e-6)
+    np.testing.assert_allclose(region.bounds, [(0.2, 0.2), (3.8, 2.8)], atol=1e-6)
+    np.testing.assert_allclose(region.center, (2.0, 1.5), atol=1e-6)
+    assert space.free_region((1.0, 1.0), reach=0.5).volume == pytest.approx(1.0, rel=1e-6)
+
+
+def test_a_region_reaches_beyond_the_grid_of_an_open_map():
+    workspace = Workspace.from_array(np.eye(3, dtype=bool), 0.5)
+    space = cspace.build(workspace, Robot.disc(0.1), outside="free")
+    region = space.free_region((0.7, 2.2), reach=20.0)
+    low, high = region.bounds
+    assert high[1] > 20.0 and low[0] < -15.0
+    check_proof(space, region)
+    assert space.free_region((900.0, 2.0), reach=20.0).volume == pytest.approx(1600.0)
+
+
+def test_volumes_are_at_least_those_of_the_largest_box():
+    """The largest free rectangle around a cell is convex, so a region is nearly as large."""
+    space, _ = build_yard(None)
+    free = space.cell_states == FREE
+    shares = []
+    for q in space.sample_free(25, rng=np.random.default_rng(5)):
+        i, j = space.grid.cell_of(q)
+        largest = 0
+        for i0, i1 in product(range(max(i - 20, 0), i + 1), range(i + 1, min(i + 21, 60) + 1)):
+            rows = free[i0:i1].all(axis=0)
+            if not rows[j]:
+                continue
+            taken = np.flatnonzero(~rows)
+            low = max(taken[taken < j].max(initial=-1) + 1, j - 20)
+            high = min(taken[taken > j].min(initial=60), j + 21)
+            largest = max(largest, (i1 - i0) * (high - low))
+        shares.append(space.free_region(q, reach=2.05).volume / (0.01 * largest))
+    assert np.median(shares) > 1.0
+
+
+def test_turning_the_world_turns_the_region():
+    rng = np.random.default_rng(2)
+    occupied = rng.random((40, 40)) < 0.02
+    turned = np.rot90(occupied)  # cell (i, j) moves to (39 - j, i)
+    spaces = [
+        cspace.build(Workspace.from_array(cells, 0.1), Robot.disc(0.15))
+        for cells in (occupied, turned)
+    ]
+    for x, y in spaces[0].sample_free(10, rng=rng):
+        first = spaces[0].free_region((x, y), reach=1.5)
+        second = spaces[1].free_region((4.0 - y, x), reach=1.5)
+        assert second.volume == pytest.approx(first.volume, rel=1e-6)
+        corners = first.vertices
+        images = np.column_stack([4.0 - corners[:, 1], corners[:, 0]])
+        distances = np.linalg.norm(images[:, np.newaxis] - second.vertices, axis=2)
+        assert distances.min(axis=1).max() < 1e-6
+
+
+def test_a_region_keeps_its_margin():
+    space, _ = build_yard(None)
+    taken = [
+        shapely.box(*(0.1 * k), *(0.1 * (k + 1))) for k in np.argwhere(space.cell_states != FREE)
+    ]
+    tree = shapely.STRtree(taken)
+    rng = np.random.default_rng(4)
+    for q in space.sample_free(300, rng=rng):
+        if space.clearance(q) < 0.12:
+            continue
+        region = space.free_region(q, reach=2.0, margin=0.1)
+        hull = shapely.MultiPoint(region.vertices).convex_hull
+        assert hull.distance(taken[tree.nearest(hull)]) >= 0.1 - 1e-9
+        assert region.contains(q)
+
+
+# ---- yaws ----------------------------------------------------------------------------------------
+
+
+def test_yaws_are_wrapped_around_the_center():
+    space, _ = build_yard(24)
+    q = (*space.nearest_free((3.0, 3.0, math.pi))[:2], -math.pi)
+    region = space.free_region(q, yaw_width=0.4)
+    assert region.contains([(*q[:2], yaw) for yaw in (3.0, -3.0, 3.3, 2.9, 0.0)]).tolist() == [
+        *(True, True, True, False, False)
+    ]
+    low, high = region.bounds
+    assert high[2] - low[2] == pytest.approx(0.4) and region.center[2] == pytest.approx(-math.pi)
+    assert region.unwrap((0.0, 0.0, 3.0))[2] == pytest.approx(3.0 - math.tau)
+    assert region.volume == pytest.approx(
+        0.4 * shapely.MultiPoint(region.vertices[:, :2]).convex_hull.area
+    )
+
+
+def test_the_widest_arc_keeps_half_of_the_positions():
+    space, _ = build_yard(36)
+    widths = []
+    for q in space.sample_free(20, rng=np.random.default_rng(6)):
+        narrow = space.free_region(q, reach=2.0, yaw_width=1e-3)
+        wide = space.free_region(q, reach=2.0)
+        width = wide.b[-2] + wide.b[-1]
+        widths.append(width)
+        assert wide.volume / width >= 0.499 * narrow.volume / 1e-3
+    assert min(widths) >= math.tau / 36 - 1e-8 and max(widths) > 1.0
+
+
+def test_a_round_robot_is_free_at_all_yaws():
+    workspace = Workspace.from_array(np.eye(30, dtype=bool), 0.1)
+    space = cspace.build(workspace, Robot.disc(0.2), rotations=8)
+    region = space.free_region((0.5, 2.0, 1.0))
+    yaws = np.linspace(-math.pi, math.pi, 100)
+    assert region.contains([(0.5, 2.0, yaw) for yaw in yaws]).all()
+    assert region.contains((0.5, 2.0, 500.0))
+
+
+# ---- the record ----------------------------------------------------------------------------------
+
+
+def test_a_region_is_described_and_read_only():
+    space, _ = build_yard(None)
+    region = space.free_region(space.nearest_free((3.0, 3.0)))
+    assert isinstance(region, ConvexRegion) and region.axes == ("x", "y")
+    assert repr(region).startswith(
+        "ConvexRegion(center=("
+    ) and f"half_spaces={len(region.b)}" in repr(region)
+    np.testing.assert_allclose(np.linalg.norm(region.A, axis=1), 1.0)
+    with pytest.raises(ValueError):
+        region.b[0] = 1.0
+    with pytest.raises(ValueError):
+        region.A[0] = 1.0
+    hull = shapely.MultiPoint(region.vertices).convex_hull
+    assert region.volume == pytest.approx(hull.area)
+    np.testing.assert_allclose(region.center, hull.centroid.coords[0])
+
+
+def test_regions_are_drawn_over_a_map():
+    space, _ = build_yard(None)
+    region = space.free_region(space.nearest_free((3.0, 3.0)))
+    axes = space.plot()
+    before = len(axes.collections)
+    assert region.plot(axes, facecolor="red") is axes
+    assert len(axes.collections) == before + 1
+    room = cspace.build(Workspace.from_array(np.zeros((9, 9, 9), bool), 0.1), Robot.ball(0.1))
+    solid = room.free_region((0.4, 0.4, 0.4))
+    drawn = solid.plot()
+    assert drawn.name == "3d" and len(drawn.collections) == 1
+    with pytest.raises(InputError, match=r"pass figure.add_subplot\(projection='3d'\)"):
+        solid.plot(axes)
+
+
+# ---- refusals ------------------------------------------------------------------------------------
+
+
+@refusals(
+    "options, message",
+    ({"reach": 0.0}, "reach is 0.0; it must be one number above zero"),
+    ({"reach": math.nan}, "reach is nan; it must be finite"),
+    ({"margin": -1.0}, "margin is -1.0; it must be one number, zero or above"),
+    ({"yaw_width": 0.1}, "only a yaw has a width; leave it out"),
+    ({"q": (math.nan, 1.0)}, "q[0] is nan; it must be finite"),
+    ({"q": [(1.0, 1.0)]}, "q has shape (1, 2)"),
+    ({"q": (3.05, 3.05)}, "lies in a BLOCKED cell"),
+    ({"q": (2.75, 3.05)}, "lies in a MIXED cell"),
+    ({"q": (3.4, 3.05)}, "is FREE but lies on the border of a cell that is not"),
+    ({"q": (0.45, 3.0), "margin": 0.5}, "lies within the margin of 0.5"),
+)
+def test_arguments_are_refused(options, message):
+    occupied = np.zeros((60, 60), dtype=bool)
+    occupied[30, 30] = True
+    space = cspace.build(Workspace.from_array(occupied, 0.1), Robot.disc(0.25))
+    with pytest.raises(InputError) as caught:
+        space.free_region(**{"q": (1.0, 1.0)} | options)
+    assert message in str(caught.value)
+
+
+def test_following_the_hints_helps():
+    occupied = np.zeros((60, 60), dtype=bool)
+    occupied[30, 30] = True
+    workspace = Workspace.from_array(occupied, 0.1)
+    space = cspace.build(workspace, Robot.disc(0.25))
+    nearest = space.nearest_free((3.05, 3.05))
+    check_followed(
+        lambda: space.free_region((3.05, 3.05)),
+        lambda: space.free_region(nearest),
+        "pass space.nearest_free(q)",
+    )
+    check_followed(
+        lambda: space.free_region(nearest, margin=1.0),
+        lambda: space.free_region(nearest, margin=0.01),
+        "pass space.nearest_free(q), or a smaller margin",
+    )
+    turning = cspace.build(workspace, Robot.rectangle(1.0, 0.2), rotations=36)
+    q = (3.05, 3.4, 0.0)
+    check_followed(
+        lambda: turning.free_region(q, yaw_width=3.0),
+        lambda: (turning.free_region(q), turning.free_region(q, yaw_width=0.1)),
+        "leave it out for the widest arc, or pass a smaller one",
+    )
+
+
+def test_other_spaces_are_refused(tmp_path):
+    workspace = Workspace.from_array(np.zeros((9, 9, 9), dtype=bool), 0.1)
+    rotations = cspace.Rotations.quaternions(1)
+    tilting = cspace.build(workspace, Robot.box((0.2, 0.1, 0.1)), rotations=rotations)
+    turning = cspace.build(workspace, Robot.box((0.2, 0.1, 0.1)), rotations=72)
+    check_followed(
+        lambda: tilting.free_region((0.4, 0.4, 0.4, 0, 0, 0, 1)),
+        lambda: turning.free_region((0.4, 0.4, 0.4, 0)),
+        "build it with a yaw alone: rotations=72",
+    )
+    plane = Workspace.from_array(np.zeros((90, 90), dtype=bool), 0.1)
+    tiled = cspace.build(plane, Robot.disc(0.2), store=tmp_path / "tiles.zarr")
+    check_followed(
+        lambda: tiled.free_region((2.0, 2.0)),
+        lambda: tiled.window((1.0, 1.0), (3.0, 3.0)).free_region((2.0, 2.0)),
+        "pass a part of it: space.window(lower, upper)",
+    )
