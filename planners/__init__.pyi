@@ -2,6 +2,7 @@
 
 from ._catalogue import planner_names as planner_names
 from ._lanes import audit as audit
+from ._lanes import conflicts as conflicts
 from ._objectives import ClearanceObjective as ClearanceObjective
 from ._objectives import WeightedLength as WeightedLength
 from ._ompl_callbacks import FreeStateSampler as FreeStateSampler

@@ -25,7 +25,7 @@ from cspace._cli.report import Stopwatch, show
 from cspace.errors import InputError
 
 if TYPE_CHECKING:
-    from cspace.lanes import Audit
+    from cspace.lanes import Audit, Conflicts
 
 _REPORTS: Final = (".csv", ".geojson", ".xml", ".png")
 """Suffixes of reports."""
@@ -59,9 +59,15 @@ def audit(
     output: list[Path] | None = option(
         "PATH",
         "A report: .csv, .geojson, .xml (JUnit) or .png; may be given again. Of several robots, "
-        "each has files with its name.",
+        "each has files with its name; conflicts have files with theirs.",
         "--output",
         "-o",
+    ),
+    conflicts: bool = flag(
+        "--conflicts", "Also prove which lanes and nodes two robots can use at once."
+    ),
+    distance: float = option(
+        "METRES", "With --conflicts, distance that two robots must keep.", default=0.0
     ),
     cells_only: bool = flag("--cells-only", "Do not ask the geometry where cells cannot decide."),
     strict: bool = flag("--strict", "Undecided lanes give the exit code 2, and fail in JUnit."),
@@ -70,15 +76,24 @@ def audit(
 ) -> None:
     """Prove the lanes of a route graph free or blocked.
 
-    Exit codes: 0 if no lane is blocked, 1 if one is, 2 with --strict if one is undecided.
+    Exit codes: 0 if no lane is blocked, 1 if one is, 2 with --strict if one is undecided. With
+    --conflicts, the same for pairs of lanes and nodes that touch: if the file has mutex groups, and
+    two have neither one nor a node in common.
     """
     import planners
     from cspace.lanes import RouteGraph
 
     options = drop_unset(spacing=spacing, unknown=unknown)
     makers = _list_maps(file, robot or [], rotations, margin, options)
+    if distance and not conflicts:
+        rule = "robots keep it where they are in conflict"
+        raise InputError("distance", f"is {distance:g}", rule, "pass conflicts=True, too")
     outputs = _list_outputs(output or [], makers)
-    check_outputs([path for paths in outputs.values() for path in paths], _REPORTS, overwrite)
+    conflict_files = [
+        path.with_stem(f"{path.stem}-conflicts") for path in output or [] if conflicts
+    ]
+    files = [*(path for paths in outputs.values() for path in paths), *conflict_files]
+    check_outputs(files, _REPORTS, overwrite)
     clock = Stopwatch()
     with clock.step("read"):
         lanes = RouteGraph.open(
@@ -95,13 +110,31 @@ def audit(
             audits[name] = planners.audit(space, lanes, exact=not cells_only)
         for path in outputs[name]:
             _write(audits[name], path, strict, overwrite)
+    reports: dict[str, Any] = {name or "graph": audit for name, audit in audits.items()}
     counts = {name or "lanes": audit.counts for name, audit in audits.items()}
+    codes = [_choose_exit_code(list(counts.values()), strict)]
+    if conflicts:
+        with clock.step("conflicts"):
+            found = _find_conflicts(audits, distance)
+        for path in conflict_files:
+            _write(found, path, strict, overwrite)
+        reports["conflicts"], counts["conflicts"] = found, found.counts
+        codes.append(1 if found.failing() else 2 * bool(strict and found.failing(strict)))
     if as_json:
-        reports = {name or "graph": audit.to_geojson() for name, audit in audits.items()}
-        show({**counts, "reports": reports, "seconds": clock.seconds}, as_json)
+        documents = {name: report.to_geojson() for name, report in reports.items()}
+        show({**counts, "reports": documents, "seconds": clock.seconds}, as_json)
     else:
-        typer.echo("\n\n".join(map(str, audits.values())))
-    raise typer.Exit(_choose_exit_code(list(counts.values()), strict))
+        typer.echo("\n\n".join(map(str, reports.values())))
+    raise typer.Exit(1 if 1 in codes else max(codes))
+
+
+def _find_conflicts(audits: dict[str, Audit], distance: float) -> Conflicts:
+    """Find the conflicts of all audited robots."""
+    import planners
+
+    (name, first), *others = audits.items()
+    robots = {other: (audit.space, audit.graph) for other, audit in others}
+    return planners.conflicts(first.space, first.graph, others=robots, distance=distance, name=name)
 
 
 def _choose_exit_code(counts: list[dict[str, int]], strict: bool) -> int:
@@ -161,16 +194,16 @@ def _list_maps(
     return {name: partial(make, name) for name in shapes}
 
 
-def _write(audit: Audit, path: Path, strict: bool, overwrite: bool) -> None:
+def _write(report: Audit | Conflicts, path: Path, strict: bool, overwrite: bool) -> None:
     """Write a report in the format of its suffix."""
     from cspace.plot._picture import save_figure
 
     suffix = path.suffix.lower()
     if suffix == ".csv":
-        audit.to_csv(path, overwrite)
+        report.to_csv(path, overwrite)
     elif suffix == ".geojson":
-        audit.write_geojson(path, overwrite)
+        report.write_geojson(path, overwrite)
     elif suffix == ".xml":
-        audit.to_junit(path, overwrite, strict=strict)
+        report.to_junit(path, overwrite, strict=strict)
     else:
-        save_figure(lambda: audit.plot().figure, path, overwrite, dpi=150.0)
+        save_figure(lambda: report.plot().figure, path, overwrite, dpi=150.0)
