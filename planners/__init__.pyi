@@ -1,5 +1,8 @@
 # Public names. Each is imported at its first use.
 
+from ._apart import Mover as Mover
+from ._apart import Separation as Separation
+from ._apart import apart as apart
 from ._catalogue import planner_names as planner_names
 from ._lanes import audit as audit
 from ._lanes import conflicts as conflicts

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 import shapely
 
+from cspace._bodies.cores import place_points
 from cspace._support.arrays import BLOCKED, FREE, Bools, Floats, Ints, States
 from cspace.lanes._lane_motions import LaneMotions, find_shares_near_map
 
@@ -210,11 +211,3 @@ class Obstacles:
             return number, self.names[met]
         point = shapely.intersection(robots[number], obstacles[met]).representative_point()
         return number, f"the obstacle at ({point.x:.2f}, {point.y:.2f})"
-
-
-def place_points(offsets: Floats, points: Floats) -> Floats:
-    """Return points of the robot, shape (k, 2), at n configurations, shape (n, k, 2)."""
-    yaws = points[:, 2] if points.shape[1] > 2 else np.zeros(len(points))
-    cos, sin = np.cos(yaws), np.sin(yaws)
-    turns = np.stack([np.stack([cos, -sin], axis=-1), np.stack([sin, cos], axis=-1)], axis=1)
-    return np.asarray(offsets @ turns.swapaxes(1, 2) + points[:, np.newaxis, :2])

@@ -278,8 +278,9 @@ class Conflicts:
             element = self.elements[name]
             properties = {"element": name, "kind": element.kind, "group": element.group}
             shapes.append((shapely.geometry.mapping(outline), properties))
-        for row in self.pairs:
-            shapes.append(({"type": "Point", "coordinates": list(row.at or ())}, row.cells))
+        shapes += [
+            ({"type": "Point", "coordinates": list(row.at or ())}, row.cells) for row in self.pairs
+        ]
         return make_features(shapes)
 
     def write_geojson(self, path: StrPath, overwrite: bool = False) -> None:

@@ -1,9 +1,9 @@
 """Outlines of what a robot sweeps on lanes and nodes, and poses at which two robots touch.
 
-A piece is an even motion with a turn w, at yaws up to b beside it. A point of the robot at a distance r
-from the reference point leaves the chords between its places at the ends and bounds of the piece by
-at most ``r (w^2 + (2 b)^2) / 8``, the error of linear interpolation. So the convex hull of the robot's
-convex parts at these poses, grown by that, holds the robot all along.
+A piece is an even motion with a turn w, at yaws up to b beside it. A point of the robot at a
+distance r from the reference point leaves the chords between its places at the ends and bounds of
+the piece by at most ``r (w^2 + (2 b)^2) / 8``, the error of linear interpolation. So the convex
+hull of the robot's convex parts at these poses, grown by that, holds the robot all along.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
+from cspace._bodies.cores import Cores, measure_distances, place_points
 from cspace._shapes import ExactShape
 from cspace._shapes.balls import Balls
 from cspace._support.arrays import Bools, Floats, Ints
-from cspace.lanes._collisions import place_points
 from cspace.lanes._lane_motions import lever_of, list_legs, list_motions, list_yaws
 from cspace.lanes._route_graph import RouteGraph
 
@@ -92,8 +92,8 @@ class Body:
     ----------
     hulls : list of tuple
         Corners, shape (k, 2), and radius of each convex part, metres.
-    cores : list of tuple
-        Shapely geometry and radius of each part, metres.
+    cores : Cores
+        Parts of a shape that lies in the robot.
     lever : float
         Largest distance of a point from the reference point, metres.
     margin : float
@@ -104,11 +104,9 @@ class Body:
         """Split the robot of a map into parts."""
         shape = space.robot.shape
         self.hulls = list(_list_hulls(shape.outer))
-        self.cores = _list_cores(shape.inner)
+        self.cores = Cores(shape.inner)
         self.lever = lever_of(space)
         self.margin = space.margin
-        for geometry, _ in self.cores:
-            shapely.prepare(geometry)
 
     def measure_gaps(self, poses: Floats, points: Floats) -> Floats:
         """Return the distance of points from the robot at poses; negative inside, shape (n,)."""
@@ -117,7 +115,7 @@ class Body:
         x, y = offsets.T
         x, y = cos * x + sin * y, cos * y - sin * x
         gaps = np.full(len(poses), math.inf)
-        for geometry, radius in self.cores:
+        for geometry, radius in self.cores.parts:
             border = np.full(len(poses), math.inf)
             for start, step in zip(*_list_sides(geometry), strict=True):
                 np.minimum(border, _measure_to_segment(x, y, start, step), out=border)
@@ -125,15 +123,6 @@ class Body:
             inside = shapely.contains_xy(geometry, x, y)
             np.minimum(gaps, np.where(inside, -border, border) - radius, out=gaps)
         return gaps
-
-    def place(self, poses: Floats) -> list[tuple[Any, float]]:
-        """Return the cores at poses: arrays of geometries, shape (n,), with their radius."""
-        placed = []
-        for geometry, radius in self.cores:
-            corners = place_points(shapely.get_coordinates(geometry), poses).reshape(-1, 2)
-            copies = np.repeat(geometry, len(poses))
-            placed.append((shapely.set_coordinates(copies, corners), radius))
-        return placed
 
 
 def _list_sides(geometry: BaseGeometry) -> tuple[Floats, Floats]:
@@ -158,25 +147,6 @@ def _measure_to_segment(x: Floats, y: Floats, start: Floats, step: Floats) -> Fl
     return np.asarray(dx * dx + dy * dy)
 
 
-def measure_distances(
-    first: Body, poses: Floats, second: Body, others: Floats
-) -> tuple[Floats, Floats]:
-    """Return upper bounds of the distances of two robots at poses, and their nearest points.
-
-    The points, shape (n, 2, 2), are those of the cores without their radii.
-    """
-    distances = np.full(len(poses), math.inf)
-    lines = np.zeros((len(poses), 2, 2))
-    for one, radius in first.place(poses):
-        for other, other_radius in second.place(others):
-            joins = shapely.shortest_line(one, other)
-            found = np.maximum(shapely.length(joins) - radius - other_radius, 0.0)
-            nearer = found < distances
-            distances[nearer] = found[nearer]
-            lines[nearer] = shapely.get_coordinates(joins[nearer]).reshape(-1, 2, 2)
-    return distances, lines
-
-
 def _list_hulls(shape: ExactShape) -> Iterator[tuple[Floats, float]]:
     """Yield the corners and the radius of convex parts that hold a shape."""
     if isinstance(shape, Balls):
@@ -191,14 +161,6 @@ def _list_hulls(shape: ExactShape) -> Iterator[tuple[Floats, float]]:
             parts = triangles.tolist() if is_whole else parts
         for each in parts:
             yield np.unique(shapely.get_coordinates(each), axis=0), 0.0
-
-
-def _list_cores(shape: ExactShape) -> list[tuple[BaseGeometry, float]]:
-    """Return geometries and radii of parts that lie in a shape."""
-    if isinstance(shape, Balls):
-        points = map(shapely.Point, shape.centers.tolist())
-        return list(zip(points, shape.radii.tolist(), strict=True))
-    return [(shape.outline, 0.0)]
 
 
 # ---- pieces --------------------------------------------------------------------------------------
@@ -443,7 +405,7 @@ def find_touches(
             circles = shapely.maximum_inscribed_circle(common[wide])
             points[wide] = shapely.get_coordinates(shapely.get_point(circles, 0))
         else:
-            _, lines = measure_distances(one.body, poses, other.body, others)
+            _, lines = measure_distances(one.body.cores, poses, other.body.cores, others)
             points[pending] = lines.mean(axis=1)
     return _approach(one, other, result, limits, one.deviations[first])
 
@@ -464,7 +426,7 @@ def _approach(
     """Move poses by what the graphs allow until the robots touch, and check that they do."""
     rows = np.flatnonzero(touches.found)
     first, second = touches.first[rows], touches.second[rows]
-    distances, lines = measure_distances(one.body, first, other.body, second)
+    distances, lines = measure_distances(one.body.cores, first, other.body.cores, second)
     steps = lines[:, 1] - lines[:, 0]
     lengths = np.hypot(*steps.T)
     ahead = steps / np.where(lengths > 0.0, lengths, 1.0)[:, np.newaxis]
@@ -472,7 +434,7 @@ def _approach(
     shares = np.minimum(missing, deviations[rows])
     first[:, :2] += shares[:, np.newaxis] * ahead
     second[:, :2] -= (missing - shares)[:, np.newaxis] * ahead
-    distances, lines = measure_distances(one.body, first, other.body, second)
+    distances, lines = measure_distances(one.body.cores, first, other.body.cores, second)
     touches.first[rows], touches.second[rows] = first, second
     touches.points[rows] = lines.mean(axis=1)
     touches.found[rows] = distances <= limits[rows]
