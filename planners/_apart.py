@@ -231,7 +231,7 @@ class Timed(NamedTuple):
         return np.asarray(self.speeds[np.searchsorted(self.at + self.times, t)])
 
 
-def _read_mover(mover: Mover, name: str) -> Timed:
+def _read_mover(mover: object, name: str) -> Timed:
     """Check a mover."""
     if not isinstance(mover, Mover):
         hint = "pass planners.Mover(robot, motion)"

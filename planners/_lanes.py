@@ -159,15 +159,16 @@ def _open_graph(space: Any, graph: Any, name: str) -> RouteGraph:
     """Return a graph, of a file or of networkx; raise InputError if it is none, or no map."""
     from cspace.lanes import RouteGraph
 
+    lanes = graph
     if isinstance(graph, str | os.PathLike):
-        graph = RouteGraph.open(graph)
+        lanes = RouteGraph.open(graph)
     elif hasattr(graph, "is_directed"):
-        graph = RouteGraph.from_networkx(graph)
-    elif not isinstance(graph, RouteGraph):
+        lanes = RouteGraph.from_networkx(graph)
+    if not isinstance(lanes, RouteGraph):
         rule = "it must be a RouteGraph, a file or a graph of networkx"
         hint = "pass RouteGraph.from_arrays(positions, edges)"
         raise InputError(name, f"is a {type(graph).__name__}", rule, hint)
     if not hasattr(space, "axes"):
         place = "space" if name == "graph" else name
         raise InputError(place, f"is a {type(space).__name__}", "it must be a map")
-    return graph
+    return lanes

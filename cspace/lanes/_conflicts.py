@@ -6,6 +6,7 @@ import itertools
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
@@ -156,23 +157,27 @@ class Conflicts:
         InputError
             If there is no such element.
         """
-        ends = (
-            check_known(first, "first", self.elements),
-            check_known(second, "second", self.elements),
-        )
+        for name, argument in ((first, "first"), (second, "second")):
+            check_known(name, argument, self.elements)
+        ends = first, second
         if first == second:
             pose = self._stands[first]
             group = self.elements[first].group
             groups = (group,) if group else ()
             return Conflict(*ends, "touch", True, groups, (pose[0], pose[1]), (pose, pose))
-        for row in self.pairs:
-            if (row.first, row.second) == ends:
-                return row
-            if (row.second, row.first) == ends:
-                poses = row.poses and row.poses[::-1]
-                return row._replace(first=first, second=second, poses=poses)
+        if ends in self._rows:
+            return self._rows[ends]
+        if ends[::-1] in self._rows:
+            row = self._rows[ends[::-1]]
+            poses = row.poses and row.poses[::-1]
+            return row._replace(first=first, second=second, poses=poses)
         both = self.elements[first], self.elements[second]
         return Conflict(*ends, "apart", _share_node(*both), _share_groups(*both))
+
+    @cached_property
+    def _rows(self) -> dict[tuple[str, str], Conflict]:
+        """Pairs that are not apart, by the names of their elements."""
+        return {(row.first, row.second): row for row in self.pairs}
 
     @property
     def groups(self) -> dict[str, list[str]]:
@@ -265,6 +270,9 @@ class Conflicts:
                 ]
                 label = f"{len(rows)} {verdict}{', with a common node' if shares else ''}"
                 _fill_shapes(axes, common, color, alpha, label)
+                if rows and not shares:
+                    places = np.array([row.at for row in rows])
+                    axes.plot(*places.T, "X", color=color, markeredgecolor="white", ms=7, zorder=7)
         figure: Any = axes.figure
         (legend,) = figure.legends
         legend.remove()
@@ -298,14 +306,15 @@ class Conflicts:
         that shares none is skipped, or fails if ``strict``.
         """
         check_flag(strict, "strict")
-        failing = self.failing(strict)
+        failing = {(row.first, row.second) for row in self.failing(strict)}
         cases = []
         for row in self.pairs:
             if not row.shares_node:
                 text = f"{row.verdict} at {format_value(row.at)}, with no mutex group in common"
                 is_open = bool(self.groups) and not row.groups
                 name = f"{row.first} and {row.second}"
-                cases.append(JunitCase(name, text if is_open else "", row in failing))
+                fails = (row.first, row.second) in failing
+                cases.append(JunitCase(name, text if is_open else "", fails))
         write_junit(path, overwrite, repr(self), "conflicts", cases)
 
     def failing(self, strict: bool = False) -> list[Conflict]:
@@ -429,14 +438,15 @@ def _check_same_map(space: ConfigurationMap, other: ConfigurationMap, name: str)
 def _add_elements(elements: dict[str, Element], robot: str, graph: RouteGraph) -> None:
     """Add the lanes of a graph, then its nodes, by names that differ."""
     prefix = f"{robot} " if robot else ""
+    twins: Counter[str] = Counter()
     for number, lane in enumerate(graph.lanes):
         ends = lane.start, lane.end
         start, end = (graph.names[node] for node in ends)
         name = f"{prefix}{lane.name}: {start} to {end}"
-        twins = sum(each == name or each.startswith(f"{name} (") for each in elements)
+        twins[name] += 1
         nodes = tuple(graph.places[node] for node in ends)
         element = Element(robot, "lane", nodes, lane.mutex, line_of(graph, number))
-        elements[f"{name} ({twins + 1})" if twins else name] = element
+        elements[f"{name} ({twins[name]})" if twins[name] > 1 else name] = element
     for name, place in zip(graph.names, graph.places, strict=True):
         group = graph.node_mutexes.get(name, "")
         elements[f"{prefix}node {name}"] = Element(

@@ -57,7 +57,7 @@ MAX_MOVES: Final = 6
 """Number of points at which two robots are tried before a pair stays undecided."""
 
 
-class Pieces(NamedTuple):
+class SweepPieces(NamedTuple):
     """Even motions of a robot on its elements: lanes, then nodes.
 
     Attributes
@@ -80,9 +80,9 @@ class Pieces(NamedTuple):
     elements: Ints
     on_lane: Bools
 
-    def take(self, rows: Ints | Bools) -> Pieces:
+    def take(self, rows: Ints | Bools) -> SweepPieces:
         """Return some of the pieces."""
-        return Pieces._make(column[rows] for column in self)
+        return SweepPieces._make(column[rows] for column in self)
 
 
 class Body:
@@ -166,11 +166,11 @@ def _list_hulls(shape: ExactShape) -> Iterator[tuple[Floats, float]]:
 # ---- pieces --------------------------------------------------------------------------------------
 
 
-def list_pieces(space: ConfigurationMap, graph: RouteGraph) -> Pieces:
+def list_pieces(space: ConfigurationMap, graph: RouteGraph) -> SweepPieces:
     """List the pieces of all lanes, then of all nodes with their turns."""
     motions = list_motions(space, graph)
     lever = lever_of(space) if space.rotations.names else 0.0
-    lanes = Pieces(
+    lanes = SweepPieces(
         _with_yaw(motions.starts),
         _with_yaw(motions.ends),
         motions.spares / lever if lever else np.zeros(len(motions.lanes)),
@@ -179,7 +179,7 @@ def list_pieces(space: ConfigurationMap, graph: RouteGraph) -> Pieces:
         motions.on_lane,
     )
     nodes = _list_turns(space, graph)
-    return _cut_turns(Pieces._make(map(np.concatenate, zip(lanes, nodes, strict=True))))
+    return _cut_turns(SweepPieces._make(map(np.concatenate, zip(lanes, nodes, strict=True))))
 
 
 def _with_yaw(points: Floats) -> Floats:
@@ -187,7 +187,7 @@ def _with_yaw(points: Floats) -> Floats:
     return np.column_stack([points, np.zeros((len(points), 3 - points.shape[1]))])
 
 
-def _list_turns(space: ConfigurationMap, graph: RouteGraph) -> Pieces:
+def _list_turns(space: ConfigurationMap, graph: RouteGraph) -> SweepPieces:
     """List the turns on the spot at each node; a node where the robot only stands has a pose."""
     rows = []
     deviations = deviations_of(graph)[len(graph.lanes) :].tolist()
@@ -199,7 +199,7 @@ def _list_turns(space: ConfigurationMap, graph: RouteGraph) -> Pieces:
     table = np.array(rows, dtype=np.float64).reshape(-1, 8)
     is_on = np.ones(len(table), dtype=np.bool_)
     elements = table[:, 7].astype(np.int64)
-    return Pieces(table[:, :3], table[:, 3:6], 0.0 * table[:, 6], table[:, 6], elements, is_on)
+    return SweepPieces(table[:, :3], table[:, 3:6], 0.0 * table[:, 6], table[:, 6], elements, is_on)
 
 
 def deviations_of(graph: RouteGraph) -> Floats:
@@ -241,7 +241,7 @@ def _join_yaws(yaws: Floats) -> list[tuple[float, float]]:
     return stands + list(zip(lows[is_short].tolist(), highs[is_short].tolist(), strict=True))
 
 
-def _cut_turns(pieces: Pieces) -> Pieces:
+def _cut_turns(pieces: SweepPieces) -> SweepPieces:
     """Cut pieces whose turn is too large for one hull."""
     steps = pieces.ends - pieces.starts
     counts = np.ceil(np.abs(steps[:, 2]) / MAX_TURN - TURN_SLACK)
@@ -260,7 +260,7 @@ def _cut_turns(pieces: Pieces) -> Pieces:
 # ---- outlines ------------------------------------------------------------------------------------
 
 
-def make_outlines(body: Body, pieces: Pieces, count: int) -> Any:
+def make_outlines(body: Body, pieces: SweepPieces, count: int) -> Any:
     """Make polygons that hold the robot on each element, shape (count,)."""
     sweeps: list[list[BaseGeometry]] = [[] for _ in range(count)]
     cores: list[list[BaseGeometry]] = [[] for _ in range(count)]
@@ -278,7 +278,7 @@ def make_outlines(body: Body, pieces: Pieces, count: int) -> Any:
 
 
 def _place_pieces(
-    body: Body, pieces: Pieces, corners: Floats, radius: float
+    body: Body, pieces: SweepPieces, corners: Floats, radius: float
 ) -> Iterator[tuple[Ints, Floats, Floats]]:
     """Yield rows of pieces, with the corners of a convex part at their poses, and growths."""
     turns = np.abs(pieces.ends - pieces.starts)[:, 2]
@@ -330,7 +330,7 @@ class Sweeper(NamedTuple):
     Attributes
     ----------
     body : Body
-    pieces : Pieces
+    pieces : SweepPieces
     begins : ndarray of int64, shape (n + 1,)
         First piece of each element.
     deviations : ndarray of float64, shape (n,)
@@ -339,7 +339,7 @@ class Sweeper(NamedTuple):
     """
 
     body: Body
-    pieces: Pieces
+    pieces: SweepPieces
     begins: Ints
     deviations: Floats
     outlines: Any
@@ -382,7 +382,7 @@ def find_touches(
     limits = np.full(count, distance + one.body.margin + other.body.margin)
     deviations = one.deviations[first] + other.deviations[second]
     points, common = _choose_points(one.outlines[first], other.outlines[second])
-    result = Touches(np.zeros(count, np.bool_), *np.zeros((2, count, 3)), points)
+    result = Touches(np.zeros(count, np.bool_), np.zeros((count, 3)), np.zeros((count, 3)), points)
     pending = np.arange(count)
     for move in range(MAX_MOVES):
         reach = limits[pending] + deviations[pending]
@@ -479,7 +479,7 @@ def _find_poses(
 
 
 def _find_windows(
-    pieces: Pieces, rows: Ints, points: Floats, radii: Floats
+    pieces: SweepPieces, rows: Ints, points: Floats, radii: Floats
 ) -> tuple[Floats, Floats]:
     """Return the shares of pieces between which they are near points; low above high if never."""
     starts = pieces.starts[rows, :2]
@@ -513,7 +513,7 @@ def _sample_windows(
     return shares[best], gaps[best]
 
 
-def _poses_at(pieces: Pieces, rows: Ints, shares: Floats) -> Floats:
+def _poses_at(pieces: SweepPieces, rows: Ints, shares: Floats) -> Floats:
     """Return poses at shares of pieces, shape (n, 3)."""
     starts = pieces.starts[rows]
     poses = starts + shares[:, np.newaxis] * (pieces.ends[rows] - starts)

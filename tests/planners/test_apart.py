@@ -149,12 +149,10 @@ def test_a_robot_stays_where_it_starts_and_where_it_ends():
     trajectory = plan.trajectory(max_velocity=1.0, max_acceleration=1.0)
     robot = Mover(space.robot, trajectory, at=5.0)
     assert apart(robot, Mover("disc:0.2", (9.0, 30.0))).interval == (5.0, 5.0 + trajectory.duration)
-    # A thing that begins earlier than the robot meets it at its start.
-    other = Mover("disc:0.2", trajectory, at=0.0)
-    away = Mover("disc:0.2", (1.0, 2.0), velocity=(0.0, 1.0), at=5.0)
-    assert apart(robot, away, until=14.0).verdict == "touch"
-    with pytest.raises(InputError, match="at the start, at 0 s"):
-        apart(robot, other)
+    # Another robot passes its start before it leaves.
+    across = planners.plan(space, (1.0, 1.0), (1.0, 7.0))
+    other = across.trajectory(max_velocity=1.0, max_acceleration=1.0)
+    assert apart(robot, Mover(space.robot, other)).time < 5.0
     # Another one passes the end long after the robot came there.
     later = Mover("disc:0.2", (9.0, 30.0), velocity=(0.0, -1.0))
     found = apart(robot, later, until=40.0)
@@ -242,6 +240,7 @@ class TestRefusals:
         (Mover("disc:0.3", (3.0,)), {}, "second.motion has shape (1,)"),
         (Mover("ball:0.3", (3.0, 0.0, 0.0)), {}, "use robot.footprint()"),
         (Mover("disc:0.3", (3.0, 0.0), at=math.inf), {}, "second.at is inf"),
+        (Mover("disc:0.3", (3.0, 0.0), at="now"), {}, "second.at is 'now'"),
         (Mover("disc:0.3", (3.0, 0.0), error=-1.0), {}, "second.error is -1.0"),
         (Mover("disc:0.3", (3.0, 0.0), growth=math.nan), {}, "second.growth is nan"),
         (Mover("disc:0.3", (3.0, 0.0), velocity=(1.0,)), {}, "second.velocity"),
@@ -273,6 +272,16 @@ class TestRefusals:
             apart(self.still, person)
         assert "pass until=10.0, in seconds" in str(caught.value)
         assert apart(self.still, person, until=10.0)
+        with pytest.raises(InputError) as caught:
+            apart(self.still, person, until=[1.0, 2.0])
+        assert "pass seconds, e.g. 10.0" in str(caught.value)
+        with pytest.raises(InputError) as caught:
+            apart(self.still, Mover("disc:0.3", (3.0, 0.0), at=(2.0, 3.0)))
+        assert "pass seconds, e.g. 2.0" in str(caught.value)
+        assert apart(self.still, Mover("disc:0.3", (3.0, 0.0), at=2.0))
+        with pytest.raises(InputError) as caught:
+            apart(self.still, person, until=-1.0)
+        assert "pass a later time" in str(caught.value)
         with pytest.raises(InputError) as caught:
             apart(self.still, Mover("disc:0.3", (0.7, 0.0)), distance=0.2)
         assert "check both frames, or lower distance" in str(caught.value)
