@@ -57,7 +57,7 @@ TOUCH_INTERVAL: Final = 1e-3
 """Width of an interval, seconds, in which no earlier instant of contact is searched."""
 
 MAX_INTERVALS: Final = 4096
-"""Number of intervals that are tried at once before the motions stay undecided."""
+"""Number of intervals, besides the first, that are tried at once before motions stay undecided."""
 
 BOUND_SHARE: Final = 0.8
 """Share of the least distance found that each interval is to prove."""
@@ -458,6 +458,7 @@ class Search:
     def run(self) -> Separation:
         """Halve intervals until each is proven, or the first instant of contact is found."""
         lows, highs = self._cut_first()
+        most = MAX_INTERVALS + len(lows)
         touch: Touch | None = None
         least, proven = math.inf, math.inf
         undecided = math.inf
@@ -476,7 +477,7 @@ class Search:
             if touch is not None:
                 left &= (lows < touch.time) & (highs - lows > TOUCH_INTERVAL)
             stuck = left & is_narrow
-            if len(lows) > MAX_INTERVALS:
+            if len(lows) > most:
                 # What proves enough for the distance settles, too.
                 stuck = left & (bounds <= self._distance)
                 proven = min(proven, float(bounds[left & ~stuck].min(initial=math.inf)))

@@ -98,6 +98,51 @@ def test_trajectories_agree_with_every_millisecond(driven, count):
     assert min(seen.values()) > 0
 
 
+def test_the_ends_of_a_bar_that_turns_are_seen():
+    space = build("rect:2.0x0.1")
+    plan = planners.plan(space, (5.0, 4.0, 0.0), (5.0, 4.0, 2.8), drive="differential")
+    trajectory = plan.trajectory(
+        max_velocity=1.0,
+        max_acceleration=1.0,
+        max_angular_velocity=1.0,
+        max_angular_acceleration=1.0,
+    )
+    bar = Mover(space.robot, trajectory)
+    reach = math.hypot(1.0, 0.05)
+    for angle in np.linspace(0.4, 2.4, 12):
+        ahead = np.array([math.cos(angle), math.sin(angle)])
+        for gap, verdict in ((-0.01, "touch"), (0.01, "apart")):
+            post = Mover("disc:0.02", (5.0, 4.0) + (reach + 0.02 + gap) * ahead)
+            found = apart(bar, post)
+            assert found.verdict == verdict, angle
+            assert found.distance <= max(gap, 0.0) + 1e-9
+
+
+def test_trajectories_in_space_agree_with_every_millisecond():
+    workspace = cspace.Workspace.from_array(np.zeros((30, 30, 20), dtype=np.bool_), 0.2)
+    space = cspace.build(workspace, cspace.Robot.ball(0.4))
+    rng = np.random.default_rng(6)
+    limits = {"max_velocity": 1.0, "max_acceleration": 0.5}
+    trajectories = []
+    for _ in range(5):
+        start, goal = rng.uniform((0.9, 0.9, 0.9), (5.1, 5.1, 3.1), (2, 3))
+        trajectories.append(planners.plan(space, start, goal).trajectory(**limits))
+    seen = set()
+    for first, second in itertools.combinations(trajectories, 2):
+        t = np.linspace(0.0, max(first.duration, second.duration), 20_000)
+        gaps = np.linalg.norm(first.sample(t)[0] - second.sample(t)[0], axis=1) - 0.8
+        if gaps[0] <= 0.0:
+            continue
+        found = apart(Mover(space.robot, first), Mover(space.robot, second))
+        seen.add(found.verdict)
+        if found:
+            assert 0.0 < found.distance <= gaps.min() + 1e-6
+        else:
+            assert found.verdict == "touch"
+            assert gaps.min() <= 1e-6
+    assert seen == {"apart", "touch"}
+
+
 def closest(step, velocity, duration):
     """Return the least distance of two points that move evenly."""
     share = np.clip(-(step @ velocity) / max(velocity @ velocity, 1e-300), 0.0, duration)
@@ -133,7 +178,7 @@ def test_errors_grow_until_robots_may_touch():
     still = Mover("disc:0.5", (0.0, 0.0))
     # The gap is 1 m, and the error 0.1 m and 0.1 m/s from 2 s on.
     drifting = Mover("disc:0.5", (2.0, 0.0), at=2.0, error=0.1, growth=0.1)
-    assert apart(still, drifting, until=10.9)
+    assert 0.0 < apart(still, drifting, until=10.9).distance <= 0.01 + 1e-9
     found = apart(still, drifting, until=12.0)
     assert found.verdict == "touch"
     assert found.time == pytest.approx(11.0, abs=0.01)
@@ -254,11 +299,21 @@ class TestRefusals:
             apart(self.still, second, **options)
         assert text in str(caught.value)
 
-    def test_wrong_trajectories(self, driven):
+    def test_wrong_trajectories(self, driven, tmp_path):
         robot, trajectories = driven
         solid = cspace.Robot.ball(0.3)
         with pytest.raises(InputError, match="pass a trajectory of a rigid robot"):
             apart(Mover(solid, trajectories[0]), Mover(solid, (9.0, 9.0, 9.0)))
+        box = '<collision><geometry><box size="1 1 1"/></geometry></collision>'
+        slide = '<joint name="slide" type="prismatic"><parent link="base"/><child link="cart"/>'
+        slide += '<limit lower="0" upper="2" effort="1" velocity="0.5"/></joint>'
+        (tmp_path / "slide.urdf").write_text(
+            f'<robot name="s"><link name="base"/><link name="cart">{box}</link>{slide}</robot>'
+        )
+        space = cspace.build_arm_space({}, cspace.Arm.from_urdf(tmp_path / "slide.urdf"))
+        moved = planners.Trajectory.along(space, [(0.0,), (1.0,)], max_acceleration=1.0)
+        with pytest.raises(InputError, match="has the axes slide; that of disc 0.3 m has x, y"):
+            apart(Mover("disc:0.3", moved), self.still)
         with pytest.raises(InputError, match="a trajectory has its own"):
             apart(Mover(robot, trajectories[0], velocity=(1.0, 0.0)), self.still)
 
