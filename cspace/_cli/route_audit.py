@@ -25,10 +25,13 @@ from cspace._cli.report import Stopwatch, show
 from cspace.errors import InputError
 
 if TYPE_CHECKING:
-    from cspace.lanes import Audit, Conflicts
+    from cspace.lanes import Audit, Conflicts, RouteGraph
 
 _REPORTS: Final = (".csv", ".geojson", ".xml", ".png")
 """Suffixes of reports."""
+
+CONFLICTS: Final = "conflicts"
+"""Name of the report of conflicts."""
 
 _NAME: Final = re.compile(r"([\w-]+)=(.+)")
 """Robot with a name: ``NAME=SPEC``."""
@@ -80,20 +83,14 @@ def audit(
     --conflicts, the same for pairs of lanes and nodes that touch: if the file has mutex groups, and
     two have neither one nor a node in common.
     """
-    import planners
     from cspace.lanes import RouteGraph
 
     options = drop_unset(spacing=spacing, unknown=unknown)
     makers = _list_maps(file, robot or [], rotations, margin, options)
-    if distance and not conflicts:
-        rule = "robots keep it where they are in conflict"
-        raise InputError("distance", f"is {distance:g}", rule, "pass conflicts=True, too")
-    outputs = _list_outputs(output or [], makers)
-    conflict_files = [
-        path.with_stem(f"{path.stem}-conflicts") for path in output or [] if conflicts
-    ]
-    files = [*(path for paths in outputs.values() for path in paths), *conflict_files]
-    check_outputs(files, _REPORTS, overwrite)
+    _check_conflicts(conflicts, distance, makers)
+    names = [*makers, *([CONFLICTS] if conflicts else [])]
+    outputs = _list_outputs(output or [], names)
+    check_outputs([path for paths in outputs.values() for path in paths], _REPORTS, overwrite)
     clock = Stopwatch()
     with clock.step("read"):
         lanes = RouteGraph.open(
@@ -102,30 +99,52 @@ def audit(
     if not lanes.lanes:
         rule = "an audit of nothing would say that no lane is blocked"
         raise InputError(str(graph), "has no lanes", rule, "pass a graph with lanes")
+    reports: dict[str, Any] = _audit_maps(makers, lanes, not cells_only, clock)
+    codes = [_choose_exit_code([audit.counts for audit in reports.values()], strict)]
+    if conflicts:
+        with clock.step(CONFLICTS):
+            reports[CONFLICTS] = found = _find_conflicts(reports, distance)
+        codes.append(1 if found.failing() else 2 * bool(found.failing(strict)))
+    for name, paths in outputs.items():
+        for path in paths:
+            _write(reports[name], path, strict, overwrite)
+    _show_reports(reports, clock, as_json)
+    raise typer.Exit(1 if 1 in codes else max(codes))
+
+
+def _check_conflicts(conflicts: bool, distance: float, robots: Collection[str]) -> None:
+    """Raise InputError for a distance without conflicts, or a robot with the name of these."""
+    if distance and not conflicts:
+        rule = "robots keep it where they are in conflict"
+        raise InputError("distance", f"is {distance:g}", rule, "pass conflicts=True, too")
+    if conflicts and CONFLICTS in robots:
+        rule = "the report of conflicts has that name"
+        raise InputError("robot", f"has the name {CONFLICTS!r}", rule, "write another NAME=SPEC")
+
+
+def _audit_maps(
+    makers: dict[str, Callable[[], Any]], lanes: RouteGraph, exact: bool, clock: Stopwatch
+) -> dict[str, Audit]:
+    """Audit the lanes for each robot."""
+    import planners
+
     audits = {}
     for name, make in makers.items():
         with clock.step(f"build {name}".strip()):
             space = make()
         with clock.step(f"audit {name}".strip()):
-            audits[name] = planners.audit(space, lanes, exact=not cells_only)
-        for path in outputs[name]:
-            _write(audits[name], path, strict, overwrite)
-    reports: dict[str, Any] = {name or "graph": audit for name, audit in audits.items()}
-    counts = {name or "lanes": audit.counts for name, audit in audits.items()}
-    codes = [_choose_exit_code(list(counts.values()), strict)]
-    if conflicts:
-        with clock.step("conflicts"):
-            found = _find_conflicts(audits, distance)
-        for path in conflict_files:
-            _write(found, path, strict, overwrite)
-        reports["conflicts"], counts["conflicts"] = found, found.counts
-        codes.append(1 if found.failing() else 2 * bool(strict and found.failing(strict)))
-    if as_json:
-        documents = {name: report.to_geojson() for name, report in reports.items()}
-        show({**counts, "reports": documents, "seconds": clock.seconds}, as_json)
-    else:
+            audits[name] = planners.audit(space, lanes, exact=exact)
+    return audits
+
+
+def _show_reports(reports: dict[str, Any], clock: Stopwatch, as_json: bool) -> None:
+    """Print reports as tables or as one document."""
+    if not as_json:
         typer.echo("\n\n".join(map(str, reports.values())))
-    raise typer.Exit(1 if 1 in codes else max(codes))
+        return
+    counts = {name or "lanes": report.counts for name, report in reports.items()}
+    documents = {name or "graph": report.to_geojson() for name, report in reports.items()}
+    show({**counts, "reports": documents, "seconds": clock.seconds}, as_json)
 
 
 def _find_conflicts(audits: dict[str, Audit], distance: float) -> Conflicts:

@@ -312,7 +312,7 @@ class TestRefusals:
         )
         space = cspace.build_arm_space({}, cspace.Arm.from_urdf(tmp_path / "slide.urdf"))
         moved = planners.Trajectory.along(space, [(0.0,), (1.0,)], max_acceleration=1.0)
-        with pytest.raises(InputError, match="has the axes slide; that of disc 0.3 m has x, y"):
+        with pytest.raises(InputError, match=r"has the axes slide; that of disc 0\.3 m has x, y"):
             apart(Mover("disc:0.3", moved), self.still)
         with pytest.raises(InputError, match="a trajectory has its own"):
             apart(Mover(robot, trajectories[0], velocity=(1.0, 0.0)), self.still)
