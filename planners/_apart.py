@@ -350,7 +350,8 @@ class PlaneMeasure:
 
     def bound_below(self, poses: Floats, others: Floats) -> Floats:
         """Return the distances of the outer shapes."""
-        return measure_distances(self._outer[0], poses, self._outer[1], others)[0]
+        distances, _ = measure_distances(self._outer[0], poses, self._outer[1], others)
+        return np.maximum(distances, 0.0)
 
     def bound_above(self, poses: Floats, others: Floats) -> tuple[Floats, Floats]:
         """Return the distances of the inner shapes."""

@@ -46,14 +46,20 @@ def measure_distances(
 ) -> tuple[Floats, Floats]:
     """Return the distances of two shapes at poses, and nearest points of their cores.
 
-    Distances, shape (n,), are within rounding; points have shape (n, 2, 2).
+    Distances, shape (n,), are within rounding; points have shape (n, 2, 2). A negative distance is
+    a depth: shapes that overlap only by rounding are less deep than that. The depth of polygons is
+    the area that they share over its perimeter.
     """
     distances = np.full(len(poses), np.inf)
     lines = np.zeros((len(poses), 2, 2))
     for one, radius in first.place(poses):
         for other, other_radius in second.place(others):
             joins = shapely.shortest_line(one, other)
-            found = np.maximum(shapely.length(joins) - radius - other_radius, 0.0)
+            found = shapely.length(joins) - radius - other_radius
+            if radius == other_radius == 0.0:
+                meet = np.flatnonzero(found == 0.0)
+                common = shapely.intersection(one[meet], other[meet])
+                found[meet] = -shapely.area(common) / np.maximum(shapely.length(common), 1e-300)
             nearer = found < distances
             distances[nearer] = found[nearer]
             lines[nearer] = shapely.get_coordinates(joins[nearer]).reshape(-1, 2, 2)

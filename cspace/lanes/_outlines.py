@@ -395,8 +395,13 @@ def find_touches(
         needed = np.maximum(gaps + rounding, 0.0) + np.maximum(other_gaps + rounding, 0.0)
         result.first[pending], result.second[pending] = poses, others
         result.found[pending] = needed <= reach
-        left = needed > reach
-        pending, poses, others = pending[left], poses[left], others[left]
+        left = np.flatnonzero(needed > reach)
+        distances, lines = measure_distances(
+            one.body.cores, poses[left], other.body.cores, others[left]
+        )
+        is_close = distances + rounding[left] <= reach[left]
+        result.found[pending[left[is_close]]] = True
+        pending, lines = pending[left[~is_close]], lines[~is_close]
         if not len(pending):
             break
         if move == 0:
@@ -405,7 +410,6 @@ def find_touches(
             circles = shapely.maximum_inscribed_circle(common[wide])
             points[wide] = shapely.get_coordinates(shapely.get_point(circles, 0))
         else:
-            _, lines = measure_distances(one.body.cores, poses, other.body.cores, others)
             points[pending] = lines.mean(axis=1)
     return _approach(one, other, result, limits, one.deviations[first])
 
