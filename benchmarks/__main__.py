@@ -33,6 +33,7 @@ BENCHMARKS = {
     "first_use": "CPU time and compilations of the demo and of first plans, in new processes, with and without a cache",
     "lanes": "audits of 10,000 lanes of 5 m on 4,000^2 x 72 cells, in memory and in tiles: CPU time, equal verdicts",
     "regions": "convex regions, corridors and covers; volumes, coverage and collisions beside Drake's Iris and IrisZo",
+    "conflicts": "pairs of lanes and nodes on the depot, and pairs of trajectories: CPU time, undecided ones",
     "tiles": "maps in tiles: builds against memory, one and two workers, 65,536^2 cells and 16,384^2 x 16 yaws",
 }
 

@@ -622,6 +622,49 @@ MUTANTS = (
         "shares = [0.8 * bounds.velocity.shares(rates) ** 2, bend_shares]",
         "tests/planners/test_smoothing.py",
     ),
+    Mutant(
+        "planners/_apart.py",
+        "moved = 0.5 * speeds * (highs - lows) * (1.0 + SPEED_ROUNDING)",
+        "moved = 0.2 * speeds * (highs - lows)",
+        "tests/planners/test_apart.py",
+    ),
+    Mutant(
+        "planners/_apart.py",
+        "errors = one.bound_errors(highs) + other.bound_errors(highs)",
+        "errors = one.bound_errors(highs)",
+        "tests/planners/test_apart.py",
+    ),
+    Mutant(
+        "planners/_apart.py",
+        "moves += lever_of(robot.shape) * np.linalg.norm(rates[:, robot.dim :], axis=1)",
+        "moves += 0.0",
+        "tests/planners/test_apart.py",
+    ),
+    # Lanes.
+    Mutant(
+        "cspace/lanes/_outlines.py",
+        "bulges = body.lever * (turns**2 + (2.0 * pieces.half_widths) ** 2) / 8.0",
+        "bulges = 0.0 * turns",
+        "tests/lanes/test_conflicts.py",
+    ),
+    Mutant(
+        "cspace/lanes/_outlines.py",
+        "growths = pieces.growths + bulges + (radius + body.margin)",
+        "growths = pieces.growths + bulges + radius",
+        "tests/lanes/test_conflicts.py",
+    ),
+    Mutant(
+        "cspace/lanes/_outlines.py",
+        "is_short = highs - lows <= math.pi + TURN_SLACK",
+        "is_short = highs - lows < math.pi",
+        "tests/lanes/test_conflicts.py",
+    ),
+    Mutant(
+        "cspace/lanes/_outlines.py",
+        "shares = np.where(sweeper.pieces.on_lane[rows[owners]], shares, np.rint(shares))",
+        "shares = np.where(sweeper.pieces.on_lane[rows[owners]], shares, shares)",
+        "tests/lanes/test_conflicts.py",
+    ),
     # Files and exports.
     Mutant(
         "cspace/_files/images.py",

@@ -25,10 +25,13 @@ from cspace._cli.report import Stopwatch, show
 from cspace.errors import InputError
 
 if TYPE_CHECKING:
-    from cspace.lanes import Audit
+    from cspace.lanes import Audit, Conflicts, RouteGraph
 
 _REPORTS: Final = (".csv", ".geojson", ".xml", ".png")
 """Suffixes of reports."""
+
+CONFLICTS: Final = "conflicts"
+"""Name of the report of conflicts."""
 
 _NAME: Final = re.compile(r"([\w-]+)=(.+)")
 """Robot with a name: ``NAME=SPEC``."""
@@ -59,9 +62,15 @@ def audit(
     output: list[Path] | None = option(
         "PATH",
         "A report: .csv, .geojson, .xml (JUnit) or .png; may be given again. Of several robots, "
-        "each has files with its name.",
+        "each has files with its name; conflicts have files with theirs.",
         "--output",
         "-o",
+    ),
+    conflicts: bool = flag(
+        "--conflicts", "Also prove which lanes and nodes two robots can use at once."
+    ),
+    distance: float = option(
+        "METRES", "With --conflicts, distance that two robots must keep.", default=0.0
     ),
     cells_only: bool = flag("--cells-only", "Do not ask the geometry where cells cannot decide."),
     strict: bool = flag("--strict", "Undecided lanes give the exit code 2, and fail in JUnit."),
@@ -70,14 +79,17 @@ def audit(
 ) -> None:
     """Prove the lanes of a route graph free or blocked.
 
-    Exit codes: 0 if no lane is blocked, 1 if one is, 2 with --strict if one is undecided.
+    Exit codes: 0 if no lane is blocked, 1 if one is, 2 with --strict if one is undecided. With
+    --conflicts, the same for pairs of lanes and nodes that touch: if the file has mutex groups, and
+    two have neither one nor a node in common.
     """
-    import planners
     from cspace.lanes import RouteGraph
 
     options = drop_unset(spacing=spacing, unknown=unknown)
     makers = _list_maps(file, robot or [], rotations, margin, options)
-    outputs = _list_outputs(output or [], makers)
+    _check_conflicts(conflicts, distance, makers)
+    names = [*makers, *([CONFLICTS] if conflicts else [])]
+    outputs = _list_outputs(output or [], names)
     check_outputs([path for paths in outputs.values() for path in paths], _REPORTS, overwrite)
     clock = Stopwatch()
     with clock.step("read"):
@@ -87,21 +99,61 @@ def audit(
     if not lanes.lanes:
         rule = "an audit of nothing would say that no lane is blocked"
         raise InputError(str(graph), "has no lanes", rule, "pass a graph with lanes")
+    reports: dict[str, Any] = _audit_maps(makers, lanes, not cells_only, clock)
+    codes = [_choose_exit_code([audit.counts for audit in reports.values()], strict)]
+    if conflicts:
+        with clock.step(CONFLICTS):
+            reports[CONFLICTS] = found = _find_conflicts(reports, distance)
+        codes.append(1 if found.failing() else 2 * bool(found.failing(strict)))
+    for name, paths in outputs.items():
+        for path in paths:
+            _write(reports[name], path, strict, overwrite)
+    _show_reports(reports, clock, as_json)
+    raise typer.Exit(1 if 1 in codes else max(codes))
+
+
+def _check_conflicts(conflicts: bool, distance: float, robots: Collection[str]) -> None:
+    """Raise InputError for a distance without conflicts, or a robot with the name of these."""
+    if distance and not conflicts:
+        rule = "robots keep it where they are in conflict"
+        raise InputError("distance", f"is {distance:g}", rule, "pass conflicts=True, too")
+    if conflicts and CONFLICTS in robots:
+        rule = "the report of conflicts has that name"
+        raise InputError("robot", f"has the name {CONFLICTS!r}", rule, "write another NAME=SPEC")
+
+
+def _audit_maps(
+    makers: dict[str, Callable[[], Any]], lanes: RouteGraph, exact: bool, clock: Stopwatch
+) -> dict[str, Audit]:
+    """Audit the lanes for each robot."""
+    import planners
+
     audits = {}
     for name, make in makers.items():
         with clock.step(f"build {name}".strip()):
             space = make()
         with clock.step(f"audit {name}".strip()):
-            audits[name] = planners.audit(space, lanes, exact=not cells_only)
-        for path in outputs[name]:
-            _write(audits[name], path, strict, overwrite)
-    counts = {name or "lanes": audit.counts for name, audit in audits.items()}
-    if as_json:
-        reports = {name or "graph": audit.to_geojson() for name, audit in audits.items()}
-        show({**counts, "reports": reports, "seconds": clock.seconds}, as_json)
-    else:
-        typer.echo("\n\n".join(map(str, audits.values())))
-    raise typer.Exit(_choose_exit_code(list(counts.values()), strict))
+            audits[name] = planners.audit(space, lanes, exact=exact)
+    return audits
+
+
+def _show_reports(reports: dict[str, Any], clock: Stopwatch, as_json: bool) -> None:
+    """Print reports as tables or as one document."""
+    if not as_json:
+        typer.echo("\n\n".join(map(str, reports.values())))
+        return
+    counts = {name or "lanes": report.counts for name, report in reports.items()}
+    documents = {name or "graph": report.to_geojson() for name, report in reports.items()}
+    show({**counts, "reports": documents, "seconds": clock.seconds}, as_json)
+
+
+def _find_conflicts(audits: dict[str, Audit], distance: float) -> Conflicts:
+    """Find the conflicts of all audited robots."""
+    import planners
+
+    (name, first), *others = audits.items()
+    robots = {other: (audit.space, audit.graph) for other, audit in others}
+    return planners.conflicts(first.space, first.graph, others=robots, distance=distance, name=name)
 
 
 def _choose_exit_code(counts: list[dict[str, int]], strict: bool) -> int:
@@ -161,16 +213,16 @@ def _list_maps(
     return {name: partial(make, name) for name in shapes}
 
 
-def _write(audit: Audit, path: Path, strict: bool, overwrite: bool) -> None:
+def _write(report: Audit | Conflicts, path: Path, strict: bool, overwrite: bool) -> None:
     """Write a report in the format of its suffix."""
     from cspace.plot._picture import save_figure
 
     suffix = path.suffix.lower()
     if suffix == ".csv":
-        audit.to_csv(path, overwrite)
+        report.to_csv(path, overwrite)
     elif suffix == ".geojson":
-        audit.write_geojson(path, overwrite)
+        report.write_geojson(path, overwrite)
     elif suffix == ".xml":
-        audit.to_junit(path, overwrite, strict=strict)
+        report.to_junit(path, overwrite, strict=strict)
     else:
-        save_figure(lambda: audit.plot().figure, path, overwrite, dpi=150.0)
+        save_figure(lambda: report.plot().figure, path, overwrite, dpi=150.0)

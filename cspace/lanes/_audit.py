@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import csv
-import json
 import math
-import xml.etree.ElementTree as ElementTree
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,12 +10,21 @@ from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
-from cspace._files.access import replacing
 from cspace._support.arrays import BLOCKED, Bools, Floats, StrPath
 from cspace._support.check import check_flag, check_known, check_not_negative
 from cspace.lanes._collisions import Hit, find_hits, sample_motions
 from cspace.lanes._lane_motions import check_map, list_legs, list_motions, list_parts, list_yaws
 from cspace.lanes._reach import Reach, judge_ways, prove_nodes
+from cspace.lanes._reports import (
+    MAX_PRINTED_ROWS,
+    JunitCase,
+    format_table,
+    format_value,
+    make_features,
+    write_csv,
+    write_json,
+    write_junit,
+)
 from cspace.lanes._rooms import measure_rooms, prove
 from cspace.lanes._route_graph import RouteGraph
 
@@ -35,9 +41,6 @@ LaneState: TypeAlias = Literal["free", "blocked", "undecided"]
 
 COLORS: Final = {"free": "#1a7f37", "blocked": "#c4161c", "undecided": "#e08a00"}
 """Colors of lanes in pictures, by verdict."""
-
-MAX_PRINTED_ROWS: Final = 40
-"""Number of lanes that a printed table lists; blocked and undecided ones come first."""
 
 COLUMNS: Final = (
     *("lane", "start", "end", "verdict", "proven_by", "at", "obstacle"),
@@ -167,18 +170,8 @@ class Audit:
     def __str__(self) -> str:
         """Return a table of the lanes, then what does not turn and what is cut off."""
         order = sorted(self.lanes, key=lambda row: row.verdict == "free")
-        table = [COLUMNS]
-        table += [
-            tuple(map(_format, row.cells.values()))  # type: ignore[misc]
-            for row in order[:MAX_PRINTED_ROWS]
-        ]
-        widths = [max(map(len, column)) for column in zip(*table, strict=True)]
         lines = [repr(self)]
-        for row in table:
-            padded = map(str.ljust, row, widths)
-            lines.append("  ".join(padded).rstrip())
-        if len(order) > MAX_PRINTED_ROWS:
-            lines.append(f"... and {len(order) - MAX_PRINTED_ROWS} more lanes")
+        lines += format_table(COLUMNS, [list(row.cells.values()) for row in order], "lanes")
         stuck = [row.node for row in self.nodes if not row.turns_around]
         if stuck:
             lines.append(f"no turn all around at: {', '.join(stuck[:MAX_PRINTED_ROWS])}")
@@ -232,7 +225,7 @@ class Audit:
         axes = self.space.plot(title=repr(self))
         for verdict, color in COLORS.items():
             rows = [k for k, row in enumerate(self.lanes) if row.verdict == verdict]
-            lines = [_line_of(self.graph, k) for k in rows]
+            lines = [line_of(self.graph, k) for k in rows]
             if not lines:
                 continue
             # Lanes are separated by gaps, so that one artist draws all.
@@ -257,28 +250,22 @@ class Audit:
 
     def to_geojson(self) -> dict[str, Any]:
         """Return lanes as lines and nodes as points, in metres of the map's frame."""
-        features = []
+        shapes: list[tuple[dict[str, Any], dict[str, Any]]] = []
         for k, row in enumerate(self.lanes):
-            geometry = {"type": "LineString", "coordinates": _line_of(self.graph, k).tolist()}
-            features.append({"type": "Feature", "geometry": geometry, "properties": row.cells})
+            line = {"type": "LineString", "coordinates": line_of(self.graph, k).tolist()}
+            shapes.append((line, row.cells))
         for node in self.nodes:
             properties = {
                 "node": node.node,
                 "turns_around": node.turns_around,
                 "free_yaws": node.free_yaws.tolist(),
             }
-            geometry = {"type": "Point", "coordinates": list(node.position)}
-            features.append({"type": "Feature", "geometry": geometry, "properties": properties})
-        return {"type": "FeatureCollection", "features": features}
+            shapes.append(({"type": "Point", "coordinates": list(node.position)}, properties))
+        return make_features(shapes)
 
     def to_csv(self, path: StrPath, overwrite: bool = False) -> None:
         """Write one row for each lane and direction."""
-        with replacing(path, overwrite) as file, file.open("w", newline="") as stream:
-            writer = csv.DictWriter(stream, COLUMNS)
-            writer.writeheader()
-            for row in self.lanes:
-                place = " ".join(map(repr, row.at or ()))
-                writer.writerow(row.cells | {"at": place})
+        write_csv(path, overwrite, COLUMNS, (row.cells for row in self.lanes))
 
     def to_junit(self, path: StrPath, overwrite: bool = False, strict: bool = False) -> None:
         """Write a JUnit report: one test for each lane and direction.
@@ -286,31 +273,18 @@ class Audit:
         A blocked lane fails; an undecided one is skipped, or fails if ``strict``.
         """
         check_flag(strict, "strict")
-        counts = self.counts
         failing = ("blocked", "undecided") if strict else ("blocked",)
-        failures = sum(counts[verdict] for verdict in failing)
-        suite = ElementTree.Element(
-            "testsuite",
-            name=_as_xml(f"lanes for {self.space.robot.name}"),
-            tests=str(len(self.lanes)),
-            failures=str(failures),
-            errors="0",
-            skipped=str(len(self.lanes) - counts["free"] - failures),
-        )
+        cases = []
         for row in self.lanes:
-            name = _as_xml(f"{row.lane}: {row.start} to {row.end}")
-            case = ElementTree.SubElement(suite, "testcase", classname="lanes", name=name)
-            if row.verdict != "free":
-                tag = "failure" if row.verdict in failing else "skipped"
-                text = f"{row.verdict} at {_format(row.at)} {row.obstacle}".rstrip()
-                ElementTree.SubElement(case, tag, message=_as_xml(text))
-        with replacing(path, overwrite) as file:
-            ElementTree.ElementTree(suite).write(file, encoding="utf-8", xml_declaration=True)
+            text = f"{row.verdict} at {format_value(row.at)} {row.obstacle}".rstrip()
+            message = text if row.verdict != "free" else ""
+            name = f"{row.lane}: {row.start} to {row.end}"
+            cases.append(JunitCase(name, message, row.verdict in failing))
+        write_junit(path, overwrite, f"lanes for {self.space.robot.name}", "lanes", cases)
 
     def write_geojson(self, path: StrPath, overwrite: bool = False) -> None:
         """Write :meth:`to_geojson` to a file."""
-        with replacing(path, overwrite) as file:
-            file.write_text(json.dumps(self.to_geojson(), allow_nan=False))
+        write_json(path, overwrite, self.to_geojson())
 
 
 class LaneProofs(NamedTuple):
@@ -424,21 +398,7 @@ def _index_of(graph: RouteGraph, name: str, argument: str) -> int:
     return graph.names.index(check_known(name, argument, graph.names))
 
 
-def _line_of(graph: RouteGraph, number: int) -> Floats:
+def line_of(graph: RouteGraph, number: int) -> Floats:
     """Return the points of a lane, shape (n, 2)."""
     legs = list_legs(graph, graph.lanes[number])
     return np.array([legs[0].start, *(leg.end for leg in legs)])
-
-
-def _format(value: Any) -> str:
-    """Format a value for a table."""
-    if isinstance(value, tuple):
-        return f"({', '.join(f'{number:.3f}' for number in value)})"
-    if isinstance(value, float):
-        return f"{value:.3f}"
-    return "" if value is None else str(value)
-
-
-def _as_xml(text: str) -> str:
-    """Replace characters that XML does not allow."""
-    return "".join(letter if letter.isprintable() else "?" for letter in text)

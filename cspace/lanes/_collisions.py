@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 import shapely
 
+from cspace._bodies.cores import place_points
 from cspace._support.arrays import BLOCKED, FREE, Bools, Floats, Ints, States
 from cspace.lanes._lane_motions import LaneMotions, find_shares_near_map
 
@@ -167,7 +168,7 @@ class Obstacles:
         inside = inside[shapely.contains_xy(self.outline, inside)]
         if self.names or not len(inside):
             return [""] * len(points)
-        cells = self.grid.cell_of(_place(inside, points))
+        cells = self.grid.cell_of(place_points(inside, points))
         in_grid = ((cells >= 0) & (cells < self.grid.shape)).all(axis=-1)
         hits = np.zeros(in_grid.shape, dtype=np.bool_)
         hits[in_grid] = self.inner[tuple(cells[in_grid].T)]
@@ -191,7 +192,7 @@ class Obstacles:
 
     def _find_overlap(self, points: Floats) -> tuple[int, str]:
         """Return as :meth:`find_overlap` for a few configurations."""
-        corners = _place(shapely.get_coordinates(self.robot), points)
+        corners = place_points(shapely.get_coordinates(self.robot), points)
         robots = shapely.set_coordinates(np.repeat(self.robot, len(points)), corners.reshape(-1, 2))
         first = np.clip(self.grid.cell_of(corners.min(axis=(0, 1))), 0, None)
         stop = np.clip(self.grid.cell_of(corners.max(axis=(0, 1))) + 1, 0, None)
@@ -210,11 +211,3 @@ class Obstacles:
             return number, self.names[met]
         point = shapely.intersection(robots[number], obstacles[met]).representative_point()
         return number, f"the obstacle at ({point.x:.2f}, {point.y:.2f})"
-
-
-def _place(offsets: Floats, points: Floats) -> Floats:
-    """Return points of the robot, shape (k, 2), at n configurations, shape (n, k, 2)."""
-    yaws = points[:, 2] if points.shape[1] > 2 else np.zeros(len(points))
-    cos, sin = np.cos(yaws), np.sin(yaws)
-    turns = np.stack([np.stack([cos, -sin], axis=-1), np.stack([sin, cos], axis=-1)], axis=1)
-    return np.asarray(offsets @ turns.swapaxes(1, 2) + points[:, np.newaxis, :2])

@@ -49,12 +49,12 @@ FIELDS: Final = (
     Fields(
         "Open-RMF navigation graphs, `.yaml`",
         honoured="`levels`, `vertices`, `lanes`; `name`; `orientation_constraint`; "
-        "`is_bidirectional`",
+        "`is_bidirectional`; `mutex`",
         refused="several levels without `level=`; other constraints; `crs_name` in degrees",
         warned="other `crs_name`; unknown options",
         harmless="building_name lifts doors fiducials elevation is_holding_point "
         "is_passthrough_point is_parking_spot is_charger is_cleaning_zone dock_name merge_radius "
-        "mutex spawn_robot_name spawn_robot_type pickup_dispenser dropoff_ingestor "
+        "spawn_robot_name spawn_robot_type pickup_dispenser dropoff_ingestor "
         "human_goal_set_name lift_cabin speed_limit undock_name door_name graph_idx "
         "demo_mock_floor_name demo_mock_lift_name",
     ),
@@ -94,7 +94,9 @@ FIELDS: Final = (
 Stations = Mapping[str, tuple[str, ...]]
 """Nodes of each station."""
 
-GraphContents = tuple[tuple[str, ...], Floats, tuple[Lane, ...], Floats, Stations]
+GraphContents = tuple[
+    tuple[str, ...], Floats, tuple[Lane, ...], Floats, Stations, Mapping[str, str]
+]
 """Attributes of a route graph, in their order."""
 
 
@@ -112,6 +114,7 @@ class GraphBuilder:
         self.yaws: list[float] = []
         self.deviations: list[float] = []
         self.lanes: list[Lane] = []
+        self.mutexes: dict[str, str] = {}
 
     def add_node(
         self,
@@ -120,6 +123,7 @@ class GraphBuilder:
         point: tuple[float, float],
         yaw: float = math.nan,
         deviation: float = 0.0,
+        mutex: str = "",
     ) -> None:
         """Add a node at a position, metres, that a robot may miss by ``deviation``."""
         if str(name) in self.indices:
@@ -128,6 +132,8 @@ class GraphBuilder:
         self.points.append(point)
         self.yaws.append(yaw)
         self.deviations.append(deviation)
+        if mutex:
+            self.mutexes[str(name)] = mutex
 
     def find(self, element: Ledger, name: Any) -> int:
         """Return the index of the node that an element names."""
@@ -143,6 +149,7 @@ class GraphBuilder:
         heading: HeadingRule | None = None,
         legs: tuple[Leg, ...] = (),
         deviation: float = 0.0,
+        mutex: str = "",
     ) -> None:
         """Add a lane; nodes that a robot may miss widen it."""
         gaps = [0.0]
@@ -154,14 +161,15 @@ class GraphBuilder:
             raise element.fail(f"ends {max(gaps):.3g} m from a node", rule)
         deviation = max(deviation, *gaps, *(self.deviations[node] for node in ends))
         start, end = ends
-        lane = Lane(str(name), start, end, heading or self.heading, legs, deviation)
+        lane = Lane(str(name), start, end, heading or self.heading, legs, deviation, mutex)
         self.lanes.append(lane)
 
     def build(self, stations: Stations | None = None) -> GraphContents:
         """Return what was added."""
         positions = np.array(self.points, dtype=np.float64).reshape(-1, 2)
         yaws = np.array(self.yaws, dtype=np.float64)
-        return tuple(self.indices), positions, tuple(self.lanes), yaws, stations or {}
+        names, lanes = tuple(self.indices), tuple(self.lanes)
+        return names, positions, lanes, yaws, stations or {}, self.mutexes
 
 
 def read_graph(
@@ -255,7 +263,12 @@ def _read_rmf(
     builder = GraphBuilder(heading, "both")
     for number, vertex in enumerate(content.entries("vertices")):
         options = _read_options(content, vertex, "vertex", number)
-        builder.add_node(options, options.get("name") or number, options.point(vertex))
+        builder.add_node(
+            options,
+            options.get("name") or number,
+            options.point(vertex),
+            mutex=_read_mutex(options),
+        )
     for number, lane in enumerate(content.entries("lanes")):
         options = _read_options(content, lane, "lane", number)
         known = range(len(builder.points))
@@ -265,10 +278,19 @@ def _read_rmf(
             raise options.fail(f"is {lane!r:.60}", rule)
         options.refuse("orientation_constraint", "", "forward", "backward")
         word = options.get("orientation_constraint")
-        builder.add_lane(options, number, ends, HEADINGS[word] if word else None)
+        allowed = HEADINGS[word] if word else None
+        builder.add_lane(options, number, ends, allowed, mutex=_read_mutex(options))
         if options.flag("is_bidirectional"):
             builder.lanes.append(builder.lanes[-1].reverse())
     return builder.build()
+
+
+def _read_mutex(options: Ledger) -> str:
+    """Return the name of the mutex group of a vertex or lane; empty without one."""
+    value = options.get("mutex", "")
+    if isinstance(value, str | int | float) and not isinstance(value, bool):
+        return str(value)
+    raise options.fail(f"has the mutex {value!r:.60}", "it must be the name of a group")
 
 
 def _read_options(level: Ledger, entry: Any, kind: str, number: int) -> Ledger:

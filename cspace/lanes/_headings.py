@@ -70,6 +70,8 @@ class Lane(NamedTuple):
         Its pieces if it is not straight.
     deviation : float
         Distance, metres, up to which the robot may leave the lane.
+    mutex : str
+        Mutex group, of which one robot at a time may use a lane or node; empty without one.
     """
 
     name: str
@@ -78,6 +80,7 @@ class Lane(NamedTuple):
     heading: HeadingRule = HEADINGS["forward"]
     legs: tuple[Leg, ...] = ()
     deviation: float = 0.0
+    mutex: str = ""
 
     def reverse(self) -> Lane:
         """Return the lane in the other direction, with the same rule."""

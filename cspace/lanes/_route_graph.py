@@ -44,6 +44,8 @@ class RouteGraph:
         Yaw at which a robot stands at a node, radians; NaN if the graph does not say.
     stations : mapping of str to tuple of str
         Nodes of each station.
+    node_mutexes : mapping of str to str
+        Mutex group of each node that has one.
 
     Examples
     --------
@@ -58,6 +60,7 @@ class RouteGraph:
     lanes: tuple[Lane, ...]
     yaws: Floats
     stations: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    node_mutexes: Mapping[str, str] = field(default_factory=dict)
 
     @cached_property
     def places(self) -> list[tuple[float, float]]:

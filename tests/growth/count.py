@@ -49,6 +49,7 @@ import cspace  # noqa: E402
 import planners  # noqa: E402
 from cspace import Robot, Workspace  # noqa: E402
 from cspace.arms import PosedShape  # noqa: E402
+from cspace.lanes import RouteGraph  # noqa: E402
 
 BYTES_PER_NUMBER = 8
 
@@ -287,6 +288,17 @@ def export_map(n, folder):
     return space.to_costmap
 
 
+def find_conflicts(n, folder):
+    """Lanes side by side, of which each meets its neighbours."""
+    floor = Workspace.from_array(np.zeros((30, 30), dtype=np.bool_), 0.1)
+    space = cspace.build(floor, Robot.rectangle(0.6, 0.4))
+    y = 0.35 * np.repeat(np.arange(n), 2)
+    nodes = np.column_stack([np.tile([0.0, 2.0], n), y])
+    edges = np.arange(2 * n).reshape(n, 2)
+    graph = RouteGraph.from_arrays(nodes, edges, 0.0)
+    return lambda: planners.conflicts(space, graph)
+
+
 # Readers
 
 
@@ -450,6 +462,7 @@ KINDS = {
     "measure the distance to n triangles": (100, measure_mesh_distance),
     "check a plan of n waypoints": (8, recheck_plan),
     "time a plan of n waypoints": (16, time_plan),
+    "find conflicts of n lanes": (16, find_conflicts),
     "print a plan among n voxels": (4, print_plan_among_voxels),
     "explain among n voxels": (8, explain_among_voxels),
     "explain among n obstacles": (8, explain_obstacles),

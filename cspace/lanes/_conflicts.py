@@ -1,0 +1,533 @@
+"""Conflicts of route graphs: lanes and nodes that two robots may not use at once, and zones."""
+
+from __future__ import annotations
+
+import itertools
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, TypeAlias
+
+import numpy as np
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from cspace._rotations.base import wrap_angles
+from cspace._support.arrays import Floats, Ints, StrPath
+from cspace._support.check import check_flag, check_known, check_not_negative, check_text
+from cspace.errors import InputError
+from cspace.lanes._audit import line_of
+from cspace.lanes._lane_motions import check_map
+from cspace.lanes._outlines import ROUNDING, Sweeper, find_touches, make_outlines, make_sweeper
+from cspace.lanes._reports import (
+    JunitCase,
+    format_table,
+    format_value,
+    make_features,
+    write_csv,
+    write_json,
+    write_junit,
+)
+from cspace.lanes._route_graph import RouteGraph
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from cspace._configuration_map import ConfigurationMap
+
+PairState: TypeAlias = Literal["apart", "touch", "undecided"]
+"""Verdicts about two elements."""
+
+Pose: TypeAlias = tuple[float, ...]
+"""A configuration: x, y, and a yaw if the map has one; metres and radians."""
+
+COLORS: Final = {"touch": "#c4161c", "undecided": "#e08a00"}
+"""Colors of places in pictures, by verdict."""
+
+COLUMNS: Final = (
+    *("first", "second", "verdict", "shares_node", "groups"),
+    *("at", "first_pose", "second_pose"),
+)
+"""Columns of tables, for each pair that is not apart."""
+
+
+class Element(NamedTuple):
+    """A lane in one direction, or a node with its turns, for one robot.
+
+    Attributes
+    ----------
+    robot : str
+        Name of the robot; empty if it has none.
+    kind : str
+        "lane" or "node".
+    nodes : tuple of tuple of float
+        Positions of its nodes, metres.
+    group : str
+        Mutex group of the file; empty without one.
+    line : ndarray of float64, shape (n, 2)
+        Points to draw.
+    """
+
+    robot: str
+    kind: str
+    nodes: tuple[tuple[float, float], ...]
+    group: str
+    line: Floats
+
+
+class Conflict(NamedTuple):
+    """Verdict about two elements.
+
+    Attributes
+    ----------
+    first, second : str
+        Names of the elements.
+    verdict : str
+        "apart": proven for all poses; "touch": two poses at which the robots overlap, or are within
+        the distance; otherwise "undecided".
+    shares_node : bool
+        Whether the elements have a node at the same position.
+    groups : tuple of str
+        Mutex groups that both are in.
+    at : tuple of float or None
+        A point of both robots, or where it is undecided, metres.
+    poses : tuple of tuple of float, or None
+        The two poses, if they touch.
+    """
+
+    first: str
+    second: str
+    verdict: PairState
+    shares_node: bool
+    groups: tuple[str, ...] = ()
+    at: tuple[float, float] | None = None
+    poses: tuple[Pose, Pose] | None = None
+
+    @property
+    def cells(self) -> dict[str, Any]:
+        """Values of the table, by the names of its columns."""
+        poses = self.poses or (None, None)
+        groups = " ".join(self.groups)
+        row = self.first, self.second, self.verdict, self.shares_node, groups, self.at, *poses
+        return dict(zip(COLUMNS, row, strict=True))
+
+
+@dataclass(frozen=True, eq=False)
+class Conflicts:
+    """Pairs of lanes and nodes on which two robots can touch.
+
+    Attributes
+    ----------
+    robots : dict of str to tuple
+        The map and the graph of each robot by its name.
+    distance : float
+        Distance that two robots must keep, metres.
+    elements : dict of str to Element
+        Lanes and nodes by their names, such as "7: a to b" and "node a", or "tug node a" of a robot
+        with a name.
+    outlines : dict of str to shapely geometry
+        A polygon, in metres, proven to hold the robot, with its margin, everywhere on an element;
+        of several polygons for a robot in several parts.
+    pairs : list of Conflict
+        All pairs of different elements that are not proven apart.
+    """
+
+    robots: Mapping[str, tuple[ConfigurationMap, RouteGraph]]
+    distance: float
+    elements: dict[str, Element]
+    outlines: dict[str, BaseGeometry]
+    pairs: list[Conflict]
+    _sweepers: list[Sweeper] = field(repr=False)
+    _stands: dict[str, Pose] = field(repr=False)
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Number of pairs of different elements by verdict."""
+        counts = Counter(row.verdict for row in self.pairs)
+        total = len(self.elements) * (len(self.elements) - 1) // 2
+        others = {verdict: counts[verdict] for verdict in ("touch", "undecided")}
+        return {"apart": total - len(self.pairs), **others}
+
+    def between(self, first: str, second: str) -> Conflict:
+        """Return the verdict about two elements; an element touches itself.
+
+        Raises
+        ------
+        InputError
+            If there is no such element.
+        """
+        for name, argument in ((first, "first"), (second, "second")):
+            check_known(name, argument, self.elements)
+        ends = first, second
+        if first == second:
+            pose = self._stands[first]
+            group = self.elements[first].group
+            groups = (group,) if group else ()
+            return Conflict(*ends, "touch", True, groups, (pose[0], pose[1]), (pose, pose))
+        if ends in self._rows:
+            return self._rows[ends]
+        if ends[::-1] in self._rows:
+            row = self._rows[ends[::-1]]
+            poses = row.poses and row.poses[::-1]
+            return row._replace(first=first, second=second, poses=poses)
+        both = self.elements[first], self.elements[second]
+        return Conflict(*ends, "apart", _share_node(*both), _share_groups(*both))
+
+    @cached_property
+    def _rows(self) -> dict[tuple[str, str], Conflict]:
+        """Pairs that are not apart, by the names of their elements."""
+        return {(row.first, row.second): row for row in self.pairs}
+
+    @property
+    def groups(self) -> dict[str, list[str]]:
+        """Elements of each mutex group that the files have."""
+        found: dict[str, list[str]] = {}
+        for name, element in self.elements.items():
+            if element.group:
+                found.setdefault(element.group, []).append(name)
+        return found
+
+    @property
+    def unguarded(self) -> list[Conflict]:
+        """Pairs that touch and share no mutex group."""
+        return [row for row in self.pairs if row.verdict == "touch" and not row.groups]
+
+    @property
+    def needless(self) -> list[str]:
+        """Mutex groups of several elements, of which any two are proven apart."""
+        used = {group for row in self.pairs for group in row.groups}
+        return [name for name, members in self.groups.items() if len(members) > 1 > (name in used)]
+
+    def zones(self) -> Zones:
+        """Return zones that keep robots on different elements apart, if one at a time is in each.
+
+        A robot is in a zone as long as any point of it, or of its margin, is. If two robots on
+        different elements are within the distance of each other, the line between their nearest
+        points lies where the outlines, grown by the distance, overlap. A zone is a connected part
+        of these overlaps, without holes, so both robots are in it.
+        """
+        outlines = list(self.outlines.values())
+        if self.distance > 0.0:
+            outlines = []
+            for sweeper in self._sweepers:
+                grown = sweeper.pieces._replace(growths=sweeper.pieces.growths + self.distance)
+                outlines += list(make_outlines(sweeper.body, grown, len(sweeper.outlines)))
+        numbers = {name: k for k, name in enumerate(self.elements)}
+        ends = np.array([(numbers[row.first], numbers[row.second]) for row in self.pairs])
+        first, second = ends.reshape(-1, 2).astype(np.int64).T
+        found: Any = np.array(outlines, dtype=object)
+        overlaps = shapely.intersection(found[first], found[second])
+        # A zone without holes may hold other zones, so zones are united again.
+        polygons = _fill(_fill(overlaps))
+        tree = shapely.STRtree(polygons)
+        members: list[set[str]] = [set() for _ in polygons]
+        names = list(self.elements)
+        for pair, zone in tree.query(overlaps, predicate="intersects").T.tolist():
+            members[zone] |= {names[first[pair]], names[second[pair]]}
+        return Zones(tuple(polygons), tuple(tuple(sorted(each)) for each in members))
+
+    def __repr__(self) -> str:
+        """Return the robots and the numbers of pairs by verdict."""
+        names = " and ".join(space.robot.name for space, _ in self.robots.values())
+        numbers = ", ".join(f"{count} {verdict}" for verdict, count in self.counts.items())
+        return f"Conflicts({names}: {numbers})"
+
+    def __str__(self) -> str:
+        """Return a table of the pairs that are not apart, then the audit of mutex groups."""
+        order = sorted(self.pairs, key=lambda row: (bool(row.groups), row.shares_node))
+        lines = [repr(self)]
+        lines += format_table(COLUMNS, [list(row.cells.values()) for row in order], "pairs")
+        if self.groups:
+            lines.append(f"{len(self.unguarded)} pairs touch and share no mutex group")
+        if self.needless:
+            lines.append(f"mutex groups that guard nothing: {', '.join(self.needless)}")
+        return "\n".join(lines)
+
+    def plot(self) -> Axes:
+        """Draw the map with all lanes, and the places where robots touch.
+
+        Pairs that share a node are drawn pale.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+        """
+        from cspace.plot._artists import add_legend_below
+
+        space, _ = next(iter(self.robots.values()))
+        axes = space.plot(title=repr(self))
+        for element in self.elements.values():
+            axes.plot(*element.line.T, ".-", color="#1f4e79", linewidth=1.0, ms=4, zorder=5)
+        for verdict, color in COLORS.items():
+            for shares, alpha in ((True, 0.12), (False, 0.55)):
+                rows = [
+                    row for row in self.pairs if (row.verdict, row.shares_node) == (verdict, shares)
+                ]
+                common = [
+                    shapely.intersection(self.outlines[row.first], self.outlines[row.second])
+                    for row in rows
+                ]
+                label = f"{len(rows)} {verdict}{', with a common node' if shares else ''}"
+                _fill_shapes(axes, common, color, alpha, label)
+                if rows and not shares:
+                    places = np.array([row.at for row in rows])
+                    axes.plot(*places.T, "X", color=color, markeredgecolor="white", ms=7, zorder=7)
+        figure: Any = axes.figure
+        (legend,) = figure.legends
+        legend.remove()
+        add_legend_below(figure, [*legend.legend_handles, *axes.get_legend_handles_labels()[0]])
+        return axes
+
+    def to_geojson(self) -> dict[str, Any]:
+        """Return outlines as polygons and pairs as points, in metres of the map's frame."""
+        shapes: list[tuple[Mapping[str, Any], Mapping[str, Any]]] = []
+        for name, outline in self.outlines.items():
+            element = self.elements[name]
+            properties = {"element": name, "kind": element.kind, "group": element.group}
+            shapes.append((shapely.geometry.mapping(outline), properties))
+        shapes += [
+            ({"type": "Point", "coordinates": list(row.at or ())}, row.cells) for row in self.pairs
+        ]
+        return make_features(shapes)
+
+    def write_geojson(self, path: StrPath, overwrite: bool = False) -> None:
+        """Write :meth:`to_geojson` to a file."""
+        write_json(path, overwrite, self.to_geojson())
+
+    def to_csv(self, path: StrPath, overwrite: bool = False) -> None:
+        """Write one row for each pair that is not apart."""
+        write_csv(path, overwrite, COLUMNS, (row.cells for row in self.pairs))
+
+    def to_junit(self, path: StrPath, overwrite: bool = False, strict: bool = False) -> None:
+        """Write a JUnit report: one test for each pair that is not apart and shares no node.
+
+        If a file has mutex groups, a pair that touches and shares none fails. An undecided pair
+        that shares none is skipped, or fails if ``strict``.
+        """
+        check_flag(strict, "strict")
+        failing = {(row.first, row.second) for row in self.failing(strict)}
+        cases = []
+        for row in self.pairs:
+            if not row.shares_node:
+                text = f"{row.verdict} at {format_value(row.at)}, with no mutex group in common"
+                is_open = bool(self.groups) and not row.groups
+                name = f"{row.first} and {row.second}"
+                fails = (row.first, row.second) in failing
+                cases.append(JunitCase(name, text if is_open else "", fails))
+        write_junit(path, overwrite, repr(self), "conflicts", cases)
+
+    def failing(self, strict: bool = False) -> list[Conflict]:
+        """Return pairs that touch though mutex groups should keep the robots apart.
+
+        These share no node and no group; if ``strict``, undecided pairs count, too. There are none
+        if no file has groups.
+        """
+        wrong = ("touch", "undecided") if strict else ("touch",)
+        return [
+            row
+            for row in self.pairs
+            if self.groups and row.verdict in wrong and not (row.groups or row.shares_node)
+        ]
+
+
+@dataclass(frozen=True, eq=False)
+class Zones:
+    """Polygons that one robot at a time may enter.
+
+    Attributes
+    ----------
+    polygons : tuple of shapely polygons
+        Metres, without holes; no two meet.
+    elements : tuple of tuple of str
+        Lanes and nodes that pass each zone.
+    """
+
+    polygons: tuple[shapely.Polygon, ...]
+    elements: tuple[tuple[str, ...], ...]
+
+    def __len__(self) -> int:
+        """Return the number of zones."""
+        return len(self.polygons)
+
+    def to_geojson(self) -> dict[str, Any]:
+        """Return the zones as polygons, in metres of the map's frame."""
+        rows = enumerate(zip(self.polygons, self.elements, strict=True))
+        return make_features(
+            (shapely.geometry.mapping(polygon), {"zone": k, "elements": list(names)})
+            for k, (polygon, names) in rows
+        )
+
+    def write_geojson(self, path: StrPath, overwrite: bool = False) -> None:
+        """Write :meth:`to_geojson` to a file."""
+        write_json(path, overwrite, self.to_geojson())
+
+    def to_csv(self, path: StrPath, overwrite: bool = False) -> None:
+        """Write one row for each corner of each zone, in order: zone, x, y."""
+        rows = (
+            {"zone": k, "x": x, "y": y}
+            for k, polygon in enumerate(self.polygons)
+            for x, y in _corners_of(polygon)
+        )
+        write_csv(path, overwrite, ("zone", "x", "y"), rows)
+
+    def to_vda5050(self, map_id: str, zone_set_id: str) -> dict[str, Any]:
+        """Return the ``zoneSet`` of a message of VDA 5050, version 3, of release zones.
+
+        The fleet control adds the header, and releases each zone to one robot at a time.
+        """
+        zones = [
+            {
+                "zoneId": str(k),
+                "zoneType": "RELEASE",
+                "vertices": [{"x": x, "y": y} for x, y in _corners_of(polygon)],
+            }
+            for k, polygon in enumerate(self.polygons)
+        ]
+        names = {
+            "mapId": check_text(map_id, "map_id", "hall"),
+            "zoneSetId": check_text(zone_set_id, "zone_set_id", "lanes"),
+        }
+        return {"zoneSet": {**names, "zones": zones}}
+
+
+def find_conflicts(
+    robots: Mapping[str, tuple[ConfigurationMap, RouteGraph]], distance: float
+) -> Conflicts:
+    """Find the pairs of elements on which robots can touch, see :func:`planners.conflicts`."""
+    gap = check_not_negative(distance, "distance")
+    space, _ = next(iter(robots.values()))
+    for name, (other, graph) in robots.items():
+        check_map(other, graph)
+        _check_same_map(space, other, name)
+    sweepers = [make_sweeper(*each) for each in robots.values()]
+    elements: dict[str, Element] = {}
+    for name, (_, graph) in robots.items():
+        _add_elements(elements, name, graph)
+    outlines: Any = np.concatenate([sweeper.outlines for sweeper in sweepers])
+    stands = [
+        pose
+        for sweeper, (each, _) in zip(sweepers, robots.values(), strict=True)
+        for pose in _list_poses(each, sweeper.pieces.starts[sweeper.begins[:-1]])
+    ]
+    return Conflicts(
+        robots=dict(robots),
+        distance=gap,
+        elements=elements,
+        outlines=dict(zip(elements, outlines.tolist(), strict=True)),
+        pairs=_judge_pairs(list(robots.values()), sweepers, elements, gap),
+        _sweepers=sweepers,
+        _stands=dict(zip(elements, stands, strict=True)),
+    )
+
+
+def _check_same_map(space: ConfigurationMap, other: ConfigurationMap, name: str) -> None:
+    """Raise InputError unless two maps have one frame and one extent."""
+    hint = "build both maps of one workspace"
+    if other.frame_id != space.frame_id:
+        problem = f"has the frame {other.frame_id!r}, but space has {space.frame_id!r}"
+        raise InputError(f"others[{name!r}]", problem, "positions must be in one frame", hint)
+    corners = np.array([[*each.grid.lower, *each.grid.upper] for each in (space, other)])
+    if np.abs(np.diff(corners, axis=0)).max() > max(space.grid.spacing, other.grid.spacing):
+        low, high = corners[1].reshape(2, 2).tolist()
+        problem = f"has a map from {low} to {high}"
+        rule = f"that of space is from {list(space.grid.lower)} to {list(space.grid.upper)}"
+        raise InputError(f"others[{name!r}]", problem, rule, hint)
+
+
+def _add_elements(elements: dict[str, Element], robot: str, graph: RouteGraph) -> None:
+    """Add the lanes of a graph, then its nodes, by names that differ."""
+    prefix = f"{robot} " if robot else ""
+    twins: Counter[str] = Counter()
+    for number, lane in enumerate(graph.lanes):
+        ends = lane.start, lane.end
+        start, end = (graph.names[node] for node in ends)
+        name = f"{prefix}{lane.name}: {start} to {end}"
+        twins[name] += 1
+        nodes = tuple(graph.places[node] for node in ends)
+        element = Element(robot, "lane", nodes, lane.mutex, line_of(graph, number))
+        elements[f"{name} ({twins[name]})" if twins[name] > 1 else name] = element
+    for name, place in zip(graph.names, graph.places, strict=True):
+        group = graph.node_mutexes.get(name, "")
+        elements[f"{prefix}node {name}"] = Element(
+            robot, "node", (place,), group, np.array([place])
+        )
+
+
+def _judge_pairs(
+    robots: Sequence[tuple[ConfigurationMap, RouteGraph]],
+    sweepers: list[Sweeper],
+    elements: dict[str, Element],
+    distance: float,
+) -> list[Conflict]:
+    """Return the verdicts about all pairs of different elements that are not apart."""
+    begins = np.cumsum([0, *(len(sweeper.outlines) for sweeper in sweepers)])
+    names, kinds = list(elements), list(elements.values())
+    pairs: list[Conflict] = []
+    for one, other in itertools.combinations_with_replacement(range(len(sweepers)), 2):
+        first, second = _find_near(sweepers[one], sweepers[other], distance)
+        touches = find_touches(sweepers[one], first, sweepers[other], second, distance)
+        poses = zip(
+            _list_poses(robots[one][0], touches.first),
+            _list_poses(robots[other][0], touches.second),
+            strict=True,
+        )
+        places = (first + begins[one]).tolist(), (second + begins[other]).tolist()
+        ends = touches.found.tolist(), touches.points.tolist()
+        for a, b, found, (x, y), both in zip(*places, *ends, poses, strict=True):
+            verdict: PairState = "touch" if found else "undecided"
+            shared = _share_node(kinds[a], kinds[b]), _share_groups(kinds[a], kinds[b])
+            row = Conflict(names[a], names[b], verdict, *shared, (x, y), both if found else None)
+            pairs.append(row)
+    return pairs
+
+
+def _list_poses(space: ConfigurationMap, poses: Floats) -> list[Pose]:
+    """Return poses, shape (n, 3), as configurations of a map."""
+    wrapped = np.column_stack([poses[:, :2], wrap_angles(poses[:, 2])])
+    return [tuple(pose) for pose in wrapped[:, : space.size].tolist()]
+
+
+def _find_near(one: Sweeper, other: Sweeper, distance: float) -> tuple[Ints, Ints]:
+    """Return the pairs of elements of two robots that are not proven apart."""
+    tree = shapely.STRtree(other.outlines)
+    if distance > 0.0:
+        reach = distance + ROUNDING
+        found = tree.query(one.outlines, predicate="dwithin", distance=reach)
+    else:
+        found = tree.query(one.outlines, predicate="intersects")
+    if one is other:
+        found = found[:, found[0] < found[1]]
+    first, second = found[:, np.lexsort(found[::-1])]
+    return first, second
+
+
+def _share_node(one: Element, other: Element) -> bool:
+    """Return True if two elements have a node at the same position."""
+    return not set(one.nodes).isdisjoint(other.nodes)
+
+
+def _share_groups(one: Element, other: Element) -> tuple[str, ...]:
+    """Return the mutex groups that two elements are both in."""
+    return (one.group,) if one.group and one.group == other.group else ()
+
+
+def _fill(shapes: Any) -> Any:
+    """Return the polygons of a union, without holes, shape (n,)."""
+    parts = shapely.get_parts(shapely.union_all(shapes))
+    polygons = parts[shapely.get_type_id(parts) == shapely.GeometryType.POLYGON]
+    return shapely.polygons(shapely.get_exterior_ring(polygons))
+
+
+def _corners_of(polygon: shapely.Polygon) -> list[tuple[float, float]]:
+    """Return the corners of a polygon, each once."""
+    return [(x, y) for x, y in polygon.exterior.coords[:-1]]
+
+
+def _fill_shapes(
+    axes: Axes, shapes: Sequence[BaseGeometry], color: str, alpha: float, label: str
+) -> None:
+    """Fill the union of shapes with a color."""
+    for number, polygon in enumerate(_fill(shapes)):
+        x, y = np.array(polygon.exterior.coords).T
+        axes.fill(x, y, color=color, alpha=alpha, label=label if not number else None, zorder=4)

@@ -1,0 +1,539 @@
+"""Whether two timed motions of two robots stay apart, by intervals of time.
+
+Within an interval, points of a robot move from where they are in its middle by at most half its
+width times the robot's largest speed. If the distance in the middle exceeds what both may move, and
+their errors, the robots are apart all along the interval; otherwise it is halved.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final, Literal, NamedTuple, Protocol, TypeAlias
+from warnings import catch_warnings, simplefilter
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cspace._bodies.cores import Cores, measure_distances
+from cspace._robot import Robot, robot_of
+from cspace._support.arrays import Floats
+from cspace._support.check import (
+    AXES,
+    check_finite,
+    check_not_negative,
+    check_number,
+    check_point,
+    names_options,
+    warn_of_degrees,
+)
+from cspace.errors import InputError
+from planners._segments import bound_derivatives
+from planners._trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from cspace._shapes import Shape, ShapeLike
+    from cspace._space import CSpace
+
+MotionState: TypeAlias = Literal["apart", "touch", "undecided"]
+"""Verdicts about two motions."""
+
+ROUNDING: Final = 1e-9
+"""Distance, metres, that covers the rounding of placed robots."""
+
+COORDINATE_ROUNDING: Final = 1e-11
+"""Distance that covers the rounding of placed robots, as a share of the coordinates."""
+
+SPEED_ROUNDING: Final = 1e-9
+"""Share of a bound of a speed by which it grows, for rounding."""
+
+FIRST_PIECES: Final = 16
+"""Number of intervals into which the time is cut at first."""
+
+MIN_INTERVAL: Final = 1e-6
+"""Width of an interval, seconds, that is not halved."""
+
+TOUCH_INTERVAL: Final = 1e-3
+"""Width of an interval, seconds, in which no earlier instant of contact is searched."""
+
+MAX_INTERVALS: Final = 4096
+"""Number of intervals, besides the first, that are tried at once before motions stay undecided."""
+
+BOUND_SHARE: Final = 0.8
+"""Share of the least distance found that each interval is to prove."""
+
+CELLS_PER_SIDE: Final = 16
+"""Number of cells along the longest side of the map around a solid."""
+
+MAX_SAMPLES: Final = 300
+"""Number of points of a solid that are tried to be inside another one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Mover:
+    """A robot on a timed motion, or a thing that stands or moves at a constant velocity.
+
+    Attributes
+    ----------
+    robot : Robot, or what makes one
+        Shape, with its reference point at the origin, such as ``"rect:0.7x0.5"``.
+    motion : Trajectory or array-like
+        A trajectory of a rigid robot, or a configuration: x, y, or x, y, z, and perhaps a yaw;
+        metres and radians.
+    at : float
+        Time, seconds, at which the motion begins, or at which the thing is at the configuration.
+    velocity : array-like, shape (2,) or (3,), optional
+        Constant velocity of a thing, m/s.
+    error : float
+        Largest distance, metres, of the robot from its motion.
+    growth : float
+        Growth of the error after ``at``, m/s.
+    """
+
+    robot: Robot | ShapeLike
+    motion: Trajectory | ArrayLike
+    at: float = 0.0
+    velocity: ArrayLike | None = None
+    error: float = 0.0
+    growth: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Separation:
+    """Whether two motions stay apart; true in conditions if they are proven to.
+
+    Attributes
+    ----------
+    verdict : str
+        "apart": at every instant; "touch": the robots are within the distance at :attr:`time`;
+        otherwise "undecided".
+    distance : float
+        Lower bound of the distance of the robots at every instant, metres, if they are apart.
+    time : float or None
+        Seconds: an instant at which they touch, or the first one that is undecided.
+    poses : tuple of ndarray or None
+        Poses at which they touch then, within the errors of their motions: x, y, in space z, and
+        yaw.
+    interval : tuple of float
+        First and last instant, seconds.
+    """
+
+    verdict: MotionState
+    distance: float = 0.0
+    time: float | None = None
+    poses: tuple[Floats, Floats] | None = None
+    interval: tuple[float, float] = (0.0, 0.0)
+
+    def __bool__(self) -> bool:
+        """Return True if the motions are proven apart."""
+        return self.verdict == "apart"
+
+
+@names_options
+def apart(
+    first: Mover, second: Mover, *, distance: float = 0.0, until: float | None = None
+) -> Separation:
+    """Prove two timed motions apart at every instant, or find when they touch.
+
+    Time begins with the earlier motion. A robot stands at its start before its trajectory begins,
+    and at its end ever after. Both robots move in the plane, or both in space, with or without a
+    yaw.
+
+    Parameters
+    ----------
+    first, second : Mover
+    distance : float
+        Distance that the robots must keep, metres.
+    until : float, optional
+        Last instant, seconds; by default the end of the later trajectory. Things at a constant
+        velocity, and errors that grow without a trajectory, need it.
+
+    Returns
+    -------
+    Separation
+
+    Raises
+    ------
+    InputError
+        If a motion is that of an arm, or rotates about other axes than z; if a number is not
+        finite; if frames differ; if the robots touch at the start.
+
+    Examples
+    --------
+    >>> import planners
+    >>> person = planners.Mover("disc:0.3", (0.0, 2.0), velocity=(1.0, 0.0))
+    >>> crate = planners.Mover("rect:1x1", (3.0, 0.8, 0.5), error=0.05)
+    >>> separation = planners.apart(person, crate, until=10.0)
+    >>> separation.verdict, separation.distance > 0.1
+    ('apart', True)
+    """
+    movers = _read_mover(first, "first"), _read_mover(second, "second")
+    gap = check_not_negative(distance, "distance")
+    _check_pair(*movers)
+    begin, end = _find_interval(movers, until)
+    # Times count from the first instant, because stamps of clocks have few digits of a second.
+    one, other = (each._replace(at=each.at - begin) for each in movers)
+    shapes = one.robot.shape, other.robot.shape
+    measure = PlaneMeasure(*shapes) if shapes[0].dim == 2 else SolidMeasure(*shapes)
+    search = Search((one, other), measure, gap, end - begin)
+    if search.find_touch(np.zeros(1)) is not None:
+        problem = f"touches second at the start, at {begin:g} s"
+        rule = f"their distance must exceed {gap:g} m and their errors"
+        raise InputError("first", problem, rule, "check both frames, or lower distance")
+    found = search.run()
+    time = None if found.time is None else begin + found.time
+    return replace(found, time=time, interval=(begin, end))
+
+
+class Timed(NamedTuple):
+    """A checked motion.
+
+    Attributes
+    ----------
+    robot : Robot
+    trajectory : Trajectory or None
+    pose : ndarray of float64, shape (dim + 1,)
+        Position and yaw of a thing.
+    velocity : ndarray of float64, shape (dim,)
+    at, error, growth : float
+        Seconds, metres and m/s.
+    times, speeds : ndarray of float64, shape (n,), (n + 1,)
+        Seconds after ``at`` at which the bound of the speed changes, and the bounds between, m/s.
+    """
+
+    robot: Robot
+    trajectory: Trajectory | None
+    pose: Floats
+    velocity: Floats
+    at: float
+    error: float
+    growth: float
+    times: Floats
+    speeds: Floats
+
+    def place(self, t: Floats) -> Floats:
+        """Return positions and yaws at times, shape (n, dim + 1)."""
+        dim = len(self.velocity)
+        poses = np.tile(self.pose, (len(t), 1))
+        if self.trajectory is None:
+            poses[:, :dim] += (t - self.at)[:, np.newaxis] * self.velocity
+        else:
+            found = self.trajectory.sample(np.maximum(t - self.at, 0.0))[0]
+            poses[:, : found.shape[1]] = found
+        return poses
+
+    def bound_errors(self, t: Floats) -> Floats:
+        """Return the largest errors up to times, metres, shape (n,)."""
+        return np.asarray(self.error + self.growth * np.maximum(t - self.at, 0.0))
+
+    def bound_speeds(self, t: Floats) -> Floats:
+        """Return bounds of the speed of any point around times, m/s, shape (n,)."""
+        return np.asarray(self.speeds[np.searchsorted(self.at + self.times, t)])
+
+
+def _read_mover(mover: object, name: str) -> Timed:
+    """Check a mover."""
+    if not isinstance(mover, Mover):
+        hint = "pass planners.Mover(robot, motion)"
+        raise InputError(name, f"is a {type(mover).__name__}", "it must be a Mover", hint)
+    robot = robot_of(mover.robot)
+    dim = robot.dim
+    at = check_number(mover.at, f"{name}.at", "pass seconds, e.g. 2.0")
+    numbers = (
+        check_not_negative(mover.error, f"{name}.error"),
+        check_not_negative(mover.growth, f"{name}.growth", "pass it in metres per second"),
+    )
+    velocity = np.zeros(dim)
+    if mover.velocity is not None:
+        velocity = check_point(mover.velocity, f"{name}.velocity", dim)
+    if isinstance(mover.motion, Trajectory):
+        if mover.velocity is not None:
+            rule = "a trajectory has its own"
+            raise InputError(f"{name}.velocity", "is given", rule, "leave it out")
+        _check_axes(mover.motion.axes, robot, name)
+        pose = np.zeros(dim + 1)
+        bounds = _bound_trajectory(mover.motion, robot)
+        return Timed(robot, mover.motion, pose, velocity, at, *numbers, *bounds)
+    row = check_finite(mover.motion, f"{name}.motion")
+    if row.shape not in ((dim,), (dim + 1,)):
+        axes = ", ".join(AXES[:dim])
+        rule = f"it must be a trajectory, or {axes}, and perhaps a yaw, of {robot.name}"
+        raise InputError(
+            f"{name}.motion", f"has shape {row.shape}", rule, "pass e.g. (1.0, 2.0, 0.5)"
+        )
+    yaws = dict.fromkeys(range(dim, len(row)), "its yaw")
+    warn_of_degrees(row[np.newaxis], yaws, f"{name}.motion")
+    pose = np.append(row, np.zeros(dim + 1 - len(row)))
+    speed = np.array([float(np.linalg.norm(velocity)) * (1.0 + SPEED_ROUNDING)])
+    return Timed(robot, None, pose, velocity, at, *numbers, np.zeros(0), speed)
+
+
+def _check_axes(axes: tuple[str, ...], robot: Robot, name: str) -> None:
+    """Raise InputError unless a trajectory is that of a rigid robot, with a yaw or none."""
+    known = AXES[: robot.dim]
+    if axes not in (known, (*known, "yaw")):
+        rule = f"that of {robot.name} has {', '.join(known)}, and perhaps yaw"
+        hint = "pass a trajectory of a rigid robot, without other rotations"
+        raise InputError(f"{name}.motion", f"has the axes {', '.join(axes)}", rule, hint)
+
+
+def _bound_trajectory(trajectory: Trajectory, robot: Robot) -> tuple[Floats, Floats]:
+    """Return the times at which phases begin, and bounds of the speed of any point between.
+
+    The robot rests before the first and after the last.
+    """
+    phases = trajectory._phases
+    widths = np.diff(phases.times)
+    speeds = phases.speeds[:-1]
+    later = speeds + widths * phases.accelerations[:-1]
+    lengths = np.maximum(0.5 * widths * (speeds + later), 0.0)
+    segments = trajectory._segments.select(phases.segments[:-1])
+    rates, _ = bound_derivatives(segments, phases.positions[:-1], lengths)
+    moves = np.linalg.norm(rates[:, : robot.dim], axis=1)
+    moves += lever_of(robot.shape) * np.linalg.norm(rates[:, robot.dim :], axis=1)
+    bounds = moves * np.maximum(speeds, later) * (1.0 + SPEED_ROUNDING)
+    return phases.times, np.concatenate([[0.0], bounds, [0.0]])
+
+
+def lever_of(shape: Shape) -> float:
+    """Return a distance, metres, that no point of a shape exceeds from the z axis."""
+    corner = np.abs(shape.outer.bounds).max(axis=0)[:2]
+    return float(np.hypot(*corner)) * (1.0 + SPEED_ROUNDING)
+
+
+def _check_pair(first: Timed, second: Timed) -> None:
+    """Raise InputError unless two motions are in one space and frame."""
+    if first.robot.dim != second.robot.dim:
+        problem = f"moves in {second.robot.shape.place}, but first in {first.robot.shape.place}"
+        hint = "use robot.footprint() for both in the plane"
+        raise InputError("second", problem, "both must move in one space", hint)
+    frames = [each.trajectory and each.trajectory._route.frame_id for each in (first, second)]
+    if None not in frames and frames[0] != frames[1]:
+        problem = f"has the frame {frames[1]!r}, but first has {frames[0]!r}"
+        hint = "plan on maps of one frame"
+        raise InputError("second.motion", problem, "positions must be in one frame", hint)
+
+
+def _find_interval(movers: tuple[Timed, Timed], until: float | None) -> tuple[float, float]:
+    """Return the first and the last instant."""
+    driven = [each for each in movers if each.trajectory is not None]
+    begin = min(each.at for each in driven or movers)
+    end = max((each.at + float(each.times[-1]) for each in driven), default=begin)
+    if until is not None:
+        end = check_number(until, "until", "pass seconds, e.g. 10.0")
+    elif not driven and any(each.velocity.any() or each.growth for each in movers):
+        rule = "a thing that moves, or an error that grows, has no end"
+        raise InputError("until", "is missing", rule, "pass until=10.0, in seconds")
+    if end < begin:
+        rule = f"the motions begin at {begin:g} s"
+        raise InputError("until", f"is {end:g}", rule, "pass a later time")
+    return begin, end
+
+
+class Measure(Protocol):
+    """Distances of two shapes at poses, shape (n, dim + 1) each."""
+
+    def bound_below(self, poses: Floats, others: Floats) -> Floats:
+        """Return lower bounds, within rounding, of the distances, metres, shape (n,)."""
+
+    def bound_above(self, poses: Floats, others: Floats) -> tuple[Floats, Floats]:
+        """Return upper bounds of the distances, shape (n,), and steps between near points."""
+
+
+class PlaneMeasure:
+    """Distances of two shapes in the plane."""
+
+    def __init__(self, first: Shape, second: Shape) -> None:
+        """Lay the outer and inner shapes ready."""
+        self._outer = Cores(first.outer), Cores(second.outer)
+        self._inner = Cores(first.inner), Cores(second.inner)
+
+    def bound_below(self, poses: Floats, others: Floats) -> Floats:
+        """Return the distances of the outer shapes."""
+        distances, _ = measure_distances(self._outer[0], poses, self._outer[1], others)
+        return np.maximum(distances, 0.0)
+
+    def bound_above(self, poses: Floats, others: Floats) -> tuple[Floats, Floats]:
+        """Return the distances of the inner shapes."""
+        distances, lines = measure_distances(self._inner[0], poses, self._inner[1], others)
+        return distances, lines[:, 1] - lines[:, 0]
+
+
+class SolidMeasure:
+    """Distances of two solids, of which the second is an obstacle in its own frame."""
+
+    def __init__(self, first: Shape, second: Shape) -> None:
+        """Make a small map of the second solid for the first."""
+        self._space = _build_around(first, second)
+        self._inner = first.inner, second.inner
+        self._samples = _sample_solid(first.inner), _sample_solid(second.inner)
+
+    def bound_below(self, poses: Floats, others: Floats) -> Floats:
+        """Return lower bounds by the boundaries; 0 if one may lie in the other."""
+        proofs = self._space._boundary_proofs()
+        none = np.zeros(1)
+        bounds = np.zeros(len(poses))
+        for k, row in enumerate(_relate(poses, others)):
+            if proofs.are_free(row[np.newaxis], row[np.newaxis])[0]:
+                bounds[k] = proofs.slack(row[np.newaxis], none, none)
+        return bounds
+
+    def bound_above(self, poses: Floats, others: Floats) -> tuple[Floats, Floats]:
+        """Return the distances of points of both solids; 0 if one is inside the other."""
+        from scipy.spatial.distance import cdist
+
+        bounds, steps = np.zeros(len(poses)), np.zeros((len(poses), 3))
+        (points, radii), (other_points, other_radii) = self._samples
+        for k, row in enumerate(_relate(poses, others)):
+            turn = _turn_about_z(row[3])
+            placed = points @ turn.T + row[:3]
+            back = (other_points - row[:3]) @ turn
+            if self._inner[1].contains(placed).any() or self._inner[0].contains(back).any():
+                continue
+            gaps = cdist(placed, other_points) - radii[:, np.newaxis] - other_radii
+            a, b = np.unravel_index(gaps.argmin(), gaps.shape)
+            bounds[k] = max(float(gaps[a, b]), 0.0)
+            steps[k] = _turn_about_z(others[k, 3]) @ (other_points[b] - placed[a])
+        return bounds, steps
+
+
+def _build_around(first: Shape, second: Shape) -> CSpace:
+    """Build a small map with a yaw, of one solid as the robot and another as the obstacle."""
+    from cspace._builder import build
+    from cspace._workspace import Workspace
+
+    reach = 2.0 * float(np.linalg.norm(np.abs(first.outer.bounds).max(axis=0)))
+    low, high = (np.asarray(corner) for corner in second.outer.bounds)
+    spacing = (float((high - low).max()) + 2.0 * reach) / CELLS_PER_SIDE
+    bounds = np.concatenate([low - reach, high + reach])
+    with catch_warnings():
+        simplefilter("ignore")  # the user chose neither cells nor bounds
+        workspace = Workspace.from_shapes([second], spacing, bounds)
+        return build(workspace, Robot("robot", first), rotations=4, outside="free")
+
+
+def _sample_solid(shape: Shape) -> tuple[Floats, Floats]:
+    """Return points of a solid with balls around them that lie in it, and their radii."""
+    simplices, radii = shape.outer.boundary()
+    middles = simplices.mean(axis=1)
+    points = np.concatenate([middles, *np.moveaxis(simplices, 1, 0)])
+    radii = np.tile(radii, 1 + simplices.shape[1])
+    chosen = np.linspace(0, len(points) - 1, min(len(points), MAX_SAMPLES)).astype(np.int64)
+    return points[chosen], radii[chosen]
+
+
+def _relate(poses: Floats, others: Floats) -> Floats:
+    """Return poses, shape (n, 4), as seen from others."""
+    steps = poses[:, :3] - others[:, :3]
+    cos, sin = np.cos(others[:, 3]), np.sin(others[:, 3])
+    x, y, z = steps.T
+    yaws = np.remainder(poses[:, 3] - others[:, 3] + math.pi, math.tau) - math.pi
+    return np.column_stack([cos * x + sin * y, cos * y - sin * x, z, yaws])
+
+
+def _turn_about_z(yaw: float) -> Floats:
+    """Return the matrix of a yaw."""
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+
+
+class Touch(NamedTuple):
+    """An instant at which two robots touch, seconds, and their poses."""
+
+    time: float
+    poses: tuple[Floats, Floats]
+
+
+class Search:
+    """The search for an instant at which two robots are within a distance."""
+
+    def __init__(
+        self, movers: tuple[Timed, Timed], measure: Measure, distance: float, duration: float
+    ) -> None:
+        """Remember the motions, which begin at 0, and their duration."""
+        self._movers = movers
+        self._measure = measure
+        self._distance = distance
+        self._duration = duration
+
+    def run(self) -> Separation:
+        """Halve intervals until each is proven, or the first instant of contact is found."""
+        lows, highs = self._cut_first()
+        most = MAX_INTERVALS + len(lows)
+        touch: Touch | None = None
+        least, proven = math.inf, math.inf
+        undecided = math.inf
+        while len(lows):
+            middles = 0.5 * (lows + highs)
+            gaps, bounds = self._bound(middles, lows, highs)
+            found = self.find_touch(middles[gaps <= self._distance])
+            if found is not None and (touch is None or found.time < touch.time):
+                touch = found
+            least = min(least, float(gaps.min()))
+            enough = self._distance + BOUND_SHARE * max(least - self._distance, 0.0)
+            is_narrow = highs - lows <= MIN_INTERVAL
+            settled = (bounds > enough) | (is_narrow & (bounds > self._distance))
+            proven = min(proven, float(bounds[settled].min(initial=math.inf)))
+            left = ~settled
+            if touch is not None:
+                left &= (lows < touch.time) & (highs - lows > TOUCH_INTERVAL)
+            stuck = left & is_narrow
+            if len(lows) > most:
+                # What proves enough for the distance settles, too.
+                stuck = left & (bounds <= self._distance)
+                proven = min(proven, float(bounds[left & ~stuck].min(initial=math.inf)))
+                left = stuck
+            undecided = min(undecided, float(middles[stuck].min(initial=math.inf)))
+            left &= ~stuck & (middles < undecided)
+            lows, middles, highs = lows[left], middles[left], highs[left]
+            lows, highs = np.concatenate([lows, middles]), np.concatenate([middles, highs])
+        if touch is not None:
+            return Separation("touch", 0.0, touch.time, touch.poses)
+        if undecided < math.inf:
+            return Separation("undecided", 0.0, undecided)
+        return Separation("apart", proven)
+
+    def _cut_first(self) -> tuple[Floats, Floats]:
+        """Return the first intervals, within which bounds of speeds do not change."""
+        end = self._duration
+        times = [
+            np.linspace(0.0, end, FIRST_PIECES + 1),
+            *(each.at + each.times for each in self._movers),
+        ]
+        borders = np.unique(np.clip(np.concatenate(times), 0.0, end))
+        return (borders[:-1], borders[1:]) if len(borders) > 1 else (borders, borders)
+
+    def _bound(self, middles: Floats, lows: Floats, highs: Floats) -> tuple[Floats, Floats]:
+        """Return lower bounds of the distance in the middle of intervals, and all along them."""
+        one, other = self._movers
+        poses, others = one.place(middles), other.place(middles)
+        far = np.maximum(np.abs(poses).max(axis=1), np.abs(others).max(axis=1))
+        gaps = self._measure.bound_below(poses, others) - ROUNDING - COORDINATE_ROUNDING * far
+        speeds = one.bound_speeds(middles) + other.bound_speeds(middles)
+        # Rounding of times moves the middle by far less than the width of an interval.
+        moved = 0.5 * speeds * (highs - lows) * (1.0 + SPEED_ROUNDING)
+        errors = one.bound_errors(highs) + other.bound_errors(highs)
+        near = one.bound_errors(middles) + other.bound_errors(middles)
+        return gaps - near, gaps - moved - errors
+
+    def find_touch(self, t: Floats) -> Touch | None:
+        """Return the first of some instants at which the robots touch, within their errors."""
+        if not len(t):
+            return None
+        one, other = self._movers
+        poses, others = one.place(t), other.place(t)
+        bounds, steps = self._measure.bound_above(poses, others)
+        errors, other_errors = one.bound_errors(t), other.bound_errors(t)
+        touching = np.flatnonzero(bounds <= self._distance + errors + other_errors)
+        if not len(touching):
+            return None
+        k = touching[np.argmin(t[touching])]
+        # Errors bring the robots together along the line between near points.
+        length = float(np.linalg.norm(steps[k]))
+        ahead = steps[k] / length if length > 0.0 else steps[k]
+        share = min(float(errors[k]), max(float(bounds[k]) - self._distance, 0.0))
+        rest = min(float(other_errors[k]), max(float(bounds[k]) - self._distance - share, 0.0))
+        dim = len(ahead)
+        poses[k, :dim] += share * ahead
+        others[k, :dim] -= rest * ahead
+        return Touch(float(t[k]), (poses[k], others[k]))

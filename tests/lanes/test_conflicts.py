@@ -1,0 +1,567 @@
+"""Conflicts of lanes and nodes, against dense poses of both robots laid down by shapely."""
+
+import csv
+import itertools
+import json
+import math
+import xml.etree.ElementTree as ElementTree
+from fractions import Fraction
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given
+from hypothesis import strategies as st
+from matplotlib import pyplot
+from shapely import affinity
+
+import cspace
+import planners
+from cspace.errors import FileError, InputError
+from cspace.lanes import RouteGraph
+from tests.helpers.commands import run
+from tests.helpers.refusals import refusals
+from tests.helpers.strategies import examples, few
+from tests.lanes.test_graph_files import ARC, write
+
+SHAPES = {
+    "arrow": [(0.4, 0.2), (-0.3, 0.25), (-0.3, -0.2), (0.4, -0.2)],
+    "notched": [
+        (-0.4, -0.3),
+        (0.4, -0.3),
+        (0.4, -0.1),
+        (-0.1, 0.0),
+        (0.4, 0.1),
+        (0.4, 0.3),
+        (-0.4, 0.3),
+    ],
+    "outside": [(0.3, 0.1), (0.9, 0.2), (0.9, 0.5), (0.4, 0.5)],
+}
+"""Robots: one without symmetry, one with a notch, one beside its reference point."""
+
+
+def build(shape, rotations=72, spacing=0.1, **options):
+    """Return an empty map of 8 m by 6 m for a robot."""
+    robot = cspace.Robot.polygon(SHAPES[shape]) if shape in SHAPES else shape
+    workspace = cspace.Workspace.from_array(np.zeros((80, 60), dtype=np.bool_), spacing)
+    return cspace.build(workspace, robot, rotations=rotations, **options)
+
+
+@pytest.fixture(scope="module")
+def spaces():
+    """Return a map for each robot, made once."""
+    return {shape: build(shape) for shape in SHAPES}
+
+
+def place(polygon, pose):
+    """Return a robot at a pose."""
+    turned = affinity.rotate(polygon, pose[2] if len(pose) > 2 else 0.0, (0, 0), use_radians=True)
+    return affinity.translate(turned, *pose[:2])
+
+
+def yaws_of(graph, lane):
+    """Return the yaws of a straight lane; 36 of them if it allows any."""
+    frame, yaws = lane.heading
+    if frame == "any":
+        return np.linspace(-math.pi, math.pi, 36, endpoint=False)
+    step = np.subtract(graph.positions[lane.end], graph.positions[lane.start])
+    return np.array(yaws) + (math.atan2(step[1], step[0]) if frame == "lane" else 0.0)
+
+
+def poses_of(graph, number, count=40):
+    """Return poses of an element of straight lanes, written anew from the claim."""
+    if number < len(graph.lanes):
+        lane = graph.lanes[number]
+        ends = graph.positions[[lane.start, lane.end]]
+        shares = np.linspace(0, 1, count)[:, None]
+        line = ends[0] + shares * (ends[1] - ends[0])
+        return [(*point, yaw) for yaw in yaws_of(graph, lane) for point in line]
+    node = number - len(graph.lanes)
+    lanes = [lane for lane in graph.lanes if node in (lane.start, lane.end)]
+    if not lanes or any(lane.heading.frame == "any" for lane in lanes):
+        yaws = np.linspace(-math.pi, math.pi, 72)
+    else:
+        found = [yaw for lane in lanes for yaw in yaws_of(graph, lane)]
+        yaws = [
+            first + share * math.remainder(last - first, math.tau)
+            for first, last in itertools.product(found, found)
+            for share in np.linspace(0, 1, count)
+        ]
+    return [(*graph.positions[node], yaw) for yaw in yaws]
+
+
+def draw_graph(rng, side=4.0):
+    """Draw a few nodes and lanes with headings of all kinds."""
+    count = int(rng.integers(2, 6))
+    positions = rng.uniform(1.0, 1.0 + side, (count, 2))
+    edges = np.array(list(itertools.permutations(range(count), 2)))
+    edges = rng.permutation(edges)[: int(rng.integers(1, 5))]
+    kinds = ["forward", "backward", "both", "any", 0.7]
+    headings = [kinds[k] for k in rng.integers(0, 5, len(edges))]
+    return RouteGraph.from_arrays(positions, edges, headings)
+
+
+@pytest.mark.parametrize("number", few([12, 100]))
+def test_random_graphs_agree_with_dense_poses(spaces, number):
+    rng = np.random.default_rng(5)
+    seen = {"apart": 0, "touch": 0, "undecided": 0}
+    for _ in range(number):
+        one, other = rng.choice(list(SHAPES), 2)
+        polygons = {"": shapely.Polygon(SHAPES[one]), "b": shapely.Polygon(SHAPES[other])}
+        graphs = {"": draw_graph(rng), "b": draw_graph(rng)}
+        distance = float(rng.choice([0.0, 0.15]))
+        others = {"b": (spaces[other], graphs["b"])}
+        found = planners.conflicts(spaces[one], graphs[""], others=others, distance=distance)
+        swept = {}
+        for robot, graph in graphs.items():
+            names = [name for name, row in found.elements.items() if row.robot == robot]
+            for k, name in enumerate(names):
+                bodies = [place(polygons[robot], pose) for pose in poses_of(graph, k)]
+                assert shapely.covers(found.outlines[name], bodies).all()
+                swept[name] = shapely.union_all(bodies)
+        for first, second in itertools.combinations(found.elements, 2):
+            row = found.between(first, second)
+            seen[row.verdict] += 1
+            gap = shapely.distance(swept[first], swept[second])
+            if row.verdict == "apart":
+                assert gap > distance
+            elif row.verdict == "touch":
+                check_touch(found, graphs, polygons, row)
+            else:
+                assert abs(gap - distance) < 0.04
+    assert min(seen["apart"], seen["touch"]) > 10 * seen["undecided"]
+
+
+def check_touch(found, graphs, polygons, row):
+    """Check that the two poses touch, and that each is on its element."""
+    placed = []
+    for name, pose in zip((row.first, row.second), row.poses, strict=True):
+        element = found.elements[name]
+        placed.append(place(polygons[element.robot], pose))
+        graph = graphs[element.robot]
+        line = shapely.LineString(element.line) if len(element.line) > 1 else None
+        spot = line or shapely.Point(element.line[0])
+        assert shapely.distance(spot, shapely.Point(pose[:2])) < 1e-9
+        if element.kind == "lane":
+            names = [name for name, each in found.elements.items() if each.robot == element.robot]
+            lane = graph.lanes[names.index(name)]
+            if lane.heading.frame != "any":
+                turns = [math.remainder(pose[2] - yaw, math.tau) for yaw in yaws_of(graph, lane)]
+                assert min(map(abs, turns)) < 1e-9
+    assert shapely.distance(*placed) <= found.distance
+    assert shapely.distance(placed[0], shapely.Point(row.at)) <= found.distance / 2 + 1e-9
+
+
+@examples(150)
+@given(
+    angle=st.floats(-math.pi, math.pi),
+    gap=st.sampled_from([-0.01, -1e-4, 1e-6, 1e-3, 0.01]),
+    distance=st.sampled_from([0.0, 0.3]),
+    slide=st.floats(-1.5, 1.3),
+)
+def test_parallel_lanes_near_contact_are_decided(spaces, angle, gap, distance, slide):
+    # The left sides of both robots are 0.2 to 0.25 m beside their lanes.
+    space = spaces["arrow"]
+    ahead = np.array([math.cos(angle), math.sin(angle)])
+    left = np.array([-ahead[1], ahead[0]])
+    start = np.array([4.0, 3.0])
+    other = start + (0.25 + 0.25 + distance + gap) * left
+    nodes = [start - ahead, start + ahead, other + (slide + 1) * ahead, other + (slide - 1) * ahead]
+    graph = RouteGraph.from_arrays(nodes, [(0, 1), (2, 3)])
+    row = planners.conflicts(space, graph, distance=distance).between("0: 0 to 1", "1: 2 to 3")
+    assert row.verdict == ("apart" if gap > 0 else "touch")
+
+
+@examples(200)
+@given(st.lists(st.integers(0, 24), min_size=6, max_size=6), st.integers(0, 3))
+def test_corners_that_meet_exactly_are_never_apart(numbers, pull):
+    # Lanes along the axes, on a grid of eighths: exact fractions say whether the outlines meet.
+    space = build("rect:1.0x0.5", rotations=None)
+    eighths = [Fraction(number, 8) for number in numbers]
+    (x, y, x2), (u, v, v2) = eighths[:3], eighths[3:]
+    shift = Fraction(1, 10**pull) if pull else Fraction(0)
+    boxes = []
+    nodes = []
+    for a, b, c, d in ((x, y, x2, y), (u + shift, v + shift, u + shift, v2 + shift)):
+        boxes.append((min(a, c) - Fraction(1, 2), max(a, c) + Fraction(1, 2)))
+        boxes.append((min(b, d) - Fraction(1, 4), max(b, d) + Fraction(1, 4)))
+        nodes += [(float(a), float(b)), (float(c), float(d))]
+    graph = RouteGraph.from_arrays(nodes, [(0, 1), (2, 3)], 0.0)
+    row = planners.conflicts(space, graph).between("0: 0 to 1", "1: 2 to 3")
+    gaps = [max(boxes[2 + k][0] - boxes[k][1], boxes[k][0] - boxes[2 + k][1]) for k in (0, 1)]
+    gap = max(gaps)
+    assert row.verdict == ("apart" if gap > 0 else "touch" if gap < 0 else "undecided")
+
+
+def test_larger_distances_and_robots_never_part_what_touches(spaces):
+    rng = np.random.default_rng(2)
+    grown = build("arrow", margin=0.05)
+    for _ in range(8):
+        graph = draw_graph(rng)
+        found = [
+            planners.conflicts(spaces["arrow"], graph),
+            planners.conflicts(spaces["arrow"], graph, distance=0.1),
+            planners.conflicts(grown, graph),
+        ]
+        for row in found[0].pairs:
+            assert found[1].between(row.first, row.second).verdict != "apart"
+            assert found[2].between(row.first, row.second).verdict != "apart"
+        # Two margins of 5 cm count as a distance of 10 cm.
+        assert found[1].counts == found[2].counts
+
+
+def test_verdicts_are_symmetric_and_an_element_touches_itself(spaces):
+    rng = np.random.default_rng(3)
+    graph, other = draw_graph(rng), draw_graph(rng)
+    pair = (spaces["notched"], other)
+    one = planners.conflicts(spaces["arrow"], graph, others={"b": pair}, name="a")
+    two = planners.conflicts(*pair, others={"a": (spaces["arrow"], graph)}, name="b")
+    for first, second in itertools.combinations(one.elements, 2):
+        row, back = one.between(first, second), one.between(second, first)
+        assert row.verdict == back.verdict == two.between(first, second).verdict
+        assert row.poses is None or row.poses == back.poses[::-1]
+    for name in one.elements:
+        row = one.between(name, name)
+        assert row.verdict == "touch"
+        assert row.poses[0] == row.poses[1]
+
+
+def test_round_robots_and_discs_have_their_exact_size():
+    space = build("disc:0.3", rotations=None)
+    for gap, verdict in ((1e-6, "apart"), (-1e-6, "touch")):
+        graph = RouteGraph.from_arrays([(1, 1), (3, 1), (3.0, 1.6 + gap), (5, 4)], [(0, 1), (2, 3)])
+        found = planners.conflicts(space, graph)
+        assert found.between("0: 0 to 1", "node 2").verdict == verdict
+    pair = cspace.Robot.from_balls([(0.0, 0.5), (0.0, -0.5)], [0.1, 0.2])
+    space = build(pair)
+    graph = RouteGraph.from_arrays([(1, 3), (3, 3), (1, 3.1), (3, 3.1)], [(0, 1), (2, 3)])
+    found = planners.conflicts(space, graph)
+    assert found.between("0: 0 to 1", "1: 2 to 3").verdict == "touch"
+    assert found.outlines["0: 0 to 1"].geom_type == "MultiPolygon"
+
+
+def test_nodes_have_the_turns_between_their_lanes():
+    space = build("rect:1.0x0.2")
+    nodes = [(1, 1), (3, 1), (3, 3), (3.4, 0.6), (5, 5)]
+    graph = RouteGraph.from_arrays(nodes, [(0, 1), (1, 2)])
+    found = planners.conflicts(space, graph)
+    # The turn to the left sweeps from (3.5, 1) to (3, 1.5), and from (2.5, 1) to (3, 0.5).
+    corner = found.outlines["node 1"]
+    for angle, inside in ((45, True), (80, True), (135, False), (225, True), (-45, False)):
+        point = shapely.Point(
+            3 + 0.48 * math.cos(math.radians(angle)), 1 + 0.48 * math.sin(math.radians(angle))
+        )
+        assert corner.contains(point) == inside, angle
+    # Nothing says how the robot stands at a node without lanes, so it may stand in any way.
+    assert found.outlines["node 4"].area == pytest.approx(math.pi * 0.26, rel=0.01)
+    still = RouteGraph.from_arrays(nodes, [(0, 1), (1, 2)], yaws=[0.0] * 5)
+    outline = planners.conflicts(space, still).outlines["node 4"]
+    assert outline.area == pytest.approx(0.2)
+
+
+def test_curves_and_deviations_count_as_the_audit_counts_them(tmp_path):
+    space = build("rect:0.4x0.2")
+    arc = [{**point, "x": point["x"] + 1, "y": point["y"] + 1} for point in ARC["controlPoints"]]
+
+    def order(radius, **corridor):
+        """Return a quarter of a circle around (1, 1), and a node on the way at a radius."""
+        places = {"a": (2, 1), "b": (1, 2), "c": (1 + radius * 0.6, 1 + radius * 0.8)}
+        nodes = [
+            {"nodeId": name, "nodePosition": {"x": x, "y": y}} for name, (x, y) in places.items()
+        ]
+        edge = {
+            "edgeId": "arc",
+            "startNodeId": "a",
+            "endNodeId": "b",
+            "orientation": 0.0,
+            "rotationAllowed": False,
+            "trajectory": {**ARC, "controlPoints": arc},
+            **corridor,
+        }
+        document = {"nodes": nodes, "edges": [edge]}
+        return RouteGraph.open(write(tmp_path, "order.json", document))
+
+    corridor = {"corridor": {"leftWidth": 0.2, "rightWidth": 0.1}}
+    disc = build("disc:0.05", rotations=None)
+    outer = math.hypot(1.1, 0.2) + 0.05
+    for radius, verdict in ((outer - 0.01, "touch"), (outer + 0.01, "apart")):
+        for more, extra in ((0.0, {}), (0.2, corridor)):
+            graph = order(radius + more, **extra)
+            pair = (disc, RouteGraph.from_arrays([graph.positions[2]], []))
+            found = planners.conflicts(space, graph, others={"disc": pair})
+            row = found.between("arc: a to b", "disc node 0")
+            assert row.verdict == verdict, (radius, more)
+            if verdict == "touch":
+                x, y, yaw = row.poses[0]
+                body = place(shapely.box(-0.2, -0.1, 0.2, 0.1), (x, y, yaw))
+                assert body.distance(shapely.Point(graph.positions[2])) <= 0.05 + 1e-12
+                assert abs(math.hypot(x - 1, y - 1) - 1.0) <= more + 1e-6
+    # The polygon of the outline holds the robot all along the circle.
+    outline = planners.conflicts(space, order(3.0)).outlines["arc: a to b"]
+    for angle in np.linspace(0.0, math.pi / 2, 500):
+        x, y = 1 + math.cos(angle), 1 + math.sin(angle)
+        body = place(shapely.box(-0.2, -0.1, 0.2, 0.1), (x, y, angle + math.pi / 2))
+        assert outline.covers(body)
+
+
+@pytest.mark.parametrize("number", few([6, 30]))
+@pytest.mark.parametrize("distance", [0.0, 0.2])
+def test_one_robot_in_each_zone_keeps_all_apart(spaces, distance, number):
+    rng = np.random.default_rng(8)
+    polygon = shapely.Polygon(SHAPES["notched"])
+    close = 0
+    for _ in range(number):
+        graph = draw_graph(rng)
+        found = planners.conflicts(spaces["notched"], graph, distance=distance)
+        zones = found.zones()
+        shapes = list(zones.polygons)
+        assert all(shape.is_valid and not shape.interiors for shape in shapes)
+        assert not any(a.intersects(b) for a, b in itertools.combinations(shapes, 2))
+        for k, j in itertools.combinations(range(len(found.elements)), 2):
+            pairs = itertools.product(*(rng.permutation(poses_of(graph, n))[:12] for n in (k, j)))
+            for pose, other in pairs:
+                bodies = place(polygon, pose), place(polygon, other)
+                if shapely.distance(*bodies) <= distance:
+                    close += 1
+                    both = [zone for zone in shapes if shapely.intersects(zone, bodies).all()]
+                    assert both
+    assert close > 100
+
+
+RMF = {
+    "levels": {
+        "L1": {
+            "vertices": [
+                *([1.0, 1.0, {"name": "a"}], [4.0, 1.0, {"name": "b"}]),
+                *([1.0, 1.3, {"name": "c"}], [4.0, 1.3, {"name": "d", "mutex": "end"}]),
+                *([1.0, 4.0, {"name": "e", "mutex": ""}], [4.0, 4.0, {"name": "f"}]),
+            ],
+            "lanes": [
+                [0, 1, {"mutex": "hall"}],
+                [2, 3, {"mutex": "hall", "is_bidirectional": True}],
+                [4, 5, {"mutex": "far"}],
+                [5, 4, {"mutex": 7}],
+            ],
+        }
+    }
+}
+
+
+def open_rmf(folder, change=lambda lanes: None):
+    """Write the graph of Open-RMF with changed lanes, and open it for lanes driven forward."""
+    document = json.loads(json.dumps(RMF))
+    change(document["levels"]["L1"]["lanes"])
+    return RouteGraph.open(write(folder, "rmf.yaml", document), heading="forward")
+
+
+def test_mutex_groups_of_open_rmf_are_audited(spaces, tmp_path):
+    graph = open_rmf(tmp_path)
+    assert [lane.mutex for lane in graph.lanes] == ["hall", "hall", "hall", "far", "7"]
+    assert graph.node_mutexes == {"d": "end"}
+    found = planners.conflicts(spaces["arrow"], graph)
+    assert found.between("0: a to b", "1: c to d").groups == ("hall",)
+    unguarded = {(row.first, row.second) for row in found.unguarded}
+    assert ("0: a to b", "1: c to d") not in unguarded
+    assert ("2: e to f", "3: f to e") in unguarded
+    assert ("0: a to b", "node d") in unguarded
+    assert all(row.verdict == "touch" and not row.groups for row in found.unguarded)
+    assert found.needless == []
+    assert [row for row in found.failing() if row.shares_node] == []
+    assert "pairs touch and share no mutex group" in str(found)
+
+    def move(lanes):
+        """Put the two lanes that are far from each other into one group."""
+        lanes[0][2]["mutex"] = lanes[2][2]["mutex"] = "vain"
+
+    found = planners.conflicts(spaces["arrow"], open_rmf(tmp_path, move))
+    assert found.needless == ["vain"]
+    assert "mutex groups that guard nothing: vain" in str(found)
+    assert "0: a to b" in {name for row in found.failing() for name in (row.first, row.second)}
+
+
+def test_graphs_without_groups_do_not_fail(spaces):
+    graph = RouteGraph.from_arrays([(1, 1), (3, 1), (1, 1.1), (3, 1.1)], [(0, 1), (2, 3)])
+    found = planners.conflicts(spaces["arrow"], graph)
+    assert found.counts["touch"] > 0
+    assert len(found.unguarded) == found.counts["touch"]
+    assert found.failing(strict=True) == []
+
+
+def test_reports_hold_every_pair(spaces, tmp_path):
+    found = planners.conflicts(spaces["arrow"], open_rmf(tmp_path))
+    found.to_csv(tmp_path / "a.csv")
+    rows = list(csv.DictReader((tmp_path / "a.csv").read_text().splitlines()))
+    assert [row["first"] for row in rows] == [row.first for row in found.pairs]
+    assert tuple(map(float, rows[0]["first_pose"].split())) == found.pairs[0].poses[0]
+    with pytest.raises(FileError, match="exists"):
+        found.to_csv(tmp_path / "a.csv")
+    found.write_geojson(tmp_path / "a.geojson")
+    features = json.loads((tmp_path / "a.geojson").read_text())["features"]
+    assert len(features) == len(found.elements) + len(found.pairs)
+    assert shapely.geometry.shape(features[0]["geometry"]).equals(found.outlines["0: a to b"])
+    found.to_junit(tmp_path / "a.xml")
+    suite = ElementTree.parse(tmp_path / "a.xml").getroot()
+    assert suite.get("failures") == str(len(found.failing())) != "0"
+    assert len(suite) == sum(not row.shares_node for row in found.pairs)
+    assert repr(found).startswith("Conflicts(polygon")
+    assert sum(found.counts.values()) == len(found.elements) * (len(found.elements) - 1) // 2
+    axes = found.plot()
+    labels = [text.get_text() for text in axes.figure.legends[0].get_texts()]
+    assert any("touch, with a common node" in label for label in labels)
+    pyplot.close(axes.figure)
+
+
+def test_zones_are_written_for_others(spaces, tmp_path):
+    found = planners.conflicts(spaces["arrow"], open_rmf(tmp_path))
+    zones = found.zones()
+    assert len(zones) == len(zones.polygons) == len(zones.elements)
+    assert {name for names in zones.elements for name in names} == set(found.elements)
+    zones.to_csv(tmp_path / "zones.csv")
+    rows = list(csv.DictReader((tmp_path / "zones.csv").read_text().splitlines()))
+    first = [(float(row["x"]), float(row["y"])) for row in rows if row["zone"] == "0"]
+    assert shapely.Polygon(first).equals(zones.polygons[0])
+    zones.write_geojson(tmp_path / "zones.geojson")
+    features = json.loads((tmp_path / "zones.geojson").read_text())["features"]
+    assert shapely.geometry.shape(features[0]["geometry"]).equals(zones.polygons[0])
+    zone_set = zones.to_vda5050("hall", "lanes")["zoneSet"]
+    assert (zone_set["mapId"], zone_set["zoneSetId"]) == ("hall", "lanes")
+    assert {zone["zoneType"] for zone in zone_set["zones"]} == {"RELEASE"}
+    corners = [(vertex["x"], vertex["y"]) for vertex in zone_set["zones"][0]["vertices"]]
+    assert corners == first
+    alone = planners.conflicts(spaces["arrow"], RouteGraph.from_arrays([(1, 1), (4, 4)], []))
+    assert (len(alone.zones()), alone.pairs) == (0, [])
+    with pytest.raises(InputError, match="map_id"):
+        zones.to_vda5050(3, "lanes")
+
+
+def test_tiles_and_graphs_with_names_that_repeat(tmp_path):
+    workspace = cspace.Workspace.from_array(np.zeros((80, 60), dtype=np.bool_), 0.1)
+    robot = cspace.Robot.polygon(SHAPES["arrow"])
+    tiled = cspace.build(workspace, robot, rotations=72, store=tmp_path / "map.zarr", tile=32)
+    graph = RouteGraph.from_arrays([(1, 1), (7, 4), (7, 1), (1, 4)], [(0, 1), (2, 3)])
+    lanes = (graph.lanes[0], graph.lanes[0], graph.lanes[1])
+    twice = RouteGraph(graph.names, graph.positions, lanes, graph.yaws)
+    found = planners.conflicts(tiled, twice)
+    assert list(found.elements)[:2] == ["0: 0 to 1", "0: 0 to 1 (2)"]
+    assert found.between("0: 0 to 1 (2)", "1: 2 to 3").verdict == "touch"
+    assert found.counts == planners.conflicts(build("arrow"), twice).counts
+
+
+@pytest.mark.parametrize("far", [1e6, 1e15, 1e100])
+def test_nodes_far_away_do_not_harm_near_pairs(spaces, far):
+    nodes = [(1, 1), (3, 1), (1, 2), (3, 2), (far, 5.0)]
+    graph = RouteGraph.from_arrays(nodes, [(0, 1), (2, 3), (3, 4)])
+    found = planners.conflicts(spaces["arrow"], graph)
+    assert found.between("0: 0 to 1", "1: 2 to 3").verdict == "apart"
+    assert found.between("1: 2 to 3", "2: 3 to 4").verdict != "apart"
+
+
+def elsewhere(frame="map", cells=80):
+    """Return a map of another frame or extent."""
+    origin = {
+        "position": {"x": 0.0, "y": 0.0, "z": 0.0},
+        "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0},
+    }
+    message = {
+        "header": {"frame_id": frame},
+        "info": {"resolution": 0.1, "width": cells, "height": 60, "origin": origin},
+        "data": [0] * (60 * cells),
+    }
+    return cspace.build(cspace.Workspace.from_occupancy_grid(message), "disc:0.2")
+
+
+LANES = RouteGraph.from_arrays([(1, 1), (3, 1)], [(0, 1)])
+
+
+@refusals(
+    "make, text",
+    (lambda space: {"others": [1]}, "pass others={'tug': (space, graph)}"),
+    (lambda space: {"others": {"": (space, LANES)}}, "has the name ''"),
+    (lambda space: {"others": {"a": space}}, "others['a'] is a CSpace"),
+    (lambda space: {"others": {"a": (space, 3)}}, "others['a'] is a int"),
+    (lambda space: {"others": {"a": (3, LANES)}}, "it must be a map"),
+    (lambda space: {"others": {"a": (elsewhere("hall"), LANES)}}, "has the frame 'hall'"),
+    (
+        lambda space: {"others": {"a": (elsewhere(cells=90), LANES)}},
+        "build both maps of one workspace",
+    ),
+    (lambda space: {"distance": -0.1}, "distance is -0.1"),
+    (lambda space: {"distance": math.nan}, "distance is nan"),
+)
+def test_wrong_arguments_are_refused(spaces, make, text):
+    space = spaces["arrow"]
+    with pytest.raises(InputError) as caught:
+        planners.conflicts(space, LANES, **make(space))
+    assert text in str(caught.value)
+
+
+def test_unknown_names_and_groups_are_refused(spaces, tmp_path):
+    found = planners.conflicts(spaces["arrow"], LANES)
+    with pytest.raises(InputError, match="did you mean 'node 0'"):
+        found.between("0: 0 to 1", "node0")
+    with pytest.raises(FileError, match="it must be the name of a group"):
+        open_rmf(tmp_path, lambda lanes: lanes[0][2].update(mutex=["hall"]))
+
+
+def test_the_hint_for_others_is_followed(spaces):
+    space, graph = spaces["arrow"], LANES
+    hint = "pass others={'tug': (space, graph)}"
+    with pytest.raises(InputError) as caught:
+        planners.conflicts(space, graph, others=3)
+    assert caught.value.hint == hint
+    assert "tug node 0" in planners.conflicts(space, graph, others={"tug": (space, graph)}).elements
+    with pytest.raises(InputError) as caught:
+        planners.conflicts(space, graph, others={"a": (elsewhere(cells=90), graph)})
+    assert caught.value.hint == "build both maps of one workspace"
+    planners.conflicts(space, graph, others={"a": (elsewhere(), graph)})
+
+
+# ---- the command line ----------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory):
+    """Write a room, and lanes of Open-RMF."""
+    folder = tmp_path_factory.mktemp("conflicts")
+    np.save(folder / "room.npy", np.zeros((60, 60), dtype=np.bool_))
+    write(folder, "rmf.yaml", RMF)
+    return folder
+
+
+def audit(folder, *arguments):
+    """Run the command on the room."""
+    return run("audit", folder / "room.npy", folder / "rmf.yaml", "--spacing=0.1", *arguments)
+
+
+def test_exit_codes_tell_of_unguarded_pairs(room, tmp_path):
+    robot = "--robot=rect:0.4x0.2"
+    assert audit(room, robot).exit_code == 0
+    result = audit(room, robot, "--conflicts")
+    assert result.exit_code == 1
+    assert "pairs touch and share no mutex group" in result.stdout
+    # Robots of 0.2 m by 0.1 m stay apart, except where they share a node.
+    assert audit(room, "--robot=rect:0.2x0.1", "--conflicts").exit_code == 0
+    # At a distance of 0.1 m the lanes touch within rounding.
+    tight = "--robot=disc:0.1", "--conflicts", "--distance=0.1"
+    assert audit(room, *tight).exit_code == 0
+    assert audit(room, *tight, "--strict").exit_code == 2
+
+
+def test_conflicts_have_reports_of_their_own(room):
+    outputs = [f"--output={room / name}" for name in ("a.csv", "a.xml", "a.geojson", "a.png")]
+    robots = "--robot=slim=rect:0.4x0.2", "--robot=disc=disc:0.2"
+    result = audit(room, *robots, "--conflicts", "--distance=0.05", *outputs, "--json")
+    assert result.exit_code == 1
+    document = json.loads(result.stdout)
+    assert document["conflicts"]["touch"] > 0
+    assert len(document["reports"]) == 3
+    for name in ("slim", "disc", "conflicts"):
+        assert {file.suffix for file in room.glob(f"a-{name}.*")} == {
+            *(".csv", ".xml", ".geojson", ".png")
+        }
+    refused = audit(room, "--robot=disc:0.2", "--distance=0.05")
+    assert refused.exit_code == 2
+    assert "pass --conflicts" in refused.stderr
+    refused = audit(room, "--robot=conflicts=disc:0.2", "--conflicts")
+    assert "write another NAME=SPEC" in refused.stderr
+    assert audit(room, "--robot=other=disc:0.02", "--conflicts").exit_code == 0

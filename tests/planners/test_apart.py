@@ -1,0 +1,370 @@
+"""Two timed motions, against poses at every millisecond and against closed forms."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given
+from hypothesis import strategies as st
+from shapely import affinity
+
+import cspace
+import planners
+from cspace.errors import AngleWarning, InputError
+from planners import Mover, apart
+from tests.helpers.refusals import refusals
+from tests.helpers.strategies import examples, few
+
+NOTCHED = [(-0.4, -0.3), (0.4, -0.3), (0.4, -0.1), (-0.1, 0.0), (0.4, 0.1), (0.4, 0.3), (-0.4, 0.3)]
+
+
+def build(robot, rotations=36, frame="map"):
+    """Return an empty map of 10 m by 8 m."""
+    workspace = cspace.Workspace.from_array(np.zeros((100, 80), dtype=np.bool_), 0.1)
+    return cspace.build(workspace, robot, rotations=rotations)
+
+
+@pytest.fixture(scope="module")
+def driven():
+    """Return a robot with a notch, and trajectories of several drives."""
+    robot = cspace.Robot.polygon(NOTCHED)
+    space = build(robot)
+    rng = np.random.default_rng(1)
+    trajectories = []
+    limits = {"max_velocity": 1.0, "max_acceleration": 0.5}
+    turns = {"max_angular_velocity": 1.0, "max_angular_acceleration": 1.0}
+    for drive in ("differential", "holonomic", "reeds-shepp") * 3:
+        start, goal = rng.uniform((1, 1, -3), (9, 7, 3), (2, 3))
+        options = {"turning_radius": 0.5} if drive == "reeds-shepp" else {}
+        plan = planners.plan(space, start, goal, drive=drive, seed=1, **options)
+        more = {} if drive == "reeds-shepp" else turns
+        trajectories.append(plan.trajectory(**limits, **more))
+    return robot, trajectories
+
+
+def lay(polygon, poses):
+    """Return a polygon at poses."""
+    return np.array(
+        [
+            affinity.translate(affinity.rotate(polygon, yaw, (0, 0), use_radians=True), x, y)
+            for x, y, yaw in poses
+        ]
+    )
+
+
+def oracle(polygon, trajectory, at, t):
+    """Return the robot at times: at rest before and after its trajectory."""
+    rows = trajectory.sample(np.clip(t - at, 0.0, trajectory.duration))[0]
+    return lay(polygon, rows)
+
+
+@pytest.mark.parametrize("count", few([6, 36]))
+def test_trajectories_agree_with_every_millisecond(driven, count):
+    robot, trajectories = driven
+    polygon = shapely.Polygon(NOTCHED)
+    seen = {"apart": 0, "touch": 0}
+    pairs = list(itertools.combinations(range(len(trajectories)), 2))
+    for k, j in pairs[:: len(pairs) // count]:
+        at, distance = 0.7 * (k - j), 0.1 * (k % 2)
+        movers = Mover(robot, trajectories[k], at=at), Mover(robot, trajectories[j])
+        begin = min(at, 0.0)
+        end = max(at + trajectories[k].duration, trajectories[j].duration)
+        t = np.linspace(begin, end, int(1000 * (end - begin)))
+        gaps = shapely.distance(
+            oracle(polygon, trajectories[k], at, t), oracle(polygon, trajectories[j], 0.0, t)
+        )
+        if gaps[0] <= distance:
+            with pytest.raises(InputError, match="touches second at the start"):
+                apart(*movers, distance=distance)
+            continue
+        found = apart(*movers, distance=distance)
+        assert found.interval == pytest.approx((begin, end))
+        assert found.verdict != "undecided"
+        seen[found.verdict] += 1
+        if found:
+            assert distance < found.distance <= gaps.min() + 1e-9
+            assert found.distance >= distance + 0.7 * (gaps.min() - distance) - 1e-6
+        else:
+            first, second = (lay(polygon, [pose])[0] for pose in found.poses)
+            assert first.distance(second) <= distance + 1e-9
+            assert found.poses[0] == pytest.approx(
+                trajectories[k].sample(found.time - at)[0], abs=1e-9
+            )
+            touching = t[gaps <= distance]
+            if len(touching):
+                assert found.time <= touching[0] + 2e-3
+    assert min(seen.values()) > 0
+
+
+def test_the_ends_of_a_bar_that_turns_are_seen():
+    space = build("rect:2.0x0.1")
+    plan = planners.plan(space, (5.0, 4.0, 0.0), (5.0, 4.0, 2.8), drive="differential")
+    trajectory = plan.trajectory(
+        max_velocity=1.0,
+        max_acceleration=1.0,
+        max_angular_velocity=1.0,
+        max_angular_acceleration=1.0,
+    )
+    bar = Mover(space.robot, trajectory)
+    reach = math.hypot(1.0, 0.05)
+    for angle in np.linspace(0.4, 2.4, 12):
+        ahead = np.array([math.cos(angle), math.sin(angle)])
+        for gap, verdict in ((-0.01, "touch"), (0.01, "apart")):
+            post = Mover("disc:0.02", (5.0, 4.0) + (reach + 0.02 + gap) * ahead)
+            found = apart(bar, post)
+            assert found.verdict == verdict, angle
+            assert found.distance <= max(gap, 0.0) + 1e-9
+
+
+def test_trajectories_in_space_agree_with_every_millisecond():
+    workspace = cspace.Workspace.from_array(np.zeros((30, 30, 20), dtype=np.bool_), 0.2)
+    space = cspace.build(workspace, cspace.Robot.ball(0.4))
+    rng = np.random.default_rng(6)
+    limits = {"max_velocity": 1.0, "max_acceleration": 0.5}
+    trajectories = []
+    for _ in range(5):
+        start, goal = rng.uniform((0.9, 0.9, 0.9), (5.1, 5.1, 3.1), (2, 3))
+        trajectories.append(planners.plan(space, start, goal).trajectory(**limits))
+    seen = set()
+    for first, second in itertools.combinations(trajectories, 2):
+        t = np.linspace(0.0, max(first.duration, second.duration), 20_000)
+        gaps = np.linalg.norm(first.sample(t)[0] - second.sample(t)[0], axis=1) - 0.8
+        if gaps[0] <= 0.0:
+            continue
+        found = apart(Mover(space.robot, first), Mover(space.robot, second))
+        seen.add(found.verdict)
+        if found:
+            assert 0.0 < found.distance <= gaps.min() + 1e-6
+        else:
+            assert found.verdict == "touch"
+            assert gaps.min() <= 1e-6
+    assert seen == {"apart", "touch"}
+
+
+def closest(step, velocity, duration):
+    """Return the least distance of two points that move evenly."""
+    share = np.clip(-(step @ velocity) / max(velocity @ velocity, 1e-300), 0.0, duration)
+    return float(np.linalg.norm(step + share * velocity))
+
+
+@examples(150)
+@given(
+    angle=st.floats(-math.pi, math.pi),
+    speed=st.floats(0.1, 3.0),
+    gap=st.sampled_from([-0.01, -1e-5, 1e-5, 0.01, 0.4]),
+    dims=st.sampled_from([2, 3]),
+    stamp=st.sampled_from([0.0, 1.7e9]),
+)
+def test_discs_and_balls_that_pass_are_decided(angle, speed, gap, dims, stamp):
+    # They pass at a distance of 0.7 m and the gap.
+    ahead = np.array([math.cos(angle), math.sin(angle), 0.0])[:dims]
+    side = np.array([-math.sin(angle), math.cos(angle), 0.0])[:dims]
+    start = -3.0 * ahead + (0.7 + gap) * side
+    make = cspace.Robot.disc if dims == 2 else cspace.Robot.ball
+    moving = Mover(make(0.3), start, velocity=speed * ahead, at=stamp)
+    still = Mover(make(0.4), np.zeros(dims), at=stamp)
+    found = apart(moving, still, until=stamp + 6.0 / speed)
+    assert found.verdict == ("apart" if gap > 0 else "touch")
+    if found:
+        assert 0.7 * gap < found.distance <= closest(start, speed * ahead, 6.0 / speed) - 0.7 + 1e-9
+    else:
+        reach = math.sqrt(max(0.49 - (0.7 + gap) ** 2, 0.0))
+        assert found.time - stamp == pytest.approx((3.0 - reach) / speed, abs=0.01)
+
+
+def test_errors_grow_until_robots_may_touch():
+    still = Mover("disc:0.5", (0.0, 0.0))
+    # The gap is 1 m, and the error 0.1 m and 0.1 m/s from 2 s on.
+    drifting = Mover("disc:0.5", (2.0, 0.0), at=2.0, error=0.1, growth=0.1)
+    assert 0.0 < apart(still, drifting, until=10.9).distance <= 0.01 + 1e-9
+    found = apart(still, drifting, until=12.0)
+    assert found.verdict == "touch"
+    assert found.time == pytest.approx(11.0, abs=0.01)
+    assert found.poses[1][0] == pytest.approx(1.0, abs=0.01)
+    assert found.poses[0].tolist() == [0.0, 0.0, 0.0]
+    assert apart(still, drifting, until=6.9, distance=0.4)
+    assert apart(still, drifting, until=7.1, distance=0.4).verdict == "touch"
+
+
+def test_a_robot_stays_where_it_starts_and_where_it_ends():
+    space = build("disc:0.3", rotations=None)
+    plan = planners.plan(space, (1.0, 4.0), (9.0, 4.0))
+    trajectory = plan.trajectory(max_velocity=1.0, max_acceleration=1.0)
+    robot = Mover(space.robot, trajectory, at=5.0)
+    assert apart(robot, Mover("disc:0.2", (9.0, 30.0))).interval == (5.0, 5.0 + trajectory.duration)
+    # Another robot passes its start before it leaves.
+    across = planners.plan(space, (1.0, 1.0), (1.0, 7.0))
+    other = across.trajectory(max_velocity=1.0, max_acceleration=1.0)
+    assert apart(robot, Mover(space.robot, other)).time < 5.0
+    # Another one passes the end long after the robot came there.
+    later = Mover("disc:0.2", (9.0, 30.0), velocity=(0.0, -1.0))
+    found = apart(robot, later, until=40.0)
+    assert found.verdict == "touch"
+    assert found.time == pytest.approx(26.0 - 0.5, abs=0.01)
+
+
+@pytest.mark.parametrize("count", few([6, 40]))
+def test_boxes_in_space_agree_with_their_outlines(count):
+    rng = np.random.default_rng(4)
+    sizes = rng.uniform(0.3, 1.5, (count, 2, 3))
+    seen = {"apart": 0, "touch": 0, "undecided": 0}
+    for (first, second), yaws in zip(sizes, rng.uniform(-3, 3, (count, 2)), strict=True):
+        start = rng.uniform((-4, -1, -1), (-3, 1, 1))
+        velocity = np.array([1.0, *rng.uniform(-0.2, 0.2, 2)])
+        movers = (
+            Mover(cspace.Robot.box(first), (*start, yaws[0]), velocity=velocity),
+            Mover(cspace.Robot.box(second), (0.0, 0.0, 0.0, yaws[1])),
+        )
+        t = np.linspace(0.0, 7.0, 2000)
+        shapes = [shapely.box(*(-size[:2] / 2), *(size[:2] / 2)) for size in (first, second)]
+        places = start + t[:, None] * velocity
+        flat = shapely.distance(
+            lay(shapes[0], [(x, y, yaws[0]) for x, y, _ in places]),
+            lay(shapes[1], [(0.0, 0.0, yaws[1])])[0],
+        )
+        gaps = np.hypot(flat, np.maximum(np.abs(places[:, 2]) - (first + second)[2] / 2, 0.0))
+        found = apart(*movers, until=7.0)
+        seen[found.verdict] += 1
+        if found:
+            assert 0.0 < found.distance <= gaps.min() + 1e-9
+        elif found.verdict == "touch":
+            assert gaps.min() < 1e-3
+        else:
+            assert gaps.min() < 1e-3
+    assert seen["apart"] > 0
+    assert seen["touch"] > 0
+    assert seen["undecided"] <= 0.2 * count
+
+
+def test_meshes_that_nest_touch():
+    large = cspace.Robot.box((2.0, 2.0, 2.0))
+    small = Mover(cspace.Robot.box((0.1, 0.1, 0.1)), (-3.0, 0.0, 0.0), velocity=(1.0, 0.0, 0.0))
+    found = apart(small, Mover(large, (0.0, 0.0, 0.0)), until=3.0)
+    assert found.verdict == "touch"
+    tall = Mover(cspace.Robot.cylinder(0.3, 1.0), (-3.0, 2.0, 0.0), velocity=(1.0, 0.0, 0.0))
+    assert apart(tall, Mover(large, (0.0, 0.0, 0.0)), until=6.0).distance > 0.5
+
+
+def test_verdicts_are_symmetric_and_larger_robots_touch_too(driven):
+    robot, trajectories = driven
+    for k, j in itertools.combinations(range(4), 2):
+        movers = [Mover(robot, trajectories[n], at=0.5 * n) for n in (k, j)]
+        verdicts = []
+        for distance in (0.0, 0.2, 0.5):
+            try:
+                found = apart(*movers, distance=distance)
+                back = apart(*movers[::-1], distance=distance)
+            except InputError:
+                break
+            assert found.verdict == back.verdict
+            verdicts.append(found.verdict)
+        assert verdicts == sorted(verdicts)  # "apart" comes before "touch"
+
+
+def test_an_ellipse_is_apart_by_its_outer_and_touches_by_its_inner_bound():
+    wide = cspace.Robot.ellipse(0.5, 0.2)
+    for gap, verdict in ((0.01, "apart"), (-0.01, "touch")):
+        moving = Mover(wide, (-3.0, 0.4 + gap), velocity=(1.0, 0.0))
+        assert apart(moving, Mover(wide, (0.0, 0.0)), until=6.0).verdict == verdict
+
+
+class TestRefusals:
+    """Bad input, each in one line before any search."""
+
+    still = Mover("disc:0.3", (0.0, 0.0))
+
+    @refusals(
+        "second, options, text",
+        (3, {}, "pass planners.Mover(robot, motion)"),
+        (Mover("disc:0.3", (0.1, 0.0)), {}, "first touches second at the start, at 0 s"),
+        (Mover("disc:0.3", (0.7, 0.0)), {"distance": 0.2}, "touches second at the start"),
+        (Mover("disc:0.3", (0.7, 0.0), error=0.2), {}, "touches second at the start"),
+        (Mover("disc:0.3", (3.0, math.nan)), {}, "second.motion[1] is nan"),
+        (Mover("disc:0.3", (3.0,)), {}, "second.motion has shape (1,)"),
+        (Mover("ball:0.3", (3.0, 0.0, 0.0)), {}, "use robot.footprint()"),
+        (Mover("disc:0.3", (3.0, 0.0), at=math.inf), {}, "second.at is inf"),
+        (Mover("disc:0.3", (3.0, 0.0), at="now"), {}, "second.at is 'now'"),
+        (Mover("disc:0.3", (3.0, 0.0), error=-1.0), {}, "second.error is -1.0"),
+        (Mover("disc:0.3", (3.0, 0.0), growth=math.nan), {}, "second.growth is nan"),
+        (Mover("disc:0.3", (3.0, 0.0), velocity=(1.0,)), {}, "second.velocity"),
+        (Mover("disc:0.3", (3.0, 0.0), velocity=(1.0, 0.0)), {}, "pass until=10.0"),
+        (Mover("disc:0.3", (3.0, 0.0)), {"until": math.nan}, "until is nan"),
+        (Mover("disc:0.3", (3.0, 0.0)), {"until": -1.0}, "the motions begin at 0 s"),
+        (Mover("disc:0.3", (3.0, 0.0)), {"distance": -1.0}, "distance is -1.0"),
+    )
+    def test_wrong_arguments(self, second, options, text):
+        with pytest.raises(InputError) as caught:
+            apart(self.still, second, **options)
+        assert text in str(caught.value)
+
+    def test_wrong_trajectories(self, driven, tmp_path):
+        robot, trajectories = driven
+        solid = cspace.Robot.ball(0.3)
+        with pytest.raises(InputError, match="pass a trajectory of a rigid robot"):
+            apart(Mover(solid, trajectories[0]), Mover(solid, (9.0, 9.0, 9.0)))
+        box = '<collision><geometry><box size="1 1 1"/></geometry></collision>'
+        slide = '<joint name="slide" type="prismatic"><parent link="base"/><child link="cart"/>'
+        slide += '<limit lower="0" upper="2" effort="1" velocity="0.5"/></joint>'
+        (tmp_path / "slide.urdf").write_text(
+            f'<robot name="s"><link name="base"/><link name="cart">{box}</link>{slide}</robot>'
+        )
+        space = cspace.build_arm_space({}, cspace.Arm.from_urdf(tmp_path / "slide.urdf"))
+        moved = planners.Trajectory.along(space, [(0.0,), (1.0,)], max_acceleration=1.0)
+        with pytest.raises(InputError, match=r"has the axes slide; that of disc 0\.3 m has x, y"):
+            apart(Mover("disc:0.3", moved), self.still)
+        with pytest.raises(InputError, match="a trajectory has its own"):
+            apart(Mover(robot, trajectories[0], velocity=(1.0, 0.0)), self.still)
+
+    def test_yaws_in_degrees_are_warned_of(self):
+        with pytest.warns(AngleWarning, match="second"):
+            apart(self.still, Mover("rect:1x1", (3.0, 0.0, 90.0)))
+
+    def test_hints_are_followed(self):
+        person = Mover("disc:0.3", (3.0, 0.0), velocity=(1.0, 0.0))
+        with pytest.raises(InputError) as caught:
+            apart(self.still, person)
+        assert "pass until=10.0, in seconds" in str(caught.value)
+        assert apart(self.still, person, until=10.0)
+        with pytest.raises(InputError) as caught:
+            apart(self.still, person, until=[1.0, 2.0])
+        assert "pass seconds, e.g. 10.0" in str(caught.value)
+        with pytest.raises(InputError) as caught:
+            apart(self.still, Mover("disc:0.3", (3.0, 0.0), at=(2.0, 3.0)))
+        assert "pass seconds, e.g. 2.0" in str(caught.value)
+        assert apart(self.still, Mover("disc:0.3", (3.0, 0.0), at=2.0))
+        with pytest.raises(InputError) as caught:
+            apart(self.still, person, until=-1.0)
+        assert "pass a later time" in str(caught.value)
+        with pytest.raises(InputError) as caught:
+            apart(self.still, Mover("disc:0.3", (0.7, 0.0)), distance=0.2)
+        assert "check both frames, or lower distance" in str(caught.value)
+        assert apart(self.still, Mover("disc:0.3", (0.7, 0.0)), distance=0.05)
+        with pytest.raises(InputError) as caught:
+            apart(self.still, Mover("disc:0.3", (1.0,)))
+        assert "pass e.g. (1.0, 2.0, 0.5)" in str(caught.value)
+        assert apart(self.still, Mover("disc:0.3", (1.0, 2.0, 0.5)))
+        with pytest.raises(InputError) as caught:
+            apart(self.still, Mover("ball:0.3", (1.0, 2.0, 0.5)))
+        assert "use robot.footprint() for both in the plane" in str(caught.value)
+        assert apart(self.still, Mover(cspace.Robot.ball(0.3).footprint(), (1.0, 2.0)))
+
+
+def test_frames_must_agree():
+    plans = []
+    for frame in ("map", "hall"):
+        origin = {
+            "position": {"x": 0.0, "y": 0.0, "z": 0.0},
+            "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0},
+        }
+        message = {
+            "header": {"frame_id": frame},
+            "info": {"resolution": 0.1, "width": 60, "height": 60, "origin": origin},
+            "data": [0] * 3600,
+        }
+        space = cspace.build(cspace.Workspace.from_occupancy_grid(message), "disc:0.2")
+        plan = planners.plan(space, (1.0, 1.0), (5.0, 5.0))
+        plans.append(plan.trajectory(max_velocity=1.0, max_acceleration=1.0))
+    with pytest.raises(InputError, match="has the frame 'hall', but first has 'map'"):
+        apart(Mover("disc:0.2", plans[0]), Mover("disc:0.2", plans[1], at=20.0))
