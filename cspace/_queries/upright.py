@@ -44,8 +44,8 @@ class Upright:
     Examples
     --------
     >>> import planners
-    >>> planners.Upright("tool0", axis=(0, 0, -2), tolerance=0.1)
-    Upright(frame='tool0', axis=(0.0, 0.0, -1.0), direction=(0.0, 0.0, 1.0), tolerance=0.1, angle=0.0)
+    >>> planners.Upright("tool0", axis=(0, 0, -2), tolerance=0.1).axis
+    (0.0, 0.0, -1.0)
     """
 
     frame: str

@@ -139,10 +139,10 @@ def stays_in_cones(chain: Chain, cones: Cones, q0: Floats, q1: Floats, poses: Fl
 
     Equal endpoints mean a point. ``poses`` is scratch, shape (b, 3, 6).
     """
+    is_kept = True
     for k in range(len(cones.bodies)):
-        if not stays_in_cone(chain, cones, k, q0, q1, poses):
-            return False
-    return True
+        is_kept = is_kept and stays_in_cone(chain, cones, k, q0, q1, poses)
+    return is_kept
 
 
 @internal

@@ -490,7 +490,7 @@ TENTH = {"limits": (0.1, 0.1)}
         "write a box, a sphere or a cylinder",
     ),
     (
-        lambda f: read_moveit_request(request(ELBOW) | {"path_constraints": {"name": "a", "b": 1}}),
+        lambda f: read_moveit_request(request(ELBOW) | {"path_constraints": ELBOW}),
         lambda f: read_moveit_request(request(ELBOW)),
         "remove it; plans would not obey it",
     ),

@@ -1,6 +1,7 @@
 """Motions of arms that keep an axis upright, against forward kinematics by other code."""
 
 import copy
+import itertools
 import json
 import math
 import pickle
@@ -30,7 +31,7 @@ def measure_deviations(path, joints, upright, rows):
 def sample_path(rows, count=101):
     """Return configurations on the motions between rows, shape (n, dof)."""
     shares = np.linspace(0.0, 1.0, count)[:, np.newaxis]
-    return np.concatenate([a + shares * (b - a) for a, b in zip(rows[:-1], rows[1:], strict=True)])
+    return np.concatenate([a + shares * (b - a) for a, b in itertools.pairwise(rows)])
 
 
 # ---- proofs --------------------------------------------------------------------------------------
@@ -303,5 +304,5 @@ def test_plans_reject_what_is_not_upright(arm, space, options, message):
 def test_maps_keep_nothing():
     workspace = cspace.Workspace.from_array(np.zeros((30, 30), dtype=bool), 0.1)
     space = cspace.build(workspace, cspace.Robot.disc(0.2))
-    with pytest.raises(InputError, match="keep is given and space is .*links of an arm"):
+    with pytest.raises(InputError, match=r"keep is given and space is .*links of an arm"):
         planners.plan(space, (1, 1), (2, 2), keep=GLASS)
