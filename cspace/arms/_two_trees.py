@@ -546,6 +546,8 @@ class PathSearch:
                 self._prove, self._scene, rows, len(path), draws, self._spans, trial, self._scratch
             )
             path = rows[:count]
+            if len(self._scene.cones.bodies):
+                path = self._skip_waypoints(path)  # projected parts keep theirs
             last = length
             length = measure_length(path)
         return path

@@ -490,7 +490,9 @@ TENTH = {"limits": (0.1, 0.1)}
         "write a box, a sphere or a cylinder",
     ),
     (
-        lambda f: read_moveit_request(request(ELBOW) | {"path_constraints": ELBOW}),
+        lambda f: read_moveit_request(
+            request(ELBOW) | {"path_constraints": {"joint_constraints": ELBOW}}
+        ),
         lambda f: read_moveit_request(request(ELBOW)),
         "remove it; plans would not obey it",
     ),
