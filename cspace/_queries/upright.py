@@ -83,11 +83,12 @@ def check_keep(keep: Upright | Sequence[Upright] | None) -> tuple[Upright, ...]:
 def _check_direction(value: ArrayLike, name: str) -> tuple[float, ...]:
     """Return a direction with length 1; raise InputError if it has none."""
     vector = check_finite(value, name)
+    hint = "pass e.g. (0, 0, 1)"
     if vector.shape != (3,):
-        raise InputError(name, f"is {value!r}", "a direction has three numbers", "pass (0, 0, 1)")
+        raise InputError(name, f"is {value!r}", "a direction has three numbers", hint)
     largest = np.abs(vector).max()
     if largest == 0.0:
-        raise InputError(name, f"is {value!r}", "its length is 0", "pass e.g. (0, 0, 1)")
+        raise InputError(name, f"is {value!r}", "its length is 0", hint)
     scaled = vector / largest  # squares of very large or small numbers overflow
     unit = scaled / np.linalg.norm(scaled)
     return tuple((unit + 0.0).tolist())

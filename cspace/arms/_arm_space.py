@@ -808,11 +808,13 @@ class ArmSpace(ConfigurationSpace):
             if snapshot.is_upright(q) and (gaps <= tolerance).all():
                 upright.append(q)
         if not upright:
-            problem = f"has {len(solutions)} configurations that reach the pose, none is upright"
-            rule = "a path keeps the axis of its link within the tolerance"
-            hint = "choose another pose, or a larger tolerance"
-            nearest = tuple(solutions[0].tolist())
-            raise ConfigurationError(name, problem, rule, hint, nearest=nearest)
+            raise ConfigurationError(
+                name,
+                f"has {len(solutions)} configurations that reach the pose, none is upright",
+                "a path keeps the axis of its link within the tolerance",
+                "choose another pose, or a larger tolerance",
+                nearest=tuple(solutions[0].tolist()),
+            )
         return np.array(upright)
 
     def _keep(self, uprights: Sequence[Upright]) -> ArmSpace:

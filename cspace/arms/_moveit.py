@@ -625,7 +625,7 @@ _POSITION_CONSTRAINT: Final[Schema] = {
     "constraint_region": _parse_ball,
 }
 
-_ORIENTATION_CONSTRAINT: Final[Schema] = {
+_ORIENTATION_CONSTRAINT: Final[dict[str, Schema]] = {
     "header": HEADER,
     "orientation": parse_rotation,
     "link_name": parse_name,

@@ -153,8 +153,9 @@ class Snapshot:
         """Yield what the snapshot keeps, and the angle at a configuration, shape (dof,)."""
         for upright in self.uprights:
             axis = self.arm.pose(q, upright.frame)[:3, :3] @ np.asarray(upright.axis)
-            across = np.linalg.norm(np.cross(axis, upright.direction))
-            yield upright, math.atan2(across, float(axis @ np.asarray(upright.direction)))
+            direction = np.asarray(upright.direction)
+            across = np.linalg.norm(np.cross(axis, direction))
+            yield upright, math.atan2(across, float(axis @ direction))
 
     @property
     def names(self) -> list[str]:
