@@ -799,13 +799,13 @@ class ArmSpace(ConfigurationSpace):
         for q in solutions.copy():
             gaps = np.zeros(2)
             for _ in range(MAX_ALTERNATIONS):
-                if snapshot.is_upright(q) or (gaps > tolerance).any():
+                if snapshot.find_tilt(q) is None or (gaps > tolerance).any():
                     break
                 (q[:],) = snapshot.move_upright(q[np.newaxis])
                 moved = q[joints]
                 gaps[:] = descend(problem, moved, scratch)[:2]
                 q[joints] = moved
-            if snapshot.is_upright(q) and (gaps <= tolerance).all():
+            if snapshot.find_tilt(q) is None and (gaps <= tolerance).all():
                 upright.append(q)
         if not upright:
             raise ConfigurationError(
@@ -1243,13 +1243,13 @@ def _make_collision_error(snapshot: Snapshot, q: Floats, name: str) -> Configura
     that touch.
     """
     point = f"({', '.join(f'{x:.6g}' for x in q)})"
-    for upright, angle in snapshot.measure_tilts(q):
-        if not abs(angle - upright.angle) <= upright.tolerance:
-            problem = f"{point} is not upright: the axis of {upright.frame} is {angle:.6g} rad "
-            problem += f"from the direction {upright.direction}"
-            rule = f"keep= wants {upright.angle:.6g} rad, within {upright.tolerance:.6g} rad"
-            hint = "choose another configuration, or a larger tolerance"
-            return ConfigurationError(name, problem, rule, hint, reason="mixed")
+    if tilt := snapshot.find_tilt(q):
+        upright, angle = tilt
+        problem = f"{point} is not upright: the axis of {upright.frame} is {angle:.6g} rad "
+        problem += f"from the direction {upright.direction}"
+        rule = f"keep= wants {upright.angle:.6g} rad, within {upright.tolerance:.6g} rad"
+        hint = "choose another configuration, or a larger tolerance"
+        return ConfigurationError(name, problem, rule, hint, reason="mixed")
     link, other, *_ = snapshot.contact(snapshot.outer, q[np.newaxis])
     problem = f"is not proven free: {link} is in collision with {other}, or nearly so"
     hint = f"choose another, or {_allow(link, other)}"

@@ -86,7 +86,7 @@ class Cones(NamedTuple):
     upper: Floats
 
     def shrink(self, turns: Floats) -> Cones:
-        """Return the cones with smaller tolerances, by ``turns`` radians, shape (k,)."""
+        """Return the cones with tolerances smaller by ``turns`` radians, shape (k,)."""
         return self._replace(tolerances=self.tolerances - turns)
 
 
@@ -122,9 +122,10 @@ NO_CONES: Final = Cones(
 
 @internal
 def measure_angle(cones: Cones, k: int, poses: Floats) -> tuple[float, Row]:
-    """Return the angle of cone k at the poses of all bodies, and its axis in the base.
+    """Return the angle of cone k, and its axis in the base.
 
-    The poses have shape (b, 3, 6), as in :func:`cspace.arms._chain.forward_kinematics`.
+    The poses of all bodies have shape (b, 3, 6), as in
+    :func:`cspace.arms._chain.forward_kinematics`.
     """
     axis = rotate(rotation_rows(poses[cones.bodies[k]]), row_at(cones.axes[k], 0))
     direction = row_at(cones.directions[k], 0)
@@ -135,9 +136,10 @@ def measure_angle(cones: Cones, k: int, poses: Floats) -> tuple[float, Row]:
 
 @internal
 def stays_in_cones(chain: Chain, cones: Cones, q0: Floats, q1: Floats, poses: Floats) -> bool:
-    """Return True if a motion from ``q0`` to ``q1``, shapes (dof,), is proven to keep all angles.
+    """Return True if a motion is proven to keep all angles.
 
-    Equal endpoints mean a point. ``poses`` is scratch, shape (b, 3, 6).
+    It leads from ``q0`` to ``q1``, shapes (dof,); equal endpoints mean a point. ``poses`` is
+    scratch, shape (b, 3, 6).
     """
     is_kept = True
     for k in range(len(cones.bodies)):
@@ -193,7 +195,7 @@ def stays_in_cone(
 
 @kernel
 def move_into_cones(chain: Chain, cones: Cones, q: Floats, slopes: Floats, poses: Floats) -> bool:
-    """Move a configuration ``q``, shape (dof,), in place into all cones, well within.
+    """Move a configuration ``q``, shape (dof,), in place well into all cones.
 
     Each step follows the pseudo-inverse of the angle's derivative, within the limits of the joints
     (D. Berenson and others, "Manipulation planning on constraint manifolds", 2009). A configuration
@@ -235,10 +237,10 @@ def fill_slopes(
     slopes: Floats,
     poses: Floats,
 ) -> float:
-    """Write the derivatives of the angle of cone k by the joints; return the sum of squares.
+    """Write the derivatives of an angle by the joints; return their squares' sum.
 
-    A joint at a limit that the wanted ``change`` of the angle would push further has none. Other
-    arguments are as for :func:`move_into_cones`.
+    The angle is that of cone k. A joint at a limit that the wanted ``change`` of the angle would
+    push further has none. Other arguments are as for :func:`move_into_cones`.
     """
     direction = row_at(cones.directions[k], 0)
     # The unit vector along which the axis moves away from the direction.

@@ -45,6 +45,11 @@ MIN_MOTIONS_PER_THREAD: Final = 100
 """Motions per thread below which a further thread costs more time than it saves."""
 
 
+MAX_ANGLE_ROUNDING: Final = 1e-9
+"""Radians by which a configuration must be within a tolerance to count as upright; more than proofs
+take from it for rounding."""
+
+
 class Contact(NamedTuple):
     """The two solids that are nearest to touching.
 
@@ -125,7 +130,7 @@ class Snapshot:
         return make_snapshot, (*scene, None, self.uprights)
 
     def keep(self, uprights: Sequence[Upright]) -> Snapshot:
-        """Return a snapshot whose FREE also keeps axes of frames upright.
+        """Return a snapshot whose FREE also keeps axes upright.
 
         Raises InputError if the arm does not have a frame.
         """
@@ -135,32 +140,27 @@ class Snapshot:
         return replace(self, outer=outer, uprights=tuple(uprights))
 
     def move_upright(self, points: Floats) -> Floats:
-        """Return configurations, shape (n, dof), moved to be upright; some may fail."""
+        """Move configurations, shape (n, dof), to be upright; return them.
+
+        Some may fail.
+        """
         moved = points.copy()
         scratch = make_scene_scratch(self.outer)
         for row in moved if self.uprights else ():
             move_into_cones(self.outer.chain, self.outer.cones, row, scratch.slopes, scratch.poses)
         return moved
 
-    def is_upright(self, q: Floats) -> bool:
-        """Return True if a configuration, shape (dof,), seems upright."""
-        return all(
-            abs(angle - upright.angle) <= upright.tolerance
-            for upright, angle in self.measure_tilts(q)
-        )
-
-    def measure_tilts(self, q: Floats) -> Iterator[tuple[Upright, float]]:
-        """Yield what the snapshot keeps, and the angle at a configuration, shape (dof,)."""
+    def find_tilt(self, q: Floats) -> tuple[Upright, float] | None:
+        """Find an angle that a configuration, shape (dof,), does not keep; None if it keeps all."""
         for upright in self.uprights:
             axis = self.arm.pose(q, upright.frame)[:3, :3] @ np.asarray(upright.axis)
             direction = np.asarray(upright.direction)
             across = np.linalg.norm(np.cross(axis, direction))
-            yield upright, math.atan2(across, float(axis @ direction))
-
-    @property
-    def names(self) -> list[str]:
-        """Names of links with geometry, attached objects and obstacles."""
-        return [*(link.name for link in self.arm.links), *self.obstacles]
+            angle = math.atan2(across, float(axis @ direction))
+            # Proofs take rounding from the tolerance.
+            if not abs(angle - upright.angle) <= upright.tolerance - MAX_ANGLE_ROUNDING:
+                return upright, angle
+        return None
 
     @cached_property
     def proof(self) -> Address:
