@@ -26,7 +26,7 @@ BENCHMARKS = {
     "replanning": "plans anew among moving obstacles: the rate of each planner; plans on large maps",
     "trajectories": "durations on real maps and of arms, against the least conceivable; CPU times",
     "rotations": "SE(3) and R^3 x yaw: builds, look-ups, edges and plans, against FCL and a loop of fftconvolve",
-    "arms": "poses, changing scenes and paths of arms, to 14 joints, against OMPL with coal and VAMP; false frees",
+    "arms": "poses, changing scenes and paths of arms, to 14 joints, upright too, against OMPL with coal and VAMP; false frees",
     "gates": "chunks of commands: roll-outs on a map, rows of a Panda, and checks of poses at a step beside them",
     "mesh": "100,000 triangles into 256^3 cells, beside trimesh's voxelizer: time, and cells that it misses",
     "frequency": "spectra of 10,000 balls, Minkowski sums, 10^5 overlaps, placements, each against another way; misses",

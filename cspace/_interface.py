@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace._queries.batches import Configuration, evaluate, evaluate_edges, evaluate_rows
+from cspace._queries.upright import Upright
 from cspace._rotations import Rotations
 from cspace._rotations.base import (
     METRES_PER_RADIAN,
@@ -417,6 +418,20 @@ class Space(ABC):
     def path_exists(self, q0: ArrayLike, q1: ArrayLike) -> bool | None:
         """Return whether a free path is proven, or disproven; None if undecided."""
         return None
+
+    def _keep(self, uprights: Sequence[Upright]) -> Space:
+        """Return a space whose FREE also keeps axes of links upright, all along a motion.
+
+        Raises InputError if the space has no links, or none of that name.
+        """
+        if uprights:
+            raise InputError(
+                "keep",
+                f"is given and space is {self!r}",
+                "only the links of an arm are kept upright",
+                "leave keep out",
+            )
+        return self
 
     def search(self, name: str, endpoints: Sequence[Endpoint], options: SearchOptions) -> Floats:
         """Run one of :attr:`searches`, from the first configuration to any other.

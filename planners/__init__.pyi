@@ -12,6 +12,7 @@ from ._ompl_callbacks import FreeStateSampler as FreeStateSampler
 from ._ompl_callbacks import MotionValidator as MotionValidator
 from ._ompl_callbacks import StateValidityChecker as StateValidityChecker
 from ._plan import Choices as Choices
+from ._plan import Upright as Upright
 from ._plan import choices as choices
 from ._plan import plan as plan
 from ._result import Plan as Plan

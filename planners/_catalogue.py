@@ -50,6 +50,9 @@ BIRRT: Final = "BiRRT"
 BUILT_IN_SEARCHES: Final = (GRID, MAX_CLEARANCE, LATTICE, BIRRT)
 """Names of the searches that run without OMPL."""
 
+PLANNERS_OF_OMPL: Final[tuple[PlannerName, ...]] = get_args(PlannerName)[: -len(BUILT_IN_SEARCHES)]
+"""Names of the planners that OMPL runs."""
+
 PLANNERS_WITHOUT_OBJECTIVE: Final = ("BKPIECE1", "KPIECE1", "LBKPIECE1", "RRT", "RRTConnect")
 """Planners that stop at the first path and minimise nothing."""
 
@@ -84,7 +87,8 @@ FUNCTION: Final = "a function"
 NUMBER: Final = "a number"
 SEVERAL: Final = "several"
 OWN_SEARCH: Final = "a search of your own space"
-"""Values of ``iterations``, ``goal`` and ``planner`` in :data:`REFUSALS`."""
+GIVEN: Final = "given"
+"""Values of ``iterations``, ``goal``, ``planner`` and ``keep`` in :data:`REFUSALS`."""
 
 _NO_SECOND_THREAD: Final = "cannot call Python from its second thread"
 """What planners with threads must not do: it would wait for the first thread for ever."""
@@ -155,6 +159,11 @@ REFUSALS: Final = (
         "of OMPL 2.0.1 may end the process if it has several",
         _ONE_GOAL,
     ),
+    Refusal(
+        {"keep": (GIVEN,), "planner": PLANNERS_OF_OMPL},
+        "samples configurations that are not upright",
+        "leave planner out",
+    ),
 )
 """What :func:`planners.plan` refuses; the page on planning prints this table."""
 
@@ -219,8 +228,8 @@ def planner_named(name: str, searches: Sequence[str] = ()) -> PlannerName:
 def check_options(values: Mapping[str, object], is_named: bool, n_goals: int = 1) -> None:
     """Raise InputError if options do not go together, by :data:`REFUSALS`.
 
-    ``values`` are those of planner, objective, drive, exact and iterations; ``is_named`` tells
-    whether the user chose the planner.
+    ``values`` are those of planner, objective, drive, exact, iterations and keep; ``is_named``
+    tells whether the user chose the planner.
     """
     planner = values["planner"]
     kinds = {**values, "goal": SEVERAL if n_goals > 1 else None}
@@ -230,6 +239,7 @@ def check_options(values: Mapping[str, object], is_named: bool, n_goals: int = 1
         kinds["objective"] = FUNCTION
     if values["iterations"] is not None:
         kinds["iterations"] = NUMBER
+    kinds["keep"] = GIVEN if values.get("keep") else None
     for options, reason, hint in REFUSALS:
         if not all(kinds[option] in refused for option, refused in options.items()):
             continue

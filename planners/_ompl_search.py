@@ -24,6 +24,7 @@ from ompl import geometric as og
 from ompl import util as ou
 
 from cspace._queries.paths import pulled_straight
+from cspace._queries.upright import Upright
 from cspace._support.arrays import Floats
 from cspace._support.compiling import clock
 from cspace._support.deadlines import is_stopped
@@ -184,6 +185,7 @@ class PlanTask:
     previous: Floats  # (n, size), waypoints of the plan before this one
     fallback: PlannerName | None = None  # planner that takes over if this one finds no path
     endpoints: Endpoints = ()  # start and goals as OMPL holds them, the nearest goal first
+    keep: tuple[Upright, ...] = ()  # directions that links of an arm keep
 
 
 def make_objective(task: PlanTask) -> MakeObjective | None:

@@ -19,6 +19,8 @@ from cspace._interface import (
     Space,
     format_configuration,
 )
+from cspace._queries.upright import Upright as Upright
+from cspace._queries.upright import check_keep
 from cspace._rotations.base import TWO_PI
 from cspace._support.arrays import Floats, frozen
 from cspace._support.check import check_count, check_flag, check_positive, names_options
@@ -156,6 +158,7 @@ def plan(
     turning_radius: float | None = None,
     previous: Plan | None = None,
     stop: Callable[[], bool] | None = None,
+    keep: Upright | Sequence[Upright] | None = None,
 ) -> Plan:
     """Find and prove a path on a map or for an arm.
 
@@ -204,6 +207,9 @@ def plan(
         ends the search soon after: for a request to cancel, or a deadline of all work, such as
         ``lambda: time.monotonic() > end``. A map of ten million cells ends it within 50 ms, once a
         first plan has filled its caches. Only planners of OMPL return a path found before.
+    keep : Upright or sequence of Upright, optional
+        Directions that links of an arm keep all along the path, as proven as that it is free; for
+        "BiRRT".
 
     Returns
     -------
@@ -213,7 +219,7 @@ def plan(
     Raises
     ------
     ConfigurationError
-        If start or goal is not proven free, or no free configuration is found for a pose. The
+        If start or goal is not proven free and upright, or no such one is found for a pose. The
         message and the error's ``nearest`` give the nearest FREE configuration.
     InputError
         If a number is NaN, infinite or out of range, a name is unknown, or the space, planner,
@@ -242,6 +248,8 @@ def plan(
         rule = "it is called to ask whether the search ends"
         raise InputError("stop", f"is {stop!r}", rule, "pass a function, e.g. event.is_set")
     edges = local_planner(space, exact, drive, turning_radius)
+    kept = check_keep(keep)
+    edges = replace(edges, space=space._keep(kept)) if kept else edges
     name = default_planner(drive) if planner is None else planner_named(planner, space.searches)
     task = PlanTask(
         edges=edges,
@@ -253,6 +261,7 @@ def plan(
         seed=None if seed is None else check_count(seed, "seed", 0, 2**32 - 2),
         is_named=planner is not None,
         previous=np.empty((0, space.size)),
+        keep=kept,
     )
     if previous is not None:
         task = replace(task, previous=_check_previous(task, previous))
@@ -268,7 +277,8 @@ def plan(
     with stopping(stop):
         result = _search_and_prove(task, lambda: edges.may_join(path_exists()))
         exists = True if space.has_cells and result.proven else path_exists()
-        return _make_plan(task, result, exists, began)
+        # The plan has the living space, of which the kept one is a copy.
+        return replace(_make_plan(task, result, exists, began), space=space, keep=kept)
 
 
 def _needs_geometry(space: Space, start: ArrayLike) -> bool:
@@ -392,6 +402,7 @@ def _check_options(task: PlanTask) -> None:
         "drive": edges.drive,
         "exact": edges.exact,
         "iterations": task.iterations,
+        "keep": task.keep,
     }
     check_options(values, task.is_named, len(task.endpoints) - 1)
 
@@ -688,7 +699,7 @@ def _list_hints(task: PlanTask, exists: bool | None, is_late: bool) -> list[str]
     if task.iterations is not None and not is_late:
         more = f"more iterations (iterations={10 * task.iterations})"
     if not edges.space.has_cells:
-        return [more, "another seed", "another planner"]
+        return [more, "another seed", "a larger tolerance" if task.keep else "another planner"]
     if edges.drive == HOLONOMIC and exists:
         if task.planner == GRID or callable(task.objective):
             return [more]
@@ -853,5 +864,4 @@ def _make_plan(task: PlanTask, result: SearchResult, exists: bool | None, began:
         time_limit=task.time_limit,
         times=Times(setup, result.planning, result.simplification, clock.read() - searched),
         frame_id=edges.space.frame_id,
-        space=edges.space,
     )

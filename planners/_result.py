@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace._files.access import replacing
 from cspace._interface import Space, format_configuration, has_pose_names
+from cspace._queries.upright import Upright
 from cspace._rotations.base import METRES_PER_RADIAN
 from cspace._support.arrays import Bools, Floats
 from cspace._support.check import check_flag, check_positive, names_options
@@ -141,6 +142,8 @@ class Plan:
     times : Times
     frame_id : str
         Frame of the map in ROS, :attr:`cspace.CSpace.frame_id`.
+    keep : tuple of Upright
+        Directions that links of an arm keep along every certified edge.
     space : Space or None
         The map that it was planned on; None after pickling or copying, which drop the map and keep
         the present values of :attr:`clearance`, or for an arm :attr:`obstacle_distance`, and
@@ -173,6 +176,7 @@ class Plan:
     time_limit: float
     times: Times
     frame_id: str = "map"
+    keep: tuple[Upright, ...] = ()
     space: Space | None = None
     _kept: tuple[float, float, float] = (math.nan, math.nan, math.nan)
 
@@ -270,7 +274,8 @@ class Plan:
 
     def _edges_on(self, space: Space) -> LocalPlanner:
         """Return the local planner on a map."""
-        return local_planner(space, self.exact, self.drive, self.turning_radius)
+        edges = local_planner(space, self.exact, self.drive, self.turning_radius)
+        return replace(edges, space=space._keep(self.keep)) if self.keep else edges
 
     def _map(self, hint: str) -> Space:
         """Return the map, or raise InputError with `hint` after pickling."""
@@ -683,7 +688,7 @@ class Plan:
         )
         check_flag(blend, "blend")
         path = DrivenPath(
-            space=self.space,
+            space=None if self.space is None else self.space._keep(self.keep),
             waypoints=self.waypoints,
             axes=self.axes,
             units=self.units,
@@ -694,6 +699,7 @@ class Plan:
             exact=self.exact,
             certified=self.certified,
             blend=bool(blend),
+            keep=self.keep,
         )
         if after is None:
             return make_trajectory(path, limits, duration, time_step)
@@ -755,8 +761,10 @@ def _to_json_type(value: object) -> object:
     """Convert a value to a JSON type."""
     if isinstance(value, np.ndarray):
         return value.tolist()
-    if isinstance(value, Times):
+    if isinstance(value, Times | Upright):
         return asdict(value)
+    if isinstance(value, tuple):
+        return [_to_json_type(entry) for entry in value]
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from cspace._files.access import replacing
 from cspace._interface import ConfigurationSpace, Space, format_configuration, rotations_of
+from cspace._queries.upright import Upright
 from cspace._rotations import Rotations
 from cspace._rotations.base import TWO_PI, wrap_angles
 from cspace._rotations.quaternion import multiply
@@ -26,6 +27,7 @@ from planners._car_curves import MAX_GAP
 from planners._cars import CarCurves
 from planners._drives import check_axes, local_planner
 from planners._local_planner import CURVES, HOLONOMIC, ON_THE_SPOT, Pieces
+from planners._ompl_states import check_space
 from planners._segments import (
     MAX_EDGE_TURN,
     Segments,
@@ -270,8 +272,10 @@ class Trajectory:
             If ``space`` is no :class:`cspace.Space`, or has other axes.
         """
         route = self._route
-        edges = local_planner(space, route.exact, route.drive, route.turning_radius)
+        check_space(space)
         check_axes(space, self.axes, "trajectory")
+        space = space._keep(route.keep)
+        edges = local_planner(space, route.exact, route.drive, route.turning_radius)
         if self._segments.is_curve.any():
             driven = _cut_driven(self._segments, self._phases, self._rotations)
             return prove_segments(space, route.exact, driven)
@@ -739,6 +743,7 @@ class DrivenPath(NamedTuple):
     exact: bool
     certified: bool  # what the plan says
     blend: bool  # whether corners become curves
+    keep: tuple[Upright, ...] = ()  # directions that links of an arm keep, as ``space`` proves
 
 
 def make_trajectory(

@@ -351,6 +351,30 @@ MUTANTS = (
     ),
     # Arms.
     Mutant(
+        "cspace/arms/_cones.py",
+        "speed + 0.5 * half * turn * turn",
+        "speed + 0.1 * half * turn * turn",
+        "tests/arms/test_upright.py",
+    ),
+    Mutant(
+        "cspace/arms/_cones.py",
+        "min(turn, speed + ",
+        "min(0.5 * turn, speed + ",
+        "tests/arms/test_upright.py",
+    ),
+    Mutant(
+        "cspace/arms/_snapshots.py",
+        "self.outer.cones.tolerances - self._bound_turns(deviations)",
+        "self.outer.cones.tolerances - 0.3 * self._bound_turns(deviations)",
+        "tests/arms/test_upright.py",
+    ),
+    Mutant(
+        "planners/_result.py",
+        "replace(edges, space=space._keep(self.keep)) if self.keep else edges",
+        "edges",
+        "tests/arms/test_upright.py",
+    ),
+    Mutant(
         "cspace/arms/_chain.py",
         "rate = chain.factors[b] * motion",
         "rate = motion",

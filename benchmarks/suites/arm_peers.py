@@ -199,6 +199,12 @@ class Meshes:
             (model.joints[n].idx_q, model.joints[n].nq) for n in map(model.getJointId, joints)
         ]
 
+    def rotation(self, q: Floats, frame: str) -> Floats:
+        """Return the rotation of a frame at a configuration, shape (3, 3)."""
+        self._pin.framesForwardKinematics(self._model, self._data, self._of(q))
+        number = self._model.getFrameId(frame)
+        return np.array(self._data.oMf[number].rotation)
+
     def collides(self, q: Floats) -> bool:
         """Return True if links collide at a configuration, shape (dof,)."""
         arguments = (self._model, self._data, self._geometry, self._placed, self._of(q))

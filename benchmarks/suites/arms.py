@@ -27,6 +27,7 @@ from benchmarks.suites.arm_peers import (
 )
 from benchmarks.suites.arm_poses import run_poses
 from benchmarks.suites.arm_scenes import run_scenes
+from benchmarks.suites.arm_upright import run_upright
 from benchmarks.timing import Timing
 from cspace._support.arrays import Floats
 from cspace.arms import Arm, ArmSpace
@@ -59,11 +60,12 @@ OMPL, VAMP = "RRTConnect of OMPL, coal in the callback", "RRTConnect of VAMP"
 
 
 def run(report: Report, seed: int) -> None:
-    """Reach poses, change scenes, and plan with 8 and 14 joints; then compare paths and motions of
-    each arm."""
+    """Reach poses, change scenes, plan with 8 and 14 joints and with an upright tool; then compare
+    paths and motions of each arm."""
     run_poses(report, seed)
     run_scenes(report, seed)
     run_joints(report, seed)
+    run_upright(report, seed)
     folder = inputs.data_folder()
     if folder is None or not (folder / "arms").is_dir():
         report.note(inputs.NO_DATA)

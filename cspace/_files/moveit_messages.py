@@ -58,8 +58,11 @@ FIELDS: Final = (
     ),
     Fields(
         "MoveIt requests",
-        honoured="`start_state`; joint, position and orientation constraints; tolerances",
-        refused="constraints of paths and visibility; `target_point_offset`; unknown fields",
+        honoured=(
+            "`start_state`; joint, position and orientation constraints; tolerances; "
+            "orientations of `path_constraints`"
+        ),
+        refused=("other constraints of paths; visibility; `target_point_offset`; unknown fields"),
     ),
 )
 

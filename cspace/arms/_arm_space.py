@@ -23,6 +23,7 @@ from cspace._interface import (
 from cspace._limits import check_samples
 from cspace._queries.callbacks import bind_kernel
 from cspace._queries.chunks import RowCheck
+from cspace._queries.upright import Upright
 from cspace._rotations.base import (
     TWO_PI,
     turn_near,
@@ -52,7 +53,13 @@ from cspace._support.check import (
     names_options,
 )
 from cspace._workspace import Workspace
-from cspace.arms._inverse import PoseGoal, check_pose_tolerance
+from cspace.arms._inverse import (
+    PoseGoal,
+    check_pose_tolerance,
+    descend,
+    make_pose_problem,
+    make_pose_scratch,
+)
 from cspace.arms._lines import (
     DEFAULT_LINE_TOLERANCE,
     LineMotion,
@@ -86,6 +93,10 @@ the shorter way."""
 
 MAX_SOLUTIONS_PER_POSE: Final = 128
 """Configurations at one pose that may be goals of a search."""
+
+
+MAX_ALTERNATIONS: Final = 30
+"""Times that a configuration at a pose is moved upright, and back to the pose."""
 
 
 CHECKING_STEP: Final = 0.01
@@ -520,7 +531,8 @@ class ArmSpace(ConfigurationSpace):
 
         It is one assignment, so that readers in other threads see a whole scene.
         """
-        self.snapshot = make_snapshot(arm or now.arm, obstacles, allowed, padding, now.margin, now)
+        scene = arm or now.arm, obstacles, allowed, padding, now.margin
+        self.snapshot = make_snapshot(*scene, now, now.uprights)
 
     def plot(self, **options: Unpack[ArmPlotOptions]) -> Axes:
         """Draw the arm, its obstacles and, as pale arms, a path.
@@ -747,6 +759,8 @@ class ArmSpace(ConfigurationSpace):
         Raises ConfigurationError, which blames ``name``, if there are none.
         """
         solutions = self.arm._solve_pose(goal, name, start, MAX_SOLUTIONS_PER_POSE, seed or 0)
+        if self.snapshot.uprights:
+            solutions = self._find_upright(goal, name, solutions)
         points = wrap_angles(solutions, self.periodic_axes)
         free_points = points[np.asarray(self.is_free(points))]
         if len(free_points):
@@ -767,6 +781,45 @@ class ArmSpace(ConfigurationSpace):
             hint,
             nearest=tuple(points[0].tolist()),
         )
+
+    def _find_upright(self, goal: PoseGoal, name: str, solutions: Floats) -> Floats:
+        """Return upright configurations at a pose, shape (m, dof), that begin at ``solutions``.
+
+        They move in turns into the cones and back to the pose, which may leave some freedom. Raises
+        ConfigurationError, which blames ``name``, if none becomes upright.
+        """
+        snapshot = self.snapshot
+        branch, tool = snapshot.arm._branch_to(goal.frame)
+        joints = branch.joints
+        limits = snapshot.arm.lower[joints], snapshot.arm.upper[joints]
+        tolerance = np.array(goal.tolerance)
+        problem = make_pose_problem(branch, tool, np.array(goal.pose), tolerance, limits)
+        scratch = make_pose_scratch(branch)
+        upright = []
+        for q in solutions.copy():
+            gaps = np.zeros(2)
+            for _ in range(MAX_ALTERNATIONS):
+                if snapshot.find_tilt(q) is None or (gaps > tolerance).any():
+                    break
+                (q[:],) = snapshot.move_upright(q[np.newaxis])
+                moved = q[joints]
+                gaps[:] = descend(problem, moved, scratch)[:2]
+                q[joints] = moved
+            if snapshot.find_tilt(q) is None and (gaps <= tolerance).all():
+                upright.append(q)
+        if not upright:
+            raise ConfigurationError(
+                name,
+                f"has {len(solutions)} configurations that reach the pose, none is upright",
+                "a path keeps the axis of its link within the tolerance",
+                "choose another pose, or a larger tolerance",
+                nearest=tuple(solutions[0].tolist()),
+            )
+        return np.array(upright)
+
+    def _keep(self, uprights: Sequence[Upright]) -> ArmSpace:
+        """Return a space whose FREE also keeps axes of frames upright; see the base class."""
+        return ArmSpace(self.snapshot.keep(uprights), self._base) if uprights else self
 
     def search(self, name: str, endpoints: Sequence[Endpoint], options: SearchOptions) -> Floats:
         """Run :meth:`find_path`, without further searches unless the path is simplified."""
@@ -833,7 +886,9 @@ class ArmSpace(ConfigurationSpace):
         while number_free < count:
             # Twice as many as are missing, because about half of them may be free.
             batch_size = min(max(2 * (count - number_free), 16), 10_000)
-            points = generator.uniform(*snapshot.arm._ranges(), (batch_size, self.size))
+            points = snapshot.move_upright(
+                generator.uniform(*snapshot.arm._ranges(), (batch_size, self.size))
+            )
             batches.append(points[snapshot.are_free(points, points)])
             number_free += len(batches[-1])
             number_drawn += batch_size
@@ -1187,10 +1242,17 @@ def _make_collision_error(snapshot: Snapshot, q: Floats, name: str) -> Configura
     ``q`` has shape (dof,); ``name`` is the argument. The message names the link and the obstacle
     that touch.
     """
+    point = f"({', '.join(f'{x:.6g}' for x in q)})"
+    if tilt := snapshot.find_tilt(q):
+        upright, angle = tilt
+        problem = f"{point} is not upright: the axis of {upright.frame} is {angle:.6g} rad "
+        problem += f"from the direction {upright.direction}"
+        rule = f"keep= wants {upright.angle:.6g} rad, within {upright.tolerance:.6g} rad"
+        hint = "choose another configuration, or a larger tolerance"
+        return ConfigurationError(name, problem, rule, hint, reason="mixed")
     link, other, *_ = snapshot.contact(snapshot.outer, q[np.newaxis])
     problem = f"is not proven free: {link} is in collision with {other}, or nearly so"
     hint = f"choose another, or {_allow(link, other)}"
-    point = f"({', '.join(f'{x:.6g}' for x in q)})"
     rule = "a path must start and end in FREE"
     return ConfigurationError(name, f"{point} {problem}", rule, hint, reason="mixed")
 

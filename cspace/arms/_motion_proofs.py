@@ -64,6 +64,7 @@ from cspace.arms._chain import (
     relative_pose,
     rotation_columns,
 )
+from cspace.arms._cones import NO_CONES, Cones, stays_in_cones
 
 TREE_ROUNDING: Final = 2.0**-40
 """Growth of boxes of a tree against rounding, relative to the size of the surface."""
@@ -163,6 +164,8 @@ class ArmScene(NamedTuple):
         Largest coordinate at any configuration, metres.
     required : float
         Distance that proves a pair apart.
+    cones : Cones
+        Angles that links keep in addition.
     """
 
     chain: Chain
@@ -171,10 +174,12 @@ class ArmScene(NamedTuple):
     padding: Floats
     max_coordinate: float
     required: float
+    cones: Cones = NO_CONES
 
     def select_pairs(self, which: Ints | Bools | slice) -> ArmScene:
-        """Return the scene with some of its pairs."""
-        return self._replace(pairs=self.pairs[which], padding=self.padding[which])
+        """Return the scene with some of its pairs, and no cones."""
+        padding = self.padding[which]
+        return self._replace(pairs=self.pairs[which], padding=padding, cones=NO_CONES)
 
 
 class SceneScratch(NamedTuple):
@@ -205,6 +210,8 @@ class SceneScratch(NamedTuple):
         Joints that move a pair in a box of configurations; see
         :func:`cspace._bodies.triangle_proofs.joint_displacement`.
     nodes : ndarray of int64, shape (MAX_PENDING_PAIRS, 2)
+    slopes : ndarray of float64, shape (dof,)
+        Derivatives of an angle by the joints.
     """
 
     parts: Floats
@@ -217,6 +224,7 @@ class SceneScratch(NamedTuple):
     first_pair: Ints
     axes: Floats
     nodes: Ints
+    slopes: Floats
 
 
 def make_scene_scratch(scene: ArmScene) -> SceneScratch:
@@ -234,6 +242,7 @@ def make_scene_scratch(scene: ArmScene) -> SceneScratch:
         first_pair=np.zeros(1, dtype=np.int64),
         axes=np.empty((bodies, 8)),
         nodes=np.empty((MAX_PENDING_PAIRS, 2), dtype=np.int64),
+        slopes=np.empty(len(scene.cones.lower)),
     )
 
 
@@ -268,13 +277,25 @@ def motions_are_free(
 ) -> None:
     """Fill ``out`` with whether motions, shapes (n, dof), are proven free.
 
-    Equal endpoints mean a point. ``paddings`` of the pairs replace those of the scene, shape (n, p)
-    for each motion; of shape (n, 0), they do not. ``prove`` is :func:`find_proof`.
+    Equal endpoints mean a point. ``paddings`` of the p pairs and tolerances of the c cones replace
+    those of the scene, shape (n, p + c) for each motion; of shape (n, 0), they do not. ``prove`` is
+    :func:`find_proof`.
     """
+    count = len(scene.pairs)
     padding = scene.padding
+    cones = scene.cones
     for k in range(len(firsts)):
         if paddings.shape[1] > 0:
-            padding = paddings[k]
+            padding = paddings[k, :count]
+            cones = Cones(
+                cones.bodies,
+                cones.axes,
+                cones.directions,
+                cones.angles,
+                paddings[k, count:],
+                cones.lower,
+                cones.upper,
+            )
         padded = ArmScene(
             scene.chain,
             scene.solids,
@@ -282,6 +303,7 @@ def motions_are_free(
             padding,
             scene.max_coordinate,
             scene.required,
+            cones,
         )
         out[k] = call(prove, (padded, firsts[k], lasts[k], scratch))
 
@@ -332,14 +354,16 @@ def find_required_distance(scene: ArmScene, q0: Floats, q1: Floats) -> float:
 def motion_is_free(scene: ArmScene, q0: Floats, q1: Floats, scratch: SceneScratch) -> bool:
     """Return True if a motion from ``q0`` to ``q1``, shapes (dof,), is proven free.
 
-    Equal endpoints mean a point. The motion is halved until all pairs are proven apart in each
-    part, or one is not apart halfway through a part.
+    It must also stay in the cones. Equal endpoints mean a point. The motion is halved until all
+    pairs are proven apart in each part, or one is not apart halfway through a part.
     """
     parts = scratch.parts
     open_pairs = scratch.open_pairs
     required = find_required_distance(scene, q0, q1)
     # NaN in a configuration makes it NaN, which proves nothing.
     if not required < np.inf:
+        return False
+    if not stays_in_cones(scene.chain, scene.cones, q0, q1, scratch.poses):
         return False
     bound_pairs(scene, q0, q1, scratch)
     for n in range(len(scene.pairs)):

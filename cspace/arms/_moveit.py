@@ -36,6 +36,7 @@ from cspace._files.moveit_messages import (
     wrong_value,
 )
 from cspace._files.urdf import PackageDirs
+from cspace._queries.upright import Upright
 from cspace._support.arrays import Floats
 from cspace._support.check import check_known
 from cspace.arms._inverse import PoseGoal
@@ -291,6 +292,8 @@ class MotionPlanRequest:
         Frame of the poses; ``"world"`` if the file names none.
     time_limit : float or None
         Seconds; None if the file has none.
+    keep : tuple of Upright
+        Directions that links keep on the way. They are in :attr:`frame`.
     """
 
     source: str
@@ -299,6 +302,7 @@ class MotionPlanRequest:
     goals: tuple[JointGoal | PoseGoal, ...]
     frame: str
     time_limit: float | None
+    keep: tuple[Upright, ...]
 
     def __repr__(self) -> str:
         """Return the file, the group and the number of goals."""
@@ -339,6 +343,30 @@ class MotionPlanRequest:
                 goals.append(self._place_pose_goal(arm, goal, base_pose))
         return goals
 
+    def make_keep(self, arm: Arm, *, base_pose: ArrayLike | None = None) -> list[Upright]:
+        """Return what an arm keeps upright, for ``keep=`` of :func:`planners.plan`.
+
+        Arguments and errors are as for :meth:`make_goals`.
+
+        Returns
+        -------
+        list of Upright
+            Empty if the request constrains no path.
+        """
+        kept = []
+        for upright in self.keep:
+            check_known(upright.frame, f"{self.source}: link_name", arm.frames)
+            to_base = np.linalg.inv(self._find_base(arm, base_pose))[:3, :3]
+            direction = to_base @ np.asarray(upright.direction)
+            kept.append(replace(upright, direction=tuple(direction.tolist())))
+        return kept
+
+    def _find_base(self, arm: Arm, base_pose: ArrayLike | None) -> Floats:
+        """Return the pose of an arm's base in the frame of the request, as given or known."""
+        if base_pose is None:
+            return find_base_pose(self.frame, arm, self.source)
+        return check_rigid(base_pose, "base_pose")
+
     def _make_configuration(self, arm: Arm, goal: JointGoal, argument: str) -> Floats:
         """Return the configuration of a joint goal, shape (dof,).
 
@@ -373,10 +401,7 @@ class MotionPlanRequest:
         ``base_pose`` is the pose of the base in the frame of the request; None if the arm knows it.
         """
         check_known(goal.frame, f"{self.source}: link_name", arm.frames)
-        if base_pose is None:
-            base = find_base_pose(self.frame, arm, self.source)
-        else:
-            base = check_rigid(base_pose, "base_pose")
+        base = self._find_base(arm, base_pose)
         return replace(goal, pose=np.linalg.solve(base, np.asarray(goal.pose)))
 
 
@@ -386,7 +411,8 @@ def read_moveit_request(source: object) -> MotionPlanRequest:
     Goals may be joint constraints with tolerances, or a position constraint, an orientation
     constraint, or both, of one link. Several goals are a choice; a position has one shape.
     A pose goal is a ball within the shape of the position, and an angle within the tolerances of
-    the orientation, so that what reaches it satisfies the constraints.
+    the orientation, so that what reaches it satisfies the constraints. Orientations that
+    ``path_constraints`` keep become cones of the link's axes, likewise within the tolerances.
 
     The planner, the number of attempts, the bounds of the workspace, which concern mobile bases,
     and factors of speed are not used.
@@ -400,9 +426,10 @@ def read_moveit_request(source: object) -> MotionPlanRequest:
     Raises
     ------
     FileError, or InputError for a mapping or a message
-        If a file is missing or malformed, has no goal or an unknown field, or constrains paths,
-        visibility, or joints and poses in one goal; if objects are attached, which belong to the
-        scene; or if a region of positions is no box, sphere or cylinder.
+        If a file is missing or malformed, has no goal or an unknown field, or constrains
+        visibility, joints or positions of paths, or joints and poses in one goal; if objects are
+        attached, which belong to the scene; or if a region of positions is no box, sphere or
+        cylinder.
 
     Examples
     --------
@@ -422,7 +449,8 @@ def read_moveit_request(source: object) -> MotionPlanRequest:
         goals = fields.goal_constraints
         if not goals:
             raise ContentError("has no goal_constraints", "a request has at least one", "add them")
-        frames = {frame for _, goal_frames in goals for frame in goal_frames}
+        kept, path_frames = fields.path_constraints
+        frames = path_frames.union(*(goal_frames for _, goal_frames in goals))
         return MotionPlanRequest(
             source=name,
             group=fields.group_name,
@@ -430,6 +458,7 @@ def read_moveit_request(source: object) -> MotionPlanRequest:
             goals=tuple(goal for goal, _ in goals),
             frame=find_frame(frames),
             time_limit=fields.allowed_planning_time or None,
+            keep=tuple(kept),
         )
 
 
@@ -532,6 +561,41 @@ def _find_angle(constraint: Any, place: str) -> float:
     return math.inf if tolerance >= math.pi else min(tolerance, _MAX_EULER_TOLERANCE)
 
 
+def _parse_path(value: Any, place: str) -> tuple[list[Upright], set[str]]:
+    """Parse the constraints of a path, and return them with the frames of their orientations."""
+    kept = list[Upright]()
+    frames = set[str]()
+    for constraint in parse(_PATH, value, place).orientation_constraints:
+        frames.add(constraint.header.frame_id or WORLD)
+        kept += _make_uprights(constraint, place)
+    return kept, frames
+
+
+def _make_uprights(constraint: Any, place: str) -> list[Upright]:
+    """Make the cones of a link's axes within the tolerances of an orientation.
+
+    Let the rotation from the wanted orientation to the link be ``Rx(a) Ry(b) Rz(c)``. It takes the
+    z axis to ``(sin b, -sin a cos b, cos a cos b)``: if that turns by t, at most a right angle, a
+    and b are at most t. If a and c are free, b alone is the angle from the plane across the x axis.
+    The x axis turns by the angle with the cosine ``cos b cos c``, which bounds c. Errors name the
+    ``place`` in the file.
+    """
+    _find_angle(constraint, place)  # refuses zero
+    x, y, z = (abs(getattr(constraint, f"absolute_{axis}_axis_tolerance")) for axis in "xyz")
+    first, _, last = constraint.orientation.T
+    link = constraint.link_name
+    if min(x, y, z) >= math.pi:
+        return []
+    if min(x, z) >= math.pi and y < _MAX_EULER_TOLERANCE:
+        return [Upright(link, direction=first, tolerance=y, angle=0.5 * math.pi)]
+    tilt = min(x, y, _MAX_EULER_TOLERANCE)
+    kept = [Upright(link, direction=last, tolerance=tilt)]
+    if z < math.pi:
+        turn = z if z <= 0.5 * math.pi else math.acos(math.cos(z) * math.cos(tilt))
+        kept.append(Upright(link, (1.0, 0.0, 0.0), direction=first, tolerance=turn))
+    return kept
+
+
 # ---- tables of the fields of requests ------------------------------------------------------------
 
 _parse_optional: Final = allow_missing(parse_number, 0.0)
@@ -561,7 +625,7 @@ _POSITION_CONSTRAINT: Final[Schema] = {
     "constraint_region": _parse_ball,
 }
 
-_ORIENTATION_CONSTRAINT: Final[Schema] = {
+_ORIENTATION_CONSTRAINT: Final[dict[str, Schema]] = {
     "header": HEADER,
     "orientation": parse_rotation,
     "link_name": parse_name,
@@ -575,6 +639,18 @@ _GOAL: Final[Schema] = {
     "visibility_constraints": _refuse_unobeyed,
 }
 
+_PATH: Final[Schema] = {
+    "joint_constraints": _refuse_unobeyed,
+    "position_constraints": _refuse_unobeyed,
+    "orientation_constraints": [
+        {
+            **_ORIENTATION_CONSTRAINT,
+            "parameterization": accept_only(0, hint="write tolerances of Euler angles"),
+        }
+    ],
+    "visibility_constraints": _refuse_unobeyed,
+}
+
 _REQUEST: Final[Schema] = {
     "group_name": parse_frame,
     "start_state": {
@@ -585,7 +661,7 @@ _REQUEST: Final[Schema] = {
         "is_diff": accept_only(False, True),
     },
     "goal_constraints": [_parse_goal],
-    "path_constraints": _refuse_unobeyed,
+    "path_constraints": _parse_path,
     "trajectory_constraints": _refuse_unobeyed,
     "reference_trajectories": _refuse_unobeyed,
     "allowed_planning_time": _parse_optional,

@@ -5,9 +5,10 @@ A living :class:`cspace.ArmSpace` replaces its own.
 
 from __future__ import annotations
 
+import math
 from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import chain, combinations
 from typing import Any, Final, NamedTuple
@@ -19,10 +20,13 @@ from numpy.typing import NDArray
 from cspace._bodies import ADVANCE_FACTOR, DISTANCE_ROUNDING
 from cspace._bodies.hulls import node_corners
 from cspace._queries.batches import as_contiguous
+from cspace._queries.upright import Upright
 from cspace._support.arrays import Bools, Floats, Ints
+from cspace._support.check import check_known
 from cspace._support.compiling import Address
 from cspace._support.threads import run_in_chunks
 from cspace.arms._chain import FIXED, REVOLUTE, compute_poses
+from cspace.arms._cones import make_cones, move_into_cones
 from cspace.arms._model import CONTACT_SAMPLES, Arm, Names, always_touch, sort_pair
 from cspace.arms._motion_proofs import (
     ArmScene,
@@ -39,6 +43,11 @@ from cspace.errors import ConfigurationError
 
 MIN_MOTIONS_PER_THREAD: Final = 100
 """Motions per thread below which a further thread costs more time than it saves."""
+
+
+MAX_ANGLE_ROUNDING: Final = 1e-9
+"""Radians by which a configuration must be within a tolerance to count as upright; more than proofs
+take from it for rounding."""
 
 
 class Contact(NamedTuple):
@@ -99,6 +108,8 @@ class Snapshot:
         It proves FREE by outer shapes.
     inner : Scene
         It proves BLOCKED by inner shapes.
+    uprights : tuple of Upright
+        What FREE keeps in addition; ``outer`` has their cones.
     """
 
     arm: Arm
@@ -111,15 +122,45 @@ class Snapshot:
     groups: tuple[Group, ...]
     outer: ArmScene
     inner: ArmScene
+    uprights: tuple[Upright, ...] = ()
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle what the snapshot is made from."""
-        return make_snapshot, (self.arm, self.obstacles, self.allowed, self.padding, self.margin)
+        scene = self.arm, self.obstacles, self.allowed, self.padding, self.margin
+        return make_snapshot, (*scene, None, self.uprights)
 
-    @property
-    def names(self) -> list[str]:
-        """Names of links with geometry, attached objects and obstacles."""
-        return [*(link.name for link in self.arm.links), *self.obstacles]
+    def keep(self, uprights: Sequence[Upright]) -> Snapshot:
+        """Return a snapshot whose FREE also keeps axes upright.
+
+        Raises InputError if the arm does not have a frame.
+        """
+        for upright in uprights:
+            check_known(upright.frame, "frame", self.arm.placements)
+        outer = self.outer._replace(cones=make_cones(self.arm, uprights))
+        return replace(self, outer=outer, uprights=tuple(uprights))
+
+    def move_upright(self, points: Floats) -> Floats:
+        """Move configurations, shape (n, dof), to be upright; return them.
+
+        Some may fail.
+        """
+        moved = points.copy()
+        scratch = make_scene_scratch(self.outer)
+        for row in moved if self.uprights else ():
+            move_into_cones(self.outer.chain, self.outer.cones, row, scratch.slopes, scratch.poses)
+        return moved
+
+    def find_tilt(self, q: Floats) -> tuple[Upright, float] | None:
+        """Find an angle that a configuration, shape (dof,), does not keep; None if it keeps all."""
+        for upright in self.uprights:
+            axis = self.arm.pose(q, upright.frame)[:3, :3] @ np.asarray(upright.axis)
+            direction = np.asarray(upright.direction)
+            across = np.linalg.norm(np.cross(axis, direction))
+            angle = math.atan2(across, float(axis @ direction))
+            # Proofs take rounding from the tolerance.
+            if not abs(angle - upright.angle) <= upright.tolerance - MAX_ANGLE_ROUNDING:
+                return upright, angle
+        return None
 
     @cached_property
     def proof(self) -> Address:
@@ -135,8 +176,8 @@ class Snapshot:
     ) -> Bools:
         """Return whether motions, shapes (n, dof), are proven free, shape (n,).
 
-        ``scene`` is the outer scene, or one with more padding; ``paddings``, shape (n, p), are
-        those of each motion.
+        ``scene`` is the outer scene, or one with more padding; ``paddings``, shape (n, p + c), are
+        those of each motion, and its tolerances of the cones.
         """
         if paddings is None:
             paddings = np.empty((len(firsts), 0))
@@ -149,10 +190,12 @@ class Snapshot:
         """Return whether motions, shapes (n, dof), are free with any deviation, shape (n,).
 
         ``deviations``, shape (n, dof), bound that of each joint at each time. The motions prove it
-        if all pairs stay apart by as much as such joint motions move them, in addition.
+        if all pairs stay apart by as much as such joint motions move them, in addition, and links
+        keep their angles within the tolerances less as much as they turn.
         """
         paddings = self.outer.padding + self._bound_displacements(deviations)
-        return self.are_free(firsts, lasts, paddings=paddings)
+        tolerances = self.outer.cones.tolerances - self._bound_turns(deviations)
+        return self.are_free(firsts, lasts, paddings=np.hstack([paddings, tolerances]))
 
     def count_free(self, starts: Floats, ends: Floats, deviations: Floats, counts: Ints) -> None:
         """Lower counts to the number of motions that are free with any deviation.
@@ -168,7 +211,17 @@ class Snapshot:
     def pad_scene(self, deviations: Floats) -> ArmScene:
         """Return the outer scene with padding for deviations of the joints, shape (dof,)."""
         displacements = self._bound_displacements(deviations[np.newaxis])[0]
-        return self.outer._replace(padding=self.outer.padding + displacements)
+        turns = self._bound_turns(deviations[np.newaxis])[0]
+        return self.outer._replace(
+            padding=self.outer.padding + displacements, cones=self.outer.cones.shrink(turns)
+        )
+
+    def _bound_turns(self, joint_motions: Floats) -> Floats:
+        """Bound how far joint motions, shape (n, dof), turn the body of each cone, shape (n, c)."""
+        chain = self.outer.chain
+        rates = np.abs(chain.factors * joint_motions[:, chain.joint_indices])
+        turns = chain.between[self.outer.cones.bodies, 0] & (chain.kinds == REVOLUTE)
+        return np.asarray(rates @ turns.T / ADVANCE_FACTOR)
 
     def _bound_displacements(self, joint_motions: Floats) -> Floats:
         """Bound how far joint motions, shape (n, dof), move each pair, shape (n, p); metres.
@@ -271,6 +324,7 @@ def make_snapshot(
     padding: Mapping[str, float],
     margin: float,
     before: Snapshot | None = None,
+    uprights: tuple[Upright, ...] = (),
 ) -> Snapshot:
     """Make a snapshot; see :class:`Snapshot` for the arguments.
 
@@ -312,7 +366,7 @@ def make_snapshot(
     )
     _refuse_fixed(snapshot, fixed)
     _refuse_always(snapshot)
-    return snapshot
+    return snapshot.keep(uprights) if uprights else snapshot
 
 
 def _measure_reach(arm: Arm) -> float:

@@ -2,6 +2,8 @@
 
 J. J. Kuffner and S. M. LaValle, "RRT-Connect", 2000; J. D. Gammell and others, "Informed RRT*",
 2014; R. Geraerts and M. H. Overmars, "Creating high-quality paths for motion planning", 2007.
+If links keep angles, nodes are projected into their cones (D. Berenson and others, "Manipulation
+planning on constraint manifolds", 2009).
 """
 
 from __future__ import annotations
@@ -14,11 +16,24 @@ import numpy as np
 from cspace._support.arrays import Floats, Ints
 from cspace._support.compiling import Address, call, clock, internal, kernel
 from cspace._support.deadlines import is_over
+from cspace.arms._cones import move_into_cones, stays_in_cones
 from cspace.arms._motion_proofs import ArmScene, SceneScratch, find_proof, make_scene_scratch
 
 MAX_STRIDE: Final = 1.0
 """Longest motion by which a tree grows, radians or metres."""
 
+
+STRIDE_PER_SQRT_TOLERANCE: Final = 2.0
+"""Longest motion by which a tree grows within a cone, divided by the square root of its tolerance.
+
+A straight motion of the joints leaves an angle by about an eighth of its squared length.
+"""
+
+MAX_HALVINGS: Final = 2
+"""Times that a motion which leaves a cone is halved before it is given up."""
+
+MIN_PROGRESS: Final = 0.1
+"""Share of a motion by which a projected node must be nearer to its target, so that growth ends."""
 
 NEAR_PER_SQRT_JOINT: Final = 1.25 * MAX_STRIDE
 """Radius of a blocked node's sampling domain, divided by the square root of the number of joints;
@@ -96,12 +111,10 @@ def extend(
     if distance > reaches * forest.reaches[side, nearest]:
         return -1, False
     # Write the new node before its motion is proven; it counts only afterwards.
-    is_reached = distance <= MAX_STRIDE
-    for d in range(len(q)):
-        nodes[new, d] = q[d]
-        if not is_reached:
-            start = nodes[nearest, d]
-            nodes[new, d] = start + MAX_STRIDE / distance * (q[d] - start)
+    if len(scene.cones.bodies) > 0:
+        is_reached = write_kept_node(scene, nodes[nearest], q, distance, nodes[new], scratch)
+    else:
+        is_reached = write_node(nodes[nearest], q, distance, MAX_STRIDE, nodes[new])
     # Most colliding motions end in a collision.
     end_is_free = call(prove, (scene, nodes[new], nodes[new], scratch))
     if not (end_is_free and call(prove, (scene, nodes[nearest], nodes[new], scratch))):
@@ -111,6 +124,60 @@ def extend(
     forest.reaches[side, new] = np.inf
     forest.counts[side] = new + 1
     return new, is_reached
+
+
+@internal
+def write_node(nearest: Floats, q: Floats, distance: float, stride: float, new: Floats) -> bool:
+    """Write the node at most a stride from the nearest one towards ``q``, shapes (dof,).
+
+    ``distance`` is that of ``q``. Returns True if the node is ``q`` itself.
+    """
+    is_reached = distance <= stride
+    for d in range(len(q)):
+        new[d] = q[d]
+        if not is_reached:
+            new[d] = nearest[d] + stride / distance * (q[d] - nearest[d])
+    return is_reached
+
+
+@internal
+def write_kept_node(
+    scene: ArmScene, nearest: Floats, q: Floats, distance: float, new: Floats, scratch: SceneScratch
+) -> bool:
+    """Write the node that :func:`write_node` would, projected into the cones of the scene.
+
+    Shorter strides follow if the motion to it leaves a cone. If all fail, it is an infinite node,
+    which is not free.
+    """
+    chain = scene.chain
+    cones = scene.cones
+    poses = scratch.poses
+    stride = MAX_STRIDE
+    for k in range(len(cones.bodies)):
+        stride = min(stride, STRIDE_PER_SQRT_TOLERANCE * math.sqrt(cones.tolerances[k]))
+    for _ in range(1 + MAX_HALVINGS):
+        is_reached = write_node(nearest, q, distance, stride, new)
+        # A node of the other tree is reached as it is; a sample is rarely in the cones.
+        is_reached = is_reached and stays_in_cones(chain, cones, new, new, poses)
+        is_near = is_reached
+        if not is_reached and move_into_cones(chain, cones, new, scratch.slopes, poses):
+            step = min(stride, distance)
+            is_near = measure_distance(new, q) < distance - MIN_PROGRESS * step
+            is_near = is_near and measure_distance(new, nearest) < 2.0 * step
+        if is_near and stays_in_cones(chain, cones, nearest, new, poses):
+            return is_reached
+        stride *= 0.5
+    new[0] = np.inf
+    return False
+
+
+@internal
+def measure_distance(q0: Floats, q1: Floats) -> float:
+    """Return the distance of two configurations, shapes (dof,)."""
+    square = 0.0
+    for d in range(len(q0)):
+        square += (q0[d] - q1[d]) ** 2
+    return math.sqrt(square)
 
 
 @internal
@@ -283,7 +350,10 @@ def pull_parts(
         if end - start < 2:
             continue
         straighten(trial[start : end + 1], joint, weight)
-        if joint >= dof and weight == 1.0:
+        if len(scene.cones.bodies) > 0:
+            for row in range(start + 1, end):
+                move_into_cones(scene.chain, scene.cones, trial[row], scratch.slopes, scratch.poses)
+        elif joint >= dof and weight == 1.0:
             # A straight motion needs no waypoints.
             for d in range(dof):
                 for row in range(end, rows):
@@ -476,6 +546,8 @@ class PathSearch:
                 self._prove, self._scene, rows, len(path), draws, self._spans, trial, self._scratch
             )
             path = rows[:count]
+            if len(self._scene.cones.bodies):
+                path = self._skip_waypoints(path)  # projected parts keep theirs
             last = length
             length = measure_length(path)
         return path

@@ -362,6 +362,36 @@ TENTH = {"limits": (0.1, 0.1)}
         "give one for each joint",
     ),
     (
+        lambda f: planners.plan(space(f), ZERO, (1.2, 0.3), keep=0.1),
+        lambda f: planners.plan(space(f), ZERO, (1.2, 0.3), keep=planners.Upright("fore")),
+        "pass e.g. planners.Upright('tool0')",
+    ),
+    (
+        lambda f: planners.Upright("fore", (0, 0, 0)),
+        lambda f: planners.Upright("fore", (0, 0, 1)),
+        "pass e.g. (0, 0, 1)",
+    ),
+    (
+        lambda f: planners.Upright("fore", tolerance=5.7),
+        lambda f: planners.Upright("fore", tolerance=0.0994838),
+        "pass 0.0994838 for 5.7 degrees",
+    ),
+    (
+        lambda f: planners.plan(space(f), ZERO, (1.2, 0.3), keep=along(0.1), planner="RRT"),
+        lambda f: planners.plan(space(f), ZERO, (0.05, 0.0), keep=along(0.1)),
+        "leave planner out",
+    ),
+    (
+        lambda f: planners.plan(space(f), ZERO, (1.2, 0.3), keep=along(0.1)),
+        lambda f: planners.plan(space(f), ZERO, (1.2, 0.3), keep=along(1.6)),
+        "choose another configuration, or a larger tolerance",
+    ),
+    (
+        lambda f: planners.plan(space(f), ZERO, goal_at(0.6, 0.8), keep=along(0.1, "upper")),
+        lambda f: planners.plan(space(f), ZERO, goal_at(0.6, 0.8), keep=along(1.0, "upper")),
+        "choose another pose, or a larger tolerance",
+    ),
+    (
         lambda f: planners.plan(space(f, near=NEAR), (1.2, 0.3), [ZERO, ZERO]),
         lambda f: planners.plan(touching(f), (1.2, 0.3), [ZERO, ZERO]),
         "call space.allow_collisions([('fore', 'box')]) if they may touch",
@@ -490,7 +520,9 @@ TENTH = {"limits": (0.1, 0.1)}
         "write a box, a sphere or a cylinder",
     ),
     (
-        lambda f: read_moveit_request(request(ELBOW) | {"path_constraints": {"name": "a", "b": 1}}),
+        lambda f: read_moveit_request(
+            request(ELBOW) | {"path_constraints": {"joint_constraints": ELBOW}}
+        ),
         lambda f: read_moveit_request(request(ELBOW)),
         "remove it; plans would not obey it",
     ),
@@ -566,6 +598,11 @@ def rigid():
     pose = pose_at(0, 1.5)
     pose[:3, :3] = Rotation.from_euler("xyz", (0, 0, 0)).as_matrix()
     return pose
+
+
+def along(tolerance, frame="fore"):
+    """Keep a bar along x."""
+    return planners.Upright(frame, (1, 0, 0), (1, 0, 0), tolerance)
 
 
 def touching(folder):

@@ -15,9 +15,10 @@ import planners
 from cspace import Arm, PoseGoal, Robot, Workspace, build_arm_space
 from cspace.arms import JointValues, read_moveit_request, read_moveit_scene
 from cspace.errors import AngleWarning, ConfigurationError, FileError, InputError
+from planners import Upright
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import examples
-from tests.helpers.urdfs import joint, link, pose_at, write_urdf
+from tests.helpers.urdfs import joint, link, planar, pose_at, write_urdf
 
 BAR = ((1.0, 0.1, 0.1), (0.5, 0, 0))
 STATE = {"lift": 0.25, "shoulder": 0.5, "elbow": -0.5, "finger": 0.05, "follower": 0.05}
@@ -464,6 +465,60 @@ def test_pose_goals_satisfy_the_constraints(
         assert satisfies(goal, pose)
 
 
+@examples(40)
+@given(
+    tolerances=st.tuples(*[st.sampled_from([0.05, 0.4, 1.5, 1.7, 3.0, 3.14, 4.0])] * 3),
+    turn=TURNS,
+    seed=st.integers(0, 2**20),
+)
+def test_what_is_kept_satisfies_the_constraints_of_paths(tolerances, turn, seed):
+    rng = np.random.default_rng(seed)
+    wanted = Rotation.from_euler("xyz", turn)
+    kept = pose_goal(None, (wanted.as_quat(), tolerances), link="fore")
+    (constraint,) = kept["orientation_constraints"]
+    constraint["parameterization"] = 0
+    request = {"goal_constraints": [joint_goal(elbow=1.0)], "path_constraints": kept}
+    uprights = read_moveit_request(request).keep
+    angles = rng.uniform(-1.0, 1.0, (200, 3)) * np.minimum(1.1 * np.array(tolerances), math.pi)
+    apart = Rotation.from_euler("XYZ", [(0.0, 0.0, 0.0), *angles, *(0.2 * angles)])
+    is_kept = np.ones(len(apart), dtype=bool)
+    for upright in uprights:
+        assert upright.frame == "fore"
+        cosines = (wanted * apart).apply(upright.axis) @ upright.direction
+        is_kept &= np.abs(np.arccos(np.clip(cosines, -1, 1)) - upright.angle) <= upright.tolerance
+    assert is_kept[0] and (uprights or min(tolerances) > math.pi)
+    for rotation in (wanted * apart)[is_kept]:
+        pose = np.eye(4)
+        pose[:3, :3] = rotation.as_matrix()
+        assert satisfies(kept, pose)
+    # A tilt alone is kept as far as MoveIt allows it.
+    tilt = 0.99 * min(tolerances[0], tolerances[1], 1.5)
+    axis = rng.choice([-1.0, 1.0]) * np.eye(3)[rng.integers(2)]
+    tilted = wanted * Rotation.from_rotvec(tilt * axis)
+    for upright in uprights[:1]:
+        cosine = float(tilted.apply(upright.axis) @ upright.direction)
+        assert abs(math.acos(cosine) - upright.angle) <= upright.tolerance
+
+
+def test_a_request_keeps_a_link_upright_in_the_frame_of_the_base(tmp_path):
+    arm = read_arm(tmp_path)
+    flat = pose_goal(None, ((0, 0, 0, 1), (0.1, 0.1, math.pi)), link="tool")
+    request = read_moveit_request(
+        write_request(tmp_path, joint_goal(shoulder=1.0, elbow=0.5), path_constraints=flat)
+    )
+    (kept,) = request.make_keep(arm)
+    assert kept == Upright("tool", tolerance=0.1)
+    space = build_arm_space({}, arm)
+    start = arm.configuration(request.start_state)
+    plan = planners.plan(space, start, request.make_goals(arm)[0], keep=request.make_keep(arm))
+    assert plan.certified and plan.keep == (kept,)
+    (turned,) = request.make_keep(arm, base_pose=pose_at(0, 0, 1, (math.pi / 2, 0, 0)))
+    assert turned.direction == pytest.approx((0, 1, 0))
+    with pytest.raises(InputError, match="link_name is 'tool'"):
+        request.make_keep(Arm.from_urdf(planar(tmp_path)))
+    assert read_moveit_request(write_request(tmp_path, joint_goal(elbow=1))).make_keep(arm) == []
+
+
 SPHERE = ("sphere", (0.1,), (1, 0, 0))
 ELBOW = joint_goal(elbow=1)
 
@@ -488,6 +543,17 @@ ELBOW = joint_goal(elbow=1)
     ),
     ([pose_goal(None, ((0, 0, 0, 1), (0.1, 0, 1)))], {}, "has a tolerance of zero at request.goal"),
     ([pose_goal(None, ((0, 0, 0, 1), (4, 4, 4)))], {}, "has tolerances beyond half a turn"),
+    (
+        [ELBOW],
+        {"path_constraints": pose_goal(None, ((0, 0, 0, 1), (0.1, 0.0, 4)))},
+        "has a tolerance of zero at request.path_constraints",
+    ),
+    (
+        [ELBOW],
+        {"path_constraints": pose_goal(None, ((0, 0, 0, 1), (1, 1, 4)), parameterization=1)},
+        r"has 1 as request.path_constraints.orientation_constraints\[0\].parameterization",
+    ),
+    ([ELBOW], {"path_constraints": pose_goal(SPHERE)}, "it is not read; remove it; plans would"),
 )
 def test_what_a_plan_would_not_obey_is_refused(tmp_path, goals, more, message):
     path = write_request(tmp_path, *goals, **more)
