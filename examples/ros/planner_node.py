@@ -24,8 +24,8 @@ from nav_msgs.srv import GetPlan
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.duration import Duration
-from rclpy.exceptions import ParameterException
 from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
@@ -145,9 +145,7 @@ class PlannerNode(Node):
             from map_msgs.msg import OccupancyGridUpdate
 
             # Not kept, or a late reader would write old windows over a newer grid.
-            self.window_publisher = self.create_publisher(
-                OccupancyGridUpdate, "~/map_updates", 100
-            )
+            self.window_publisher = self.create_publisher(OccupancyGridUpdate, "~/map_updates", 100)
             # Kept updates tell whether any was sent before this node was heard.
             every = QoSProfile(history=HistoryPolicy.KEEP_ALL, durability=kept.durability)
             self.update_subscription = subscribe(

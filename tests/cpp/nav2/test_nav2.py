@@ -1,18 +1,23 @@
 """The package for Nav2 answers as Nav2 expects, over stubs of Jazzy's classes and of those of the main branch."""
 
-import json
+import itertools
 import math
-import subprocess
-from pathlib import Path
 
 import numpy as np
 import pytest
 import shapely
-from shapely import affinity
 
 import cspace
-from tests.helpers.cpp import build_program, ompl_flags, why_no_compiler
-from tests.helpers.repository import ROOT
+from tests.helpers.cpp import ompl_flags, why_no_compiler
+from tests.helpers.nav2 import (
+    DRIVES,
+    HALF_SIDES,
+    WALLS,
+    Nav2,
+    build_room,
+    build_server,
+    place_body,
+)
 
 pytestmark = [
     pytest.mark.skipif(bool(why_no_compiler()), reason=why_no_compiler()),
@@ -21,75 +26,8 @@ pytestmark = [
     ),
 ]
 
-PACKAGE = ROOT / "examples" / "nav2"
-STUBS = Path(__file__).parent / "stubs"
-HALF_SIDES = (0.3, 0.2)
-LETHAL, UNKNOWN = 254, 255
-
-Pose = tuple[float, ...]
-"""x, y, yaw, and a tilt about the robot's own x axis."""
-
 START, GOAL, ABOVE = (1.0, 1.0, 0.0), (5.0, 1.0, 3.0), (1.0, 3.0, 0.0)
-
-
-def write_pose(x, y, yaw, tilt=0.0):
-    half, lean = yaw / 2, tilt / 2
-    sines = (math.cos(half) * math.sin(lean), math.sin(half) * math.sin(lean))
-    rest = (math.sin(half) * math.cos(lean), math.cos(half) * math.cos(lean))
-    return " ".join(map(repr, (float(x), float(y), *sines, *rest)))
-
-
-class Nav2:
-    """A planner server and a path checker in one process."""
-
-    def __init__(self, program, log):
-        self.log_file = log
-        with log.open("w") as stderr:
-            self.process = subprocess.Popen(
-                [str(program)],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=stderr,
-                text=True,
-            )
-        self.tell("footprint {} {}".format(*HALF_SIDES))
-
-    def tell(self, *commands):
-        assert self.process.stdin is not None
-        for command in commands:
-            print(command, file=self.process.stdin, flush=True)
-
-    def ask(self, command):
-        self.tell(command)
-        assert self.process.stdout is not None
-        # A line of OMPL would not be JSON.
-        return json.loads(self.process.stdout.readline())
-
-    def set(self, **parameters):
-        self.tell(*(f"set plan.{name} {value}" for name, value in parameters.items()))
-
-    def configure(self, room, **parameters):
-        self.set(map=room, **{"time_limit": 5, "tolerance": 0, **parameters})
-        assert self.ask("configure") == {"code": 0}
-
-    def add_cost(self, low, high, cost=LETHAL):
-        """Give cells of 0.1 m from one corner to another a cost."""
-        inner = [*np.add(low, 0.05), *np.subtract(high, 0.05)]
-        self.tell(" ".join(map(str, ["costs", *inner, cost])))
-
-    def plan(self, *poses):
-        return self.ask(" ".join(["plan", *(write_pose(*pose) for pose in poses)]))
-
-    def find_path(self, *poses):
-        answer = self.plan(*poses)
-        assert answer["code"] == 0, answer
-        return np.array(answer["path"])
-
-    def check(self, *poses):
-        return self.ask(" ".join(["check", *(write_pose(*pose) for pose in poses)]))
-
-    def read_log(self):
-        return self.log_file.read_text(encoding="utf-8")
+UNKNOWN = 255
 
 
 @pytest.fixture(scope="module", params=["jazzy", "main"])
@@ -99,15 +37,7 @@ def version(request):
 
 @pytest.fixture(scope="module")
 def program(version, tmp_path_factory):
-    folders = [PACKAGE / "include", STUBS / version, STUBS / "common"]
-    return build_program(
-        tmp_path_factory.mktemp(version) / "answers",
-        "-O0",
-        str(PACKAGE / "src" / "planner.cpp"),
-        *(f"-I{folder}" for folder in folders),
-        *ompl_flags(),
-        source=Path(__file__).with_name("answers.cpp"),
-    )
+    return build_server(tmp_path_factory.mktemp(version) / "answers", version, "-O0")
 
 
 @pytest.fixture
@@ -116,13 +46,6 @@ def nav2(program, tmp_path):
     yield session
     rest, _ = session.process.communicate()
     assert (rest, session.process.returncode) == ("", 0)
-
-
-def build_room(robot, rotations):
-    """Build a map of a room that a wall divides up to y = 2.5; the costmap has 6 x 4 m of it."""
-    cells = np.zeros((70, 38), dtype=bool)
-    cells[28:32, :25] = True
-    return cspace.build(cspace.Workspace.from_array(cells, 0.1), robot, rotations=rotations)
 
 
 @pytest.fixture(scope="module")
@@ -147,13 +70,6 @@ def place_outline(path):
     world_x = path[:, :1] + cosine * outline[:, 0] - sine * outline[:, 1]
     world_y = path[:, 1:2] + sine * outline[:, 0] + cosine * outline[:, 1]
     return np.stack([world_x, world_y], axis=2)
-
-
-def place_body(pose):
-    """Return the robot at a pose."""
-    x, y = HALF_SIDES
-    turned = affinity.rotate(shapely.box(-x, -y, x, y), pose[2], (0, 0), use_radians=True)
-    return affinity.translate(turned, *pose[:2])
 
 
 def touches(path, low, high):
@@ -220,7 +136,9 @@ def test_cells_of_the_costmap_are_refused_if_the_body_meets_them(nav2, room):
         nav2.add_cost(cell, cell + 0.1)
         codes.append(nav2.plan(goal, goal)["code"])
         nav2.add_cost(cell, cell + 0.1, 0)
-        assert codes[-1] == (205 if place_body(goal).intersects(shapely.box(*cell, *(cell + 0.1))) else 0)
+        assert codes[-1] == (
+            205 if place_body(goal).intersects(shapely.box(*cell, *(cell + 0.1))) else 0
+        )
     assert 50 < codes.count(205) < 250
 
 
@@ -238,7 +156,7 @@ def test_unknown_cells_do_not_hide_lethal_ones(nav2, room):
     nav2.add_cost((5.25, 0.7), (5.35, 1.3), UNKNOWN)
     assert nav2.plan(START, goal)["code"] == 0
     for side in (4.65, 5.25):
-        nav2.add_cost((side, 0.9), (side + 0.1, 1.1), LETHAL)
+        nav2.add_cost((side, 0.9), (side + 0.1, 1.1))
         assert nav2.plan(START, goal)["code"] == 206
         nav2.add_cost((side, 0.9), (side + 0.1, 1.1), UNKNOWN)
 
@@ -369,9 +287,6 @@ def test_paths_and_their_poses_are_stamped_with_the_present(nav2, room):
 
 # ---- drives --------------------------------------------------------------------------------------
 
-DRIVES = {"differential": 0, "differential-reverse": 0, "dubins": 0.4, "reeds-shepp": 0.4}
-WALLS = shapely.union_all([shapely.box(2.8, 0, 3.2, 2.5), shapely.box(0, 0, 7, 3.8).boundary])
-
 
 def drive_between(first, last):
     """Return the poses along the arc between two poses, its length and angle, and where it ends."""
@@ -391,7 +306,7 @@ def drive_between(first, last):
 def check_drive(path, drive, obstacles=WALLS):
     """Drive a path; check that the robot can, that it is there in time, and touches nothing."""
     radius = DRIVES[drive]
-    for first, last in zip(path[:-1].tolist(), path[1:].tolist(), strict=True):
+    for first, last in itertools.pairwise(path.tolist()):
         poses, length, angle = drive_between(first, last)
         assert math.dist(poses[-1][:2], last[:2]) < 1e-4
         if "reverse" not in drive and drive != "reeds-shepp":
@@ -423,7 +338,7 @@ def test_a_reversing_car_stops_at_cusps(nav2, room):
     nav2.configure(room, drive="reeds-shepp", turning_radius=0.4)
     assert len(nav2.find_path(START, (0.7, 1.0, 0.0))) < 10
     path = nav2.find_path(START, (1.0, 1.0, math.pi - 0.5))
-    lengths = [drive_between(*ends)[1] for ends in zip(path[:-1], path[1:], strict=True)]
+    lengths = [drive_between(*ends)[1] for ends in itertools.pairwise(path)]
     lengths = [length for length in lengths if abs(length) > 1e-6]
     assert min(lengths) < 0.0 < max(lengths)
     # Controllers find a cusp where the direction of travel turns back at a pose.
