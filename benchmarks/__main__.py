@@ -21,6 +21,7 @@ BENCHMARKS = {
     "edges": "10^6 edges of 50 cells in one call, against OMPL's discrete validator; turns and solids too",
     "callbacks": "OMPL's isValid and checkMotion on our checkers, against an empty checker and the discrete validator",
     "cpp": "the C++ header on a saved map: states and motions, equal to Python's",
+    "nav2": "the plugin for Nav2 in a room with crates, against the planner of the node: solved, touches, length, CPU",
     "planning": "time to a first solution on real maps, against OMPL with a callback of prepared shapely or of FCL",
     "paths": "lengths of default paths, against OMPL on equal collision checks; drives",
     "replanning": "plans anew among moving obstacles: the rate of each planner; plans on large maps",

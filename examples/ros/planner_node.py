@@ -10,6 +10,7 @@ import math
 import sys
 import threading
 import time
+from array import array
 from collections import deque
 from functools import partial
 from importlib.util import find_spec
@@ -23,6 +24,7 @@ from nav_msgs.srv import GetPlan
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.duration import Duration
+from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
 from rclpy.node import Node
@@ -101,6 +103,7 @@ class PlannerNode(Node):
         self.planning = threading.Lock()
         self.explaining = threading.Thread()
         self.space = self.last = self.shown = None
+        self.lags = True  # readers of the shown map need all of it
         self.frame = "map"
         self.grid = self.workspace = None  # the newest, which the map follows
         self.arrived = self.version = 0  # messages that came, and that the map holds
@@ -113,7 +116,10 @@ class PlannerNode(Node):
         self.robot, self.outline = self.make_robot(self.corners)
         kept = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self.subscribe(kept)
-        self.map_publisher = self.create_publisher(OccupancyGrid, "~/map", kept)
+        readers = PublisherEventCallbacks(matched=self.on_reader)
+        self.map_publisher = self.create_publisher(
+            OccupancyGrid, "~/map", kept, event_callbacks=readers
+        )
         self.path_publisher = self.create_publisher(Path, "~/plan", kept)
         self.marker_publisher = self.create_publisher(MarkerArray, "~/markers", kept)
         one_at_a_time = MutuallyExclusiveCallbackGroup()
@@ -134,10 +140,12 @@ class PlannerNode(Node):
         group = MutuallyExclusiveCallbackGroup()
         subscribe = partial(self.create_subscription, callback_group=group)
         self.update_topic = self.resolve_topic_name("map") + "_updates"
-        self.update_subscription = None
+        self.update_subscription = self.window_publisher = None
         if find_spec("map_msgs"):
             from map_msgs.msg import OccupancyGridUpdate
 
+            # Not kept, or a late reader would write old windows over a newer grid.
+            self.window_publisher = self.create_publisher(OccupancyGridUpdate, "~/map_updates", 100)
             # Kept updates tell whether any was sent before this node was heard.
             every = QoSProfile(history=HistoryPolicy.KEEP_ALL, durability=kept.durability)
             self.update_subscription = subscribe(
@@ -297,8 +305,9 @@ class PlannerNode(Node):
             planners.warm_up(space, self.option("drive"))
             self.get_logger().info("ready to plan")
         with self.lock:
+            window = None
             if space is self.space:
-                self.show_changes(space, space.update(workspace))
+                window = self.show_changes(space, space.update(workspace))
             else:
                 self.space, self.last = space, None
                 self.shown = space.to_occupancy_grid(OccupancyGrid(), rotation=0.0, frame_id=frame)
@@ -307,16 +316,47 @@ class PlannerNode(Node):
         doubt = self.find_doubt()
         if doubt:
             self.complain(doubt)
-        elif rclpy.ok():
+        with self.lock:
+            self.publish_map(window, doubt)
+
+    def publish_map(self, window, doubt):
+        """Publish a window that changed, or the whole map to readers that need it; hold the lock."""
+        readers = self.map_publisher.get_subscription_count()
+        hears = self.window_publisher and self.window_publisher.get_subscription_count() >= readers
+        if doubt or not readers or not rclpy.ok():
+            self.lags = True
+        elif self.lags or window is None or not hears:
             self.map_publisher.publish(self.shown)
+            self.lags = False
+        else:
+            self.window_publisher.publish(self.cut(*window))
+
+    def on_reader(self, status):
+        """Publish the whole map for a new reader, as the one that is kept may be old."""
+        if status.current_count_change > 0:
+            with self.lock:
+                if self.shown is not None:
+                    self.publish_map(None, self.find_doubt())
+
+    def cut(self, lower, upper):
+        """Return the message of the cells of the shown map from one index to another."""
+        from map_msgs.msg import OccupancyGridUpdate
+
+        update = OccupancyGridUpdate(header=self.shown.header)
+        update.x, update.y, right, top = map(int, (*lower, *upper))
+        update.width, update.height = right - update.x, top - update.y
+        shown = np.frombuffer(self.shown.data, np.int8).reshape(-1, self.shown.info.width)
+        update.data = array("b", shown[update.y : top, update.x : right].tobytes())
+        return update
 
     def show_changes(self, space, update):
-        """Write the cells that an update computed again into the published message."""
+        """Write the cells that an update computed again into the shown map; return its corners."""
         info = self.shown.info
         shown = np.frombuffer(self.shown.data, np.int8).reshape(info.height, info.width)
         (left, bottom), (right, top) = update.lower, update.upper
         states = space.states_at(0.0)[left:right, bottom:top]
         shown[bottom:top, left:right] = OCCUPANCY[states].T
+        return update.lower, update.upper
 
     def wait_for_map(self, stop):
         """Wait, with the lock, until the map holds all that came before; raise NoPlanError if not."""

@@ -118,7 +118,10 @@ def step(node, robot, twist, silent=""):
     return robot.drive()
 
 
-@pytest.mark.parametrize("seed", range(20))
+DEAR = [pytest.param(seed, marks=pytest.mark.thorough) for seed in range(20, 200)]
+
+
+@pytest.mark.parametrize("seed", [*range(20), *DEAR])
 def test_nothing_is_touched_on_random_drives(node, robot, seed):
     rng = np.random.default_rng(seed)
     moved = 0.0

@@ -24,6 +24,7 @@ if not find_spec("map_msgs"):
 from map_msgs.msg import OccupancyGridUpdate  # noqa: E402
 from nav_msgs.msg import OccupancyGrid  # noqa: E402
 from rclpy.duration import Duration  # noqa: E402
+from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 
 from tests.ros.test_planner_node import (  # noqa: E402, F401
     KEPT,
@@ -224,3 +225,68 @@ def test_full_grids_alone_are_followed(start, publish):
     planner.assert_waits()
     costmap.publish()
     planner.assert_follows(costmap.cells)
+
+
+class Reader:
+    """A reader of the node's map that applies its windows, as RViz does."""
+
+    def __init__(self, hears_windows=True):
+        self.node = rclpy.create_node("reader")
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
+        self.cells, self.grids, self.windows = None, 0, []
+        subscribe = self.node.create_subscription
+        subscribe(OccupancyGrid, "cspace_planner/map", self.on_map, KEPT)
+        if hears_windows:
+            subscribe(OccupancyGridUpdate, "cspace_planner/map_updates", self.on_window, 100)
+
+    def on_map(self, msg):
+        self.grids += 1
+        self.cells = np.reshape(msg.data, (msg.info.height, msg.info.width)).T
+
+    def on_window(self, msg):
+        self.windows.append((msg.width, msg.height))
+        window = np.reshape(msg.data, (msg.height, msg.width)).T
+        self.cells[msg.x : msg.x + msg.width, msg.y : msg.y + msg.height] = window
+
+    def wait_for(self, cells):
+        """Wait until it has the library's map; one that misses obstacles never gets there."""
+        grid = build(cells).to_occupancy_grid(rotation=0.0)
+        wanted = np.reshape(grid.data, cells.T.shape).T
+        end = time.monotonic() + 300.0
+        while not np.array_equal(self.cells, wanted) and time.monotonic() < end:
+            self.executor.spin_once(timeout_sec=0.02)
+        np.testing.assert_array_equal(self.cells, wanted)
+
+
+def test_its_map_is_published_as_windows_and_late_readers_miss_nothing(start, publish):
+    planner = start()
+    planner.client.node.destroy_node()  # it hears no windows
+    planner.client.node = rclpy.create_node("none")
+    costmap = publish(make_room())
+    first = Reader()
+    end = time.monotonic() + 300.0
+    while not costmap.is_heard() and time.monotonic() < end:
+        time.sleep(0.05)
+    costmap.publish()
+    first.wait_for(costmap.cells)
+    grids = first.grids
+    for step in range(3):
+        costmap.set(slice(20 * step + 5, 20 * step + 9), slice(20, 24), 100)
+        first.wait_for(costmap.cells)
+    assert first.grids == grids and first.windows
+    assert all(width < 60 and height < 60 for width, height in first.windows)
+    late, plain = Reader(), Reader(hears_windows=False)
+    late.wait_for(costmap.cells)
+    plain.wait_for(costmap.cells)
+    costmap.set(slice(100, 104), slice(40, 44), 100)  # one of them hears no windows
+    for reader in (first, late, plain):
+        reader.wait_for(costmap.cells)
+        reader.node.destroy_node()
+    while planner.process.poll() is None and costmap.node.count_subscribers("cspace_planner/map"):
+        time.sleep(0.05)
+    costmap.set(slice(110, 114), slice(60, 64), 100)  # for nobody
+    time.sleep(0.5)
+    last = Reader()
+    last.wait_for(costmap.cells)
+    last.node.destroy_node()

@@ -6,6 +6,9 @@
 #include <cspace/ompl.hpp>
 #include <nav2_core/planner_exceptions.hpp>
 #include <pluginlib/class_list_macros.hpp>
+#include <rcl_interfaces/msg/parameter_descriptor.hpp>
+
+#include "cspace_nav2/lattice.hpp"
 
 namespace ob = ompl::base;
 namespace og = ompl::geometric;
@@ -17,11 +20,20 @@ namespace {
 /// Number of routes kept: Nav2 plans through poses with one request a leg.
 constexpr std::size_t MAX_KEPT_ROUTES = 16;
 
-/// Declare a parameter, unless an earlier configuration did, and return its value.
+/// Declare a parameter as read-only, unless an earlier configuration did, and return its value.
 template <typename Value>
 Value read_parameter(Node& node, const std::string& name, const Value& otherwise) {
   if (node.has_parameter(name)) return node.get_parameter(name).template get_value<Value>();
-  return node.declare_parameter<Value>(name, otherwise);
+  rcl_interfaces::msg::ParameterDescriptor rule;
+  rule.read_only = true;
+  return node.declare_parameter<Value>(name, otherwise, rule);
+}
+
+/// Throw if a parameter is below its least value, or is not finite.
+void check_number(const std::string& name, double value, bool may_be_zero) {
+  if (std::isfinite(value) && (may_be_zero ? value >= 0.0 : value > 0.0)) return;
+  const std::string rule = may_be_zero ? "zero or positive" : "positive";
+  throw std::invalid_argument("the parameter '" + name + "' is " + std::to_string(value) + "; it must be " + rule);
 }
 
 Configuration configuration_at(const cspace::Map& map, const ob::State* state) {
@@ -46,8 +58,8 @@ class MotionValidator : public cspace::MotionValidator {
   const Surroundings& surroundings_;
 };
 
-/// Return a leg, with poses for controllers on its edges; empty if none is found before the end.
-std::vector<Configuration> search_leg(const std::shared_ptr<const cspace::Map>& map, const Surroundings& surroundings,
+/// Return a leg of a holonomic robot, with poses for controllers on its edges; empty if none is found before the end.
+std::vector<Configuration> search_straight_leg(const std::shared_ptr<const cspace::Map>& map, const Surroundings& surroundings,
                                       const Configuration& from, const Configuration& to,
                                       const ob::PlannerTerminationCondition& end) {
   og::SimpleSetup setup(cspace::state_space(*map));
@@ -71,11 +83,16 @@ std::vector<Configuration> search_leg(const std::shared_ptr<const cspace::Map>& 
   return leg;
 }
 
+/// Return a leg; empty if none is found before the end.
+std::vector<Configuration> search_leg(const std::shared_ptr<const cspace::Map>& map, const Surroundings& surroundings,
+                                      const Configuration& from, const Configuration& to,
+                                      const ob::PlannerTerminationCondition& end) {
+  if (surroundings.drive().is_holonomic) return search_straight_leg(map, surroundings, from, to, end);
+  return Lattice(surroundings, end).find_path(from, to);
+}
+
 bool legs_are_free(const Surroundings& surroundings, const std::vector<std::vector<Configuration>>& legs) {
-  for (const auto& leg : legs)
-    for (std::size_t k = 1; k < leg.size(); ++k)
-      if (!surroundings.motion_is_free(leg[k - 1], leg[k])) return false;
-  return true;
+  return std::all_of(legs.begin(), legs.end(), [&](const auto& leg) { return surroundings.poses_are_free(leg); });
 }
 
 /// Throw if a stop is outside or not free.
@@ -94,12 +111,21 @@ void CspacePlanner::configure(const Node::WeakPtr& parent, std::string name, std
   if (!node) throw nav2_core::PlannerException("cspace_nav2: the node is gone");
   ompl::msg::setLogLevel(ompl::msg::LOG_NONE);
   costmap_ros_ = costmap_ros;
+  clock_ = node->get_clock();
   time_limit_ = read_parameter(*node, name + ".time_limit", 1.0);
   step_ = read_parameter(*node, name + ".step", 0.05);
+  tolerance_ = read_parameter(*node, name + ".tolerance", 0.25);
   allow_unknown_ = read_parameter(*node, name + ".allow_unknown", true);
+  const auto drive = read_parameter<std::string>(*node, name + ".drive", "holonomic");
+  const double turning_radius = read_parameter(*node, name + ".turning_radius", 0.0);
   try {
-    if (!(time_limit_ > 0.0) || !(step_ > 0.0)) throw std::runtime_error("time_limit and step must be positive");
+    check_number("time_limit", time_limit_, false);
+    check_number("step", step_, false);
+    check_number("tolerance", tolerance_, true);
+    drive_ = std::make_unique<const Drive>(drive, turning_radius);
     map_ = open_plane_map(read_parameter<std::string>(*node, name + ".map", ""));
+    if (map_->size() == 2 && !drive_->is_holonomic)
+      throw std::invalid_argument("the parameter 'drive' is '" + drive + "', which needs a map with yaw; build it with rotations");
   } catch (const std::exception& error) {
     RCLCPP_ERROR(node->get_logger(), "%s: %s", name.c_str(), error.what());
     throw nav2_core::PlannerException(name + ": " + error.what());
@@ -108,6 +134,8 @@ void CspacePlanner::configure(const Node::WeakPtr& parent, std::string name, std
 
 void CspacePlanner::cleanup() {
   map_.reset();
+  drive_.reset();
+  clock_.reset();
   costmap_ros_.reset();
   kept_routes_.clear();
 }
@@ -123,7 +151,7 @@ nav_msgs::msg::Path CspacePlanner::plan(const Pose& start, const std::vector<Pos
       throw nav2_core::PlannerException("cspace_nav2: the " + stop + " is no pose of the plane: " + error.what());
     }
   };
-  const Surroundings surroundings(*map_, *costmap_ros_, step_, allow_unknown_);
+  const Surroundings surroundings(*map_, *costmap_ros_, *drive_, step_, allow_unknown_);
   const Configuration first = read_stop(start, "start");
   check_stop<nav2_core::StartOutsideMapBounds, nav2_core::StartOccupied>(*map_, surroundings, first, "start");
   std::vector<Configuration> goals;
@@ -131,6 +159,7 @@ nav_msgs::msg::Path CspacePlanner::plan(const Pose& start, const std::vector<Pos
     const bool is_last = k == viapoints.size();
     const std::string stop = is_last ? "goal" : "viapoint " + std::to_string(k + 1);
     goals.push_back(read_stop(is_last ? goal : viapoints[k], stop));
+    if (is_last) goals.back() = find_free_goal(surroundings, goals.back());
     check_stop<nav2_core::GoalOutsideMapBounds, nav2_core::GoalOccupied>(*map_, surroundings, goals.back(), stop);
   }
 
@@ -141,11 +170,13 @@ nav_msgs::msg::Path CspacePlanner::plan(const Pose& start, const std::vector<Pos
     if (kept_routes_.size() > MAX_KEPT_ROUTES) kept_routes_.pop_back();
   }
   nav_msgs::msg::Path path;
-  path.header = goal.header;
+  path.header.frame_id = frame;
+  path.header.stamp = clock_->now();
   for (const auto& leg : route.legs) {
     // A leg begins where the last one ended.
     for (std::size_t k = path.poses.empty() ? 0 : 1; k < leg.size(); ++k) {
       Pose pose = goal;
+      pose.header = path.header;
       pose.pose.position.x = leg[k][0];
       pose.pose.position.y = leg[k][1];
       if (map_->size() == 3) {
@@ -169,15 +200,34 @@ CspacePlanner::Route CspacePlanner::find_kept_route(const Surroundings& surround
       return surroundings.distance(start, a) < surroundings.distance(start, b);
     });
     if (std::hypot(start[0] - (*nearest)[0], start[1] - (*nearest)[1]) > surroundings.radius()) continue;
-    // The robot goes to the pose after the nearest one, and on from there.
-    const auto next = std::min(nearest + 1, leg.end() - 1);
-    std::vector<Configuration> rest = {start};
-    for (const Configuration& pose : surroundings.poses_between(start, *next)) rest.push_back(pose);
-    rest.insert(rest.end(), next + 1, leg.end());
-    leg = rest;
-    if (legs_are_free(surroundings, route.legs)) return route;
+    // The robot goes to the pose after the nearest one, and on from there; if it cannot move aside, to a later one.
+    const std::vector<Configuration> whole = leg;
+    const auto passed = static_cast<std::size_t>(nearest - leg.begin());
+    for (std::size_t ahead = 1;; ahead *= 2) {
+      const std::size_t next = std::min(passed + ahead, whole.size() - 1);
+      leg = surroundings.connect(start, whole[next]);
+      const bool is_detour = surroundings.length(leg) > surroundings.length({whole.begin() + passed, whole.begin() + next + 1}) +
+                                                            2.0 * surroundings.distance(start, whole[passed]);
+      leg.insert(leg.end(), whole.begin() + next + 1, whole.end());
+      if (!is_detour && legs_are_free(surroundings, route.legs)) return route;
+      if (drive_->is_holonomic || next == whole.size() - 1) break;
+    }
   }
   return {};
+}
+
+Configuration CspacePlanner::find_free_goal(const Surroundings& surroundings, const Configuration& goal) const {
+  const double spacing = map_->spacing();
+  for (double radius = 0.0; radius <= tolerance_; radius += spacing) {
+    const double count = std::max(1.0, std::ceil(2.0 * M_PI * radius / spacing));
+    for (double k = 0.0; k < count; ++k) {
+      Configuration q = goal;
+      q[0] += radius * std::cos(2.0 * M_PI * k / count);
+      q[1] += radius * std::sin(2.0 * M_PI * k / count);
+      if (surroundings.contain(q) && surroundings.is_free(q)) return q;
+    }
+  }
+  return goal;
 }
 
 CspacePlanner::Route CspacePlanner::search_route(const Surroundings& surroundings, const Configuration& start,

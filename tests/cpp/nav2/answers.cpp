@@ -4,6 +4,8 @@
 //   set NAME VALUE             a parameter, for the next configure or check
 //   frame NAME                 the frame of the poses that follow
 //   path_frame NAME            the frame of the paths that follow
+//   seconds N                  the time of the node's clock
+//   writable                   the parameters that may be set while the node runs
 //   footprint X Y              half the sides of the rectangle that the costmap has as its footprint
 //   costs X0 Y0 X1 Y1 COST     the cost of all cells of a box
 //   cancel N                   the cancel checker says true from its call N on
@@ -73,7 +75,8 @@ void plan(nav2_core::GlobalPlanner& planner, const std::vector<Pose>& stops) {
 #else
     const auto path = planner.createPlan(stops.front(), stops.back(), cancel_checker);
 #endif
-    std::cout << "{\"code\": 0, \"calls\": " << calls << ", \"path\": [";
+    std::cout << "{\"code\": 0, \"calls\": " << calls << ", \"stamps\": [" << path.header.stamp.sec << ", "
+              << path.poses.back().header.stamp.sec << "], \"path\": [";
     for (const Pose& pose : path.poses)
       std::cout << (&pose == &path.poses.front() ? "" : ", ") << "[" << pose.pose.position.x << ", "
                 << pose.pose.position.y << ", " << cspace_nav2::yaw_of(pose.pose) << "]";
@@ -129,6 +132,12 @@ int main() {
     }
     if (command == "frame") line >> frame;
     if (command == "path_frame") line >> path_frame;
+    if (command == "seconds") line >> rclcpp::stub_seconds();
+    if (command == "writable") {
+      std::cout << "[";
+      for (const std::string& parameter : rclcpp::Node::stub_writable()) std::cout << std::quoted(parameter) << ",";
+      std::cout << "0]\n";
+    }
     if (command == "cancel") line >> cancelled_call;
     if (command == "footprint") {
       double x, y;
@@ -138,7 +147,7 @@ int main() {
     if (command == "costs") {
       double x0, y0, x1, y1, cost;
       line >> x0 >> y0 >> x1 >> y1 >> cost;
-      unsigned int low_x, low_y, high_x, high_y;
+      unsigned int low_x = 0, low_y = 0, high_x = 0, high_y = 0;
       costmap.worldToMap(x0, y0, low_x, low_y);
       costmap.worldToMap(x1, y1, high_x, high_y);
       for (unsigned int mx = low_x; mx <= high_x; ++mx)

@@ -1,16 +1,23 @@
 """The package for Nav2 answers as Nav2 expects, over stubs of Jazzy's classes and of those of the main branch."""
 
-import json
+import itertools
 import math
-import subprocess
-from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 
 import cspace
-from tests.helpers.cpp import build_program, ompl_flags, why_no_compiler
-from tests.helpers.repository import ROOT
+from tests.helpers.cpp import ompl_flags, why_no_compiler
+from tests.helpers.nav2 import (
+    DRIVES,
+    HALF_SIDES,
+    WALLS,
+    Nav2,
+    build_room,
+    build_server,
+    place_body,
+)
 
 pytestmark = [
     pytest.mark.skipif(bool(why_no_compiler()), reason=why_no_compiler()),
@@ -19,75 +26,8 @@ pytestmark = [
     ),
 ]
 
-PACKAGE = ROOT / "examples" / "nav2"
-STUBS = Path(__file__).parent / "stubs"
-HALF_SIDES = (0.3, 0.2)
-LETHAL, UNKNOWN = 254, 255
-
-Pose = tuple[float, ...]
-"""x, y, yaw, and a tilt about the robot's own x axis."""
-
 START, GOAL, ABOVE = (1.0, 1.0, 0.0), (5.0, 1.0, 3.0), (1.0, 3.0, 0.0)
-
-
-def write_pose(x, y, yaw, tilt=0.0):
-    half, lean = yaw / 2, tilt / 2
-    sines = (math.cos(half) * math.sin(lean), math.sin(half) * math.sin(lean))
-    rest = (math.sin(half) * math.cos(lean), math.cos(half) * math.cos(lean))
-    return " ".join(map(repr, (float(x), float(y), *sines, *rest)))
-
-
-class Nav2:
-    """A planner server and a path checker in one process."""
-
-    def __init__(self, program, log):
-        self.log_file = log
-        with log.open("w") as stderr:
-            self.process = subprocess.Popen(
-                [str(program)],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=stderr,
-                text=True,
-            )
-        self.tell("footprint {} {}".format(*HALF_SIDES))
-
-    def tell(self, *commands):
-        assert self.process.stdin is not None
-        for command in commands:
-            print(command, file=self.process.stdin, flush=True)
-
-    def ask(self, command):
-        self.tell(command)
-        assert self.process.stdout is not None
-        # A line of OMPL would not be JSON.
-        return json.loads(self.process.stdout.readline())
-
-    def set(self, **parameters):
-        self.tell(*(f"set plan.{name} {value}" for name, value in parameters.items()))
-
-    def configure(self, room, **parameters):
-        self.set(map=room, **{"time_limit": 5, **parameters})
-        assert self.ask("configure") == {"code": 0}
-
-    def add_cost(self, low, high, cost=LETHAL):
-        """Give cells of 0.1 m from one corner to another a cost."""
-        inner = [*np.add(low, 0.05), *np.subtract(high, 0.05)]
-        self.tell(" ".join(map(str, ["costs", *inner, cost])))
-
-    def plan(self, *poses):
-        return self.ask(" ".join(["plan", *(write_pose(*pose) for pose in poses)]))
-
-    def find_path(self, *poses):
-        answer = self.plan(*poses)
-        assert answer["code"] == 0, answer
-        return np.array(answer["path"])
-
-    def check(self, *poses):
-        return self.ask(" ".join(["check", *(write_pose(*pose) for pose in poses)]))
-
-    def read_log(self):
-        return self.log_file.read_text(encoding="utf-8")
+UNKNOWN = 255
 
 
 @pytest.fixture(scope="module", params=["jazzy", "main"])
@@ -97,15 +37,7 @@ def version(request):
 
 @pytest.fixture(scope="module")
 def program(version, tmp_path_factory):
-    folders = [PACKAGE / "include", STUBS / version, STUBS / "common"]
-    return build_program(
-        tmp_path_factory.mktemp(version) / "answers",
-        "-O0",
-        str(PACKAGE / "src" / "planner.cpp"),
-        *(f"-I{folder}" for folder in folders),
-        *ompl_flags(),
-        source=Path(__file__).with_name("answers.cpp"),
-    )
+    return build_server(tmp_path_factory.mktemp(version) / "answers", version, "-O0")
 
 
 @pytest.fixture
@@ -114,13 +46,6 @@ def nav2(program, tmp_path):
     yield session
     rest, _ = session.process.communicate()
     assert (rest, session.process.returncode) == ("", 0)
-
-
-def build_room(robot, rotations):
-    """Build a map of a room that a wall divides up to y = 2.5; the costmap has 6 x 4 m of it."""
-    cells = np.zeros((70, 38), dtype=bool)
-    cells[28:32, :25] = True
-    return cspace.build(cspace.Workspace.from_array(cells, 0.1), robot, rotations=rotations)
 
 
 @pytest.fixture(scope="module")
@@ -184,11 +109,37 @@ def test_paths_avoid_crates_that_only_the_costmap_knows(nav2, space, room):
         assert answer["code"] in (0, 207)
         if answer["code"] == 0:
             path = np.array(answer["path"])
-            # Nav2 draws the outline to about one cell.
-            assert not touches(path, low + 0.1, high - 0.1)
+            assert not touches(path, low, high)
             assert np.all(space.certify_path(path))
             found += 1
     assert found >= 6
+
+
+@pytest.mark.parametrize("at", [(4.9, 0.9), (4.8, 1.05), (5.15, 0.9)])
+def test_an_obstacle_inside_the_outline_is_seen(nav2, room, at):
+    nav2.configure(room)
+    goal = (5.0, 1.0, 0.3)
+    cell = np.floor(np.array(at) * 10 + 1e-9) / 10
+    nav2.add_cost(cell, cell + 0.1)
+    assert not touches(np.array([goal]), cell, cell + 0.1)
+    assert nav2.plan(START, goal)["code"] == 206
+    assert nav2.plan(goal, START)["code"] == 205
+
+
+def test_cells_of_the_costmap_are_refused_if_the_body_meets_them(nav2, room):
+    rng = np.random.default_rng(1)
+    nav2.configure(room, step=1)
+    codes = []
+    for _ in range(300):
+        goal = (*rng.uniform((4.6, 0.7), (5.4, 1.3)), rng.uniform(-math.pi, math.pi))
+        cell = np.floor(rng.uniform((4.2, 0.3), (5.8, 1.7)) * 10) / 10
+        nav2.add_cost(cell, cell + 0.1)
+        codes.append(nav2.plan(goal, goal)["code"])
+        nav2.add_cost(cell, cell + 0.1, 0)
+        assert codes[-1] == (
+            205 if place_body(goal).intersects(shapely.box(*cell, *(cell + 0.1))) else 0
+        )
+    assert 50 < codes.count(205) < 250
 
 
 @pytest.mark.parametrize("allowed, code", [("true", 0), ("false", 207)])
@@ -205,7 +156,7 @@ def test_unknown_cells_do_not_hide_lethal_ones(nav2, room):
     nav2.add_cost((5.25, 0.7), (5.35, 1.3), UNKNOWN)
     assert nav2.plan(START, goal)["code"] == 0
     for side in (4.65, 5.25):
-        nav2.add_cost((side, 0.9), (side + 0.1, 1.1), LETHAL)
+        nav2.add_cost((side, 0.9), (side + 0.1, 1.1))
         assert nav2.plan(START, goal)["code"] == 206
         nav2.add_cost((side, 0.9), (side + 0.1, 1.1), UNKNOWN)
 
@@ -273,8 +224,12 @@ def test_a_search_ends_at_its_limit_or_when_cancelled(nav2, room):
     [
         ({}, "the parameter 'map' is missing"),
         ({"map": "/no/map"}, "/no/map"),
-        ({"step": 0}, "must be positive"),
-        ({"time_limit": -1}, "must be positive"),
+        ({"step": 0}, "'step' is 0.000000; it must be positive"),
+        ({"time_limit": -1}, "'time_limit' is -1.000000; it must be positive"),
+        ({"tolerance": -0.1}, "'tolerance' is -0.100000; it must be zero or positive"),
+        ({"drive": "tank"}, "'drive' is 'tank'; it must be holonomic, differential"),
+        ({"drive": "dubins"}, "'turning_radius' is 0.000000; it must be positive for dubins"),
+        ({"turning_radius": 0.4}, "'turning_radius' is 0.400000; it must be positive for dubins"),
     ],
 )
 def test_wrong_parameters_are_logged_and_thrown(nav2, parameters, message):
@@ -290,6 +245,154 @@ def test_a_planner_is_configured_again_after_a_cleanup(nav2, room):
     nav2.tell("cleanup")
     nav2.configure(room)
     assert nav2.plan(START, GOAL)["code"] == 0
+
+
+def test_a_drive_needs_a_map_with_yaw(nav2, tmp_path):
+    build_room(cspace.Robot.disc(0.2), None).save(tmp_path / "map")
+    nav2.set(map=tmp_path / "map", drive="differential")
+    answer = nav2.ask("configure")
+    assert answer["code"] == 200
+    assert "'drive' is 'differential', which needs a map with yaw" in answer["text"]
+
+
+def test_parameters_are_read_only_while_the_node_runs(nav2, room):
+    nav2.configure(room)
+    assert nav2.ask("writable") == [0]
+
+
+# ---- the goal, and the time ----------------------------------------------------------------------
+
+
+def test_a_goal_that_is_not_free_is_moved_within_the_tolerance(nav2, space, room):
+    nav2.configure(room, tolerance=0.4)
+    goal = (3.55, 1.0, 0.0)
+    assert not space.is_free(goal)
+    path = nav2.find_path(START, goal)
+    assert path[0].tolist() == pytest.approx(START)
+    assert space.is_free(path[-1]) and path[-1, 2] == goal[2]
+    away = float(np.linalg.norm(path[-1, :2] - goal[:2]))
+    near = np.linspace(0.0, away - 0.15, 10)[:, None] * [[1.0, 0.0]] + goal[:2]
+    assert 0.0 < away <= 0.4 and not space.is_free(np.column_stack([near, np.zeros(10)])).any()
+    assert nav2.plan(START, (3.1, 1.0, 0.0))["code"] == 206
+    assert nav2.plan((3.55, 1.0, 0.0), START)["code"] == 205
+
+
+def test_paths_and_their_poses_are_stamped_with_the_present(nav2, room):
+    nav2.configure(room)
+    nav2.tell("seconds 1234")
+    assert nav2.plan(START, GOAL)["stamps"] == [1234, 1234]
+    nav2.tell("seconds 1235")
+    assert nav2.plan(START, GOAL)["stamps"] == [1235, 1235]
+
+
+# ---- drives --------------------------------------------------------------------------------------
+
+
+def drive_between(first, last):
+    """Return the poses along the arc between two poses, its length and angle, and where it ends."""
+    angle = math.remainder(last[2] - first[2], 2 * math.pi)
+    middle = first[2] + angle / 2
+    chord = (last[0] - first[0]) * math.cos(middle) + (last[1] - first[1]) * math.sin(middle)
+    length = chord * (angle / 2) / math.sin(angle / 2) if angle else chord
+    poses = [first]
+    for k in range(10):
+        yaw = first[2] + (k + 0.5) / 10 * angle
+        piece = length / 10 * (math.sin(angle / 20) / (angle / 20) if angle else 1)
+        x, y, _ = poses[-1]
+        poses.append((x + piece * math.cos(yaw), y + piece * math.sin(yaw), yaw + angle / 20))
+    return poses, length, angle
+
+
+def check_drive(path, drive, obstacles=WALLS):
+    """Drive a path; check that the robot can, that it is there in time, and touches nothing."""
+    radius = DRIVES[drive]
+    for first, last in itertools.pairwise(path.tolist()):
+        poses, length, angle = drive_between(first, last)
+        assert math.dist(poses[-1][:2], last[:2]) < 1e-4
+        if "reverse" not in drive and drive != "reeds-shepp":
+            assert length >= -1e-9
+        if radius:
+            assert abs(length) >= radius * abs(angle) - 1e-5
+        else:
+            assert length == pytest.approx(0.0, abs=1e-9) or angle == pytest.approx(0.0, abs=1e-9)
+        for pose in poses:
+            assert not place_body(pose).intersects(obstacles)
+
+
+@pytest.mark.parametrize("drive", DRIVES)
+def test_paths_are_free_as_they_are_driven(nav2, room, drive):
+    nav2.configure(room, drive=drive, turning_radius=DRIVES[drive])
+    for start, goal in [(START, GOAL), (GOAL, ABOVE), (START, (1.2, 1.5, 0.0)), (START, START)]:
+        path = nav2.find_path(start, goal)
+        np.testing.assert_allclose(path[[0, -1]], [start, goal], atol=1e-9)
+        assert longest_step(path) < 0.0501
+        check_drive(path, drive)
+
+
+def test_a_car_drives_a_loop_if_it_does_not_reverse(nav2, room):
+    nav2.configure(room, drive="dubins", turning_radius=0.2)
+    assert len(nav2.find_path(START, (0.7, 1.0, 0.0))) > 40
+
+
+def test_a_reversing_car_stops_at_cusps(nav2, room):
+    nav2.configure(room, drive="reeds-shepp", turning_radius=0.4)
+    assert len(nav2.find_path(START, (0.7, 1.0, 0.0))) < 10
+    path = nav2.find_path(START, (1.0, 1.0, math.pi - 0.5))
+    lengths = [drive_between(*ends)[1] for ends in itertools.pairwise(path)]
+    lengths = [length for length in lengths if abs(length) > 1e-6]
+    assert min(lengths) < 0.0 < max(lengths)
+    # Controllers find a cusp where the direction of travel turns back at a pose.
+    steps = np.diff(path[:, :2], axis=0)
+    steps = steps[np.linalg.norm(steps, axis=1) > 1e-6]
+    turns = (steps[1:] * steps[:-1]).sum(axis=1) < 0.0
+    assert turns.sum() == np.count_nonzero(np.diff(np.sign(lengths))) >= 1
+
+
+def test_a_robot_turns_on_the_spot_at_equal_positions(nav2, room):
+    nav2.configure(room, drive="differential")
+    path = nav2.find_path(START, (1.0, 1.0, 2.0))
+    assert np.ptp(path[:, :2], axis=0).max() == 0.0 and len(path) > 10
+
+
+@pytest.mark.parametrize("drive", DRIVES)
+def test_a_robot_on_its_way_joins_the_last_route(nav2, room, drive):
+    nav2.configure(room, drive=drive, turning_radius=DRIVES[drive])
+    path = nav2.find_path(START, GOAL)
+    for k in range(5, len(path) - 60, 15):
+        start = path[k] + (0.004, -0.006, 0.01)
+        answer = nav2.plan(tuple(start), GOAL)
+        assert answer["code"] == 0
+        rest = np.array(answer["path"])
+        check_drive(rest, drive)
+        if answer["calls"] == 0:  # no search
+            np.testing.assert_array_equal(rest[-20:], path[-20:])
+            break
+    else:
+        pytest.fail("no route was kept")
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("drive", DRIVES)
+def test_no_drive_touches_a_wall_or_meets_a_crate(nav2, room, drive):
+    rng = np.random.default_rng(2)
+    nav2.configure(room, drive=drive, turning_radius=DRIVES[drive], step=0.03)
+    found = 0
+    for _ in range(25):
+        low = rng.uniform((1.4, 0.3), (4.4, 3.3)).round(1)
+        high = (low + rng.uniform(0.2, 0.5, 2)).round(1)
+        start = (*rng.uniform((0.5, 0.5), (2.3, 3.3)), rng.uniform(-3, 3))
+        goal = (*rng.uniform((3.7, 0.5), (5.5, 3.3)), rng.uniform(-3, 3))
+        nav2.add_cost(low, high)
+        answer = nav2.plan(start, goal)
+        nav2.add_cost(low, high, 0)
+        assert answer["code"] in (0, 205, 206, 207, 208)
+        if answer["code"] == 0:
+            path = np.array(answer["path"])
+            check_drive(path, drive)
+            crate = shapely.box(*low, *high)
+            assert not any(place_body(pose).intersects(crate) for pose in path)
+            found += 1
+    assert found >= 8
 
 
 # ---- the last route ------------------------------------------------------------------------------

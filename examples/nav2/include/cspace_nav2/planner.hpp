@@ -10,6 +10,7 @@
 #include <vector>
 
 #include <nav2_core/global_planner.hpp>
+#include <rclcpp/rclcpp.hpp>
 
 #include "cspace_nav2/surroundings.hpp"
 
@@ -28,12 +29,15 @@ using Node = rclcpp_lifecycle::LifecycleNode;
 using Buffer = tf2_ros::Buffer;
 #endif
 
-/// Plans with RRTConnect, then shortens the path.
+/// Plans with RRTConnect, or on a lattice for a robot that cannot move aside, then shortens the path.
 ///
-/// The saved map proves every edge free along its whole length. In the live costmap, poses along the path are tested.
+/// The saved map proves every edge free along its whole length, as it is driven. In the live costmap, poses along the
+/// path are tested.
 ///
-/// Parameters: `<name>.map`, the folder that `space.save` wrote, in the costmap's global frame; `<name>.time_limit`,
-/// seconds; `<name>.step`, metres between poses of the path; `<name>.allow_unknown`, of the costmap.
+/// Parameters, which are read-only while the node runs: `<name>.map`, the folder that `space.save` wrote, in the
+/// costmap's global frame; `<name>.drive` and `<name>.turning_radius`, metres; `<name>.time_limit`, seconds;
+/// `<name>.step`, metres between poses of the path; `<name>.tolerance`, metres, within which another goal is taken if
+/// the goal is not free; `<name>.allow_unknown`, of the costmap.
 class CspacePlanner : public nav2_core::GlobalPlanner {
  public:
   using Pose = geometry_msgs::msg::PoseStamped;
@@ -68,13 +72,18 @@ class CspacePlanner : public nav2_core::GlobalPlanner {
                            const std::function<bool()>& cancel_checker);
   Route find_kept_route(const Surroundings& surroundings, const Configuration& start,
                         const std::vector<Configuration>& goals) const;
+  /// Return the free configuration nearest to a goal within the tolerance; the goal if there is none.
+  Configuration find_free_goal(const Surroundings& surroundings, const Configuration& goal) const;
   Route search_route(const Surroundings& surroundings, const Configuration& start,
                      const std::vector<Configuration>& goals, const std::function<bool()>& cancel_checker) const;
 
   std::shared_ptr<const cspace::Map> map_;
   std::shared_ptr<nav2_costmap_2d::Costmap2DROS> costmap_ros_;
+  std::unique_ptr<const Drive> drive_;
+  rclcpp::Clock::SharedPtr clock_;
   double time_limit_ = 1.0;
   double step_ = 0.05;
+  double tolerance_ = 0.25;
   bool allow_unknown_ = true;
   std::list<Route> kept_routes_;  ///< the newest first
 };

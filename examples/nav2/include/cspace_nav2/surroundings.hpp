@@ -5,33 +5,53 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <mutex>
 #include <vector>
 
 #include <nav2_costmap_2d/cost_values.hpp>
 #include <nav2_costmap_2d/costmap_2d_ros.hpp>
 #include <nav2_costmap_2d/footprint.hpp>
-#include <nav2_costmap_2d/footprint_collision_checker.hpp>
 
-#include "cspace_nav2/poses.hpp"
+#include "cspace_nav2/drives.hpp"
 
 namespace cspace_nav2 {
+
+/// Distance beside the end of an arc, in cells, that passes as rounding of a curve.
+constexpr double MAX_GAP_CELLS = 1e-3;
 
 /// A map and a costmap, which stays locked as long as this object lives.
 class Surroundings {
  public:
-  /// @param step          metres that no point of the robot exceeds between two tested poses
+  /// @param step           metres that no point of the robot exceeds between two tested poses
   /// @param allow_unknown  whether the footprint may touch unknown cells of the costmap
-  Surroundings(const cspace::Map& map, nav2_costmap_2d::Costmap2DROS& costmap_ros, double step, bool allow_unknown)
-      : map_(map), costmap_(*costmap_ros.getCostmap()), lock_(*costmap_.getMutex()), checker_(&costmap_), step_(step),
-        allow_unknown_(allow_unknown) {
-    nav2_costmap_2d::Footprint corners = costmap_ros.getRobotFootprint();
-    if (corners.empty()) throw std::runtime_error("cspace_nav2: the costmap has no footprint");
-    for (const auto& corner : corners) radius_ = std::max(radius_, std::hypot(corner.x, corner.y));
-    // A map without yaw allows any heading, so the circle around the footprint is tested.
-    if (map.size() == 2) corners = nav2_costmap_2d::makeFootprintFromRadius(radius_);
-    for (std::size_t k = 0; k < corners.size(); ++k) edges_.push_back({corners[k], corners[(k + 1) % corners.size()]});
+  Surroundings(const cspace::Map& map, nav2_costmap_2d::Costmap2DROS& costmap_ros, const Drive& drive, double step,
+               bool allow_unknown)
+      : map_(map), drive_(drive), costmap_(*costmap_ros.getCostmap()), lock_(*costmap_.getMutex()), step_(step),
+        columns_(costmap_.getSizeInCellsX()), rows_(costmap_.getSizeInCellsY()) {
+    for (const auto& corner : costmap_ros.getRobotFootprint()) corners_.push_back({corner.x, corner.y});
+    if (corners_.empty()) throw std::runtime_error("cspace_nav2: the costmap has no footprint");
+    for (const auto& [x, y] : corners_) radius_ = std::max(radius_, std::hypot(x, y));
+    // A map without yaw allows any heading, so a polygon around the circle around the footprint is tested.
+    if (map.size() == 2) {
+      corners_.clear();
+      for (const auto& corner : nav2_costmap_2d::makeFootprintFromRadius(radius_ / std::cos(M_PI / 16.0)))
+        corners_.push_back({corner.x, corner.y});
+    }
+    occupied_before_.reserve(std::size_t{rows_} * (columns_ + 1));
+    for (unsigned int row = 0; row < rows_; ++row) {
+      occupied_before_.push_back(0);
+      for (unsigned int column = 0; column < columns_; ++column) {
+        const unsigned char cost = costmap_.getCost(column, row);
+        const bool is_occupied = cost == nav2_costmap_2d::LETHAL_OBSTACLE ||
+                                 (cost == nav2_costmap_2d::NO_INFORMATION && !allow_unknown);
+        occupied_before_.push_back(occupied_before_.back() + is_occupied);
+      }
+    }
   }
+
+  const cspace::Map& map() const { return map_; }
+  const Drive& drive() const { return drive_; }
 
   /// Return the greatest distance of the footprint from the robot's origin.
   double radius() const { return radius_; }
@@ -44,24 +64,37 @@ class Surroundings {
     return costmap_.worldToMap(q[0], q[1], column, row);
   }
 
-  /// Return true if the footprint's outline touches no lethal, and if not allowed no unknown, cell of the costmap.
+  /// Return true if the footprint is in the costmap and meets no lethal, and if not allowed no unknown, cell.
+  ///
+  /// A cell meets it if an edge passes through the cell, or if it contains the cell's center.
   bool is_clear(const Configuration& q) const {
-    const double yaw = q.size() == 3 ? q[2] : 0.0;
-    // Each edge alone, because the cost of a whole footprint hides lethal cells behind unknown ones.
-    return std::none_of(edges_.begin(), edges_.end(), [&](const nav2_costmap_2d::Footprint& edge) {
-      const double cost = checker_.footprintCostAtPose(q[0], q[1], yaw, edge);
-      return cost == nav2_costmap_2d::LETHAL_OBSTACLE || (cost == nav2_costmap_2d::NO_INFORMATION && !allow_unknown_);
-    });
+    const std::vector<Point> body = place(q);
+    const auto lower = [](const Point& a, const Point& b) { return a[1] < b[1]; };
+    const auto [lowest, highest] = std::minmax_element(body.begin(), body.end(), lower);
+    if (!((*lowest)[1] >= 0.0 && (*highest)[1] < rows_)) return false;
+    const auto last = static_cast<unsigned int>((*highest)[1]);
+    for (auto row = static_cast<unsigned int>((*lowest)[1]); row <= last; ++row)
+      if (!row_is_clear(body, row)) return false;
+    return true;
   }
 
   /// Return true if a configuration is proven free by the map and clear in the costmap.
   bool is_free(const Configuration& q) const { return map_.is_free(q) && is_clear(q); }
 
   /// Return true if a whole motion is proven free by the map, and its poses after the first are clear in the costmap.
+  ///
+  /// A robot that is not holonomic drives the arc between the poses.
   bool motion_is_free(const Configuration& from, const Configuration& to) const {
-    if (!map_.motion_is_free(from, to)) return false;
+    if (drive_.is_holonomic ? !map_.motion_is_free(from, to) : !arc_is_free(from, to)) return false;
     const std::vector<Configuration> poses = poses_between(from, to);
     return std::all_of(poses.begin(), poses.end(), [&](const Configuration& q) { return is_clear(q); });
+  }
+
+  /// Return true if all motions between poses that follow each other are free.
+  bool poses_are_free(const std::vector<Configuration>& poses) const {
+    for (std::size_t k = 1; k < poses.size(); ++k)
+      if (!motion_is_free(poses[k - 1], poses[k])) return false;
+    return true;
   }
 
   /// Return a bound of how far any point of the robot moves.
@@ -69,7 +102,14 @@ class Surroundings {
     return std::hypot(to[0] - from[0], to[1] - from[1]) + radius_ * std::abs(turn(from, to));
   }
 
-  /// Return the poses of a motion at most `step` apart, the last included and the first not.
+  /// Return the sum of the distances between poses.
+  double length(const std::vector<Configuration>& poses) const {
+    double sum = 0.0;
+    for (std::size_t k = 1; k < poses.size(); ++k) sum += distance(poses[k - 1], poses[k]);
+    return sum;
+  }
+
+  /// Return the poses of a straight motion at most `step` apart, the last included and the first not.
   std::vector<Configuration> poses_between(const Configuration& from, const Configuration& to) const {
     // A motion of one step stays one step, whatever rounding does.
     const double count = std::ceil(distance(from, to) / step_ - 1e-6);
@@ -83,20 +123,102 @@ class Surroundings {
     return poses;
   }
 
+  /// Return the poses along arcs at most `step` apart, the first included.
+  std::vector<Configuration> poses_along(const Configuration& from, const std::vector<Arc>& arcs) const {
+    std::vector<Configuration> poses = {from};
+    for (const Arc& arc : arcs) {
+      const double length = std::abs(arc.length), angle = std::abs(arc.angle);
+      // The second bound keeps a piece within a sixteenth of a cell of its chord.
+      const double steps = (length + radius_ * angle) / step_, bends = std::sqrt(2.0 * length * angle / map_.spacing());
+      const double count = std::ceil(std::max({steps, bends, angle}) - 1e-6);
+      const Configuration begin = poses.back();
+      for (double k = 1.0; k <= count; ++k)
+        poses.push_back(advance(begin, {k / count * arc.length, k / count * arc.angle}));
+    }
+    return poses;
+  }
+
+  /// Return the poses of the shortest motion between two poses without obstacles, both included.
+  std::vector<Configuration> connect(const Configuration& from, const Configuration& to) const {
+    if (!drive_.is_holonomic) {
+      std::vector<Configuration> poses = poses_along(from, drive_.curve(from, to));
+      // The curve ends where it should, up to rounding.
+      if (poses.size() > 1) poses.pop_back();
+      poses.push_back(to);
+      return poses;
+    }
+    std::vector<Configuration> poses = poses_between(from, to);
+    poses.insert(poses.begin(), from);
+    return poses;
+  }
+
  private:
+  using Point = std::array<double, 2>;
+
   /// Return the shorter turn between two configurations.
   static double turn(const Configuration& from, const Configuration& to) {
     return from.size() == 3 ? std::remainder(to[2] - from[2], 2.0 * M_PI) : 0.0;
   }
 
+  /// Return true if the map proves the arc between two poses free.
+  ///
+  /// An arc of length L that turns by angle a lies within L a / 8 of even motion along its chord. If the second pose is
+  /// beside the end of the arc, up to rounding, this counts, too.
+  bool arc_is_free(const Configuration& from, const Configuration& to) const {
+    const Arc arc = arc_between(from, to);
+    const Configuration end = advance(from, arc);
+    const double aside = std::hypot(end[0] - to[0], end[1] - to[1]);
+    if (aside > MAX_GAP_CELLS * map_.spacing()) return false;
+    const double stray = std::abs(arc.length * arc.angle) / 8.0 + aside + 0x1p-30 * map_.spacing();
+    const double rows[] = {from[0], from[1], from[2], to[0], to[1], to[2]};
+    return map_.proven_prefix(rows, 2, {stray, stray, 0.0}) == 1;
+  }
+
+  /// Return the corners of the footprint at a pose, in cells of the costmap.
+  std::vector<Point> place(const Configuration& q) const {
+    const double yaw = q.size() == 3 ? q[2] : 0.0;
+    const double cosine = std::cos(yaw), sine = std::sin(yaw), side = costmap_.getResolution();
+    std::vector<Point> body;
+    for (const auto& [x, y] : corners_)
+      body.push_back({(q[0] + x * cosine - y * sine - costmap_.getOriginX()) / side,
+                      (q[1] + x * sine + y * cosine - costmap_.getOriginY()) / side});
+    return body;
+  }
+
+  bool row_is_clear(const std::vector<Point>& body, unsigned int row) const {
+    const double bottom = row, top = row + 1.0, middle = row + 0.5;
+    std::vector<double> crossings;
+    for (std::size_t k = 0; k < body.size(); ++k) {
+      Point a = body[k], b = body[(k + 1) % body.size()];
+      if (a[1] > b[1]) std::swap(a, b);
+      if (b[1] < bottom || a[1] > top) continue;
+      const auto x_at = [&](double y) { return a[0] + (b[0] - a[0]) * (y - a[1]) / (b[1] - a[1]); };
+      const double begin = a[1] < bottom ? x_at(bottom) : a[0], end = b[1] > top ? x_at(top) : b[0];
+      if (!run_is_clear(row, std::min(begin, end), std::max(begin, end))) return false;
+      if (a[1] <= middle && middle < b[1]) crossings.push_back(x_at(middle));
+    }
+    std::sort(crossings.begin(), crossings.end());
+    for (std::size_t k = 0; k + 1 < crossings.size(); k += 2)
+      if (!run_is_clear(row, crossings[k], crossings[k + 1])) return false;
+    return true;
+  }
+
+  /// Return true if the cells of a row from one place to another are in the costmap and not occupied.
+  bool run_is_clear(unsigned int row, double first, double last) const {
+    if (!(first >= 0.0 && last < columns_)) return false;
+    const std::int32_t* before = &occupied_before_[std::size_t{row} * (columns_ + 1)];
+    return before[static_cast<std::size_t>(first)] == before[static_cast<std::size_t>(last) + 1];
+  }
+
   const cspace::Map& map_;
+  const Drive& drive_;
   nav2_costmap_2d::Costmap2D& costmap_;
   std::unique_lock<nav2_costmap_2d::Costmap2D::mutex_t> lock_;
-  mutable nav2_costmap_2d::FootprintCollisionChecker<nav2_costmap_2d::Costmap2D*> checker_;
   double step_;
-  bool allow_unknown_;
+  unsigned int columns_, rows_;
   double radius_ = 0.0;
-  std::vector<nav2_costmap_2d::Footprint> edges_;
+  std::vector<Point> corners_;
+  std::vector<std::int32_t> occupied_before_;  ///< occupied cells of a row before each column, and in all of it
 };
 
 }  // namespace cspace_nav2

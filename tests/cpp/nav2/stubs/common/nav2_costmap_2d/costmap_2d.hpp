@@ -16,6 +16,11 @@ class Costmap2D {
       : columns_(cells_size_x), rows_(cells_size_y), resolution_(resolution), x_(origin_x), y_(origin_y),
         costs_(std::size_t{cells_size_x} * cells_size_y, default_value) {}
 
+  unsigned int getSizeInCellsX() const { return columns_; }
+  unsigned int getSizeInCellsY() const { return rows_; }
+  double getResolution() const { return resolution_; }
+  double getOriginX() const { return x_; }
+  double getOriginY() const { return y_; }
   unsigned char getCost(unsigned int mx, unsigned int my) const { return costs_[std::size_t{my} * columns_ + mx]; }
   void setCost(unsigned int mx, unsigned int my, unsigned char cost) { costs_[std::size_t{my} * columns_ + mx] = cost; }
   bool worldToMap(double wx, double wy, unsigned int& mx, unsigned int& my) const {

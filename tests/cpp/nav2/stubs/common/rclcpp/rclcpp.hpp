@@ -9,6 +9,10 @@
 #include <sstream>
 #include <stdexcept>
 #include <string>
+#include <vector>
+
+#include <geometry_msgs/msg/pose.hpp>
+#include <rcl_interfaces/msg/parameter_descriptor.hpp>
 
 #define RCLCPP_ERROR(logger, ...) rclcpp::stub_log("ERROR", logger, __VA_ARGS__)
 #define RCLCPP_FATAL(logger, ...) rclcpp::stub_log("FATAL", logger, __VA_ARGS__)
@@ -45,6 +49,26 @@ struct StubService {
   }
 };
 
+class Time {
+ public:
+  explicit Time(std::int32_t seconds) : seconds_(seconds) {}
+  operator builtin_interfaces::msg::Time() const { return {seconds_, 0}; }
+
+ private:
+  std::int32_t seconds_;
+};
+
+inline std::int32_t& stub_seconds() {
+  static std::int32_t seconds = 0;
+  return seconds;
+}
+
+class Clock {
+ public:
+  using SharedPtr = std::shared_ptr<Clock>;
+  Time now() const { return Time(stub_seconds()); }
+};
+
 class Parameter {
  public:
   explicit Parameter(const std::string& text) : text_(text) {}
@@ -67,14 +91,21 @@ class Node {
   Logger get_logger() const { return {name_}; }
 
   template <typename Value>
-  Value declare_parameter(const std::string& name, const Value& otherwise) {
+  Value declare_parameter(const std::string& name, const Value& otherwise,
+                          const rcl_interfaces::msg::ParameterDescriptor& rule = {}) {
     if (has_parameter(name)) throw std::runtime_error("parameter '" + name + "' has already been declared");
     std::ostringstream text;
     text << std::boolalpha << otherwise;
     const auto found = stub_parameters().find(name);
+    if (!rule.read_only) stub_writable().push_back(name);
     declared_.emplace(name, found == stub_parameters().end() ? text.str() : found->second);
     return get_parameter(name).get_value<Value>();
   }
+  static std::vector<std::string>& stub_writable() {
+    static std::vector<std::string> names;
+    return names;
+  }
+  Clock::SharedPtr get_clock() const { return std::make_shared<Clock>(); }
   bool has_parameter(const std::string& name) const { return declared_.count(name) > 0; }
   Parameter get_parameter(const std::string& name) const { return declared_.at(name); }
 

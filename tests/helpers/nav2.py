@@ -1,0 +1,118 @@
+"""The package for Nav2 in a process, over stubs, and a room in which it plans."""
+
+import json
+import math
+import subprocess
+
+import numpy as np
+import shapely
+from shapely import affinity
+
+import cspace
+from tests.helpers.cpp import build_program, ompl_flags
+from tests.helpers.repository import ROOT
+
+PACKAGE = ROOT / "examples" / "nav2"
+ANSWERS = ROOT / "tests" / "cpp" / "nav2"
+HALF_SIDES = (0.3, 0.2)
+LETHAL = 254
+
+DRIVES = {"differential": 0, "differential-reverse": 0, "dubins": 0.4, "reeds-shepp": 0.4}
+WALLS = shapely.union_all([shapely.box(2.8, 0, 3.2, 2.5), shapely.box(0, 0, 7, 3.8).boundary])
+"""Turning radii of drives that cannot move aside, and the walls of the room."""
+
+Pose = tuple[float, ...]
+"""x, y, yaw, and a tilt about the robot's own x axis."""
+
+
+def write_pose(x, y, yaw, tilt=0.0):
+    half, lean = yaw / 2, tilt / 2
+    sines = (math.cos(half) * math.sin(lean), math.sin(half) * math.sin(lean))
+    rest = (math.sin(half) * math.cos(lean), math.cos(half) * math.cos(lean))
+    return " ".join(map(repr, (float(x), float(y), *sines, *rest)))
+
+
+class Nav2:
+    """A planner server and a path checker in one process."""
+
+    def __init__(self, program, log):
+        self.log_file = log
+        with log.open("w") as stderr:
+            self.process = subprocess.Popen(
+                [str(program)],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=stderr,
+                text=True,
+            )
+        self.tell("footprint {} {}".format(*HALF_SIDES))
+
+    def tell(self, *commands):
+        assert self.process.stdin is not None
+        for command in commands:
+            print(command, file=self.process.stdin, flush=True)
+
+    def ask(self, command):
+        self.tell(command)
+        assert self.process.stdout is not None
+        # A line of OMPL would not be JSON.
+        return json.loads(self.process.stdout.readline())
+
+    def set(self, **parameters):
+        self.tell(*(f"set plan.{name} {value}" for name, value in parameters.items()))
+
+    def configure(self, room, **parameters):
+        self.set(map=room, **{"time_limit": 5, "tolerance": 0, **parameters})
+        assert self.ask("configure") == {"code": 0}
+
+    def add_cost(self, low, high, cost=LETHAL):
+        """Give cells of 0.1 m from one corner to another a cost."""
+        inner = [*np.add(low, 0.05), *np.subtract(high, 0.05)]
+        self.tell(" ".join(map(str, ["costs", *inner, cost])))
+
+    def plan(self, *poses):
+        return self.ask(" ".join(["plan", *(write_pose(*pose) for pose in poses)]))
+
+    def find_path(self, *poses):
+        answer = self.plan(*poses)
+        assert answer["code"] == 0, answer
+        return np.array(answer["path"])
+
+    def check(self, *poses):
+        return self.ask(" ".join(["check", *(write_pose(*pose) for pose in poses)]))
+
+    def read_log(self):
+        return self.log_file.read_text(encoding="utf-8")
+
+
+def build_server(target, version, optimization):
+    """Compile the package over the stubs of a version, "jazzy" or "main"."""
+    stubs = ANSWERS / "stubs"
+    folders = [PACKAGE / "include", stubs / version, stubs / "common"]
+    return build_program(
+        target,
+        optimization,
+        str(PACKAGE / "src" / "planner.cpp"),
+        *(f"-I{folder}" for folder in folders),
+        *ompl_flags(),
+        source=ANSWERS / "answers.cpp",
+    )
+
+
+def make_room():
+    """Return the cells of a room that a wall divides up to y = 2.5; the costmap has 6 x 4 m of it."""
+    cells = np.zeros((70, 38), dtype=bool)
+    cells[28:32, :25] = True
+    return cells
+
+
+def build_room(robot, rotations):
+    """Build a map of the room."""
+    return cspace.build(cspace.Workspace.from_array(make_room(), 0.1), robot, rotations=rotations)
+
+
+def place_body(pose):
+    """Return the robot at a pose."""
+    x, y = HALF_SIDES
+    turned = affinity.rotate(shapely.box(-x, -y, x, y), pose[2], (0, 0), use_radians=True)
+    return affinity.translate(turned, *pose[:2])
