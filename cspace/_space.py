@@ -1044,7 +1044,8 @@ class CSpace(ConfigurationMap):
     def _make_nothing_free_error(self) -> ConfigurationError:
         """Make the error for a map without FREE cells."""
         more = "" if self.rotations._preserves(self.robot.shape) else "more rotations, "
-        hint = f"use a smaller robot, a finer spacing, {more}or, for a sensor map, Workspace.open(..., unknown='free')"
+        open_again = "for a sensor map, Workspace.open(..., unknown='free')"
+        hint = f"use a smaller robot, a finer spacing, {more}or, {open_again}"
         rule = "no configuration can be drawn"
         return ConfigurationError("the map", "has no FREE cell", rule, hint)
 
