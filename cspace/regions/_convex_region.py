@@ -66,7 +66,9 @@ class ConvexRegion:
     @overload
     def contains(self, q: ArrayLike) -> Bools: ...
     def contains(self, q: ArrayLike) -> bool | Bools:
-        """Return True if the region contains a configuration, whose yaw may be wrapped.
+        """Return True if the region contains a configuration.
+
+        Its yaw may be wrapped.
 
         Parameters
         ----------
@@ -87,7 +89,7 @@ class ConvexRegion:
         return inside if inside.ndim else bool(inside)
 
     def unwrap(self, q: ArrayLike) -> Floats:
-        """Add the whole turns to yaws that bring them within pi of the center's.
+        """Add whole turns to yaws, to within pi of the center's.
 
         Parameters
         ----------
@@ -105,7 +107,10 @@ class ConvexRegion:
 
     @property
     def vertices(self) -> Floats:
-        """Corners of the region, shape (n, size); with a yaw, at both ends of the arc."""
+        """Corners of the region, shape (n, size).
+
+        With a yaw, they are at both ends of the arc.
+        """
         corners = self._positions.vertices
         if not self._has_yaw:
             return corners.copy()
@@ -113,19 +118,22 @@ class ConvexRegion:
 
     @property
     def volume(self) -> float:
-        """Area or volume of the positions, times the radians of the arc of yaws."""
+        """Area or volume of the positions, times the radians of yaws."""
         low, high = self._arc
         return self._positions.volume * (high - low if self._has_yaw else 1.0)
 
     @property
     def center(self) -> Floats:
-        """Center of mass of the positions, and the middle of the arc, shape (size,)."""
+        """Center of mass, and the middle of the arc, shape (size,)."""
         center = self._positions.center
         return np.append(center, self._middle_yaw) if self._has_yaw else center.copy()
 
     @property
     def bounds(self) -> tuple[Floats, Floats]:
-        """Lower and upper corner of the smallest box around the region, shape (size,) each."""
+        """Lower and upper corner of the box around the region.
+
+        Both have shape (size,).
+        """
         vertices = self.vertices
         return vertices.min(axis=0), vertices.max(axis=0)
 

@@ -51,7 +51,7 @@ class Corridor:
 
     @property
     def junctions(self) -> Floats:
-        """Rows at which one region follows another, in both; shape (regions - 1, size)."""
+        """Rows in two regions that follow, shape (regions - 1, size)."""
         return self.path[1:-1][np.diff(self.region_of_edge) > 0]
 
     def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
@@ -62,7 +62,9 @@ class Corridor:
 def make_corridor(
     space: Space, rows: Floats, reach: float, margin: float, deviation: float
 ) -> Corridor:
-    """Find regions along a path, each for as many edges as possible, from the start on.
+    """Find regions along a path, each for many edges.
+
+    From the start on, each has as many edges as the search finds.
 
     Parameters
     ----------
@@ -113,7 +115,9 @@ def make_corridor(
 def _find_longest(
     source: RegionSource, path: Floats, first: int, deviation: float
 ) -> tuple[ConvexRegion, int] | None:
-    """Find a region of as many edges as possible from a row on, and the row where it ends.
+    """Find a region of many edges, and the row where it ends.
+
+    It begins at the row ``first``.
 
     Steps double until a region is not found, and are halved from then on. Returns None if there is
     no region of one edge.
@@ -138,7 +142,10 @@ def _find_longest(
 
 
 def _find_region(source: RegionSource, rows: Floats, deviation: float) -> ConvexRegion | None:
-    """Find a region that contains rows, shape (n, size), or None; it grows around their chord."""
+    """Find a region that contains rows, shape (n, size), or None.
+
+    It grows around their chord.
+    """
     arc = None
     if source.has_yaw:
         # Room for the rounding of whoever follows the path.
@@ -151,7 +158,7 @@ def _find_region(source: RegionSource, rows: Floats, deviation: float) -> Convex
 
 
 def _contain_all(region: ConvexRegion, rows: Floats, deviation: float) -> Any:
-    """Return whether a region contains each row with all positions within a deviation."""
+    """Return whether a region contains each row and all within a deviation."""
     dim = len(region.axes) - int(region._has_yaw)
     room = region.b - deviation * np.linalg.norm(region.A[:, :dim], axis=1)
     return (rows @ region.A.T <= room).all(axis=1)

@@ -139,7 +139,7 @@ class FreeRegions:
 
 
 def _read_region(record: Mapping[str, Any], axes: tuple[str, ...]) -> ConvexRegion:
-    """Return a region of JSON; raise an error if its numbers are no bounded region."""
+    """Return a region of JSON; raise an error for other numbers."""
     normals = _read_rows(record["A"], len(axes))
     offsets = _read_rows(record["b"], 1).reshape(len(normals))
     if len(normals) <= len(axes) or not np.allclose(np.linalg.norm(normals, axis=1), 1.0):
@@ -148,7 +148,10 @@ def _read_region(record: Mapping[str, Any], axes: tuple[str, ...]) -> ConvexRegi
 
 
 def _read_rows(numbers: Any, size: int) -> Floats:
-    """Return finite numbers of JSON as rows, shape (n, size); raise an error if they are not."""
+    """Return numbers of JSON as rows, shape (n, size).
+
+    Raises an error unless they are finite.
+    """
     rows = np.array(numbers, dtype=np.float64).reshape(-1, size)
     if not np.isfinite(rows).all():
         raise ValueError("a number is not finite")
@@ -201,10 +204,10 @@ def find_free_regions(
 
 
 class BareCells:
-    """FREE cells that no region covers yet, and how far each is from all other cells."""
+    """FREE cells that no region covers yet, with distances from others."""
 
     def __init__(self, source: RegionSource, around: ArrayLike | None) -> None:
-        """Start with the FREE cells, or those of the component of a configuration."""
+        """Start with the FREE cells, of one component if given."""
         space = source.space
         self._space = space
         count = len(space.rotations)
@@ -226,7 +229,7 @@ class BareCells:
             self._distances[k] = ndimage.distance_transform_edt(padded)[inner]
 
     def _measure(self, cells: Bools) -> float:
-        """Return the volume of cells, shape (rotations, ...), each weighted by its rotations."""
+        """Return the volume of cells, shape (rotations, ...), weighted by rotations."""
         counts = cells.reshape(len(cells), -1).sum(axis=1)
         return float(counts @ self._volumes)
 
@@ -236,7 +239,10 @@ class BareCells:
         return 1.0 - self._left / self._total
 
     def draw(self, rng: np.random.Generator) -> Floats | None:
-        """Draw the center of one of the cells farthest from others; None if all are covered."""
+        """Draw the center of a cell among the farthest from others.
+
+        Returns None if all cells are covered.
+        """
         largest = float(self._distances.max())
         if not largest:
             return None
@@ -277,7 +283,10 @@ class BareCells:
 
 
 def find_component(space: Any, around: ArrayLike) -> Bools:
-    """Return which cells are in the FREE component of a configuration, shape (rotations, ...)."""
+    """Return a mask of the FREE component of a configuration.
+
+    It has shape (rotations, ...).
+    """
     cell = space._cells_of(space._check_in_grid(around, "around", free=True))
     shape = (len(space.rotations), *space.grid.shape)
     with space.lock:  # an update changes the components
@@ -287,7 +296,10 @@ def find_component(space: Any, around: ArrayLike) -> Bools:
 
 
 def find_cells_inside(space: Any, region: ConvexRegion, first: Ints, stop: Ints) -> Bools:
-    """Return which cells of a box have their centers in the positions of a region."""
+    """Return which cells of a box have centers in a region.
+
+    Only positions count.
+    """
     grid = space.grid
     dim = grid.dim
     centers = [grid.centers(axis)[first[axis] : stop[axis]] for axis in range(dim)]
@@ -300,7 +312,7 @@ def find_cells_inside(space: Any, region: ConvexRegion, first: Ints, stop: Ints)
 
 
 def find_overlaps(regions: list[ConvexRegion]) -> dict[tuple[int, int], Floats]:
-    """Find the pairs of regions that overlap, and the deepest position of each overlap."""
+    """Find the pairs of regions that overlap, with their deepest positions."""
     boxes = [region.bounds for region in regions]
     graph = dict[tuple[int, int], Floats]()
     for (i, first), (j, second) in combinations(enumerate(regions), 2):

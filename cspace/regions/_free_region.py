@@ -125,7 +125,10 @@ class RegionSource(NamedTuple):
         return self.space.axes[-1] == YAW
 
     def grow_around(self, point: Floats, yaw_width: float | None) -> ConvexRegion | None:
-        """Grow a region around a configuration; return None if it is too near to other cells."""
+        """Grow a region around a configuration, or return None.
+
+        None means that it is too near to cells that are not FREE.
+        """
         core = np.stack([point, point])
         if not self.has_yaw:
             return self.grow(core, None)
@@ -136,7 +139,9 @@ class RegionSource(NamedTuple):
         return self._grow_widest(core, yaw)
 
     def _grow_widest(self, core: Floats, yaw: float) -> ConvexRegion | None:
-        """Grow the region of the widest arc that keeps half of the volume of positions.
+        """Grow the region of the widest arc.
+
+        Its positions keep half of their volume.
 
         The arc has as many yaw cells on both sides of that of the yaw; their number is found by
         bisection, as if volumes fell with it.
@@ -145,7 +150,7 @@ class RegionSource(NamedTuple):
         grown = dict[tuple[int, ...], tuple[HalfSpaces, float] | None]()
 
         def grow(width: int) -> tuple[HalfSpaces, float] | None:
-            """Grow the positions with a number of further yaw cells on both sides."""
+            """Grow the positions with further yaw cells on both sides."""
             slices = self.find_slices(self._widen(yaw, width))
             key = tuple(slices.tolist())
             if key not in grown:
@@ -168,7 +173,10 @@ class RegionSource(NamedTuple):
         return self._assemble(best[0], self._widen(yaw, width), core)
 
     def _widen(self, yaw: float, width: int) -> YawArc:
-        """Return the arc of the cells of a yaw, and of ``width`` cells on both sides."""
+        """Return the arc of a yaw's cells and their neighbours.
+
+        There are ``width`` neighbours on both sides.
+        """
         first, last = self._find_range(YawArc(yaw, yaw))
         first -= width
         last += width
@@ -177,13 +185,19 @@ class RegionSource(NamedTuple):
         return YawArc(self._border(first) + ARC_SLACK, self._border(last + 1) - ARC_SLACK)
 
     def _border(self, cell: int) -> float:
-        """Return the lower border of a yaw cell, radians; cells are counted on in further turns."""
+        """Return the lower border of a yaw cell, radians.
+
+        Cells are counted on in further turns.
+        """
         borders = self.space.rotations._make_lookups(self.space.slice_of).borders
         turns, index = divmod(cell, len(borders) - 1)
         return float(borders[index] + TWO_PI * turns)
 
     def _find_range(self, arc: YawArc) -> tuple[int, int]:
-        """Return the first and last yaw cell that an arc meets, counted on in further turns."""
+        """Return the first and last yaw cell that an arc meets.
+
+        Cells are counted on in further turns.
+        """
         borders = self.space.rotations._make_lookups(self.space.slice_of).borders
         cells = list[int]()
         for yaw in (arc.low - 0.5 * ARC_SLACK, arc.high + 0.5 * ARC_SLACK):
@@ -193,7 +207,10 @@ class RegionSource(NamedTuple):
         return cells[0], cells[1]
 
     def find_slices(self, arc: YawArc | None) -> Ints:
-        """Return the slices of all yaw cells that an arc meets; None means the only slice."""
+        """Return the slices of all yaw cells that an arc meets.
+
+        None means the only slice.
+        """
         if arc is None:
             return np.zeros(1, dtype=np.int64)
         first, last = self._find_range(arc)
@@ -211,7 +228,9 @@ class RegionSource(NamedTuple):
         return None if positions is None else self._assemble(positions[0], arc, core)
 
     def _grow_positions(self, core: Floats, slices: Ints) -> tuple[HalfSpaces, float] | None:
-        """Grow the polytope of positions around a core; return half-spaces in metres, and volume.
+        """Grow the polytope of positions around a core.
+
+        Returns half-spaces in metres, and the volume in cells.
 
         Returns None if a cell that is not FREE in one of the slices is too near to the core.
         """
@@ -246,7 +265,7 @@ class RegionSource(NamedTuple):
     def _find_taken(
         self, slices: Ints, low: Floats, high: Floats, is_open: bool
     ) -> tuple[Floats, Bools]:
-        """Find the cells around a box that are not FREE in all slices.
+        """Find the cells around a box that some slice blocks.
 
         Returns the first cell, shape (d,), and a mask of the cells from there on. They are all
         cells that the closed box meets, except FREE ones far from the grid.
@@ -278,7 +297,10 @@ class RegionSource(NamedTuple):
     def _assemble(
         self, positions: HalfSpaces, arc: YawArc | None, core: Floats
     ) -> ConvexRegion | None:
-        """Join positions and yaws to a region; return None if it lacks an end of the core."""
+        """Join positions and yaws to a region, or return None.
+
+        None means that rounding leaves an end of the core outside.
+        """
         normals, offsets = positions
         if arc is not None:
             normals = np.pad(normals, ((0, 2), (0, 1)))
@@ -294,7 +316,9 @@ def make_full_turn(yaw: float) -> YawArc:
 
 
 def find_surface(is_taken: Bools) -> Ints:
-    """Return the taken cells that touch another cell, if only in a corner, shape (n, d).
+    """Return the taken cells that touch another cell, shape (n, d).
+
+    They may touch in a corner alone.
 
     A convex set with a point in another cell that meets none of these meets no taken cell: on the
     way to a taken cell, it would leave the other cells in a point of such a cell.

@@ -79,7 +79,10 @@ class HalfSpaces(NamedTuple):
         return HalfSpaces(*map(np.concatenate, zip(self, other, strict=True)))
 
     def place(self, corner: Floats, spacing: float) -> HalfSpaces:
-        """Convert from cells to metres; ``corner``, shape (d,), is the position of the origin."""
+        """Convert from cells to metres.
+
+        The origin is at ``corner``, shape (d,).
+        """
         return HalfSpaces(self.normals, spacing * self.offsets + self.normals @ corner)
 
 
@@ -156,7 +159,7 @@ def grow_polytope(
 def cut_cells(
     cells: Floats, core: Floats, focus: Floats, metric: Floats, gap: float
 ) -> HalfSpaces | None:
-    """Cut off cells by half-spaces that contain a core, the nearest ones first.
+    """Cut off cells by half-spaces that contain a core, nearest first.
 
     Arguments are as for :func:`grow_polytope`. Near is measured from the segment ``focus``, shape
     (2, d), by squared lengths ``v @ metric @ v``. Returns None if a cell is too near to the core.
@@ -185,13 +188,13 @@ def cut_cells(
 
 
 def _contains_core(center: Floats, normal: Floats, core: Floats, gap: float) -> bool:
-    """Return True if the half-space with a normal that touches a cell contains a core."""
+    """Return True if the half-space before a cell contains a core."""
     offset = center @ normal - HALF_CELL * np.abs(normal).sum() - gap
     return bool(normal.any() and (core @ normal).max() <= offset)
 
 
 def measure_distances(points: Floats, segment: Floats, metric: Floats) -> Floats:
-    """Return the squared distances of points from a segment in a metric, shape (n,)."""
+    """Return squared distances from a segment in a metric, shape (n,)."""
     start, end = segment
     direction = end - start
     steps = points - start
@@ -203,7 +206,7 @@ def measure_distances(points: Floats, segment: Floats, metric: Floats) -> Floats
 
 
 def find_normal(center: Floats, segment: Floats, metric: Floats) -> Floats:
-    """Find the unit normal of a half-space between a segment and a cell.
+    """Find the unit normal between a segment and a cell.
 
     It is the gradient of the distance from the segment at the nearest point of the cell, found by
     descent along one coordinate after another. The gradient is zero along a coordinate in which
@@ -245,7 +248,9 @@ def find_normal(center: Floats, segment: Floats, metric: Floats) -> Floats:
 
 
 def find_separation(center: Floats, segment: Floats) -> Floats:
-    """Find the unit vector from a segment to the nearest point of a cell, or zeros if they meet.
+    """Find the unit vector from a segment to a cell.
+
+    It joins the nearest points of both; it is zero if they meet.
 
     The two nearest points solve a least-squares problem with bounds, by active sets.
     """
@@ -294,7 +299,9 @@ def measure_polytope(half_spaces: HalfSpaces, interior: Floats) -> Polytope | No
 
 
 def find_deepest(half_spaces: HalfSpaces) -> tuple[Floats, float]:
-    """Find the center and the radius of the largest ball in a polytope, by a linear program.
+    """Find the largest ball in a polytope: center and radius.
+
+    It solves a linear program.
 
     The radius is negative if the polytope is empty.
     """
