@@ -162,6 +162,11 @@ class Snapshot:
                 return upright, angle
         return None
 
+    @property
+    def names(self) -> list[str]:
+        """Names of links with geometry, attached objects and obstacles."""
+        return [*(link.name for link in self.arm.links), *self.obstacles]
+
     @cached_property
     def proof(self) -> Address:
         """Address of the proof of a motion."""
