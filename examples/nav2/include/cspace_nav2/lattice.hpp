@@ -17,11 +17,11 @@ namespace cspace_nav2 {
 /// Says whether a search must end.
 using IsOver = std::function<bool()>;
 
-/// Length of the least cost first.
+/// Pairs of a cost and a number of a node or block, the least cost first.
 using Queue = std::priority_queue<std::pair<double, std::int64_t>, std::vector<std::pair<double, std::int64_t>>,
                                   std::greater<>>;
 
-/// Lengths of the ways of a point to the goal, through blocks of cells that are free at some yaw. It goes on when asked.
+/// Lengths of the shortest ways to a goal through blocks of cells that are free at some yaw, computed when asked.
 class Guide {
  public:
   /// @param block_side  number of cells along each side of a block
@@ -90,7 +90,7 @@ class Guide {
   Queue queue_;
 };
 
-/// Poses between which a robot that is not holonomic drives arcs.
+/// Finds paths of robots that are not holonomic: poses between which they drive arcs.
 class Lattice {
  public:
   Lattice(const Surroundings& surroundings, const IsOver& is_over) : surroundings_(surroundings), is_over_(is_over) {}
@@ -112,7 +112,7 @@ class Lattice {
   static constexpr int FINEST_YAWS = 96;
   static constexpr int SHORTENING_ROUNDS = 3;
 
-  /// A pose that a search has reached, and the poses that lead to it from its parent.
+  /// A pose that a search has reached, and the arc that leads to it from its parent.
   struct Node {
     Configuration q;
     std::int64_t parent;
