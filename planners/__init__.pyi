@@ -1,6 +1,7 @@
 # Public names. Each is imported at its first use.
 
 from ._catalogue import planner_names as planner_names
+from ._goals import Goals as Goals
 from ._lanes import audit as audit
 from ._objectives import ClearanceObjective as ClearanceObjective
 from ._objectives import WeightedLength as WeightedLength

@@ -36,6 +36,7 @@ from planners._catalogue import (
     default_planner,
     make_planner,
 )
+from planners._goals import Room
 from planners._local_planner import HOLONOMIC, MAX_TURN, ON_THE_SPOT, Endpoints, LocalPlanner
 from planners._objectives import ClearanceObjective, WeightedLength
 from planners._ompl_states import find_state_kind
@@ -184,6 +185,7 @@ class PlanTask:
     previous: Floats  # (n, size), waypoints of the plan before this one
     fallback: PlannerName | None = None  # planner that takes over if this one finds no path
     endpoints: Endpoints = ()  # start and goals as OMPL holds them, the nearest goal first
+    rooms: tuple[Room, ...] = ()  # of which a path may end in any, instead of one goal on a map
 
 
 def make_objective(task: PlanTask) -> MakeObjective | None:
