@@ -6,7 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, Unpack, cast, overload
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias, Unpack, cast, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -84,11 +84,13 @@ class Goals(Goal):
         return f"Goals({list(self.goals)!r})"
 
 
-GoalPart = float | tuple[float, float] | Polygon | MultiPolygon | None
+GoalPart: TypeAlias = float | tuple[float, float] | Polygon | MultiPolygon | None
 """A coordinate of a pose; for its rotation, a range of yaws or None for any; or a region of
 positions."""
 
-GoalLike = ArrayLike | Goal | Polygon | MultiPolygon | Sequence[Goal | ArrayLike | GoalPart]
+GoalLike: TypeAlias = (
+    ArrayLike | Goal | Polygon | MultiPolygon | Sequence[Goal | ArrayLike | GoalPart]
+)
 """A goal of a plan, or several for an arm."""
 
 
@@ -402,10 +404,12 @@ class Space(ABC):
 
     def sort_goals(self, goals: Sequence[Endpoint], start: Endpoint) -> list[Endpoint]:
         """Return goals, the nearest first; continuous joints within half a turn of the start."""
-        lengths = self.distance(np.array(start), np.array(goals))
-        nearest_first = np.argsort(lengths, kind="stable")
-        turned = turn_near(np.array(goals), np.array(start), self.periodic_axes)
-        return [tuple(q) for q in turned[nearest_first].tolist()]
+        rows = np.array(goals)
+        if len(rows) > 1:
+            lengths = self.distance(np.array(start), rows)
+            rows = rows[np.argsort(lengths, kind="stable")]
+        turned = turn_near(rows, np.array(start), self.periodic_axes)
+        return [tuple(q) for q in turned.tolist()]
 
     def _list_alternatives(self, goal: GoalLike, name: str) -> Sequence[GoalLike]:
         """List the alternatives of a goal."""

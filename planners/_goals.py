@@ -12,8 +12,9 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, NamedTuple, cast
+from typing import Final, NamedTuple, cast
 
 import numpy as np
 import shapely
@@ -37,10 +38,13 @@ from cspace.errors import ConfigurationError, InputError
 from planners._catalogue import ANY_ROTATION, REGION, check_support
 from planners._local_planner import CURVES, LocalPlanner
 
-if TYPE_CHECKING:
-    from cspace._space import CSpace
-
 __all__ = ["Goals"]
+
+REGIONS: Final = (Polygon, MultiPolygon)
+"""Types of regions."""
+
+ROWS: Final = (list, tuple, np.ndarray, Goal)
+"""Types of single goals in a list of several."""
 
 MAX_TRIED_GOALS: Final = 8
 """Largest number of configurations of one room to which paths are searched."""
@@ -54,8 +58,8 @@ TINY: Final = 1e-300
 
 SLACK_CELLS: Final = 1e-6
 SLACKS: Final = np.array([[-SLACK_CELLS], [SLACK_CELLS]])
-"""Distances in cells by which rooms grow, for rounding, when cells that meet them are listed: of the
-room, and of both corners of its box."""
+"""Distances in cells by which rooms grow, for rounding, when cells that meet them are listed; also
+as a column, for both corners of a box."""
 
 MAX_ROWS_PER_BATCH: Final = 2**16
 """Largest number of configurations that are tested together, if positions are fewer."""
@@ -157,7 +161,7 @@ class Room:
         ends = corners + spacing + 2.0 * slack
         if self.region is not None:
             boxes = shapely.box(*corners.T, *ends.T)
-            return cells[shapely.intersects(self.region, boxes)]
+            return np.asarray(cells[shapely.intersects(self.region, boxes)])
         position = self.middle[: space.dim]
         gaps = np.clip(position, corners, ends) - position
         return np.asarray(cells[np.linalg.norm(gaps, axis=1) <= self.radius + slack])
@@ -191,7 +195,7 @@ class Room:
     def is_apart(self, space: ConfigurationMap, start: Endpoint) -> bool:
         """Return True if the map proves that no path from a start enters the room."""
         if self.is_point:
-            return space.is_disconnected(start, tuple(self.middle.tolist()))
+            return bool(space.is_disconnected(start, tuple(self.middle.tolist())))
         centers = _find_centers(space, self.list_positions(space))
         box = self.find_box(space)
         if not space.grid.contains(box).all():
@@ -326,7 +330,7 @@ def _measure_lengths(edges: LocalPlanner, start: Endpoint, rows: Floats) -> Floa
     straight = np.linalg.norm(rows[:, :dim] - np.array(start)[:dim], axis=1)
     if len(rows) < 2 or not space.in_memory:
         return np.asarray(straight)
-    states = cast("CSpace", space)._kernel_map.states
+    states = space._kernel_map.states
     side = 1 if math.prod(states.shape[1:]) <= MAX_POSITIONS_WITHOUT_BLOCKS else BLOCK_SIDE
     last = np.array(space.grid.shape) - 1
     cells = np.zeros((len(rows) + 1, 3), dtype=np.int64)
@@ -344,11 +348,12 @@ def _measure_lengths(edges: LocalPlanner, start: Endpoint, rows: Floats) -> Floa
         worst_state=MIXED if edges.exact else FREE,
     )
     # By then, all blocks that are nearer are measured, too.
-    guide.reach(0, end, math.inf)
+    with suppress(TimeoutError):  # the caller ends the search
+        guide.reach(0, end, math.inf)
     lengths = space.grid.spacing * guide.measure(cells[1:])
     is_known = np.isfinite(lengths)
     far = lengths[is_known].max(initial=0.0)
-    return np.where(is_known, np.maximum(lengths, straight), far + straight)
+    return np.asarray(np.where(is_known, np.maximum(lengths, straight), far + straight))
 
 
 # ---- ends of paths ------------------------------------------------------------------------------
@@ -363,23 +368,23 @@ def end_in_rooms(edges: LocalPlanner, path: Floats, rooms: Sequence[Room]) -> Fl
     if all(room.is_point for room in rooms):
         return path
     space = edges.cells
+    done = np.append(0.0, np.cumsum(edges.edge_lengths(path[:-1], path[1:])))
+    starts = np.tile(path[:-1], (len(rooms), 1))
+    ends = np.concatenate([room.pull(space, path[:-1]) for room in rooms])
+    totals = np.tile(done[:-1], len(rooms)) + edges.edge_lengths(starts, ends)
+    is_free = edges.edge_checker()
     ways = [path]
-    for room in rooms:
-        pulled = room.pull(space, path)
-        ways += [np.vstack([path[: k + 1], pulled[k]]) for k in range(len(path) - 1)]
-    lengths = [_measure(edges, way) for way in ways]
-    for k in np.argsort(lengths, kind="stable").tolist():
-        if lengths[k] > lengths[0]:
+    for k in np.argsort(totals, kind="stable").tolist():
+        if totals[k] > done[-1]:
             break
-        way = _cut(edges, edges.insert_breakpoints(ways[k]), rooms)
-        if any(room.contains(space, way[-1:])[0] for room in rooms) and edges.are_free(way):
-            return way
+        if is_free(*starts[k].tolist(), *ends[k].tolist()):
+            ways.insert(0, np.vstack([path[: k % (len(path) - 1) + 1], ends[k]]))
+            break
+    for way in ways:
+        cut = _cut(edges, edges.insert_breakpoints(way), rooms)
+        if any(room.contains(space, cut[-1:])[0] for room in rooms) and edges.are_free(cut):
+            return cut
     return path
-
-
-def _measure(edges: LocalPlanner, path: Floats) -> float:
-    """Measure the length of a path with weighted rotations."""
-    return float(edges.edge_lengths(path[:-1], path[1:]).sum())
 
 
 def _cut(edges: LocalPlanner, path: Floats, rooms: Sequence[Room]) -> Floats:
@@ -407,15 +412,17 @@ def list_rooms(
 
     Raises InputError if a goal is of a kind that is not for the space.
     """
+    is_several = isinstance(goal, Goals)
+    if not is_several and not any(tolerance) and _split_parts(goal) is None:
+        return []
     goals = goal.goals if isinstance(goal, Goals) else (goal,)
     names = [f"{name}[{k}]" if len(goals) > 1 else name for k in range(len(goals))]
     parts = [_split_parts(each) for each in goals]
     for each, split, label in zip(goals, parts, names, strict=True):
         if split is not None:
-            is_region = isinstance(split[0], Polygon | MultiPolygon)
+            is_region = isinstance(split[0], REGIONS)
             check_support(REGION if is_region else ANY_ROTATION, label, each, space)
-    is_special = isinstance(goal, Goals) or any(tolerance) or any(split for split in parts)
-    if not (space.has_cells and is_special):
+    if not space.has_cells:
         return []
     cells = cast("ConfigurationMap", space)
     return [
@@ -470,17 +477,17 @@ def check_tolerance(value: object, space: Space) -> tuple[float, float]:
 
 def _split_parts(goal: object) -> tuple[object, object] | None:
     """Split a goal with a region, a range or None into position and rotation; None for others."""
-    if isinstance(goal, Polygon | MultiPolygon):
+    if isinstance(goal, REGIONS):
         return goal, None
-    if not isinstance(goal, tuple | list) or len(goal) < 2:
+    if not isinstance(goal, (tuple, list)) or len(goal) < 2:
         return None
-    *position, last = goal
-    if isinstance(position[0], Polygon | MultiPolygon):
-        return position[0], last if len(goal) == 2 else goal[1:]
-    has_numbers = not any(isinstance(part, list | tuple | np.ndarray | Goal) for part in position)
-    if last is None or (isinstance(last, list | tuple) and has_numbers):
-        return position, last
-    return None
+    first, *others = goal
+    last = others[-1]
+    if isinstance(first, REGIONS):
+        return first, last if len(goal) == 2 else others
+    # The rows of several goals are no range of yaws.
+    is_range = isinstance(last, (list, tuple)) and not isinstance(first, ROWS)
+    return (goal[:-1], last) if last is None or is_range else None
 
 
 def _make_room(
@@ -501,7 +508,7 @@ def _make_room(
         return Room(name, middle, None, metres, radians)
     position, rotation = parts
     region = None
-    if isinstance(position, Polygon | MultiPolygon):
+    if isinstance(position, REGIONS):
         region = position
         _check_region(region, name, metres)
         shapely.prepare(region)

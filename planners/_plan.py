@@ -172,7 +172,7 @@ def plan(
     drive: Drive = HOLONOMIC,
     turning_radius: float | None = None,
     goal_tolerance: tuple[float, float] | None = None,
-    start_tolerance: float = 0.0,
+    start_tolerance: float | None = None,
     via: Sequence[GoalLike] = (),
     previous: Plan | None = None,
     stop: Callable[[], bool] | None = None,
@@ -221,7 +221,7 @@ def plan(
     goal_tolerance : tuple of float, optional
         Largest distance, metres, and angle, radians up to pi, from the goal and from each of
         ``via`` on a map. The path ends where it first comes so near.
-    start_tolerance : float
+    start_tolerance : float, optional
         Largest distance, metres, a radian counting half a metre, by which a start on a map that is
         not proven free is moved to the center of the nearest FREE cell. :attr:`Plan.status` says
         so. The robot's motion to that place is not proven.
@@ -297,8 +297,9 @@ def plan(
     places = _check_places(via, goal, task)
     point, moved = _check_start(task, start, start_tolerance)
     stages = [_check_stage(task, name, place, point, tolerance) for name, place in places]
-    for stage in stages:
-        _check_options(task, 1 if space.has_cells else len(stage.goals))
+    n_goals = 1 if space.has_cells else max(len(stage.goals) for stage in stages)
+    if n_goals > 1:
+        _check_options(task, n_goals)
     if task.seed is not None:
         set_seed(task.seed)
     with stopping(stop):
@@ -386,7 +387,7 @@ def _check_places(
     via: Sequence[GoalLike], goal: GoalLike, task: PlanTask
 ) -> list[tuple[str, GoalLike]]:
     """Return the places on the way and the goal, with their names in messages."""
-    if not isinstance(via, Sequence | np.ndarray) or isinstance(via, str):
+    if not isinstance(via, (tuple, list, np.ndarray)):
         raise InputError("via", f"is {via!r}", "it lists places on the way", "pass e.g. [(1, 2)]")
     if len(via) and len(task.previous):
         raise InputError(
@@ -398,10 +399,10 @@ def _check_places(
     return [*((f"via[{k}]", place) for k, place in enumerate(via)), ("goal", goal)]
 
 
-def _check_start(task: PlanTask, start: ArrayLike, tolerance: float) -> tuple[Endpoint, str]:
+def _check_start(task: PlanTask, start: ArrayLike, tolerance: float | None) -> tuple[Endpoint, str]:
     """Return the checked start, and a text if it was moved within a tolerance, metres."""
     space = task.edges.space
-    metres = check_not_negative(tolerance, "start_tolerance")
+    metres = 0.0 if tolerance is None else check_not_negative(tolerance, "start_tolerance")
     if metres:
         check_support("start_tolerance", "start_tolerance", tolerance, space)
     try:
@@ -518,7 +519,7 @@ def _search_stages(task: PlanTask, start: Endpoint, stages: Sequence[Stage]) -> 
         seconds = _measure_time_left(task, results) / (len(stages) - number)
         part = replace(task, endpoints=(point, *goals), rooms=stage.rooms, time_limit=seconds)
         path_exists = cache(partial(_decide_existence, part))
-        result = _search_goals(part, lambda decide=path_exists: edges.may_join(decide()))
+        result = _search_goals(part, partial(_may_join, edges, path_exists))
         exists = True if space.has_cells and result.proven else path_exists()
         results.append(result)
         if not len(result.path):
@@ -539,6 +540,11 @@ def _search_stages(task: PlanTask, start: Endpoint, stages: Sequence[Stage]) -> 
     pairs = zip(vias, stages, strict=False)
     stops = [row for row, place in pairs if place.asks_turn(edges, result.path, row)]
     return Journey(part, result, exists, stage.name, tuple(vias), tuple(stops))
+
+
+def _may_join(edges: LocalPlanner, path_exists: Callable[[], bool | None]) -> bool:
+    """Return False if no proven edges can join start and goal."""
+    return edges.may_join(path_exists())
 
 
 def _search_goals(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
@@ -566,7 +572,7 @@ def _search_goals(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult
             seconds = min(seconds, max(FURTHER_TIME_FACTOR * best.planning, MIN_FURTHER_SECONDS))
         part = replace(task, endpoints=(start, goal), rooms=(), time_limit=seconds)
         decide = cache(partial(_decide_existence, part))
-        found = _search_and_prove(part, lambda decide=decide: edges.may_join(decide()))
+        found = _search_and_prove(part, partial(_may_join, edges, decide))
         results.append(found)
         if found.proven:
             path = end_in_rooms(edges, found.path, task.rooms)
@@ -1003,14 +1009,14 @@ def _make_plan(journey: Journey, start: Endpoint, moved: str, began: float) -> P
         status = f"{name} is not reached: {status}"
     status = "; ".join(filter(None, [status, moved]))
     edges = task.edges
-    if len(result.path):
-        last = tuple(result.path[-1].tolist())
-        task = replace(task, endpoints=(start, *([last] if task.rooms else task.endpoints[1:])))
+    endpoints = (start, *task.endpoints[1:])
+    if len(result.path) and task.rooms:
+        endpoints = (start, tuple(result.path[-1].tolist()))
     waypoints = result.path
     reached = 0
     length = rotation = math.nan
     if len(waypoints):
-        reached = find_state_kind(edges.space).reached_goal(waypoints, task.endpoints)
+        reached = find_state_kind(edges.space).reached_goal(waypoints, endpoints)
         length, rotation = edges.measure(waypoints)
     path = edges.resample(waypoints)
     direction = edges.find_directions(path)
@@ -1020,7 +1026,7 @@ def _make_plan(journey: Journey, start: Endpoint, moved: str, began: float) -> P
         path=frozen(path),
         waypoints=frozen(waypoints),
         start=frozen(np.array(start)),
-        goal=frozen(np.array(task.endpoints[max(reached, 1)])),
+        goal=frozen(np.array(endpoints[max(reached, 1)])),
         axes=edges.space.axes,
         units=edges.space.units,
         length_unit=length_unit,

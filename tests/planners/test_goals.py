@@ -174,7 +174,7 @@ def test_a_path_ends_where_it_enters_a_room_and_nowhere_dearer_than_in_its_middl
         inside = space.sample_free(20_000, rng)
         inside = inside[contains(inside)][:8]
         each = [planners.plan(space, start, tuple(q), time_limit=5.0) for q in inside.tolist()]
-        assert measure(plan) <= min(map(measure, each), default=math.inf) * 1.1 + 0.1
+        assert measure(plan) <= min(map(measure, each), default=math.inf) * 1.03 + 0.1
 
 
 def test_a_region_is_entered_at_its_nearest_point():
@@ -420,7 +420,7 @@ BOX = shapely.box(4.5, 0.5, 5.5, 1.5)
         "turning",
         {"goal_tolerance": (0.3, 10.0)},
         {"goal_tolerance": (0.3, math.radians(10.0))},
-        "an angle is at most pi radians; pass 0.174533 for 10 degrees",
+        "an angle is at most pi radians; pass 0.174533 for 10 degrees, or pi for any rotation",
     ),
     (
         "turning",
