@@ -61,6 +61,9 @@ SLACKS: Final = np.array([[-SLACK_CELLS], [SLACK_CELLS]])
 """Distances in cells by which rooms grow, for rounding, when cells that meet them are listed; also
 as a column, for both corners of a box."""
 
+MAX_NEAR_POSITIONS: Final = 2**10
+"""Number of the positions of a room that are tested first, and largest number of others."""
+
 MAX_ROWS_PER_BATCH: Final = 2**16
 """Largest number of configurations that are tested together, if positions are fewer."""
 
@@ -160,8 +163,10 @@ class Room:
         corners = lower + spacing * cells - slack
         ends = corners + spacing + 2.0 * slack
         if self.region is not None:
-            boxes = shapely.box(*corners.T, *ends.T)
-            return np.asarray(cells[shapely.intersects(self.region, boxes)])
+            is_met = shapely.contains_xy(self.region, *_find_centers(space, cells).T)
+            boxes = shapely.box(*corners[~is_met].T, *ends[~is_met].T)
+            is_met[~is_met] = shapely.intersects(self.region, boxes)
+            return np.asarray(cells[is_met])
         position = self.middle[: space.dim]
         gaps = np.clip(position, corners, ends) - position
         return np.asarray(cells[np.linalg.norm(gaps, axis=1) <= self.radius + slack])
@@ -227,14 +232,42 @@ class Room:
         turned = np.tile(self.middle, (len(centers), 1))
         turned[:, space.dim :] = centers
         rotations = self.pull(space, np.vstack([origin, turned]))[:, space.dim :]
+        # In a large room, some positions mostly suffice: the nearest, and some of the others.
+        order = np.argsort(lengths, kind="stable")
+        others = order[MAX_NEAR_POSITIONS:]
+        step = -(-len(others) // MAX_NEAR_POSITIONS) or 1
+        few = np.concatenate([order[:MAX_NEAR_POSITIONS], others[::step]])
+        near = Candidates(positions[few], lengths[few])
+        pool, apart = self.test_candidates(edges, start, near, rotations)
+        if not len(pool.rows) and len(few) < len(order):
+            pool, apart = self.test_candidates(
+                edges, start, Candidates(positions, lengths), rotations
+            )
+        pool = pool if len(pool.rows) else apart
+        if not len(pool.rows):
+            raise self._make_error(space)
+        if edges.drive in CURVES:
+            ways = edges.edge_lengths(np.broadcast_to(start, pool.rows.shape), pool.rows)
+            pool = Candidates(pool.rows, np.maximum(pool.costs, ways))
+        return [tuple(q) for q in pool.spread(space).rows.tolist()]
+
+    def test_candidates(
+        self, edges: LocalPlanner, start: Endpoint, positions: Candidates, rotations: Floats
+    ) -> tuple[Candidates, Candidates]:
+        """Choose free configurations that a path may reach, and others, at all rotations.
+
+        ``rotations`` has shape (n, k).
+        """
+        space = edges.cells
+        count = len(positions.rows)
         joined: list[Candidates] = []
         others: list[Candidates] = []
-        batch_size = max(MAX_ROWS_PER_BATCH // max(len(positions), 1), 1)
+        batch_size = max(MAX_ROWS_PER_BATCH // max(count, 1), 1)
         for first in range(0, len(rotations), batch_size):
             batch = rotations[first : first + batch_size]
-            rows = np.tile(positions, (len(batch), 1))
-            rows[:, space.dim :] = np.repeat(batch, len(positions), axis=0)
-            costs = np.tile(lengths, len(batch))
+            rows = np.tile(positions.rows, (len(batch), 1))
+            rows[:, space.dim :] = np.repeat(batch, count, axis=0)
+            costs = np.tile(positions.costs, len(batch))
             costs += METRES_PER_RADIAN * _measure_turns(space, start, rows)
             kept = self.contains(space, rows) & space.grid.contains(rows[:, : space.dim])
             kept[kept] = space.motion_is_free(rows[kept], rows[kept], exact=edges.exact)
@@ -242,14 +275,7 @@ class Room:
             may_join = _may_join(edges, start, candidates.rows)
             joined.append(candidates.select(may_join).spread(space))
             others.append(candidates.select(~may_join).spread(space))
-        pool = _join(joined)
-        pool = pool if len(pool.rows) else _join(others)
-        if not len(pool.rows):
-            raise self._make_error(space)
-        if edges.drive in CURVES:
-            ways = edges.edge_lengths(np.broadcast_to(start, pool.rows.shape), pool.rows)
-            pool = Candidates(pool.rows, np.maximum(pool.costs, ways))
-        return [tuple(q) for q in pool.spread(space).rows.tolist()]
+        return _join(joined), _join(others)
 
     def _make_error(self, space: ConfigurationMap) -> ConfigurationError:
         """Make the error for a room without any free configuration."""
