@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -115,16 +116,11 @@ def plan(
     clock = Stopwatch()
     with clock.step("read"):
         space: Any = open_map(file)
-    options: dict[str, Any] = read_marks(start, None, space.axes, space.units)
-    goals = [_parse_goal(text, space, any_yaw) for text in goal]
-    options["goal"] = goals[0] if len(goals) == 1 else planners.Goals(goals)
-    tolerance = _parse_tolerance(goal_tolerance)
-    options |= drop_unset(goal_tolerance=tolerance, start_tolerance=start_tolerance)
-    options |= {
-        "planner": planner,
-        "objective": objective,
-        "seed": seed,
-    }
+    options = _read_ends(space, start, goal, any_yaw)
+    options |= drop_unset(
+        goal_tolerance=_parse_tolerance(goal_tolerance), start_tolerance=start_tolerance
+    )
+    options |= {"planner": planner, "objective": objective, "seed": seed}
     options |= {"exact": exact, "drive": drive, "turning_radius": turning_radius}
     options |= {"time_limit": time_limit, "simplify": simplify}
     with clock.step("plan"):
@@ -159,6 +155,17 @@ def plan(
             f"cspace: from {start} to {' or '.join(goal)}: {planned.status}{advice}", err=True
         )
         raise typer.Exit(1)
+
+
+def _read_ends(
+    space: ConfigurationMap, start: str, goals: Sequence[str], any_yaw: bool
+) -> dict[str, Any]:
+    """Parse ``--start`` and each ``--goal``; raise InputError otherwise."""
+    from planners import Goals
+
+    ends: dict[str, Any] = read_marks(start, None, space.axes, space.units)
+    parsed = [_parse_goal(text, space, any_yaw) for text in goals]
+    return ends | {"goal": parsed[0] if len(parsed) == 1 else Goals(parsed)}
 
 
 def _parse_goal(text: str, space: ConfigurationMap, any_yaw: bool) -> tuple[float | None, ...]:
