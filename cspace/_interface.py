@@ -6,10 +6,11 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, Unpack, cast, overload
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias, Unpack, cast, overload
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
+from shapely.geometry import MultiPolygon, Polygon
 
 from cspace._queries.batches import Configuration, evaluate, evaluate_edges, evaluate_rows
 from cspace._queries.upright import Upright
@@ -46,7 +47,52 @@ class Goal:
     __slots__ = ()
 
 
-GoalLike = ArrayLike | Goal | Sequence[Goal | ArrayLike]
+class Goals(Goal):
+    """Several goals of :func:`planners.plan`, which takes the one with the shortest path.
+
+    Attributes
+    ----------
+    goals : tuple
+        Goals, each as :func:`planners.plan` takes one alone.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+
+    Examples
+    --------
+    >>> import numpy as np, cspace, planners
+    >>> workspace = cspace.Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
+    >>> space = cspace.build(workspace, cspace.Robot.disc(0.3))
+    >>> plan = planners.plan(space, (1.0, 1.5), planners.Goals([(3.5, 1.5), (1.0, 2.5)]))
+    >>> plan.goal.tolist()
+    [1.0, 2.5]
+    """
+
+    __slots__ = ("goals",)
+
+    def __init__(self, goals: Sequence[GoalLike] | NDArray[np.float64]) -> None:
+        """Keep the goals."""
+        is_list = isinstance(goals, Sequence | np.ndarray) and not isinstance(goals, str)
+        self.goals: tuple[GoalLike, ...] = tuple(
+            cast("Sequence[GoalLike]", goals) if is_list else ()
+        )
+        if not self.goals:
+            raise InputError("goals", f"are {goals!r}", "there is at least one", "pass a list")
+
+    def __repr__(self) -> str:
+        """Return the goals."""
+        return f"Goals({list(self.goals)!r})"
+
+
+GoalPart: TypeAlias = float | tuple[float, float] | Polygon | MultiPolygon | None
+"""A coordinate of a pose; for its rotation, a range of yaws or None for any; or a region of
+positions."""
+
+GoalLike: TypeAlias = (
+    ArrayLike | Goal | Polygon | MultiPolygon | Sequence[Goal | ArrayLike | GoalPart]
+)
 """A goal of a plan, or several for an arm."""
 
 
@@ -58,6 +104,21 @@ class SearchOptions(NamedTuple):
     iterations: int | None  # largest number of further searches for a shorter path
     seed: int | None
     seconds: float  # time limit
+
+
+def join_goal_errors(
+    name: str, errors: Sequence[ConfigurationError], count: int
+) -> ConfigurationError:
+    """Return the error for ``count`` alternatives of a goal, of which none is proven free."""
+    if count == 1:
+        return errors[0]
+    return ConfigurationError(
+        name,
+        f"has {count} alternatives, none of them proven free",
+        "a path must end in FREE",
+        str(errors[0]),
+        nearest=errors[0].nearest,
+    )
 
 
 def has_pose_names(axes: Sequence[str]) -> bool:
@@ -464,24 +525,61 @@ class Space(ABC):
         raise ConfigurationError(name, problem, rule, "choose another")
 
     def find_goals(
-        self, goal: GoalLike, start: Endpoint, seed: int | None, exact: bool = False
+        self,
+        goal: GoalLike,
+        start: Endpoint,
+        seed: int | None,
+        exact: bool = False,
+        name: str = "goal",
     ) -> list[Endpoint]:
         """Return the checked goals that a path may end at, nearest first.
 
-        Continuous joints are within half a turn of the start.
+        Of several goals, those that are not proven free are left out. Continuous joints are within
+        half a turn of the start. ``seed`` is that of inverse kinematics; ``name`` is for messages.
 
-        Raises errors as :meth:`check_endpoint`.
+        Raises errors as :meth:`check_endpoint`, if no goal is left.
+        """
+        alternatives = self._list_alternatives(goal, name)
+        goals: list[Endpoint] = []
+        errors: list[ConfigurationError] = []
+        for number, alternative in enumerate(alternatives):
+            label = f"{name}[{number}]" if len(alternatives) > 1 else name
+            try:
+                goals += self._solve_goal(alternative, label, start, seed, exact)
+            except ConfigurationError as error:
+                errors.append(error)
+        if not goals:
+            raise join_goal_errors(name, errors, len(alternatives))
+        return self.sort_goals(goals, start)
+
+    def sort_goals(self, goals: Sequence[Endpoint], start: Endpoint) -> list[Endpoint]:
+        """Return goals, the nearest first; continuous joints within half a turn of the start."""
+        rows = np.array(goals)
+        if len(rows) > 1:
+            lengths = self.distance(np.array(start), rows)
+            rows = rows[np.argsort(lengths, kind="stable")]
+        turned = turn_near(rows, np.array(start), self.periodic_axes)
+        return [tuple(q) for q in turned.tolist()]
+
+    def _list_alternatives(self, goal: GoalLike, name: str) -> Sequence[GoalLike]:
+        """List the alternatives of a goal."""
+        return goal.goals if isinstance(goal, Goals) else (goal,)
+
+    def _solve_goal(
+        self, goal: GoalLike, name: str, start: Endpoint, seed: int | None, exact: bool
+    ) -> list[Endpoint]:
+        """Return the configurations of one goal that are proven free.
+
+        Raises errors as :meth:`check_endpoint`, if there is none.
         """
         if isinstance(goal, Goal):
             raise InputError(
-                "goal",
+                name,
                 f"is a {type(goal).__name__}",
                 "the space of an arm is needed for that",
                 "pass a configuration",
             )
-        checked = self.check_endpoint(cast("ArrayLike", goal), "goal", exact)
-        turned = turn_near(np.array(checked), np.array(start), self.periodic_axes)
-        return [tuple(turned.tolist())]
+        return [self.check_endpoint(cast("ArrayLike", goal), name, exact)]
 
     def _check_one_configuration(self, q: ArrayLike, name: str) -> Floats:
         """Return one configuration as an array.

@@ -11,7 +11,7 @@ import cspace._files
 from cspace._files.formats import ROBOT_FORMATS, WORKSPACE_FORMATS
 from cspace._shapes.primitives import SHORTHANDS
 from cspace.export._writers import EXPORT_FORMATS
-from planners._catalogue import REFUSALS
+from planners._catalogue import REFUSALS, SPACE_KINDS, SUPPORTED
 
 DOCS = Path(__file__).parent
 MARKED = re.compile(r"(<!-- list: (.+?) -->\n).*?(<!-- end of list -->)", re.DOTALL)
@@ -66,6 +66,16 @@ def list_refusals() -> Iterable[str]:
         yield f"| {names} | {refused or 'every plan'} | {reason} |"
 
 
+def list_supported() -> Iterable[str]:
+    """Yield the rows of the goals and options that spaces take."""
+    yield f"| `planners.plan` takes | {' | '.join(SPACE_KINDS)} |"
+    yield "|---" * (1 + len(SPACE_KINDS)) + "|"
+    for option, kinds in SUPPORTED.items():
+        shown = option if " " in option else f"`{option}`"
+        marks = ("yes" if kind in kinds else "no" for kind in SPACE_KINDS)
+        yield f"| {shown} | {' | '.join(marks)} |"
+
+
 LISTS: dict[str, Callable[[], Iterable[str]]] = {
     "shorthands": list_shorthands,
     "workspace formats": lambda: list_formats(WORKSPACE_FORMATS),
@@ -73,6 +83,7 @@ LISTS: dict[str, Callable[[], Iterable[str]]] = {
     "export formats": lambda: list_formats(EXPORT_FORMATS),
     "fields": list_fields,
     "refusals of planners": list_refusals,
+    "goals and options of spaces": list_supported,
 }
 """Functions that make the lists of pages, by name."""
 

@@ -9,6 +9,7 @@ from typing import Final, Literal, NamedTuple, TypeAlias, cast, get_args
 from ompl import base as ob
 from ompl import geometric as og
 
+from cspace._interface import Space
 from cspace._support.check import suggest_name
 from cspace._support.words import Drive
 from cspace.errors import InputError
@@ -166,6 +167,54 @@ REFUSALS: Final = (
     ),
 )
 """What :func:`planners.plan` refuses; the page on planning prints this table."""
+
+MAPS: Final = "maps of poses"
+TILED_MAPS: Final = "tiled maps"
+JOINT_MAPS: Final = "maps of joints"
+ARMS: Final = "arms"
+OWN_SPACES: Final = "your own spaces"
+SPACE_KINDS: Final = (MAPS, TILED_MAPS, JOINT_MAPS, ARMS, OWN_SPACES)
+"""Kinds of spaces."""
+
+ANY_ROTATION: Final = "a goal with any rotation, or a range of yaws"
+REGION: Final = "a goal that is a region"
+"""Goals in :data:`SUPPORTED`."""
+
+SUPPORTED: Final[Mapping[str, tuple[str, ...]]] = {
+    "planners.Goals": SPACE_KINDS,
+    "cspace.PoseGoal": (ARMS,),
+    ANY_ROTATION: (MAPS, TILED_MAPS),
+    REGION: (MAPS, TILED_MAPS),
+    "goal_tolerance": (MAPS, TILED_MAPS),
+    "start_tolerance": (MAPS, TILED_MAPS, JOINT_MAPS),
+    "via": SPACE_KINDS,
+}
+"""Kinds of spaces that each goal and option is for; the page on planning prints this table."""
+
+
+def find_space_kind(space: Space) -> str:
+    """Return the kind of a space, one of :data:`SPACE_KINDS`."""
+    if not space.has_cells:
+        return ARMS if hasattr(space, "arm") else OWN_SPACES
+    if not space.in_memory:
+        return TILED_MAPS
+    return MAPS if space.has_poses else JOINT_MAPS
+
+
+def check_support(option: str, argument: str, value: object, space: Space) -> None:
+    """Raise InputError if a goal or an option is not for the space, by :data:`SUPPORTED`."""
+    kinds = SUPPORTED[option]
+    if find_space_kind(space) not in kinds:
+        hint = "leave it out" if option == argument else "pass a configuration"
+        problem = f"is {value!r} and space is {space!r}"
+        raise InputError(argument, problem, f"it is for {' and '.join(kinds)}", hint)
+    if option == REGION and space.dim != 2:
+        rule = "a region is for maps of the plane"
+        raise InputError(argument, f"is {value!r}", rule, "pass goal_tolerance=(metres, radians)")
+    if option == ANY_ROTATION and not space.rotations.names:
+        problem = f"is {value!r} and the axes are ({', '.join(space.axes)})"
+        raise InputError(argument, problem, "the robot does not turn", "pass its position alone")
+
 
 FMT_SAMPLES_ALONG_CURVES: Final = 300
 """Initial number of samples of FMT and BFMT if edges are curves.

@@ -37,6 +37,7 @@ from planners._catalogue import (
     default_planner,
     make_planner,
 )
+from planners._goals import Room
 from planners._local_planner import HOLONOMIC, MAX_TURN, ON_THE_SPOT, Endpoints, LocalPlanner
 from planners._objectives import ClearanceObjective, WeightedLength
 from planners._ompl_states import find_state_kind
@@ -186,6 +187,7 @@ class PlanTask:
     fallback: PlannerName | None = None  # planner that takes over if this one finds no path
     endpoints: Endpoints = ()  # start and goals as OMPL holds them, the nearest goal first
     keep: tuple[Upright, ...] = ()  # directions that links of an arm keep
+    rooms: tuple[Room, ...] = ()  # of which a path may end in any, instead of one goal on a map
 
 
 def make_objective(task: PlanTask) -> MakeObjective | None:

@@ -7,13 +7,14 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from typing import Final, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace._interface import (
+    Endpoint,
     GoalLike,
     SearchOptions,
     Space,
@@ -23,7 +24,13 @@ from cspace._queries.upright import Upright as Upright
 from cspace._queries.upright import check_keep
 from cspace._rotations.base import TWO_PI
 from cspace._support.arrays import Floats, frozen
-from cspace._support.check import check_count, check_flag, check_positive, names_options
+from cspace._support.check import (
+    check_count,
+    check_flag,
+    check_not_negative,
+    check_positive,
+    names_options,
+)
 from cspace._support.compiling import clock
 from cspace._support.deadlines import is_stopped, stopping
 from cspace._support.words import Drive
@@ -37,11 +44,13 @@ from planners._catalogue import (
     MAX_CLEARANCE,
     PlannerName,
     check_options,
+    check_support,
     default_planner,
     planner_named,
     planner_names,
 )
 from planners._drives import has_drives, local_planner
+from planners._goals import Room, check_tolerance, end_in_rooms, find_room_goals, list_rooms
 from planners._local_planner import (
     CURVES,
     DRIVES,
@@ -78,6 +87,14 @@ MIXED cells: a search through many such cells may not end."""
 SHARES_BESIDE: Final = [sign * step / 64 for step in range(1, 33) for sign in (1.0, -1.0)]
 """Distances beside a way that are tried for a detour, as shares of its length; positive to the
 left."""
+
+GOAL_TIME_SHARE: Final = 0.5
+"""Share of the time left for the search to one of several goals, except the last one."""
+
+FURTHER_TIME_FACTOR: Final = 2.0
+MIN_FURTHER_SECONDS: Final = 0.05
+"""Time of a further search to a room for a drive, relative to that of the best one, and its least
+value: configurations of a room may be free, and yet out of the drive's reach."""
 
 MAX_TRIAL_SECONDS: Final = 0.5
 """Largest time limit of a search around a blocked part of a previous plan, and of one that tries
@@ -156,6 +173,9 @@ def plan(
     exact: bool = False,
     drive: Drive = HOLONOMIC,
     turning_radius: float | None = None,
+    goal_tolerance: tuple[float, float] | None = None,
+    start_tolerance: float | None = None,
+    via: Sequence[GoalLike] = (),
     previous: Plan | None = None,
     stop: Callable[[], bool] | None = None,
     keep: Upright | Sequence[Upright] | None = None,
@@ -171,8 +191,11 @@ def plan(
     space : Space
     start, goal : array-like, shape (size,)
         Configurations by the axes of the space, such as ``(x, y, yaw)`` in metres and radians, or a
-        number for each joint. The goal of an arm may also be a :class:`cspace.PoseGoal`, or several
-        goals: configurations, shape (n, size), or a list with pose goals.
+        number for each joint. The goal may also be :class:`planners.Goals`. On a map it may have
+        room: ``(x, y, None)`` has any yaw, ``(x, y, (low, high))`` a range of yaws, and a polygon
+        of shapely, or ``(polygon, yaw)``, is a region of positions. For an arm it may be a
+        :class:`cspace.PoseGoal`, or several goals without the class: configurations, shape (n,
+        size), or a list with pose goals.
     planner : str, optional
         Name, in upper or lower case, of a planner of OMPL (:func:`planners.planner_names`) or of a
         built-in search: "Grid", "MaxClearance" and "Lattice" on maps, "BiRRT" for arms.
@@ -198,6 +221,16 @@ def plan(
         (x, y, yaw), with the reference point in the middle of the axle that does not steer.
     turning_radius : float, optional
         Smallest turning radius of a car ("dubins", "reeds-shepp"), in metres.
+    goal_tolerance : tuple of float, optional
+        Largest distance, metres, and angle, radians up to pi, from the goal and from each of
+        ``via`` on a map. The path ends where it first comes so near.
+    start_tolerance : float, optional
+        Largest distance, metres, a radian counting half a metre, by which a start on a map that is
+        not proven free is moved to the center of the nearest FREE cell. :attr:`Plan.status` says
+        so. The robot's motion to that place is not proven.
+    via : sequence, optional
+        Places on the way, in this order, each given like a goal. Each part of the path is the best
+        from the end of the part before; they share the time limit evenly.
     previous : Plan, optional
         The last plan for a space with these axes, in memory. The path joins it and follows it; only
         a blocked part of it is searched anew. If a start lies in a MIXED cell and the geometry
@@ -269,16 +302,19 @@ def plan(
             edges = local_planner(space, True, drive, turning_radius)
             task = replace(task, edges=edges)
     task = _choose_searches(task)
-    task = replace(task, endpoints=_check_endpoints(task, start, goal))
-    _check_options(task)
+    tolerance = check_tolerance(goal_tolerance, space)
+    places = _check_places(via, goal, task)
+    point, moved = _check_start(task, start, start_tolerance)
+    stages = [_check_stage(task, name, place, point, tolerance) for name, place in places]
+    n_goals = 1 if space.has_cells else max(len(stage.goals) for stage in stages)
+    if n_goals > 1:
+        _check_options(task, n_goals)
     if task.seed is not None:
         set_seed(task.seed)
-    path_exists = cache(lambda: _decide_existence(task))
     with stopping(stop):
-        result = _search_and_prove(task, lambda: edges.may_join(path_exists()))
-        exists = True if space.has_cells and result.proven else path_exists()
+        journey = _search_stages(task, point, stages)
         # The plan has the living space, of which the kept one is a copy.
-        return replace(_make_plan(task, result, exists, began), space=space, keep=kept)
+        return replace(_make_plan(journey, point, moved, began), space=space, keep=kept)
 
 
 def _needs_geometry(space: Space, start: ArrayLike) -> bool:
@@ -297,7 +333,12 @@ def _decide_existence(task: PlanTask) -> bool | None:
     space = task.edges.space
     if is_stopped() and not space.is_labelled:
         return None
-    return space.path_exists(*task.endpoints[:2])
+    if not task.rooms:
+        return space.path_exists(*task.endpoints[:2])
+    start, *goals = task.endpoints
+    if any(space.path_exists(start, goal) for goal in goals):
+        return True
+    return False if all(room.is_apart(task.edges.cells, start) for room in task.rooms) else None
 
 
 def _check_previous(task: PlanTask, previous: Plan) -> Floats:
@@ -352,12 +393,66 @@ def _choose_searches(task: PlanTask) -> PlanTask:
     return task
 
 
-def _check_endpoints(task: PlanTask, start: ArrayLike, goal: GoalLike) -> Endpoints:
-    """Return the checked start and goals, the nearest goal first."""
+def _check_places(
+    via: Sequence[GoalLike], goal: GoalLike, task: PlanTask
+) -> list[tuple[str, GoalLike]]:
+    """Return the places on the way and the goal, with their names in messages."""
+    if not isinstance(via, (tuple, list, np.ndarray)):
+        raise InputError("via", f"is {via!r}", "it lists places on the way", "pass e.g. [(1, 2)]")
+    if len(via) and len(task.previous):
+        raise InputError(
+            "via",
+            f"has {len(via)} places, and previous is given",
+            "a previous plan is followed to one goal",
+            "leave previous out",
+        )
+    return [*((f"via[{k}]", place) for k, place in enumerate(via)), ("goal", goal)]
+
+
+def _check_start(task: PlanTask, start: ArrayLike, tolerance: float | None) -> tuple[Endpoint, str]:
+    """Return the checked start, and a text if it was moved within a tolerance, metres."""
     space = task.edges.space
-    exact = task.edges.exact
-    checked = space.check_endpoint(start, "start", exact)
-    return checked, *space.find_goals(goal, checked, task.seed, exact)
+    metres = 0.0 if tolerance is None else check_not_negative(tolerance, "start_tolerance")
+    if metres:
+        check_support("start_tolerance", "start_tolerance", tolerance, space)
+    try:
+        return space.check_endpoint(start, "start", task.edges.exact), ""
+    except ConfigurationError as error:
+        if error.nearest is None or not metres:
+            raise
+        given = space._check_one_configuration(start, "start")
+        distance = float(space.distance(given, np.array(error.nearest)))
+        if distance > metres:
+            raise
+        moved = space.check_endpoint(error.nearest, "start", task.edges.exact)
+    return moved, f"start moved by {distance:.3g} m to {format_configuration(moved)}"
+
+
+class Stage(NamedTuple):
+    """A place on the way, or the goal of a plan."""
+
+    name: str  # in messages
+    goals: list[Endpoint]  # its configurations, the most promising from the plan's start first
+    rooms: tuple[Room, ...]  # of a map, unless it is one configuration
+
+    def asks_turn(self, edges: LocalPlanner, path: Floats, row: int) -> bool:
+        """Return True if a robot turns on the spot at a row to reach a yaw that is asked for."""
+        if edges.drive not in ON_THE_SPOT or any(room.angle >= math.pi for room in self.rooms):
+            return False
+        beside = path[[row - 1, row + 1], :2]
+        return bool((beside == path[row, :2]).all(axis=1).any())
+
+
+def _check_stage(
+    task: PlanTask, name: str, place: GoalLike, start: Endpoint, tolerance: tuple[float, float]
+) -> Stage:
+    """Return a checked place; raise InputError or ConfigurationError if it cannot be used."""
+    edges = task.edges
+    rooms = list_rooms(edges.space, place, name, tolerance)
+    if rooms:
+        return Stage(name, find_room_goals(edges, rooms, name, start), tuple(rooms))
+    options = {} if name == "goal" else {"name": name}
+    return Stage(name, edges.space.find_goals(place, start, task.seed, edges.exact, **options), ())
 
 
 def _choose_planner(task: PlanTask) -> PlannerName:
@@ -384,7 +479,7 @@ def _choose_planner(task: PlanTask) -> PlannerName:
     return GRID if edges.drive == HOLONOMIC else LATTICE
 
 
-def _check_options(task: PlanTask) -> None:
+def _check_options(task: PlanTask, n_goals: int = 1) -> None:
     """Raise InputError if the objective is unknown, or options do not go together."""
     edges = task.edges
     if task.objective == CLEARANCE:
@@ -404,7 +499,100 @@ def _check_options(task: PlanTask) -> None:
         "iterations": task.iterations,
         "keep": task.keep,
     }
-    check_options(values, task.is_named, len(task.endpoints) - 1)
+    check_options(values, task.is_named, n_goals)
+
+
+class Journey(NamedTuple):
+    """The searches of all parts of a plan, up to the first one without a path."""
+
+    task: PlanTask  # of the last part that was searched
+    result: SearchResult  # the whole path
+    exists: bool | None  # whether a path of that part exists
+    name: str  # of the place at its end
+    vias: tuple[int, ...]  # rows of the path at the places on the way
+    via_stops: tuple[int, ...]  # those at which a robot turns on the spot to a given yaw
+
+
+def _search_stages(task: PlanTask, start: Endpoint, stages: Sequence[Stage]) -> Journey:
+    """Search for a path from place to place."""
+    edges = task.edges
+    space = edges.space
+    results: list[SearchResult] = []
+    paths: list[Floats] = []
+    vias: list[int] = []
+    point = start
+    for number, stage in enumerate(stages):
+        goals = stage.goals
+        if number and stage.rooms:
+            goals = find_room_goals(edges, stage.rooms, stage.name, point)
+        elif number:
+            goals = space.sort_goals(goals, point)
+        seconds = _measure_time_left(task, results) / (len(stages) - number)
+        part = replace(task, endpoints=(point, *goals), rooms=stage.rooms, time_limit=seconds)
+        path_exists = cache(partial(_decide_existence, part))
+        result = _search_goals(part, partial(_may_join, edges, path_exists))
+        exists = True if space.has_cells and result.proven else path_exists()
+        results.append(result)
+        if not len(result.path):
+            break
+        paths.append(result.path if not paths else result.path[1:])
+        point = tuple(result.path[-1].tolist())
+        vias.append(sum(map(len, paths)) - 1)
+    if len(stages) == 1:
+        return Journey(part, result, exists, stage.name, (), ())
+    is_found = len(paths) == len(stages)
+    result = replace(
+        _sum_times(results[-1], results),
+        path=np.concatenate(paths) if is_found else results[-1].path,
+        proven=all(each.proven for each in results),
+        note=f"through {len(stages) - 1} places" if is_found else results[-1].note,
+    )
+    vias = vias[:-1] if is_found else []
+    pairs = zip(vias, stages, strict=False)
+    stops = [row for row, place in pairs if place.asks_turn(edges, result.path, row)]
+    return Journey(part, result, exists, stage.name, tuple(vias), tuple(stops))
+
+
+def _may_join(edges: LocalPlanner, path_exists: Callable[[], bool | None]) -> bool:
+    """Return False if no proven edges can join start and goal."""
+    return edges.may_join(path_exists())
+
+
+def _search_goals(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
+    """Search for a path to the rooms of a task, and keep the shortest of those found.
+
+    Paths are searched to one goal after another, unless its lower bound is no shorter than the best
+    path. Each search but the last has half of the time left.
+    """
+    if not task.rooms:
+        return _search_and_prove(task, may_exist)
+    edges = task.edges
+    start, *goals = task.endpoints
+    results: list[SearchResult] = []
+    best = SearchResult(np.empty((0, edges.space.size)))
+    best_length = math.inf
+    for number, goal in enumerate(goals):
+        ends = np.array([start, goal])
+        if best_length < math.inf and edges.min_length(*ends) >= best_length:
+            continue
+        seconds = _measure_time_left(task, results)
+        if seconds <= 0.0:
+            break
+        seconds *= 1.0 if number == len(goals) - 1 else GOAL_TIME_SHARE
+        if best_length < math.inf and edges.drive != HOLONOMIC:
+            seconds = min(seconds, max(FURTHER_TIME_FACTOR * best.planning, MIN_FURTHER_SECONDS))
+        part = replace(task, endpoints=(start, goal), rooms=(), time_limit=seconds)
+        decide = cache(partial(_decide_existence, part))
+        found = _search_and_prove(part, partial(_may_join, edges, decide))
+        results.append(found)
+        if found.proven:
+            path = end_in_rooms(edges, found.path, task.rooms)
+            length = float(edges.edge_lengths(path[:-1], path[1:]).sum())
+            if length < best_length:
+                best, best_length = replace(found, path=path), length
+        elif not len(best.path):
+            best = found
+    return _sum_times(best, results) if results else best
 
 
 def _search_and_prove(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
@@ -749,7 +937,7 @@ def _try_options(task: PlanTask, exists: bool | None) -> str:
     """Return options with which a short search finds a path; an empty text if none does."""
     for trial, hint in _list_trials(task, exists):
         with suppress(InputError):  # options may not go together
-            if _search_and_prove(_choose_searches(trial), is_certain).proven:
+            if _search_goals(_choose_searches(trial), is_certain).proven:
                 return hint
     return ""
 
@@ -801,7 +989,7 @@ def _describe_free_yaws(edges: LocalPlanner, endpoints: Endpoints) -> list[str]:
     The robot reaches these on the spot through FREE cells. If it reaches all, nothing is named.
     """
     limits = []
-    for name, (x, y, yaw) in zip(("start", "goal"), endpoints, strict=True):
+    for name, (x, y, yaw) in zip(("start", "goal"), endpoints[:2], strict=True):
         intervals = edges.cells.free_yaws((x, y))
         widths = np.ptp(intervals, axis=1)
         beyond_lower = (yaw - intervals[:, 0]) % TWO_PI
@@ -819,19 +1007,27 @@ def _describe_free_yaws(edges: LocalPlanner, endpoints: Endpoints) -> list[str]:
     return limits
 
 
-def _make_plan(task: PlanTask, result: SearchResult, exists: bool | None, began: float) -> Plan:
-    """Make the plan of a search, and measure its path.
+def _make_plan(journey: Journey, start: Endpoint, moved: str, began: float) -> Plan:
+    """Make the plan of a search from a start, and measure its path.
 
-    ``began`` is a reading of the clock, with compilations, before all checks.
+    ``moved`` says how far the start was moved, if it was; ``began`` is a reading of the clock, with
+    compilations, before all checks.
     """
+    task, result, exists, name, vias, via_stops = journey
     searched = clock.read()
     status, hint = _describe_outcome(task, result, exists)
+    if name != "goal":
+        status = f"{name} is not reached: {status}"
+    status = "; ".join(filter(None, [status, moved]))
     edges = task.edges
+    endpoints = (start, *task.endpoints[1:])
+    if len(result.path) and task.rooms:
+        endpoints = (start, tuple(result.path[-1].tolist()))
     waypoints = result.path
     reached = 0
     length = rotation = math.nan
     if len(waypoints):
-        reached = find_state_kind(edges.space).reached_goal(waypoints, task.endpoints)
+        reached = find_state_kind(edges.space).reached_goal(waypoints, endpoints)
         length, rotation = edges.measure(waypoints)
     path = edges.resample(waypoints)
     direction = edges.find_directions(path)
@@ -840,8 +1036,8 @@ def _make_plan(task: PlanTask, result: SearchResult, exists: bool | None, began:
     return Plan(
         path=frozen(path),
         waypoints=frozen(waypoints),
-        start=frozen(np.array(task.endpoints[0])),
-        goal=frozen(np.array(task.endpoints[max(reached, 1)])),
+        start=frozen(np.array(start)),
+        goal=frozen(np.array(endpoints[max(reached, 1)])),
         axes=edges.space.axes,
         units=edges.space.units,
         length_unit=length_unit,
@@ -864,4 +1060,7 @@ def _make_plan(task: PlanTask, result: SearchResult, exists: bool | None, began:
         time_limit=task.time_limit,
         times=Times(setup, result.planning, result.simplification, clock.read() - searched),
         frame_id=edges.space.frame_id,
+        via_rows=tuple(len(edges.resample(waypoints[: row + 1])) - 1 for row in vias),
+        _vias=vias,
+        _via_stops=via_stops,
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import os
@@ -148,6 +149,8 @@ class Plan:
         The map that it was planned on; None after pickling or copying, which drop the map and keep
         the present values of :attr:`clearance`, or for an arm :attr:`obstacle_distance`, and
         :attr:`lower_bound`.
+    via_rows : tuple of int
+        Row of the path at each place of ``via``; empty without places, and if not solved.
     """
 
     path: Floats
@@ -178,6 +181,9 @@ class Plan:
     frame_id: str = "map"
     keep: tuple[Upright, ...] = ()
     space: Space | None = None
+    via_rows: tuple[int, ...] = ()
+    _vias: tuple[int, ...] = ()  # their waypoints
+    _via_stops: tuple[int, ...] = ()  # those at which the robot turns on the spot to a given yaw
     _kept: tuple[float, float, float] = (math.nan, math.nan, math.nan)
 
     def __getstate__(self) -> list[Any]:
@@ -224,12 +230,16 @@ class Plan:
         A radian of rotation counts as half a metre, but along curves nothing. On a map, the bound
         comes from :meth:`cspace.CSpace.min_path_length` and the rotation between start and goal. On
         a tiled map it is the straight distance, and for an arm the distance in the joints,
-        continuous ones the shorter way. Among several goals, the goal of the path counts. It holds
+        continuous ones the shorter way. Among several goals, the goal of the path counts; with
+        places on the way, the sum of their bounds. It holds
         for the obstacles as they are now, and for a robot that may move in any direction. NaN if
         not solved. Computed at each access.
         """
         edges = self._edges
-        return self._kept[2] if edges is None else edges.min_length(self.start, self.goal)
+        if edges is None:
+            return self._kept[2]
+        places = [self.start, *self.waypoints[list(self._vias)], self.goal]
+        return math.fsum(edges.min_length(*ends) for ends in itertools.pairwise(places))
 
     @property
     def gap(self) -> float:
@@ -600,6 +610,7 @@ class Plan:
         duration: float | None = None,
         time_step: float = 0.1,
         blend: bool = True,
+        stop_at_via: bool = False,
         after: Trajectory | None = None,
         at: float = 0.0,
     ) -> Trajectory:
@@ -641,6 +652,10 @@ class Plan:
         blend : bool
             Whether corners become curves. If False, the robot stays on the edges of the path, and
             stops at corners.
+        stop_at_via : bool
+            Whether the robot rests at each place of ``via``. Otherwise curves pass through these
+            places. It rests there all the same if no curve is proven, and if it has to turn on the
+            spot to a yaw that the place asks for.
         after : Trajectory, optional
             A motion of this robot, which it drives until the time ``at``. The new one begins in
             that state, with a continuous velocity and curvature. The plan starts at one of
@@ -687,6 +702,7 @@ class Plan:
             max_lateral_acceleration,
         )
         check_flag(blend, "blend")
+        check_flag(stop_at_via, "stop_at_via")
         path = DrivenPath(
             space=None if self.space is None else self.space._keep(self.keep),
             waypoints=self.waypoints,
@@ -700,6 +716,8 @@ class Plan:
             certified=self.certified,
             blend=bool(blend),
             keep=self.keep,
+            vias=self._vias,
+            stops=self._vias if stop_at_via else self._via_stops,
         )
         if after is None:
             return make_trajectory(path, limits, duration, time_step)
@@ -749,7 +767,9 @@ class Plan:
 
         NaN and infinity become null. Parameters and errors are as for :meth:`to_csv`.
         """
-        names = [field.name for field in fields(self) if field.name not in ("space", "_kept")]
+        names = [
+            field.name for field in fields(self) if field.name != "space" and field.name[0] != "_"
+        ]
         names += ["clearance", "obstacle_distance", "lower_bound", "gap"]
         record = {name: _to_json_type(getattr(self, name)) for name in names}
         text = json.dumps(record, indent=2, allow_nan=False) + "\n"

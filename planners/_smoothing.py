@@ -11,7 +11,8 @@ become one wide turn.
 
 *Via points.* Short paths pass obstacles closely at their corners, and a smoothed path would cut
 these. So the curve passes through each corner with a large weight, unless it lies outside that
-corner anyway (asymmetric least squares).
+corner anyway (asymmetric least squares). Through places on the way it passes exactly, except for
+rounding.
 
 *Proofs.* All curves are proven together. Around an unproven part the smoothing length is reduced,
 and after some tries the corner beside it becomes a stop. Between two stops without a corner, the
@@ -54,6 +55,9 @@ VIA_CELLS: Final = 0.1
 
 VIA_WEIGHT: Final = 1e5
 """Weight of a via point, relative to that of a displacement."""
+
+HELD_WEIGHT: Final = 1e10
+"""Weight of a waypoint that the curve has to pass through, relative to that of a displacement."""
 
 VIA_ROUNDS: Final = 5
 """Largest number of fits that find the corners through which the curve must pass."""
@@ -112,6 +116,7 @@ class Polyline(NamedTuple):
     outward: Floats  # (m + 1, k), unit vectors away from the inside of corners, per full speed
     via_points: Floats  # (m + 1, k), points just outside the corners
     stops: Bools  # (m + 1,), True if the robot must stop at the waypoint
+    held: Bools  # (m + 1,), True if it must pass through the waypoint
     junction: Junction | None  # None if the robot starts from rest
 
 
@@ -121,9 +126,13 @@ def make_polyline(
     bounds: MotionBounds,
     drives: bool,
     gap: float,
-    junction: Junction | None = None,
+    junction: Junction | None,
+    vias: Floats,
 ) -> Polyline:
-    """Make the polyline of a path, with via points ``gap`` metres outside its corners."""
+    """Make the polyline of a path, with via points ``gap`` metres outside its corners.
+
+    It passes through the configurations ``vias``, shape (v, size), which are ends of edges.
+    """
     numbers = np.arange(len(edges.lengths))
     if drives:
         numbers = np.flatnonzero(edges.rates[:, :2].any(axis=1))
@@ -144,6 +153,10 @@ def make_polyline(
         rotates = rates[:, -3:].any(axis=1)
         stops[:-1] |= rotates
         stops[1:] |= rotates
+    columns = slice(2) if drives else slice(None)
+    is_via = (edges.ends[:-1, np.newaxis, columns] == vias[:, columns]).all(axis=2).any(axis=1)
+    held = np.zeros_like(stops)
+    held[1:-1] = is_via
     start = np.zeros((1, rates.shape[1]))
     steps = rates * edges.lengths[:, np.newaxis]
     waypoints = np.concatenate([start, np.cumsum(steps, axis=0)])
@@ -161,8 +174,10 @@ def make_polyline(
         times=np.append(0.0, np.cumsum(edges.lengths)),
         waypoints=waypoints,
         outward=outward / fastest,
-        via_points=waypoints + gap / fastest[0] * outward * fastest,
+        via_points=waypoints
+        + np.where(held, 0.0, gap / fastest[0])[:, np.newaxis] * outward * fastest,
         stops=stops,
+        held=held,
         junction=junction,
     )
 
@@ -219,7 +234,8 @@ class CurveSection:
     def fit(self, polyline: Polyline) -> Floats:
         """Return the control points of the smooth curve, shape (n + 3, k)."""
         corners = np.arange(self.first + 1, self.last)
-        corners = corners[polyline.outward[corners].any(axis=1)]
+        corners = corners[polyline.outward[corners].any(axis=1) | polyline.held[corners]]
+        must_hold = polyline.held[corners]
         outward = polyline.outward[corners]
         shares = (polyline.times[corners] - polyline.times[self.first]) / self.step
         spans = np.minimum(shares.astype(np.int64), len(self.points) - 4)
@@ -237,14 +253,14 @@ class CurveSection:
         inner = slice(FIXED, -FIXED)
         held = np.ones(len(corners), dtype=np.bool_)
         for _ in range(VIA_ROUNDS):
-            weights = np.where(held, VIA_WEIGHT, 0.0)
+            weights = np.where(must_hold, HELD_WEIGHT, np.where(held, VIA_WEIGHT, 0.0))
             held_normal = normal.copy()
             held_forces = forces.copy()
             _add_rows(held_normal, held_forces, spans, rows, weights, residuals)
             steps = np.zeros_like(self.points)
             steps[inner] = solveh_banded(held_normal[:, inner], held_forces[inner])
             left = residuals - _combine(rows, steps[columns])
-            is_inside = (left * outward).sum(axis=1) > 0.0
+            is_inside = must_hold | ((left * outward).sum(axis=1) > 0.0)
             if (is_inside == held).all():
                 break
             held = is_inside

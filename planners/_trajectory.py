@@ -744,6 +744,8 @@ class DrivenPath(NamedTuple):
     certified: bool  # what the plan says
     blend: bool  # whether corners become curves
     keep: tuple[Upright, ...] = ()  # directions that links of an arm keep, as ``space`` proves
+    vias: tuple[int, ...] = ()  # waypoints that curves pass through
+    stops: tuple[int, ...] = ()  # waypoints at which the robot rests
 
 
 def make_trajectory(
@@ -756,8 +758,9 @@ def make_trajectory(
     step = check_positive(time_step, "time_step", "seconds")
     bounds = _check_bounds(path, limits)
     rotations = _rotations_along(path)
-    edges = _split(path, rotations, bounds)
-    motion = _start(path, edges, rotations, bounds)
+    first, *others = _cut_at_stops(path, rotations)
+    motion = _start(first, _split(first, rotations, bounds), rotations, bounds)
+    motion = _rest_between(motion, others, rotations, bounds)
     phases = _stretch(motion.phases, duration)
     made = _make(path, motion._replace(phases=phases), rotations, bounds, step)
     if made is None:
@@ -812,17 +815,19 @@ def continue_trajectory(
             "plan from one of after.starts_after(at)",
         )
     path = onward
-    edges = _split(path, rotations, bounds)
+    first, *others = _cut_at_stops(path, rotations)
+    edges = _split(first, rotations, bounds)
     motion: TimedMotion | None
     if stop.duration == 0.0:
-        motion = _start(path, edges, rotations, bounds)
+        motion = _start(first, edges, rotations, bounds)
     else:
-        motion = _go_on(stop, path, edges, bounds, from_rest)
+        motion = _go_on(stop, first, edges, bounds, from_rest)
         if from_rest:
             rows = np.concatenate([stop._route.waypoints, path.waypoints[1:]])
             path = path._replace(waypoints=rows)
     reason = "no curve along the plan is proven and allows the speed and the limits"
     if motion is not None:
+        motion = _rest_between(motion, others, rotations, bounds)
         made = _make(path, motion, rotations, bounds, step)
         if made is not None and made.certified:
             return made
@@ -843,6 +848,35 @@ def _start_at(path: DrivenPath, q: Floats, rotations: Rotations) -> DrivenPath |
         return None
     rows[0] = q
     return path._replace(waypoints=rows)
+
+
+def _cut_at_stops(path: DrivenPath, rotations: Rotations) -> list[DrivenPath]:
+    """Cut a path at the waypoints at which the robot rests."""
+    rows = align_quaternions(path.waypoints, rotations)
+    last = max(len(rows) - 1, 0)
+    ends = [0, *sorted({row for row in path.stops if 0 < row < last}), last]
+    return [
+        path._replace(
+            waypoints=rows[first : end + 1],
+            vias=tuple(row - first for row in path.vias if first < row < end),
+            stops=(),
+        )
+        for first, end in itertools.pairwise(ends)
+    ]
+
+
+def _rest_between(
+    motion: TimedMotion, others: Sequence[DrivenPath], rotations: Rotations, bounds: MotionBounds
+) -> TimedMotion:
+    """Return a motion that rests, and then goes on along other paths, from rest to rest."""
+    for path in others:
+        onward = _start(path, _split(path, rotations, bounds), rotations, bounds)
+        count = len(motion.segments.lengths)
+        motion = motion._replace(
+            segments=join_segments([motion.segments, onward.segments]),
+            phases=join_phases(motion.phases, onward.phases, count),
+        )
+    return motion
 
 
 def _start(
@@ -960,7 +994,8 @@ def _smooth(
         return None
     gap = VIA_CELLS * 2.0 * space.resolution if space.has_cells else 0.0
     drives = path.drive in ON_THE_SPOT
-    polyline = make_polyline(edges, rotations, bounds, drives, gap, junction)
+    vias = align_quaternions(path.waypoints, rotations)[list(path.vias)]
+    polyline = make_polyline(edges, rotations, bounds, drives, gap, junction, vias)
     return smooth_path(
         edges, polyline, rotations, lambda parts: prove_segments(space, path.exact, parts)
     )

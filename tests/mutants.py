@@ -533,9 +533,40 @@ MUTANTS = (
     ),
     Mutant(
         "planners/_plan.py",
-        "task.endpoints[max(reached, 1)]",
-        "task.endpoints[1]",
+        "goal=frozen(np.array(endpoints[max(reached, 1)]))",
+        "goal=frozen(np.array(endpoints[1]))",
         "tests/arms/test_pose_goals.py",
+    ),
+    # Goals with room, and places on the way.
+    Mutant(
+        "planners/_goals.py",
+        "corners = lower + spacing * cells - slack",
+        "corners = lower + spacing * cells + 1e3 * slack",
+        "tests/planners/test_goals.py",
+    ),
+    Mutant(
+        "planners/_goals.py",
+        "centers = np.vstack([centers, outside])",
+        "pass",
+        "tests/planners/test_goals.py",
+    ),
+    Mutant(
+        "planners/_plan.py",
+        "return False if all(room.is_apart",
+        "return False if any(room.is_apart",
+        "tests/planners/test_goals.py",
+    ),
+    Mutant(
+        "planners/_plan.py",
+        "if best_length < math.inf and edges.min_length(*ends) >= best_length:",
+        "if best_length < math.inf:",
+        "tests/planners/test_goals.py",
+    ),
+    Mutant(
+        "planners/_smoothing.py",
+        "np.where(must_hold, HELD_WEIGHT,",
+        "np.where(must_hold, 0.0,",
+        "tests/planners/test_goals.py",
     ),
     Mutant(
         "planners/_result.py",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -18,13 +19,16 @@ from cspace._cli.options import (
     drop_unset,
     flag,
     option,
+    parse_configuration,
     read_marks,
     refuse_options,
 )
 from cspace._cli.report import Stopwatch, list_option_names, name_options, show, with_unit
 from cspace._support.words import Drive
+from cspace.errors import InputError
 
 if TYPE_CHECKING:
+    from cspace._configuration_map import ConfigurationMap
     from planners import Plan
 
 _START: Final = option(
@@ -38,13 +42,27 @@ _GOAL: Final = option(
     "Where it goes; ROTATION is a yaw, e.g. 90deg, or QX,QY,QZ,QW.",
     default=...,
 )
+_GOALS: Final = option(
+    CONFIGURATION,
+    "Where it goes; ROTATION is a yaw, e.g. 90deg, or QX,QY,QZ,QW. May be given again: the goal "
+    "with the shortest path is taken.",
+    "--goal",
+    default=...,
+)
 
 
 def plan(
     context: typer.Context,
     file: Path = MAP_FILE,
     start: str = _START,
-    goal: str = _GOAL,
+    goal: list[str] = _GOALS,
+    any_yaw: bool = flag("--any-yaw", "At the goal, which is a position."),
+    goal_tolerance: str | None = option(
+        "METRES[,ANGLE]", "How far from the goal the path may end; e.g. 0.3,10deg."
+    ),
+    start_tolerance: float | None = option(
+        "METRES", "How far a start that is not free may be moved."
+    ),
     output: list[Path] | None = option(
         "PATH", "The path: .csv or .json; may be given again.", "--output", "-o"
     ),
@@ -98,7 +116,10 @@ def plan(
     clock = Stopwatch()
     with clock.step("read"):
         space: Any = open_map(file)
-    options: dict[str, Any] = read_marks(start, goal, space.axes, space.units)
+    options = _read_ends(space, start, goal, any_yaw)
+    options |= drop_unset(
+        goal_tolerance=_parse_tolerance(goal_tolerance), start_tolerance=start_tolerance
+    )
     options |= {"planner": planner, "objective": objective, "seed": seed}
     options |= {"exact": exact, "drive": drive, "turning_radius": turning_radius}
     options |= {"time_limit": time_limit, "simplify": simplify}
@@ -130,8 +151,44 @@ def plan(
         hint = planned.hint.replace("plan.explain()", "cspace explain")
         hint = name_options(hint, list_option_names(context.command, context.meta))
         advice = f"; try {hint}" if hint else ""
-        typer.echo(f"cspace: from {start} to {goal}: {planned.status}{advice}", err=True)
+        typer.echo(
+            f"cspace: from {start} to {' or '.join(goal)}: {planned.status}{advice}", err=True
+        )
         raise typer.Exit(1)
+
+
+def _read_ends(
+    space: ConfigurationMap, start: str, goals: Sequence[str], any_yaw: bool
+) -> dict[str, Any]:
+    """Parse ``--start`` and each ``--goal``; raise InputError otherwise."""
+    from planners import Goals
+
+    ends: dict[str, Any] = read_marks(start, None, space.axes, space.units)
+    parsed = [_parse_goal(text, space, any_yaw) for text in goals]
+    return ends | {"goal": parsed[0] if len(parsed) == 1 else Goals(parsed)}
+
+
+def _parse_goal(text: str, space: ConfigurationMap, any_yaw: bool) -> tuple[float | None, ...]:
+    """Parse ``--goal``, which has no rotation if it may be any; raise InputError otherwise."""
+    if not any_yaw:
+        return parse_configuration(text, "goal", space.axes, space.units)
+    dim = space.dim
+    if not space.rotations.names:
+        rule = "the map has no rotations"
+        raise InputError(
+            "any_yaw", f"is set, and the axes are {', '.join(space.axes)}", rule, "omit it"
+        )
+    return (*parse_configuration(text, "goal", space.axes[:dim], space.units[:dim]), None)
+
+
+def _parse_tolerance(text: str | None) -> tuple[float, ...] | None:
+    """Parse ``--goal-tolerance``, metres and perhaps an angle; raise InputError otherwise."""
+    if text is None:
+        return None
+    units = ("m", "rad")[: 1 + text.count(",")]
+    names = ("metres", "angle")[: len(units)]
+    values = parse_configuration(text, "goal_tolerance", names, units)
+    return values if len(values) == 2 else (*values, 0.0)
 
 
 def explain(

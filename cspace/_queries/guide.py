@@ -237,6 +237,15 @@ class Guide:
         """Return True if a chain from the block of a cell is known, for one direction."""
         return bool(self.estimate.reached[0, *self._find_block(cell)] != 0)
 
+    def measure(self, cells: Ints) -> Floats:
+        """Return costs of chains from the blocks of cells, shape (n, 3), for one direction.
+
+        They are in cells, and infinite where no chain is known.
+        """
+        blocks = (0, *(cells // self._side).T)
+        is_known = self.estimate.reached[blocks] != 0
+        return np.where(is_known, self._side * self.estimate.positions[blocks], math.inf)
+
     def reach(
         self,
         direction: int,

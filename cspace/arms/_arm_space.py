@@ -18,6 +18,7 @@ from cspace._interface import (
     Endpoint,
     Goal,
     GoalLike,
+    Goals,
     SearchOptions,
 )
 from cspace._limits import check_samples
@@ -715,41 +716,24 @@ class ArmSpace(ConfigurationSpace):
             raise _make_collision_error(self.snapshot, point, name)
         return tuple(point.tolist())
 
-    def find_goals(
-        self, goal: GoalLike, start: Endpoint, seed: int | None, exact: bool = False
-    ) -> list[Endpoint]:
-        """Return the configurations of a goal that are proven free, the nearest to start first.
+    def _list_alternatives(self, goal: GoalLike, name: str) -> Sequence[GoalLike]:
+        """List the alternatives of a goal: pose goals, or configurations of shape (dof,)."""
+        if isinstance(goal, Goals):
+            return goal.goals
+        if isinstance(goal, Goal):
+            return (goal,)
+        if isinstance(goal, Sequence) and any(isinstance(item, Goal) for item in goal):
+            return cast("Sequence[GoalLike]", goal)
+        rows = check_finite(cast("ArrayLike", goal), name, self.axes)
+        return list(rows) if rows.ndim == 2 and len(rows) else [rows]
 
-        Continuous joints are within half a turn of the start. A pose gives several. ``seed`` is
-        that of its inverse kinematics. Raises ConfigurationError if none is free.
-        """
-        alternatives = _list_alternatives(goal, self.axes)
-        goals: list[Endpoint] = []
-        errors: list[ConfigurationError] = []
-        # One alternative suffices, so their errors matter only if all fail.
-        for number, alternative in enumerate(alternatives):
-            name = f"goal[{number}]" if len(alternatives) > 1 else "goal"
-            try:
-                if isinstance(alternative, PoseGoal):
-                    goals += self._solve_pose(alternative, name, start, seed)
-                else:
-                    goals.append(self.check_endpoint(cast("ArrayLike", alternative), name))
-            except ConfigurationError as error:
-                errors.append(error)
-        if not goals and len(alternatives) == 1:
-            raise errors[0]
-        if not goals:
-            raise ConfigurationError(
-                "goal",
-                f"has {len(alternatives)} alternatives, none of them proven free",
-                "a path must end in FREE",
-                str(errors[0]),
-                nearest=errors[0].nearest,
-            )
-        lengths = self.distance(np.array(start), np.array(goals))
-        nearest_first = np.argsort(lengths, kind="stable")
-        turned = turn_near(np.array(goals), np.array(start), self.periodic_axes)
-        return [tuple(q) for q in turned[nearest_first].tolist()]
+    def _solve_goal(
+        self, goal: GoalLike, name: str, start: Endpoint, seed: int | None, exact: bool
+    ) -> list[Endpoint]:
+        """Return the configurations of one goal that are proven free; a pose has several."""
+        if isinstance(goal, PoseGoal):
+            return self._solve_pose(goal, name, start, seed)
+        return super()._solve_goal(goal, name, start, seed, exact)
 
     def _solve_pose(
         self, goal: PoseGoal, name: str, start: Endpoint, seed: int | None
@@ -1224,16 +1208,6 @@ class ArmSpace(ConfigurationSpace):
         points = self.arm._check_configurations(q, name)
         self.arm._check_limits(points, name)
         return points
-
-
-def _list_alternatives(goal: GoalLike, axes: Sequence[str]) -> list[Goal | ArrayLike]:
-    """List the alternatives of a goal: pose goals, or configurations of shape (dof,)."""
-    if isinstance(goal, Goal):
-        return [goal]
-    if isinstance(goal, Sequence) and any(isinstance(item, Goal) for item in goal):
-        return list(goal)
-    rows = check_finite(cast("ArrayLike", goal), "goal", axes)
-    return list(rows) if rows.ndim == 2 and len(rows) else [rows]
 
 
 def _make_collision_error(snapshot: Snapshot, q: Floats, name: str) -> ConfigurationError:

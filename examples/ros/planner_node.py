@@ -51,6 +51,7 @@ PARAMETERS = {
     "time_limit": 1.0,
     "step": 0.05,
     "tilt_tolerance": 0.05,
+    "tolerance": 0.0,
     "robot_base_frame": "base_link",
 }
 """Parameters and their defaults, in metres, radians and seconds."""
@@ -59,6 +60,7 @@ AT_RUN_TIME = {
     "time_limit": FloatingPointRange(from_value=0.001, to_value=3600.0),
     "step": FloatingPointRange(from_value=0.001, to_value=10.0),
     "tilt_tolerance": FloatingPointRange(from_value=0.0, to_value=3.2),
+    "tolerance": FloatingPointRange(from_value=0.0, to_value=100.0),
 }
 """Parameters that may change while the node runs, and the range of each; the rest is read-only."""
 
@@ -407,20 +409,35 @@ class PlannerNode(Node):
             raise NoPlanError(str(error), code) from error
         if last is not None and not np.allclose(last.goal, goal):
             last = None
+        tolerance = self.option("tolerance")
+        find = partial(
+            planners.plan,
+            space,
+            start,
+            goal,
+            drive=self.option("drive"),
+            turning_radius=self.option("turning_radius") or None,
+            time_limit=self.option("time_limit"),
+            start_tolerance=tolerance,
+            previous=last,
+            stop=stop,
+        )
         try:
-            return planners.plan(
-                space,
-                start,
-                goal,
-                drive=self.option("drive"),
-                turning_radius=self.option("turning_radius") or None,
-                time_limit=self.option("time_limit"),
-                previous=last,
-                stop=stop,
-            )
+            return find() if not tolerance else self.find_near(find, tolerance, stop)
         except ConfigurationError as error:
             codes = OUTSIDE if error.reason == "outside" else OCCUPIED
             raise NoPlanError(str(error), codes[error.end]) from error
+
+    def find_near(self, find, tolerance, stop):
+        """Plan to the goal, or if it is not reached to a place within a tolerance, metres."""
+        try:
+            plan = find()
+            if plan.solved or stop():
+                return plan
+        except ConfigurationError as error:
+            if error.end != "goal":
+                raise
+        return find(goal_tolerance=(tolerance, 0.0))
 
     def answer(self, start, goal, is_cancelled=lambda: False):
         """Plan, and publish the path and what shows it; return the path, a code and the reason.

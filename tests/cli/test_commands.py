@@ -376,6 +376,20 @@ def test_plan_passes_options_to_the_planner(room, monkeypatch):
     }
 
 
+def test_goals_may_be_repeated_and_have_room(room):
+    start = "--start 0.35,0.65,0"
+    near, far = "--goal 0.6,0.65,0.5", "--goal 2.15,0.95,90deg"
+    printed = document(f"plan turning.zarr {start} {far} {near}")
+    assert printed["path"][-1] == [0.6, 0.65, 0.5]
+    printed = document(f"plan turning.zarr {start} --goal 0.6,0.65 --any-yaw")
+    assert printed["path"][-1] == [0.6, 0.65, 0.0]
+    printed = document(f"plan turning.zarr {start} {near} --goal-tolerance 0.1,10deg")
+    x, y, yaw = printed["path"][-1]
+    assert math.hypot(x - 0.6, y - 0.65) <= 0.1 and abs(yaw - 0.5) <= math.radians(10.0)
+    printed = document(f"plan plane.zarr --start 0.02,0.02 --goal 0.6,0.65 --start-tolerance 0.5")
+    assert printed["solved"] and "start moved by" in printed["status"]
+
+
 def test_paths_of_cars_are_written_animated_and_drawn(room, drawn, monkeypatch):
     monkeypatch.setattr("cspace.plot.animate", partial(animate, seconds=0.2))
     car = "--drive reeds-shepp --turning-radius 0.2 --seed 1 --time-limit 5"

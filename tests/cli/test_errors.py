@@ -35,7 +35,10 @@ REFUSED_COMMANDS = {
     f"{MAP} --robot ball:0.1": "--robot has 3 dimensions but the workspace has 2",
     f"{MAP} --rotations quaternions:2": "--rotations=72",
     f"{PLAN_TURNING} --drive dubins": "--turning-radius is missing",
-    f"{PLAN} --goal nan,1": "--goal[0] is nan",
+    f"{PLAN} --goal nan,1": "--goal[1][0] is nan",
+    f"{PLAN} --any-yaw": "--any-yaw is set, and the axes are x, y; the map has no rotations; omit it",
+    f"{PLAN} --goal-tolerance 0.1,190deg": "an angle is at most pi radians",
+    f"{PLAN} --goal-tolerance wide": "--goal-tolerance is 'wide'",
     f"{PLAN} --start 1.25,0.05": "BLOCKED",
     "plot space.zarr -o n.png --center 1,1,1 --view 3d": "--zoom=8",
     # Options of another kind of file

@@ -37,6 +37,7 @@ FOREIGN = {
     "numpy.sign( numpy.zeros(": "numpy",
     "Rotation.from_euler( .as_matrix( as_quat(": "scipy",
     "apply_scale(": "trimesh",
+    "region.buffer(": "shapely",
     "networkx.set_node_attributes(": "networkx",
     "setup.getSpaceInformation(": "OMPL",
     "cos( sin( dict(": "mathematics and Python",

@@ -1,0 +1,586 @@
+"""Goals with room: sets of poses of which a path may end at any.
+
+A room is a ball or a region of positions, with the rotations within an angle of one. Some of its
+free configurations become goals of searches. Then the path ends where it first enters a room, or at
+the nearest configuration of a room that a free edge from one of its waypoints leads to.
+
+No path exists if every cell that meets a room is proven disconnected from the start.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Final, NamedTuple, cast
+
+import numpy as np
+import shapely
+from numpy.typing import ArrayLike
+from shapely.geometry import MultiPolygon, Polygon
+
+from cspace._configuration_map import ConfigurationMap
+from cspace._interface import (
+    Endpoint,
+    Goal,
+    GoalLike,
+    Goals,
+    Space,
+    format_configuration,
+    join_goal_errors,
+)
+from cspace._rotations.base import ANGLE_SLACK, METRES_PER_RADIAN, turn_near
+from cspace._support.arrays import FREE, MIXED, Bools, Floats, Ints
+from cspace._support.check import check_finite, check_point, warn_of_degrees
+from cspace.errors import ConfigurationError, InputError
+from planners._catalogue import ANY_ROTATION, REGION, check_support
+from planners._local_planner import CURVES, LocalPlanner
+
+__all__ = ["Goals"]
+
+REGIONS: Final = (Polygon, MultiPolygon)
+"""Types of regions."""
+
+ROWS: Final = (list, tuple, np.ndarray, Goal)
+"""Types of single goals in a list of several."""
+
+MAX_TRIED_GOALS: Final = 8
+"""Largest number of configurations of one room to which paths are searched."""
+
+INSET: Final = 1e-3
+"""Distance in cells, and share of a radius or an angle, by which ends stay inside their room: an
+end on its border may touch cells that are not FREE."""
+
+TINY: Final = 1e-300
+"""Smallest divisor, so that zero is never one."""
+
+SLACK_CELLS: Final = 1e-6
+SLACKS: Final = np.array([[-SLACK_CELLS], [SLACK_CELLS]])
+"""Distances in cells by which rooms grow, for rounding, when cells that meet them are listed; also
+as a column, for both corners of a box."""
+
+MAX_NEAR_POSITIONS: Final = 2**10
+"""Number of the positions of a room that are tested first, and largest number of others."""
+
+MAX_ROWS_PER_BATCH: Final = 2**16
+"""Largest number of configurations that are tested together, if positions are fewer."""
+
+MAX_POSITIONS_WITHOUT_BLOCKS: Final = 2**16
+"""Largest number of cells of a layer whose distances from the start are measured one by one."""
+
+BLOCK_SIDE: Final = 4
+"""Cells along each side of the blocks that are measured on larger maps."""
+
+NEAREST_FIRST: Final = 1e-9
+"""Weight of the estimate in a search that reaches the nearest blocks first."""
+
+STEPS_PER_CELL: Final = 8
+"""Places along a path, for each cell, at which it may end in a room."""
+
+RADIANS_PER_STEP: Final = math.radians(1.0)
+"""Largest turn between such places."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Room:
+    """A set of configurations on a map.
+
+    Attributes
+    ----------
+    name : str
+        The argument that it comes from.
+    middle : ndarray of float64, shape (size,)
+        Its position, or one in the region, and the rotation in the middle.
+    region : Polygon, MultiPolygon or None
+        Positions, metres; None if they are a ball.
+    radius : float
+        Of the ball, metres.
+    angle : float
+        Largest angle from the rotation in the middle, radians; pi for any.
+    """
+
+    name: str
+    middle: Floats
+    region: Polygon | MultiPolygon | None = None
+    radius: float = 0.0
+    angle: float = 0.0
+
+    @property
+    def is_point(self) -> bool:
+        """Whether it is a single configuration."""
+        return self.region is None and not self.radius and not self.angle
+
+    def contains(self, space: Space, rows: Floats) -> Bools:
+        """Return whether configurations, shape (n, size), lie in the room."""
+        dim = space.dim
+        steps = space.steps_between(np.broadcast_to(self.middle, rows.shape), rows)
+        if self.region is None:
+            inside = np.linalg.norm(steps[:, :dim], axis=1) <= self.radius
+        else:
+            inside = shapely.intersects_xy(self.region, rows[:, 0], rows[:, 1])
+        turns = np.linalg.norm(steps[:, dim:], axis=1)
+        return np.asarray(inside & ((turns <= self.angle) | (self.angle >= math.pi)))
+
+    def pull(self, space: ConfigurationMap, rows: Floats) -> Floats:
+        """Move configurations, shape (n, size), into the room, to nearly the nearest ones."""
+        dim = space.dim
+        middles = np.broadcast_to(self.middle, rows.shape)
+        steps = space.steps_between(middles, rows)
+        angle = self.angle if self.angle < math.pi else math.inf
+        for part, limit in ((slice(None, dim), self.radius), (slice(dim, None), angle)):
+            sizes = np.linalg.norm(steps[:, part], axis=1, keepdims=True)
+            steps[:, part] *= np.minimum((1.0 - INSET) * limit / np.maximum(sizes, TINY), 1.0)
+        pulled = space.rotations._make_canonical(space.rotations._add_steps(middles, steps))
+        if self.region is not None:
+            inner_region = self.region.buffer(-INSET * space.grid.spacing)
+            region = self.region if inner_region.is_empty else inner_region
+            ways = shapely.shortest_line(region, shapely.points(rows[:, :2]))
+            nearest = shapely.get_coordinates(ways)[::2]
+            is_inside = shapely.contains_xy(region, rows[:, 0], rows[:, 1])
+            pulled[:, :2] = np.where(is_inside[:, np.newaxis], rows[:, :2], nearest)
+        return pulled
+
+    def find_box(self, space: ConfigurationMap) -> Floats:
+        """Return the lower and the upper corner of the box around its positions, shape (2, dim)."""
+        if self.region is not None:
+            return np.reshape(self.region.bounds, (2, 2))
+        position = self.middle[: space.dim]
+        return np.array([position - self.radius, position + self.radius])
+
+    def list_positions(self, space: ConfigurationMap) -> Ints:
+        """List the cells of positions that meet the room, shape (n, dim)."""
+        grid = space.grid
+        spacing = grid.spacing
+        lower = np.array(grid.lower)
+        slack = SLACK_CELLS * spacing
+        low, high = np.floor((self.find_box(space) - lower) / spacing + SLACKS)
+        last = np.array(grid.shape) - 1
+        first, stop = np.clip(low, 0, last + 1), np.clip(high, -1, last) + 1
+        ranges = [np.arange(*ends, dtype=np.int64) for ends in zip(first, stop, strict=True)]
+        cells = np.stack(np.meshgrid(*ranges, indexing="ij"), axis=-1).reshape(-1, space.dim)
+        corners = lower + spacing * cells - slack
+        ends = corners + spacing + 2.0 * slack
+        if self.region is not None:
+            is_met = shapely.contains_xy(self.region, *_find_centers(space, cells).T)
+            boxes = shapely.box(*corners[~is_met].T, *ends[~is_met].T)
+            is_met[~is_met] = shapely.intersects(self.region, boxes)
+            return np.asarray(cells[is_met])
+        position = self.middle[: space.dim]
+        gaps = np.clip(position, corners, ends) - position
+        return np.asarray(cells[np.linalg.norm(gaps, axis=1) <= self.radius + slack])
+
+    def place_in_cells(self, space: ConfigurationMap) -> Floats:
+        """Return configurations with a position of the room in each cell that meets it.
+
+        Their shape is (n, size). Positions keep off the borders of their cells.
+        """
+        if self.region is None and not self.radius:
+            return self.middle[np.newaxis]
+        centers = _find_centers(space, self.list_positions(space))
+        half = (0.5 - INSET) * space.grid.spacing
+        rows = np.tile(self.middle, (len(centers), 1))
+        if self.region is None:
+            rows[:, : space.dim] = self.middle[: space.dim].clip(centers - half, centers + half)
+            return rows
+        rows[:, :2] = centers
+        cut = np.flatnonzero(~shapely.contains_xy(self.region, *centers.T))
+        boxes = shapely.box(*(centers[cut] - half).T, *(centers[cut] + half).T)
+        points = shapely.point_on_surface(shapely.intersection(self.region, boxes))
+        is_met = ~shapely.is_empty(points)
+        rows[cut[is_met], :2] = shapely.get_coordinates(points[is_met])
+        return np.delete(rows, cut[~is_met], axis=0)
+
+    def list_rotations(self, space: ConfigurationMap) -> Ints:
+        """List the rotation cells that meet the room."""
+        angles = np.array([self.angle + 2.0 * ANGLE_SLACK])
+        return space.rotations._find_cells_within(self.middle[np.newaxis], angles)[1]
+
+    def is_apart(self, space: ConfigurationMap, start: Endpoint) -> bool:
+        """Return True if the map proves that no path from a start enters the room."""
+        if self.is_point:
+            return bool(space.is_disconnected(start, tuple(self.middle.tolist())))
+        centers = _find_centers(space, self.list_positions(space))
+        box = self.find_box(space)
+        if not space.grid.contains(box).all():
+            # All cells outside the grid are alike.
+            outside = np.array(space.grid.lower) - space.grid.spacing
+            centers = np.vstack([centers, outside])
+        for rotation in space.rotations.centers[self.list_rotations(space)]:
+            turned = np.broadcast_to(rotation, (len(centers), len(rotation)))
+            rows = np.column_stack([centers, turned])
+            if not np.asarray(space.is_disconnected(np.array(start), rows)).all():
+                return False
+        return True
+
+    def find_goals(self, edges: LocalPlanner, start: Endpoint) -> list[Endpoint]:
+        """Find free configurations of the room, the most promising first.
+
+        They are those that a path from the start may reach, or if there are none any. Raises
+        ConfigurationError if none is proven free.
+        """
+        space = edges.cells
+        origin = np.array([start])
+        if self.contains(space, origin)[0]:
+            return [start]
+        if self.is_point:
+            return [space.check_endpoint(self.middle, self.name, edges.exact)]
+        positions = self.place_in_cells(space)
+        lengths = _measure_lengths(edges, start, positions)
+        centers = space.rotations.centers[self.list_rotations(space)]
+        turned = np.tile(self.middle, (len(centers), 1))
+        turned[:, space.dim :] = centers
+        rotations = self.pull(space, np.vstack([origin, turned]))[:, space.dim :]
+        # In a large room, some positions mostly suffice: the nearest, and some of the others.
+        order = np.argsort(lengths, kind="stable")
+        others = order[MAX_NEAR_POSITIONS:]
+        step = -(-len(others) // MAX_NEAR_POSITIONS) or 1
+        few = np.concatenate([order[:MAX_NEAR_POSITIONS], others[::step]])
+        near = Candidates(positions[few], lengths[few])
+        pool, apart = self.test_candidates(edges, start, near, rotations)
+        if not len(pool.rows) and len(few) < len(order):
+            pool, apart = self.test_candidates(
+                edges, start, Candidates(positions, lengths), rotations
+            )
+        pool = pool if len(pool.rows) else apart
+        if not len(pool.rows):
+            raise self._make_error(space)
+        if edges.drive in CURVES:
+            ways = edges.edge_lengths(np.broadcast_to(start, pool.rows.shape), pool.rows)
+            pool = Candidates(pool.rows, np.maximum(pool.costs, ways))
+        return [tuple(q) for q in pool.spread(space).rows.tolist()]
+
+    def test_candidates(
+        self, edges: LocalPlanner, start: Endpoint, positions: Candidates, rotations: Floats
+    ) -> tuple[Candidates, Candidates]:
+        """Choose free configurations that a path may reach, and others, at all rotations.
+
+        ``rotations`` has shape (n, k).
+        """
+        space = edges.cells
+        count = len(positions.rows)
+        joined: list[Candidates] = []
+        others: list[Candidates] = []
+        batch_size = max(MAX_ROWS_PER_BATCH // max(count, 1), 1)
+        for first in range(0, len(rotations), batch_size):
+            batch = rotations[first : first + batch_size]
+            rows = np.tile(positions.rows, (len(batch), 1))
+            rows[:, space.dim :] = np.repeat(batch, count, axis=0)
+            costs = np.tile(positions.costs, len(batch))
+            costs += METRES_PER_RADIAN * _measure_turns(space, start, rows)
+            kept = self.contains(space, rows) & space.grid.contains(rows[:, : space.dim])
+            kept[kept] = space.motion_is_free(rows[kept], rows[kept], exact=edges.exact)
+            candidates = Candidates(rows[kept], costs[kept])
+            may_join = _may_join(edges, start, candidates.rows)
+            joined.append(candidates.select(may_join).spread(space))
+            others.append(candidates.select(~may_join).spread(space))
+        return _join(joined), _join(others)
+
+    def _make_error(self, space: ConfigurationMap) -> ConfigurationError:
+        """Make the error for a room without any free configuration."""
+        where = "in the region"
+        if self.region is None:
+            where = f"within {self.radius:g} m of {format_configuration(self.middle.tolist())}"
+        turns = ""
+        if space.rotations.names:
+            turns = ", at any rotation"
+            if self.angle < math.pi:
+                turns = f", within {self.angle:g} rad"
+        hint, nearest = space._suggest_endpoint(tuple(self.middle.tolist()))
+        return ConfigurationError(
+            self.name,
+            f"has no configuration that is proven free {where}{turns}",
+            "a path must end in FREE",
+            hint,
+            nearest=nearest,
+        )
+
+
+class Candidates(NamedTuple):
+    """Configurations to which a path may lead."""
+
+    rows: Floats  # (n, size)
+    costs: Floats  # (n,), estimated lengths of paths with weighted rotations, metres
+
+    def select(self, index: Ints | Bools) -> Candidates:
+        """Return some of the candidates."""
+        return Candidates(self.rows[index], self.costs[index])
+
+    def spread(self, space: Space) -> Candidates:
+        """Choose a few of low cost that are not all near each other, the cheapest first."""
+        order = np.argsort(self.costs, kind="stable")
+        left = self.rows[order]
+        chosen: list[int] = []
+        min_gap = 0.0
+        while len(order) and len(chosen) < MAX_TRIED_GOALS:
+            chosen.append(int(order[0]))
+            gaps = space.distance(np.broadcast_to(left[0], left.shape), left)
+            min_gap = min_gap or 2.0 * float(gaps.max()) / MAX_TRIED_GOALS
+            order, left = order[gaps > min_gap], left[gaps > min_gap]
+        return self.select(np.array(chosen, dtype=np.int64))
+
+
+def _join(parts: Sequence[Candidates]) -> Candidates:
+    """Join candidates."""
+    return Candidates(*map(np.concatenate, zip(*parts, strict=True)))
+
+
+def _find_centers(space: ConfigurationMap, cells: Ints) -> Floats:
+    """Return the centers of cells of positions, shape (n, dim)."""
+    return np.asarray(np.array(space.grid.lower) + space.grid.spacing * (cells + 0.5))
+
+
+def _may_join(edges: LocalPlanner, start: Endpoint, rows: Floats) -> Bools:
+    """Return whether a path of proven edges may lead from a start to each row, shape (n,)."""
+    if edges.exact:
+        return ~np.asarray(edges.cells.is_disconnected(np.array(start), rows))
+    return np.asarray(edges.cells.is_connected(np.array(start), rows))
+
+
+def _measure_turns(space: Space, start: Endpoint, rows: Floats) -> Floats:
+    """Measure the angles from the rotation of a start to those of rows, shape (n,)."""
+    steps = space.steps_between(np.broadcast_to(start, rows.shape), rows)
+    return np.asarray(np.linalg.norm(steps[:, space.dim :], axis=1))
+
+
+def _measure_lengths(edges: LocalPlanner, start: Endpoint, rows: Floats) -> Floats:
+    """Estimate the lengths of paths to positions, metres, shape (n,).
+
+    They are those of chains of blocks of cells in which the robot passes at some rotation.
+    """
+    from cspace._queries.guide import Guide, any_direction
+
+    space = edges.cells
+    dim = space.dim
+    straight = np.linalg.norm(rows[:, :dim] - np.array(start)[:dim], axis=1)
+    if len(rows) < 2 or not space.in_memory:
+        return np.asarray(straight)
+    states = space._kernel_map.states
+    side = 1 if math.prod(states.shape[1:]) <= MAX_POSITIONS_WITHOUT_BLOCKS else BLOCK_SIDE
+    last = np.array(space.grid.shape) - 1
+    cells = np.zeros((len(rows) + 1, 3), dtype=np.int64)
+    cells[:, 3 - dim :] = np.clip(space.grid.cell_of(np.vstack([[start], rows])[:, :dim]), 0, last)
+    nearest = int(straight.argmin()) + 1
+    begin, end = (tuple(cells[k].tolist()) for k in (0, nearest))
+    guide = Guide(
+        states,
+        any_direction(states),
+        (0, end),
+        (0, begin),
+        side,
+        narrow_cost=0.0,
+        weight=NEAREST_FIRST,
+        worst_state=MIXED if edges.exact else FREE,
+    )
+    # By then, all blocks that are nearer are measured, too.
+    with suppress(TimeoutError):  # the caller ends the search
+        guide.reach(0, end, math.inf)
+    lengths = space.grid.spacing * guide.measure(cells[1:])
+    is_known = np.isfinite(lengths)
+    far = lengths[is_known].max(initial=0.0)
+    return np.asarray(np.where(is_known, np.maximum(lengths, straight), far + straight))
+
+
+# ---- ends of paths ------------------------------------------------------------------------------
+
+
+def end_in_rooms(edges: LocalPlanner, path: Floats, rooms: Sequence[Room]) -> Floats:
+    """Return the cheapest proven path among a few that begin like a path and end in rooms.
+
+    They are the path itself, and those that leave it at a waypoint for the nearest configuration of
+    a room. Each ends where it first enters a room. ``path`` has shape (n, size).
+    """
+    if all(room.is_point for room in rooms):
+        return path
+    space = edges.cells
+    done = np.append(0.0, np.cumsum(edges.edge_lengths(path[:-1], path[1:])))
+    starts = np.tile(path[:-1], (len(rooms), 1))
+    ends = np.concatenate([room.pull(space, path[:-1]) for room in rooms])
+    totals = np.tile(done[:-1], len(rooms)) + edges.edge_lengths(starts, ends)
+    is_free = edges.edge_checker()
+    ways = [path]
+    for k in np.argsort(totals, kind="stable").tolist():
+        if totals[k] > done[-1]:
+            break
+        if is_free(*starts[k].tolist(), *ends[k].tolist()):
+            ways.insert(0, np.vstack([path[: k % (len(path) - 1) + 1], ends[k]]))
+            break
+    for way in ways:
+        cut = _cut(edges, edges.insert_breakpoints(way), rooms)
+        if any(room.contains(space, cut[-1:])[0] for room in rooms) and edges.are_free(cut):
+            return cut
+    return path
+
+
+def _cut(edges: LocalPlanner, path: Floats, rooms: Sequence[Room]) -> Floats:
+    """Cut a path where it first enters a room, at one of the places that are looked at."""
+    space = edges.cells
+    step = 2.0 * space.resolution / STEPS_PER_CELL
+    for number, (first, last) in enumerate(itertools.pairwise(path)):
+        places = edges.split_edge(first, last, step, RADIANS_PER_STEP, 1.0).points
+        places = np.vstack([first, space.rotations._make_canonical(places[:-1]), last])
+        inside = np.any([room.contains(space, places) for room in rooms], axis=0)
+        if inside[0]:
+            return path[: number + 1]
+        if inside.any():
+            return np.vstack([path[: number + 1], places[int(inside.argmax())]])
+    return path
+
+
+# ---- goals as users give them --------------------------------------------------------------------
+
+
+def list_rooms(
+    space: Space, goal: GoalLike, name: str, tolerance: tuple[float, float]
+) -> list[Room]:
+    """List the rooms of a goal; there are none if it is one configuration, or not on a map.
+
+    Raises InputError if a goal is of a kind that is not for the space.
+    """
+    is_several = isinstance(goal, Goals)
+    if not is_several and not any(tolerance) and _split_parts(goal) is None:
+        return []
+    goals = goal.goals if isinstance(goal, Goals) else (goal,)
+    names = [f"{name}[{k}]" if len(goals) > 1 else name for k in range(len(goals))]
+    parts = [_split_parts(each) for each in goals]
+    for each, split, label in zip(goals, parts, names, strict=True):
+        if split is not None:
+            is_region = isinstance(split[0], REGIONS)
+            check_support(REGION if is_region else ANY_ROTATION, label, each, space)
+    if not space.has_cells:
+        return []
+    cells = cast("ConfigurationMap", space)
+    return [
+        _make_room(cells, each, split, label, tolerance)
+        for each, split, label in zip(goals, parts, names, strict=True)
+    ]
+
+
+def find_room_goals(
+    edges: LocalPlanner, rooms: Sequence[Room], name: str, start: Endpoint
+) -> list[Endpoint]:
+    """Find free configurations of rooms, the most promising first.
+
+    Raises ConfigurationError if none is proven free in any room.
+    """
+    goals: list[Endpoint] = []
+    errors: list[ConfigurationError] = []
+    for room in rooms:
+        try:
+            goals += room.find_goals(edges, start)
+        except ConfigurationError as error:
+            errors.append(error)
+    if not goals:
+        raise join_goal_errors(name, errors, len(rooms))
+    space = edges.space
+    rows = turn_near(np.array(goals), np.array(start), space.periodic_axes)
+    costs = METRES_PER_RADIAN * _measure_turns(space, start, rows)
+    costs += _measure_lengths(edges, start, rows)
+    return [tuple(q) for q in rows[np.argsort(costs, kind="stable")].tolist()]
+
+
+def check_tolerance(value: object, space: Space) -> tuple[float, float]:
+    """Return ``goal_tolerance`` as metres and radians.
+
+    Raises InputError unless it is two numbers, zero or above, and for a space without poses.
+    """
+    if value is None:
+        return 0.0, 0.0
+    check_support("goal_tolerance", "goal_tolerance", value, space)
+    pair = check_finite(cast("ArrayLike", value), "goal_tolerance")
+    hint = "pass e.g. (0.3, 0.1)"
+    if pair.shape != (2,) or (pair < 0.0).any():
+        rule = "it must be two numbers, zero or above: metres and radians"
+        raise InputError("goal_tolerance", f"is {value!r}", rule, hint)
+    metres, radians = pair.tolist()
+    if radians > math.pi:
+        hint = f"pass {math.radians(radians):.6g} for {radians:g} degrees, or pi for any rotation"
+        rule = "an angle is at most pi radians"
+        raise InputError("goal_tolerance", f"is {value!r}", rule, hint)
+    return metres, radians if space.rotations.names else 0.0
+
+
+def _split_parts(goal: object) -> tuple[object, object] | None:
+    """Split a goal with a region, a range or None into position and rotation; None for others."""
+    if isinstance(goal, REGIONS):
+        return goal, None
+    if not isinstance(goal, (tuple, list)) or len(goal) < 2:
+        return None
+    first, *others = goal
+    last = others[-1]
+    if isinstance(first, REGIONS):
+        return first, last if len(goal) == 2 else others
+    # The rows of several goals are no range of yaws.
+    is_range = isinstance(last, (list, tuple)) and not isinstance(first, ROWS)
+    return (goal[:-1], last) if last is None or is_range else None
+
+
+def _make_room(
+    space: ConfigurationMap,
+    goal: GoalLike,
+    parts: tuple[object, object] | None,
+    name: str,
+    tolerance: tuple[float, float],
+) -> Room:
+    """Make the room of one goal, with its tolerance; ``parts`` are its position and rotation."""
+    metres, radians = tolerance
+    if parts is None:
+        if isinstance(goal, Goal):
+            space._solve_goal(goal, name, (), None, False)  # raises
+        values = space._check_one_configuration(cast("ArrayLike", goal), name)
+        warn_of_degrees(values, space._angles, name)
+        middle = space.rotations._make_canonical(values, name)
+        return Room(name, middle, None, metres, radians)
+    position, rotation = parts
+    region = None
+    if isinstance(position, REGIONS):
+        region = position
+        _check_region(region, name, metres)
+        shapely.prepare(region)
+        point = np.array(region.representative_point().coords[0])
+    else:
+        point = check_point(cast("ArrayLike", position), name, space.dim)
+    middle_rotation, angle = _find_rotations(space, rotation, name)
+    angle = min(angle + radians, math.pi)
+    middle = space.rotations._make_canonical(np.concatenate([point, middle_rotation]), name)
+    return Room(name, middle, region, metres, angle)
+
+
+def _check_region(region: Polygon | MultiPolygon, name: str, metres: float) -> None:
+    """Raise InputError for a region that is empty or invalid, or that has a tolerance, too."""
+    if region.is_empty or not region.is_valid:
+        problem = "is an empty region" if region.is_empty else "is a region that crosses itself"
+        hint = "pass e.g. shapely.box(0, 0, 1, 1)"
+        raise InputError(name, problem, "a region holds positions, metres", hint)
+    if metres:
+        raise InputError(
+            "goal_tolerance",
+            f"is {metres:g} m and {name} is a region",
+            "a region has its own room",
+            f"pass goal_tolerance=(0, radians), or enlarge it: region.buffer({metres:g})",
+        )
+
+
+def _find_rotations(space: ConfigurationMap, rotation: object, name: str) -> tuple[Floats, float]:
+    """Return the rotation in the middle of those of a goal, and the largest angle from it."""
+    names = space.rotations.names
+    if rotation is None:
+        return space.rotations.centers[0], math.pi if names else 0.0
+    if names != ("yaw",):
+        rule = (
+            f"a rotation is {', '.join(names)}, or None for any"
+            if names
+            else "the robot does not turn"
+        )
+        raise InputError(name, f"has the rotation {rotation!r}", rule, "pass the region alone")
+    bounds = np.atleast_1d(check_finite(cast("ArrayLike", rotation), name))
+    warn_of_degrees(bounds[:, np.newaxis], {0: "yaw"}, name)
+    if len(bounds) == 1:
+        return bounds, 0.0
+    if bounds.shape != (2,) or bounds[1] < bounds[0]:
+        rule = "a range of yaws is its lower and its upper end, radians"
+        hint = "pass e.g. (3.0, 3.4); ends beyond pi are wrapped"
+        raise InputError(name, f"has the yaws {rotation!r}", rule, hint)
+    half = 0.5 * float(bounds[1] - bounds[0])
+    return bounds[:1] + half, min(half, math.pi)

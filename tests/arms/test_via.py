@@ -1,0 +1,115 @@
+"""Plans of arms through places on the way, and goals and options that are for maps alone."""
+
+import math
+
+import numpy as np
+import pytest
+import shapely
+
+import cspace
+import planners
+from cspace import InputError
+from planners._catalogue import SUPPORTED
+from tests.helpers.planning import plan_patiently
+from tests.helpers.urdfs import planar, planar_with_tip, pose_at, poses_apart, post
+
+pytest.importorskip("yourdfpy")
+
+START, GOAL = (-0.6, 0.3), (1.4, -0.2)
+
+
+def pass_near(trajectory, row):
+    """Return the least distance of a trajectory from joints, and the speed there."""
+    times = np.linspace(0.0, trajectory.duration, 4_000)
+    for _ in range(4):
+        positions, velocities, _ = trajectory.sample(times)
+        gaps = np.linalg.norm(positions - row, axis=1)
+        nearest = int(gaps.argmin())
+        step = times[1] - times[0]
+        times = np.linspace(times[nearest] - step, times[nearest] + step, 2_000)
+    return float(gaps[nearest]), float(np.linalg.norm(velocities[nearest]))
+
+
+@pytest.mark.parametrize("planner", ["BiRRT", "RRTConnect"])
+def test_an_arm_goes_through_joints_and_poses_without_a_stop(tmp_path, planner):
+    space = cspace.build_arm_space({"post": post()}, planar_with_tip(tmp_path))
+    pose = space.arm.pose((0.6, -1.5), "tip")
+    via = [(-0.9, 1.2), cspace.PoseGoal("tip", pose, (1e-3, 0.1)), [(2.9, 2.9), (0.9, -1.2)]]
+    options = {"planner": planner, "via": via}
+    plan = plan_patiently(space, (START, GOAL), (1.0, 5.0, 20.0), **options)
+    assert plan.certified and plan.recheck().all() and "through 3 places" in plan.status
+    assert tuple(plan.path[0]) == START and tuple(plan.path[-1]) == GOAL == tuple(plan.goal)
+    first, second, third = plan.path[list(plan.via_rows)]
+    assert tuple(first) == via[0] and tuple(third) in via[2]
+    metres, radians = poses_apart(space.arm.pose(second, "tip"), pose)
+    assert metres < 1e-3 and radians < 0.1
+    places = np.array([START, first, second, third, GOAL])
+    straight = np.linalg.norm(np.diff(places, axis=0), axis=1).sum()
+    assert plan.lower_bound == pytest.approx(straight) and plan.length >= straight * (1.0 - 1e-9)
+    limits = {"max_velocity": 1.0, "max_acceleration": 2.0}
+    flowing = plan.trajectory(**limits)
+    halting = plan.trajectory(**limits, stop_at_via=True)
+    assert flowing.certified and halting.certified and flowing.duration < halting.duration
+    for place in places[1:-1]:
+        gap, _ = pass_near(flowing, place)
+        assert gap < 1e-4
+        gap, speed = pass_near(halting, place)
+        assert gap < 1e-4 and speed < 0.01
+
+
+def test_a_motion_of_an_arm_does_not_stop_at_a_place_without_obstacles(tmp_path):
+    space = cspace.build_arm_space({}, planar_with_tip(tmp_path))
+    plan = planners.plan(space, START, GOAL, via=[(0.0, 1.0), (1.0, 0.8)])
+    trajectory = plan.trajectory(max_velocity=1.0, max_acceleration=2.0)
+    for row in plan.via_rows:
+        gap, speed = pass_near(trajectory, plan.path[row])
+        assert gap < 1e-6 and speed > 0.1
+
+
+def test_whole_turns_of_a_continuous_joint_add_up_from_place_to_place(tmp_path):
+    arm = cspace.Arm.from_urdf(planar(tmp_path, kind="continuous", limits=None))
+    space = cspace.build_arm_space({}, arm)
+    assert space.periodic_axes == (True, False)
+    places = [(2.0, 0.1), (-2.0, 0.2), (0.0, 0.0)]
+    plan = planners.plan(space, (0.0, 0.0), places[-1], via=places[:-1])
+    rows = plan.path[[*plan.via_rows, -1]]
+    np.testing.assert_allclose(rows[:, 0], [2.0, -2.0 + math.tau, math.tau], atol=1e-9)
+
+
+def test_an_arm_names_the_place_that_it_cannot_use(tmp_path):
+    space = cspace.build_arm_space({"post": post()}, planar_with_tip(tmp_path))
+    with pytest.raises(InputError, match=r"^via\[1\] .*not proven free"):
+        planners.plan(space, START, GOAL, via=[START, (0.37, 0.0)])
+    far = cspace.PoseGoal("tip", pose_at(9, 9))
+    with pytest.raises(InputError, match=r"^via\[0\] is out of reach"):
+        planners.plan(space, START, GOAL, via=[far])
+    goals = planners.Goals([far, GOAL])
+    assert tuple(planners.plan(space, START, goals, time_limit=5.0).goal) == GOAL
+
+
+def test_the_table_says_what_arms_and_maps_of_joints_take(tmp_path):
+    arm = planar_with_tip(tmp_path)
+    spaces = {
+        "arms": cspace.build_arm_space({}, arm),
+        "maps of joints": cspace.build_joint_map(cspace.build_arm_space({}, arm), spacing=0.2),
+    }
+    given = {
+        "planners.Goals": {"goal": planners.Goals([GOAL, (0.2, 0.3)])},
+        "cspace.PoseGoal": {"goal": cspace.PoseGoal("tip", arm.pose(GOAL, "tip"), (1e-2, 0.1))},
+        "a goal with any rotation, or a range of yaws": {"goal": (0.9, None)},
+        "a goal that is a region": {"goal": shapely.box(0.5, 0.5, 0.8, 0.8)},
+        "goal_tolerance": {"goal_tolerance": (0.1, 0.0)},
+        "start_tolerance": {"start_tolerance": 0.1},
+        "via": {"via": [(0.5, 0.1)]},
+    }
+    assert given.keys() == SUPPORTED.keys()
+    for kind, space in spaces.items():
+        for option, changes in given.items():
+            arguments = {"goal": GOAL, "time_limit": 5.0, **changes}
+            if kind in SUPPORTED[option]:
+                assert planners.plan(space, START, **arguments).certified, (kind, option)
+                continue
+            with pytest.raises(InputError) as caught:
+                planners.plan(space, START, **arguments)
+            assert caught.value.argument in arguments
+            assert option == "cspace.PoseGoal" or "it is for maps of poses" in caught.value.rule

@@ -1,0 +1,571 @@
+"""Several goals, goals with room, moved starts, and places on the way.
+
+Oracles: shapely and plain distances for rooms, labels of scipy for what is apart, plans to single
+configurations for lengths.
+"""
+
+import ast
+import math
+import re
+from functools import cache
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from scipy import ndimage
+
+import cspace
+import planners
+from cspace import BLOCKED, FREE, MIXED, ConfigurationError, InputError
+from planners._catalogue import SUPPORTED
+from tests.helpers.handmade import map_of
+from tests.helpers.placements import turn_between
+from tests.helpers.planning import (
+    ENDPOINTS,
+    build_from_states,
+    build_halves,
+    build_open_map,
+    build_room,
+    check,
+    options_for,
+)
+from tests.helpers.refusals import check_followed, refusals
+from tests.helpers.strategies import examples, few, seeds
+
+DRIVES = (None, "differential", "differential-reverse", "dubins", "reeds-shepp")
+LIMITS = {"max_velocity": 1.0, "max_acceleration": 0.5}
+TURN_LIMITS = {"max_angular_velocity": 1.0, "max_angular_acceleration": 1.0}
+ANY = math.pi
+
+
+def measure(plan):
+    """Return the length of a plan with weighted rotations, along curves without."""
+    return plan.length + (0.0 if plan.turning_radius else 0.5 * plan.total_rotation)
+
+
+# ---- several goals -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", few(["plane", "turning", "space", "yawing", "floating"], 2))
+@examples(12)
+@given(seeds, st.integers(1, 4))
+def test_of_several_goals_the_one_with_the_shortest_path_is_taken(name, seed, count):
+    space = build_room(name)
+    rng = np.random.default_rng(seed)
+    start, *goals = map(tuple, space.sample_free(count + 1, rng).tolist())
+    blocked = (*space.grid.lower, *goals[0][space.dim :])
+    assume(not space.is_free(blocked))
+    plan = planners.plan(space, start, planners.Goals([blocked, *goals]), time_limit=20.0)
+    each = [planners.plan(space, start, goal, time_limit=20.0) for goal in goals]
+    lengths = [measure(single) for single in each]
+    assert measure(plan) == min(lengths)
+    np.testing.assert_allclose(plan.goal, each[int(np.argmin(lengths))].goal, atol=1e-12)
+    check(space, plan, start, plan.goal)
+
+
+def test_a_goal_behind_a_wall_is_not_taken_for_near():
+    space = build_room("plane")
+    behind, around = (3.6, 1.0), (2.0, 4.0)
+    goals = planners.Goals([behind, around])
+    assert planners.plan(space, (2.6, 1.0), goals).goal.tolist() == list(around)
+    for planner in ("MaxClearance", "RRTConnect", "PRM"):
+        plan = planners.plan(space, (2.6, 1.0), goals, planner=planner, seed=1, time_limit=4.0)
+        assert plan.certified and plan.goal.tolist() in ([*behind], [*around])
+
+
+def test_a_car_takes_the_goal_ahead_if_one_behind_needs_a_loop():
+    space = build_field()
+    behind, ahead = (4.5, 7.0, 0.0), (8.5, 7.0, 0.0)
+    goals = planners.Goals([behind, ahead])
+    plan = planners.plan(space, (5.5, 7.0, 0.0), goals, time_limit=20.0, **options_for("dubins"))
+    assert plan.certified and plan.goal.tolist() == list(ahead)
+    plan = planners.plan(space, (5.5, 7.0, 0.0), goals, **options_for("reeds-shepp"))
+    assert plan.certified and plan.goal.tolist() == list(behind)
+
+
+def test_goals_are_tried_on_tiled_maps_and_maps_of_joints(tmp_path):
+    cells = np.zeros((60, 40), dtype=bool)
+    workspace = cspace.Workspace.from_array(cells, 0.1)
+    tiled = cspace.build(workspace, cspace.Robot.disc(0.2), store=tmp_path / "m", tile=20)
+    plan = planners.plan(tiled, (1.0, 1.0), planners.Goals([(5.0, 3.0), (1.0, 3.5)]))
+    assert plan.certified and plan.goal.tolist() == [1.0, 3.5]
+    plan = planners.plan(tiled, (1.0, 1.0), shapely.box(4.0, 0.5, 5.0, 1.5))
+    assert plan.certified and plan.length == pytest.approx(3.0, abs=1e-3)
+
+
+# ---- goals with room -----------------------------------------------------------------------------
+
+
+def draw_room(space, rng):
+    """Draw a goal around a FREE configuration: goal, tolerance, and its test of configurations."""
+    q = space.sample_free(rng=rng)
+    metres = float(rng.choice([0.0, 1e-3, rng.uniform(0.05, 0.8)]))
+    radians = float(rng.choice([0.0, 1e-3, rng.uniform(0.05, 1.5), ANY]))
+    rotates = space.size > space.dim
+    kind = rng.choice(
+        ["tolerance", "any", "range", "region"] if rotates else ["tolerance", "region"]
+    )
+    position = q[: space.dim].tolist()
+    goal, region, turn = tuple(q.tolist()), None, 0.0
+    if kind == "any":
+        goal, turn = (*position, None), ANY
+    elif kind == "range":
+        turn = float(rng.uniform(0.0, 2.0))
+        goal = (*position, (q[-1] - turn, q[-1] + turn))
+    elif kind == "region":
+        metres = 0.0
+        corners = q[:2] + rng.uniform(-0.7, 0.7, (5, 2))
+        region = shapely.union(
+            shapely.convex_hull(shapely.multipoints(corners)), shapely.Point(q[:2]).buffer(0.02)
+        )
+        region = shapely.convex_hull(region)
+        goal, turn = (region, ANY) if not rotates else ((region, float(q[-1])), 0.0)
+        goal = region if not rotates else goal
+    elif not (metres or radians):
+        metres = 0.3
+    turn += radians
+
+    def contains(rows):
+        """Return whether configurations lie in the room, up to rounding."""
+        if region is None:
+            inside = np.linalg.norm(rows[:, : space.dim] - position, axis=1) <= metres + 1e-9
+        else:
+            inside = shapely.dwithin(region, shapely.points(rows[:, :2]), 1e-9)
+        if rotates and turn < ANY:
+            inside &= np.abs(turn_between(q[-1], rows[:, -1])) <= turn + 1e-9
+        return inside
+
+    return goal, (metres, min(radians, ANY)), contains
+
+
+@pytest.mark.parametrize(
+    "name, drive",
+    few(
+        [
+            ("turning", None),
+            ("plane", None),
+            *(("turning", drive) for drive in DRIVES[1:]),
+            ("yawing", None),
+        ],
+        3,
+    ),
+)
+@examples(16)
+@given(seeds)
+def test_a_path_ends_where_it_enters_a_room_and_nowhere_dearer_than_in_its_middle(
+    name, drive, seed
+):
+    space = build_room(name)
+    rng = np.random.default_rng(seed)
+    start = tuple(space.sample_free(rng=rng).tolist())
+    if name == "yawing":
+        goal, tolerance = tuple(space.sample_free(rng=rng).tolist()), (0.3, 0.4)
+        middle = np.array(goal)
+
+        def contains(rows):
+            near = np.linalg.norm(rows[:, :3] - middle[:3], axis=1) <= 0.3
+            return near & (np.abs(turn_between(middle[3], rows[:, 3])) <= 0.4)
+
+    else:
+        goal, tolerance, contains = draw_room(space, rng)
+    plan = planners.plan(
+        space, start, goal, goal_tolerance=tolerance, time_limit=5.0, **options_for(drive)
+    )
+    if not plan.solved:
+        assert drive is not None or not plan.is_connected
+        return
+    check(space, plan, start, plan.goal)
+    assert contains(plan.goal[np.newaxis])[0]
+    # A path that went on through the room would be too long.
+    assert not contains(plan.waypoints[:-1]).any()
+    if drive is None:
+        inside = space.sample_free(20_000, rng)
+        inside = inside[contains(inside)][:8]
+        each = [planners.plan(space, start, tuple(q), time_limit=5.0) for q in inside.tolist()]
+        assert measure(plan) <= min(map(measure, each), default=math.inf) * 1.03 + 0.1
+
+
+def test_a_region_is_entered_at_its_nearest_point():
+    space = build_open_map("plane")
+    plan = planners.plan(space, (1.5, 1.5), shapely.box(4.0, 0.5, 7.0, 7.5))
+    assert plan.length == pytest.approx(2.5, abs=2e-3)
+    plan = planners.plan(space, (1.5, 1.5), (7.5, 5.5), goal_tolerance=(2.0, 0.0))
+    assert plan.length == pytest.approx(math.hypot(6.0, 4.0) - 2.0, abs=5e-3)
+    plan = planners.plan(space, (4.5, 1.5), shapely.box(4.0, 0.5, 7.0, 7.5))
+    assert plan.length == 0.0 and "the start is the goal" in plan.status
+
+
+def test_any_yaw_needs_no_turn_at_the_goal():
+    space = build_room("turning")
+    start, (x, y, yaw) = ENDPOINTS["turning"]
+    for drive in (None, "differential"):
+        turned = planners.plan(space, start, (x, y, yaw), **options_for(drive))
+        plan = planners.plan(space, start, (x, y, None), **options_for(drive))
+        assert plan.certified and plan.goal[:2].tolist() == [x, y]
+        assert measure(plan) < measure(turned)
+    assert plan.drive == "differential" and plan.direction[-1] == 1
+
+
+def test_a_room_around_a_blocked_goal_is_reached_and_without_one_the_nearest_is_named():
+    space = build_room("plane")
+    blocked = (3.15, 1.0)
+    plan = planners.plan(space, (1.0, 1.0), blocked, goal_tolerance=(0.6, 0.0))
+    assert plan.certified and math.dist(plan.goal, blocked) <= 0.6
+    with pytest.raises(ConfigurationError, match=r"within 0.1 m of .*; the nearest is") as caught:
+        planners.plan(space, (1.0, 1.0), blocked, goal_tolerance=(0.1, 0.0))
+    nearest = ast.literal_eval(re.search(r"the nearest is (\(.*\))", caught.value.hint)[1])
+    metres = math.dist(nearest, blocked)
+    assert planners.plan(space, (1.0, 1.0), blocked, goal_tolerance=(metres, 0.0)).certified
+    wall = shapely.box(3.02, 0.5, 3.25, 1.5)
+    with pytest.raises(ConfigurationError, match=r"no configuration .* free in the region"):
+        planners.plan(space, (1.0, 1.0), wall)
+    turning = build_room("turning")
+    with pytest.raises(ConfigurationError, match="free in the region, at any rotation"):
+        planners.plan(turning, ENDPOINTS["turning"][0], shapely.box(1.85, 0.5, 1.95, 1.0))
+
+
+@examples(60)
+@given(
+    seeds, st.sampled_from([None, 4]), st.sampled_from(["region", "ball", "goals"]), st.booleans()
+)
+def test_no_path_is_proven_if_and_only_if_all_cells_of_all_goals_are_apart(
+    seed, turns, kind, exact_border
+):
+    rng = np.random.default_rng(seed)
+    shape = (turns or 1, *rng.integers(4, 12, 2))
+    states = rng.choice([FREE, MIXED, BLOCKED], shape, p=[0.5, 0.15, 0.35]).astype(np.uint8)
+    space = map_of(states[0] if turns is None else states, turns, "blocked", 1.0)
+    free = np.argwhere(states == FREE)
+    assume(len(free) > 1)
+    rotation, i, j = free[rng.integers(len(free))]
+    yaw = () if turns is None else (float(space.rotations.centers[rotation, 0]),)
+    start = (i + 0.5, j + 0.5, *yaw)
+    labels = label(states < BLOCKED)
+    own = labels[rotation, i, j]
+    grain = 0.5 if exact_border else 1e-9
+    point = np.round(rng.uniform(0.1, np.array(shape[1:]) - 0.1) / grain) * grain
+    radius = float(np.round(rng.uniform(0.3, 2.0) / grain) * grain)
+    cells = np.indices(shape[1:]).reshape(2, -1).T
+    tolerance = None
+    if kind == "region":
+        low, high = point - radius, point + 0.5 * radius
+        goal = shapely.box(*low, *high)
+        met = ((cells <= high) & (cells + 1 >= low)).all(axis=1)
+        rotations = slice(None)
+    elif kind == "ball":
+        goal, tolerance = (*point, *yaw), (radius, 0.0)
+        gaps = np.clip(point, cells, cells + 1) - point
+        met = np.linalg.norm(gaps, axis=1) <= radius
+        rotations = [rotation]
+    else:
+        numbers = rng.choice(len(cells), 3)
+        goal = planners.Goals([(*(cells[k] + 0.5), *yaw) for k in numbers])
+        met = np.isin(np.arange(len(cells)), numbers)
+        rotations = [rotation]
+    try:
+        plan = planners.plan(space, start, goal, goal_tolerance=tolerance)
+    except ConfigurationError:
+        found = states[rotations][:, *cells[met].T] == FREE
+        assert kind != "goals" or not found.any()
+        return
+    reached = labels[rotations][:, *cells[met].T] == own
+    assert plan.is_disconnected == (not reached.any()) == (plan.status == "no path exists: proven")
+
+
+def label(passable):
+    """Label the components of cells, shape (rotations, x, y), with the rotations in a circle."""
+    labels = ndimage.label(passable)[0]
+    # Join what meets across the seam, until nothing changes.
+    while True:
+        both = (labels[0] != labels[-1]) & passable[0] & passable[-1]
+        if not both.any():
+            return labels
+        first, last = labels[0][both][0], labels[-1][both][0]
+        labels[labels == last] = first
+
+
+@pytest.mark.parametrize("name", few(["turning", "plane", "yawing"]))
+def test_rooms_on_both_sides_of_a_wall_are_not_all_proven_out_of_reach(name):
+    space, near, far = build_halves(name, BLOCKED)
+    rest = far[1:]
+    for goal, is_apart in [
+        (planners.Goals([far, (14.5, *rest)]), True),
+        (planners.Goals([far, (4.5, *rest)]), False),
+    ]:
+        plan = planners.plan(space, near, goal)
+        assert plan.is_disconnected == is_apart != plan.certified
+    undecided, near, far = build_halves(name, MIXED)
+    assert not planners.plan(undecided, near, planners.Goals([far, (14.5, *rest)])).is_disconnected
+
+
+def test_an_open_exterior_may_lead_to_a_region_that_leaves_the_map():
+    states = np.full((9, 9), FREE, dtype=np.uint8)
+    states[4:] = BLOCKED
+    states[6, 1] = FREE  # a pocket
+    for outside, is_apart in (("free", False), ("blocked", True)):
+        space = map_of(states, None, outside, 1.0)
+        pocket, beyond = shapely.box(6.0, 1.0, 7.0, 2.0), shapely.box(6.0, 1.0, 20.0, 2.0)
+        assert planners.plan(space, (1.5, 1.5), pocket).is_disconnected
+        assert planners.plan(space, (1.5, 1.5), beyond).is_disconnected == is_apart
+
+
+# ---- a start that is not free --------------------------------------------------------------------
+
+
+def test_a_start_is_moved_within_its_tolerance_and_the_status_says_so():
+    space = build_room("turning")
+    goal = ENDPOINTS["turning"][1]
+    blocked = (1.7, 1.0, 0.5)
+    with pytest.raises(ConfigurationError, match=r"start .*nearest is") as caught:
+        planners.plan(space, blocked, goal)
+    nearest = np.array(caught.value.nearest)
+    away = math.dist(nearest[:2], blocked[:2]) + 0.5 * abs(turn_between(blocked[2], nearest[2]))
+    plan = planners.plan(space, blocked, goal, start_tolerance=away * 1.001)
+    assert plan.certified and plan.start.tolist() == nearest.tolist()
+    moved = re.search(r"; start moved by (\S+) m to ", plan.status)
+    assert float(moved[1]) == pytest.approx(away, rel=0.01)
+    with pytest.raises(ConfigurationError, match=r"start .*nearest is"):
+        planners.plan(space, blocked, goal, start_tolerance=away * 0.999)
+    free = planners.plan(space, ENDPOINTS["turning"][0], goal, start_tolerance=1.0)
+    assert "moved" not in free.status and tuple(free.start) == ENDPOINTS["turning"][0]
+
+
+# ---- places on the way ---------------------------------------------------------------------------
+
+
+@cache
+def build_field():
+    """Build a field with a few posts, for a robot that turns."""
+    posts = np.zeros((120, 80), dtype=bool)
+    posts[40:44, 20:40] = posts[75:80, 50:54] = True
+    workspace = cspace.Workspace.from_array(posts, 0.1)
+    return cspace.build(workspace, cspace.Robot.rectangle(0.6, 0.4), rotations=24)
+
+
+@pytest.mark.parametrize("drive", DRIVES)
+def test_path_and_trajectory_go_through_places_on_the_way(drive):
+    space = build_field()
+    start, goal = (1.5, 1.5, 0.0), (10.5, 2.0, None)
+    via = [(3.0, 5.0, None), shapely.box(6.0, 6.0, 7.0, 7.0), (9.5, 5.5, -1.0)]
+    plan = planners.plan(space, start, goal, via=via, time_limit=20.0, **options_for(drive))
+    check(space, plan, start, plan.goal)
+    rows = plan.path[list(plan.via_rows)]
+    assert list(plan.via_rows) == sorted(plan.via_rows) and len(rows) == 3
+    assert rows[0, :2].tolist() == [3.0, 5.0] and rows[2].tolist() == [9.5, 5.5, -1.0]
+    assert via[1].covers(shapely.Point(rows[1, :2]))
+    straight = np.linalg.norm(np.diff(np.vstack([start, rows, plan.goal])[:, :2], axis=0), axis=1)
+    assert straight.sum() * (1.0 - 1e-9) <= plan.lower_bound <= measure(plan) * (1.0 + 1e-9)
+    limits = LIMITS | ({} if plan.turning_radius else TURN_LIMITS)
+    flowing, halting = (plan.trajectory(**limits, stop_at_via=stop) for stop in (False, True))
+    assert flowing.certified and halting.certified
+    assert flowing.duration < halting.duration
+    asks_yaw = [False, False, True]
+    for number, (row, is_given) in enumerate(zip(rows, asks_yaw, strict=True)):
+        passes_yaw = is_given or drive not in ("differential", "differential-reverse")
+        _, speed = pass_near(flowing, row, passes_yaw)
+        rests = drive in ("differential", "differential-reverse") and is_given
+        assert speed > 0.05 or rests or number == 1, (number, speed)
+        _, speed = pass_near(halting, row, passes_yaw)
+        assert speed < 0.02
+
+
+def pass_near(trajectory, row, passes_yaw):
+    """Find where a trajectory passes a configuration; return its time and speed there."""
+    times = np.linspace(0.0, trajectory.duration, 2_000)
+    for _ in range(4):
+        positions, velocities, _ = trajectory.sample(times)
+        gaps = np.linalg.norm(positions[:, :2] - row[:2], axis=1)
+        if passes_yaw:
+            gaps += np.abs(turn_between(row[2], positions[:, 2]))
+        nearest = int(gaps.argmin())
+        step = times[1] - times[0]
+        times = np.linspace(times[nearest] - step, times[nearest] + step, 2_000)
+    assert gaps[nearest] < 1e-4
+    return times[nearest], float(np.linalg.norm(velocities[nearest, :2]))
+
+
+def test_places_in_every_space_are_passed_in_order():
+    for name in ("plane", "space", "floating"):
+        space = build_open_map(name)
+        rng = np.random.default_rng(3)
+        start, *places, goal = map(tuple, space.sample_free(4, rng).tolist())
+        plan = planners.plan(space, start, goal, via=places)
+        assert plan.certified and plan.recheck().all()
+        np.testing.assert_allclose(
+            plan.path[list(plan.via_rows), : space.dim], np.array(places)[:, : space.dim]
+        )
+        trajectory = plan.trajectory(**LIMITS, **(TURN_LIMITS if name == "floating" else {}))
+        positions, velocities, _ = trajectory.sample(np.linspace(0, trajectory.duration, 50_000))
+        for place in places:
+            gaps = np.linalg.norm(positions[:, : space.dim] - place[: space.dim], axis=1)
+            assert gaps.min() < 1e-3
+            # Curves through rotations in space are not made.
+            assert name == "floating" or np.linalg.norm(velocities[gaps.argmin()]) > 0.05
+
+
+def test_a_place_that_cannot_be_reached_is_named():
+    space, near, far = build_halves("turning", BLOCKED)
+    plan = planners.plan(space, near, near, via=[(3.5, *near[1:]), far])
+    assert not plan.solved and plan.is_disconnected and plan.via_rows == ()
+    assert plan.status.startswith("via[1] is not reached: no path exists: proven")
+    assert plan.start.tolist() == list(near) and plan.goal.tolist() == list(far)
+    with pytest.raises(ConfigurationError, match=r"^via\[0\] .* lies in a BLOCKED cell"):
+        planners.plan(space, near, near, via=[(9.5, *near[1:])])
+
+
+# ---- refused goals and options -------------------------------------------------------------------
+
+START = ENDPOINTS["turning"][0]
+BOX = shapely.box(4.5, 0.5, 5.5, 1.5)
+
+
+@refusals(
+    "name, wrong, right, message",
+    (
+        "turning",
+        {"goal_tolerance": (0.3, 10.0)},
+        {"goal_tolerance": (0.3, math.radians(10.0))},
+        "an angle is at most pi radians; pass 0.174533 for 10 degrees, or pi for any rotation",
+    ),
+    (
+        "turning",
+        {"goal_tolerance": 0.3},
+        {"goal_tolerance": (0.3, 0.1)},
+        "it must be two numbers, zero or above: metres and radians; pass e.g. (0.3, 0.1)",
+    ),
+    (
+        "turning",
+        {"goal_tolerance": (-0.3, 0.1)},
+        {"goal_tolerance": (0.3, 0.1)},
+        "pass e.g. (0.3, 0.1)",
+    ),
+    ("turning", {"start_tolerance": -1.0}, {"start_tolerance": 1.0}, "pass it in metres"),
+    (
+        "turning",
+        {"goal": (BOX, 0.0), "goal_tolerance": (0.3, 0.0)},
+        {"goal": (BOX.buffer(0.3), 0.0), "goal_tolerance": (0, 1.0)},
+        "a region has its own room; pass goal_tolerance=(0, radians), or enlarge it: region.buffer(0.3)",
+    ),
+    (
+        "turning",
+        {"goal": shapely.Polygon()},
+        {"goal": shapely.box(0, 0, 1, 1)},
+        "is an empty region; a region holds positions, metres; pass e.g. shapely.box(0, 0, 1, 1)",
+    ),
+    (
+        "turning",
+        {"goal": (5.0, 3.2, (3.4, 3.0))},
+        {"goal": (5.0, 3.2, (3.0, 3.4))},
+        "pass e.g. (3.0, 3.4); ends beyond pi are wrapped",
+    ),
+    (
+        "plane",
+        {"goal": (2.0, 4.0, None)},
+        {"goal": (2.0, 4.0)},
+        "the robot does not turn; pass its position alone",
+    ),
+    (
+        "plane",
+        {"goal": (BOX, 0.3)},
+        {"goal": BOX},
+        "the robot does not turn; pass the region alone",
+    ),
+    (
+        "space",
+        {"goal": shapely.box(3, 1, 3.5, 1.5)},
+        {"goal": (3.5, 1.4, 1.6), "goal_tolerance": (0.5, 0.0)},
+        "a region is for maps of the plane; pass goal_tolerance=(metres, radians)",
+    ),
+    (
+        "turning",
+        {"goal": planners.Goals([cspace.PoseGoal("tool", np.eye(4))])},
+        {"goal": (5.0, 3.2, 2.0)},
+        "the space of an arm is needed for that; pass a configuration",
+    ),
+    (
+        "turning",
+        {"via": 3},
+        {"via": [(1.0, 2.0, 0.0)]},
+        "it lists places on the way; pass e.g. [(1, 2)]",
+    ),
+)
+def test_goals_and_options_as_the_hint_says_are_accepted(name, wrong, right, message):
+    start, goal = ENDPOINTS[name]
+
+    def make(changes):
+        plan = planners.plan(build_room(name), start, **{"goal": goal} | changes)
+        assert plan.solved
+
+    check_followed(lambda: make(wrong), lambda: make(right), message)
+
+
+def test_goals_without_a_goal_are_refused():
+    for wrong in ([], "goal", 3):
+        with pytest.raises(InputError, match=r"goals are .* there is at least one; pass a list"):
+            planners.Goals(wrong)
+    assert repr(planners.Goals([(1, 2)])) == "Goals([(1, 2)])"
+
+
+def test_a_previous_plan_leads_to_no_place_on_the_way():
+    space = build_room("plane")
+    start, goal = ENDPOINTS["plane"]
+    plan = planners.plan(space, start, goal)
+    options = {"via": [(2.0, 4.0)], "previous": plan}
+    check_followed(
+        lambda: planners.plan(space, start, goal, **options),
+        lambda: planners.plan(space, start, goal, via=options["via"]),
+        "via has 1 places, and previous is given; a previous plan is followed to one goal; leave previous out",
+    )
+
+
+class Open(cspace.Space):
+    """The unit square, without obstacles."""
+
+    axes = ("x", "y")
+    bounds = ((0.0, 0.0), (1.0, 1.0))
+
+    def is_free(self, q):
+        return True
+
+    def motion_is_free(self, q0, q1):
+        return True
+
+
+def test_the_table_says_what_a_space_of_your_own_takes():
+    start, goal = (0.1, 0.1), (0.9, 0.9)
+    given = {
+        "planners.Goals": {"goal": planners.Goals([goal, (0.2, 0.3)])},
+        "cspace.PoseGoal": {"goal": cspace.PoseGoal("tool", np.eye(4))},
+        "a goal with any rotation, or a range of yaws": {"goal": (0.9, 0.9, None)},
+        "a goal that is a region": {"goal": shapely.box(0.5, 0.5, 0.8, 0.8)},
+        "goal_tolerance": {"goal_tolerance": (0.1, 0.0)},
+        "start_tolerance": {"start_tolerance": 0.1},
+        "via": {"via": [(0.5, 0.1)]},
+    }
+    assert given.keys() == SUPPORTED.keys()
+    for option, changes in given.items():
+        arguments = {"goal": goal, "seed": 1, **changes}
+        if "your own spaces" in SUPPORTED[option]:
+            assert planners.plan(Open(), start, **arguments).certified
+            continue
+        with pytest.raises(InputError) as caught:
+            planners.plan(Open(), start, **arguments)
+        assert caught.value.argument in arguments
+    assert planners.plan(Open(), start, given["planners.Goals"]["goal"]).goal.tolist() == [0.2, 0.3]
+
+
+@pytest.mark.parametrize("flipped", [False, True])
+def test_states_that_touch_a_room_only_at_a_corner_count(flipped):
+    states = np.full((4, 4), BLOCKED, dtype=np.uint8)
+    states[0, 0] = states[0, 1] = FREE
+    states[2, 2] = states[3, 3] = FREE
+    start, touching, apart = (0.5, 0.5), (1.0, 2.0, 3.0, 3.0), (1.1, 2.0, 3.0, 3.0)
+    if flipped:
+        states = np.ascontiguousarray(states[::-1, ::-1])
+        start, touching, apart = (3.5, 3.5), (1.0, 1.0, 3.0, 2.0), (1.0, 1.0, 2.9, 2.0)
+    space = build_from_states(states)
+    # The room touches the start's cells in one corner.
+    assert not planners.plan(space, start, shapely.box(*touching)).is_disconnected
+    assert planners.plan(space, start, shapely.box(*apart)).is_disconnected
