@@ -532,6 +532,8 @@ class Plan:
         max_angular_velocity: float | None = None,
         max_angular_acceleration: float | None = None,
         max_lateral_acceleration: float | None = None,
+        max_jerk: ArrayLike | Mapping[str, float] | None = None,
+        max_angular_jerk: float | None = None,
         duration: float | None = None,
         time_step: float = 0.1,
         blend: bool = True,
@@ -620,6 +622,8 @@ class Plan:
             max_angular_velocity,
             max_angular_acceleration,
             max_lateral_acceleration,
+            max_jerk,
+            max_angular_jerk,
         )
         check_flag(blend, "blend")
         path = DrivenPath(

@@ -25,6 +25,7 @@ from cspace.errors import InputError
 from planners._car_curves import MAX_GAP
 from planners._cars import CarCurves
 from planners._drives import check_axes, local_planner
+from planners._jerk import find_jerk_stop, find_motion, keeps_jerk
 from planners._local_planner import CURVES, HOLONOMIC, ON_THE_SPOT, Pieces
 from planners._segments import (
     MAX_EDGE_TURN,
@@ -48,8 +49,8 @@ from planners._timing import (
     MotionBounds,
     Phases,
     are_same_bounds,
+    cut_phases,
     find_passes,
-    find_phases,
     find_stop,
     is_motion,
     join_phases,
@@ -151,6 +152,7 @@ class Trajectory:
         *,
         max_velocity: Limits = None,
         max_acceleration: ArrayLike | Mapping[str, float],
+        max_jerk: Limits = None,
         duration: float | None = None,
         time_step: float = 0.1,
     ) -> Trajectory:
@@ -165,7 +167,7 @@ class Trajectory:
         path : LineMotion, or array-like of shape (n, dof)
             A certified line of :meth:`cspace.ArmSpace.follow_line`, or configurations, radians and
             metres.
-        max_velocity, max_acceleration, duration, time_step
+        max_velocity, max_acceleration, max_jerk, duration, time_step
             As for :meth:`planners.Plan.trajectory`.
 
         Raises
@@ -236,7 +238,7 @@ class Trajectory:
             certified=True,
             blend=False,
         )
-        limits = MotionLimits(max_velocity, max_acceleration)
+        limits = MotionLimits(max_velocity, max_acceleration, max_jerk=max_jerk)
         return make_trajectory(driven, limits, duration, time_step)
 
     @property
@@ -314,12 +316,21 @@ class Trajectory:
         at = check_finite(t, "t")
         if at.ndim:
             raise InputError("t", f"has shape {at.shape}", "it is one time", "pass e.g. 0.5")
-        (first,), length, ((speed,), _) = _locate(
-            self._phases, np.clip(at.reshape(1), 0.0, self.duration)
+        clipped = np.clip(at.reshape(1), 0.0, self.duration)
+        (first,), length, ((speed,), (gain,)) = _locate(self._phases, clipped)
+        place, velocity, acceleration = _move_along(
+            self._segments.select([first]), self._rotations, length, speed, gain
         )
-        place, rates, _ = place_along(self._segments.select([first]), self._rotations, length)
         ahead = self._segments.select(slice(first, None))
-        phases = find_stop(ahead, self._rotations, self._bounds, float(length[0]), float(speed))
+        motion = ahead, self._rotations, self._bounds, float(length[0]), float(speed)
+        if self._bounds.jerk is None or speed == 0.0:
+            phases = find_stop(*motion)
+        else:
+            later = cut_phases(self._phases, float(clipped[0]))
+            later = later._replace(segments=later.segments - first)
+            stop_phases = find_jerk_stop(*motion, float(gain))
+            # The robot can also follow its motion until it rests.
+            phases = min(filter(None, (stop_phases, later)), key=_last_time)
         segments, phases = trim_segments(ahead, phases)
         cut = _cut_driven(segments, phases, self._rotations)
         waypoints = self._rotations._make_canonical(_make_waypoints(cut, self._rotations))
@@ -327,7 +338,9 @@ class Trajectory:
         path = ends, segments, self._rotations, phases, self._bounds
         stop = replace(
             self,
-            certified=self.certified and is_motion(*path, rates * speed),
+            certified=self.certified
+            and is_motion(*path, velocity, acceleration)
+            and keeps_jerk(segments, phases, self._bounds),
             stop_reason="braked() was called",
             _route=self._route._replace(waypoints=waypoints),
             _segments=segments,
@@ -714,6 +727,8 @@ class MotionLimits(NamedTuple):
     max_angular_velocity: float | None = None
     max_angular_acceleration: float | None = None
     max_lateral_acceleration: float | None = None
+    max_jerk: Limits = None
+    max_angular_jerk: float | None = None
 
 
 class TimedMotion(NamedTuple):
@@ -722,6 +737,7 @@ class TimedMotion(NamedTuple):
     segments: Segments
     phases: Phases
     begin_velocity: Floats | float = 0.0
+    begin_acceleration: Floats | float = 0.0
     olds: int = 0  # number of segments of the motion before, whose curves were proven then
 
 
@@ -847,7 +863,7 @@ def _start(
     smooth = _smooth(path, edges, rotations, bounds, None)
     motions: list[TimedMotion] = []
     for segments in (edges,) if smooth is None else (smooth, edges):
-        phases = find_phases(segments, rotations, bounds)
+        phases = find_motion(segments, rotations, bounds)
         if phases is not None:
             motions.append(TimedMotion(segments, phases))
     return min(motions, key=_end_time)
@@ -864,15 +880,16 @@ def _go_on(
     rotations = stop._rotations
     begin, end = stop._phases.positions[[0, -1]].tolist()
     speed = float(stop._phases.speeds[0])
+    gain = float(stop._phases.accelerations[0])
     first = stop._segments.select([0])
-    velocity = speed * place_along(first, rotations, np.array([begin]))[1]
+    state = _move_along(first, rotations, np.array([begin]), speed, gain)[1:]
     driven, length = (stop._segments, end) if from_rest else (first, begin)
     head = cut_segments(driven, rotations, 0.0, length)
     last = head.select([-1])
     _, rates, bends = place_along(last, rotations, last.lengths)
     if not from_rest:
         head, begin = head.select([]), 0.0
-    is_slow = float(bounds.velocity.shares(velocity).max()) < SLOW_SHARE
+    is_slow = float(bounds.velocity.shares(state[0]).max()) < SLOW_SHARE
     junction = _make_junction(rates, bends, rotations, bounds, path)
     smooth = _smooth(path, edges, rotations, bounds, junction)
     olds = len(head.lengths)
@@ -887,21 +904,49 @@ def _go_on(
         if not (from_rest or find_passes(joined, rotations, bounds).all()):
             continue
         segments = join_segments([scale_segments(head, factor), tail])
-        phases = find_phases(segments, rotations, bounds, begin / factor, speed / factor)
+        begin_state = speed / factor, gain / factor
+        if not from_rest:
+            begin_state = _project_state(tail.select([0]), rotations, *state)
+        phases = find_motion(segments, rotations, bounds, begin / factor, *begin_state)
         if phases is not None:
-            motions.append(TimedMotion(segments, phases, velocity, olds))
+            motions.append(TimedMotion(segments, phases, *state, olds))
     may_stop = from_rest and are_same_bounds(bounds, stop._bounds)
     if may_stop and (smooth is None or not motions or is_slow):
         rest = _start(path, edges, rotations, bounds)
         segments = join_segments([head, rest.segments])
         phases = join_phases(stop._phases, rest.phases, olds)
-        motions.append(TimedMotion(segments, phases, velocity, olds))
+        motions.append(TimedMotion(segments, phases, *state, olds))
     return min(motions, key=_end_time, default=None)
+
+
+def _move_along(
+    segments: Segments, rotations: Rotations, length: Floats, speed: float, gain: float
+) -> tuple[Floats, Floats, Floats]:
+    """Return place, velocity and acceleration at a length, by those along a segment, (1, k)."""
+    place, rates, bends = place_along(segments, rotations, length)
+    # The acceleration across an arc has a limit of its own.
+    bends = np.where(segments.curvatures[:, np.newaxis], 0.0, bends)
+    return place, rates * speed, rates * gain + bends * speed**2
+
+
+def _project_state(
+    segments: Segments, rotations: Rotations, velocity: Floats, acceleration: Floats
+) -> tuple[float, float]:
+    """Return the speed and acceleration along a segment from its start, by those of the robot."""
+    _, rates, bends = _move_along(segments, rotations, np.zeros(1), 1.0, 0.0)
+    square = float((rates * rates).sum())
+    speed = float((rates * velocity).sum()) / square
+    return speed, float((rates * (acceleration - bends * speed**2)).sum()) / square
+
+
+def _last_time(phases: Phases) -> float:
+    """Return the duration of phases."""
+    return float(phases.times[-1])
 
 
 def _end_time(motion: TimedMotion) -> float:
     """Return the duration of a motion."""
-    return float(motion.phases.times[-1])
+    return _last_time(motion.phases)
 
 
 def _make(
@@ -914,7 +959,9 @@ def _make(
     """Make a trajectory and prove what is not; None if rounding exceeds its limits."""
     segments, phases = trim_segments(motion.segments, motion.phases)
     timing = path.waypoints, segments, rotations, phases, bounds
-    if not is_motion(*timing, motion.begin_velocity):
+    if not is_motion(*timing, motion.begin_velocity, motion.begin_acceleration):
+        return None
+    if not keeps_jerk(segments, phases, bounds):
         return None
     none = np.zeros(0)
     made = Trajectory(
@@ -953,6 +1000,8 @@ def _smooth(
     space = path.space
     if not path.blend or path.drive in CURVES or space is None or not can_prove_curves(space):
         return None
+    if path.drive in ON_THE_SPOT and bounds.jerk is not None and bounds.jerk.angular is not None:
+        return None  # The angular acceleration of a drive jumps along its curves.
     gap = VIA_CELLS * 2.0 * space.resolution if space.has_cells else 0.0
     drives = path.drive in ON_THE_SPOT
     polyline = make_polyline(edges, rotations, bounds, drives, gap, junction)
@@ -966,7 +1015,8 @@ def _make_junction(
 ) -> Junction | None:
     """Return the derivatives, at full speed, with which a curve goes on; None if it cannot.
 
-    A change of speed along the curve is left out of the second derivatives.
+    Without a limit of jerk, a change of speed along the curve is left out of the second
+    derivatives.
     """
     rates, bends = rates.copy(), bends.copy()
     if path.drive in ON_THE_SPOT:
@@ -975,8 +1025,9 @@ def _make_junction(
     full = float(bounds.velocity.shares(rates).max())
     if full == 0.0 or ("qw" in rotations.names and rates[:, -3:].any()):
         return None
-    squares = bounds.velocity.multiply(rates, rates).sum()
-    bends -= bounds.velocity.multiply(rates, bends).sum() / squares * rates
+    if bounds.jerk is None:
+        squares = bounds.velocity.multiply(rates, rates).sum()
+        bends -= bounds.velocity.multiply(rates, bends).sum() / squares * rates
     if float(bounds.acceleration.shares(bends).max()) * LEAST_BEND_SHARE**2 > full**2:
         return None
     return Junction(rates[0] / full, bends[0] / full**2)
@@ -993,6 +1044,18 @@ def _check_bounds(path: DrivenPath, limits: MotionLimits) -> MotionBounds:
     max_acceleration = _check_limits(path, dim, limits.max_acceleration, "max_acceleration", {})
     max_turn_rate = _check_option(limits, "max_angular_velocity", rotates, needs_angular)
     max_turn_gain = _check_option(limits, "max_angular_acceleration", rotates, needs_angular)
+    jerk = None
+    max_turn_jerk = _check_option(limits, "max_angular_jerk", needs_angular, False)
+    if limits.max_jerk is not None:
+        max_jerk = _check_limits(path, dim, limits.max_jerk, "max_jerk", {})
+        jerk = LimitRates(max_jerk, max_turn_jerk, dim)
+    elif max_turn_jerk is not None:
+        raise InputError(
+            "max_jerk",
+            "is missing",
+            "max_angular_jerk has a value",
+            "pass both, in m/s^3 and rad/s^3",
+        )
     turns_sideways = is_curved or path.drive in ON_THE_SPOT
     max_lateral = _check_option(limits, "max_lateral_acceleration", turns_sideways, False)
     return MotionBounds(
@@ -1000,6 +1063,7 @@ def _check_bounds(path: DrivenPath, limits: MotionLimits) -> MotionBounds:
         acceleration=LimitRates(max_acceleration, max_turn_gain, dim),
         lateral=float(max_acceleration.min()) if max_lateral is None else max_lateral,
         gap=MAX_GAP if is_curved else MAX_ERROR,
+        jerk=jerk,
     )
 
 
@@ -1119,11 +1183,8 @@ def _locate(phases: Phases, t: Floats) -> tuple[Ints, Floats, tuple[Floats, Floa
     """Return segments, lengths along these, and speeds and accelerations at times, shape (n,)."""
     phase = np.maximum(np.searchsorted(phases.times, t, side="right") - 1, 0)
     elapsed = np.maximum(t - phases.times[phase], 0.0)
-    acceleration = np.where(t < 0.0, 0.0, phases.accelerations[phase])
-    begin_speed = phases.speeds[phase]
-    mean_speed = begin_speed + 0.5 * acceleration * elapsed
-    lengths = phases.positions[phase] + elapsed * mean_speed
-    return phases.segments[phase], lengths, (begin_speed + acceleration * elapsed, acceleration)
+    lengths, speeds, accelerations = phases.at(phase, elapsed)
+    return phases.segments[phase], lengths, (speeds, np.where(t < 0.0, 0.0, accelerations))
 
 
 def _evaluate(
