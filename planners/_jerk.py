@@ -31,6 +31,7 @@ from planners._timing import (
     MAX_ERROR,
     MIN_PHASE_SHARE,
     Intervals,
+    LimitRates,
     MotionBounds,
     Phases,
     bound_squares,
@@ -61,8 +62,8 @@ ROOT_STEPS: Final = 60
 """Number of halvings that find a speed or a time."""
 
 MIN_JERK_SHARE: Final = 1e-3
-"""Smallest share of the duration in which the jerk alone would bring the robot to full speed. Numbers
-for times resolve no larger jerks."""
+"""Smallest share of the duration in which the jerk alone would bring the robot to full speed.
+Numbers for times resolve no larger jerks."""
 
 SLACK: Final = 1e-7
 """Share of each limit that is left for rounding."""
@@ -108,7 +109,7 @@ def find_motion(
     if bounds.jerk is None:
         return find_phases(segments, rotations, bounds, begin, begin_speed)
     intervals = measure_intervals(segments, rotations, bounds, begin)
-    limited = _limit_jerk(intervals, segments, bounds)
+    limited = _limit_jerk(intervals, segments, bounds.jerk)
     squares = intervals.end_caps
     squares[0] = min(begin_speed**2, intervals.caps[0])
     rooms = np.column_stack([limited.bends / BEND_ROOM, limited.speeds**-2.0])
@@ -143,6 +144,7 @@ def find_jerk_stop(
     segments: Segments,
     rotations: Rotations,
     bounds: MotionBounds,
+    jerk: LimitRates,
     begin: float,
     speed: float,
     acceleration: float,
@@ -154,7 +156,7 @@ def find_jerk_stop(
     intervals = measure_intervals(segments, rotations, bounds, begin)
     stops = np.flatnonzero(intervals.end_caps[1:] == 0.0)
     intervals = intervals.head(int(stops[0]) + 1)
-    limited = _limit_jerk(intervals, segments, bounds)
+    limited = _limit_jerk(intervals, segments, jerk)
     limits = 1.0 / np.array([limited.rates.max(axis=1).min(), limited.jerk_rates.max(axis=1).min()])
     limits *= 1.0 - SLACK
     pieces = np.zeros((LEG_PHASES + len(limited.speeds), 6))
@@ -164,14 +166,13 @@ def find_jerk_stop(
     return _join_pieces(intervals, limited, pieces[:count]) if excess <= 1.0 + ROUNDING else None
 
 
-def _limit_jerk(intervals: Intervals, segments: Segments, bounds: MotionBounds) -> JerkIntervals:
+def _limit_jerk(intervals: Intervals, segments: Segments, jerk: LimitRates) -> JerkIntervals:
     """Return the limits of intervals, with those of jerk."""
-    assert bounds.jerk is not None
     parts = segments.select(intervals.owners)
     middles = intervals.begins + 0.5 * intervals.lengths
     rates, bends, _ = _bound_around(parts, middles)
-    jerk_rates = bounds.jerk.shares(rates)
-    jerk_twists = bounds.jerk.shares(np.abs(parts.twists))
+    jerk_rates = jerk.shares(rates)
+    jerk_twists = jerk.shares(np.abs(parts.twists))
     lengths = intervals.lengths
     # Numbers for times resolve no larger jerks.
     duration = (lengths + np.sqrt(lengths * intervals.rate_shares.max(axis=1))).sum()
@@ -185,7 +186,7 @@ def _limit_jerk(intervals: Intervals, segments: Segments, bounds: MotionBounds) 
         rates=grown * intervals.rate_shares,
         bends=grown * intervals.bend_shares,
         jerk_rates=grown * jerk_rates,
-        jerk_bends=grown * bounds.jerk.shares(bends),
+        jerk_bends=grown * jerk.shares(bends),
         jerk_twists=grown * jerk_twists,
     )
 
@@ -505,9 +506,9 @@ def lay_leg(
 ) -> tuple[int, float]:
     """Cut the phases of a leg at the borders of intervals ``first`` to ``last``, and check them.
 
-    Lower the limits if they need more time. ``factors``, shape (5,), are for its own use. Return the
-    new number of pieces, and the factor of time that they need. Rows of ``pieces`` are
-    the interval, the length from the first border, and speed, acceleration, jerk and duration.
+    Lower the limits if the pieces need more time. Return the new number of pieces, and the factor
+    of time that they need. Rows of ``pieces`` are the interval, the length from the first border,
+    and speed, acceleration, jerk and duration. ``factors``, shape (5,), are for its own use.
     """
     excess = 0.0
     top = limits[4] if len(limits) > 4 else math.inf

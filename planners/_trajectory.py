@@ -117,8 +117,8 @@ class Trajectory:
         Configurations. Yaw is in [-pi, pi). Quaternions never jump to their negative, so their sign
         may differ from that in the plan.
     velocities, accelerations : ndarray of float64, shape (n, size), read-only
-        First and second derivative of the positions by time. Accelerations jump; each is that just
-        after its time.
+        First and second derivative of the positions by time. Accelerations jump unless the jerk
+        has a limit; each is that just after its time.
     axes, units : tuple of str
         Names and units of the columns, as of the plan.
     certified : bool
@@ -283,9 +283,10 @@ class Trajectory:
         """Return a stop on this curve from the state at a time.
 
         It begins in motion and keeps the limits of this trajectory, so positions and velocities are
-        continuous if the robot drives it from ``t`` on. It is a part of what was proven, and
-        :meth:`recheck` proves that part alone. On lines and arcs no stop is quicker. On a curve the
-        robot slows down by bounds for pieces of the curve, so a quicker stop may exist.
+        continuous if the robot drives it from ``t`` on. So are accelerations if the jerk has a
+        limit; then the stop is longer. It is a part of what was proven, and :meth:`recheck` proves
+        that part alone. Without a limit of jerk no stop on lines and arcs is quicker. On a curve
+        the robot slows down by bounds for pieces of the curve, so a quicker stop may exist.
 
         Parameters
         ----------
@@ -322,24 +323,25 @@ class Trajectory:
             self._segments.select([first]), self._rotations, length, speed, gain
         )
         ahead = self._segments.select(slice(first, None))
-        motion = ahead, self._rotations, self._bounds, float(length[0]), float(speed)
+        path = ahead, self._rotations, self._bounds
+        state = float(length[0]), float(speed)
         if self._bounds.jerk is None or speed == 0.0:
-            phases = find_stop(*motion)
+            phases = find_stop(*path, *state)
         else:
             later = cut_phases(self._phases, float(clipped[0]))
             later = later._replace(segments=later.segments - first)
-            stop_phases = find_jerk_stop(*motion, float(gain))
+            stop_phases = find_jerk_stop(*path, self._bounds.jerk, *state, float(gain))
             # The robot can also follow its motion until it rests.
             phases = min(filter(None, (stop_phases, later)), key=_last_time)
         segments, phases = trim_segments(ahead, phases)
         cut = _cut_driven(segments, phases, self._rotations)
         waypoints = self._rotations._make_canonical(_make_waypoints(cut, self._rotations))
         ends = np.concatenate([place, waypoints[-1:]])
-        path = ends, segments, self._rotations, phases, self._bounds
+        timing = ends, segments, self._rotations, phases, self._bounds
         stop = replace(
             self,
             certified=self.certified
-            and is_motion(*path, velocity, acceleration)
+            and is_motion(*timing, velocity, acceleration)
             and keeps_jerk(segments, phases, self._bounds),
             stop_reason="braked() was called",
             _route=self._route._replace(waypoints=waypoints),
