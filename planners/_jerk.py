@@ -129,10 +129,9 @@ def find_motion(
     least = [(gains[leg].min(), jerks[leg].min()) * 2 for leg in legs]
     floors = RAMP_FLOOR * np.array(least)
     pieces = np.zeros((LEG_PHASES * len(legs) + len(gains), 6))
-    work = np.zeros((3, LEG_PHASES))
-    count, excess = solve_legs(
-        pieces, limits, floors, *work, keys, speeds, begin_acceleration, *limited
-    )
+    work = [np.zeros(LEG_PHASES) for _ in range(3)]
+    start = keys, speeds, begin_acceleration
+    count, excess = solve_legs(pieces, limits, floors, work[0], work[1], work[2], *start, *limited)
     begins_moving = begin_speed > 0.0 or begin_acceleration != 0.0
     if excess == np.inf or (excess > 1.0 + ROUNDING and begins_moving):
         return None
@@ -160,8 +159,7 @@ def find_jerk_stop(
     limits = 1.0 / np.array([limited.rates.max(axis=1).min(), limited.jerk_rates.max(axis=1).min()])
     limits *= 1.0 - SLACK
     pieces = np.zeros((LEG_PHASES + len(limited.speeds), 6))
-    durations, jerks, factors = np.zeros((3, 3))
-    work = durations, jerks, factors
+    work = np.zeros(3), np.zeros(3), np.zeros(3)
     count, excess = solve_stop(pieces, limits, *work, speed, acceleration, *limited)
     return _join_pieces(intervals, limited, pieces[:count]) if excess <= 1.0 + ROUNDING else None
 
@@ -340,7 +338,7 @@ def find_reach(
             low = middle
         else:
             high = middle
-    return min(low, most)
+    return float(min(low, most))
 
 
 @internal
@@ -481,7 +479,7 @@ def check_piece(
             lower_ramp(factors, 1, by_acceleration, by_jerk)
         else:
             lower_ramp(factors, 0 if phase < 3 else 1, by_acceleration, by_jerk)
-    return excess
+    return float(excess)
 
 
 @internal
