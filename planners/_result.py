@@ -607,6 +607,8 @@ class Plan:
         max_angular_velocity: float | None = None,
         max_angular_acceleration: float | None = None,
         max_lateral_acceleration: float | None = None,
+        max_jerk: ArrayLike | Mapping[str, float] | None = None,
+        max_angular_jerk: float | None = None,
         duration: float | None = None,
         time_step: float = 0.1,
         blend: bool = True,
@@ -624,7 +626,8 @@ class Plan:
 
         Limits hold at every instant. Speeds along a curve are the largest that they allow, with
         constant accelerations between points of the curve (J. E. Bobrow and others, 1985; H. Pham
-        and Q.-C. Pham, 2018).
+        and Q.-C. Pham, 2018). With ``max_jerk`` they are the shortest on a straight line, and near
+        the shortest on curves.
 
         Curves are proven by FREE cells alone, even if the plan is ``exact``, or by the hulls of an
         arm. Without a proof, as in a space of your own or after pickling, all corners stop the
@@ -644,11 +647,18 @@ class Plan:
             its steering is instant.
         max_lateral_acceleration : float, optional
             Of a car or differential drive on its curves, m/s^2; by default ``max_acceleration``.
+        max_jerk : float, array-like of shape (k,), or mapping of axes to floats, optional
+            Largest jerk, like ``max_acceleration``, in m/s^3 or rad/s^3. The acceleration is
+            then continuous; for a car, that along its curve. Ramps of the speed are double S
+            (L. Biagiotti and C. Melchiorri, 2008). By default the jerk has no limit.
+        max_angular_jerk : float, optional
+            Of a robot that turns, but no car, rad/s^3; only with ``max_jerk``. A differential drive
+            given one stops at corners, since its angular acceleration jumps along curves.
         duration : float, optional
             Seconds of the whole trajectory, to which the fastest one is slowed down evenly.
         time_step : float
-            Largest time between rows, seconds. Each change of acceleration adds a row, and between
-            two rows the robot turns less than halfway.
+            Largest time between rows, seconds. Each jump of acceleration or jerk adds a row, and
+            between two rows the robot turns less than halfway.
         blend : bool
             Whether corners become curves. If False, the robot stays on the edges of the path, and
             stops at corners.
@@ -700,6 +710,8 @@ class Plan:
             max_angular_velocity,
             max_angular_acceleration,
             max_lateral_acceleration,
+            max_jerk,
+            max_angular_jerk,
         )
         check_flag(blend, "blend")
         check_flag(stop_at_via, "stop_at_via")

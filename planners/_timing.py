@@ -44,12 +44,15 @@ MAX_ERROR: Final = 1e-9
 MAX_EXCESS: Final = 1e-6
 """Largest relative excess over a limit, for rounding."""
 
+MAX_GAIN_GAP: Final = 1e-6
+"""Largest jump of the acceleration between phases with limited jerk, relative to the largest."""
+
 MAX_SPEED_GAP: Final = 1e-5
 """Largest jump of the speed between phases, relative to the largest: that of skipped phases."""
 
 
 class Phases(NamedTuple):
-    """Parts of a motion with constant acceleration.
+    """Parts of a motion with constant jerk, which is zero without a limit of jerk.
 
     Each is on one segment; in the last part the robot rests.
     """
@@ -59,6 +62,36 @@ class Phases(NamedTuple):
     positions: Floats  # length along the segment at that time, and its derivatives by time
     speeds: Floats
     accelerations: Floats
+    jerks: Floats
+
+    def at(self, numbers: Ints, elapsed: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return lengths, speeds and accelerations at times after the starts of phases."""
+        speeds = self.speeds[numbers]
+        accelerations = self.accelerations[numbers]
+        jerks = self.jerks[numbers] * elapsed
+        mean_speeds = speeds + elapsed * (0.5 * accelerations + jerks / 6.0)
+        lengths = self.positions[numbers] + elapsed * mean_speeds
+        return lengths, speeds + elapsed * (accelerations + 0.5 * jerks), accelerations + jerks
+
+    def ends(self) -> tuple[Floats, Floats, Floats]:
+        """Return lengths, speeds and accelerations at the ends of all phases but the rest."""
+        durations = np.diff(self.times)
+        return self.at(np.arange(len(durations)), durations)
+
+
+def cut_phases(phases: Phases, t: float) -> Phases:
+    """Return the phases from a time on, until the robot rests."""
+    first = int(np.searchsorted(phases.times, t, side="right")) - 1
+    rests = np.flatnonzero(phases.speeds[first + 1 :] == 0.0)
+    cut = Phases._make(column[first : first + 2 + rests[0]].copy() for column in phases)
+    place, speed, gain = phases.at(np.array([first]), np.array([t - phases.times[first]]))
+    cut.positions[0], cut.speeds[0], cut.accelerations[0] = place[0], speed[0], gain[0]
+    cut.times[0] = t
+    if cut.segments[-1] != cut.segments[-2]:  # it rests at the end of a segment
+        cut.segments[-1] = cut.segments[-2]
+        cut.positions[-1] = cut.ends()[0][-1]
+    cut.accelerations[-1] = cut.jerks[-1] = 0.0
+    return cut._replace(times=cut.times - t)
 
 
 class LimitRates(NamedTuple):
@@ -96,6 +129,13 @@ class MotionBounds(NamedTuple):
     acceleration: LimitRates
     lateral: float  # largest acceleration across the direction of driving
     gap: float  # largest relative gap between segments
+    jerk: LimitRates | None = None
+
+    def list_limits(self) -> list[Floats]:
+        """Return the limits of velocity, acceleration and jerk; infinite ones if missing."""
+        infinite = LimitRates(np.array(np.inf), None, 0)
+        limits = self.velocity, self.acceleration, self.jerk or infinite
+        return [np.hstack([each.linear.ravel(), each.angular or np.inf]) for each in limits]
 
     def lateral_shares(self, segments: Segments, rates: Floats) -> list[Floats]:
         """Return the shares of the lateral limit that rates use, shape (m, 1), if any do."""
@@ -108,13 +148,8 @@ class MotionBounds(NamedTuple):
 
 def are_same_bounds(first: MotionBounds, second: MotionBounds) -> bool:
     """Return True if two motions have the same limits."""
-    numbers = [
-        np.hstack([each.linear.ravel(), each.angular or np.inf])
-        for each in (first.velocity, second.velocity, first.acceleration, second.acceleration)
-    ]
-    return first.lateral == second.lateral and all(
-        np.array_equal(numbers[k], numbers[k + 1]) for k in (0, 2)
-    )
+    pairs = zip(first.list_limits(), second.list_limits(), strict=True)
+    return first.lateral == second.lateral and all(np.array_equal(*pair) for pair in pairs)
 
 
 class Intervals(NamedTuple):
@@ -132,6 +167,11 @@ class Intervals(NamedTuple):
     bend_shares: Floats  # (n, c), the numbers q
     caps: Floats  # (n,), the largest squared speeds by the velocities
     end_caps: Floats  # (n + 1,), those at the ends; zero where the robot must stop
+
+    def head(self, count: int) -> Intervals:
+        """Return the first intervals."""
+        columns = Intervals._make(column[:count] for column in self)
+        return columns._replace(end_caps=self.end_caps[: count + 1])
 
 
 def measure_intervals(
@@ -317,6 +357,7 @@ def _join_phases(
         positions=np.append(positions[kept], end),
         speeds=np.append(speeds[kept], 0.0),
         accelerations=np.append(accelerations[kept], 0.0),
+        jerks=np.zeros(np.count_nonzero(kept) + 1),
     )
 
 
@@ -337,23 +378,33 @@ def slow_down(phases: Phases, factor: float) -> Phases:
         phases.positions,
         phases.speeds / factor,
         phases.accelerations / factor**2,
+        phases.jerks / factor**3,
     )
 
 
 def find_passes(segments: Segments, rotations: Rotations, bounds: MotionBounds) -> Bools:
     """Return whether the rates continue from each segment to the next, shape (m - 1,).
 
-    A yaw rate without a limit of acceleration may jump.
+    A yaw rate without a limit of acceleration may jump. With a limit of jerk, the second
+    derivatives continue, too.
     """
     numbers = np.arange(len(segments.lengths))
     parts = segments.select(np.concatenate([numbers[:-1], numbers[1:]]))
     places = np.concatenate([segments.lengths[:-1], 0.0 * segments.lengths[1:]])
-    ends, begins = np.split(place_along(parts, rotations, places)[1], 2)
+    _, rates, bends = place_along(parts, rotations, places)
+    ends, begins = np.split(rates, 2)
     jumps = bounds.acceleration.shares(ends - begins)
     largest = bounds.acceleration.shares(np.maximum(np.abs(ends), np.abs(begins)))
     allowed = max(MAX_RATE_STEP, bounds.gap) * largest
     allowed += MIN_RATE_STEP * largest.max(axis=1, keepdims=True)
-    return np.asarray((jumps <= allowed).all(axis=1))
+    passes = np.asarray((jumps <= allowed).all(axis=1))
+    if bounds.jerk is None:
+        return passes
+    # The acceleration across an arc has a limit of its own.
+    ends, begins = np.split(np.where(parts.curvatures[:, np.newaxis], 0.0, bends), 2)
+    sizes = bounds.jerk.shares(np.maximum(np.abs(ends), np.abs(begins)))
+    allowed = MAX_RATE_STEP * (sizes + bounds.jerk.shares(np.split(rates, 2)[0]))
+    return passes & np.asarray((bounds.jerk.shares(ends - begins) <= allowed).all(axis=1))
 
 
 def is_motion(
@@ -363,19 +414,20 @@ def is_motion(
     phases: Phases,
     bounds: MotionBounds,
     begin_velocity: Floats | float = 0.0,
+    begin_acceleration: Floats | float = 0.0,
 ) -> bool:
     """Return True if phases move along segments from the first row of ends to the last one.
 
-    It begins with a velocity, shape (k,), and ends at rest. Phases take time and stay on their
-    segments, configurations and velocities do not jump between them, and limits hold at their ends.
-    Comparisons are False for NaN.
+    It begins with a velocity and an acceleration, shape (k,), and ends at rest. Phases take time
+    and stay on their segments, configurations, velocities and, if the jerk has a limit,
+    accelerations do not jump between them, and limits hold at their ends. Comparisons are False for
+    NaN.
     """
     durations = np.diff(phases.times)
     count = len(durations)
     begin_speeds = phases.speeds[:-1]
-    end_speeds = begin_speeds + durations * phases.accelerations[:-1]
+    lasts, end_speeds, end_gains = phases.ends()
     speeds = np.concatenate([begin_speeds, end_speeds])
-    lasts = phases.positions[:-1] + 0.5 * durations * (begin_speeds + end_speeds)
     positions = np.concatenate([phases.positions[:-1], lasts])
     parts = segments.select(np.tile(phases.segments[:-1], 2))
     rows, rates, bends = place_along(parts, rotations, positions)
@@ -390,11 +442,17 @@ def is_motion(
     largest = bounds.acceleration.shares(velocities_before).max()
     # The acceleration across an arc has a limit of its own.
     bends = np.where(parts.curvatures[:, np.newaxis], 0.0, bends)
-    accelerations = rates * np.tile(phases.accelerations[:-1], 2)[:, np.newaxis]
-    accelerations += bends * (speeds**2)[:, np.newaxis]
+    gains = np.concatenate([phases.accelerations[:-1], end_gains])
+    accelerations = rates * gains[:, np.newaxis] + bends * (speeds**2)[:, np.newaxis]
     shares = [bounds.velocity.shares(velocities), bounds.acceleration.shares(accelerations)]
     shares += bounds.lateral_shares(parts, velocities)
     slack = MAX_ERROR * parts.lengths
+    if bounds.jerk is not None:
+        gains_before = np.concatenate([rest + begin_acceleration, accelerations[count:]])
+        gains_after = np.concatenate([accelerations[:count], rest])
+        steps = bounds.jerk.shares(gains_after - gains_before)
+        if not (steps <= MAX_GAIN_GAP * bounds.jerk.shares(gains_before).max()).all():
+            return False
     return bool(
         (durations > 0.0).all()
         and (positions >= -slack).all()

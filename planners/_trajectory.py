@@ -26,6 +26,7 @@ from cspace.errors import InputError
 from planners._car_curves import MAX_GAP
 from planners._cars import CarCurves
 from planners._drives import check_axes, local_planner
+from planners._jerk import find_jerk_stop, find_motion, keeps_jerk
 from planners._local_planner import CURVES, HOLONOMIC, ON_THE_SPOT, Pieces
 from planners._ompl_states import check_space
 from planners._segments import (
@@ -50,8 +51,8 @@ from planners._timing import (
     MotionBounds,
     Phases,
     are_same_bounds,
+    cut_phases,
     find_passes,
-    find_phases,
     find_stop,
     is_motion,
     join_phases,
@@ -118,8 +119,8 @@ class Trajectory:
         Configurations. Yaw is in [-pi, pi). Quaternions never jump to their negative, so their sign
         may differ from that in the plan.
     velocities, accelerations : ndarray of float64, shape (n, size), read-only
-        First and second derivative of the positions by time. Accelerations jump; each is that just
-        after its time.
+        First and second derivative of the positions by time. Accelerations jump unless the jerk
+        has a limit; each is that just after its time.
     axes, units : tuple of str
         Names and units of the columns, as of the plan.
     certified : bool
@@ -153,6 +154,7 @@ class Trajectory:
         *,
         max_velocity: Limits = None,
         max_acceleration: ArrayLike | Mapping[str, float],
+        max_jerk: Limits = None,
         duration: float | None = None,
         time_step: float = 0.1,
     ) -> Trajectory:
@@ -167,7 +169,7 @@ class Trajectory:
         path : LineMotion, or array-like of shape (n, dof)
             A certified line of :meth:`cspace.ArmSpace.follow_line`, or configurations, radians and
             metres.
-        max_velocity, max_acceleration, duration, time_step
+        max_velocity, max_acceleration, max_jerk, duration, time_step
             As for :meth:`planners.Plan.trajectory`.
 
         Raises
@@ -238,7 +240,7 @@ class Trajectory:
             certified=True,
             blend=False,
         )
-        limits = MotionLimits(max_velocity, max_acceleration)
+        limits = MotionLimits(max_velocity, max_acceleration, max_jerk=max_jerk)
         return make_trajectory(driven, limits, duration, time_step)
 
     @property
@@ -285,9 +287,10 @@ class Trajectory:
         """Return a stop on this curve from the state at a time.
 
         It begins in motion and keeps the limits of this trajectory, so positions and velocities are
-        continuous if the robot drives it from ``t`` on. It is a part of what was proven, and
-        :meth:`recheck` proves that part alone. On lines and arcs no stop is quicker. On a curve the
-        robot slows down by bounds for pieces of the curve, so a quicker stop may exist.
+        continuous if the robot drives it from ``t`` on. So are accelerations if the jerk has a
+        limit; then the stop is longer. It is a part of what was proven, and :meth:`recheck` proves
+        that part alone. Without a limit of jerk no stop on lines and arcs is quicker. On a curve
+        the robot slows down by bounds for pieces of the curve, so a quicker stop may exist.
 
         Parameters
         ----------
@@ -318,20 +321,32 @@ class Trajectory:
         at = check_finite(t, "t")
         if at.ndim:
             raise InputError("t", f"has shape {at.shape}", "it is one time", "pass e.g. 0.5")
-        (first,), length, ((speed,), _) = _locate(
-            self._phases, np.clip(at.reshape(1), 0.0, self.duration)
+        clipped = np.clip(at.reshape(1), 0.0, self.duration)
+        (first,), length, ((speed,), (gain,)) = _locate(self._phases, clipped)
+        place, velocity, acceleration = _move_along(
+            self._segments.select([first]), self._rotations, length, speed, gain
         )
-        place, rates, _ = place_along(self._segments.select([first]), self._rotations, length)
         ahead = self._segments.select(slice(first, None))
-        phases = find_stop(ahead, self._rotations, self._bounds, float(length[0]), float(speed))
+        path = ahead, self._rotations, self._bounds
+        state = float(length[0]), float(speed)
+        if self._bounds.jerk is None or speed == 0.0:
+            phases = find_stop(*path, *state)
+        else:
+            later = cut_phases(self._phases, float(clipped[0]))
+            later = later._replace(segments=later.segments - first)
+            stop_phases = find_jerk_stop(*path, self._bounds.jerk, *state, float(gain))
+            # The robot can also follow its motion until it rests.
+            phases = min(filter(None, (stop_phases, later)), key=_last_time)
         segments, phases = trim_segments(ahead, phases)
         cut = _cut_driven(segments, phases, self._rotations)
         waypoints = self._rotations._make_canonical(_make_waypoints(cut, self._rotations))
         ends = np.concatenate([place, waypoints[-1:]])
-        path = ends, segments, self._rotations, phases, self._bounds
+        timing = ends, segments, self._rotations, phases, self._bounds
         stop = replace(
             self,
-            certified=self.certified and is_motion(*path, rates * speed),
+            certified=self.certified
+            and is_motion(*timing, velocity, acceleration)
+            and keeps_jerk(segments, phases, self._bounds),
             stop_reason="braked() was called",
             _route=self._route._replace(waypoints=waypoints),
             _segments=segments,
@@ -718,6 +733,8 @@ class MotionLimits(NamedTuple):
     max_angular_velocity: float | None = None
     max_angular_acceleration: float | None = None
     max_lateral_acceleration: float | None = None
+    max_jerk: Limits = None
+    max_angular_jerk: float | None = None
 
 
 class TimedMotion(NamedTuple):
@@ -726,6 +743,7 @@ class TimedMotion(NamedTuple):
     segments: Segments
     phases: Phases
     begin_velocity: Floats | float = 0.0
+    begin_acceleration: Floats | float = 0.0
     olds: int = 0  # number of segments of the motion before, whose curves were proven then
 
 
@@ -886,7 +904,7 @@ def _start(
     smooth = _smooth(path, edges, rotations, bounds, None)
     motions: list[TimedMotion] = []
     for segments in (edges,) if smooth is None else (smooth, edges):
-        phases = find_phases(segments, rotations, bounds)
+        phases = find_motion(segments, rotations, bounds)
         if phases is not None:
             motions.append(TimedMotion(segments, phases))
     return min(motions, key=_end_time)
@@ -903,15 +921,16 @@ def _go_on(
     rotations = stop._rotations
     begin, end = stop._phases.positions[[0, -1]].tolist()
     speed = float(stop._phases.speeds[0])
+    gain = float(stop._phases.accelerations[0])
     first = stop._segments.select([0])
-    velocity = speed * place_along(first, rotations, np.array([begin]))[1]
+    state = _move_along(first, rotations, np.array([begin]), speed, gain)[1:]
     driven, length = (stop._segments, end) if from_rest else (first, begin)
     head = cut_segments(driven, rotations, 0.0, length)
     last = head.select([-1])
     _, rates, bends = place_along(last, rotations, last.lengths)
     if not from_rest:
         head, begin = head.select([]), 0.0
-    is_slow = float(bounds.velocity.shares(velocity).max()) < SLOW_SHARE
+    is_slow = float(bounds.velocity.shares(state[0]).max()) < SLOW_SHARE
     junction = _make_junction(rates, bends, rotations, bounds, path)
     smooth = _smooth(path, edges, rotations, bounds, junction)
     olds = len(head.lengths)
@@ -926,21 +945,49 @@ def _go_on(
         if not (from_rest or find_passes(joined, rotations, bounds).all()):
             continue
         segments = join_segments([scale_segments(head, factor), tail])
-        phases = find_phases(segments, rotations, bounds, begin / factor, speed / factor)
+        begin_state = speed / factor, gain / factor
+        if not from_rest:
+            begin_state = _project_state(tail.select([0]), rotations, *state)
+        phases = find_motion(segments, rotations, bounds, begin / factor, *begin_state)
         if phases is not None:
-            motions.append(TimedMotion(segments, phases, velocity, olds))
+            motions.append(TimedMotion(segments, phases, *state, olds))
     may_stop = from_rest and are_same_bounds(bounds, stop._bounds)
     if may_stop and (smooth is None or not motions or is_slow):
         rest = _start(path, edges, rotations, bounds)
         segments = join_segments([head, rest.segments])
         phases = join_phases(stop._phases, rest.phases, olds)
-        motions.append(TimedMotion(segments, phases, velocity, olds))
+        motions.append(TimedMotion(segments, phases, *state, olds))
     return min(motions, key=_end_time, default=None)
+
+
+def _move_along(
+    segments: Segments, rotations: Rotations, length: Floats, speed: float, gain: float
+) -> tuple[Floats, Floats, Floats]:
+    """Return place, velocity and acceleration at a length, by those along a segment, (1, k)."""
+    place, rates, bends = place_along(segments, rotations, length)
+    # The acceleration across an arc has a limit of its own.
+    bends = np.where(segments.curvatures[:, np.newaxis], 0.0, bends)
+    return place, rates * speed, rates * gain + bends * speed**2
+
+
+def _project_state(
+    segments: Segments, rotations: Rotations, velocity: Floats, acceleration: Floats
+) -> tuple[float, float]:
+    """Return the speed and acceleration along a segment from its start, by those of the robot."""
+    _, rates, bends = _move_along(segments, rotations, np.zeros(1), 1.0, 0.0)
+    square = float((rates * rates).sum())
+    speed = float((rates * velocity).sum()) / square
+    return speed, float((rates * (acceleration - bends * speed**2)).sum()) / square
+
+
+def _last_time(phases: Phases) -> float:
+    """Return the duration of phases."""
+    return float(phases.times[-1])
 
 
 def _end_time(motion: TimedMotion) -> float:
     """Return the duration of a motion."""
-    return float(motion.phases.times[-1])
+    return _last_time(motion.phases)
 
 
 def _make(
@@ -953,7 +1000,9 @@ def _make(
     """Make a trajectory and prove what is not; None if rounding exceeds its limits."""
     segments, phases = trim_segments(motion.segments, motion.phases)
     timing = path.waypoints, segments, rotations, phases, bounds
-    if not is_motion(*timing, motion.begin_velocity):
+    if not is_motion(*timing, motion.begin_velocity, motion.begin_acceleration):
+        return None
+    if not keeps_jerk(segments, phases, bounds):
         return None
     none = np.zeros(0)
     made = Trajectory(
@@ -992,6 +1041,8 @@ def _smooth(
     space = path.space
     if not path.blend or path.drive in CURVES or space is None or not can_prove_curves(space):
         return None
+    if path.drive in ON_THE_SPOT and bounds.jerk is not None and bounds.jerk.angular is not None:
+        return None  # The angular acceleration of a drive jumps along its curves.
     gap = VIA_CELLS * 2.0 * space.resolution if space.has_cells else 0.0
     drives = path.drive in ON_THE_SPOT
     vias = align_quaternions(path.waypoints, rotations)[list(path.vias)]
@@ -1006,7 +1057,8 @@ def _make_junction(
 ) -> Junction | None:
     """Return the derivatives, at full speed, with which a curve goes on; None if it cannot.
 
-    A change of speed along the curve is left out of the second derivatives.
+    Without a limit of jerk, a change of speed along the curve is left out of the second
+    derivatives.
     """
     rates, bends = rates.copy(), bends.copy()
     if path.drive in ON_THE_SPOT:
@@ -1015,8 +1067,9 @@ def _make_junction(
     full = float(bounds.velocity.shares(rates).max())
     if full == 0.0 or ("qw" in rotations.names and rates[:, -3:].any()):
         return None
-    squares = bounds.velocity.multiply(rates, rates).sum()
-    bends -= bounds.velocity.multiply(rates, bends).sum() / squares * rates
+    if bounds.jerk is None:
+        squares = bounds.velocity.multiply(rates, rates).sum()
+        bends -= bounds.velocity.multiply(rates, bends).sum() / squares * rates
     if float(bounds.acceleration.shares(bends).max()) * LEAST_BEND_SHARE**2 > full**2:
         return None
     return Junction(rates[0] / full, bends[0] / full**2)
@@ -1033,6 +1086,18 @@ def _check_bounds(path: DrivenPath, limits: MotionLimits) -> MotionBounds:
     max_acceleration = _check_limits(path, dim, limits.max_acceleration, "max_acceleration", {})
     max_turn_rate = _check_option(limits, "max_angular_velocity", rotates, needs_angular)
     max_turn_gain = _check_option(limits, "max_angular_acceleration", rotates, needs_angular)
+    jerk = None
+    max_turn_jerk = _check_option(limits, "max_angular_jerk", needs_angular, False)
+    if limits.max_jerk is not None:
+        max_jerk = _check_limits(path, dim, limits.max_jerk, "max_jerk", {})
+        jerk = LimitRates(max_jerk, max_turn_jerk, dim)
+    elif max_turn_jerk is not None:
+        raise InputError(
+            "max_jerk",
+            "is missing",
+            "max_angular_jerk has a value",
+            "pass both, in m/s^3 and rad/s^3",
+        )
     turns_sideways = is_curved or path.drive in ON_THE_SPOT
     max_lateral = _check_option(limits, "max_lateral_acceleration", turns_sideways, False)
     return MotionBounds(
@@ -1040,6 +1105,7 @@ def _check_bounds(path: DrivenPath, limits: MotionLimits) -> MotionBounds:
         acceleration=LimitRates(max_acceleration, max_turn_gain, dim),
         lateral=float(max_acceleration.min()) if max_lateral is None else max_lateral,
         gap=MAX_GAP if is_curved else MAX_ERROR,
+        jerk=jerk,
     )
 
 
@@ -1159,11 +1225,8 @@ def _locate(phases: Phases, t: Floats) -> tuple[Ints, Floats, tuple[Floats, Floa
     """Return segments, lengths along these, and speeds and accelerations at times, shape (n,)."""
     phase = np.maximum(np.searchsorted(phases.times, t, side="right") - 1, 0)
     elapsed = np.maximum(t - phases.times[phase], 0.0)
-    acceleration = np.where(t < 0.0, 0.0, phases.accelerations[phase])
-    begin_speed = phases.speeds[phase]
-    mean_speed = begin_speed + 0.5 * acceleration * elapsed
-    lengths = phases.positions[phase] + elapsed * mean_speed
-    return phases.segments[phase], lengths, (begin_speed + acceleration * elapsed, acceleration)
+    lengths, speeds, accelerations = phases.at(phase, elapsed)
+    return phases.segments[phase], lengths, (speeds, np.where(t < 0.0, 0.0, accelerations))
 
 
 def _evaluate(

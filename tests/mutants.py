@@ -588,6 +588,24 @@ MUTANTS = (
     ),
     # Planners: trajectories.
     Mutant(
+        "planners/_jerk.py",
+        "share = twist + bend + along",
+        "share = along",
+        "tests/planners/test_jerk.py",
+    ),
+    Mutant(
+        "planners/_jerk.py",
+        "even = speed + acceleration * abs(acceleration) / (2.0 * jerk)",
+        "even = speed",
+        "tests/planners/test_jerk.py",
+    ),
+    Mutant(
+        "planners/_timing.py",
+        "phases.jerks / factor**3",
+        "phases.jerks / factor**2",
+        "tests/planners/test_jerk.py",
+    ),
+    Mutant(
         "planners/_smoothing.py",
         "shifts * junction.rates + bends",
         "shifts * junction.rates",

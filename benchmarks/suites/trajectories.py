@@ -42,6 +42,12 @@ ARM_ACCELERATIONS = 1.0, 5.0
 MAX_RATIO, MAX_ARM_RATIO = 1.2, 0.6
 """Targets: median duration over the least one; of arms over that with stops at corners."""
 
+RAMP_SECONDS, ARM_RAMP_SECONDS = 0.2, 0.1
+"""Seconds in which the largest jerk reaches the largest acceleration, on maps and of arms."""
+
+MAX_JERK_RATIO, MAX_JERK_SECONDS = 1.3, 0.03
+"""Targets with a limit of jerk: median duration over that without one; CPU seconds."""
+
 MAX_SECONDS, CORNERS, SPREAD = 0.02, 30, 10
 """Target: CPU seconds of a trajectory with that number of corners, and by how much it may differ in
 the plans that are counted."""
@@ -96,6 +102,10 @@ def _measure(report: Report, space: CSpace, drive: Drive, rng: np.random.Generat
     plans = draw_plans(space, drive, QUICK_PLANS if report.quick else PLANS, rng)
     least = np.array([least_duration(plan) for plan in plans])
     blended = _time(report, plans, limits)
+    jerks = {"max_jerk": ACCELERATION / RAMP_SECONDS}
+    if space.size == 3 and drive == "holonomic":
+        jerks["max_angular_jerk"] = TURN_ACCELERATION / RAMP_SECONDS
+    _judge_jerk(report, plans, limits | jerks, blended)
     stopping = np.array([plan.trajectory(**limits, blend=False).duration for plan in plans])
     ratios = np.array([trajectory.duration for trajectory in blended]) / least
     report.note(
@@ -148,7 +158,19 @@ def ramped_duration(length: float, speed: float, acceleration: float) -> float:
     return 2.0 * math.sqrt(length / acceleration)
 
 
-def _time(report: Report, plans: list[Plan], limits: Mapping[str, Any]) -> list[Trajectory]:
+def _judge_jerk(
+    report: Report, plans: list[Plan], limits: Mapping[str, Any], unlimited: list[Trajectory]
+) -> None:
+    """Compare trajectories with limited jerk to those without a limit."""
+    limited = _time(report, plans, limits, MAX_JERK_SECONDS)
+    pairs = zip(limited, unlimited, strict=True)
+    ratios = [one.duration / other.duration for one, other in pairs]
+    _judge(report, "limited jerk, duration over that without a limit", ratios, MAX_JERK_RATIO)
+
+
+def _time(
+    report: Report, plans: list[Plan], limits: Mapping[str, Any], largest: float = MAX_SECONDS
+) -> list[Trajectory]:
     """Make the trajectories of plans, and report their CPU times."""
     plans[0].trajectory(**limits)  # compiles
     timing = Timing(None)
@@ -159,7 +181,7 @@ def _time(report: Report, plans: list[Plan], limits: Mapping[str, Any]) -> list[
     is_near = np.abs(corners - CORNERS) <= SPREAD
     if is_near.any():
         seconds = float(np.median(np.array(timing.cpu)[is_near]))
-        verdict = "reached" if seconds <= MAX_SECONDS else "not reached"
+        verdict = "reached" if seconds <= largest else "not reached"
         report.note(
             f"{1e3 * seconds:.1f} ms of CPU for {CORNERS} corners give or take {SPREAD}, "
             f"{np.count_nonzero(is_near)} plans; target {verdict}"
@@ -191,7 +213,10 @@ def _measure_arms(report: Report, folder: Path, acceleration: float) -> None:
                 if plan.certified and len(plan.waypoints) > 2:
                     plans.append(plan)
             stopping = [plan.trajectory(**limits, blend=False).duration for plan in plans]
-            blended = [trajectory.duration for trajectory in _time(report, plans, limits)]
+            trajectories = _time(report, plans, limits)
+            jerks = {"max_jerk": acceleration / ARM_RAMP_SECONDS}
+            _judge_jerk(report, plans, limits | jerks, trajectories)
+            blended = [trajectory.duration for trajectory in trajectories]
         least = [_full_speed_duration(plan) for plan in plans]
         report.note(
             f"full speed on every edge takes {np.median(np.array(least) / stopping):.3f} "

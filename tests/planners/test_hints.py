@@ -444,6 +444,13 @@ def plan_in(name, **options):
         "leave it out",
     ),
     (
+        lambda: plan_in("turning").trajectory(**LIMITS, **TURN_LIMITS, max_angular_jerk=3.0),
+        lambda: plan_in("turning").trajectory(
+            **LIMITS, **TURN_LIMITS, max_angular_jerk=3.0, max_jerk=2.0
+        ),
+        "pass both, in m/s^3 and rad/s^3",
+    ),
+    (
         lambda: planners.Trajectory.along(build_room("plane"), [(1, 1)], max_acceleration=1.0),
         lambda: plan_in("plane").trajectory(**LIMITS),
         "use plan.trajectory() on a map",

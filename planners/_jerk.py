@@ -1,0 +1,675 @@
+"""Motions along segments with limited jerk.
+
+The path is cut into legs at the points where the fastest motion without a limit of jerk is slowest.
+There the acceleration along the path is zero. On each leg the robot changes its speed by a ramp,
+drives evenly, and changes it again. A ramp raises the acceleration evenly, keeps it, and lowers it
+evenly: a double S (L. Biagiotti and C. Melchiorri, "Trajectory planning for automatic machines and
+robots", 2008). Its acceleration and jerk are lowered until the limits hold on each piece, by bounds
+of the derivatives of the path.
+
+If v, a and j are speed, acceleration and jerk along the path, and r, b and w bound the first,
+second and third derivatives of the path, the limits are
+
+* ``r |a| + b v^2 <= 1`` for the acceleration, and
+* ``r |j| + 3 b v |a| + w v^3 <= 1`` for the jerk.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from cspace._rotations import Rotations
+from cspace._support.arrays import Floats, Ints
+from cspace._support.compiling import internal, kernel
+from planners._segments import Segments, bound_derivatives
+from planners._timing import (
+    INTERVALS_PER_CURVE,
+    MAX_ERROR,
+    MIN_PHASE_SHARE,
+    Intervals,
+    LimitRates,
+    MotionBounds,
+    Phases,
+    bound_squares,
+    find_phases,
+    measure_intervals,
+    slow_down,
+)
+
+BEND_ROOM: Final = 0.85
+"""Share of a limit of acceleration that the bend of a curve may use where the robot is slowest."""
+
+TWIST_ROOM: Final = 0.5
+"""Share of a limit of jerk that a curve may use at an even speed."""
+
+MAX_ROUNDS: Final = 100
+"""Largest number of times that ramps are lowered."""
+
+LEAST_LESS, MOST_LESS = 0.98, 0.85
+"""Factors of a ramp's limits in a round: the largest and the smallest."""
+
+RAMP_FLOOR: Final = 0.1
+"""Least share of its limits to which a ramp is lowered; then the speeds at its ends are."""
+
+SLOWER_KEY: Final = 0.96
+"""Factor by which the faster end of a leg becomes slower."""
+
+ROOT_STEPS: Final = 60
+"""Number of halvings that find a speed or a time."""
+
+MIN_JERK_SHARE: Final = 1e-3
+"""Smallest share of the duration in which the jerk alone would bring the robot to full speed.
+Numbers for times resolve no larger jerks."""
+
+SLACK: Final = 1e-7
+"""Share of each limit that is left for rounding."""
+
+LEG_ERROR: Final = 1e-10
+"""Largest relative excess of a leg's length, for rounding."""
+
+ROUNDING: Final = 1e-12
+"""Excess over a limit that is a rounding error, far below the slack."""
+
+TINY: Final = 1e-300
+"""Smallest divisor."""
+
+LEG_PHASES: Final = 7
+"""Number of phases of a leg: three of each ramp, and an even one between these."""
+
+
+class JerkIntervals(NamedTuple):
+    """The n parts of a path within which bounds hold, one limit of each kind in a column."""
+
+    borders: Floats  # (n + 1,), lengths from the start of the first interval
+    speeds: Floats  # (n,), the largest speeds
+    rates: Floats  # (n, c), r of the acceleration
+    bends: Floats  # (n, c), b of the acceleration
+    jerk_rates: Floats  # (n, d), r of the jerk
+    jerk_bends: Floats  # (n, d), b of the jerk
+    jerk_twists: Floats  # (n, d), w of the jerk
+
+
+def find_motion(
+    segments: Segments,
+    rotations: Rotations,
+    bounds: MotionBounds,
+    begin: float = 0.0,
+    begin_speed: float = 0.0,
+    begin_acceleration: float = 0.0,
+) -> Phases | None:
+    """Return a fast motion along segments to rest, by default from rest.
+
+    It begins at a length along the first segment, with a speed and an acceleration along it, which
+    counts only if the jerk has a limit. None if that is too fast.
+    """
+    if bounds.jerk is None:
+        return find_phases(segments, rotations, bounds, begin, begin_speed)
+    intervals = measure_intervals(segments, rotations, bounds, begin)
+    limited = _limit_jerk(intervals, segments, bounds.jerk)
+    squares = intervals.end_caps
+    squares[0] = min(begin_speed**2, intervals.caps[0])
+    rooms = np.column_stack([limited.bends / BEND_ROOM, limited.speeds**-2.0])
+    twists = (limited.jerk_twists.max(axis=1) / TWIST_ROOM) ** (2.0 / 3.0)
+    caps = 1.0 / np.maximum(rooms.max(axis=1), twists)
+    squares[1:-1] = np.minimum(squares[1:-1], np.minimum(caps[:-1], caps[1:]))
+    tops = squares.copy()
+    bound_squares(intervals.lengths, limited.rates, limited.bends, squares)
+    keys = _choose_keys(squares, tops, limited, begin_speed, begin_acceleration)
+    speeds = np.sqrt(squares[keys])
+    speeds[0] = begin_speed
+    legs = [slice(*pair) for pair in itertools.pairwise(keys.tolist())]
+    gains = 1.0 / limited.rates.max(axis=1)
+    jerks = 1.0 / limited.jerk_rates.max(axis=1)
+    most = [(gains[leg].max(), jerks[leg].max()) * 2 + (limited.speeds[leg].max(),) for leg in legs]
+    limits = (1.0 - SLACK) * np.array(most)
+    least = [(gains[leg].min(), jerks[leg].min()) * 2 for leg in legs]
+    floors = RAMP_FLOOR * np.array(least)
+    pieces = np.zeros((LEG_PHASES * len(legs) + len(gains), 6))
+    work = [np.zeros(LEG_PHASES) for _ in range(3)]
+    start = keys, speeds, begin_acceleration
+    count, excess = solve_legs(pieces, limits, floors, work[0], work[1], work[2], *start, *limited)
+    begins_moving = begin_speed > 0.0 or begin_acceleration != 0.0
+    if excess == np.inf or (excess > 1.0 + ROUNDING and begins_moving):
+        return None
+    phases = _join_pieces(intervals, limited, pieces[:count])
+    return slow_down(phases, excess) if excess > 1.0 + ROUNDING else phases
+
+
+def find_jerk_stop(
+    segments: Segments,
+    rotations: Rotations,
+    bounds: MotionBounds,
+    jerk: LimitRates,
+    begin: float,
+    speed: float,
+    acceleration: float,
+) -> Phases | None:
+    """Return a stop with limited jerk; None if no single ramp stops the robot.
+
+    It begins at a length along the first segment, with a speed and an acceleration along it.
+    """
+    intervals = measure_intervals(segments, rotations, bounds, begin)
+    stops = np.flatnonzero(intervals.end_caps[1:] == 0.0)
+    intervals = intervals.head(int(stops[0]) + 1)
+    limited = _limit_jerk(intervals, segments, jerk)
+    limits = 1.0 / np.array([limited.rates.max(axis=1).min(), limited.jerk_rates.max(axis=1).min()])
+    limits *= 1.0 - SLACK
+    pieces = np.zeros((LEG_PHASES + len(limited.speeds), 6))
+    work = np.zeros(3), np.zeros(3), np.zeros(3)
+    count, excess = solve_stop(pieces, limits, *work, speed, acceleration, *limited)
+    return _join_pieces(intervals, limited, pieces[:count]) if excess <= 1.0 + ROUNDING else None
+
+
+def _limit_jerk(intervals: Intervals, segments: Segments, jerk: LimitRates) -> JerkIntervals:
+    """Return the limits of intervals, with those of jerk."""
+    parts = segments.select(intervals.owners)
+    middles = intervals.begins + 0.5 * intervals.lengths
+    rates, bends, _ = _bound_around(parts, middles)
+    jerk_rates = jerk.shares(rates)
+    jerk_twists = jerk.shares(np.abs(parts.twists))
+    lengths = intervals.lengths
+    # Numbers for times resolve no larger jerks.
+    duration = (lengths + np.sqrt(lengths * intervals.rate_shares.max(axis=1))).sum()
+    jerk_rates = np.maximum(jerk_rates, (MIN_JERK_SHARE * duration) ** 2)
+    with np.errstate(divide="ignore"):
+        speeds = np.minimum(np.sqrt(intervals.caps), jerk_twists.max(axis=1) ** (-1.0 / 3.0))
+    grown = 1.0 + SLACK
+    return JerkIntervals(
+        borders=np.append(0.0, np.cumsum(lengths)),
+        speeds=speeds / grown,
+        rates=grown * intervals.rate_shares,
+        bends=grown * intervals.bend_shares,
+        jerk_rates=grown * jerk_rates,
+        jerk_bends=grown * jerk.shares(bends),
+        jerk_twists=grown * jerk_twists,
+    )
+
+
+def keeps_jerk(segments: Segments, phases: Phases, bounds: MotionBounds) -> bool:
+    """Return True if limits hold at each instant of each phase, or if the jerk has none.
+
+    Bounds hold for all derivatives of the path in the length of a phase. Along it the acceleration
+    is largest at an end, and the speed there or where the acceleration is zero.
+    """
+    if bounds.jerk is None:
+        return True
+    parts = segments.select(phases.segments[:-1])
+    begins = phases.positions[:-1]
+    ends, end_speeds, end_gains = phases.ends()
+    rates, bends, borders = _bound_around(parts, 0.5 * (begins + ends))
+    slack = MAX_ERROR * parts.lengths
+    if not ((borders[0] - slack <= begins) & (ends <= borders[1] + slack)).all():
+        return False
+    gains = phases.accelerations[:-1]
+    jerks = phases.jerks[:-1]
+    turns = gains * end_gains < 0.0
+    peaks = phases.speeds[:-1] - 0.5 * gains**2 / np.where(turns, jerks, 1.0)
+    speeds = np.maximum(phases.speeds[:-1], end_speeds)
+    speeds = np.maximum(speeds, np.where(turns, peaks, 0.0))[:, np.newaxis]
+    largest = np.maximum(np.abs(gains), np.abs(end_gains))[:, np.newaxis]
+    shares = [
+        bounds.velocity.shares(rates * speeds),
+        bounds.acceleration.shares(rates) * largest + bounds.acceleration.shares(bends) * speeds**2,
+        bounds.jerk.shares(rates) * np.abs(jerks)[:, np.newaxis]
+        + 3.0 * bounds.jerk.shares(bends) * speeds * largest
+        + bounds.jerk.shares(np.abs(parts.twists)) * speeds**3,
+        *bounds.lateral_shares(parts, rates * speeds),
+    ]
+    return all(bool((share <= 1.0).all()) for share in shares)
+
+
+def _bound_around(parts: Segments, lengths: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return bounds of derivatives in the intervals around lengths along segments.
+
+    The last array holds the borders of the intervals, shape (2, m).
+    """
+    counts = np.where(parts.is_curve, INTERVALS_PER_CURVE, 1)
+    widths = parts.lengths / counts
+    numbers = np.clip(lengths // np.where(widths > 0.0, widths, 1.0), 0, counts - 1)
+    borders = np.stack([numbers * widths, (numbers + 1.0) * widths])
+    rates, bends = bound_derivatives(parts, borders[0], widths)
+    return rates, bends, borders
+
+
+def _choose_keys(
+    squares: Floats, tops: Floats, limited: JerkIntervals, speed: float, acceleration: float
+) -> Ints:
+    """Return the numbers of the borders between legs.
+
+    There the fastest motion without a limit of jerk, with given squared speeds, is slowest, or it
+    begins or ends to follow the largest squared speeds, ``tops``.
+    """
+    steps = np.diff(squares)
+    flat = np.abs(steps) <= MAX_ERROR * np.maximum(squares[1:], squares[:-1])
+    falls = (steps < 0.0) & ~flat
+    rises = (steps > 0.0) & ~flat
+    is_key = squares == 0.0
+    is_key[1:-1] |= (falls[:-1] & ~falls[1:]) | (rises[1:] & ~rises[:-1])
+    is_top = squares >= (1.0 - MAX_ERROR) * tops
+    is_key[1:-1] |= is_top[1:-1] & ~(is_top[:-2] & is_top[2:])
+    if acceleration:
+        # The robot first brings its acceleration to zero.
+        time = abs(acceleration) * float(limited.jerk_rates[0].max())
+        reach = time * (speed + acceleration * time / 3.0)
+        is_key[(limited.borders < reach) & (squares > 0.0)] = False
+    is_key[0] = True
+    is_key[-1] = True
+    return np.flatnonzero(is_key)
+
+
+def _join_pieces(intervals: Intervals, limited: JerkIntervals, pieces: Floats) -> Phases:
+    """Return phases of pieces that follow each other, and then rest."""
+    numbers = pieces[:, 0].astype(np.int64)
+    _, places, speeds, accelerations, jerks, durations = pieces.T
+    phases = Phases(
+        times=np.append(0.0, np.cumsum(durations)),
+        segments=intervals.owners[np.append(numbers, numbers[-1:] if len(numbers) else 0)],
+        positions=np.append(intervals.begins[numbers] + places - limited.borders[numbers], 0.0),
+        speeds=np.append(speeds, 0.0),
+        accelerations=np.append(accelerations, 0.0),
+        jerks=np.append(jerks, 0.0),
+    )
+    phases.positions[-1] = phases.ends()[0][-1] if len(numbers) else intervals.begins[0]
+    kept = np.append(durations > MIN_PHASE_SHARE * durations.sum(), True)
+    kept_times = np.append(0.0, np.cumsum(durations[kept[:-1]]))
+    return Phases._make(column[kept] for column in phases)._replace(times=kept_times)
+
+
+@internal
+def move(speed: float, acceleration: float, jerk: float, time: float) -> float:
+    """Return the length moved in a time."""
+    return time * (speed + time * (acceleration / 2.0 + time * jerk / 6.0))
+
+
+@internal
+def fill_ramp(
+    durations: Floats, jerks: Floats, speed: float, acceleration: float, to: float, limits: Floats
+) -> float:
+    """Fill the three phases of a ramp to an even speed, and return its length.
+
+    ``limits`` are the largest acceleration and jerk.
+    """
+    jerk = limits[1]
+    even = speed + acceleration * abs(acceleration) / (2.0 * jerk)
+    sign = 1.0 if to >= even else -1.0
+    begin = sign * acceleration
+    square = max(sign * jerk * (to - speed) + 0.5 * begin**2, 0.0)
+    peak = max(min(math.sqrt(square), limits[0]), begin)
+    gained = (peak**2 - 0.5 * begin**2) / jerk
+    durations[0] = max(peak - begin, 0.0) / jerk
+    durations[1] = 0.0
+    if peak > 0.0:
+        durations[1] = max(sign * (to - speed) - gained, 0.0) / peak
+    durations[2] = peak / jerk
+    jerks[0] = sign * jerk
+    jerks[1] = 0.0
+    jerks[2] = -sign * jerk
+    length = 0.0
+    for k in range(3):
+        time = durations[k]
+        length += move(speed, acceleration, jerks[k], time)
+        speed += time * (acceleration + 0.5 * time * jerks[k])
+        acceleration += time * jerks[k]
+    return length
+
+
+@internal
+def find_reach(
+    durations: Floats,
+    jerks: Floats,
+    speed: float,
+    acceleration: float,
+    most: float,
+    length: float,
+    limits: Floats,
+) -> float:
+    """Return the largest even speed, up to ``most``, to which a ramp fits into a length."""
+    if fill_ramp(durations, jerks, speed, acceleration, most, limits) <= length:
+        return most
+    low = max(speed + acceleration * abs(acceleration) / (2.0 * limits[1]), 0.0)
+    high = most
+    for _ in range(ROOT_STEPS):
+        middle = 0.5 * (low + high)
+        if fill_ramp(durations, jerks, speed, acceleration, middle, limits) <= length:
+            low = middle
+        else:
+            high = middle
+    return float(min(low, most))
+
+
+@internal
+def fill_ramps(
+    durations: Floats,
+    jerks: Floats,
+    speed: float,
+    acceleration: float,
+    even: float,
+    to: float,
+    limits: Floats,
+) -> float:
+    """Fill the two ramps of a leg, to an even speed and from there; return their length."""
+    first = fill_ramp(durations[:3], jerks[:3], speed, acceleration, even, limits[:2])
+    return first + fill_ramp(durations[4:], jerks[4:], even, 0.0, to, limits[2:4])
+
+
+@internal
+def fill_leg(
+    durations: Floats,
+    jerks: Floats,
+    speed: float,
+    acceleration: float,
+    to: float,
+    length: float,
+    limits: Floats,
+) -> bool:
+    """Fill the seven phases of a leg; return False if it is too short.
+
+    ``limits`` are the acceleration and jerk of both ramps, and the largest speed.
+    """
+    eased = max(speed + acceleration * abs(acceleration) / (2.0 * limits[1]), 0.0)
+    low = max(eased, to)
+    even = max(limits[4], low)
+    moved = fill_ramps(durations, jerks, speed, acceleration, even, to, limits)
+    if moved > length:
+        high = even
+        least = fill_ramps(durations, jerks, speed, acceleration, low, to, limits)
+        if least > (1.0 + LEG_ERROR) * length and eased > to:
+            # The robot slows down at once, and again from the even speed.
+            low = to
+            high = eased
+        for _ in range(ROOT_STEPS):
+            even = 0.5 * (low + high)
+            if fill_ramps(durations, jerks, speed, acceleration, even, to, limits) <= length:
+                low = even
+            else:
+                high = even
+        even = low
+        moved = fill_ramps(durations, jerks, speed, acceleration, even, to, limits)
+    durations[3] = 0.0
+    if even > 0.0:
+        durations[3] = max(length - moved, 0.0) / even
+    jerks[3] = 0.0
+    return moved <= (1.0 + LEG_ERROR) * length
+
+
+@internal
+def find_time(speed: float, acceleration: float, jerk: float, most: float, length: float) -> float:
+    """Return the time in which a phase moves by a length, at most ``most``."""
+    low, high = 0.0, most
+    time = 0.5 * most
+    for _ in range(ROOT_STEPS):
+        error = move(speed, acceleration, jerk, time) - length
+        if error > 0.0:
+            high = time
+        else:
+            low = time
+        slope = speed + time * (acceleration + 0.5 * time * jerk)
+        new = 0.5 * (low + high)
+        if slope > 0.0 and low < time - error / slope < high:
+            new = time - error / slope
+        if abs(new - time) <= 1e-15 * most:
+            break
+        time = new
+    return time
+
+
+@internal
+def lower_ramp(factors: Floats, number: int, by_acceleration: float, by_jerk: float) -> None:
+    """Lower the factors for the limits of a ramp of a leg, as far as one round may."""
+    by_acceleration = min(max(by_acceleration, MOST_LESS), LEAST_LESS)
+    by_jerk = min(max(by_jerk, MOST_LESS), LEAST_LESS)
+    factors[2 * number] = min(factors[2 * number], by_acceleration)
+    factors[2 * number + 1] = min(factors[2 * number + 1], by_jerk)
+
+
+@internal
+def check_piece(
+    k: int,
+    phase: int,
+    speed: float,
+    acceleration: float,
+    jerk: float,
+    top: float,
+    factors: Floats,
+    speeds: Floats,
+    rates: Floats,
+    bends: Floats,
+    jerk_rates: Floats,
+    jerk_bends: Floats,
+    jerk_twists: Floats,
+) -> float:
+    """Return the factor of time that a piece needs, and lower factors of its leg if above 1.
+
+    ``top`` is the largest speed of the leg.
+
+    Speed, acceleration and jerk are the largest in the piece, in interval ``k``.
+    """
+    excess = speed / speeds[k]
+    by_acceleration, by_jerk = 1.0, 1.0
+    if excess > 1.0:
+        by_acceleration = by_jerk = excess**-2.0
+    for c in range(rates.shape[1]):
+        bend = bends[k, c] * speed**2
+        along = rates[k, c] * acceleration
+        if bend + along > 1.0:
+            excess = max(excess, math.sqrt(bend + along))
+            by_acceleration = min(by_acceleration, max(1.0 - bend, 0.0) / max(along, TINY))
+            if bend > 1.0:
+                by_jerk = MOST_LESS
+    for c in range(jerk_rates.shape[1]):
+        twist = jerk_twists[k, c] * speed**3
+        bend = 3.0 * jerk_bends[k, c] * speed * acceleration
+        along = jerk_rates[k, c] * jerk
+        share = twist + bend + along
+        if share > 1.0:
+            excess = max(excess, share ** (1.0 / 3.0))
+            by_jerk = min(by_jerk, max(1.0 - bend - twist, 0.0) / max(along, TINY))
+            if bend > along:
+                by_acceleration = min(by_acceleration, max(1.0 - twist - along, 0.0) / bend)
+    if excess > 1.0 + ROUNDING:
+        if phase == 3 and speed >= (1.0 - MAX_ERROR) * top:
+            factors[4] = min(factors[4], max(1.0 / excess, MOST_LESS))
+        elif phase == 3:
+            # The even speed is that at an end.
+            lower_ramp(factors, 0, by_acceleration, by_jerk)
+            lower_ramp(factors, 1, by_acceleration, by_jerk)
+        else:
+            lower_ramp(factors, 0 if phase < 3 else 1, by_acceleration, by_jerk)
+    return float(excess)
+
+
+@internal
+def lay_leg(
+    pieces: Floats,
+    count: int,
+    durations: Floats,
+    jerks: Floats,
+    speed: float,
+    acceleration: float,
+    first: int,
+    last: int,
+    limits: Floats,
+    factors: Floats,
+    borders: Floats,
+    speeds: Floats,
+    rates: Floats,
+    bends: Floats,
+    jerk_rates: Floats,
+    jerk_bends: Floats,
+    jerk_twists: Floats,
+) -> tuple[int, float]:
+    """Cut the phases of a leg at the borders of intervals ``first`` to ``last``, and check them.
+
+    Lower the limits if the pieces need more time. Return the new number of pieces, and the factor
+    of time that they need. Rows of ``pieces`` are the interval, the length from the first border,
+    and speed, acceleration, jerk and duration. ``factors``, shape (5,), are for its own use.
+    """
+    excess = 0.0
+    top = limits[4] if len(limits) > 4 else math.inf
+    factors[:] = 1.0
+    k = first
+    place = borders[first]
+    for phase in range(len(durations)):
+        left = durations[phase]
+        jerk = jerks[phase]
+        while left > 0.0:
+            time = left
+            room = borders[k + 1] - place
+            passes = k < last and move(speed, acceleration, jerk, left) > room
+            if passes:
+                time = find_time(speed, acceleration, jerk, left, room)
+            after = max(speed + time * (acceleration + 0.5 * time * jerk), 0.0)
+            later = acceleration + time * jerk
+            most = max(speed, after)
+            if acceleration > 0.0 > later:
+                most = max(most, speed - 0.5 * acceleration**2 / jerk)
+            pieces[count, 0] = k
+            pieces[count, 1] = place
+            pieces[count, 2] = speed
+            pieces[count, 3] = acceleration
+            pieces[count, 4] = jerk
+            pieces[count, 5] = time
+            count += 1
+            gain = max(abs(acceleration), abs(later))
+            args = top, factors, speeds, rates, bends, jerk_rates, jerk_bends, jerk_twists
+            excess = max(excess, check_piece(k, phase, most, gain, abs(jerk), *args))
+            place += move(speed, acceleration, jerk, time)
+            speed = after
+            acceleration = later
+            left -= time
+            if passes:
+                k += 1
+                place = borders[k]
+        if phase >= 2 and phase != 4 and phase != 5:
+            acceleration = 0.0
+    for column in range(len(limits)):
+        limits[column] *= factors[column]
+    return count, excess
+
+
+@kernel
+def solve_legs(
+    pieces: Floats,
+    limits: Floats,
+    floors: Floats,
+    durations: Floats,
+    jerks: Floats,
+    factors: Floats,
+    keys: Ints,
+    key_speeds: Floats,
+    acceleration: float,
+    borders: Floats,
+    speeds: Floats,
+    rates: Floats,
+    bends: Floats,
+    jerk_rates: Floats,
+    jerk_bends: Floats,
+    jerk_twists: Floats,
+) -> tuple[int, float]:
+    """Lay the pieces of m legs between n + 1 borders, whose speeds it lowers to what is reached.
+
+    Return the number of pieces, and the factor of time that they need; infinity if the robot is too
+    fast at the start. Arrays beside those of :class:`JerkIntervals`:
+
+    * ``pieces``, shape (7 m + n, 6), as of :func:`lay_leg`
+    * ``limits``, shape (m, 5), as of :func:`fill_leg`; ``floors``, shape (m, 4), are the least ones
+    * ``durations``, ``jerks``, ``factors``, shape (7,), for its own use
+    * ``keys``, ``key_speeds``, shape (m + 1,): borders between legs, and speeds there
+    """
+    count = 0
+    excess = math.inf
+    args = factors, borders, speeds, rates, bends, jerk_rates, jerk_bends, jerk_twists
+    for _ in range(MAX_ROUNDS):
+        for i in range(len(limits) - 1, 0, -1):
+            length = borders[keys[i + 1]] - borders[keys[i]]
+            key_speeds[i] = find_reach(
+                durations[:3],
+                jerks[:3],
+                key_speeds[i + 1],
+                0.0,
+                key_speeds[i],
+                length,
+                limits[i, 2:4],
+            )
+        begin = acceleration
+        count = 0
+        excess = 0.0
+        for i in range(len(limits)):
+            length = borders[keys[i + 1]] - borders[keys[i]]
+            speed = key_speeds[i]
+            key_speeds[i + 1] = find_reach(
+                durations[:3], jerks[:3], speed, begin, key_speeds[i + 1], length, limits[i, :2]
+            )
+            if not fill_leg(durations, jerks, speed, begin, key_speeds[i + 1], length, limits[i]):
+                return count, math.inf
+            count, need = lay_leg(
+                pieces,
+                count,
+                durations,
+                jerks,
+                speed,
+                begin,
+                keys[i],
+                keys[i + 1] - 1,
+                limits[i],
+                *args,
+            )
+            excess = max(excess, need)
+            begin = 0.0
+            # If slower ramps do not help, the robot must be slower at the ends.
+            is_low = False
+            for column in range(4):
+                is_low = is_low or limits[i, column] < floors[i, column]
+                limits[i, column] = max(limits[i, column], floors[i, column])
+            if is_low:
+                faster = max(speed, key_speeds[i + 1])
+                for end in (i, i + 1):
+                    if end > 0 and key_speeds[end] > SLOWER_KEY * faster:
+                        key_speeds[end] = SLOWER_KEY * faster
+        if excess <= 1.0 + ROUNDING:
+            break
+    return count, excess
+
+
+@kernel
+def solve_stop(
+    pieces: Floats,
+    limits: Floats,
+    durations: Floats,
+    jerks: Floats,
+    factors: Floats,
+    speed: float,
+    acceleration: float,
+    borders: Floats,
+    speeds: Floats,
+    rates: Floats,
+    bends: Floats,
+    jerk_rates: Floats,
+    jerk_bends: Floats,
+    jerk_twists: Floats,
+) -> tuple[int, float]:
+    """Lay the pieces of one ramp to rest; otherwise as :func:`solve_legs`.
+
+    ``limits`` are its acceleration and jerk.
+    """
+    count = 0
+    excess = math.inf
+    args = factors, borders, speeds, rates, bends, jerk_rates, jerk_bends, jerk_twists
+    last = len(borders) - 2
+    least = 0.5 * acceleration**2 / max(speed, TINY)
+    for _ in range(MAX_ROUNDS):
+        if acceleration < 0.0:
+            # A slower change would turn the robot back.
+            limits[1] = max(limits[1], least)
+        if fill_ramp(durations, jerks, speed, acceleration, 0.0, limits) > borders[-1]:
+            return 0, math.inf
+        count, excess = lay_leg(
+            pieces, 0, durations, jerks, speed, acceleration, 0, last, limits, *args
+        )
+        if excess <= 1.0 + ROUNDING:
+            break
+    return count, excess

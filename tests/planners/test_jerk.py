@@ -1,0 +1,276 @@
+"""Motions with limited jerk: limits at every instant, shortest times, stops and going on.
+
+Oracles: the times of double S profiles in closed form, and differences of positions and
+accelerations. If the acceleration changes by at most the jerk times h in each time h, then it is
+continuous and the jerk is within its limit.
+"""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import cspace
+import planners
+from cspace import InputError
+from planners._jerk import keeps_jerk
+from tests.helpers.refusals import refusals
+from tests.helpers.strategies import seeds
+from tests.helpers.urdfs import planar, post
+from tests.planners.test_smoothing import LIMITS, TURNING_LIMITS, build_plan, collides, difference
+from tests.planners.test_trajectory import draw_waypoints, plan_along
+
+SLACK = 1.0 + 1e-6
+JERK, TURN_JERK = 4.0, 10.0
+STEPS = 4000
+
+
+def measure_double_s(length, speed, gain, jerk):
+    """Return the least seconds from rest to rest."""
+    ramp = speed / gain + gain / jerk if speed * jerk >= gain**2 else 2.0 * math.sqrt(speed / jerk)
+    if length >= speed * ramp:
+        return length / speed + ramp
+    if length >= 2.0 * gain**3 / jerk**2:
+        even = gain / jerk
+        return even + math.sqrt(even**2 + 4.0 * length / gain)
+    return 4.0 * (length / (2.0 * jerk)) ** (1.0 / 3.0)
+
+
+def find_steps(trajectory):
+    """Return changes of the acceleration over a short time, per second."""
+    h = trajectory.duration / STEPS
+    t = h * np.arange(STEPS + 1)
+    return np.diff(trajectory.sample(t)[2], axis=0) / h
+
+
+def check_joints(trajectory, velocity, gain, jerk):
+    """Check the limits of each joint, from rest or motion to rest."""
+    t = np.linspace(0.0, trajectory.duration, STEPS)
+    _, velocities, gains = trajectory.sample(t)
+    assert (np.abs(velocities) <= SLACK * np.asarray(velocity)).all()
+    assert (np.abs(gains) <= SLACK * np.asarray(gain)).all()
+    assert (np.abs(find_steps(trajectory)) <= SLACK * np.asarray(jerk) + 1e-6).all()
+    assert np.abs(trajectory.velocities[-1]).max() < 1e-9
+    before_rest = trajectory.sample(np.nextafter(trajectory.duration, 0.0))[2]
+    np.testing.assert_allclose(before_rest, 0.0, atol=1e-5)
+
+
+def check_plane(trajectory):
+    """Check the limits of a robot in the plane, and its derivatives."""
+    h = 1e-5
+    t = np.linspace(2 * h, trajectory.duration - 2 * h, STEPS)
+    _, velocities, gains = trajectory.sample(t)
+    assert difference(trajectory, t, h) == pytest.approx(velocities, abs=1e-4)
+    assert np.linalg.norm(velocities[:, :2], axis=1).max() <= SLACK * 1.2
+    assert np.linalg.norm(gains[:, :2], axis=1).max() <= SLACK * 0.8
+    steps = find_steps(trajectory)
+    assert np.linalg.norm(steps[:, :2], axis=1).max() <= SLACK * JERK
+    if velocities.shape[1] == 3:
+        assert np.abs(velocities[:, 2]).max() <= SLACK * 1.0
+        assert np.abs(gains[:, 2]).max() <= SLACK * 2.0
+    return steps
+
+
+# ---- straight edges ------------------------------------------------------------------------------
+
+
+@given(seeds, st.floats(-2.0, 2.0), st.floats(-2.0, 2.0), st.floats(-2.0, 3.0))
+def test_a_straight_motion_takes_the_shortest_time(seed, speed, gain, jerk):
+    rng = np.random.default_rng(seed)
+    rows = rng.uniform(-3.0, 3.0, (2, 3))
+    limits = [math.exp(each) * rng.uniform(0.5, 2.0, 3) for each in (speed, gain, jerk)]
+    step = np.abs(rows[1] - rows[0])
+    names = "max_velocity", "max_acceleration", "max_jerk"
+    motion = plan_along("joints", rows).trajectory(**dict(zip(names, limits, strict=True)))
+    shares = [float((each / step).min()) for each in limits]
+    assert motion.duration == pytest.approx(measure_double_s(1.0, *shares), rel=1e-6)
+    check_joints(motion, *limits)
+    np.testing.assert_allclose(motion.positions[[0, -1]], rows, atol=1e-9)
+
+
+@given(seeds, st.integers(2, 5), st.sampled_from(["plane", "turning", "floating", "joints"]))
+def test_motions_stop_at_corners_within_the_limit(seed, count, kind):
+    rng = np.random.default_rng(seed)
+    rows = draw_waypoints(kind, rng, count)
+    limits = {"max_velocity": 1.0, "max_acceleration": 0.7, "max_jerk": 3.0}
+    if kind in ("turning", "floating"):
+        limits |= {"max_angular_velocity": 1.0, "max_angular_acceleration": 2.0}
+        limits |= {"max_angular_jerk": 5.0}
+    trajectory = plan_along(kind, rows).trajectory(**limits)
+    if not trajectory.duration:
+        return
+    dim = 2 if kind in ("plane", "turning") else 3
+    steps = find_steps(trajectory)[:, :dim]
+    sizes = np.abs(steps) if kind == "joints" else np.linalg.norm(steps, axis=1)
+    assert sizes.max() <= 3.0 * SLACK + 1e-6
+    if kind == "turning":
+        assert np.abs(find_steps(trajectory)[:, 2]).max() <= 5.0 * SLACK + 1e-6
+    unlimited = {name: limit for name, limit in limits.items() if not name.endswith("jerk")}
+    assert trajectory.duration > plan_along(kind, rows).trajectory(**unlimited).duration
+    slowed = plan_along(kind, rows).trajectory(**limits, duration=2.0 * trajectory.duration)
+    half = slowed.sample(2.0 * 0.3 * trajectory.duration)
+    for power, (fast, slow) in enumerate(
+        zip(trajectory.sample(0.3 * trajectory.duration), half, strict=True)
+    ):
+        np.testing.assert_allclose(slow * 2.0**power, fast, atol=1e-9)
+
+
+def test_a_car_drives_its_curves_with_limited_jerk_along_them():
+    rows = [(0.0, 0.0, 0.0), (2.0, 1.0, 1.0), (0.0, 0.5, 0.0)]
+    plan = plan_along("turning", rows, "reeds-shepp")
+    motion = plan.trajectory(max_velocity=1.5, max_acceleration=0.8, max_jerk=2.0)
+    h = motion.duration / STEPS
+    positions, velocities, _ = motion.sample(h * np.arange(STEPS + 1))
+    yaws = positions[:, 2]
+    speeds = np.cos(yaws) * velocities[:, 0] + np.sin(yaws) * velocities[:, 1]
+    assert np.abs(np.diff(speeds)).max() <= SLACK * 0.8 * h
+    assert np.abs(np.diff(speeds, 2)).max() <= SLACK * 2.0 * h**2
+
+
+# ---- curves --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "drive, rotations", [("holonomic", None), ("holonomic", 36), ("differential", 36)]
+)
+def test_limits_hold_at_every_instant_of_blended_motions(drive, rotations):
+    plan = build_plan(1, drive, rotations)
+    limits = LIMITS | (TURNING_LIMITS if rotations else {})
+    unlimited = plan.trajectory(**limits)
+    limits["max_jerk"] = JERK
+    if rotations and drive == "holonomic":
+        limits["max_angular_jerk"] = TURN_JERK
+    trajectory = plan.trajectory(**limits)
+    assert trajectory.certified
+    assert trajectory.recheck(plan.space).all()
+    steps = check_plane(trajectory)
+    if "max_angular_jerk" in limits:
+        assert np.abs(steps[:, 2]).max() <= SLACK * TURN_JERK
+    assert not collides(1, trajectory.sample(np.linspace(0, trajectory.duration, 500))[0]).any()
+    assert unlimited.duration < trajectory.duration <= 1.3 * unlimited.duration
+    # The curve is the same one.
+    np.testing.assert_array_equal(trajectory._segments.starts, unlimited._segments.starts)
+    assert not keeps_jerk(
+        trajectory._segments,
+        trajectory._phases,
+        trajectory._bounds._replace(
+            jerk=trajectory._bounds.jerk._replace(linear=np.array(0.9 * JERK))
+        ),
+    )
+
+
+def test_a_differential_drive_with_an_angular_limit_stops_at_corners():
+    plan = build_plan(1, "differential", 36)
+    limits = LIMITS | TURNING_LIMITS | {"max_jerk": JERK}
+    trajectory = plan.trajectory(**limits, max_angular_jerk=TURN_JERK)
+    steps = check_plane(trajectory)
+    assert np.abs(steps[:, 2]).max() <= SLACK * TURN_JERK
+    assert trajectory.duration > plan.trajectory(**limits).duration
+
+
+# ---- stops and going on --------------------------------------------------------------------------
+
+
+def check_continues(before, at, after):
+    """Check that place, velocity and acceleration continue."""
+    for old, new in zip(before.sample(at), after.sample(0.0), strict=True):
+        np.testing.assert_allclose(new, old, atol=1e-6)
+
+
+@pytest.mark.parametrize("drive, rotations", [("holonomic", None), ("differential", 36)])
+def test_stops_and_going_on_keep_the_limit(drive, rotations):
+    plan = build_plan(1, drive, rotations)
+    limits = LIMITS | (TURNING_LIMITS if rotations else {}) | {"max_jerk": JERK}
+    trajectory = plan.trajectory(**limits)
+    reached = 0
+    for t in np.random.default_rng(0).uniform(0.05, trajectory.duration - 0.05, 8):
+        stop = trajectory.braked(t)
+        assert stop.certified
+        assert stop.recheck(plan.space).all()
+        assert stop.duration <= trajectory.duration - t + 1e-9
+        moved = np.linalg.norm(
+            np.diff(stop.sample(np.linspace(0, stop.duration, 900))[0], axis=0)[:, :2], axis=1
+        ).sum()
+        assert trajectory.stop_distance(t) == pytest.approx(moved, abs=1e-3)
+        check_plane(stop)
+        check_continues(trajectory, t, stop)
+        for place in trajectory.starts_after(t):
+            again = planners.plan(plan.space, place, plan.goal, drive=drive, previous=plan)
+            motion = again.trajectory(**limits, after=trajectory, at=t)
+            assert motion.certified
+            check_plane(motion)
+            check_continues(trajectory, t, motion)
+            reached += not motion.is_stop
+    assert reached >= 6
+
+
+def test_a_stop_on_a_line_is_a_ramp():
+    workspace = cspace.Workspace.from_array(np.zeros((120, 60), dtype=bool), 0.1)
+    space = cspace.build(workspace, cspace.Robot.disc(0.3))
+    plan = planners.plan(space, (1.0, 3.0), (11.0, 3.0))
+    trajectory = plan.trajectory(max_velocity=1.0, max_acceleration=0.5, max_jerk=1.0)
+    # At full speed: 1 / 0.5 + 0.5 / 1 seconds, half as many metres.
+    assert trajectory.stop_time(5.0) == pytest.approx(2.5, rel=1e-6)
+    assert trajectory.stop_distance(5.0) == pytest.approx(1.25, rel=1e-6)
+    # At the largest acceleration, after 1 s at 0.375 m/s, the speed rises by 0.125 m/s first.
+    stop = trajectory.braked(1.0)
+    check_joints(stop, 1.0, 0.5, 1.0)
+    assert stop.duration == pytest.approx(0.5 + 2.0 * math.sqrt(0.5), abs=0.1)
+    # On the way to rest, the stop is the motion itself.
+    late = trajectory.duration - 0.2
+    assert trajectory.stop_time(late) == pytest.approx(0.2, rel=1e-4)
+
+
+def test_planning_anew_on_the_way_costs_little_time():
+    workspace = cspace.Workspace.from_array(np.zeros((120, 60), dtype=bool), 0.1)
+    space = cspace.build(workspace, cspace.Robot.disc(0.3))
+    plan = planners.plan(space, (1.0, 3.0), (11.0, 3.0))
+    limits = {"max_velocity": 1.0, "max_acceleration": 0.5, "max_jerk": 2.0}
+    motion = plan.trajectory(**limits)
+    duration = motion.duration
+    for _ in range(20):
+        place = motion.starts_after(0.1)[-1]
+        plan = planners.plan(space, place, (11.0, 3.0), previous=plan)
+        motion = plan.trajectory(**limits, after=motion, at=0.1)
+        assert not motion.is_stop
+    assert motion.duration == pytest.approx(duration - 2.0, abs=0.3)
+
+
+def test_an_arm_keeps_the_limit_of_each_joint(tmp_path):
+    space = cspace.build_arm_space({"post": post()}, cspace.Arm.from_urdf(planar(tmp_path)))
+    plan = planners.plan(space, (-0.6, 0.3), (1.4, -0.2), seed=1, time_limit=5.0)
+    first, second = space.axes
+    limits = {"max_velocity": 1.0, "max_acceleration": 2.0}
+    trajectory = plan.trajectory(**limits, max_jerk={first: 10.0, second: 25.0})
+    assert trajectory.certified
+    check_joints(trajectory, 1.0, 2.0, (10.0, 25.0))
+    along = planners.Trajectory.along(space, plan.waypoints, **limits, max_jerk=(10.0, 25.0))
+    check_joints(along, 1.0, 2.0, (10.0, 25.0))
+    for t in np.linspace(0.1, trajectory.duration - 0.1, 4):
+        check_joints(trajectory.braked(t), 1.0, 2.0, (10.0, 25.0))
+
+
+# ---- bad input -----------------------------------------------------------------------------------
+
+
+@refusals(
+    "options, expected",
+    ({"max_jerk": 0.0}, "max_jerk is 0"),
+    ({"max_jerk": {"shoulder": 1.0, "elbo": 2.0}}, "elbo"),
+    ({"max_jerk": math.nan}, "max_jerk"),
+    ({"max_jerk": 1.0, "max_angular_jerk": 1.0}, "the robot does not turn so; leave it out"),
+)
+def test_limits_of_jerk_are_checked(options, expected):
+    plan = plan_along("joints", draw_waypoints("joints", np.random.default_rng(0), 3))
+    with pytest.raises(InputError, match=expected):
+        plan.trajectory(max_velocity=1.0, max_acceleration=1.0, **options)
+
+
+def test_an_angular_limit_alone_is_refused():
+    plan = plan_along("turning", draw_waypoints("turning", np.random.default_rng(0), 3))
+    options = LIMITS | TURNING_LIMITS | {"max_angular_jerk": 3.0}
+    with pytest.raises(InputError, match=r"max_jerk is missing; .*pass both"):
+        plan.trajectory(**options)
+    plan.trajectory(**options, max_jerk=1.0)
