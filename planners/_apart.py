@@ -283,15 +283,20 @@ def _bound_trajectory(trajectory: Trajectory, robot: Robot) -> tuple[Floats, Flo
     The robot rests before the first and after the last.
     """
     phases = trajectory._phases
+    numbers = np.arange(len(phases.times) - 1)
     widths = np.diff(phases.times)
-    speeds = phases.speeds[:-1]
-    later = speeds + widths * phases.accelerations[:-1]
-    lengths = np.maximum(0.5 * widths * (speeds + later), 0.0)
+    lengths, last_speeds, _ = phases.ends()
+    lengths = np.maximum(lengths - phases.positions[:-1], 0.0)
+    # With a constant jerk, the speed is largest at an end or where the acceleration passes zero.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        turns = np.nan_to_num(-phases.accelerations[:-1] / phases.jerks[:-1])
+    turn_speeds = phases.at(numbers, np.clip(turns, 0.0, widths))[1]
+    speeds = np.max([phases.speeds[:-1], turn_speeds, last_speeds], axis=0)
     segments = trajectory._segments.select(phases.segments[:-1])
     rates, _ = bound_derivatives(segments, phases.positions[:-1], lengths)
     moves = np.linalg.norm(rates[:, : robot.dim], axis=1)
     moves += lever_of(robot.shape) * np.linalg.norm(rates[:, robot.dim :], axis=1)
-    bounds = moves * np.maximum(speeds, later) * (1.0 + SPEED_ROUNDING)
+    bounds = moves * speeds * (1.0 + SPEED_ROUNDING)
     return phases.times, np.concatenate([[0.0], bounds, [0.0]])
 
 

@@ -386,7 +386,7 @@ def test_goals_may_be_repeated_and_have_room(room):
     printed = document(f"plan turning.zarr {start} {near} --goal-tolerance 0.1,10deg")
     x, y, yaw = printed["path"][-1]
     assert math.hypot(x - 0.6, y - 0.65) <= 0.1 and abs(yaw - 0.5) <= math.radians(10.0)
-    printed = document(f"plan plane.zarr --start 0.02,0.02 --goal 0.6,0.65 --start-tolerance 0.5")
+    printed = document("plan plane.zarr --start 0.02,0.02 --goal 0.6,0.65 --start-tolerance 0.5")
     assert printed["solved"] and "start moved by" in printed["status"]
 
 

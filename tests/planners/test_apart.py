@@ -35,11 +35,12 @@ def driven():
     trajectories = []
     limits = {"max_velocity": 1.0, "max_acceleration": 0.5}
     turns = {"max_angular_velocity": 1.0, "max_angular_acceleration": 1.0}
-    for drive in ("differential", "holonomic", "reeds-shepp") * 3:
+    for k, drive in enumerate(("differential", "holonomic", "reeds-shepp") * 3):
         start, goal = rng.uniform((1, 1, -3), (9, 7, 3), (2, 3))
         options = {"turning_radius": 0.5} if drive == "reeds-shepp" else {}
         plan = planners.plan(space, start, goal, drive=drive, seed=1, **options)
         more = {} if drive == "reeds-shepp" else turns
+        more = more | {"max_jerk": 1.0} if k % 2 else more
         trajectories.append(plan.trajectory(**limits, **more))
     return robot, trajectories
 
