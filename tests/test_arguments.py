@@ -3,7 +3,6 @@
 import inspect
 from functools import cache
 
-import networkx
 import numpy as np
 import pandas as pd
 import pytest
@@ -14,7 +13,6 @@ from ompl import base as ob
 import cspace
 import planners
 from cspace import CspaceError, InputError, Robot, Workspace
-from cspace.lanes import RouteGraph
 from tests.helpers.refusals import check_followed, refusals
 
 WALLS = Workspace.from_array(np.eye(30, dtype=bool)[::-1], 0.1)
@@ -217,23 +215,11 @@ def test_values_in_our_units_are_taken(unit):
         (lambda: cspace.build(WALLS, Robot.disc(0.1), store=5), "path is 5"),
         (lambda: cspace.build(WALLS, Robot.disc(0.1), tile=100), "tile is given without a store"),
         (lambda: cspace.build_arm_space({}, "robot.urdf"), "arm is a str"),
-        (lambda: RouteGraph.from_arrays(ENDS, [(0, 1)], two_way="no"), "two_way is 'no'"),
-        (lambda: RouteGraph.from_arrays(ENDS, [(0, 1)], names=[1, "1"]), "names has '1' twice"),
     ],
 )
 def test_arguments_of_another_type_are_named(call, message):
     with pytest.raises(InputError, match=message):
         call()
-
-
-def draw_graph():
-    """Draw a graph of networkx with positions."""
-    graph = networkx.Graph([("a", "b")])
-    networkx.set_node_attributes(graph, dict(zip("ab", ENDS, strict=True)), "pos")
-    return graph
-
-
-YAWS = pd.Series([0.0, 1.0], index=["a", "b"])
 
 
 @pytest.mark.parametrize(
@@ -245,24 +231,9 @@ YAWS = pd.Series([0.0, 1.0], index=["a", "b"])
             "pass a function, e.g. progress=print",
         ),
         (
-            lambda: RouteGraph.from_arrays(ENDS, [(0, 1)], yaws=YAWS),
-            lambda: RouteGraph.from_arrays(ENDS, [(0, 1)], yaws=YAWS.to_numpy()),
-            "pass its to_numpy()",
-        ),
-        (
             lambda: planners.plan(flat(), P[:2], (0.9, 0.6)).to_path(frame_id=5),
             lambda: planners.plan(flat(), P[:2], (0.9, 0.6)).to_path(frame_id="map"),
             "pass e.g. 'map'",
-        ),
-        (
-            lambda: RouteGraph.from_networkx({"a": ["b"]}),
-            lambda: RouteGraph.from_networkx(draw_graph()),
-            "pass networkx.Graph(edges), with the attribute pos of each node",
-        ),
-        (
-            lambda: RouteGraph.from_networkx(networkx.Graph([("a", "b")])),
-            lambda: RouteGraph.from_networkx(draw_graph()),
-            "set it: networkx.set_node_attributes(graph, positions, 'pos')",
         ),
         (
             lambda: cspace.PoseGoal("tool0", np.eye(4), tolerance=(1e-3, 90.0)),

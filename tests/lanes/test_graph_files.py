@@ -7,6 +7,7 @@ import warnings
 
 import networkx
 import numpy as np
+import pandas as pd
 import pytest
 import yaml
 from scipy.interpolate import BSpline
@@ -495,3 +496,50 @@ def test_a_curve_that_turns_back_jumps_there():
     assert {round(abs(angle), 9) for angle in directions} == {0.0, round(math.pi, 9)}
     with pytest.raises(ValueError, match="too sharply"):
         cut_nurbs(3, knots, 1e7 * points, np.ones(4))
+
+
+# ---- arguments ------------------------------------------------------------------------------------
+
+ENDS = [(1.0, 1.0), (3.0, 2.0)]
+
+
+def draw_graph():
+    """Draw a graph of networkx with positions."""
+    graph = networkx.Graph([("a", "b")])
+    networkx.set_node_attributes(graph, dict(zip("ab", ENDS, strict=True)), "pos")
+    return graph
+
+
+YAWS = pd.Series([0.0, 1.0], index=["a", "b"])
+
+
+@refusals(
+    "call, message",
+    (lambda: RouteGraph.from_arrays(ENDS, [(0, 1)], two_way="no"), "two_way is 'no'"),
+    (lambda: RouteGraph.from_arrays(ENDS, [(0, 1)], names=[1, "1"]), "names has '1' twice"),
+)
+def test_arguments_of_another_type_are_named(call, message):
+    with pytest.raises(InputError, match=message):
+        call()
+
+
+@refusals(
+    "wrong, right, hint",
+    (
+        lambda: RouteGraph.from_arrays(ENDS, [(0, 1)], yaws=YAWS),
+        lambda: RouteGraph.from_arrays(ENDS, [(0, 1)], yaws=YAWS.to_numpy()),
+        "pass its to_numpy()",
+    ),
+    (
+        lambda: RouteGraph.from_networkx({"a": ["b"]}),
+        lambda: RouteGraph.from_networkx(draw_graph()),
+        "pass networkx.Graph(edges), with the attribute pos of each node",
+    ),
+    (
+        lambda: RouteGraph.from_networkx(networkx.Graph([("a", "b")])),
+        lambda: RouteGraph.from_networkx(draw_graph()),
+        "set it: networkx.set_node_attributes(graph, positions, 'pos')",
+    ),
+)
+def test_hints_of_arguments_are_followed(wrong, right, hint):
+    check_followed(wrong, right, hint)

@@ -480,7 +480,7 @@ BOX = shapely.box(4.5, 0.5, 5.5, 1.5)
     ),
     (
         "turning",
-        {"goal": planners.Goals([cspace.PoseGoal("tool", np.eye(4))])},
+        {"goal": lambda: planners.Goals([cspace.PoseGoal("tool", np.eye(4))])},
         {"goal": (5.0, 3.2, 2.0)},
         "the space of an arm is needed for that; pass a configuration",
     ),
@@ -495,6 +495,7 @@ def test_goals_and_options_as_the_hint_says_are_accepted(name, wrong, right, mes
     start, goal = ENDPOINTS[name]
 
     def make(changes):
+        changes = {key: value() if callable(value) else value for key, value in changes.items()}
         plan = planners.plan(build_room(name), start, **{"goal": goal} | changes)
         assert plan.solved
 
