@@ -228,8 +228,8 @@ MUTANTS = (
     ),
     Mutant(
         "cspace/arms/_snapshots.py",
-        "padding=self.outer.padding + displacements)",
-        "padding=self.outer.padding + 0.5 * displacements)",
+        "padding=self.outer.padding + displacements, cones",
+        "padding=self.outer.padding + 0.5 * displacements, cones",
         "tests/arms/test_chunks.py",
     ),
     Mutant(
