@@ -173,14 +173,16 @@ def _check_edges(source: RegionSource, rows: Floats) -> None:
         more = ", and more" if len(wrong) > MAX_NAMED_EDGES else ""
         problem = f"leaves the FREE cells on edges {names}{more}, counted from 0"
         rule = "regions consist of FREE cells, without the geometry"
-        raise InputError("plan", problem, rule, "plan with exact=False, or build a finer map")
+        raise InputError(
+            "plan", problem, rule, "use planners.plan(..., exact=False), or build a finer map"
+        )
 
 
 def _make_edge_error(source: RegionSource, first: Floats, last: Floats) -> InputError:
     """Make the error for an edge that no region contains."""
     ends = " to ".join(f"({', '.join(f'{x:.6g}' for x in row.tolist())})" for row in (first, last))
     problem = f"is too near to cells that are not FREE from {ends}"
-    hint = "plan with objective='clearance', or build a finer map"
+    hint = "use planners.plan(..., objective='clearance'), or build a finer map"
     if source.margin:
         hint = f"pass a smaller margin than {source.margin:g}"
     return InputError("plan", problem, "an edge lies inside a region", hint)

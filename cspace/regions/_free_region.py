@@ -112,7 +112,7 @@ class RegionSource(NamedTuple):
             problem = f"has the axes ({', '.join(space.axes)})"
             hint = "build one by cspace.build, or of two or three joints by cspace.build_joint_map"
             if isinstance(space, CSpace):
-                hint = "build it with a yaw alone: rotations=72"
+                hint = "give it a yaw alone: cspace.build(..., rotations=72)"
             elif space.has_cells:
                 hint = "pass a part of it: space.window(lower, upper)"
             rule = "regions consist of cells of a map in memory of positions, or with a yaw"

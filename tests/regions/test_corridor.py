@@ -170,7 +170,7 @@ def test_edges_outside_free_cells_are_named():
     check_followed(
         plan.corridor,
         lambda: planners.plan(build_gap(0.02), *ends, exact=False).corridor(),
-        "plan with exact=False, or build a finer map",
+        "use planners.plan(..., exact=False), or build a finer map",
     )
 
 
@@ -194,7 +194,7 @@ def test_edges_near_other_cells_are_refused():
     check_followed(
         near.corridor,
         lambda: planners.plan(space, *far, objective="clearance").corridor(),
-        "plan with objective='clearance', or build a finer map",
+        "use planners.plan(..., objective='clearance'), or build a finer map",
     )
 
 

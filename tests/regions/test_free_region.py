@@ -439,7 +439,7 @@ def test_other_spaces_are_refused(tmp_path):
     check_followed(
         lambda: tilting.free_region((0.4, 0.4, 0.4, 0, 0, 0, 1)),
         lambda: turning.free_region((0.4, 0.4, 0.4, 0)),
-        "build it with a yaw alone: rotations=72",
+        "give it a yaw alone: cspace.build(..., rotations=72)",
     )
     plane = Workspace.from_array(np.zeros((90, 90), dtype=bool), 0.1)
     tiled = cspace.build(plane, Robot.disc(0.2), store=tmp_path / "tiles.zarr")
