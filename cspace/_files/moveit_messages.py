@@ -291,7 +291,7 @@ def parse_identity(value: Any, place: str) -> None:
         raise ContentError(
             f"has a motion as {place}",
             "frames are not transformed",
-            "remove it; write poses in the planning frame, and pass base_pose= for the arm",
+            "remove it; write poses in the planning frame, and pass base_pose= of build_arm_space",
         )
 
 

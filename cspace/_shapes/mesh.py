@@ -284,9 +284,7 @@ class Mesh(ExactShape):
 
         Raises InputError if ``solid`` is "fill", because the filled part depends on the spacing.
         """
-        self._refuse_fill(
-            "close the mesh and use Mesh.of(..., solid='auto'), or ask without exact=True"
-        )
+        self._refuse_fill("close the mesh and use Mesh.of(..., solid='auto')")
         return RoundedSimplices(self.triangles, np.zeros(len(self.faces)))
 
     def _refuse_fill(self, hint: str) -> None:

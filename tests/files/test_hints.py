@@ -268,7 +268,7 @@ NAV2 = "local_costmap: {robot_radius: 0.2}\nglobal_costmap: {robot_radius: RADIU
         "scene.yaml",
         scene(THING, fixed_frame_transforms=[MOVED]),
         scene(THING),
-        "has a motion as scene.fixed_frame_transforms[0].transform; frames are not transformed; remove it; write poses in the planning frame, and pass base_pose= for the arm",
+        "has a motion as scene.fixed_frame_transforms[0].transform; frames are not transformed; remove it; write poses in the planning frame, and pass base_pose= of build_arm_space",
     ),
     (
         "scene.yaml",

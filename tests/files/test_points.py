@@ -241,7 +241,7 @@ def test_missing_points_are_dropped_on_request(tmp_path, form):
 def test_a_far_frame_is_refused_and_its_hint_followed(tmp_path):
     far = CLOUD[:2] + np.array([500_000, 5_200_000, 0])
     path = write(tmp_path, "utm.npy", make_npy(far.astype(np.float64), ""))
-    with pytest.raises(InputError, match=r"cells from the origin.* by offset= of the reader"):
+    with pytest.raises(InputError, match=r"cells from the origin.* by offset= of Workspace.open"):
         Workspace.open(path, spacing=0.5)
     offset = (-500_000, -5_200_000, 3)
     workspace = Workspace.open(path, spacing=0.5, offset=offset)

@@ -380,7 +380,7 @@ def test_the_hint_about_crossing_boundaries_is_followed():
 def test_an_offset_moves_a_far_frame(tmp_path):
     far = affinity.translate(L_SHAPE, 692_000, 5_334_000)
     (tmp_path / "utm.wkt").write_text(far.wkt)
-    with pytest.raises(InputError, match=r"cells from the origin.* by offset= of the reader"):
+    with pytest.raises(InputError, match=r"cells from the origin.* by offset= of Workspace.open"):
         Workspace.from_polygons(tmp_path / "utm.wkt", 0.1)
     offset = (-692_000, -5_334_000)
     for lazy in (False, True):

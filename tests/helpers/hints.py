@@ -1,6 +1,7 @@
 """Hints name options of the call that refused, or name the call that has them."""
 
 import ast
+import inspect
 import re
 import sys
 from collections import defaultdict
@@ -9,6 +10,7 @@ from pathlib import Path
 
 import cspace
 import planners
+from cspace._support import check
 
 OPTION = re.compile(r"(?<![-\w.<])([a-z]\w*)=")
 """Option of a call in a hint, as ``margin=0.1``."""
@@ -46,20 +48,29 @@ def add_owner(owners, name, function):
 
 
 def list_taken(frame):
-    """Return the names of the arguments of our calls that are running."""
+    """Return the arguments of our calls that are running, or None if they cannot be told."""
     taken = set()
+    outermost = ""
     while frame:
-        if frame.f_globals.get("__name__", "").startswith(("cspace", "planners")):
+        name = frame.f_globals.get("__name__", "")
+        if name.startswith(("cspace", "planners")) and name != check.__name__:
             code = frame.f_code
-            taken.update(code.co_varnames[: code.co_argcount + code.co_kwonlyargcount])
+            if code.co_flags & inspect.CO_VARKEYWORDS:  # its options may have any name
+                return None
+            arguments = code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]
+            taken.update(arguments)
+            is_method = arguments[:1] in (("self",), ("cls",))
+            outermost = "" if is_method else code.co_name
         frame = frame.f_back
-    return taken
+    is_public = not outermost or hasattr(cspace, outermost) or hasattr(planners, outermost)
+    return taken if is_public else None
 
 
 def check_hint(hint):
     """Raise AssertionError if a hint names an option of another call without the call's name."""
-    elements = re.compile("<[^>]*>")
-    for option in set(OPTION.findall(elements.sub("", hint))) - list_taken(sys._getframe(1)):
+    options = set(OPTION.findall(re.sub("<[^>]*>", "", hint)))
+    taken = list_taken(sys._getframe(1)) if options else None
+    for option in options - taken if taken is not None else ():
         named = {word for words in CALL.findall(hint) for word in words}
         owners = list_owners()[option] | list_owners()[ANY]
         # Calls of other libraries are listed in tests/lint/test_hints.py.
