@@ -88,6 +88,8 @@ def plan(
     max_angular_velocity: float | None = option("RAD/S"),
     max_angular_acceleration: float | None = option("RAD/S2"),
     max_lateral_acceleration: float | None = option("M/S2"),
+    max_jerk: float | None = option("M/S3"),
+    max_angular_jerk: float | None = option("RAD/S3"),
     picture: Path | None = option("PNG", "Draw map and path."),
     animate: Path | None = option("GIF", "Draw the robot on its way, as a moving picture."),
     overwrite: bool = OVERWRITE,
@@ -110,6 +112,8 @@ def plan(
         max_angular_velocity=max_angular_velocity,
         max_angular_acceleration=max_angular_acceleration,
         max_lateral_acceleration=max_lateral_acceleration,
+        max_jerk=max_jerk,
+        max_angular_jerk=max_angular_jerk,
     )
     if trajectory is None:
         refuse_options(limits, (), "no --trajectory is")

@@ -202,3 +202,5 @@ def test_a_trajectory_is_written_within_its_limits(room):
         assert table["v"][row] == table["omega"][row] == 0.0
     assert np.abs(table["v"]).max() <= 0.5 + 1e-9 and np.abs(table["omega"]).max() <= 1.0 + 1e-9
     assert re.search(r"\nduration +[\d.]+ s\n", run(f"{PLAN} {MOTION} --overwrite").stdout)
+    smooth = document(f"{PLAN} {MOTION} --max-jerk 0.5 --overwrite")
+    assert smooth["duration_s"] > document(f"{PLAN} {MOTION} --overwrite")["duration_s"]
