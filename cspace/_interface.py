@@ -299,7 +299,7 @@ class Space(ABC):
         between two of them. For maps in memory of positions, with or without a yaw, and of joints.
         A region of a map with a yaw is a polytope of positions times an arc of yaws, at each of
         which all its positions are FREE. Spacing and rotations of the map limit how near the region
-        comes to obstacles. See :mod:`cspace.regions` for the method.
+        comes to obstacles. See ``cspace.regions`` for the method.
 
         Parameters
         ----------
