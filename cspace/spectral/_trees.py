@@ -141,7 +141,7 @@ class ContactTest:
 
     *MISS* proves that the closed shapes have no common point: no two outer balls touch. *HIT*
     proves that they have one: an inner ball of A and one of B overlap. Other placements are
-    *UNDECIDED*. ``docs/explanation/certificate_frequency.md`` has the proofs. For bodies that are
+    *UNDECIDED*. ``docs/explanation/frequency.md`` has the proofs. For bodies that are
     balls, pass the same balls as outer and as inner ones.
 
     Parameters
